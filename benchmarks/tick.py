@@ -1,0 +1,202 @@
+"""What a tick costs, as ratios within one run: from fix to frames, and the whole lockstep tick against SUMO's own step.
+
+python benchmarks/tick.py [--ticks N]
+Fifty boxes stand in the radar's range; the network holds 50 or 500 vehicles besides. Blocks of the four settings
+alternate, so that a noisy machine disturbs all of them alike. Medians and means in milliseconds of this machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import statistics
+import sys
+import tempfile
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+REPOSITORY = Path(__file__).parent.parent
+sys.path.insert(0, str(REPOSITORY))
+
+BLOCK = 100  #: ticks between two changes of the setting
+WARM_UP = 250  #: ticks before anything is counted
+BOXES = 50
+STEPS = "steps alone"
+
+
+def demand(folder: Path, vehicles: int) -> Path:
+    """Write traffic that holds about `vehicles` vehicles on the street's network from the start."""
+    from vve_sumo.world.network import Roads
+
+    roads = Roads(REPOSITORY / "networks" / "linden.net.xml")
+    import numpy as np
+
+    random = np.random.default_rng(vehicles)
+    edges = [edge.getID() for edge in roads.edges if edge.getLength() > 60.0 and edge.allows("passenger")]
+    lines, placed = ["<routes>"], 0
+    while placed < vehicles:
+        start, end = random.choice(len(edges), 2, replace=False)
+        try:
+            route = roads.route((edges[start], edges[end]))
+        except ValueError:
+            continue
+        if len(route) < 12:
+            continue
+        lines.append(
+            f'<vehicle id="v{placed}" depart="0" departPos="random_free" departSpeed="0">'
+            f'<route edges="{" ".join(route)}"/></vehicle>'
+        )
+        placed += 1
+    lines.append("</routes>")
+    file = folder / f"bench_{vehicles}.rou.xml"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    return file
+
+
+def setting(folder: Path, vehicles: int, boxes: bool) -> Any:
+    """Return a drive past parked boxes that never ends by itself, with so many vehicles in the network."""
+    from tests.drive.street import altered
+
+    rows = [
+        {"id": f"box{n}", "at_m": 60.0 + 3.0 * (n // 2) + 0.5 * (n % 2), "offset_m": side * (8.0 + 0.12 * n)}
+        for n, side in ((n, 1 if n % 2 else -1) for n in range(BOXES))
+    ]
+    for row in rows:
+        row |= {"length_m": 2.2, "width_m": 1.2}
+    return altered(
+        {
+            "street.demand": [str(demand(folder, vehicles))],
+            "street.warm_up_s": 5.0,
+            "ego.speed_mps": 0.6,
+            "obstacles": rows if boxes else [],
+            "duration_s": 3600.0,
+        }
+    )
+
+
+class Timed:
+    """Sums and samples of wall time spent inside wrapped calls."""
+
+    def __init__(self) -> None:
+        self.samples: list[float] = []
+
+    def wrap(self, function: Any) -> Any:
+        """Return the function, timed."""
+
+        def timed(*arguments: Any, **named: Any) -> Any:
+            begun = time.perf_counter()
+            try:
+                return function(*arguments, **named)
+            finally:
+                self.samples.append(time.perf_counter() - begun)
+
+        return timed
+
+
+def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
+    """Drive a block of ticks for every request, and answer with what they cost."""
+    import libsumo
+
+    from vve_sumo.drive.lockstep import Lockstep
+    from vve_sumo.drive.record import Record
+    from vve_sumo.drive.setting import EPOCH
+
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        drive = setting(folder, vehicles, boxes)
+        step = Timed()
+        libsumo.simulationStep = step.wrap(libsumo.simulationStep)
+        shell = Lockstep(drive, REPOSITORY)
+        record = Record(folder / "record", drive.resolved(), EPOCH)
+        chain = shell._chain
+        receive, act = Timed(), Timed()
+        chain.receive, chain.act = receive.wrap(chain.receive), act.wrap(chain.act)  # type: ignore[method-assign]
+        ticks = shell.ticks(record)
+        while (count := pipe.recv()) > 0:
+            rows = []
+            for _ in range(count):
+                for timed in (step, receive, act):
+                    timed.samples.clear()
+                start = time.perf_counter()
+                acted, _truth = next(ticks)
+                whole = time.perf_counter() - start
+                path = sum(receive.samples) + sum(act.samples)
+                rows.append((acted.scan is not None, path, whole, sum(step.samples), len(acted.detections.range)))
+            pipe.send((rows, libsumo.vehicle.getIDCount(), len(shell._street.actors.ids)))
+        shell.close()
+
+
+def serve_steps(pipe: Connection, vehicles: int, boxes: bool) -> None:
+    """Step the same street without ego and chain, a block for every request, and answer with what SUMO cost."""
+    import libsumo
+
+    from vve_sumo.drive.street import open_world
+
+    with tempfile.TemporaryDirectory() as scratch:
+        world = open_world(setting(Path(scratch), vehicles, boxes))
+        while (count := pipe.recv()) > 0:
+            samples = []
+            for _ in range(count):
+                start = time.perf_counter()
+                libsumo.simulationStep()
+                samples.append(time.perf_counter() - start)
+            pipe.send((samples, libsumo.vehicle.getIDCount(), 0))
+        world.close()
+
+
+def main() -> None:
+    """Alternate blocks of the settings and print medians, means and ratios."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ticks", type=int, default=1500, help="counted for each setting (default: 1500)")
+    arguments = parser.parse_args()
+    context = multiprocessing.get_context("spawn")
+    cases = {
+        "50 vehicles": (serve, 50, True),
+        "500 vehicles": (serve, 500, True),
+        "50 vehicles, nothing parked": (serve, 50, False),
+        STEPS: (serve_steps, 50, False),
+    }
+    pipes = {}
+    for name, (server, *case) in cases.items():
+        here, there = context.Pipe()
+        context.Process(target=server, args=(there, *case), daemon=True).start()
+        pipes[name] = here
+    found: dict[str, list[Any]] = {name: [] for name in cases}
+    counts: dict[str, tuple[int, int]] = {}
+    for block in range(WARM_UP // BLOCK + 1 + arguments.ticks // BLOCK):
+        for name, pipe in pipes.items():
+            pipe.send(BLOCK)
+            rows, vehicles, boxes = pipe.recv()
+            if block > WARM_UP // BLOCK:
+                found[name] += rows
+                counts[name] = (vehicles, boxes)
+    for pipe in pipes.values():
+        pipe.send(0)
+    report(found, counts)
+
+
+def report(found: dict[str, list[Any]], counts: dict[str, tuple[int, int]]) -> None:
+    """Print the table."""
+    bare = statistics.fmean(1e3 * sample for sample in found.pop(STEPS))
+    medians = {}
+    for name, rows in found.items():
+        scans = [1e3 * row[1] for row in rows if row[0]]
+        others = [1e3 * row[1] for row in rows if not row[0]]
+        whole, inside = (statistics.fmean(1e3 * row[k] for row in rows) for k in (2, 3))
+        medians[name] = (statistics.median(scans), statistics.median(others))
+        seen = statistics.median(row[4] for row in rows)
+        print(f"{name} ({counts[name][0]} in SUMO at the end, {counts[name][1]} boxes near, {seen:.0f} detections)")
+        print(f"  fix to frames, ticks that scan   median {medians[name][0]:6.3f} ms")
+        print(f"  fix to frames, other ticks       median {medians[name][1]:6.3f} ms")
+        print(f"  whole tick                       mean   {whole:6.3f} ms")
+        print(f"  inside simulationStep            mean   {inside:6.3f} ms, ratio {whole / inside:.2f}")
+        if counts[name][0] < 150:
+            print(f"  against step-only blocks         mean   {bare:6.3f} ms, ratio {whole / bare:.2f}")
+    few, many = medians["50 vehicles"], medians["500 vehicles"]
+    print(f"500 against 50 vehicles, same boxes: {many[0] / few[0]:.2f} on ticks that scan, {many[1] / few[1]:.2f} else")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,156 @@
+"""Gain design of the preview steering: margins over speed, a latency it must bear, D-stability over a box.
+
+Needs python-control, which takes seconds to import, so nothing that drives may import this file.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.path import Floats
+from vve_sumo.values import Vehicle
+
+from .preview import PreviewTuning
+
+SPEEDS = (2.2, 4.5, 6.7, 8.9, 11.2, 13.4, 15.6, 17.9, 20.1)  #: 5 to 45 mph in steps of 5 [m/s]
+DEFAULT = PreviewTuning()
+PADE_ORDER = 4  #: of the steering's dead time; exact to far beyond any crossover here
+TRIM_SHARE = 0.25  #: of the steering trim, as in follow_and_stop
+
+
+class Margins(NamedTuple):
+    """How far a loop is from instability, opened at its input."""
+
+    gain_db: float  #: factor that may come on top [dB]
+    phase_deg: float  #: at the crossover that bears least delay
+    delay: float  #: dead time that may come on top [s]
+
+
+class Row(NamedTuple):
+    """The preview loop at one speed; what the car declares of its steering is counted in."""
+
+    speed: float  #: [m/s]
+    look_ahead: float  #: [m]
+    proportional: float  #: [rad/m]
+    gain_margin_db: float
+    phase_margin_deg: float
+    delay_margin: float  #: left for pose age, computing and CAN, beyond the steering's own dead time [s]
+
+
+class Region(NamedTuple):
+    """Where closed-loop poles shall lie (Ackermann, Robust Control, 2002: D-stability)."""
+
+    decay: float = 0.15  #: real parts below minus this [1/s]; the slowest pole is the trim's
+    damping: float = 0.5  #: at least, of each pair
+    radius: float = 200.0  #: greatest modulus [rad/s]; the tyres' own poles at walking pace reach 150
+
+
+def loop_margins(loop: Any) -> Margins:
+    """Margins of an open loop, a python-control system under negative feedback."""
+    import control
+
+    gains, phases, _, _, crossovers, _ = control.stability_margins(loop, returnall=True)
+    rising = [float(gain) for gain in np.atleast_1d(gains) if gain > 1.0]
+    # A phase margin counts from -180 deg the way dead time turns it: always down, so modulo a full turn.
+    delays = [
+        (math.radians(float(phase) % 360.0) / float(crossover), float(phase))
+        for phase, crossover in zip(np.atleast_1d(phases), np.atleast_1d(crossovers), strict=True)
+    ]
+    delay, phase = min(delays, default=(math.inf, math.inf))
+    return Margins(20.0 * math.log10(min(rising)) if rising else math.inf, phase, delay)
+
+
+def preview_model(vehicle: Vehicle, tuning: PreviewTuning, speed: float) -> tuple[Floats, Floats, Floats]:
+    """A (6, 6), B (6, 1) and K (1, 6) of the single track under a steering request that the law answers with -K x.
+
+    x = [lateral velocity of the mass centre, yaw rate, heading error, offset of the rear axle, its integral,
+    road-wheel angle].
+    """
+    cf, cr = vehicle.cornering_stiffness_front, vehicle.cornering_stiffness_rear
+    lf, lr = vehicle.front_axle_to_mass, vehicle.wheelbase - vehicle.front_axle_to_mass
+    m, inertia, lag, v = vehicle.mass, vehicle.yaw_inertia, vehicle.steering_lag, speed
+    moment = cr * lr - cf * lf
+    a = np.zeros((6, 6))
+    a[0, [0, 1, 5]] = -(cf + cr) / (m * v), moment / (m * v) - v, cf / m
+    a[1, [0, 1, 5]] = moment / (inertia * v), -(cf * lf * lf + cr * lr * lr) / (inertia * v), cf * lf / inertia
+    a[2, 1] = 1.0
+    a[3, [0, 1, 2]] = 1.0, -lr, v
+    a[4, 3] = 1.0
+    a[5, 5] = -1.0 / lag
+    look_ahead, kp, kd = tuning.at(vehicle, v)
+    trim = TRIM_SHARE * 2.0 * vehicle.wheelbase / look_ahead**3 * v
+    k = [[0.0, kd * look_ahead, kp * look_ahead + kd * v, kp, trim, 0.0]]
+    return a, np.array([[0.0]] * 5 + [[1.0 / lag]]), np.array(k)
+
+
+def margins(vehicle: Vehicle, tuning: PreviewTuning = DEFAULT, speeds: Iterable[float] = SPEEDS) -> list[Row]:
+    """Margins of the preview loop over speeds [m/s]."""
+    import control
+
+    rows = []
+    for speed in speeds:
+        a, b, k = preview_model(vehicle, tuning, speed)
+        dead_time = control.ss(control.tf(*control.pade(vehicle.steering_delay, PADE_ORDER)))
+        found = loop_margins(dead_time * control.ss(a, b, k, 0.0))
+        look_ahead, proportional, _ = tuning.at(vehicle, speed)
+        rows.append(Row(speed, look_ahead, proportional, *found))
+    return rows
+
+
+def check(rows: Sequence[Row], latency: float) -> None:
+    """Refuse a design that a latency [s] makes unstable: raises ConfigError naming the worst speed."""
+    worst = min(rows, key=lambda row: row.delay_margin)
+    if not worst.delay_margin > latency:
+        raise ConfigError(
+            f"design: at {worst.speed:.1f} m/s the steering loop bears {1e3 * worst.delay_margin:.0f} ms of latency, "
+            f"{1e3 * latency:.0f} ms are stated: lengthen the look-ahead or shorten the latency"
+        )
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Lay the rows out for a person."""
+    head = "speed_m_s  look_ahead_m  kp_rad_m  gain_margin_dB  phase_margin_deg  delay_margin_ms"
+    lines = [
+        f"{row.speed:9.1f}  {row.look_ahead:12.1f}  {row.proportional:8.4f}  {row.gain_margin_db:14.1f}"
+        f"  {row.phase_margin_deg:16.1f}  {1e3 * row.delay_margin:15.0f}"
+        for row in rows
+    ]
+    return "\n".join([head, *lines])
+
+
+def d_unstable(
+    vehicle: Vehicle,
+    tuning: PreviewTuning = DEFAULT,
+    speeds: tuple[float, float] = (SPEEDS[0], SPEEDS[-1]),
+    friction: tuple[float, float] = (0.8, 1.0),
+    region: Region = Region(),  # noqa: B008 (immutable)
+) -> list[tuple[float, float]]:
+    """Vertices (V [m/s], friction) of the box whose closed-loop poles leave the region; none is good.
+
+    Friction scales the tyres' stiffness, which is the virtual mass m / mu and inertia J / mu. The gains are
+    those of the declared car at that speed; the steering's dead time is not in these poles.
+    """
+    failing = []
+    for speed, mu in itertools.product(speeds, friction):
+        slippery = replace(
+            vehicle,
+            cornering_stiffness_front=mu * vehicle.cornering_stiffness_front,
+            cornering_stiffness_rear=mu * vehicle.cornering_stiffness_rear,
+        )
+        a, b, _ = preview_model(slippery, tuning, speed)
+        k = preview_model(vehicle, tuning, speed)[2]
+        if not all(_inside(complex(pole), region) for pole in np.linalg.eigvals(a - b @ k)):
+            failing.append((speed, mu))
+    return failing
+
+
+def _inside(pole: complex, region: Region) -> bool:
+    modulus = abs(pole)
+    return pole.real < -region.decay and -pole.real >= region.damping * modulus and modulus < region.radius

@@ -1,0 +1,142 @@
+"""The shipped controller: follows the path, keeps the speed, stops for what the radar sees, brakes hard if it must.
+
+It composes the other files of this folder; the tuning keys are below, with their defaults.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from vve_sumo.controller import Tuning, settle
+from vve_sumo.errors import ConfigError
+from vve_sumo.laws import clamp, jerk_limit
+from vve_sumo.path import Path
+from vve_sumo.values import Setpoint, Situation, Vehicle
+
+from .approach import NOWHERE, Approach, Goal, Standstill
+from .deviation import Deviation, DeviationObserver
+from .emergency import FULL, Emergency
+from .lqr import LateralRegulator
+from .preview import PreviewSteering, PreviewTuning
+from .pure_pursuit import PurePursuit
+from .radar_stop import RadarStop
+from .speed import SPEEDING_UP, SpeedKeeper, SpeedProfile
+from .stanley import Stanley
+from .tracks import Target, Tracker
+from .trim import SteeringTrim
+
+PERIOD = 0.02  #: of the tick [s]
+HARDEST = -3.3  #: of comfort, inside the gateway's comfort envelope [m/s2]
+JERK_DOWN, JERK_UP = 4.0, 2.5  #: of comfort [m/s3]
+
+TUNING: dict[str, float | str | bool] = {
+    "steering": "preview",  #: law: preview, pure_pursuit, stanley or lqr
+    "look_ahead_time_s": 0.8,  #: preview and pure pursuit: look-ahead over speed; lqr: settling time
+    "look_ahead_least_m": 4.0,  #: preview and pure pursuit: shortest look-ahead; lqr: shortest settling way
+    "stanley_rate_per_s": 1.0,  #: stanley: how fast a deviation dies out
+    "trim_share": 0.25,  #: steering-zero learning, as a share of the law's stiffness; 0 turns it off
+    "gap_m": 5.0,  #: bumper to target at rest
+    "time_headway_s": 1.5,  #: behind a moving target, on top of the gap
+    "stop_deceleration_m_s2": 2.0,  #: of a comfortable stop
+    "lateral_acceleration_m_s2": 2.0,  #: that bends are driven with at most
+    "emergency": True,  #: whether the emergency layer is there
+}
+
+
+class SteeringLaw(Protocol):
+    """What all steering laws have in common."""
+
+    def steer(self, deviation: Deviation, situation: Situation) -> float:
+        """Return the road-wheel angle [rad]."""
+        ...
+
+
+class FollowAndStop:
+    """One step: station, deviation, steering; target, goals, acceleration."""
+
+    def __init__(self, vehicle: Vehicle, law: SteeringLaw, tuning: dict[str, float]) -> None:
+        self._law, self._steering_limit = law, vehicle.steering_limit
+        self._lateral = tuning["lateral_acceleration_m_s2"]
+        self._observer = DeviationObserver(vehicle)
+        self._trim = SteeringTrim(
+            vehicle, tuning["trim_share"], tuning["look_ahead_time_s"], tuning["look_ahead_least_m"]
+        )
+        self._keeper = SpeedKeeper(vehicle, PERIOD)
+        self._tracker = Tracker(vehicle)
+        self._stop = RadarStop(tuning["gap_m"], tuning["time_headway_s"])
+        self._approach = Approach(vehicle, tuning["stop_deceleration_m_s2"], PERIOD)
+        self._standstill = Standstill(PERIOD)
+        self._emergency = Emergency(vehicle, PERIOD) if tuning["emergency"] else None
+        self._profile: SpeedProfile | None = None
+        self._station: float | None = None
+        self._saturated = False
+        self._acceleration = 0.0
+        self._cruising = True
+
+    def step(self, situation: Situation) -> Setpoint:
+        """Answer one situation; called once every PERIOD."""
+        pose = situation.pose
+        station = situation.path.project(pose.x, pose.y, self._station)
+        self._station = station.s
+        deviation = self._observer.step(pose, situation.path, station, PERIOD)
+        target = self._tracker.step(situation, station)
+        if self._emergency is not None and self._emergency.step(target, pose.speed):
+            self._acceleration = HARDEST
+            return Setpoint(self._steer(deviation, situation), FULL, emergency=True, note="emergency")
+        acceleration, note = self._accelerate(situation, station.s, target)
+        return Setpoint(self._steer(deviation, situation), acceleration, note=note)
+
+    def _steer(self, deviation: Deviation, situation: Situation) -> float:
+        trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, self._saturated)
+        wanted = self._law.steer(deviation, situation) + trim
+        granted = clamp(wanted, -self._steering_limit, self._steering_limit)
+        self._saturated = granted != wanted
+        return granted
+
+    def _accelerate(self, situation: Situation, s: float, target: Target | None) -> tuple[float, str]:
+        speed, measured = situation.pose.speed, situation.pose.acceleration
+        profile = self._profiled(situation.path)
+        wishes = {"cruise": self._keeper.step(profile, s, speed, measured, situation.desired_speed, self._cruising)}
+        goals = {"path_end": Goal(situation.path.length - s), "target": self._stop.goal(target)}
+        for note, goal in goals.items():
+            if goal is not NOWHERE:
+                wishes[note] = self._approach.acceleration(goal, speed, measured)
+        note = min(wishes, key=wishes.__getitem__)
+        self._cruising = note == "cruise"
+        nearest = min(goals.values())
+        held = self._standstill.step(nearest.distance, speed, self._approach.is_last_bit(nearest, speed, measured))
+        if held is not None:
+            note = "hold"
+        wanted = wishes[note] if held is None else held
+        self._acceleration = jerk_limit(wanted, self._acceleration, HARDEST, SPEEDING_UP, JERK_DOWN, JERK_UP, PERIOD)
+        return self._acceleration, note
+
+    def _profiled(self, path: Path) -> SpeedProfile:
+        if self._profile is None:
+            self._profile = SpeedProfile(path, self._lateral)
+        return self._profile
+
+
+def steering_law(name: str, vehicle: Vehicle, tuning: dict[str, float]) -> SteeringLaw:
+    """Make a steering law by its name; raises ConfigError where there is none of that name."""
+    time, least = tuning["look_ahead_time_s"], tuning["look_ahead_least_m"]
+    if name == "preview":
+        return PreviewSteering(vehicle, PreviewTuning(time, least))
+    if name == "pure_pursuit":
+        return PurePursuit(vehicle, time, least)
+    if name == "stanley":
+        return Stanley(vehicle, tuning["stanley_rate_per_s"])
+    if name == "lqr":
+        return LateralRegulator(vehicle, PERIOD, time, least)
+    raise ConfigError(f"tuning key 'steering' must be preview, pure_pursuit, stanley or lqr, got {name!r}")
+
+
+def make(vehicle: Vehicle, tuning: Tuning) -> FollowAndStop:
+    """Make the controller; raises ConfigError on a tuning key or value that it cannot take."""
+    settled = settle(tuning, TUNING)
+    name = str(settled.pop("steering"))
+    numbers = {key: float(value) for key, value in settled.items()}
+    for key in ("look_ahead_time_s", "look_ahead_least_m", "stop_deceleration_m_s2", "lateral_acceleration_m_s2"):
+        if numbers[key] <= 0.0:
+            raise ConfigError(f"tuning key {key!r} must be above 0, got {numbers[key]}")
+    return FollowAndStop(vehicle, steering_law(name, vehicle, numbers), numbers)

@@ -1,0 +1,48 @@
+"""Drives for the tests of this room: scenarios in code, run in a process of their own."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+REPOSITORY = Path(__file__).parent.parent.parent
+MPH = 0.44704
+
+
+def drive_once(changes: dict[str, Any], folder: str | None = None) -> dict[str, Any]:
+    """Drive `parked_car` with some of its settings changed and return the summary; call it through `isolated`."""
+    from vve_sumo.drive import command
+
+    setting = altered(changes)
+    if folder is not None:
+        return command.run(setting, Path(folder), REPOSITORY).summary
+    with tempfile.TemporaryDirectory() as scratch:
+        return command.run(setting, Path(scratch) / "record", REPOSITORY).summary
+
+
+def altered(changes: dict[str, Any]) -> Any:
+    """Return the setting of `parked_car` with dotted keys replaced, such as {"ego.speed_mps": 5.0}."""
+    import tomllib
+
+    from vve_sumo.drive.setting import resolve
+    from vve_sumo.scenario.load import parse
+
+    file = REPOSITORY / "scenarios" / "parked_car.toml"
+    table = tomllib.loads(file.read_text(encoding="utf-8"))
+    for key, value in changes.items():
+        *parents, last = key.split(".")
+        inner: Any = table
+        for parent in parents:
+            inner = inner[int(parent)] if isinstance(inner, list) else inner.setdefault(parent, {})
+        inner[last] = value
+    return resolve("parked_car", parse(table, file), file, REPOSITORY)
+
+
+#: station of the default path where its last bend is behind the car [m]
+LAST_BEND = 300.0
+
+
+def obstacle_station(speed: float) -> float:
+    """Return where on the default path an obstacle must stand for the car to reach `speed` [m/s] after the bends [m]."""
+    return LAST_BEND + 40.0 + speed * speed / 2.0 / 1.3 + speed * speed / 2.0 / 1.8 + 6.0 * speed

@@ -1,0 +1,120 @@
+"""Gap, time to collision and deviations against closed forms and shapely."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import shapely
+
+from vve_sumo.drive import figures
+from vve_sumo.drive.record import SCHEMAS
+from vve_sumo.path import Path
+from vve_sumo.values import TickRow
+from vve_sumo.vehicle import fusion
+
+CAR = fusion.vehicle()
+KINDS = {"int": 0, "float": 0.0, "bool": False, "str": ""}
+
+
+def ticks_of(rows: list[dict[str, float]]) -> pa.Table:
+    plain = {f.name: KINDS[str(f.type)] for f in dataclasses.fields(TickRow)}
+    return pa.Table.from_pylist([plain | {"tick": i} | row for i, row in enumerate(rows)], SCHEMAS["ticks"])
+
+
+def actors_of(rows: list[dict[str, object]]) -> pa.Table:
+    plain = {"heading_rad": 0.0, "speed_mps": 0.0, "length_m": 4.0, "width_m": 2.0, "y_m": 0.0}
+    return pa.Table.from_pylist([plain | row for row in rows], SCHEMAS["actors"])
+
+
+def straight() -> Path:
+    x = np.arange(0.0, 301.0, 2.0)
+    return Path.from_points(x, np.zeros_like(x))
+
+
+def test_gap_and_time_to_collision_of_a_car_ahead_are_the_closed_form() -> None:
+    """Rear axle at 10 m, 8 m/s; a 4 m car centred at 60 m going 3 m/s: gap 60 - 2 - 10 - (wheelbase + overhang)."""
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    actors = actors_of([{"tick": 0, "actor": "lead", "x_m": 60.0, "speed_mps": 3.0}])
+    seen = figures.ahead(ticks, actors, straight(), CAR)
+    gap = 60.0 - 2.0 - 10.0 - CAR.rear_axle_to_bumper
+    assert seen.gap[0] == pytest.approx(gap, abs=1e-9)
+    assert figures.time_to_collision(seen)[0] == pytest.approx(gap / 5.0, abs=1e-9)
+    assert seen.actor == ["lead"]
+
+
+def test_the_nearest_in_the_strip_counts_and_neighbours_do_not() -> None:
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    actors = actors_of(
+        [
+            {"tick": 0, "actor": "far", "x_m": 90.0},
+            {"tick": 0, "actor": "near", "x_m": 60.0},
+            {"tick": 0, "actor": "beside", "x_m": 40.0, "y_m": 3.5},
+            {"tick": 0, "actor": "behind", "x_m": 0.0},
+            {"tick": 3, "actor": "another time", "x_m": 30.0},
+        ]
+    )
+    assert figures.ahead(ticks, actors, straight(), CAR).actor == ["near"]
+
+
+def test_a_car_that_pulls_away_has_no_time_to_collision() -> None:
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    actors = actors_of([{"tick": 0, "actor": "lead", "x_m": 60.0, "speed_mps": 9.0}])
+    assert np.isnan(figures.time_to_collision(figures.ahead(ticks, actors, straight(), CAR))).all()
+
+
+def test_nothing_to_measure_is_not_a_number() -> None:
+    ticks = ticks_of([{"true_x_m": math.nan, "x_m": math.nan, "lateral_deviation_m": math.nan}])
+    measured = figures.measure(ticks, actors_of([]), straight(), CAR)
+    assert math.isnan(measured.stop_gap_m)
+    assert math.isnan(measured.min_ttc_s)
+
+
+def test_around_a_bend_the_gap_counts_along_the_path() -> None:
+    """On a circle of 50 m, a small box at 90 degrees ahead is a quarter of the circumference away, not the chord."""
+    angles = np.linspace(0.0, math.pi, 120)
+    path = Path.from_points(50.0 * np.sin(angles), 50.0 - 50.0 * np.cos(angles))
+    ticks = ticks_of([{"true_x_m": 0.0, "true_speed_mps": 8.0, "station_m": 0.0}])
+    actors = actors_of(
+        [
+            {
+                "tick": 0,
+                "actor": "lead",
+                "x_m": 50.0,
+                "y_m": 50.0,
+                "heading_rad": math.pi / 2,
+                "length_m": 0.5,
+                "width_m": 0.5,
+            }
+        ]
+    )
+    gap = figures.ahead(ticks, actors, path, CAR).gap[0]
+    # The outer rear corner of the box is 50.25 m from the centre and 0.25 m before the foot of its own middle.
+    quarter = 50.0 * (math.pi / 2 - math.atan2(0.25, 49.75))
+    assert gap == pytest.approx(quarter - CAR.rear_axle_to_bumper, abs=0.01)
+
+
+def test_on_a_straight_street_the_gap_is_shapelys_distance() -> None:
+    random = np.random.default_rng(4)
+    for _ in range(200):
+        x, heading = random.uniform(30.0, 120.0), random.uniform(-0.3, 0.3)
+        ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+        actors = actors_of([{"tick": 0, "actor": "lead", "x_m": x, "heading_rad": heading}])
+        box = shapely.affinity.rotate(shapely.box(x - 2.0, -1.0, x + 2.0, 1.0), math.degrees(heading), "center")
+        front = shapely.LineString([(10.0 + CAR.rear_axle_to_bumper, -50.0), (10.0 + CAR.rear_axle_to_bumper, 50.0)])
+        gap = figures.ahead(ticks, actors, straight(), CAR).gap[0]
+        assert gap == pytest.approx(shapely.distance(front, box), abs=1e-6)
+
+
+def test_extremes_are_those_of_the_truth() -> None:
+    rows = [
+        {"true_speed_mps": 5.0, "true_acceleration_mps2": 1.0, "lateral_deviation_m": 0.02, "acceleration_mps2": -9.0},
+        {"true_speed_mps": 4.0, "true_acceleration_mps2": -2.5, "lateral_deviation_m": -0.07, "true_x_m": 1.0},
+    ]
+    measured = figures.measure(ticks_of(rows), actors_of([]), straight(), CAR)
+    assert measured.max_lateral_deviation_m == pytest.approx(0.07)
+    assert measured.max_deceleration_mps2 == pytest.approx(2.5)
+    assert measured.max_speed_mps == pytest.approx(5.0)

@@ -1,0 +1,97 @@
+"""The paper's drive over speeds, seeds and errors of the car: always stops, at the chosen gap, on the path."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.drive.street import MPH, obstacle_station, drive_once
+from tests.isolated import isolated
+
+SPEEDS_MPH = (5, 10, 15, 20, 25, 30, 35, 40, 45)
+COMFORT = 3.5  #: [m/s2]
+
+
+def at_speed(mph: float, seed: int) -> dict[str, Any]:
+    """Return the changes for a drive at a speed: an obstacle far enough ahead, no traffic between."""
+    speed = mph * MPH
+    return {
+        "seed": seed,
+        "street.demand": [],
+        "ego.speed_mps": speed,
+        "obstacles": [{"id": "parked_car", "at_m": obstacle_station(speed)}],
+    }
+
+
+def check(summary: dict[str, Any], tolerance: float) -> None:
+    """Assert what every stop before a parked car owes."""
+    assert summary["outcome"] == "stopped", summary
+    assert summary["collision"] is False
+    assert summary["stop_gap_m"] == pytest.approx(5.0, abs=tolerance)
+    assert summary["max_lateral_deviation_m"] <= 0.15
+    assert summary["max_deceleration_mps2"] <= COMFORT or summary["emergency_used"]
+    assert summary["anchor_position_error_m"] <= 1e-6
+    assert summary["anchor_speed_error_mps"] <= 1e-6
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_stops_at_the_gap_for_every_seed(seed: int) -> None:
+    """Twenty seeds; the speeds take turns, so that each is driven with two or three of them."""
+    mph = SPEEDS_MPH[seed % len(SPEEDS_MPH)]
+    summary = isolated(drive_once, at_speed(mph, seed))
+    check(summary, 0.5)
+    assert summary["max_speed_mps"] == pytest.approx(mph * MPH, rel=0.05)
+    assert not summary["emergency_used"]
+
+
+ERRORS = [
+    pytest.param({"grade_percent": 3.0, "mass_factor": 1.15, "brake_gain_factor": 0.9}, id="uphill-heavy-weak"),
+    pytest.param({"grade_percent": -3.0, "mass_factor": 1.15, "brake_gain_factor": 0.9}, id="downhill-heavy-weak"),
+    pytest.param({"grade_percent": -3.0, "mass_factor": 0.85, "brake_gain_factor": 1.1}, id="downhill-light-strong"),
+    pytest.param({"grade_percent": 3.0, "mass_factor": 0.85, "brake_gain_factor": 1.1}, id="uphill-light-strong"),
+]
+
+
+@pytest.mark.parametrize("mph", [5, 25, 45])
+@pytest.mark.parametrize("errors", ERRORS)
+def test_stops_and_holds_with_a_car_that_is_not_as_declared(errors: dict[str, float], mph: int) -> None:
+    """Grade, mass and brake gain at the corners of their ranges; sixty seconds at rest without rolling off."""
+    changes = at_speed(mph, 1) | {f"ego.car.{key}": value for key, value in errors.items()} | {"after_stop_s": 60.0}
+    check(isolated(drive_once, changes), 0.7)
+
+
+def test_the_emergency_layer_stops_without_contact_when_the_radar_sees_late() -> None:
+    """Blind until 18 m at 25 mph: comfort braking would need 11.2^2 / 2 / 3.5 = 17.9 m and a standing start of it."""
+    summary = isolated(drive_once, at_speed(25, 3) | {"radar.range_limit_m": 18.0})
+    assert summary["outcome"] == "stopped"
+    assert summary["collision"] is False
+    assert summary["emergency_used"] is True
+    assert summary["max_deceleration_mps2"] > COMFORT
+    assert summary["stop_gap_m"] > 0.3
+
+
+def test_without_the_emergency_layer_the_same_drive_ends_in_contact() -> None:
+    """The counter-proof that the layer is what stops the car."""
+    summary = isolated(
+        drive_once, at_speed(25, 3) | {"radar.range_limit_m": 12.0, "controller.tuning": {"emergency": False}}
+    )
+    assert summary["outcome"] == "contact"
+    assert summary["collision"] is True
+
+
+def test_the_end_of_the_path_is_a_stop_line() -> None:
+    """With nothing in the way the car comes to rest at the end of the path, not beyond it."""
+    summary = isolated(drive_once, {"street.demand": [], "obstacles": [], "ego.speed_mps": 15.0})
+    assert summary["outcome"] == "arrived"
+    assert summary["max_lateral_deviation_m"] <= 0.15
+    assert summary["max_deceleration_mps2"] <= COMFORT
+
+
+@pytest.mark.parametrize("steering", ["pure_pursuit", "stanley", "lqr"])
+def test_the_other_steering_laws_keep_the_path_too(steering: str) -> None:
+    """Every shipped law drives the whole way within a lane's margin."""
+    changes = at_speed(25, 2) | {"controller.tuning": {"steering": steering}}
+    summary = isolated(drive_once, changes)
+    assert summary["outcome"] == "stopped"
+    assert summary["max_lateral_deviation_m"] <= 0.25

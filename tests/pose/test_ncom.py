@@ -1,0 +1,422 @@
+"""NCOM codec: a genuine packet, round trips to the last bit, and streams as bad as networks make them."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import random
+import struct
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vve_sumo.pose.ncom import Decoder, Encoder, Outcome, checksums_hold, pack
+from vve_sumo.values import Fix
+
+START = 1_300_000_020.0  # a whole GPS minute
+NOTHING = bytes(8)
+
+
+def fix_at(time: float, **changes: float) -> Fix:
+    good = Fix(
+        time=time,
+        time_received=0.0,
+        latitude=0.6983,
+        longitude=-1.4483,
+        altitude=250.5,
+        heading=0.3,
+        pitch=0.01,
+        roll=-0.02,
+        velocity_north=3.0,
+        velocity_east=4.0,
+        velocity_down=-0.1,
+        yaw_rate=0.1,
+        acceleration=0.5,
+        status=4,
+        position_mode=6,
+        position_sigma=0.012,
+        velocity_sigma=0.02,
+        heading_sigma=0.002,
+        differential_age=1.2,
+    )
+    return replace(good, **changes)
+
+
+def stream(count: int, start: float = START, period: float = 0.01) -> list[bytes]:
+    encoder = Encoder()
+    return [encoder.encode(fix_at(start + k * period, latitude=0.6983 + 1e-8 * k)) for k in range(count)]
+
+
+def minute_channel(time: float) -> bytes:
+    return struct.pack("<iBBBB", int(time // 60), 12, 6, 6, 6)
+
+
+def decoded(data: bytes) -> list[Fix]:
+    return Decoder().feed(data, 0.0)
+
+
+def sealed(packet: bytes) -> bytes:
+    """The packet with its three checksums made right."""
+    body = bytearray(packet)
+    for end in (22, 61, 71):
+        body[end] = sum(body[1:end]) & 0xFF
+    return bytes(body)
+
+
+# --- a genuine packet -------------------------------------------------------------------------------------------------
+
+
+def test_genuine_packet_decodes_to_its_known_values(shared_data):
+    packet = bytes.fromhex((shared_data / "ncom" / "real_packet.hex").read_text())
+    known = json.loads((shared_data / "ncom" / "real_packet.json").read_text())
+    (fix,) = decoded(packet)
+    assert checksums_hold(packet)
+    assert fix.status == known["nav"] == 2
+    assert fix.time == pytest.approx(known["minutes"] * 60 + known["ms"] / 1000, abs=1e-6)
+    assert (fix.latitude, fix.longitude) == (known["lat_rad"], known["lon_rad"])
+    assert fix.altitude == pytest.approx(known["alt"], abs=1e-6)
+    assert fix.velocity_north == pytest.approx(known["vn"])
+    assert fix.velocity_east == pytest.approx(known["ve"])
+    assert fix.velocity_down == pytest.approx(known["vd"])
+    assert fix.acceleration == pytest.approx(known["ax"])
+    assert fix.position_mode == known["pos_mode"]
+    assert all(math.isnan(angle) for angle in (fix.heading, fix.pitch, fix.roll))
+    assert math.isnan(fix.position_sigma)
+
+
+# --- round trip -------------------------------------------------------------------------------------------------------
+
+angles = st.floats(-math.pi, math.pi)
+small = st.floats(-800.0, 800.0)
+
+
+@given(
+    latitude=st.floats(-math.pi / 2, math.pi / 2),
+    longitude=angles,
+    altitude=st.floats(-500, 9000),
+    heading=angles,
+    pitch=angles,
+    roll=angles,
+    velocity_north=small,
+    velocity_east=small,
+    velocity_down=small,
+    yaw_rate=st.floats(-80, 80),
+    acceleration=small,
+    position_sigma=st.floats(0, 60),
+    velocity_sigma=st.floats(0, 60),
+    heading_sigma=st.floats(0, 0.6),
+    differential_age=st.floats(0, 300),
+    position_mode=st.integers(0, 31),
+    status=st.sampled_from([2, 3, 4]),
+    milliseconds=st.integers(0, 10**8),
+)
+def test_round_trip_to_the_last_bit(milliseconds, **fields):
+    sent = fix_at(START + milliseconds / 1000.0, **fields)
+    encoder = Encoder()
+    (fix, *_, last) = decoded(b"".join(encoder.encode(replace(sent, time=sent.time + k / 1000)) for k in range(6)))
+    assert fix.time == sent.time
+    assert (fix.latitude, fix.longitude, fix.status) == (sent.latitude, sent.longitude, sent.status)
+    assert fix.altitude == struct.unpack("<f", struct.pack("<f", sent.altitude))[0]
+    assert abs(math.remainder(fix.heading - sent.heading, math.tau)) <= 0.6e-6
+    assert -math.pi <= fix.heading <= math.pi
+    for name, bit in (
+        ("pitch", 1e-6),
+        ("roll", 1e-6),
+        ("velocity_north", 1e-4),
+        ("velocity_east", 1e-4),
+        ("velocity_down", 1e-4),
+        ("yaw_rate", 1e-5),
+        ("acceleration", 1e-4),
+    ):
+        assert abs(getattr(fix, name) - getattr(sent, name)) <= 0.5001 * bit, name
+    assert last.position_mode == sent.position_mode
+    for name, bit in (
+        ("position_sigma", 1e-3),
+        ("velocity_sigma", 1e-3),
+        ("heading_sigma", 1e-5),
+        ("differential_age", 1e-2),
+    ):
+        assert abs(getattr(last, name) - getattr(sent, name)) <= 0.5001 * bit, name
+
+
+@pytest.mark.parametrize(
+    ("compass_deg", "heading_deg"), [(0, 90), (90, 0), (180, -90), (270, 180), (350, 100), (10, 80), (359.9, 90.1)]
+)
+def test_heading_is_sent_clockwise_from_north(compass_deg, heading_deg):
+    packet = pack(fix_at(START, heading=math.radians(heading_deg)), 0, minute_channel(START))
+    raw = int.from_bytes(packet[52:55], "little", signed=True) * 1e-6
+    assert math.degrees(math.remainder(raw - math.radians(compass_deg), math.tau)) == pytest.approx(0, abs=1e-4)
+
+
+def test_yaw_rate_is_sent_about_the_downward_axis():
+    packet = pack(fix_at(START, yaw_rate=0.25), 0, minute_channel(START))
+    assert int.from_bytes(packet[18:21], "little", signed=True) == -25_000
+
+
+def test_not_a_number_is_sent_as_invalid_and_comes_back():
+    gone = {"heading": math.nan, "velocity_north": math.nan, "acceleration": math.nan, "yaw_rate": math.nan}
+    packet = pack(fix_at(START, **gone), 0, minute_channel(START))
+    assert packet[52:55] == b"\x00\x00\x80"
+    (fix,) = decoded(packet)
+    assert all(math.isnan(getattr(fix, name)) for name in gone)
+    assert fix.velocity_east == pytest.approx(4.0)
+
+
+def test_what_does_not_fit_saturates_and_is_not_invalid():
+    (fix,) = decoded(pack(fix_at(START, velocity_north=-5000.0, acceleration=math.inf), 0, minute_channel(START)))
+    assert fix.velocity_north == pytest.approx(-838.8607)
+    assert fix.acceleration == pytest.approx(838.8607)
+
+
+# --- the clock --------------------------------------------------------------------------------------------------------
+
+
+def test_no_fix_before_the_minute_is_known():
+    packets = stream(8)
+    decoder = Decoder()
+    assert decoder.feed(b"".join(packets[1:6]), 0.0) == []
+    assert decoder.counts[Outcome.MINUTE_UNKNOWN] == 5
+    assert [fix.time for fix in decoder.feed(packets[6] + packets[7], 0.0)] == [START + 0.06, START + 0.07]
+
+
+def test_minute_not_set_is_not_a_minute():
+    packet = pack(fix_at(START), 0, struct.pack("<iBBBB", 999, 12, 6, 6, 6))
+    assert decoded(packet) == []
+
+
+@pytest.mark.parametrize("lost", [0, 3, 100, 1500])
+def test_minute_wraps_without_status_channel_0(lost):
+    first = pack(fix_at(START + 59.5), 0, minute_channel(START))
+    times = [START + 59.5 + 0.01 * k for k in range(lost + 1, lost + 200)]
+    rest = b"".join(pack(fix_at(time), 16, NOTHING) for time in times)
+    assert [fix.time for fix in decoded(first + rest)][1:] == pytest.approx(times, abs=1e-6)
+
+
+def test_late_packets_about_the_wrap_do_not_add_a_minute():
+    order = (59.98, 59.99, 60.01, 60.00, 60.02, 59.97, 60.03, 62.005, 61.995, 62.015)
+    packets = [pack(fix_at(START + t), 0 if t == 59.98 else 16, minute_channel(START)) for t in order]
+    decoder = Decoder()
+    times = [fix.time - START for fix in decoder.feed(b"".join(packets), 0.0)]
+    assert times == pytest.approx([59.98, 59.99, 60.01, 60.02, 60.03, 62.005, 62.015], abs=1e-6)
+    assert decoder.counts[Outcome.NOT_INCREASING] == 3
+
+
+def test_status_channel_0_sets_the_minute_anew():
+    packets = [
+        pack(fix_at(START), 0, minute_channel(START)),
+        pack(fix_at(START + 125.0), 0, minute_channel(START + 125)),
+    ]
+    assert [fix.time for fix in decoded(b"".join(packets))] == [START, START + 125.0]
+
+
+def test_long_silence_forgets_the_minute_until_channel_0_comes_again():
+    decoder = Decoder()
+    assert len(decoder.feed(pack(fix_at(START), 0, minute_channel(START)), 0.0)) == 1
+    later = START + 65.0  # on the packet's own clock this looks like 5 s
+    assert decoder.feed(pack(fix_at(later), 16, NOTHING), 65.0) == []
+    (fix,) = decoder.feed(pack(fix_at(later + 0.01), 0, minute_channel(later)), 65.01)
+    assert fix.time == later + 0.01
+
+
+def test_duplicates_are_reported_and_not_emitted():
+    packets = stream(12)
+    decoder = Decoder()
+    assert len(decoder.feed(b"".join(packets + packets), 0.0)) == 12
+    assert decoder.counts[Outcome.NOT_INCREASING] == 12
+
+
+def test_milliseconds_beyond_the_minute_are_refused():
+    packet = bytearray(pack(fix_at(START), 0, minute_channel(START)))
+    packet[1:3] = (60_000).to_bytes(2, "little")
+    decoder = Decoder()
+    assert decoder.feed(sealed(bytes(packet)), 0.0) == []
+    assert decoder.counts[Outcome.NO_TIME] == 1
+
+
+# --- statuses ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("status", "outcome"),
+    [
+        (0, Outcome.NOT_NAVIGATION),
+        (1, Outcome.NOT_NAVIGATION),
+        (5, Outcome.NOT_NAVIGATION),
+        (6, Outcome.NOT_NAVIGATION),
+        (7, Outcome.NOT_NAVIGATION),
+        (10, Outcome.STATUS_ONLY),
+        (11, Outcome.STRUCTURE_B),
+        (20, Outcome.TRIGGER),
+        (21, Outcome.TRIGGER),
+        (22, Outcome.TRIGGER),
+        (99, Outcome.NOT_NAVIGATION),
+    ],
+)
+def test_other_packets_are_never_fixes_and_do_not_move_the_clock(status, outcome):
+    far = START + 31 * 60.0
+    odd = pack(fix_at(far, status=status), 0, minute_channel(far))
+    decoder = Decoder()
+    data = pack(fix_at(START), 0, minute_channel(START)) + odd + pack(fix_at(START + 0.01), 16, NOTHING)
+    assert [fix.time for fix in decoder.feed(data, 0.0)] == [START, START + 0.01]
+    assert decoder.counts[outcome] == 1
+
+
+def test_structure_b_does_not_even_say_an_accuracy():
+    accuracy = struct.pack("<HHHBB", 5, 5, 5, 0, 0)
+    start = pack(fix_at(START), 0, minute_channel(START))
+    probe = pack(fix_at(START + 0.02), 16, NOTHING)
+    structure_b = pack(fix_at(START + 0.01, status=11), 3, accuracy)
+    status_only = pack(fix_at(START + 0.01, status=10), 3, accuracy)
+    assert math.isnan(decoded(start + structure_b + probe)[-1].position_sigma)
+    assert decoded(start + status_only + probe)[-1].position_sigma == pytest.approx(0.005)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1.6, 1e300])
+def test_impossible_positions_are_not_fixes(bad):
+    decoder = Decoder()
+    assert decoder.feed(pack(fix_at(START, latitude=bad), 0, minute_channel(START)), 0.0) == []
+    assert decoder.counts[Outcome.NO_POSITION] == 1
+
+
+# --- what travels in status channels ----------------------------------------------------------------------------------
+
+
+def test_accuracies_are_the_worse_axis_and_expire_by_their_age_counter():
+    start = pack(fix_at(START), 0, minute_channel(START))
+    fresh = pack(fix_at(START + 0.01), 3, struct.pack("<HHHBB", 11, 17, 99, 149, 0))
+    stale = pack(fix_at(START + 0.02), 3, struct.pack("<HHHBB", 11, 17, 99, 150, 0))
+    fixes = decoded(start + fresh + stale)
+    assert fixes[1].position_sigma == pytest.approx(0.017)
+    assert math.isnan(fixes[2].position_sigma)
+
+
+def test_a_channel_that_is_not_repeated_says_nothing_any_more():
+    start = pack(fix_at(START), 0, minute_channel(START))
+    said = pack(fix_at(START + 0.01), 5, struct.pack("<HHHBB", 200, 0, 0, 0, 0))
+    silence = b"".join(pack(fix_at(START + 0.02 + 0.1 * k), 16, NOTHING) for k in range(80))
+    fixes = decoded(start + said + silence)
+    sigmas = [fix.heading_sigma for fix in fixes if fix.time > START]
+    known = [fix.time - START for fix in fixes if not math.isnan(fix.heading_sigma)]
+    assert sigmas[0] == pytest.approx(0.002)
+    assert 2.0 < max(known) <= 5.01
+    assert {fix.position_mode for fix in fixes if fix.time > START + 5.0} == {-1}
+
+
+@pytest.mark.parametrize("value", [0x80, 0xFF, 0x86])
+def test_position_mode_with_its_top_bit_set_is_not_known(value):
+    (fix,) = decoded(pack(fix_at(START), 0, struct.pack("<iBBBB", int(START // 60), 12, value, 6, 6)))
+    assert fix.position_mode == -1
+
+
+def test_encoder_sends_what_is_not_known_as_stale():
+    unknown = {"position_sigma": math.nan, "differential_age": math.nan, "position_mode": -1}
+    encoder = Encoder()
+    last = decoded(b"".join(encoder.encode(fix_at(START + 0.01 * k, **unknown)) for k in range(6)))[-1]
+    assert math.isnan(last.position_sigma)
+    assert math.isnan(last.differential_age)
+    assert last.position_mode == -1
+    assert last.velocity_sigma == pytest.approx(0.02)
+
+
+# --- bad streams ------------------------------------------------------------------------------------------------------
+
+PACKETS = stream(30)
+
+
+def content(fix: Fix) -> tuple[float, ...]:
+    """All that one packet alone says."""
+    return (
+        *(fix.time, fix.latitude, fix.longitude, fix.altitude, fix.heading, fix.pitch, fix.roll),
+        *(fix.velocity_north, fix.velocity_east, fix.velocity_down, fix.yaw_rate, fix.acceleration, fix.status),
+    )
+
+
+ORIGINAL = {content(fix) for fix in decoded(b"".join(PACKETS))}
+
+
+@given(st.binary(max_size=600))
+def test_any_bytes_are_survived(data):
+    decoder = Decoder()
+    assert decoder.feed(data, 0.0) == []
+    assert decoder.discarded <= len(data)
+    clean = b"".join(PACKETS)
+    assert [fix.time for fix in decoder.feed(clean, 0.0)] == [fix.time for fix in decoded(clean)]
+
+
+@given(st.binary(min_size=70, max_size=70), st.integers(0, 31))
+def test_any_body_under_right_checksums_is_survived(body, status):
+    """The bytes that random garbage almost never reaches: a well-sealed packet with anything in it."""
+    packet = bytearray(b"\xe7" + body + b"\x00")
+    packet[21] = status
+    for fix in decoded(pack(fix_at(START), 0, minute_channel(START)) + sealed(bytes(packet))):
+        assert math.isfinite(fix.time + fix.latitude + fix.longitude)
+        assert fix.status in (2, 3, 4)
+
+
+@given(st.lists(st.integers(1, 200), max_size=30), st.binary(max_size=40))
+def test_the_cut_of_the_stream_does_not_matter(cuts, garbage):
+    data, decoder, fixes = garbage + b"\xe7" + b"".join(PACKETS), Decoder(), []
+    position = 0
+    for cut in [*cuts, len(data)]:
+        fixes += decoder.feed(data[position : position + cut], 0.0)
+        position += cut
+    assert [(fix.time, fix.latitude) for fix in fixes] == [(f.time, f.latitude) for f in decoded(b"".join(PACKETS))]
+    assert decoder.discarded == len(garbage) + 1
+
+
+@pytest.mark.parametrize("index", range(72))
+def test_one_wrong_byte_anywhere_costs_its_packet_and_no_other(index):
+    """Each byte is under a sum that a single change must break; the sync byte is its own check."""
+    target = 7
+    for change in (1, 0x80, 0xFF):
+        packets = list(PACKETS)
+        broken = bytearray(packets[target])
+        broken[index] ^= change
+        packets[target] = bytes(broken)
+        fixes = decoded(b"".join(packets))
+        lost = START + 0.01 * target
+        assert {content(fix) for fix in fixes} == {said for said in ORIGINAL if abs(said[0] - lost) > 0.001}
+
+
+@pytest.mark.parametrize("wrong", [22, 61, 71])
+def test_each_of_the_three_checksums_is_required(wrong):
+    body = bytearray(pack(fix_at(START), 0, minute_channel(START)))
+    for end in (22, 61, 71):
+        body[end] = (sum(body[1:end]) + (end == wrong)) & 0xFF
+    assert decoded(bytes(body)) == []
+
+
+@settings(max_examples=200)
+@given(st.integers(0, 2**32 - 1))
+def test_lost_doubled_swapped_cut_and_burst_packets_never_make_a_wrong_fix(seed):
+    chance = random.Random(seed)
+    pieces = []
+    for packet in PACKETS:
+        fate, sent = chance.random(), packet
+        if fate < 0.1:
+            continue
+        if fate < 0.2:
+            pieces.append(packet)
+        elif fate < 0.3:
+            sent = packet[: chance.randrange(72)]
+        elif fate < 0.4:
+            start = chance.randrange(72)
+            noise = bytes(chance.randrange(256) for _ in range(min(chance.randrange(1, 9), 72 - start)))
+            broken = packet[:start] + noise + packet[start + len(noise) :]
+            # What keeps every sum is beyond the format: 1 in 256 of the bursts that stay between two sums.
+            sent = packet if checksums_hold(broken) else broken
+        pieces.append(sent)
+        if fate > 0.9 and len(pieces) > 1:
+            pieces[-1], pieces[-2] = pieces[-2], pieces[-1]
+    fixes = decoded(b"".join(pieces))
+    assert {content(fix) for fix in fixes} <= ORIGINAL
+    times = [fix.time for fix in fixes]
+    assert all(earlier < later for earlier, later in itertools.pairwise(times))
+
+
+def test_received_time_is_the_caller_s():
+    (fix,) = Decoder().feed(PACKETS[0], 12.5)
+    assert fix.time_received == 12.5

@@ -1,0 +1,236 @@
+"""The trust gate: rows of one spoilt thing and the reason it must give, and what a history may hide."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import fields, replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vve_sumo.pose.trust import DRIVE, PLAYBACK, REASONS, RTK_FIXED, TrustGate
+from vve_sumo.values import Fix
+
+EPOCH = 1_300_000_000.0
+PERIOD = 0.01
+RADIUS = 6_371_000.0
+
+
+def drive(count: int = 200, speed: float = 10.0, course: float = 0.4, period: float = PERIOD) -> list[Fix]:
+    """A straight drive at constant speed, every fix good."""
+    north, east = speed * math.sin(course), speed * math.cos(course)
+    return [
+        Fix(
+            time=EPOCH + k * period,
+            time_received=k * period,
+            latitude=0.6983 + north * k * period / RADIUS,
+            longitude=-1.4483 + east * k * period / (RADIUS * math.cos(0.6983)),
+            altitude=250.0,
+            heading=course,
+            pitch=0.0,
+            roll=0.0,
+            velocity_north=north,
+            velocity_east=east,
+            velocity_down=0.0,
+            yaw_rate=0.0,
+            acceleration=0.0,
+            status=4,
+            position_mode=6,
+            position_sigma=0.012,
+            velocity_sigma=0.02,
+            heading_sigma=0.002,
+            differential_age=1.0,
+        )
+        for k in range(count)
+    ]
+
+
+def judged(fixes, profile=DRIVE, delay=0.03):
+    gate = TrustGate(profile, EPOCH)
+    return [gate.step(fix.time - EPOCH + delay, fix) for fix in fixes]
+
+
+@pytest.mark.parametrize("course", [-3.1, -1.0, 0.0, 0.4, 1.6, 3.1])
+@pytest.mark.parametrize("speed", [0.0, 0.1, 10.0, 30.0])
+def test_a_good_drive_is_trusted_throughout(speed, course):
+    assert all(trust.trusted for trust in judged(drive(speed=speed, course=course)))
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "reason"),
+    [
+        ({"status": 3}, "status_not_locked"),
+        ({"status": 2}, "status_not_locked"),
+        ({"status": 22}, "status_not_locked"),
+        ({"position_mode": 5}, "not_rtk_fixed"),
+        ({"position_mode": -1}, "not_rtk_fixed"),
+        ({"position_mode": 3}, "not_rtk_fixed"),
+        ({"position_sigma": 0.11}, "position_sigma"),
+        ({"position_sigma": math.nan}, "position_sigma"),
+        ({"position_sigma": -1.0}, "position_sigma"),
+        ({"velocity_sigma": math.nan}, "velocity_sigma"),
+        ({"heading_sigma": 0.02}, "heading_sigma"),
+        ({"heading_sigma": math.nan}, "heading_sigma"),
+        ({"differential_age": 11.0}, "corrections_old"),
+        ({"differential_age": math.nan}, "corrections_old"),
+        ({"heading": math.nan}, "heading_invalid"),
+        ({"pitch": math.nan}, "pitch_invalid"),
+        ({"latitude": math.nan}, "not_finite"),
+        ({"longitude": math.inf}, "not_finite"),
+        ({"velocity_north": math.nan}, "not_finite"),
+        ({"yaw_rate": math.nan}, "not_finite"),
+        ({"acceleration": math.nan}, "not_finite"),
+        ({"time": math.nan}, "not_finite"),
+        ({"heading": 0.7}, "heading_off_course"),
+        ({"heading": 0.4 + math.pi}, "heading_off_course"),
+        ({"latitude": 0.6983 + 1e-6}, "pose_jump"),
+    ],
+)
+def test_one_spoilt_fix_is_refused_with_its_reason(spoilt, reason):
+    fixes = drive()
+    fixes[100] = replace(fixes[100], **spoilt)
+    verdicts = judged(fixes)
+    assert all(trust.trusted for trust in verdicts[:100])
+    assert not verdicts[100].trusted
+    assert reason in verdicts[100].reasons
+    assert reason in REASONS
+
+
+@pytest.mark.parametrize("mode", range(32))
+def test_only_fixed_ambiguities_count(mode):
+    (verdict,) = judged([replace(drive()[0], position_mode=mode)])
+    assert verdict.trusted == (mode in (6, 16, 24, 29)) == (mode in RTK_FIXED)
+
+
+@pytest.mark.parametrize(
+    ("delay", "reason"), [(0.11, "fix_too_old"), (-0.03, "fix_from_future"), (math.nan, "fix_too_old")]
+)
+def test_a_fix_of_the_wrong_age_is_refused(delay, reason):
+    assert all(trust.reasons == (reason,) for trust in judged(drive(), delay=delay))
+
+
+def test_duplicates_and_late_fixes_are_refused_and_disturb_nothing():
+    fixes = drive(100)
+    verdicts = judged([*fixes[:50], fixes[49], fixes[40], *fixes[50:]])
+    assert [v.reasons for v in verdicts[50:52]] == [("time_not_increasing",)] * 2
+    assert all(v.trusted for v in verdicts[:50] + verdicts[52:])
+
+
+def test_after_a_jump_fixes_must_agree_for_a_while():
+    fixes = drive(200)
+    moved = [replace(fix, latitude=fix.latitude + 1e-6) for fix in fixes[100:]]
+    verdicts = judged(fixes[:100] + moved)
+    assert verdicts[100].reasons == ("pose_jump",)
+    assert all(v.reasons == ("settling",) for v in verdicts[101:150])
+    assert all(v.trusted for v in verdicts[151:])
+
+
+def test_after_a_gap_fixes_must_agree_for_a_while():
+    fixes = drive(200)
+    verdicts = judged(fixes[:80] + fixes[100:])
+    assert verdicts[80].reasons == ("gap",)
+    assert all(v.reasons == ("settling",) for v in verdicts[81:130])
+    assert all(v.trusted for v in verdicts[131:])
+
+
+@pytest.mark.parametrize(("metres", "trusted"), [(0.05, True), (0.2, True), (0.3, False), (5.0, False)])
+def test_jump_limit_in_metres(metres, trusted):
+    fixes = drive(3)
+    fixes[2] = replace(fixes[2], latitude=fixes[2].latitude + metres / RADIUS)
+    assert judged(fixes)[2].trusted is trusted
+
+
+def test_hard_braking_and_a_tight_bend_are_no_jumps():
+    """12 m/s2 and 1 rad/s between fixes 50 ms apart stay within what the velocity explains."""
+    fixes, north, east, x, y = [], 0.0, 0.0, 0.0, 0.0
+    speed, heading = 12.0, 0.0
+    for k in range(1000):  # the truth, 1 ms apart
+        north, east = speed * math.sin(heading), speed * math.cos(heading)
+        if k % 50 == 0:
+            template = drive(1)[0]
+            fixes.append(
+                replace(
+                    template,
+                    time=EPOCH + k * 0.001,
+                    latitude=template.latitude + y / RADIUS,
+                    longitude=template.longitude + x / (RADIUS * math.cos(template.latitude)),
+                    velocity_north=north,
+                    velocity_east=east,
+                    heading=heading,
+                    yaw_rate=1.0,
+                )
+            )
+        x, y = x + east * 0.001, y + north * 0.001
+        speed, heading = max(speed - 0.010, 0.0), heading + 0.001
+    assert all(trust.trusted for trust in judged(fixes))
+
+
+def test_frozen_pose_is_seen_as_soon_as_the_car_moves():
+    fixes = drive(20)
+    frozen = replace(fixes[9], time=fixes[10].time)
+    assert "frozen_pose" in judged([*fixes[:10], frozen])[-1].reasons
+    standing = drive(20, speed=0.0)
+    assert all(trust.trusted for trust in judged(standing))
+
+
+def test_course_is_not_judged_when_slow_and_allows_for_a_bend():
+    sideways = [replace(fix, heading=1.4) for fix in drive(5, speed=2.9)]
+    assert all(trust.trusted for trust in judged(sideways))
+    # A point 3.5 m ahead of the rear axle at 4 m/s and 0.7 rad/s travels atan(3.5 * 0.7 / 4) off the heading.
+    slip = math.atan(3.5 * 0.7 / 4.0)
+    bend = [replace(fix, heading=0.4 - slip, yaw_rate=0.7) for fix in drive(5, speed=4.0)]
+    assert all(trust.trusted for trust in judged(bend))
+    straight = [replace(fix, heading=0.4 - slip) for fix in drive(5, speed=4.0)]
+    assert not any(trust.trusted for trust in judged(straight))
+
+
+def test_staleness_counts_from_the_last_trusted_fix_s_own_time():
+    gate = TrustGate(DRIVE, EPOCH)
+    assert gate.stale(0.0) == ("pose_stale",)
+    for fix in drive(11):
+        gate.step(fix.time - EPOCH + 0.03, fix)
+    assert gate.stale(0.2499) == ()
+    assert gate.stale(0.2501) == ("pose_stale",)
+    assert gate.stale(math.nan) == ("pose_stale",)
+    for fix in drive(40)[11:]:
+        gate.step(fix.time - EPOCH + 0.03, replace(fix, position_mode=5))
+    assert gate.stale(0.42) == ("pose_stale",)
+
+
+def test_playback_lets_recordings_through_and_may_never_arm():
+    bare = {"status": 0, "position_mode": -1, "pitch": math.nan, "differential_age": math.nan}
+    bare |= {"position_sigma": math.nan, "velocity_sigma": math.nan, "heading_sigma": math.nan}
+    fixes = [replace(fix, **bare) for fix in drive(50, period=0.25)]
+    assert all(trust.trusted for trust in judged(fixes, PLAYBACK, delay=1e6))
+    assert not any(trust.trusted for trust in judged(fixes, DRIVE))
+    assert not PLAYBACK.may_arm
+    assert DRIVE.may_arm
+
+
+def test_playback_still_refuses_what_is_wrong():
+    fixes = drive(50, period=0.25)
+    fixes[20] = replace(fixes[20], latitude=math.nan)
+    fixes[30] = replace(fixes[30], latitude=fixes[30].latitude + 1e-5)
+    fixes[40] = replace(fixes[40], heading=math.nan)
+    refused = [k for k, trust in enumerate(judged(fixes, PLAYBACK)) if not trust.trusted]
+    assert refused == [20, 30, 31, 40]
+
+
+READ = [f.name for f in fields(Fix) if f.name not in ("time_received", "altitude", "roll", "velocity_down")]
+
+
+@given(st.sampled_from(READ), st.sampled_from([math.nan, math.inf, -math.inf]), st.integers(0, 30))
+def test_what_is_not_a_number_never_passes_as_good(name, value, index):
+    fixes = drive(31)
+    fixes[index] = replace(fixes[index], **{name: value})
+    assert not judged(fixes)[index].trusted
+
+
+@given(st.permutations(range(12)))
+def test_trusted_times_increase_whatever_the_order(order):
+    fixes = drive(12)
+    gate = TrustGate(PLAYBACK, EPOCH)
+    times = [fixes[k].time for k in order if gate.step(0.0, fixes[k]).trusted]
+    assert all(a < b for a, b in itertools.pairwise(times))

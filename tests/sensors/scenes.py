@@ -1,0 +1,57 @@
+"""Cars, poses and actors that the sensor tests share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vve_sumo.values import Actors, Point, Pose, Vehicle
+
+FUSION = Vehicle(
+    length=4.872,
+    width=1.852,
+    wheelbase=2.85,
+    front_overhang=0.99,
+    mass=1690.0,
+    yaw_inertia=2900.0,
+    front_axle_to_mass=1.3,
+    cornering_stiffness_front=1.2e5,
+    cornering_stiffness_rear=1.2e5,
+    wheel_radius=0.3245,
+    steering_ratio=14.8,
+    steering_limit=0.55,
+    steering_rate_limit=0.6,
+    steering_delay=0.05,
+    steering_lag=0.05,
+    brake_delay=0.03,
+    brake_lag=0.05,
+    brake_torque_limit=3250.0,
+    deceleration_limit=5.9,
+)
+#: From the rear axle to the middle of the front bumper [m].
+BUMPER = 3.84
+
+#: x, y, heading, speed, length, width, radar cross-section
+Row = tuple[float, float, float, float, float, float, float]
+
+
+def car(x: float, y: float, heading: float = 0.0, speed: float = 0.0) -> Row:
+    """A car of 4.5 m by 1.8 m and 10 m2."""
+    return x, y, heading, speed, 4.5, 1.8, 10.0
+
+
+def actors(rows: Sequence[Row], ids: Sequence[str] | None = None) -> Actors:
+    names = tuple(ids) if ids is not None else tuple(f"car{row}" for row in range(len(rows)))
+    return Actors(0.0, names, *np.array(rows, float).reshape(-1, 7).T.copy())
+
+
+def rear_axle(
+    x: float = 0.0,
+    y: float = 0.0,
+    heading: float = 0.0,
+    speed: float = 0.0,
+    yaw_rate: float = 0.0,
+    lateral_speed: float = 0.0,
+) -> Pose:
+    return Pose(0.0, Point.REAR_AXLE, x, y, heading, speed, lateral_speed, yaw_rate, 0.0, 0.0)

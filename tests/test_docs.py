@@ -1,0 +1,98 @@
+"""What the documents say is what the program does; tables that come from code are written from it.
+
+`python -m tests.test_docs` rewrites the generated tables.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from tests.conftest import REPOSITORY
+from vve_sumo.scenario.load import parse
+from vve_sumo.scenario.schema import Scenario
+from vve_sumo.values import TickRow
+
+DOCS = REPOSITORY / "docs"
+
+
+def columns() -> str:
+    """The table of a tick's columns."""
+    rows = (f"| `{f.name}` | {f.type} | {f.metadata['meaning']} |" for f in dataclasses.fields(TickRow))
+    return "\n".join(["| column | type | meaning |", "|---|---|---|", *rows])
+
+
+def _keys(model: type[BaseModel], prefix: str) -> Iterator[str]:
+    for name, field in model.model_fields.items():
+        key, inner = f"{prefix}{name}", field.annotation
+        arguments = getattr(inner, "__args__", ())
+        nested = next((a for a in (inner, *arguments) if isinstance(a, type) and issubclass(a, BaseModel)), None)
+        if nested is not None and nested.__name__ != "Band":
+            yield from _keys(nested, f"{key}[]." if arguments else f"{key}.")
+            continue
+        default = "required" if field.is_required() else _said(field.default)
+        meaning = field.description or ("a band: `{ min = …, max = … }`" if nested else "")
+        yield f"| `{key}` | {default} | {meaning} |"
+
+
+def _said(value: Any) -> str:
+    if value in (None, "", (), {}):
+        return ""
+    return f"`{str(value).lower() if isinstance(value, bool) else value}`"
+
+
+def keys() -> str:
+    """The table of a scenario's keys."""
+    return "\n".join(["| key | default | meaning |", "|---|---|---|", *_keys(Scenario, "")])
+
+
+GENERATED = {("record.md", "columns"): columns, ("scenarios.md", "keys"): keys}
+
+
+def _parts(file: Path, name: str) -> tuple[str, str, str]:
+    text = file.read_text(encoding="utf-8")
+    found = re.search(rf"(.*<!-- {name}: [^\n]*-->\n)(.*)(<!-- end of {name} -->.*)", text, re.DOTALL)
+    assert found is not None, f"{file}: no place for {name}"
+    return found.group(1), found.group(2), found.group(3)
+
+
+@pytest.mark.parametrize(("page", "name"), GENERATED)
+def test_generated_tables_are_up_to_date(page: str, name: str) -> None:
+    _head, table, _tail = _parts(DOCS / page, name)
+    assert table.strip() == GENERATED[page, name](), "run python -m tests.test_docs"
+
+
+def test_every_column_of_a_tick_says_what_it_means() -> None:
+    assert all(f.metadata["meaning"] for f in dataclasses.fields(TickRow))
+
+
+def test_the_scenario_in_the_documentation_is_one() -> None:
+    text = (DOCS / "scenarios.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    scenario = parse(tomllib.loads(block), DOCS / "scenarios.md")
+    assert len(scenario.obstacles) == 2
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in DOCS.glob("*.md"))])
+def test_links_lead_somewhere(page: str) -> None:
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#]+)", text):
+        if "://" not in target:
+            assert ((REPOSITORY / page).parent / target).exists(), f"{page} links to {target}"
+
+
+def _rewrite() -> None:
+    for (page, name), table in GENERATED.items():
+        head, _old, tail = _parts(DOCS / page, name)
+        (DOCS / page).write_text(f"{head}\n{table()}\n\n{tail}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    _rewrite()

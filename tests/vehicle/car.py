@@ -1,0 +1,181 @@
+"""A small car for closing the loop in tests: point mass, first-order pedals, and a drive-by-wire kit that answers.
+
+Written from the kit's described behaviour and from Newton's law, not from the gateway.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from vve_sumo.values import Frame, Setpoint, Verdict
+from vve_sumo.vehicle import dbw, fusion
+from vve_sumo.vehicle.dbw import Gear
+from vve_sumo.vehicle.gateway import Act, Gateway
+
+PERIOD = 0.02
+GRAVITY = 9.80665
+
+FUSION = fusion.vehicle()
+
+
+@dataclass
+class Car:
+    """A car on a grade [rad, uphill positive] whose mass and brakes may differ from what is believed of them."""
+
+    mass: float = 1690.0
+    brake_gain: float = 1.0
+    grade: float = 0.0
+    drive_lag: float = 0.25
+    brake_lag: float = 0.05
+    shift_time: float = 0.5
+    gear: Gear = Gear.PARK
+    variant: dbw.Variant = dbw.Variant.DBW1_2024
+    speed: float = 0.0
+    wheel_angle: float = 0.0
+    enabled: bool = False
+    override: bool = False
+    silent: set[int] = field(default_factory=set)
+    forged: dict[int, Frame] = field(default_factory=dict)
+    _torque: float = 0.0
+    _throttle: float = 0.0
+    _brake_pipe: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    _wanted: Gear = Gear.NONE
+    _shifting: float = 0.0
+    _angle_wish: float = 0.0
+
+    def hear(self, frames: tuple[Frame, ...]) -> None:
+        """Obey command frames, as the kit does."""
+        brake, throttle, steering, gear = (dbw.decode(frame, self.variant) for frame in frames)
+        if brake.clear and throttle.clear and steering.clear:
+            self.override = False
+        self.enabled = brake.enable and throttle.enable and steering.enable and not self.override
+        self._brake_pipe.append(brake.value if self.enabled else 0.0)
+        self._throttle_wish = throttle.value if self.enabled else 0.0
+        if self.enabled:
+            self._angle_wish = steering.wheel_angle
+        if gear.gear is not self._wanted:
+            self._wanted, self._shifting = gear.gear, 0.0
+
+    def advance(self, period: float = PERIOD, steps: int = 10) -> None:
+        """Move on by one period."""
+        torque_wish = self._brake_pipe.pop(0)
+        self._shift(period)
+        for _ in range(steps):
+            self._advance(period / steps, torque_wish)
+        self.wheel_angle += (self._angle_wish - self.wheel_angle) * period / (0.1 + period)
+
+    def reports(self) -> list[Frame]:
+        """Frames of one period."""
+        wheel = self.speed / FUSION.wheel_radius
+        messages = [
+            dbw.BrakeReport(dbw.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, self.enabled, override=self.override),
+            dbw.ThrottleReport(0.15, 0.15, 0.15, self.enabled),
+            dbw.SteeringReport(self.wheel_angle, self._angle_wish, abs(self.speed), 0.0, self.enabled),
+            dbw.GearReport(self.gear, self._wanted),
+            dbw.WheelSpeeds(wheel, wheel, wheel, wheel),
+            dbw.Accelerations(0.0, 0.0, GRAVITY),
+            dbw.YawRate(0.0, self.yaw_rate),
+            dbw.BrakeInfo(0.0, max(self._torque, 0.0), self.speed == 0.0),
+        ]
+        frames = [dbw.encode(message, self.variant) for message in messages]
+        return [self.forged.get(frame.id, frame) for frame in frames if frame.id not in self.silent]
+
+    @property
+    def yaw_rate(self) -> float:
+        return self.speed * math.tan(self.wheel_angle / FUSION.steering_ratio) / FUSION.wheelbase
+
+    def _shift(self, period: float) -> None:
+        if self._wanted not in (Gear.NONE, self.gear):
+            self._shifting += period
+            if self._shifting >= self.shift_time and abs(self.speed) < 0.5:
+                self.gear = self._wanted
+
+    def _advance(self, dt: float, torque_wish: float) -> None:
+        self._torque += (torque_wish - self._torque) * dt / self.brake_lag
+        self._throttle += (self._throttle_wish - self._throttle) * dt / self.drive_lag
+        speed = self.speed
+        push = -self.mass * GRAVITY * math.sin(self.grade)
+        if self.gear is Gear.DRIVE:
+            push += self._throttle * min(6500.0, 120_000.0 / max(speed, 1.0))
+            push += 600.0 * max(0.0, 1.0 - max(speed, 0.0) / 2.0)
+        push -= 0.5 * 1.2 * 0.62 * speed * abs(speed)
+        grip = self.brake_gain * self._torque / (550.0 / 1690.0) + 0.012 * self.mass * GRAVITY
+        if self.gear is Gear.PARK:
+            grip += 20_000.0
+        if speed == 0.0:
+            push = math.copysign(max(abs(push) - grip, 0.0), push)
+            self.speed = push / self.mass * dt
+            return
+        after = speed + (push - math.copysign(grip, speed)) / self.mass * dt
+        # Friction stops a car, it doesn't turn it round.
+        self.speed = 0.0 if after * speed < 0.0 else after
+
+
+@dataclass
+class Rig:
+    """A gateway and a car, run together tick by tick."""
+
+    car: Car = field(default_factory=Car)
+    gateway: Gateway | None = None
+    tick: int = -1
+    sequence: int = 0
+    frames: tuple[Frame, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.gateway is None:
+            self.gateway = Gateway(FUSION, period=PERIOD, variant=self.car.variant)
+
+    @property
+    def now(self) -> float:
+        return self.tick * PERIOD
+
+    def setpoint(self, acceleration: float = 0.0, steering: float = 0.0, **changes: object) -> Setpoint:
+        """The setpoint that an honest drive would send now."""
+        self.sequence += 1
+        values = {
+            "sequence": self.sequence,
+            "time": self.now,
+            "expires": self.now + 0.1,
+            "speed": self.car.speed,
+            "yaw_rate": self.car.yaw_rate,
+            "grade": self.car.grade,
+        }
+        return Setpoint(steering, acceleration, **(values | changes))
+
+    def step(
+        self,
+        acceleration: float | None = 0.0,
+        steering: float = 0.0,
+        act: Act | None = None,
+        extra: tuple[Frame, ...] = (),
+        **changes: object,
+    ) -> Verdict:
+        """One tick; acceleration None sends no setpoint."""
+        self.tick += 1
+        setpoint = None if acceleration is None else self.setpoint(acceleration, steering, **changes)
+        output = self.gateway.step(self.now, setpoint, [*self.car.reports(), *extra], act)
+        self.frames = output.frames
+        self.car.hear(output.frames)
+        self.car.advance()
+        return output.verdict
+
+    def run(self, duration: float, acceleration: float | None = 0.0, **arguments: object) -> list[Verdict]:
+        """Ticks for `duration` seconds."""
+        return [self.step(acceleration, **arguments) for _ in range(round(duration / PERIOD))]
+
+    def engage(self) -> None:
+        """Bring the car to "engaged, in drive, standing"."""
+        self.step(act=Act.ENGAGE)
+        self.run(1.5)
+
+    def cruise(self, speed: float = 10.0) -> None:
+        """Engage, and accelerate to about `speed`."""
+        self.engage()
+        while self.car.speed < speed:
+            self.step(1.5)
+        self.run(1.0)
+
+    def commands(self) -> list[dbw.Message]:
+        """What the frames of the last tick say."""
+        return [dbw.decode(frame, self.car.variant) for frame in self.frames]

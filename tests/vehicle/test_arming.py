@@ -1,0 +1,71 @@
+"""The arming table, over all states and all events."""
+
+from __future__ import annotations
+
+import itertools
+import re
+
+import pytest
+
+from vve_sumo.values import ArmingState
+from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, REASONS, TRANSITIONS, Event, transition
+
+EVERY = list(itertools.product(ArmingState, Event))
+S = ArmingState
+
+#: Every arrow that leads elsewhere, written down a second time; all other pairs must stay where they are.
+ARROWS = {
+    (S.DISARMED, Event.CONDITIONS_MET): S.READY,
+    (S.DISARMED, Event.FAULT): S.FAULT,
+    (S.READY, Event.CONDITIONS_LOST): S.DISARMED,
+    (S.READY, Event.ENGAGE): S.ENGAGED,
+    (S.READY, Event.EXPIRED): S.DISARMED,
+    (S.READY, Event.FAULT): S.FAULT,
+    (S.READY, Event.OVERRIDE): S.DISARMED,
+    (S.READY, Event.STOP): S.DISARMED,
+    (S.READY, Event.DISARM): S.DISARMED,
+    (S.ENGAGED, Event.EXPIRED): S.STOPPING,
+    (S.ENGAGED, Event.FAULT): S.STOPPING,
+    (S.ENGAGED, Event.OVERRIDE): S.FAULT,
+    (S.ENGAGED, Event.STOP): S.STOPPING,
+    (S.ENGAGED, Event.DISARM): S.STOPPING,
+    (S.STOPPING, Event.OVERRIDE): S.FAULT,
+    (S.STOPPING, Event.AT_REST): S.STOPPED,
+    (S.STOPPED, Event.OVERRIDE): S.FAULT,
+    (S.STOPPED, Event.DISARM): S.DISARMED,
+    (S.FAULT, Event.DISARM): S.DISARMED,
+}
+
+
+@pytest.mark.parametrize(("state", "event"), EVERY)
+def test_every_pair_goes_where_the_second_list_says(state, event):
+    assert transition(state, event) is ARROWS.get((state, event), state)
+
+
+def test_the_table_is_complete_and_nothing_more():
+    assert {(state, event) for state, row in TRANSITIONS.items() for event in row} == set(EVERY)
+
+
+def test_engaged_is_entered_by_the_operators_act_alone():
+    into = [(state, event) for state, event in EVERY if transition(state, event) is S.ENGAGED]
+    assert [pair for pair in into if pair[0] is not S.ENGAGED] == [(S.READY, Event.ENGAGE)]
+
+
+def test_once_stopping_no_run_of_events_engages_without_disarming_and_engaging_anew():
+    reached, frontier = set(), {S.STOPPING}
+    while frontier:
+        reached |= frontier
+        frontier = {transition(s, e) for s in frontier for e in Event if e is not Event.DISARM} - reached
+    assert reached == {S.STOPPING, S.STOPPED, S.FAULT}
+
+
+def test_a_commanded_car_is_let_go_only_by_the_driver_or_at_rest():
+    let_go = {(s, e) for s, e in EVERY if s in COMMANDING and transition(s, e) not in COMMANDING}
+    assert let_go == {(s, Event.OVERRIDE) for s in COMMANDING} | {(S.STOPPED, Event.DISARM)}
+
+
+def test_reasons_are_codes_with_plain_words():
+    assert list(REASONS) == sorted(REASONS)
+    assert all(re.fullmatch(r"[a-z]+(_[a-z]+)*", code) for code in REASONS)
+    assert all(len(words.split()) >= 3 and words[-1] != "." for words in REASONS.values())
+    assert set(REASONS) >= CRITICAL

@@ -1,0 +1,190 @@
+"""Traffic of every lane that the ego's body cuts reacts, whichever way the body lies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from shapely import Polygon, box
+
+from tests.isolated import isolated
+from tests.world.streets import FUSION, PERIOD, along, crossing, demand, grid, lane_points, pose, street, trips, way
+from vve_sumo.world.footprint import Rectangle, behind_bumper
+from vve_sumo.world.street import World
+
+FLOWS = (
+    '<vType id="car" sigma="0" lcStrategic="0" lcSpeedGain="0" lcCooperative="0" lcKeepRight="0"/>'
+    '<flow id="right" type="car" begin="0" end="300" period="6" departLane="0" departPos="300" departSpeed="15"><route edges="east"/></flow>'
+    '<flow id="left" type="car" begin="0" end="300" period="6" departLane="1" departPos="300" departSpeed="15"><route edges="east"/></flow>'
+    '<flow id="oncoming" type="car" begin="0" end="300" period="6" departPos="300" departSpeed="15"><route edges="west"/></flow>'
+)
+
+
+@dataclass
+class Seen:
+    """What happened around a standing or driving ego."""
+
+    touched: set[str]
+    nearest_stop: dict[str, float]
+    passed: set[str]
+    ghosts_among_actors: set[str]
+    lane: str
+
+
+def _polygon(shape: Rectangle) -> Polygon:
+    return Polygon(shape.corners())
+
+
+def _watch(folder: str, x: float, y: float, heading: float, speed: float, seconds: float) -> Seen:
+    """Put the ego on the street (east lanes at y = -4.8 and -1.6, west at 1.6) and look at the traffic."""
+    root = Path(folder)
+    seen = Seen(set(), {}, set(), set(), "")
+    cars = demand(root, FLOWS)
+    with World(street(root), demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, range_of_interest=400.0) as world:
+        for k in range(int(seconds / PERIOD)):
+            at = x + speed * k * PERIOD
+            world.place(pose(k * PERIOD, at, y, heading, speed))
+            seen.lane = world.step().lane
+            actors = world.actors()
+            body = _polygon(behind_bumper(at, y, heading, FUSION.length, FUSION.width))
+            contacts = set()
+            for i, name in enumerate(actors.ids):
+                flow = name.partition(".")[0]
+                if flow not in ("right", "left", "oncoming"):
+                    seen.ghosts_among_actors.add(name)
+                gap = body.distance(_polygon(Rectangle(*(float(c[i]) for c in _columns(actors)))))
+                if gap == 0.0:
+                    contacts.add(name)
+                if actors.speed[i] < 0.05:
+                    seen.nearest_stop[flow] = min(gap, seen.nearest_stop.get(flow, math.inf))
+                if (actors.x[i] - at) * (-1.0 if flow == "oncoming" else 1.0) > 20.0:
+                    seen.passed.add(flow)
+            assert contacts == set(world.contacts())
+            seen.touched |= contacts
+    return seen
+
+
+def _columns(actors):
+    return actors.x, actors.y, actors.heading, actors.length, actors.width
+
+
+LINE = -3.2  #: between the two eastward lanes
+LANES = {"right": (-6.4, LINE), "left": (LINE, 0.0), "oncoming": (0.0, 3.2)}
+STANDING = {
+    "in its lane": (500.0, -1.6, 0.0),
+    "half a metre off the middle": (500.0, -1.1, 0.0),
+    "on the line, mapped left": (500.0, LINE + 0.1, 0.0),
+    "on the line, mapped right": (500.0, LINE - 0.1, 0.0),
+    "a hand's breadth over the line": (500.0, LINE + 0.8, 0.0),
+    "over the centre line": (500.0, -0.2, 0.0),
+    "45 degrees": (500.0, -1.6, math.pi / 4),
+    "45 degrees the other way": (500.0, -1.6, -math.pi / 4),
+    "across, nose on the oncoming lane": (500.0, 1.0, math.pi / 2),
+    "across, nose off the road": (500.0, 3.6, math.pi / 2),
+    "off the road but for a corner": (500.0, -6.9, 0.1),
+    "wrong way round": (500.0, LINE, math.pi),
+}
+
+
+@pytest.mark.parametrize("case", STANDING)
+def test_traffic_of_every_cut_lane_stops_and_nobody_touches(tmp_path, case):
+    x, y, heading = STANDING[case]
+    body = _polygon(behind_bumper(x, y, heading, FUSION.length, FUSION.width))
+    cut = {name for name, (low, high) in LANES.items() if body.intersects(box(0.0, low, 1000.0, high))}
+    seen = isolated(_watch, str(tmp_path), x, y, heading, 0.0, 30.0)
+    assert seen.touched == set()
+    assert seen.ghosts_among_actors == set()
+    assert seen.nearest_stop.keys() == cut
+    assert all(gap < 9.0 for gap in seen.nearest_stop.values()), seen.nearest_stop
+    assert seen.passed == LANES.keys() - cut
+
+
+@pytest.mark.parametrize(("y", "cut"), [(LINE + 0.1, "right"), (LINE - 0.1, "left")])
+def test_a_driving_ego_on_the_line_is_not_driven_through(tmp_path, y, cut):
+    seen = isolated(_watch, str(tmp_path), 350.0, y, 0.0, 7.0, 30.0)
+    assert seen.touched == set()
+    assert cut not in seen.passed
+
+
+def _weave(folder: str) -> tuple[list[int], list[int]]:
+    """Number of ghosts while the ego crosses the line and comes back, and after it left the road for good."""
+    root = Path(folder)
+    weaving, away = [], []
+    with World(street(root), demand=[], seed=1, period=PERIOD, vehicle=FUSION) as world:
+        for k in range(1000):
+            y = -1.6 - 1.6 * math.sin(k / 1000 * math.pi)
+            world.place(pose(k * PERIOD, 100.0 + 0.2 * k, y, 0.0, 10.0))
+            assert world.step().faults == ()
+            weaving.append(len(world._ghosts.lanes))
+        for k in range(100):
+            world.place(pose(20.0 + k * PERIOD, 300.0, -30.0, 0.0, 0.0))
+            assert world.step().faults == ()
+            away.append(len(world._ghosts.lanes))
+    return weaving, away
+
+
+def test_ghosts_come_with_the_line_and_go_with_it(tmp_path):
+    weaving, away = isolated(_weave, str(tmp_path))
+    assert weaving[1:100] == [0] * 99
+    assert weaving[400:600] == [2] * 200
+    assert weaving[-100:] == [0] * 100
+    assert away[1:] == [0] * 99
+
+
+def _junction(folder: str) -> tuple[set[str], bool, int]:
+    """The ego stands across the middle of a junction, then leaves; the crossing traffic waits, then flows."""
+    root = Path(folder)
+    flows = "".join(
+        f'<flow id="{a}{b}" begin="0" end="100" period="7" departPos="150" departSpeed="10"><route edges="{a}c c{b}"/></flow>'
+        for a, b in ("we", "ew", "ns", "sn")
+    )
+    touched: set[str] = set()
+    went_while_blocked, arrived = False, 0
+    with World(crossing(root), demand=[demand(root, flows)], seed=1, period=PERIOD, vehicle=FUSION) as world:
+        for k in range(3000):
+            blocked = k < 1500
+            world.place(pose(k * PERIOD, 2.0, 2.0, math.pi / 4, 0.0) if blocked else pose(k * PERIOD, 0.0, 80.0, 0.0, 0.0))
+            world.step()
+            actors = world.actors()
+            touched |= set(world.contacts()) if blocked else set()
+            inside = [i for i in range(len(actors.ids)) if abs(actors.x[i]) > 20.0 or abs(actors.y[i]) > 20.0]
+            for i in inside:
+                out = actors.x[i] * math.cos(actors.heading[i]) + actors.y[i] * math.sin(actors.heading[i]) > 20.0
+                went_while_blocked |= blocked and out
+                arrived += not blocked and out
+    return touched, went_while_blocked, arrived
+
+
+def test_an_ego_across_a_junction_holds_the_traffic_of_all_arms(tmp_path):
+    touched, went, arrived = isolated(_junction, str(tmp_path))
+    assert touched == set()
+    assert not went
+    assert arrived > 0
+
+
+def _town(folder: str) -> tuple[int, int]:
+    """Turns through junctions with traffic all around: how many ticks had ghosts, and how many cars still arrived."""
+    import libsumo
+
+    root = Path(folder)
+    network = grid(root)
+    block = ["B1C1", "C1C2", "C2B2", "B2B1"]
+    lap = list(along(lane_points(network, way(network, block * 2 + block[:1])), 6.0 * PERIOD))
+    haunted = arrived = 0
+    cars = trips(root, network, 60, 2.0)
+    with World(network, demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, route=block * 4) as world:
+        for k in range(6000):
+            x, y, heading = lap[k % len(lap)]
+            world.place(pose(k * PERIOD, x, y, heading, 6.0))
+            assert world.step().faults == ()
+            haunted += bool(world._ghosts.lanes)
+            arrived += len(libsumo.simulation.getArrivedIDList())
+    return haunted, arrived
+
+
+def test_ghosts_in_turns_do_not_lock_the_town(tmp_path):
+    haunted, arrived = isolated(_town, str(tmp_path))
+    assert 0 < haunted < 6000 // 2
+    assert arrived > 20

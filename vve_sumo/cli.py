@@ -1,0 +1,290 @@
+"""The face of the package: parses, calls, prints. Everything heavy is imported by the command that needs it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from vve_sumo import __version__
+from vve_sumo.errors import VveError
+
+EXIT_CODES = """exit codes:
+  0  good
+  1  the drive ran and failed its criteria
+  2  wrong use or configuration; nothing was written
+  3  the rig is not ready
+  4  the simulation broke
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, then where to read on."""
+
+    def error(self, message: str) -> None:  # type: ignore[override]
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="vve-sumo",
+        description="Vehicle in Virtual Environment testing on SUMO: a real drive-by-wire car, a virtual street.",
+        epilog="Start with `vve-sumo drive`: it drives the hardware-free car towards a parked car in Linden.\n\n"
+        + EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"vve-sumo {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
+    _add_drive(commands)
+    _add_pose(commands)
+    _add_path(commands)
+    _add_network(commands)
+    _add_design(commands)
+    _add_init(commands)
+    return parser
+
+
+Commands = "argparse._SubParsersAction[_Parser]"
+
+
+def _add(commands: Commands, name: str, summary: str, text: str) -> argparse.ArgumentParser:  # type: ignore[valid-type]
+    added: argparse.ArgumentParser = commands.add_parser(  # type: ignore[attr-defined]
+        name, help=summary, description=text, epilog=EXIT_CODES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    return added
+
+
+def _add_drive(commands: Commands) -> None:  # type: ignore[valid-type]
+    drive = _add(
+        commands,
+        "drive",
+        "drive a scenario with the hardware-free car, or play a recorded drive",
+        "Drive a scenario in lockstep with the hardware-free car: NCOM bytes in, drive-by-wire CAN frames out,\n"
+        "traffic by SUMO. Leaves a record folder with summary.json and drive.png.\n\n"
+        "examples:\n"
+        "  vve-sumo drive                                the paper's drive: a car parked in the middle of the road\n"
+        "  vve-sumo drive parked_car --seed 7 --out a    another seed, record in folder a\n"
+        "  vve-sumo drive --controller mine.py:make      your own controller\n"
+        "  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys",
+    )
+    drive.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    drive.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
+    drive.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's seed")
+    drive.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
+    drive.add_argument(
+        "--pose",
+        type=Path,
+        metavar="FILE",
+        help="send a recorded drive through the chain, laid on the street by matched start: NCOM bytes, or CSV with "
+        "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and logged, nobody obeys",
+    )
+    drive.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
+    drive.set_defaults(run=_drive)
+
+
+def _add_pose(commands: Commands) -> None:  # type: ignore[valid-type]
+    pose = _add(commands, "pose", "look into pose recordings", "Look into what a positioning receiver said.")
+    inner = pose.add_subparsers(dest="what", metavar="WHAT", required=True, parser_class=_Parser)
+    decode = _add(
+        inner,
+        "decode",
+        "write what an NCOM file holds as CSV",
+        "Write one CSV row for every accepted fix of an OXTS NCOM file, and whether a car could drive on it.",
+    )
+    decode.add_argument("file", type=Path, metavar="FILE", help="raw NCOM bytes as received")
+    decode.add_argument("--csv", type=Path, required=True, metavar="OUT", help="CSV file to write")
+    decode.set_defaults(run=_pose_decode)
+
+
+def _add_path(commands: Commands) -> None:  # type: ignore[valid-type]
+    path = _add(commands, "path", "record the ego's path", "Record paths in the virtual world.")
+    inner = path.add_subparsers(dest="what", metavar="WHAT", required=True, parser_class=_Parser)
+    record = _add(
+        inner,
+        "record",
+        "drive from edge to edge and write the way as latitude and longitude",
+        "Let a SUMO car drive through the network and write where its rear axle went as CSV.",
+    )
+    record.add_argument("network", help="name or .net.xml file")
+    record.add_argument("--from", dest="start", required=True, metavar="EDGE", help="edge to start on")
+    record.add_argument("--to", dest="end", required=True, metavar="EDGE", help="edge to end on")
+    record.add_argument(
+        "--start-position", type=float, default=0.0, metavar="M", help="on the first edge, from its start (default: 0)"
+    )
+    record.add_argument("--end-position", type=float, metavar="M", help="on the last edge (default: its end)")
+    record.add_argument("--via", action="append", default=[], metavar="EDGE", help="edge to pass, in order; repeatable")
+    record.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
+    record.set_defaults(run=_path_record)
+
+
+def _add_network(commands: Commands) -> None:  # type: ignore[valid-type]
+    network = _add(commands, "network", "build networks and their traffic", "Build networks and their traffic.")
+    inner = network.add_subparsers(dest="what", metavar="WHAT", required=True, parser_class=_Parser)
+    build = _add(
+        inner,
+        "build",
+        "turn an OpenStreetMap extract into a SUMO network",
+        "Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and US rules.\n"
+        "Needs netconvert: pip install 'vve-sumo[network]'.",
+    )
+    build.add_argument("extract", type=Path, metavar="OSM", help=".osm.xml or .osm.xml.gz, already cut to the area")
+    build.add_argument("--out", type=Path, required=True, metavar="NET", help="network file to write (.net.xml)")
+    build.add_argument(
+        "--origin",
+        type=_latitude_longitude,
+        metavar="LAT,LON",
+        help="centre of the projection in degrees (default: the middle of the extract)",
+    )
+    build.add_argument(
+        "--signal",
+        action="append",
+        default=[],
+        metavar="NODE",
+        help="OpenStreetMap node that carries a traffic signal although the extract does not say so; repeatable",
+    )
+    build.add_argument("--speeds", type=Path, metavar="TYP", help="SUMO type map of speed limits (default: US ones)")
+    build.set_defaults(run=_network_build)
+    demand = _add(
+        inner,
+        "demand",
+        "write seeded traffic for a network",
+        "Write a SUMO route file with seeded random traffic that starts at once and lasts.",
+    )
+    demand.add_argument("network", help="name or .net.xml file")
+    demand.add_argument("--level", choices=("light", "moderate", "heavy"), required=True, help="how much traffic")
+    demand.add_argument("--seed", type=int, default=1, metavar="N", help="of the random choice (default: 1)")
+    demand.add_argument("--out", type=Path, required=True, metavar="ROU", help="route file to write (.rou.xml)")
+    demand.set_defaults(run=_network_demand)
+
+
+def _latitude_longitude(text: str) -> tuple[float, float]:
+    try:
+        latitude, longitude = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected two numbers in degrees such as 40.004,-82.971, got {text!r}") from None
+    return latitude, longitude
+
+
+def _add_design(commands: Commands) -> None:  # type: ignore[valid-type]
+    design = _add(
+        commands,
+        "design",
+        "margins of the steering loop over speed; refuses what the latency would eat",
+        "Print gain, phase and delay margin of the shipped steering gains over the speed range, by python-control.\n"
+        "Refuses (exit 2) a design whose delay margin is below the stated latency.",
+    )
+    design.add_argument("--latency-ms", type=float, default=100.0, metavar="MS", help="end to end (default: 100)")
+    design.set_defaults(run=_design)
+
+
+def _add_init(commands: Commands) -> None:  # type: ignore[valid-type]
+    init = _add(
+        commands,
+        "init",
+        "lay out a workspace of your own",
+        "Copy the shipped controllers, networks, routes and scenarios into a folder. Run vve-sumo from there:\n"
+        "your files win over shipped ones of the same name.",
+    )
+    init.add_argument("folder", type=Path, metavar="DIR", help="folder to lay out; existing files are never replaced")
+    init.set_defaults(run=_init)
+
+
+def _drive(arguments: argparse.Namespace) -> int:
+    from vve_sumo.drive.command import drive
+
+    return drive(
+        arguments.scenario,
+        out=arguments.out,
+        seed=arguments.seed,
+        controller=arguments.controller,
+        pose=arguments.pose,
+        quiet=arguments.quiet,
+    )
+
+
+def _pose_decode(arguments: argparse.Namespace) -> int:
+    from vve_sumo.pose.table import write_csv
+
+    decoder = write_csv(arguments.file, arguments.csv)
+    counts = ", ".join(f"{count} {outcome}" for outcome, count in decoder.counts.items() if count)
+    print(f"{arguments.file}: {decoder.packets} packets ({counts}), {decoder.discarded} bytes outside any packet")
+    print(f"rows written to {arguments.csv}")
+    return 0
+
+
+def _path_record(arguments: argparse.Namespace) -> int:
+    from vve_sumo.workspace import find
+    from vve_sumo.world.survey import record_path
+
+    survey = record_path(
+        find("network", arguments.network, Path.cwd()),
+        arguments.start,
+        arguments.end,
+        arguments.out,
+        via=arguments.via,
+        start_position=arguments.start_position,
+        end_position=arguments.end_position,
+    )
+    radius = f"{1.0 / survey.curvature:.1f} m" if survey.curvature > 1e-6 else "none"
+    print(f"{survey.length:.0f} m of path ({survey.points} points, tightest bend {radius}) written to {arguments.out}")
+    return 0
+
+
+def _network_build(arguments: argparse.Namespace) -> int:
+    from vve_sumo.workspace import shared_file
+    from vve_sumo.world.build import build_network
+
+    speeds = arguments.speeds or shared_file("networks", "us_speeds.typ.xml", Path.cwd())
+    built = build_network(
+        arguments.extract, arguments.out, speeds=speeds, origin=arguments.origin, signals=arguments.signal
+    )
+    for warning in built.warnings:
+        print(f"netconvert: {warning}", file=sys.stderr)
+    print(f"network written to {arguments.out}; it keeps the attribution and licence of its map data")
+    return 0
+
+
+def _network_demand(arguments: argparse.Namespace) -> int:
+    from vve_sumo.workspace import find
+    from vve_sumo.world.demand import write_demand
+
+    drawn = write_demand(
+        find("network", arguments.network, Path.cwd()), arguments.out, level=arguments.level, seed=arguments.seed
+    )
+    print(f"{arguments.level} traffic of {drawn.vehicles} vehicles written to {arguments.out}")
+    return 0
+
+
+def _design(arguments: argparse.Namespace) -> int:
+    from vve_sumo.drive.command import design
+
+    return design(arguments.latency_ms / 1000.0)
+
+
+def _init(arguments: argparse.Namespace) -> int:
+    from vve_sumo.workspace import lay_out
+
+    written = lay_out(arguments.folder)
+    print(f"{len(written)} files laid out in {arguments.folder}; next: cd {arguments.folder} && vve-sumo drive")
+    return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code; an error of ours is one line on the screen."""
+    parsed = _parser().parse_args(arguments)
+    try:
+        code: int = parsed.run(parsed)
+    except VveError as error:
+        print(f"vve-sumo: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("vve-sumo: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        return 1
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

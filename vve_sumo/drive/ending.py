@@ -1,0 +1,68 @@
+"""When a drive is over, and what its ending is called.
+
+Sees one tick after the other; knows neither SUMO nor the record.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from vve_sumo.values import ArmingState
+
+#: below this speed the car counts as standing [m/s]
+STANDING = 0.05
+#: the car has been under way once it was faster than this [m/s]
+UNDER_WAY = 0.5
+#: nearer to the end of the path than this, a stop is an arrival [m]
+ARRIVAL = 10.0
+#: a drive that has not begun to move by then never will [s]
+START_LIMIT = 30.0
+
+
+class Outcome(enum.StrEnum):
+    """How a drive ended."""
+
+    STOPPED = "stopped"  #: at rest before the end of the path
+    ARRIVED = "arrived"  #: at rest at the end of the path
+    CONTACT = "contact"  #: touched something on the virtual street, then stopped
+    FAULT = "fault"  #: the gateway stopped the car for another reason
+    TIMEOUT = "timeout"  #: the scenario's time ran out
+    PLAYED = "played"  #: a recorded drive ran to its end
+    INTERRUPTED = "interrupted"  #: ended from the keyboard
+    BROKEN = "broken"  #: the simulation broke
+
+
+@dataclass(slots=True)
+class Ending:
+    """Watches for the end of a closed-loop drive."""
+
+    path_length: float  #: [m]
+    rest: float  #: how long the car must stand before the drive is over [s]
+    collided: bool = False  #: whether anything was touched so far
+    _moved: bool = False
+    _standing_since: float | None = None
+
+    def step(self, time: float, speed: float, station: float, state: ArmingState, contact: bool) -> Outcome | None:
+        """Return how the drive has ended at drive time `time` [s], or None while it goes on.
+
+        `speed` [m/s] and `station` [m] are the rear axle's; NaN before there is a pose.
+        """
+        self.collided |= contact
+        self._moved |= speed > UNDER_WAY
+        if not abs(speed) < STANDING:
+            self._standing_since = None
+            return None
+        if self._standing_since is None:
+            self._standing_since = time
+        rested = time - self._standing_since >= self.rest
+        if not self._moved:
+            return Outcome.FAULT if state is ArmingState.FAULT or time > START_LIMIT else None
+        return self._name(station, state) if rested else None
+
+    def _name(self, station: float, state: ArmingState) -> Outcome:
+        if self.collided:
+            return Outcome.CONTACT
+        if state is not ArmingState.ENGAGED:
+            return Outcome.FAULT
+        return Outcome.ARRIVED if self.path_length - station < ARRIVAL else Outcome.STOPPED

@@ -1,0 +1,161 @@
+"""The lockstep shell: hardware-free car, street and chain on one simulated clock, as fast as it goes.
+
+Time is `tick * PERIOD`; nothing here looks at a real clock. The wire formats are real: the car speaks NCOM bytes and
+CAN frames, and the chain answers with CAN frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from vve_sumo.controller import Guarded
+from vve_sumo.drive.chain import Acted, Chain
+from vve_sumo.drive.ending import Ending, Outcome
+from vve_sumo.drive.record import Record
+from vve_sumo.drive.rows import tick_row
+from vve_sumo.drive.setting import EPOCH, PERIOD, Setting
+from vve_sumo.drive.street import Street, lot_frame, open_world, standing
+from vve_sumo.frames import Alignment, Placement
+from vve_sumo.plant import fusion as plant
+from vve_sumo.plant.car import Car, CarOutput, CarParameters
+from vve_sumo.pose.ncom import Decoder
+from vve_sumo.pose.predict import Predictor
+from vve_sumo.pose.trust import DRIVE, TrustGate
+from vve_sumo.sensors.radar import Radar
+from vve_sumo.values import ArmingState, Pose
+from vve_sumo.vehicle.gateway import Act, Gateway
+
+#: called once a tick with the tick's number, drive time [s], speed [m/s] and station [m]
+Watch = Callable[[int, float, float, float], None]
+
+CAR_BUS = "can0"  #: the car's bus as it is called in the record
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """How a drive went, beside what its record holds."""
+
+    outcome: Outcome
+    collided: bool
+    reasons: tuple[str, ...]  #: the gateway's, at the end
+    ticks: int
+    duration: float  #: drive time [s]
+    anchor_position_error: float  #: the largest of all ticks [m]
+    anchor_speed_error: float  #: the largest of all ticks [m/s]
+    text: str = ""  #: what an exception said, where one ended the drive
+
+
+def car_parameters(setting: Setting) -> CarParameters:
+    """Return the hardware-free car as the scenario perturbs it."""
+    wanted = setting.scenario.ego.car
+    return plant.parameters(
+        noise=wanted.noise,
+        delay=wanted.gnss_delay_s,
+        mass_factor=wanted.mass_factor,
+        brake_gain_factor=wanted.brake_gain_factor,
+        grade=math.atan(wanted.grade_percent / 100.0),
+        steering_wheel_bias=math.radians(wanted.steering_wheel_bias_deg),
+        heading_misalignment=-math.radians(wanted.heading_misalignment_deg),
+    )
+
+
+class Lockstep:
+    """One drive with the hardware-free car. Making it starts SUMO; `close` it in any case."""
+
+    def __init__(self, setting: Setting, working: FilePath) -> None:
+        """Put everything together; raises ConfigError where something in the setting is not usable."""
+        scenario = setting.scenario
+        lot = scenario.ego.lot
+        frame = lot_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
+        start, begin = standing(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), setting.path.at(0.0)
+        self._alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
+        parameters = car_parameters(setting)
+        car_seeds, radar_seeds = np.random.SeedSequence(scenario.seed).spawn(2)
+        self._car = Car(parameters, (start.x, start.y, start.heading), frame, EPOCH, car_seeds)
+        self._setting = setting
+        self._chain = Chain(
+            decoder=Decoder(),
+            gate=TrustGate(DRIVE, EPOCH),
+            placement=Placement(frame, self._alignment, parameters.receiver.mounting, EPOCH),
+            predictor=Predictor(),
+            radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(radar_seeds)),
+            controller=Guarded(setting.controller(working)),
+            gateway=Gateway(setting.vehicle, calibration=parameters.calibration, period=PERIOD),
+            vehicle=setting.vehicle,
+            path=setting.path,
+            desired_speed=scenario.ego.speed_mps,
+        )
+        self._world = open_world(setting)
+        self._street = Street(self._world)
+        self._ending = Ending(setting.path.length, scenario.after_stop_s)
+        self._engaged = self._ready = False
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._world.close()
+
+    def ticks(self, record: Record) -> Iterator[tuple[Acted, Pose]]:
+        """Tick after tick, for ever: what it came to and where the car really was, on the street."""
+        heard = CarOutput([], [])
+        for tick in count():
+            acted, truth = self._tick(tick, tick * PERIOD, heard, record)
+            heard = self._car.step((tick + 1) * PERIOD, acted.frames)
+            yield acted, truth
+
+    def run(self, record: Record, watch: Watch) -> Run:
+        """Drive to the end and return how it went; everything else is in the record."""
+        last = round(self._setting.scenario.duration_s / PERIOD) - 1
+        for tick, (acted, truth) in enumerate(self.ticks(record)):
+            now, contact = tick * PERIOD, bool(self._street.contacts)
+            watch(tick, now, truth.speed, acted.station)
+            outcome = self._ending.step(now, truth.speed, acted.station, acted.verdict.state, contact)
+            if outcome is None and tick >= last:
+                outcome = Outcome.TIMEOUT
+            if outcome is not None:
+                return self._run(outcome, tick, acted)
+        raise AssertionError("ticks never end by themselves")
+
+    def _run(self, outcome: Outcome, tick: int, acted: Acted) -> Run:
+        return Run(
+            outcome=outcome,
+            collided=self._ending.collided,
+            reasons=acted.verdict.reasons,
+            ticks=tick + 1,
+            duration=tick * PERIOD,
+            anchor_position_error=self._street.worst_position,
+            anchor_speed_error=self._street.worst_speed,
+            text=self._chain.failure,
+        )
+
+    def _tick(self, tick: int, now: float, heard: CarOutput, record: Record) -> tuple[Acted, Pose]:
+        for time, frame in heard.reports:
+            record.saw_frames(time, CAR_BUS, (frame,))
+        for time, data in heard.ncom:
+            record.received_pose(time, data)
+            self._chain.receive(time, data)
+        reports = [frame for _time, frame in heard.reports]
+        street = self._street
+        acted = self._chain.act(tick, now, street.actors, reports, self._act(), street.found)
+        record.saw_frames(now, CAR_BUS, acted.frames)
+        self._engaged |= acted.verdict.state is ArmingState.ENGAGED
+        self._ready = acted.verdict.state is ArmingState.READY
+        seen = street.actors.ids
+        if acted.scan is not None:
+            record.scanned(tick, acted.detections, [seen[row] for row in acted.scan.actor_rows])
+        truth = self._alignment.apply(self._car.truth())
+        asked = self._chain.front_bumper_at((tick + 1) * PERIOD)
+        report = street.advance(asked)
+        record.ticked(tick_row(tick, now, acted, self._chain, truth, self._setting.path, asked, report, street))
+        if report is not None:
+            record.snapshot(tick + 1, street.actors)
+        return acted, truth
+
+    def _act(self) -> Act | None:
+        """The operator's one act: engage as soon as the gateway is ready, and never again."""
+        return Act.ENGAGE if self._ready and not self._engaged else None

@@ -1,0 +1,122 @@
+"""The playback shell: a recorded drive goes through the same chain, laid on the street by matched start.
+
+Time is the recording's own; nothing here looks at a real clock. The trust profile can never arm: setpoints are computed
+and recorded, the gateway stays disarmed, and nobody obeys.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import astuple
+from itertools import chain as chained
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from vve_sumo.controller import Guarded
+from vve_sumo.drive.chain import Chain
+from vve_sumo.drive.ending import Outcome
+from vve_sumo.drive.lockstep import CAR_BUS, Run, Watch
+from vve_sumo.drive.record import Record
+from vve_sumo.drive.rows import tick_row
+from vve_sumo.drive.setting import PERIOD, Setting
+from vve_sumo.drive.street import Street, lot_frame, open_world, standing
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import Alignment, Mounting, Placement
+from vve_sumo.pose import recording
+from vve_sumo.pose.ncom import Decoder
+from vve_sumo.pose.predict import Predictor
+from vve_sumo.pose.trust import PLAYBACK, TrustGate
+from vve_sumo.sensors.radar import Radar
+from vve_sumo.values import ArmingState, Fix
+from vve_sumo.vehicle.gateway import Gateway
+
+#: a recording says nothing of its receiver's place: its positions are taken as the rear axle's
+AT_REAR_AXLE = Mounting(0.0, 0.0)
+
+
+def _first_usable(file: FilePath, fixes: Iterator[Fix], epoch: float) -> Fix:
+    gate = TrustGate(PLAYBACK, epoch)
+    for fix in fixes:
+        if gate.step(fix.time - epoch, fix).trusted:
+            return fix
+    raise ConfigError(f"{file}: no fix with time, position, velocity and heading that could be played")
+
+
+class Playback:
+    """One recorded drive. Making it starts SUMO; `close` it in any case."""
+
+    def __init__(self, setting: Setting, file: FilePath, working: FilePath) -> None:
+        """Match the recording's first usable fix with the start of the path; raises ConfigError where that fails."""
+        fixes = recording.fixes(file)
+        opening = next(fixes, None)
+        if opening is None:
+            raise ConfigError(f"{file}: no fix in it")
+        self.epoch = math.floor(opening.time)
+        first = _first_usable(file, chained((opening,), fixes), self.epoch)
+        self._fixes = recording.fixes(file)
+        frame = lot_frame(first.latitude, first.longitude)
+        begin = setting.path.at(0.0)
+        there = Placement(frame, Alignment(), AT_REAR_AXLE, self.epoch).place(first)
+        here = standing(begin.x, begin.y, begin.heading)
+        self._setting, self._begin = setting, first.time - self.epoch
+        self._chain = Chain(
+            decoder=Decoder(),
+            gate=TrustGate(PLAYBACK, self.epoch),
+            placement=Placement(frame, Alignment.from_matched_start(there, here), AT_REAR_AXLE, self.epoch),
+            predictor=Predictor(),
+            radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(setting.scenario.seed)),
+            controller=Guarded(setting.controller(working)),
+            gateway=Gateway(setting.vehicle, period=PERIOD),
+            vehicle=setting.vehicle,
+            path=setting.path,
+            desired_speed=setting.scenario.ego.speed_mps,
+        )
+        self._world = open_world(setting)
+        self._street = Street(self._world)
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._world.close()
+
+    def run(self, record: Record, watch: Watch) -> Run:
+        """Play to the end of the recording and return how it went; everything else is in the record."""
+        tick = first = math.ceil(self._begin / PERIOD)
+        coming = next(self._fixes, None)
+        collided, reasons = False, ()
+        while coming is not None:
+            now = tick * PERIOD
+            while coming is not None and coming.time - self.epoch <= now:
+                record.received_pose(coming.time_received, repr(astuple(coming)).encode() + b"\n")
+                self._chain.accept(coming.time - self.epoch, coming)
+                coming = next(self._fixes, None)
+            reasons = self._tick(tick, now, record, watch)
+            collided |= bool(self._street.contacts)
+            tick += 1
+        return Run(
+            outcome=Outcome.PLAYED,
+            collided=collided,
+            reasons=reasons,
+            ticks=tick - first,
+            duration=(tick - first) * PERIOD,
+            anchor_position_error=self._street.worst_position,
+            anchor_speed_error=self._street.worst_speed,
+            text=self._chain.failure,
+        )
+
+    def _tick(self, tick: int, now: float, record: Record, watch: Watch) -> tuple[str, ...]:
+        street, chain = self._street, self._chain
+        acted = chain.act(tick, now, street.actors, (), None, street.found)
+        assert acted.verdict.state in (ArmingState.DISARMED, ArmingState.FAULT)
+        record.saw_frames(now, CAR_BUS, acted.frames)
+        seen = street.actors.ids
+        if acted.scan is not None:
+            record.scanned(tick, acted.detections, [seen[row] for row in acted.scan.actor_rows])
+        asked = chain.front_bumper_at((tick + 1) * PERIOD)
+        report = street.advance(asked)
+        record.ticked(tick_row(tick, now, acted, chain, None, self._setting.path, asked, report, street))
+        if report is not None:
+            record.snapshot(tick + 1, street.actors)
+        watch(tick, now, acted.pose.speed if acted.pose else 0.0, acted.station)
+        return acted.verdict.reasons

@@ -1,0 +1,167 @@
+"""From a scenario's names to everything a drive needs: files found and hashed, the path laid into the street's map.
+
+Reads files, opens nothing for good; starts neither SUMO nor a car.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path as FilePath
+from typing import Any
+
+from vve_sumo import __version__, workspace
+from vve_sumo.controller import Controller, load
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import MapFrame
+from vve_sumo.path import Path
+from vve_sumo.scenario.schema import Scenario
+from vve_sumo.sensors.radar import RadarConfig, RadarMode
+from vve_sumo.values import Vehicle
+from vve_sumo.vehicle import fusion
+from vve_sumo.world.network import Network, read_network
+
+PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
+#: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
+EPOCH = 1_451_260_818.0
+#: libraries whose version is recorded beside our own: another one may drive differently
+PARTS_THAT_DECIDE = ("libsumo", "numpy", "scipy", "pyproj")
+PATH_COLUMNS = ("latitude_deg", "longitude_deg")
+#: comment in a path's file that names the edges it runs along
+EDGES = "# edges:"
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A scenario with all its names resolved."""
+
+    name: str  #: of the scenario
+    scenario: Scenario
+    network: Network
+    demand: tuple[FilePath, ...]
+    street: MapFrame  #: of the network
+    path: Path  #: of the rear axle, in the street's map
+    route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
+    vehicle: Vehicle  #: as declared
+    files: Mapping[str, FilePath]  #: what was read, by role
+
+    def resolved(self) -> dict[str, Any]:
+        """Return what the record keeps: the scenario, the content of its files as hashes, and the versions."""
+        return {
+            "scenario": self.name,
+            "settings": self.scenario.model_dump(mode="json"),
+            "period_s": PERIOD,
+            "files_sha256": {role: _digest(file) for role, file in sorted(self.files.items())},
+            "versions": versions(),
+        }
+
+    def controller(self, working: FilePath) -> Controller:
+        """Make the system under test; raises ConfigError as `controller.load` does."""
+        control = self.scenario.controller
+        return load(control.name, self.vehicle, dict(control.tuning), workspace.controller_folders(working))
+
+    def radar(self) -> RadarConfig:
+        """Return the radar's configuration."""
+        wanted = self.scenario.radar
+        config = RadarConfig()
+        if wanted.range_limit_m is not None:
+            limit = wanted.range_limit_m
+            modes = tuple(RadarMode(min(mode.range_max, limit), mode.half_angle) for mode in config.modes)
+            config = RadarConfig(modes=modes)
+        return config.ideal() if wanted.ideal else config
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what decides how a drive goes."""
+    return {"vve-sumo": __version__} | {name: version(name) for name in PARTS_THAT_DECIDE}
+
+
+def _digest(file: FilePath) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def resolve(name: str, scenario: Scenario, file: FilePath, working: FilePath) -> Setting:
+    """Find what a scenario names; `file` is the scenario's own, whose folder relative names count from.
+
+    Raises ConfigError naming what is missing or wrong.
+    """
+
+    def find(kind: str, wanted: str) -> FilePath:
+        return workspace.find(kind, wanted, working, beside=file.parent)
+
+    network = read_network(find("network", scenario.street.network))
+    demand = tuple(find("demand", wanted) for wanted in scenario.street.demand)
+    path_file = find("path", scenario.ego.path)
+    street = network.frame()
+    path, route = read_path(path_file, street, network)
+    for obstacle in scenario.obstacles:
+        if obstacle.at_m > path.length:
+            raise ConfigError(
+                f"{file}: obstacles: {obstacle.id}: at_m {obstacle.at_m:g} lies beyond the path's {path.length:.1f} m"
+            )
+    files = {"network": network.path, "path": path_file}
+    files |= {f"demand_{number}": found for number, found in enumerate(demand)}
+    files |= _controller_files(scenario.controller.name, working)
+    return Setting(name, scenario, network, demand, street, path, route, fusion.vehicle(), files)
+
+
+def _controller_files(name: str, working: FilePath) -> dict[str, FilePath]:
+    """Return the files of the folder that a controller comes from; its neighbours may decide as much as itself."""
+    if ":" in name:
+        folder = FilePath(name.rpartition(":")[0]).parent
+    else:
+        folder = next((f for f in workspace.controller_folders(working) if (f / f"{name}.py").is_file()), FilePath())
+        if not (folder / f"{name}.py").is_file():
+            return {}
+    return {f"controller_{file.stem}": file for file in sorted(folder.glob("*.py"))}
+
+
+def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
+    """Return the path in a CSV file, laid into the street's map, and the edges that the file says it runs along.
+
+    Raises ConfigError naming file and line for what is no coordinate, and for a point outside the network.
+    """
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"path {file}: cannot be read: {error}") from None
+    lines = text.splitlines()
+    route = next((tuple(line[len(EDGES) :].split()) for line in lines if line.startswith(EDGES)), ())
+    rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
+    header = next(csv.reader([rows[0][1]])) if rows else []
+    missing = [column for column in PATH_COLUMNS if column not in header]
+    if missing:
+        raise ConfigError(f"path {file}: no column {missing[0]}, expected a header with {', '.join(PATH_COLUMNS)}")
+    columns = [header.index(column) for column in PATH_COLUMNS]
+    points = [_point(file, number, line, columns) for number, line in rows[1:]]
+    placed = [street.to_map(latitude, longitude) for latitude, longitude in points]
+    for (number, _line), (x, y) in zip(rows[1:], placed, strict=True):
+        _inside(file, number, x, y, network)
+    try:
+        return Path.from_points([x for x, _y in placed], [y for _x, y in placed]), route
+    except ConfigError as error:
+        raise ConfigError(f"path {file}: {error}") from None
+
+
+def _point(file: FilePath, number: int, line: str, columns: list[int]) -> tuple[float, float]:
+    cells = next(csv.reader([line]))
+    try:
+        latitude, longitude = (float(cells[column]) for column in columns)
+    except (ValueError, IndexError):
+        raise ConfigError(f"path {file}, line {number}: expected two numbers in degrees, got {line!r}") from None
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        raise ConfigError(f"path {file}, line {number}: {latitude}, {longitude} is no place on Earth, in degrees")
+    return math.radians(latitude), math.radians(longitude)
+
+
+def _inside(file: FilePath, number: int, x: float, y: float, network: Network) -> None:
+    least_x, least_y, greatest_x, greatest_y = network.boundary
+    if not (least_x <= x <= greatest_x and least_y <= y <= greatest_y):
+        raise ConfigError(
+            f"path {file}, line {number}: ({x:.1f}, {y:.1f}) m lies off the network {network.path.name}, which spans "
+            f"{least_x:.0f} to {greatest_x:.0f} and {least_y:.0f} to {greatest_y:.0f}"
+        )

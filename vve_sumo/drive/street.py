@@ -1,0 +1,78 @@
+"""The street as a shell drives it: starts the world from a setting, places the ego, remembers what the next tick sees.
+
+Both lockstep and playback use it; it knows no car and no controller.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vve_sumo.drive.setting import PERIOD, Setting
+from vve_sumo.frames import MapFrame
+from vve_sumo.values import Actors, Point, Pose
+from vve_sumo.world.anchor import AnchorReport
+from vve_sumo.world.obstacles import MapSpot, Obstacle
+from vve_sumo.world.street import World
+from vve_sumo.world.surroundings import table
+
+
+def obstacles_of(setting: Setting) -> tuple[Obstacle, ...]:
+    """Return the scenario's obstacles, laid beside the path."""
+    placed = []
+    for wanted in setting.scenario.obstacles:
+        at = setting.path.at(wanted.at_m)
+        x = at.x - wanted.offset_m * math.sin(at.heading)
+        y = at.y + wanted.offset_m * math.cos(at.heading)
+        spot = MapSpot(x, y, at.heading + math.radians(wanted.turned_deg))
+        placed.append(Obstacle(wanted.id, spot, wanted.length_m, wanted.width_m))
+    return tuple(placed)
+
+
+def lot_frame(latitude: float, longitude: float) -> MapFrame:
+    """Return a plane map of a lot, centred on a place in it [rad]."""
+    where = f"+lat_0={math.degrees(latitude):.9f} +lon_0={math.degrees(longitude):.9f}"
+    return MapFrame(f"+proj=tmerc {where} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
+
+
+def standing(x: float, y: float, heading: float) -> Pose:
+    """Return the pose of a rear axle at rest."""
+    return Pose(0.0, Point.REAR_AXLE, x, y, heading, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def open_world(setting: Setting) -> World:
+    """Start SUMO with the setting's street, traffic and obstacles; raises ConfigError as World does."""
+    return World(
+        setting.network.path,
+        demand=setting.demand,
+        seed=setting.scenario.seed,
+        period=PERIOD,
+        vehicle=setting.vehicle,
+        obstacles=obstacles_of(setting),
+        warm_up=setting.scenario.street.warm_up_s,
+        route=setting.route,
+    )
+
+
+class Street:
+    """The world as a shell drives it: waits for the first pose, remembers what the next tick is to know."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self.actors: Actors = table(0.0, ())
+        self.contacts: tuple[str, ...] = ()  #: actors that the ego touches
+        self.found: tuple[str, ...] = ()  #: reason codes for the next tick
+        self.worst_position = 0.0  #: largest difference of SUMO's ego from what was asked [m]
+        self.worst_speed = 0.0  #: the same of its speed [m/s]
+
+    def advance(self, asked: Pose | None) -> AnchorReport | None:
+        """Place the ego, let SUMO step, look around; None while there is no pose, and then SUMO waits too."""
+        if asked is None:
+            return None
+        self._world.place(asked)
+        report = self._world.step()
+        self.actors = self._world.actors()
+        self.contacts = self._world.contacts()
+        self.found = report.faults + (("virtual_contact",) if self.contacts else ())
+        self.worst_position = max(self.worst_position, report.position_error)
+        self.worst_speed = max(self.worst_speed, report.speed_error)
+        return report

@@ -1,0 +1,307 @@
+"""Frames: geodetic, projected, map and body, as inverse pairs, and the placement of a fix into the street.
+
+Knows geometry and projections; must not know receivers' bytes, trust, SUMO or the controller. Headings in maps are
+counter-clockwise from the map's +x; a fix's heading is counter-clockwise from *true* east; what lies between is the
+convergence. Maps are transverse Mercator planes on the WGS84 ellipsoid (conformal: headings turn, shapes keep).
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import pyproj
+from pyproj.exceptions import CRSError
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.values import Fix, Point, Pose
+
+GRAVITY: Final = 9.80665  #: standard [m/s2]
+PROJECTIONS: Final = frozenset({"tmerc", "etmerc", "utm"})
+SEMI_MAJOR: Final = 6_378_137.0  #: of WGS84 [m]; GRS80 shares it
+SECOND_ECCENTRICITY: Final = 0.00673949674228  #: of WGS84, squared
+SEMI_MAJOR_LIMIT: Final = 0.5  #: an ellipsoid off by more is another datum [m]
+SPREAD_LIMIT: Final = 1.0  #: surveyed points closer to their middle than this fix no rotation [m, root mean square]
+SCALE_LIMIT: Final = 0.01  #: two surveys of one place that differ by more differ in their units or places
+
+Pair = tuple[float, float]
+
+
+def wrap_angle(angle: float) -> float:
+    """Return the same angle between -pi and pi."""
+    return angle if -math.pi <= angle <= math.pi else math.remainder(angle, math.tau)
+
+
+class MapFrame:
+    """Geodetic coordinates to map metres and back.
+
+    `projection` is a PROJ string of a transverse Mercator projection in metres on WGS84 or GRS80 (`+proj=tmerc ...` or
+    `+proj=utm ...`, as in a SUMO network's `projParameter`); `offset` is added to the projected x and y (SUMO's
+    `netOffset`). Raises ConfigError for any other projection. Heights play no part: distances are those on the
+    ellipsoid, 4e-5 shorter than on the ground at 250 m.
+    """
+
+    def __init__(self, projection: str, offset: Pair = (0.0, 0.0)) -> None:
+        self.projection = projection
+        self.offset = offset
+        self._project = _open_projection(projection)
+        self._x, self._y = offset
+        if not math.isfinite(self._x + self._y):
+            raise ConfigError(f"map offset {offset!r}: expected two finite numbers [m]")
+        self._meridian = _central_meridian(self._project.crs)
+
+    def to_map(self, latitude: float, longitude: float) -> Pair:
+        """Return map x, y [m] of WGS84 latitude, longitude [rad]; not finite where the projection has no answer."""
+        x, y = self._project(longitude, latitude, radians=True)
+        return x + self._x, y + self._y
+
+    def to_geodetic(self, x: float, y: float) -> Pair:
+        """Return WGS84 latitude, longitude [rad] of map x, y [m]."""
+        longitude, latitude = self._project(x - self._x, y - self._y, inverse=True, radians=True)
+        return latitude, longitude
+
+    def convergence(self, latitude: float, longitude: float) -> float:
+        """Return what must be *added* to a heading counter-clockwise from true east to count from the map's +x [rad].
+
+        Grid bearing is true azimuth minus convergence, so the counter-clockwise heading gains it; it is positive east
+        of the central meridian in the northern hemisphere, where the meridians lean left. Series in the longitude
+        difference from Redfearn (1948), as in the Ordnance Survey's "A guide to coordinate systems in Great Britain",
+        annex C; within 1e-6 deg of PROJ up to 4 deg from the central meridian.
+        """
+        sine, cosine = math.sin(latitude), math.cos(latitude)
+        away = math.remainder(longitude - self._meridian, math.tau)
+        square = (away * cosine) ** 2
+        eta = SECOND_ECCENTRICITY * cosine * cosine
+        tangent = (sine / cosine) ** 2
+        third = (1.0 + 3.0 * eta + 2.0 * eta * eta) / 3.0
+        return away * sine * (1.0 + square * (third + square * (2.0 - tangent) / 15.0))
+
+
+def _open_projection(projection: str) -> pyproj.Proj:
+    try:
+        opened = pyproj.Proj(projection)
+        axes = opened.crs.axis_info
+        ellipsoid = opened.crs.ellipsoid
+    except CRSError as error:
+        raise ConfigError(f"projection {projection!r}: not understood by PROJ ({error})") from None
+    if opened.name not in PROJECTIONS:
+        raise ConfigError(f"projection {projection!r}: expected +proj=tmerc or +proj=utm, got {opened.name or 'none'}")
+    if any(axis.unit_conversion_factor != 1.0 for axis in axes):
+        raise ConfigError(f"projection {projection!r}: expected metres, got {axes[0].unit_name}")
+    if ellipsoid is None or not abs(ellipsoid.semi_major_metre - SEMI_MAJOR) <= SEMI_MAJOR_LIMIT:
+        raise ConfigError(f"projection {projection!r}: expected the WGS84 ellipsoid, got {ellipsoid}")
+    return opened
+
+
+def _central_meridian(crs: pyproj.CRS) -> float:
+    """Longitude of the projection's natural origin [rad]."""
+    operation = crs.coordinate_operation
+    assert operation is not None  # every projected CRS has one
+    return math.radians(float(next(p.value for p in operation.params if p.name == "Longitude of natural origin")))
+
+
+def move_point(pose: Pose, dx: float, dy: float, to: Point) -> Pose:
+    """Return the pose of the point `to` of the same rigid body, `dx` forward and `dy` left of `pose.point` [m].
+
+    Position and velocity move (v_to = v + omega x r). The acceleration keeps the term omega x v out, being the rate of
+    change of the forward speed, and would change only with the angular acceleration, which a pose does not hold.
+    Inverse: the same with `-dx`, `-dy`.
+    """
+    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
+    return Pose(
+        time=pose.time,
+        point=to,
+        x=pose.x + cosine * dx - sine * dy,
+        y=pose.y + sine * dx + cosine * dy,
+        heading=pose.heading,
+        speed=pose.speed - pose.yaw_rate * dy,
+        lateral_speed=pose.lateral_speed + pose.yaw_rate * dx,
+        yaw_rate=pose.yaw_rate,
+        acceleration=pose.acceleration,
+        grade=pose.grade,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """Rigid transform that lays the lot's map onto the street's: turn about the lot's origin, then shift."""
+
+    rotation: float = 0.0  #: street heading minus lot heading [rad], counter-clockwise
+    x: float = 0.0  #: street x of the lot's origin [m]
+    y: float = 0.0  #: street y of the lot's origin [m]
+    residuals: tuple[float, ...] = ()  #: what each surveyed pair is off after the fit [m]
+
+    @classmethod
+    def from_matched_start(cls, lot_pose: Pose, street_pose: Pose) -> Alignment:
+        """Return the alignment that lays the lot pose onto the street pose of the same point.
+
+        Raises ConfigError when the poses are of different points or not finite.
+        """
+        if lot_pose.point != street_pose.point:
+            raise ConfigError(f"matched start: lot pose is of {lot_pose.point}, street pose of {street_pose.point}")
+        rotation = wrap_angle(street_pose.heading - lot_pose.heading)
+        turned = cmath.exp(1j * rotation) * complex(lot_pose.x, lot_pose.y)
+        shift = complex(street_pose.x, street_pose.y) - turned
+        if not cmath.isfinite(shift) or not math.isfinite(rotation):
+            raise ConfigError("matched start: a pose holds a number that is not finite")
+        return cls(rotation, shift.real, shift.imag)
+
+    @classmethod
+    def from_surveyed_pairs(cls, lot_points: Sequence[Pair], street_points: Sequence[Pair], limit: float) -> Alignment:
+        """Return the least-squares alignment of two or more surveyed pairs; `limit` bounds every residual [m].
+
+        With points as complex numbers about their means, the rotation is the argument of the sum of conj(lot) street
+        (Procrustes in the plane). Raises ConfigError for too few, unequal, non-finite or coinciding points, for
+        mirrored axes, for a scale off by more than `SCALE_LIMIT`, and for a residual above `limit`.
+        """
+        lot, street = _centred(lot_points, "lot"), _centred(street_points, "street")
+        if len(lot_points) != len(street_points):
+            raise ConfigError(f"surveyed pairs: {len(lot_points)} lot points but {len(street_points)} street points")
+        product = sum(z.conjugate() * w for z, w in zip(lot, street, strict=True))
+        turn = product / abs(product) if product else 1.0
+        residuals = tuple(abs(turn * z - w) for z, w in zip(lot, street, strict=True))
+        if misfit := _misfit(lot, street, residuals, limit):
+            raise ConfigError(f"surveyed pairs: {misfit}")
+        rotation = cmath.phase(turn)
+        shift = _mean(street_points) - turn * _mean(lot_points)
+        return cls(rotation, shift.real, shift.imag, residuals)
+
+    def inverse(self) -> Alignment:
+        """Return the alignment from the street to the lot; residuals are not carried over."""
+        cosine, sine = math.cos(self.rotation), math.sin(self.rotation)
+        return Alignment(-self.rotation, -cosine * self.x - sine * self.y, sine * self.x - cosine * self.y)
+
+    def apply(self, pose: Pose) -> Pose:
+        """Return the lot pose in the street's map."""
+        cosine, sine = math.cos(self.rotation), math.sin(self.rotation)
+        x, y = cosine * pose.x - sine * pose.y + self.x, sine * pose.x + cosine * pose.y + self.y
+        return replace(pose, x=x, y=y, heading=wrap_angle(pose.heading + self.rotation))
+
+
+def _mean(points: Sequence[Pair]) -> complex:
+    return sum((complex(x, y) for x, y in points), 0j) / len(points)
+
+
+def _spread(points: Sequence[complex]) -> float:
+    """Root mean square distance from the middle [m]."""
+    return math.sqrt(sum(abs(z) ** 2 for z in points) / len(points))
+
+
+def _centred(points: Sequence[Pair], name: str) -> list[complex]:
+    if len(points) < 2:
+        raise ConfigError(f"surveyed pairs: expected two or more {name} points, got {len(points)}")
+    if not all(math.isfinite(x) and math.isfinite(y) for x, y in points):
+        raise ConfigError(f"surveyed pairs: a {name} point is not finite")
+    middle = _mean(points)
+    centred = [complex(x, y) - middle for x, y in points]
+    if _spread(centred) < SPREAD_LIMIT:
+        raise ConfigError(f"surveyed pairs: the {name} points lie on one spot (spread below {SPREAD_LIMIT} m)")
+    return centred
+
+
+def _misfit(lot: Sequence[complex], street: Sequence[complex], residuals: Sequence[float], limit: float) -> str:
+    """What is wrong with the pairs, in words; empty when they fit."""
+    refused = not max(residuals) <= limit
+    turned = abs(sum(z.conjugate() * w for z, w in zip(lot, street, strict=True)))
+    mirrored = abs(sum(z * w for z, w in zip(lot, street, strict=True)))
+    if refused and mirrored > turned * (1.0 + 1e-9):
+        return "one side is mirrored (x and y, or left and right, are swapped in one of the surveys)"
+    scale = _spread(street) / _spread(lot)
+    if abs(scale - 1.0) > SCALE_LIMIT:
+        return f"street distances are {scale:.4f} times the lot's: other units, or other points"
+    if refused:
+        worst = max(range(len(residuals)), key=residuals.__getitem__)
+        return f"pair {worst + 1} is off by {residuals[worst]:.3f} m after the fit, limit {limit} m"
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """Where the receiver's output point sits on the car and how its heading is turned."""
+
+    forward: float  #: output point ahead of the rear axle [m]
+    left: float  #: output point left of the rear axle [m]
+    heading_misalignment: float = 0.0  #: receiver's heading minus the car's [rad], counter-clockwise, small
+
+
+class Placement:
+    """From a fix of the output point to the pose of the rear axle in the street, and back.
+
+    `lot_frame` is the map plane of the lot, `alignment` lays it onto the street's map; on the true place the lot's
+    frame *is* the street's and the alignment is `Alignment()`. `epoch` is the GNSS second of drive time 0.
+    """
+
+    def __init__(self, lot_frame: MapFrame, alignment: Alignment, mounting: Mounting, epoch: float) -> None:
+        self._frame = lot_frame
+        self._mounting = mounting
+        self._epoch = epoch
+        self._rotation = alignment.rotation
+        self._cosine, self._sine = math.cos(alignment.rotation), math.sin(alignment.rotation)
+        self._x, self._y = alignment.x, alignment.y
+
+    def place(self, fix: Fix) -> Pose:
+        """Return the rear axle's pose in the street.
+
+        Speeds are the true ones of the ground, not scaled to the map. Grade is the car's pitch, level where the
+        receiver says none; gravity's share by pitch and the turning of the car axes (yaw rate times lateral speed)
+        are taken out of the acceleration. Numbers of the fix that are not finite come out not finite.
+        """
+        mounting, yaw_rate = self._mounting, fix.yaw_rate
+        lot_x, lot_y = self._frame.to_map(fix.latitude, fix.longitude)
+        true_heading = fix.heading - mounting.heading_misalignment
+        forward_x, forward_y = math.cos(true_heading), math.sin(true_heading)
+        speed = forward_x * fix.velocity_east + forward_y * fix.velocity_north
+        lateral = forward_x * fix.velocity_north - forward_y * fix.velocity_east
+        grade = 0.0 if math.isnan(fix.pitch) else fix.pitch
+        output = Pose(
+            time=fix.time - self._epoch,
+            point=Point.OUTPUT,
+            x=self._cosine * lot_x - self._sine * lot_y + self._x,
+            y=self._sine * lot_x + self._cosine * lot_y + self._y,
+            heading=wrap_angle(true_heading + self._frame.convergence(fix.latitude, fix.longitude) + self._rotation),
+            speed=speed,
+            lateral_speed=lateral,
+            yaw_rate=yaw_rate,
+            acceleration=fix.acceleration + yaw_rate * lateral - GRAVITY * math.sin(grade),
+            grade=grade,
+        )
+        return move_point(output, -mounting.forward, -mounting.left, Point.REAR_AXLE)
+
+    def unplace(self, pose: Pose) -> Fix:
+        """Return the fix whose `place` is `pose`, which must be of the rear axle.
+
+        What a pose does not say is NaN: altitude, roll, vertical speed, accuracies; status 0, position mode -1. The
+        caller that plays a receiver replaces them.
+        """
+        assert pose.point is Point.REAR_AXLE, f"expected a pose of the rear axle, got {pose.point}"
+        mounting = self._mounting
+        output = move_point(pose, mounting.forward, mounting.left, Point.OUTPUT)
+        x, y = output.x - self._x, output.y - self._y
+        lot_x, lot_y = self._cosine * x + self._sine * y, self._cosine * y - self._sine * x
+        latitude, longitude = self._frame.to_geodetic(lot_x, lot_y)
+        true_heading = output.heading - self._rotation - self._frame.convergence(latitude, longitude)
+        forward_x, forward_y = math.cos(true_heading), math.sin(true_heading)
+        return Fix(
+            time=pose.time + self._epoch,
+            time_received=pose.time,
+            latitude=latitude,
+            longitude=longitude,
+            altitude=math.nan,
+            heading=wrap_angle(true_heading + mounting.heading_misalignment),
+            pitch=pose.grade,
+            roll=math.nan,
+            velocity_north=output.speed * forward_y + output.lateral_speed * forward_x,
+            velocity_east=output.speed * forward_x - output.lateral_speed * forward_y,
+            velocity_down=math.nan,
+            yaw_rate=pose.yaw_rate,
+            acceleration=pose.acceleration - pose.yaw_rate * output.lateral_speed + GRAVITY * math.sin(pose.grade),
+            status=0,
+            position_mode=-1,
+            position_sigma=math.nan,
+            velocity_sigma=math.nan,
+            heading_sigma=math.nan,
+            differential_age=math.nan,
+        )

@@ -1,0 +1,333 @@
+"""The cubic path: where the rear axle shall go, and the band beside it that the car's body sweeps.
+
+It knows geometry in the map frame and nothing of cars, speeds, sensors or files. Other rooms' values hold
+a path, so it imports none of them.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vve_sumo.errors import ConfigError
+
+Floats = NDArray[np.float64]
+
+CLOSEST_POINTS = 0.01  #: two neighbours nearer than this are one point recorded twice [m]
+SAMPLE_SPACING = 1.0  #: of the table for searches, small against any radius a car can drive [m]
+EXTENSION = 200.0  #: the table goes on straight this far at both ends, beyond a long-range radar's reach [m]
+
+EARLIEST = 1.0  #: a search of the whole path takes an earlier branch that is no more than this farther off [m]
+
+ARC_LENGTH_ROUNDS = 8  #: refits of the spline over its own arc length; each gains about two digits
+NEWTON_ROUNDS = 12
+NEWTON_TOLERANCE = 1e-7  #: [m]
+NEWTON_LONGEST_STEP = 4.0  #: keeps the search local, so that a loop's other branch is never reached [m]
+NEWTON_LEAST_SLOPE = 0.5  #: keeps every step downhill, also from beyond the centre of curvature
+
+# Gauss-Legendre nodes and weights of order five on [0, 1], from the closed form of their roots.
+_INNER = math.sqrt(5 - 2 * math.sqrt(10 / 7)) / 3
+_OUTER = math.sqrt(5 + 2 * math.sqrt(10 / 7)) / 3
+_INNER_WEIGHT = (322 + 13 * math.sqrt(70)) / 1800
+_OUTER_WEIGHT = (322 - 13 * math.sqrt(70)) / 1800
+GAUSS_LEGENDRE = (
+    ((1 - _OUTER) / 2, _OUTER_WEIGHT),
+    ((1 - _INNER) / 2, _INNER_WEIGHT),
+    (0.5, 64 / 225),
+    ((1 + _INNER) / 2, _INNER_WEIGHT),
+    ((1 + _OUTER) / 2, _OUTER_WEIGHT),
+)
+
+
+class Segment(NamedTuple):
+    """One cubic piece: X = x0 + u (x1 + u (x2 + u x3)), Y likewise, with u = station - start [m]."""
+
+    start: float
+    x0: float
+    x1: float
+    x2: float
+    x3: float
+    y0: float
+    y1: float
+    y2: float
+    y3: float
+
+
+class Station(NamedTuple):
+    """Where a point stands beside the path: the foot of its perpendicular, and how far off it is."""
+
+    s: float  #: arc length of the foot from the path's start [m]; below 0 before it, above length beyond the end
+    offset: float  #: distance of the point from the path [m], left positive
+    heading: float  #: of the path at the foot [rad], counter-clockwise from map +x
+    curvature: float  #: of the path at the foot [1/m], left turn positive
+
+
+class PathPoint(NamedTuple):
+    """A point of the path itself."""
+
+    x: float  #: map [m]
+    y: float  #: map [m]
+    heading: float  #: [rad], counter-clockwise from map +x
+    curvature: float  #: [1/m], left turn positive
+
+
+class Samples(NamedTuple):
+    """The path as a table, every SAMPLE_SPACING metres and EXTENSION beyond both ends."""
+
+    s: Floats  #: arc length [m]
+    x: Floats  #: map [m]
+    y: Floats  #: map [m]
+    tangent_x: Floats  #: cosine of the heading
+    tangent_y: Floats  #: sine of the heading
+    curvature: Floats  #: [1/m], left turn positive
+
+
+class Path:
+    """A curve of cubic pieces over arc length with continuous position, slope and curvature.
+
+    It goes on straight before its start and beyond its end. Stations are arc lengths; the pieces keep
+    unit speed to about a part in a thousand between points, exactly enough at the points.
+    """
+
+    __slots__ = ("_knots", "_pieces", "_samples", "length", "segments")
+
+    length: float  #: arc length from the first point to the last [m]
+    segments: tuple[Segment, ...]  #: one between each two points
+
+    def __init__(self, segments: Sequence[Segment], length: float) -> None:
+        self.segments = tuple(segments)
+        self.length = length
+        self._knots = [piece.start for piece in self.segments] + [length]
+        self._pieces = [_straight(self.segments[0], 0.0), *self.segments, _straight(self.segments[-1], length)]
+        self._samples = self._sampled()
+
+    @classmethod
+    def from_points(cls, x: ArrayLike, y: ArrayLike, noise: float = 0.0) -> Path:
+        """Lay a path through points in driving order.
+
+        x, y: map [m], shape (n,), n >= 2. `noise` is the standard deviation of the points [m]: 0 meets
+        every point, more lays the smoothest curve that the noise allows (for recorded drives).
+        Raises ConfigError on too few, unequal many, non-finite or repeated points.
+        """
+        xs, ys = _checked(x, y)
+        if noise > 0.0:
+            xs, ys = _smoothed(xs, ys, noise)
+        spans = np.sqrt(np.diff(xs) ** 2 + np.diff(ys) ** 2)
+        for _ in range(ARC_LENGTH_ROUNDS):
+            pieces = _pieces(xs, spans), _pieces(ys, spans)
+            spans = _arc_lengths(*pieces, spans)
+        ends = np.cumsum(spans)
+        starts = np.concatenate(([0.0], ends[:-1]))
+        columns = np.column_stack((starts, *_pieces(xs, spans), *_pieces(ys, spans)))
+        return cls([Segment(*row) for row in columns.tolist()], float(ends[-1]))
+
+    @property
+    def samples(self) -> Samples:
+        """The path as a table of arrays."""
+        return self._samples
+
+    def at(self, s: float) -> PathPoint:
+        """Return the path's point at arc length s [m]."""
+        start, x0, x1, x2, x3, y0, y1, y2, y3 = self._pieces[bisect_right(self._knots, s)]
+        u = s - start
+        tx, ty = x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
+        bend = tx * (2.0 * y2 + 6.0 * u * y3) - ty * (2.0 * x2 + 6.0 * u * x3)
+        return PathPoint(
+            x0 + u * (x1 + u * (x2 + u * x3)),
+            y0 + u * (y1 + u * (y2 + u * y3)),
+            math.atan2(ty, tx),
+            bend / (tx * tx + ty * ty) ** 1.5,
+        )
+
+    def project(self, x: float, y: float, near: float | None = None) -> Station:
+        """Find the foot of the perpendicular from a map point [m].
+
+        `near` is a station close to it, such as the previous tick's: the search goes downhill from there,
+        so a path that crosses itself is no trouble. None searches the whole path, the earliest branch first.
+        """
+        s = self._nearest_sample(x, y) if near is None else near
+        pieces, knots = self._pieces, self._knots
+        for _ in range(NEWTON_ROUNDS):
+            start, x0, x1, x2, x3, y0, y1, y2, y3 = pieces[bisect_right(knots, s)]
+            u = s - start
+            dx, dy = x0 + u * (x1 + u * (x2 + u * x3)) - x, y0 + u * (y1 + u * (y2 + u * y3)) - y
+            tx, ty = x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
+            ax, ay = 2.0 * x2 + 6.0 * u * x3, 2.0 * y2 + 6.0 * u * y3
+            speed_squared = tx * tx + ty * ty
+            slope = speed_squared + dx * ax + dy * ay
+            step = -(dx * tx + dy * ty) / (slope if slope > NEWTON_LEAST_SLOPE else NEWTON_LEAST_SLOPE)
+            if step * step < NEWTON_TOLERANCE * NEWTON_TOLERANCE:
+                break
+            s += min(NEWTON_LONGEST_STEP, max(-NEWTON_LONGEST_STEP, step))
+        speed = math.sqrt(speed_squared)
+        offset = (dx * ty - dy * tx) / speed
+        return Station(s, offset, math.atan2(ty, tx), (tx * ay - ty * ax) / (speed_squared * speed))
+
+    def locate(self, x: Floats, y: Floats, s_from: float, s_to: float) -> tuple[Floats, Floats]:
+        """Find stations and lateral offsets (left positive) [m] of many map points, shape (n,), at once.
+
+        Only the stretch between two stations [m] is looked at (cut at EXTENSION beyond the ends); a point
+        whose foot lies outside it gets NaN. Good to millimetres within a few metres of the path.
+        """
+        table = self._samples
+        first = min(max(int((s_from + EXTENSION) / SAMPLE_SPACING), 0), len(table.s) - 2)
+        last = min(max(int((s_to + EXTENSION) / SAMPLE_SPACING) + 2, first + 2), len(table.s))
+        sx, sy = table.x[first:last], table.y[first:last]
+        nearest = first + np.argmin((x[:, None] - sx) ** 2 + (y[:, None] - sy) ** 2, axis=1)
+        dx, dy = x - table.x[nearest], y - table.y[nearest]
+        tx, ty, curvature = table.tangent_x[nearest], table.tangent_y[nearest], table.curvature[nearest]
+        along, across = dx * tx + dy * ty, dy * tx - dx * ty
+        # The table's circle of curvature instead of its tangent: the foot moves by this much of arc ...
+        arc = along / np.maximum(1.0 - curvature * across, NEWTON_LEAST_SLOPE)
+        # ... and the circle bends away from the tangent by the sagitta.
+        offset = across - 0.5 * curvature * along * arc
+        s = table.s[nearest] + arc
+        outside = (s < s_from) | (s > s_to)
+        return np.where(outside, math.nan, s), np.where(outside, math.nan, offset)
+
+    def _nearest_sample(self, x: float, y: float) -> float:
+        """The earliest sample of the path itself that is nearest, to EARLIEST: a loop's start, not its end."""
+        first = round(EXTENSION / SAMPLE_SPACING)
+        table, last = self._samples, first + math.ceil(self.length / SAMPLE_SPACING) + 1
+        squares = (table.x[first:last] - x) ** 2 + (table.y[first:last] - y) ** 2
+        reach = math.sqrt(float(squares.min())) + EARLIEST
+        return float(table.s[first + np.argmax(squares <= reach * reach)])
+
+    def _sampled(self) -> Samples:
+        count = 1 + math.ceil((self.length + 2.0 * EXTENSION) / SAMPLE_SPACING)
+        s = SAMPLE_SPACING * np.arange(count, dtype=np.float64) - EXTENSION
+        pieces = np.asarray(self._pieces)[np.searchsorted(self._knots, s, side="right")]
+        start, x0, x1, x2, x3, y0, y1, y2, y3 = pieces.T
+        u = s - start
+        tx, ty = x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
+        speed = np.sqrt(tx * tx + ty * ty)
+        bend = tx * (2.0 * y2 + 6.0 * u * y3) - ty * (2.0 * x2 + 6.0 * u * x3)
+        x, y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
+        return Samples(s, x, y, tx / speed, ty / speed, bend / (speed * speed * speed))
+
+
+class Corridor:
+    """The band that a rectangle sweeps whose rear axle keeps to the path, widened by a margin."""
+
+    __slots__ = ("_left", "_right")
+
+    def __init__(self, path: Path, front: float, rear: float, width: float, margin: float) -> None:
+        """`front` and `rear` are the distances from the rear axle to the bumpers; all [m]."""
+        ahead, behind = math.ceil(rear / SAMPLE_SPACING), math.ceil(front / SAMPLE_SPACING)
+        bends = np.pad(path.samples.curvature, (behind, ahead))
+        windows = np.lib.stride_tricks.sliding_window_view(bends, behind + ahead + 1)
+        _, right = swept_half_widths(windows.max(axis=1).clip(min=0.0), front, width)
+        left, _ = swept_half_widths(windows.min(axis=1).clip(max=0.0), front, width)
+        self._left: list[float] = (left + margin).tolist()
+        self._right: list[float] = (right + margin).tolist()
+
+    def half_widths(self, s: float) -> tuple[float, float]:
+        """Return how far the band reaches to the left and to the right of the path at a station [m]."""
+        row = min(max(round((s + EXTENSION) / SAMPLE_SPACING), 0), len(self._left) - 1)
+        return self._left[row], self._right[row]
+
+    def contains(self, s: float, offset: float) -> bool:
+        """Tell whether a point at a station and lateral offset [m] is swept; NaN is not."""
+        left, right = self.half_widths(s) if math.isfinite(s) else (math.nan, math.nan)
+        return -right <= offset <= left
+
+
+def swept_half_widths(curvature: ArrayLike, front: float, width: float) -> tuple[Floats, Floats]:
+    """Reach of a turning rectangle to the left and right of its rear axle's circle [m].
+
+    Steady circle of radius R = 1/|curvature|: the inner side touches R - width/2 beside the rear axle, the
+    outer front corner runs on sqrt((R + width/2)^2 + front^2); `front` is rear axle to front bumper [m].
+    Written so that a straight line is no special case. curvature: [1/m], left positive, any shape.
+    """
+    bend = np.asarray(curvature, dtype=np.float64)
+    k, half = np.abs(bend), 0.5 * width
+    outer = (half * (2.0 + k * half) + k * front * front) / (np.sqrt((1.0 + k * half) ** 2 + (k * front) ** 2) + 1.0)
+    inner = np.full_like(outer, half)
+    return np.where(bend < 0.0, outer, inner), np.where(bend > 0.0, outer, inner)
+
+
+def _checked(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    xs, ys = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if xs.ndim != 1 or xs.shape != ys.shape:
+        raise ConfigError(f"path: x and y must be two lists of the same length, got shapes {xs.shape} and {ys.shape}")
+    if xs.size < 2:
+        raise ConfigError(f"path: at least 2 points are needed, got {xs.size}")
+    lost = np.flatnonzero(~(np.isfinite(xs) & np.isfinite(ys)))
+    if lost.size:
+        raise ConfigError(f"path: point {lost[0]} is not finite: ({xs[lost[0]]}, {ys[lost[0]]})")
+    twice = np.flatnonzero(np.diff(xs) ** 2 + np.diff(ys) ** 2 < CLOSEST_POINTS**2)
+    if twice.size:
+        raise ConfigError(
+            f"path: points {twice[0]} and {twice[0] + 1} are the same place to {CLOSEST_POINTS} m: "
+            f"({xs[twice[0]]:.3f}, {ys[twice[0]]:.3f})"
+        )
+    return xs, ys
+
+
+def _smoothed(x: Floats, y: Floats, noise: float) -> tuple[Floats, Floats]:
+    """Smoothest cubic splines whose squared distances sum to n noise^2 (Reinsch 1967), read at the points."""
+    from scipy.interpolate import splev, splprep
+
+    if x.size < 4:
+        raise ConfigError(f"path: smoothing needs at least 4 points, got {x.size}")
+    fitted: Any = splprep((x, y), k=3, s=2.0 * x.size * noise**2)
+    spline, parameters = fitted
+    xs, ys = np.asarray(splev(parameters, spline), dtype=np.float64)
+    return xs, ys
+
+
+def _pieces(values: Floats, spans: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Coefficients of the interpolating cubic spline, lowest power first."""
+    moments = _moments(values, spans)
+    here, there = moments[:-1], moments[1:]
+    slopes = np.diff(values) / spans - spans * (2.0 * here + there) / 6.0
+    return values[:-1], slopes, here / 2.0, (there - here) / (6.0 * spans)
+
+
+def _moments(values: Floats, spans: Floats) -> Floats:
+    """Second derivatives at the points: continuous slope inside, constant curvature over the end pieces.
+
+    The tridiagonal system is solved in plain floats (Thomas), so that its last bits are the same everywhere.
+    """
+    if values.size == 2:
+        return np.zeros(2)
+    slopes = np.diff(values) / spans
+    h, right = spans.tolist(), (6.0 * np.diff(slopes)).tolist()
+    diagonal = [2.0 * (before + after) for before, after in pairwise(h)]
+    diagonal[0] += h[0]
+    diagonal[-1] += h[-1]
+    for i in range(1, len(diagonal)):
+        factor = h[i] / diagonal[i - 1]
+        diagonal[i] -= factor * h[i]
+        right[i] -= factor * right[i - 1]
+    inner = [right[-1] / diagonal[-1]]
+    for i in range(len(diagonal) - 2, -1, -1):
+        inner.append((right[i] - h[i + 1] * inner[-1]) / diagonal[i])
+    inner.reverse()
+    return np.array([inner[0], *inner, inner[-1]])
+
+
+def _arc_lengths(x: tuple[Floats, ...], y: tuple[Floats, ...], spans: Floats) -> Floats:
+    """Arc length of each cubic piece by Gauss-Legendre quadrature [m]."""
+    total = np.zeros_like(spans)
+    for node, weight in GAUSS_LEGENDRE:
+        u = node * spans
+        tx, ty = x[1] + u * (2.0 * x[2] + 3.0 * u * x[3]), y[1] + u * (2.0 * y[2] + 3.0 * u * y[3])
+        total += weight * np.sqrt(tx * tx + ty * ty)
+    return total * spans
+
+
+def _straight(piece: Segment, s: float) -> Segment:
+    """Straight continuation of a piece at the station s."""
+    _, x0, x1, x2, x3, y0, y1, y2, y3 = piece
+    u = s - piece.start
+    tx, ty = x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
+    speed = math.hypot(tx, ty)
+    x, y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
+    return Segment(s, x, tx / speed, 0.0, 0.0, y, ty / speed, 0.0, 0.0)

@@ -1,0 +1,79 @@
+"""What lies between a request and the road: dead time, lag, limits and play of steering, brakes and throttle.
+
+Exact for inputs constant over a step; knows neither frames nor the car's motion. Dead times count in whole steps.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+class DeadTime:
+    """Gives out what was put in `delay` seconds ago, rounded to whole steps."""
+
+    __slots__ = ("_index", "_ring")
+
+    def __init__(self, delay: float, duration: float, initial: float) -> None:
+        self._ring = [initial] * round(delay / duration)
+        self._index = 0
+
+    def step(self, value: float) -> float:
+        """Put `value` in, take the delayed one out."""
+        ring = self._ring
+        if not ring:
+            return value
+        index = self._index
+        delayed, ring[index] = ring[index], value
+        self._index = (index + 1) % len(ring)
+        return delayed
+
+
+def share_of_step(lag: float, duration: float) -> float:
+    """Share of the way to its target that a first-order lag of time constant `lag` covers in `duration` [s]."""
+    return 1.0 if lag <= 0.0 else -math.expm1(-duration / lag)
+
+
+class Lagged:
+    """A dead time, then a first-order lag: the brakes' torque [N m], the throttle's opening."""
+
+    __slots__ = ("_dead_time", "_share", "value")
+
+    def __init__(self, delay: float, lag: float, duration: float) -> None:
+        self.value = 0.0
+        self._dead_time = DeadTime(delay, duration, 0.0)
+        self._share = share_of_step(lag, duration)
+
+    def step(self, request: float) -> float:
+        """Return the value at the end of the step."""
+        self.value += (self._dead_time.step(request) - self.value) * self._share
+        return self.value
+
+
+class Steering:
+    """The steering wheel [rad, left positive] behind its motor: dead time, first-order lag, rate and angle limits.
+
+    A request of NaN means that nobody holds the wheel: it then returns to straight ahead while the car rolls.
+    """
+
+    __slots__ = ("_dead_time", "_free_share", "_limit", "_rate", "_share", "angle")
+
+    #: Time constant of a released wheel's return to straight ahead on a rolling car [s]; an assumption.
+    RETURN_LAG = 0.5
+
+    def __init__(self, delay: float, lag: float, rate_limit: float, angle_limit: float, duration: float) -> None:
+        self.angle = 0.0
+        self._dead_time = DeadTime(delay, duration, math.nan)
+        self._share = share_of_step(lag, duration)
+        self._free_share = share_of_step(self.RETURN_LAG, duration)
+        self._rate = rate_limit * duration
+        self._limit = angle_limit
+
+    def step(self, request: float, rolling: bool) -> float:
+        """Return the angle at the end of the step."""
+        request = self._dead_time.step(request)
+        if request != request:
+            change = -self.angle * self._free_share if rolling else 0.0
+        else:
+            change = (min(max(request, -self._limit), self._limit) - self.angle) * self._share
+        self.angle += min(max(change, -self._rate), self._rate)
+        return self.angle

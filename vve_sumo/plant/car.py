@@ -1,0 +1,187 @@
+"""The hardware-free car: takes command frames, gives back reports and NCOM bytes, as the real one does.
+
+One object for everything between the bus and the sky; it knows no street, no gateway and no controller.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vve_sumo.frames import MapFrame
+from vve_sumo.plant.actuators import Lagged, Steering
+from vve_sumo.plant.dynamics import Chassis, Dynamics
+from vve_sumo.plant.kit import HANDS_OFF, DriverInputs, Kit, KitParameters
+from vve_sumo.plant.noise import White
+from vve_sumo.plant.receiver import Receiver, ReceiverParameters, unaltered
+from vve_sumo.plant.reports import Axles, Reports, drive_sign
+from vve_sumo.values import Fix, Frame, Point, Pose, Vehicle
+from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.messages import Gear
+
+STEP = 0.005  # of the integration and of the kit [s]
+FAST, SLOW, GEAR = 2, 4, 10  # steps between reports: 100, 50 and 20 Hz; fixes come with the fast ones
+
+
+@dataclass(frozen=True, slots=True)
+class CarParameters:
+    """The car as declared, what nobody declares, and how the true car differs from its declaration."""
+
+    vehicle: Vehicle  #: as declared
+    calibration: Calibration  #: as declared
+    kit: KitParameters
+    receiver: ReceiverParameters
+    track: float  #: between the wheels of an axle [m]
+    mass_height: float  #: of the centre of mass above ground [m]
+    friction: float  #: of tyre on road
+    throttle_delay: float  #: dead time from frame to first force [s]
+    gyro_noise: float = 1e-3  #: of the car's own gyroscope, 1 sigma [rad/s]
+    mass_factor: float = 1.0  #: true over declared mass, and yaw inertia with it
+    brake_gain_factor: float = 1.0  #: true over believed brake torque; the car's own reports don't know it
+    grade: float = 0.0  #: slope along the car's path [rad], uphill positive
+    steering_wheel_bias: float = 0.0  #: reported wheel angle at which the wheels point straight [rad], left positive
+    heading_misalignment: float = 0.0  #: of the receiver beyond its declared mounting [rad], counter-clockwise
+
+
+@dataclass(frozen=True, slots=True)
+class CarOutput:
+    """What the car said during a step, in order of time."""
+
+    reports: list[tuple[float, Frame]]  #: drive time [s] and frame
+    ncom: list[tuple[float, bytes]]  #: drive time of arrival [s] and packet
+
+
+def chassis(parameters: CarParameters) -> Chassis:
+    """The true car's body."""
+    vehicle, calibration = parameters.vehicle, parameters.calibration
+    return Chassis(
+        mass=vehicle.mass * parameters.mass_factor,
+        yaw_inertia=vehicle.yaw_inertia * parameters.mass_factor,
+        wheelbase=vehicle.wheelbase,
+        front_axle_to_mass=vehicle.front_axle_to_mass,
+        cornering_stiffness_front=vehicle.cornering_stiffness_front,
+        cornering_stiffness_rear=vehicle.cornering_stiffness_rear,
+        mass_height=parameters.mass_height,
+        friction=parameters.friction,
+        rolling_resistance=calibration.rolling_resistance,
+        drag_area=calibration.drag_area,
+    )
+
+
+class Car:
+    """A car on the lot, from standstill in park.
+
+    `start` is x, y [m] and heading [rad] of the rear axle in the `lot` map; `epoch` the GNSS second of drive time 0;
+    `seeds` is spawned from, one child for each source of noise; `alter` injects faults into fixes (see `Receiver`).
+    """
+
+    def __init__(
+        self,
+        parameters: CarParameters,
+        start: tuple[float, float, float],
+        lot: MapFrame,
+        epoch: float,
+        seeds: np.random.SeedSequence,
+        alter: Callable[[Fix], Fix | None] = unaltered,
+    ) -> None:
+        vehicle, calibration = parameters.vehicle, parameters.calibration
+        self._parameters = parameters
+        self._motion = Dynamics(chassis(parameters), start, grade=parameters.grade)
+        self._kit = Kit(parameters.kit, STEP)
+        self._brakes = Lagged(vehicle.brake_delay, vehicle.brake_lag, STEP)
+        self._engine = Lagged(parameters.throttle_delay, calibration.drive_lag, STEP)
+        self._steering = Steering(
+            vehicle.steering_delay,
+            vehicle.steering_lag,
+            vehicle.steering_rate_limit * vehicle.steering_ratio,
+            vehicle.steering_limit * vehicle.steering_ratio,
+            STEP,
+        )
+        gyro_seeds, receiver_seeds = seeds.spawn(2)
+        gyro_noise = parameters.gyro_noise if parameters.receiver.noise else 0.0
+        axles = Axles(vehicle.wheelbase, parameters.track, vehicle.wheel_radius)
+        self._reports = Reports(axles, gyro_noise, White(gyro_seeds))
+        self._receiver = Receiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)
+        self._brake_force = parameters.brake_gain_factor * calibration.brake_force(1.0)
+        self._steps = 0
+
+    @property
+    def kit(self) -> Kit:
+        """The drive-by-wire kit, for looking at."""
+        return self._kit
+
+    def step(self, until: float, frames: Sequence[Frame], driver: DriverInputs = HANDS_OFF) -> CarOutput:
+        """Hear `frames`, then advance to drive time `until` [s], a multiple of 5 ms, under the same `driver` inputs.
+
+        Raises ValueError for a time that is no such multiple.
+        """
+        last = round(until / STEP)
+        if abs(last * STEP - until) > 1e-6:
+            raise ValueError(f"the car advances in steps of {STEP} s, got until={until!r}")
+        self._kit.receive(frames, self._motion.speed, self._brakes.value)
+        reports: list[tuple[float, Frame]] = []
+        while self._steps < last:
+            self._advance(driver)
+            if self._steps % FAST == 0:
+                self._speak(reports)
+        return CarOutput(reports, self._receiver.arrived(until))
+
+    def truth(self) -> Pose:
+        """Where the rear axle really is in the lot map, for analysis only."""
+        motion = self._motion
+        return Pose(
+            time=self._time,
+            point=Point.REAR_AXLE,
+            x=motion.x,
+            y=motion.y,
+            heading=motion.heading,
+            speed=motion.speed,
+            lateral_speed=motion.lateral_speed,
+            yaw_rate=motion.yaw_rate,
+            acceleration=motion.acceleration,
+            grade=motion.grade,
+        )
+
+    @property
+    def _time(self) -> float:
+        # A quotient of whole numbers, so that a tick's time is the very number that the drive computes.
+        return self._steps / round(1.0 / STEP)
+
+    def _advance(self, driver: DriverInputs) -> None:
+        motion = self._motion
+        request = self._kit.step(driver, motion.speed, self._steering.angle)
+        torque = self._brakes.step(request.brake_torque)
+        throttle = self._engine.step(request.throttle)
+        self._steering.step(request.wheel_angle, motion.speed != 0.0)
+        held = math.inf if self._kit.gear is Gear.PARK else torque * self._brake_force
+        motion.advance(STEP, self._road_angle(), self._drive_force(throttle), held)
+        self._steps += 1
+
+    def _road_angle(self) -> float:
+        return (self._steering.angle - self._parameters.steering_wheel_bias) / self._parameters.vehicle.steering_ratio
+
+    def _drive_force(self, throttle: float) -> float:
+        """Force at the wheels [N]: throttle and idle creep, the way the gear points."""
+        sign = drive_sign(self._kit.gear)
+        calibration, speed = self._parameters.calibration, sign * self._motion.speed
+        return sign * (calibration.drive_force(throttle, max(speed, 0.0)) + calibration.creep(speed))
+
+    def _speak(self, reports: list[tuple[float, Frame]]) -> None:
+        motion, kit, time = self._motion, self._kit, self._time
+        frames = self._reports.fast(motion, self._road_angle(), kit.parameters.variant)
+        if self._steps % SLOW == 0:
+            frames += self._reports.slow(kit, motion, self._steering.angle, self._brakes.value)
+        if self._steps % GEAR == 0:
+            frames.append(self._reports.gear(kit))
+        reports.extend((time, frame) for frame in frames)
+        self._receiver.measure(self.truth(), motion.distance * math.tan(motion.grade))
+
+
+def _as_mounted(parameters: CarParameters) -> ReceiverParameters:
+    """The receiver as it really sits on the car."""
+    mounting = parameters.receiver.mounting
+    turned = mounting.heading_misalignment + parameters.heading_misalignment
+    return replace(parameters.receiver, mounting=replace(mounting, heading_misalignment=turned))

@@ -1,0 +1,157 @@
+"""How the car moves: forces along it, a linear single-track model across it, exact rest.
+
+It takes road-wheel angle, drive force and brake force, and knows no actuator, frame or receiver. The ground is one
+slope along the car's path, level across it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY
+
+KINEMATIC_SPEED = 1.0  # at and below it wheels roll where they point: slip angles divide by speed [m/s]
+DYNAMIC_SPEED = 3.0  # from here on the tyres alone decide; the two differ by 0.1 % on a steady circle [m/s]
+
+
+@dataclass(frozen=True, slots=True)
+class Chassis:
+    """What the car is as a body on four wheels."""
+
+    mass: float  #: with occupants; rotating masses are part of it [kg]
+    yaw_inertia: float  #: about the centre of mass [kg m2]
+    wheelbase: float  #: [m]
+    front_axle_to_mass: float  #: [m]
+    cornering_stiffness_front: float  #: whole axle, at its load at rest [N/rad]
+    cornering_stiffness_rear: float  #: whole axle, at its load at rest [N/rad]
+    mass_height: float  #: of the centre of mass above ground [m]
+    friction: float  #: of tyre on road, caps each axle's side force and all braking
+    rolling_resistance: float  #: rolling drag over weight
+    drag_area: float  #: drag coefficient times frontal area [m2]
+
+
+def blend(speed: float) -> float:
+    """Share of the dynamic model at `speed` [m/s]: 0 up to walking pace and in reverse, 1 when driving, smooth between.
+
+    Where it is above 0, the explicit integration of the tyres is stable for steps up to 5 ms.
+    """
+    share = (speed - KINEMATIC_SPEED) / (DYNAMIC_SPEED - KINEMATIC_SPEED)
+    if share <= 0.0:
+        return 0.0
+    return 1.0 if share >= 1.0 else share * share * (3.0 - 2.0 * share)
+
+
+class Dynamics:
+    """Motion of the car in the plane; position, heading and speeds are those of the middle of the rear axle.
+
+    Single-track model with cornering stiffness proportional to axle load (Rajamani, Vehicle Dynamics and Control,
+    chapter 2), small slip and steering angles in the tyre forces, cornering drag left out: good up to the limit of
+    grip, not for what a car does beyond it. Lengths are measured in plan.
+    """
+
+    __slots__ = (
+        "_drag", "_front_gain", "_load_shift", "_mass_lateral_speed", "_mass_yaw_rate", "_rear", "_rear_gain",
+        "_rolling", "_slope_force", "_weight", "acceleration", "chassis", "distance", "grade", "heading",
+        "lateral_speed", "speed", "x", "y", "yaw_rate",
+    )  # fmt: skip
+
+    def __init__(
+        self, chassis: Chassis, start: tuple[float, float, float], speed: float = 0.0, grade: float = 0.0
+    ) -> None:
+        """Stand at `start` (x, y [m], heading [rad]), or roll straight ahead at `speed` [m/s], on `grade` [rad]."""
+        self.chassis = chassis
+        self.grade = grade  #: slope along the path [rad], uphill positive
+        self.x, self.y, self.heading = start
+        self.speed = speed  #: along the heading [m/s]
+        self.lateral_speed = 0.0  #: across the heading [m/s], left positive
+        self.yaw_rate = 0.0  #: [rad/s]
+        self.acceleration = 0.0  #: of the last step, along the heading [m/s2]
+        self.distance = 0.0  #: rolled since the start, backward counts negative [m]
+        self._mass_lateral_speed = 0.0
+        self._mass_yaw_rate = 0.0
+        self._rear = chassis.wheelbase - chassis.front_axle_to_mass
+        self._weight = chassis.mass * GRAVITY * math.cos(grade)
+        self._slope_force = chassis.mass * GRAVITY * math.sin(grade)
+        self._rolling = chassis.rolling_resistance * self._weight
+        self._drag = 0.5 * AIR_DENSITY * chassis.drag_area
+        # Stiffness per newton of axle load, and the load that goes over to the rear for each m/s2.
+        front_load = self._weight * self._rear / chassis.wheelbase
+        self._front_gain = chassis.cornering_stiffness_front / front_load
+        self._rear_gain = chassis.cornering_stiffness_rear / (self._weight - front_load)
+        self._load_shift = chassis.mass * chassis.mass_height / chassis.wheelbase
+
+    def advance(self, duration: float, steering: float, drive: float, brake: float) -> None:
+        """Move on by `duration` [s, at most 5 ms] under constant inputs.
+
+        `steering` is the road-wheel angle [rad], left positive; `drive` the force at the wheels [N], forward
+        positive; `brake` the force that the brakes can hold [N], not negative: it opposes motion, never causes it.
+        """
+        speed = self._roll(duration, drive, brake)
+        share = blend(speed)
+        tangent = math.tan(steering) / self.chassis.wheelbase
+        yaw_rate, lateral = speed * tangent, 0.0
+        if share:
+            middle_lateral, middle_yaw_rate = self._slide(duration, speed, steering)
+            yaw_rate += share * (middle_yaw_rate - yaw_rate)
+            lateral = share * (middle_lateral - self._rear * middle_yaw_rate)
+        self._displace(duration, speed, lateral, yaw_rate)
+        rolling = self.speed * tangent
+        if not share:
+            self._mass_yaw_rate, self._mass_lateral_speed = rolling, rolling * self._rear
+        self.yaw_rate = rolling + share * (self._mass_yaw_rate - rolling)
+        self.lateral_speed = share * (self._mass_lateral_speed - self._rear * self._mass_yaw_rate)
+
+    def _roll(self, duration: float, drive: float, brake: float) -> float:
+        """Advance the speed; return its mean over the step. Brakes and rolling drag act as dry friction."""
+        mass, speed = self.chassis.mass, self.speed
+        push = drive - self._slope_force - self._drag * speed * abs(speed)
+        hold = min(brake, self.chassis.friction * self._weight) + self._rolling
+        if speed == 0.0 and abs(push) <= hold:
+            self.acceleration = 0.0
+            return 0.0
+        acceleration = (push - math.copysign(hold, speed or push)) / mass
+        final = speed + acceleration * duration
+        if final < 0.0 < speed or speed < 0.0 < final:
+            # Friction brings the car to rest, it doesn't turn it round; the next step decides whether it starts again.
+            mean, final = -0.5 * speed * speed / (acceleration * duration), 0.0
+        else:
+            mean = 0.5 * (speed + final)
+        self.acceleration = (final - speed) / duration
+        self.speed = final
+        self.distance += mean * duration
+        return mean
+
+    def _slide(self, duration: float, speed: float, steering: float) -> tuple[float, float]:
+        """Advance the centre of mass's lateral speed and yaw rate (explicit midpoint); return the mid-step's."""
+        lateral, yaw_rate = self._mass_lateral_speed, self._mass_yaw_rate
+        rate_1, rate_2 = self._tyres(speed, steering, lateral, yaw_rate)
+        middle_lateral = lateral + 0.5 * duration * rate_1
+        middle_yaw_rate = yaw_rate + 0.5 * duration * rate_2
+        rate_1, rate_2 = self._tyres(speed, steering, middle_lateral, middle_yaw_rate)
+        self._mass_lateral_speed = lateral + duration * rate_1
+        self._mass_yaw_rate = yaw_rate + duration * rate_2
+        return middle_lateral, middle_yaw_rate
+
+    def _tyres(self, speed: float, steering: float, lateral: float, yaw_rate: float) -> tuple[float, float]:
+        """Lateral [m/s2] and yaw [rad/s2] acceleration of the centre of mass."""
+        chassis, shift = self.chassis, self._load_shift * self.acceleration
+        front_length = chassis.front_axle_to_mass
+        front_load = max(self._weight * self._rear / chassis.wheelbase - shift, 0.0)
+        rear_load = max(self._weight * front_length / chassis.wheelbase + shift, 0.0)
+        front = self._front_gain * (steering - (lateral + front_length * yaw_rate) / speed)
+        rear = self._rear_gain * (self._rear * yaw_rate - lateral) / speed
+        grip = chassis.friction
+        front = front_load * (-grip if front < -grip else min(front, grip))
+        rear = rear_load * (-grip if rear < -grip else min(rear, grip))
+        return (
+            (front + rear) / chassis.mass - speed * yaw_rate,
+            (front_length * front - self._rear * rear) / chassis.yaw_inertia,
+        )
+
+    def _displace(self, duration: float, speed: float, lateral: float, yaw_rate: float) -> None:
+        middle = self.heading + 0.5 * duration * yaw_rate
+        cosine, sine = math.cos(middle), math.sin(middle)
+        self.x += duration * (speed * cosine - lateral * sine)
+        self.y += duration * (speed * sine + lateral * cosine)
+        self.heading = math.remainder(self.heading + duration * yaw_rate, math.tau)

@@ -1,0 +1,317 @@
+"""OXTS NCOM: 72-byte packets to fixes and back.
+
+Knows bytes, checksums and the unit's clock; must not know whether a fix is good enough to drive on (trust.py),
+where the car is in a map, or where the bytes come from. Layout and rules as in OXTS's own decoder
+NComRxC.c (github.com/OxfordTechnicalSolutions/NCOMdecoder, nav/NComRxC.c, UpdateNav and DecodeExtra*) and, for the
+status codes, github.com/harry-harris-27/Ncom.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import struct
+from collections.abc import Callable
+from typing import Final
+
+from vve_sumo.frames import wrap_angle
+from vve_sumo.values import Fix
+
+SYNC: Final = b"\xe7"
+LENGTH: Final = 72  #: of a packet [bytes]
+NAVIGATION: Final = frozenset({2, 3, 4})  #: initialising, locking, locked: time and position are there
+STRUCTURE_B: Final = 11  #: another layout under the same sync byte
+
+MINUTE: Final = 60_000  #: [ms]
+MINUTES_SET: Final = 1_000  #: a smaller channel-0 value means that the unit does not know the time yet (NComRxC)
+CLOCK_HOLD: Final = 30.0  #: silence after which the minute is unknown again [s]: half the range of the packet's clock
+CHANNEL_LIFE: Final = 5_000  #: a status channel silent for longer says nothing [ms]; a cycle takes about 2 s
+AGE_LIMIT: Final = 150  #: an accuracy with this age counter or more is stale (NComRxC)
+
+ACCELERATION: Final = 1e-4  #: [m/s2]
+RATE: Final = 1e-5  #: [rad/s]
+VELOCITY: Final = 1e-4  #: [m/s]
+ANGLE: Final = 1e-6  #: [rad]
+INVALID: Final = -0x800000  #: of a 24-bit field
+LARGEST: Final = 0x7FFFFF  #: of a 24-bit field, either sign
+
+_POSITION = struct.Struct("<ddf")
+_CHANNEL_0 = struct.Struct("<iBBBB")
+_ACCURACY = struct.Struct("<HHHBB")
+_DIFFERENTIAL = struct.Struct("<h4s2x")
+_ROTATION = struct.Struct("<hhhBB")
+_UTC_MINUS_GPS: Final = -18  #: leap seconds since 2017-01-01 [s]
+
+
+class Outcome(enum.StrEnum):
+    """What became of one packet whose three checksums are right."""
+
+    FIX = "fix"
+    MINUTE_UNKNOWN = "minute_unknown"  #: no status channel 0 yet, or none since a long silence
+    NOT_INCREASING = "time_not_increasing"  #: duplicate, out of order, or the unit's clock went back
+    NO_POSITION = "no_position"  #: latitude or longitude not a number or out of range
+    NO_TIME = "no_time"  #: milliseconds beyond the minute
+    NOT_NAVIGATION = "not_navigation"  #: status 0, 1, 5, 6, 7 or unknown
+    STATUS_ONLY = "status_only"
+    STRUCTURE_B = "structure_b"
+    TRIGGER = "trigger"
+
+
+def checksums_hold(packet: bytes) -> bool:
+    """Whether all three running sums of a 72-byte packet are right."""
+    first = sum(packet[1:22])
+    if first & 0xFF != packet[22]:
+        return False
+    second = first + sum(packet[22:61])
+    return second & 0xFF == packet[61] and (second + sum(packet[61:71])) & 0xFF == packet[71]
+
+
+def _signed(packet: bytes, offset: int, scale: float) -> float:
+    raw = int.from_bytes(packet[offset : offset + 3], "little", signed=True)
+    return math.nan if raw == INVALID else raw * scale
+
+
+def _read_mode(payload: bytes) -> float:
+    return math.nan if payload[5] & 0x80 else payload[5]
+
+
+def _reader_of_accuracy(scale: float, columns: slice) -> Callable[[bytes], float]:
+    def read(payload: bytes) -> float:
+        values = _ACCURACY.unpack(payload)
+        return max(values[columns]) * scale if values[3] < AGE_LIMIT else math.nan
+
+    return read
+
+
+def _read_differential_age(payload: bytes) -> float:
+    raw: int = _DIFFERENTIAL.unpack(payload)[0]
+    return raw * 0.01 if raw >= 0 else math.nan
+
+
+#: What is read from a status channel: one number each, NaN where the unit says invalid or stale.
+_READERS: Final[dict[int, Callable[[bytes], float]]] = {
+    0: _read_mode,
+    3: _reader_of_accuracy(1e-3, slice(0, 2)),
+    4: _reader_of_accuracy(1e-3, slice(0, 2)),
+    5: _reader_of_accuracy(1e-5, slice(0, 1)),
+    20: _read_differential_age,
+}
+
+
+#: Statuses without a fix whose status channel is valid all the same: raw IMU, status only, and the trigger packets
+#: (interpolated, up to 30 ms late, and timed by their channel, not by bytes 1 and 2).
+_CHANNEL_ONLY: Final = {
+    1: Outcome.NOT_NAVIGATION,
+    10: Outcome.STATUS_ONLY,
+    20: Outcome.TRIGGER,
+    21: Outcome.TRIGGER,
+    22: Outcome.TRIGGER,
+}
+
+
+class Decoder:
+    """Turns a byte stream, however it is cut, into fixes; never raises on any bytes.
+
+    The packet's clock runs within a GPS minute; which minute, only status channel 0 says, about once in a cycle. In
+    between, a packet is dated to the minute that puts it nearest to its predecessor. That is NComRxC's roll-over rule
+    (below 2000 ms after above 2000 ms is a new minute) wherever less than 30 s were lost, and unlike it takes a late
+    packet for late. Every channel 0 sets the minute anew; `CLOCK_HOLD` of silence on the receiving clock forgets it.
+
+    Emitted fixes have strictly increasing times (a unit whose clock goes back for good needs a new decoder). All else
+    is counted in `counts` by `Outcome`, bytes that belong to no packet in `discarded`. What three 8-bit running sums
+    can do: any one wrong byte is caught; several wrong bytes between the same two sums pass once in 256 (over UDP only
+    if Ethernet and UDP missed them too; the trust gate is behind); random bytes after a sync byte once in 2**24.
+    """
+
+    def __init__(self) -> None:
+        self.counts: dict[Outcome, int] = dict.fromkeys(Outcome, 0)
+        self.discarded = 0  #: bytes that belonged to no packet
+        self._buffer = b""
+        self._clock: int | None = None  #: of the newest packet [ms since 1980-01-06 GPS]
+        self._emitted = 0  #: time of the newest fix [ms]
+        self._received = -math.inf
+        self._heard: dict[int, tuple[int, float]] = {}  #: status channel to (clock when heard, value)
+
+    @property
+    def packets(self) -> int:
+        """How many packets had three right checksums."""
+        return sum(self.counts.values())
+
+    def feed(self, data: bytes, time_received: float) -> list[Fix]:
+        """Return the fixes that `data` completes, all stamped with `time_received` [s, the drive's clock]."""
+        if time_received - self._received > CLOCK_HOLD:
+            self._clock = None
+        self._received = time_received
+        buffer, fixes = self._buffer + data, []
+        start = here = 0
+        while (here := buffer.find(SYNC, here)) >= 0 and here + LENGTH <= len(buffer):
+            packet = buffer[here : here + LENGTH]
+            if not checksums_hold(packet):
+                here += 1
+                continue
+            self.discarded += here - start
+            start = here = here + LENGTH
+            outcome, fix = self._take(packet, time_received)
+            self.counts[outcome] += 1
+            if fix is not None:
+                fixes.append(fix)
+        tail = here if here >= 0 else len(buffer)
+        self.discarded += tail - start
+        self._buffer = buffer[tail:]
+        return fixes
+
+    def _take(self, packet: bytes, time_received: float) -> tuple[Outcome, Fix | None]:
+        status = packet[21]
+        if status in NAVIGATION:
+            return self._navigate(packet, time_received)
+        if status == STRUCTURE_B:
+            return Outcome.STRUCTURE_B, None
+        if status in _CHANNEL_ONLY and self._clock is not None:
+            self._listen(packet, self._clock)
+        return _CHANNEL_ONLY.get(status, Outcome.NOT_NAVIGATION), None
+
+    def _navigate(self, packet: bytes, time_received: float) -> tuple[Outcome, Fix | None]:
+        milliseconds = packet[1] | packet[2] << 8
+        if milliseconds >= MINUTE:
+            return Outcome.NO_TIME, None
+        clock = self._date(packet, milliseconds)
+        if clock is None:
+            return Outcome.MINUTE_UNKNOWN, None
+        self._clock = clock
+        if clock <= self._emitted:
+            return Outcome.NOT_INCREASING, None
+        self._listen(packet, clock)
+        latitude, longitude, altitude = _POSITION.unpack_from(packet, 23)
+        if not (abs(latitude) <= math.pi / 2 and abs(longitude) <= math.tau):
+            return Outcome.NO_POSITION, None
+        self._emitted = clock
+        return Outcome.FIX, self._fix(packet, clock, time_received, latitude, longitude, altitude)
+
+    def _date(self, packet: bytes, milliseconds: int) -> int | None:
+        if packet[62] == 0:
+            minutes = int.from_bytes(packet[63:67], "little", signed=True)
+            if minutes >= MINUTES_SET:
+                return minutes * MINUTE + milliseconds
+        if self._clock is None:
+            return None
+        ahead = (milliseconds - self._clock) % MINUTE
+        return self._clock + (ahead if ahead <= MINUTE // 2 else ahead - MINUTE)
+
+    def _listen(self, packet: bytes, clock: int) -> None:
+        channel = packet[62]
+        if channel in _READERS:
+            self._heard[channel] = (clock, _READERS[channel](packet[63:71]))
+
+    def _slow(self, channel: int, clock: int) -> float:
+        """What the channel said last, NaN if it said nothing lately."""
+        heard, value = self._heard.get(channel, (0, math.nan))
+        return value if abs(clock - heard) <= CHANNEL_LIFE else math.nan
+
+    def _fix(
+        self, packet: bytes, clock: int, time_received: float, latitude: float, longitude: float, altitude: float
+    ) -> Fix:
+        mode = self._slow(0, clock)
+        return Fix(
+            time=clock / 1000.0,
+            time_received=time_received,
+            latitude=latitude,
+            longitude=longitude,
+            altitude=altitude if math.isfinite(altitude) else math.nan,
+            heading=wrap_angle(math.pi / 2 - _signed(packet, 52, ANGLE)),
+            pitch=_signed(packet, 55, ANGLE),
+            roll=_signed(packet, 58, ANGLE),
+            velocity_north=_signed(packet, 43, VELOCITY),
+            velocity_east=_signed(packet, 46, VELOCITY),
+            velocity_down=_signed(packet, 49, VELOCITY),
+            yaw_rate=-_signed(packet, 18, RATE),
+            acceleration=_signed(packet, 3, ACCELERATION),
+            status=packet[21],
+            position_mode=-1 if math.isnan(mode) else int(mode),
+            position_sigma=self._slow(3, clock),
+            velocity_sigma=self._slow(4, clock),
+            heading_sigma=self._slow(5, clock),
+            differential_age=self._slow(20, clock),
+        )
+
+
+def _field(value: float, scale: float) -> bytes:
+    """24-bit field: NaN is sent as invalid, what does not fit saturates."""
+    if math.isnan(value):
+        return b"\x00\x00\x80"
+    return (round(max(-LARGEST, min(LARGEST, value / scale))) & 0xFFFFFF).to_bytes(3, "little")
+
+
+def pack(fix: Fix, channel: int, payload: bytes) -> bytes:
+    """Return the 72 bytes a unit sends for `fix`, with 8 bytes `payload` of status channel `channel`.
+
+    What a fix does not hold (lateral and vertical acceleration, roll and pitch rate) is sent as invalid. `fix.time`
+    must be finite; `time_received` and the qualities that travel in status channels are not read.
+    """
+    nothing = b"\x00\x00\x80"
+    first = (
+        (round(fix.time * 1000.0) % MINUTE).to_bytes(2, "little")
+        + _field(fix.acceleration, ACCELERATION)
+        + nothing * 4
+        + _field(-fix.yaw_rate, RATE)
+        + bytes((fix.status,))
+    )
+    second = b"".join(
+        (
+            _POSITION.pack(fix.latitude, fix.longitude, fix.altitude),
+            _field(fix.velocity_north, VELOCITY),
+            _field(fix.velocity_east, VELOCITY),
+            _field(fix.velocity_down, VELOCITY),
+            _field(wrap_angle(math.pi / 2 - fix.heading), ANGLE),
+            _field(fix.pitch, ANGLE),
+            _field(fix.roll, ANGLE),
+        )
+    )
+    third = bytes((channel,)) + payload
+    total = sum(first)
+    sum_1 = total & 0xFF
+    total += sum_1 + sum(second)
+    sum_2 = total & 0xFF
+    total += sum_2 + sum(third)
+    return b"".join((SYNC, first, bytes((sum_1,)), second, bytes((sum_2,)), third, bytes((total & 0xFF,))))
+
+
+def _accuracy(sigma: float, scale: float) -> bytes:
+    """Payload of channels 3, 4 and 5, the same in all three axes; not known is sent with an age that means stale."""
+    if math.isnan(sigma):
+        return _ACCURACY.pack(0, 0, 0, 0xFF, 0xFF)
+    raw = round(min(sigma / scale, 0xFFFF))
+    return _ACCURACY.pack(raw, raw, raw, 0, 0xFF)
+
+
+def _mode(fix: Fix) -> bytes:
+    mode = fix.position_mode if 0 <= fix.position_mode < 0x80 else 0xFF
+    return _CHANNEL_0.pack(round(fix.time * 1000.0) // MINUTE, 0xFF, mode, mode, 0xFF)
+
+
+def _differential(fix: Fix) -> bytes:
+    age = fix.differential_age
+    return _DIFFERENTIAL.pack(-1 if math.isnan(age) else round(min(age * 100.0, 0x7FFF)), b"VVE0")
+
+
+#: Status channels in the order sent, with what writes each from a fix.
+_WRITERS: Final[tuple[tuple[int, Callable[[Fix], bytes]], ...]] = (
+    (0, _mode),
+    (3, lambda fix: _accuracy(fix.position_sigma, 1e-3)),
+    (4, lambda fix: _accuracy(fix.velocity_sigma, 1e-3)),
+    (5, lambda fix: _accuracy(fix.heading_sigma, 1e-5)),
+    (20, _differential),
+    (16, lambda _: _ROTATION.pack(0, 0, 0, 0, (_UTC_MINUS_GPS << 1 | 1) & 0xFF)),
+)
+
+
+class Encoder:
+    """Writes fixes as a unit would: one packet each, the status channels in turn, channel 0 first."""
+
+    def __init__(self) -> None:
+        self._turn = 0
+
+    def encode(self, fix: Fix) -> bytes:
+        """Return the packet for `fix` (finite time; see `pack`) with the status channel whose turn it is."""
+        channel, write = _WRITERS[self._turn]
+        self._turn = (self._turn + 1) % len(_WRITERS)
+        return pack(fix, channel, write(fix))

@@ -1,0 +1,172 @@
+"""Recorded drives to fixes: CSV files of positions, and raw NCOM bytes.
+
+Knows files; must not know trust, maps or the drive that plays them. A CSV needs a header with `time_s`, `latitude_deg`,
+`longitude_deg`, `heading_deg` (compass, clockwise from true north) and `speed_mps` (along the heading, reversing
+negative), one row for each fix; `altitude_m` is optional, other columns are ignored. `time_s` is kept as the fix's
+time: GNSS seconds where the file has them, else the file's own.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.pose.ncom import LENGTH, SYNC, Decoder
+from vve_sumo.values import Fix
+
+COLUMNS: Final = ("time_s", "latitude_deg", "longitude_deg", "heading_deg", "speed_mps")
+RANGES: Final = {"latitude_deg": 90.0, "longitude_deg": 360.0, "heading_deg": 360.0, "speed_mps": 100.0}
+HEADING_HELD: Final = 1.5  #: below it a missing heading is the last one, for a course is noise there [m/s]
+RATE_WINDOW: Final = 0.3  #: over which acceleration and yaw rate are differenced, to keep noise down [s]
+CHUNK: Final = 65_536  #: [bytes]
+
+
+def fixes(path: Path) -> Iterator[Fix]:
+    """Yield the fixes of a recorded drive: CSV where the file is named so, else raw NCOM bytes.
+
+    `time_received` is the time since the whole second of the first fix, as if each had arrived when it was made. Raises
+    ConfigError naming file, line and column, or the byte count of a file without a single NCOM packet.
+    """
+    return _csv_fixes(path) if path.suffix.lower() == ".csv" else _ncom_fixes(path)
+
+
+def _ncom_fixes(path: Path) -> Iterator[Fix]:
+    decoder, epoch = Decoder(), math.nan
+    for fix in decode(path, decoder):
+        if math.isnan(epoch):
+            epoch = math.floor(fix.time)
+        yield replace(fix, time_received=fix.time - epoch)
+
+
+def decode(path: Path, decoder: Decoder) -> Iterator[Fix]:
+    """Yield what `decoder` makes of a file of NCOM bytes, or of the same as hexadecimal text; arrival is taken as 0.
+
+    Raises ConfigError when the file cannot be read or, at its end, held no packet.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+    raw = _from_hex(data)
+    for start in range(0, len(raw), CHUNK):
+        yield from decoder.feed(raw[start : start + CHUNK], 0.0)
+    if decoder.packets == 0:
+        raise ConfigError(f"{path}: no NCOM packet ({LENGTH} bytes with three right checksums) in {len(data)} bytes")
+
+
+def _from_hex(data: bytes) -> bytes:
+    """The bytes that hexadecimal text stands for; anything else as it is (a raw packet opens with a non-ASCII byte)."""
+    if data[:2].lower() != SYNC.hex().encode():
+        return data
+    try:
+        return bytes.fromhex(data.decode("ascii"))
+    except ValueError:
+        return data
+
+
+class _Row(NamedTuple):
+    time: float
+    speed: float
+    heading: float  #: [rad] counter-clockwise from east
+
+
+def _csv_fixes(path: Path) -> Iterator[Fix]:
+    try:
+        file = path.open(newline="", encoding="utf-8-sig")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+    with file:
+        reader = csv.DictReader(file)
+        missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
+        if missing:
+            raise ConfigError(f"{path}, line 1: no column {', '.join(missing)}; a drive needs {', '.join(COLUMNS)}")
+        drive = _CsvDrive(path)
+        for cells in reader:
+            yield drive.fix(reader.line_num, cells)
+        if drive.empty:
+            raise ConfigError(f"{path}: no row after the header")
+
+
+class _CsvDrive:
+    """Reads row after row, and remembers what the rates and a missing heading are made from."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._epoch = math.nan
+        self._recent: deque[_Row] = deque()  #: rows within `RATE_WINDOW`, at least the last one
+
+    @property
+    def empty(self) -> bool:
+        return not self._recent
+
+    def fix(self, line: int, cells: dict[str, str | None]) -> Fix:
+        time, latitude, longitude, speed = (
+            self._number(line, cells, column) for column in ("time_s", "latitude_deg", "longitude_deg", "speed_mps")
+        )
+        if self.empty:
+            self._epoch = math.floor(time)
+        elif time <= self._recent[-1].time:
+            raise ConfigError(self._at(line, "time_s") + f"{time} does not come after {self._recent[-1].time}")
+        row = _Row(time, speed, self._heading(line, cells, speed))
+        acceleration, yaw_rate = self._rates(row)
+        self._recent.append(row)
+        return Fix(
+            time=time,
+            time_received=time - self._epoch,
+            latitude=math.radians(latitude),
+            longitude=math.radians(longitude),
+            altitude=self._number(line, cells, "altitude_m") if cells.get("altitude_m") else math.nan,
+            heading=row.heading,
+            pitch=math.nan,
+            roll=math.nan,
+            velocity_north=speed * math.sin(row.heading),
+            velocity_east=speed * math.cos(row.heading),
+            velocity_down=math.nan,
+            yaw_rate=yaw_rate,
+            acceleration=acceleration,
+            status=0,
+            position_mode=-1,
+            position_sigma=math.nan,
+            velocity_sigma=math.nan,
+            heading_sigma=math.nan,
+            differential_age=math.nan,
+        )
+
+    def _at(self, line: int, column: str) -> str:
+        return f"{self._path}, line {line}, column {column}: "
+
+    def _number(self, line: int, cells: dict[str, str | None], column: str) -> float:
+        text, limit = cells[column], RANGES.get(column, math.inf)
+        try:
+            value = float(text or "")
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and abs(value) <= limit):
+            wanted = "a finite number" if math.isinf(limit) else f"a number within +-{limit:g}"
+            raise ConfigError(self._at(line, column) + f"expected {wanted}, got {text!r}")
+        return value
+
+    def _heading(self, line: int, cells: dict[str, str | None], speed: float) -> float:
+        if (cells["heading_deg"] or "").strip():
+            compass = self._number(line, cells, "heading_deg")
+            return math.remainder(math.radians(90.0 - compass), math.tau)
+        held = self._recent and abs(speed) < HEADING_HELD
+        return self._recent[-1].heading if held else math.nan
+
+    def _rates(self, row: _Row) -> tuple[float, float]:
+        """Acceleration and yaw rate since the oldest row of the window; 0 where there is nothing to compare with."""
+        recent = self._recent
+        while len(recent) > 1 and recent[0].time < row.time - RATE_WINDOW:
+            recent.popleft()
+        if not recent:
+            return 0.0, 0.0
+        then = recent[0]
+        step = row.time - then.time
+        turn = math.remainder(row.heading - then.heading, math.tau)
+        return (row.speed - then.speed) / step, 0.0 if math.isnan(then.heading) else turn / step

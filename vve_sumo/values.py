@@ -1,0 +1,259 @@
+"""The few values that travel along the road from a pose to a CAN frame.
+
+Nothing here computes, reads or keeps anything. SI units inside; angles in radians, counter-clockwise
+from the map's +x unless the field says otherwise; a name carries its unit only where it is not SI.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vve_sumo.path import Path
+
+Floats = NDArray[np.float64]
+
+
+class Point(enum.StrEnum):
+    """A named point of the car; a pose is always the pose of one of them."""
+
+    OUTPUT = "output_point"  #: the point the GNSS receiver is configured to report
+    REAR_AXLE = "rear_axle"  #: middle of the rear axle, on the ground
+    FRONT_BUMPER = "front_bumper"  #: middle of the front bumper, on the ground
+    CENTRE = "centre"  #: middle of the rectangle that the car covers
+
+
+class Frame(NamedTuple):
+    """One classic CAN frame with an 11-bit identifier."""
+
+    id: int  #: identifier, 0 to 0x7FF
+    data: bytes  #: payload, 0 to 8 bytes; its length is the DLC
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """What the receiver said, once, about its output point; NaN is "not said" or "said to be invalid"."""
+
+    time: float  #: epoch of the fix [s of GNSS time since 1980-01-06, no leap seconds]
+    time_received: float  #: arrival on the drive's clock [s]
+    latitude: float  #: WGS84 [rad]
+    longitude: float  #: WGS84 [rad]
+    altitude: float  #: [m]
+    heading: float  #: [rad] counter-clockwise from true east, -pi to pi
+    pitch: float  #: [rad] nose up positive
+    roll: float  #: [rad] right side down positive
+    velocity_north: float  #: [m/s]
+    velocity_east: float  #: [m/s]
+    velocity_down: float  #: [m/s]
+    yaw_rate: float  #: [rad/s] counter-clockwise seen from above
+    acceleration: float  #: [m/s2] specific force along the car's forward axis, gravity's share included
+    status: int  #: navigation status, NCOM codes (4 is locked, real time)
+    position_mode: int  #: GNSS position mode, NCOM codes (6, 16, 24, 29 are RTK-fixed); -1 not known
+    position_sigma: float  #: horizontal, 1 sigma, the larger of north and east [m]
+    velocity_sigma: float  #: horizontal, 1 sigma, the larger of north and east [m/s]
+    heading_sigma: float  #: 1 sigma [rad]
+    differential_age: float  #: age of the RTK corrections [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a named point of the car is in the map at a stated time, and how it moves."""
+
+    time: float  #: drive time [s]
+    point: Point  #: whose pose this is
+    x: float  #: map [m]
+    y: float  #: map [m]
+    heading: float  #: of the car's forward axis [rad], counter-clockwise from the map's +x
+    speed: float  #: velocity of the point along the heading [m/s], forward positive
+    lateral_speed: float  #: velocity of the point across the heading [m/s], left positive
+    yaw_rate: float  #: [rad/s] counter-clockwise
+    acceleration: float  #: rate of change of speed [m/s2]
+    grade: float  #: slope of the ground along the heading [rad], uphill positive
+
+
+@dataclass(frozen=True, slots=True)
+class Actors:
+    """Everything of the street that has a body, at one time: a column per quantity, one row per actor."""
+
+    time: float  #: drive time [s]
+    ids: tuple[str, ...]  #: names, in row order
+    x: Floats  #: centre of the box, map [m]
+    y: Floats  #: centre of the box, map [m]
+    heading: Floats  #: [rad] counter-clockwise from the map's +x
+    speed: Floats  #: along the heading [m/s]
+    length: Floats  #: of the box, along the heading [m]
+    width: Floats  #: of the box [m]
+    radar_cross_section: Floats  #: at 77 GHz [m2]
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """One radar scan as a controller sees it: a column per quantity, one row per detection."""
+
+    time: float  #: drive time that the scan is dated with [s]; -inf before the first scan
+    range: Floats  #: from the middle of the front bumper to the seen point [m]
+    azimuth: Floats  #: direction of the seen point from the middle of the front bumper [rad], left positive
+    range_rate: Floats  #: radial velocity at the antenna [m/s], opening positive
+    mode: NDArray[np.int8]  #: 0 long range, 1 medium range
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """What is declared of the car: geometry, inertia, limits and lags."""
+
+    length: float  #: bumper to bumper [m]
+    width: float  #: without mirrors [m]
+    wheelbase: float  #: [m]
+    front_overhang: float  #: front axle to front bumper [m]
+    mass: float  #: with occupants [kg]
+    yaw_inertia: float  #: about the centre of mass [kg m2]
+    front_axle_to_mass: float  #: front axle to centre of mass [m]
+    cornering_stiffness_front: float  #: whole axle [N/rad]
+    cornering_stiffness_rear: float  #: whole axle [N/rad]
+    wheel_radius: float  #: rolling [m]
+    steering_ratio: float  #: steering-wheel angle over road-wheel angle
+    steering_limit: float  #: road-wheel angle [rad]
+    steering_rate_limit: float  #: road-wheel angle rate [rad/s]
+    steering_delay: float  #: dead time from frame to first movement [s]
+    steering_lag: float  #: first-order time constant after the dead time [s]
+    brake_delay: float  #: dead time from frame to first torque [s]
+    brake_lag: float  #: first-order time constant after the dead time [s]
+    brake_torque_limit: float  #: all wheels together [N m]
+    deceleration_limit: float  #: reached at the torque limit, laden, on the level [m/s2]
+
+    @property
+    def rear_axle_to_bumper(self) -> float:
+        """Distance from the rear axle forward to the front bumper [m]."""
+        return self.wheelbase + self.front_overhang
+
+    @property
+    def rear_overhang(self) -> float:
+        """Distance from the rear axle back to the rear bumper [m]."""
+        return self.length - self.wheelbase - self.front_overhang
+
+    @property
+    def understeer_gradient(self) -> float:
+        """Extra road-wheel angle for each m/s2 of lateral acceleration on a steady circle [rad s2/m]."""
+        rear = self.wheelbase - self.front_axle_to_mass
+        return (self.mass / self.wheelbase) * (
+            rear / self.cornering_stiffness_front - self.front_axle_to_mass / self.cornering_stiffness_rear
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """All that a controller may know at one tick."""
+
+    tick: int  #: number of the tick
+    time: float  #: drive time of the tick [s]
+    pose: Pose  #: of the rear axle, predicted to this time
+    path: Path  #: where the rear axle shall go, the same object for the whole drive
+    desired_speed: float  #: speed to keep where nothing forbids it [m/s]
+    detections: Detections  #: the newest radar scan, dated
+    steering: float  #: road-wheel angle that the car reports [rad], left positive; NaN not reported
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """What the car shall do, from a controller to the gateway.
+
+    A controller fills the first four fields; the tick stamps the rest. One without a sequence number or
+    an expiry is refused by the gateway.
+    """
+
+    steering: float  #: road-wheel angle [rad], left positive
+    acceleration: float  #: along the heading [m/s2], braking negative
+    emergency: bool = False  #: asks for the emergency envelope instead of the comfort one
+    note: str = ""  #: why, in a word, for the record
+    sequence: int = -1  #: counts up by one a setpoint
+    time: float = math.nan  #: drive time it was computed for [s]
+    expires: float = math.nan  #: drive time after which nobody may act on it [s]
+    speed: float = math.nan  #: GNSS speed of the rear axle [m/s], for the gateway's plausibility check
+    yaw_rate: float = math.nan  #: GNSS yaw rate [rad/s], for the gateway's plausibility check
+    grade: float = 0.0  #: slope along the heading [rad], uphill positive, to be fed forward
+    faults: tuple[str, ...] = ()  #: reason codes that the drive found; any of them asks for a stop
+
+
+class ArmingState(enum.StrEnum):
+    """Where the gateway stands between "nothing is commanded" and "the car is at rest again"."""
+
+    DISARMED = "disarmed"
+    READY = "ready"
+    ENGAGED = "engaged"
+    STOPPING = "stopping"
+    STOPPED = "stopped"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the gateway made of a setpoint."""
+
+    state: ArmingState  #: after this step
+    reasons: tuple[str, ...]  #: reason codes: why not ready, why stopping, why faulted
+    steering: float  #: road-wheel angle granted [rad], left positive
+    acceleration: float  #: granted [m/s2]
+    limited: tuple[str, ...]  #: names of the limits that changed the setpoint
+    brake_torque: float  #: commanded [N m]
+    throttle: float  #: commanded, 0 to 1
+
+
+def _column(meaning: str) -> Any:
+    return field(metadata={"meaning": meaning})
+
+
+@dataclass(frozen=True, slots=True)
+class TickRow:
+    """What is recorded of one tick; names carry units because they are the record's columns.
+
+    The record's schema, the documentation's table and every reader take columns and meanings from here.
+    """
+
+    tick: int = _column("number of the tick")
+    time_s: float = _column("drive time of the tick")
+    pose_trusted: bool = _column("a trusted pose stood behind this tick")
+    pose_age_s: float = _column("tick minus epoch of the newest trusted fix; NaN before the first")
+    pose_reasons: str = _column("why the newest fix was not trusted, codes joined by +")
+    x_m: float = _column("rear axle, map, smoothed and predicted to the tick")
+    y_m: float = _column("rear axle, map, smoothed and predicted to the tick")
+    heading_rad: float = _column("counter-clockwise from the map's +x")
+    speed_mps: float = _column("rear axle along the heading, forward positive")
+    acceleration_mps2: float = _column("estimated rate of change of speed_mps")
+    yaw_rate_radps: float = _column("counter-clockwise")
+    station_m: float = _column("distance along the path of the point nearest to the rear axle")
+    estimated_deviation_m: float = _column("rear axle against the path as the controller sees it, left positive")
+    true_x_m: float = _column("true rear axle laid on the street; NaN where nobody knows the truth")
+    true_y_m: float = _column("as true_x_m")
+    true_heading_rad: float = _column("as true_x_m")
+    true_speed_mps: float = _column("as true_x_m")
+    true_acceleration_mps2: float = _column("as true_x_m")
+    lateral_deviation_m: float = _column("true rear axle against the path, left positive; NaN for a real car")
+    scanned: bool = _column("the radar scanned at this tick")
+    detections: int = _column("rows in the newest scan")
+    steering_setpoint_rad: float = _column("road-wheel angle asked by the controller, left positive; NaN for none")
+    acceleration_setpoint_mps2: float = _column("acceleration asked by the controller; NaN for none")
+    emergency: bool = _column("the controller asked for the emergency envelope")
+    note: str = _column("the controller's own word for what it does")
+    state: str = _column("arming state of the gateway")
+    reasons: str = _column("the gateway's reason codes joined by +")
+    limited: str = _column("limits that changed the setpoint, joined by +")
+    steering_rad: float = _column("road-wheel angle granted by the gateway, left positive")
+    granted_acceleration_mps2: float = _column("acceleration granted by the gateway")
+    brake_torque_nm: float = _column("brake torque commanded, all wheels")
+    throttle_percent: float = _column("throttle commanded")
+    measured_steering_rad: float = _column("road-wheel angle that the car reports; NaN before the first report")
+    asked_x_m: float = _column("front bumper asked of SUMO for the next tick, map")
+    asked_y_m: float = _column("as asked_x_m")
+    asked_heading_rad: float = _column("as asked_x_m")
+    asked_speed_mps: float = _column("speed asked of SUMO for the next tick")
+    anchor_position_error_m: float = _column("distance of SUMO's ego from what was asked; NaN before the ego is placed")
+    anchor_speed_error_mps: float = _column("difference of SUMO's speed from what was asked")
+    anchor_faults: str = _column("breaches of the anchor contract, codes joined by +")
+    lane: str = _column("lane that SUMO maps the ego to; empty off the road")
+    actors: int = _column("actors in the snapshot that the next tick looks at")
+    contacts: str = _column("actors whose rectangle overlaps the ego's, joined by +")

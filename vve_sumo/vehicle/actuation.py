@@ -1,0 +1,136 @@
+"""From a wished acceleration to a brake torque and a throttle opening, and standing still.
+
+Feeds forward what the calibration knows (drag, creep, grade), corrects the rest with a bounded integral, and never
+presses both pedals. It knows no limits of comfort, no frames and no states of arming.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final, NamedTuple
+
+from vve_sumo.vehicle.calibration import GRAVITY, Calibration
+
+#: Acceleration for each m/s of speed that the car is behind its reference [1/s]. The speed error is the integral of
+#: the acceleration error, so this is an integral gain; a wrong mass or brake gain fades with a third of a second.
+INTEGRAL_GAIN: Final = 3.0
+CORRECTION_LIMIT: Final = 1.5  # largest correction [m/s2]: 15 % mass, 10 % brake gain and 3 % grade at 3.5 m/s2
+PEDAL_BAND: Final = 0.10  # a change of pedals needs this much force beyond zero, over mass [m/s2]; 1 % of grade
+START: Final = 0.10  # leaving standstill needs a wish above this [m/s2]
+REST: Final = 0.05  # slower than this is standing [m/s]; wheel-speed sensors resolve 3 mm/s
+ROLL_BACK: Final = 0.10  # faster backwards than this is rolling away [m/s]
+HOLD_GRADE: Final = 0.10  # standing is held on any grade up to this, whatever the grade is believed to be
+HOLD_MARGIN: Final = 1.3  # covers 15 % mass and 10 % brake gain
+HOLD_RATE: Final = 3000.0  # of the holding torque, both ways [N m/s]; full hold within a third of a second
+
+
+class Pedals(NamedTuple):
+    """What the car is told; at most one of the two is not zero."""
+
+    brake_torque: float  #: all wheels together [N m]
+    throttle: float  #: 0 to 1
+
+
+class Actuation:
+    """Turns acceleration into pedals, once a period; holds the car where it is wished to stand.
+
+    The reference is the speed that the wished accelerations would give through the declared delay and lag of the
+    actuators (brake_delay and brake_lag [s], or the calibration's drive lag while the throttle works).
+    """
+
+    def __init__(self, calibration: Calibration, brake_delay: float, brake_lag: float, period: float) -> None:
+        self._calibration = calibration
+        self._period = period
+        self._brake_blend = period / (brake_lag + period)
+        self._drive_blend = period / (calibration.drive_lag + period)
+        self._delayed = deque([0.0] * (1 + round(brake_delay / period)))
+        creep = calibration.creep_force / calibration.mass
+        hold_torque = HOLD_MARGIN * calibration.brake_gain * (creep + GRAVITY * HOLD_GRADE)
+        self._hold_torque = min(hold_torque, calibration.brake_torque_limit)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the car is about to be engaged, at rest."""
+        self._holding = True
+        self._hold_target = self._hold_torque
+        self._driving = False
+        self._torque = 0.0
+        self._restart()
+
+    def step(self, acceleration: float, speed: float, grade: float, brakes_only: bool = False) -> Pedals:
+        """Pedals for `acceleration` [m/s2] at the measured `speed` [m/s] on `grade` [rad, uphill positive].
+
+        A grade beyond a tenth is taken for a tenth.
+        """
+        if self._stands(acceleration, speed):
+            return self._hold(speed)
+        wish = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, speed)
+        slope = min(max(math.sin(grade), -HOLD_GRADE), HOLD_GRADE)
+        force = self._calibration.mass * (wish + GRAVITY * slope)
+        force += self._calibration.drag(speed) - self._calibration.creep(speed)
+        return self._pedals(min(force, 0.0) if brakes_only else force, speed, brakes_only)
+
+    def without_speed(self, deceleration: float) -> Pedals:
+        """Pedals for `deceleration` [m/s2] when nobody knows the speed: brakes alone, against full creep."""
+        force = self._calibration.mass * deceleration + self._calibration.creep_force
+        self._torque = self._calibration.brake_torque(force)
+        return Pedals(self._torque, 0.0)
+
+    def _stands(self, acceleration: float, speed: float) -> bool:
+        if self._holding:
+            if acceleration > START and speed > -ROLL_BACK:
+                self._holding = False
+                self._restart()
+        elif (acceleration <= 0.0 and speed < REST) or speed < -ROLL_BACK:
+            self._holding = True
+            self._hold_target = self._hold_torque
+        return self._holding
+
+    def _restart(self) -> None:
+        self._error = 0.0
+        self._saturation = 0
+        self._reference_acceleration = 0.0
+        for index in range(len(self._delayed)):
+            self._delayed[index] = 0.0
+        self._last_speed = math.nan
+
+    def _hold(self, speed: float) -> Pedals:
+        if abs(speed) >= REST and self._torque >= self._hold_target:
+            # It rolls although it is held: a steeper grade than any it was built for. All there is, and for good.
+            self._hold_target = self._calibration.brake_torque_limit
+        change = HOLD_RATE * self._period
+        self._torque += min(max(self._hold_target - self._torque, -change), change)
+        self._driving = False
+        return Pedals(self._torque, 0.0)
+
+    def _speed_error(self, acceleration: float, speed: float) -> float:
+        """Reference speed minus measured speed, bounded, and frozen against a pedal that gives no more."""
+        self._delayed.append(acceleration)
+        wished = self._delayed.popleft()
+        blend = self._drive_blend if self._driving else self._brake_blend
+        self._reference_acceleration += blend * (wished - self._reference_acceleration)
+        change = self._reference_acceleration * self._period - (speed - self._last_speed)
+        self._last_speed = speed
+        if change != change or change * self._saturation > 0.0:
+            return self._error
+        bound = CORRECTION_LIMIT / INTEGRAL_GAIN
+        self._error = min(max(self._error + change, -bound), bound)
+        return self._error
+
+    def _pedals(self, force: float, speed: float, brakes_only: bool) -> Pedals:
+        band = PEDAL_BAND * self._calibration.mass
+        if brakes_only:
+            self._driving = False
+        elif self._driving:
+            self._driving = force > -band
+        else:
+            self._driving = force > band
+        if self._driving:
+            self._torque = 0.0
+            throttle = self._calibration.throttle(force, speed)
+            self._saturation = 1 if throttle >= 1.0 else 0
+            return Pedals(0.0, throttle)
+        self._torque = self._calibration.brake_torque(-force)
+        self._saturation = -1 if self._torque >= self._calibration.brake_torque_limit else 0
+        return Pedals(self._torque, 0.0)

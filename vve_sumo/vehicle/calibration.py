@@ -1,0 +1,78 @@
+"""What a car does with a brake torque and a throttle opening: its calibration, and the maps both ways.
+
+Forces along the car, from numbers measured on that car; the hardware-free car is built from the same ones.
+It knows no controller, no frame and no time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from vve_sumo.errors import ConfigError
+
+GRAVITY = 9.80665  # standard acceleration of free fall [m/s2], CGPM 1901
+AIR_DENSITY = 1.2  # dry air at 20 C and sea level [kg/m3]
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Longitudinal calibration of one car; the defaults describe a 2018 Ford Fusion.
+
+    The default brake gain is measured: public CAN recordings of one Fusion show 3017 N m for 5.49 m/s2, so mass times
+    wheel radius is 550 kg m. The other defaults are plain assumptions for a car of that size, to be replaced by a
+    coast-down and a throttle sweep of the car at hand. Raises ConfigError for a value that cannot be.
+    """
+
+    mass: float = 1690.0  #: with occupants [kg]
+    brake_gain: float = 550.0  #: brake torque of all wheels for each m/s2 of deceleration [kg m]
+    brake_torque_limit: float = 3250.0  #: largest torque that the kit grants, all wheels together [N m]
+    drive_force_limit: float = 6500.0  #: at full throttle and low speed [N]
+    drive_power_limit: float = 120_000.0  #: at full throttle and high speed [W]
+    drive_lag: float = 0.25  #: first-order time constant from throttle to drive force [s]
+    creep_force: float = 600.0  #: in drive at standstill with no pedal pressed [N]
+    creep_speed: float = 2.0  #: where the creep force has fallen to zero, linearly [m/s]
+    rolling_resistance: float = 0.012  #: rolling drag over weight
+    drag_area: float = 0.62  #: drag coefficient times frontal area [m2]
+
+    def __post_init__(self) -> None:
+        """Refuse what no car can have, before anything moves."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"calibration: {field.name} must be finite and not negative, got {value!r}")
+        for name in ("mass", "brake_gain", "brake_torque_limit", "drive_force_limit", "drive_power_limit"):
+            if getattr(self, name) == 0.0:
+                raise ConfigError(f"calibration: {name} must be positive, got 0")
+
+    def full_throttle_force(self, speed: float) -> float:
+        """Drive force at full throttle [N] at `speed` [m/s]: a constant force up to the constant-power hyperbola."""
+        if speed * self.drive_force_limit <= self.drive_power_limit:
+            return self.drive_force_limit
+        return self.drive_power_limit / speed
+
+    def drive_force(self, throttle: float, speed: float) -> float:
+        """Drive force [N] of `throttle` (0 to 1) at `speed` [m/s], without creep."""
+        return throttle * self.full_throttle_force(speed)
+
+    def throttle(self, force: float, speed: float) -> float:
+        """Throttle (0 to 1, clipped) for a drive `force` [N] at `speed` [m/s]; inverse of `drive_force`."""
+        return min(max(force / self.full_throttle_force(speed), 0.0), 1.0)
+
+    def creep(self, speed: float) -> float:
+        """Force of the idling drivetrain [N] at `speed` [m/s]."""
+        if speed >= self.creep_speed:
+            return 0.0
+        return self.creep_force * (1.0 - max(speed, 0.0) / self.creep_speed)
+
+    def drag(self, speed: float) -> float:
+        """Rolling and air resistance [N] of a car rolling forward at `speed` [m/s]."""
+        return self.rolling_resistance * self.mass * GRAVITY + 0.5 * AIR_DENSITY * self.drag_area * speed * abs(speed)
+
+    def brake_force(self, torque: float) -> float:
+        """Braking force [N] of `torque` [N m]."""
+        return torque * self.mass / self.brake_gain
+
+    def brake_torque(self, force: float) -> float:
+        """Torque [N m] for a braking `force` [N], clipped to 0 and the limit; inverse of `brake_force`."""
+        return min(max(force * self.brake_gain / self.mass, 0.0), self.brake_torque_limit)

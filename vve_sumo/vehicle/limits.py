@@ -1,0 +1,157 @@
+"""What the car may be asked for at most: two envelopes known apart, and the limiter that keeps to them.
+
+The limiter knows the car's geometry and its speed; it knows no reason for a wish and no way to actuate it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.values import Vehicle
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ConfigError(f"{name} must be a positive number, got {value!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """How hard and how fast the motion may change."""
+
+    deceleration: float  #: largest [m/s2], a positive number
+    acceleration: float  #: largest [m/s2]
+    jerk: float  #: of a pedal pressed further: acceleration moving away from zero [m/s3]
+    release_jerk: float  #: of a pedal released: acceleration moving towards zero [m/s3]
+    lateral_jerk: float  #: from steering, on a steady circle [m/s3]
+
+    def __post_init__(self) -> None:
+        """Refuse an envelope that cannot be kept to."""
+        for field in fields(self):
+            _check_positive(f"limits: {field.name}", getattr(self, field.name))
+
+
+# -3.5 and +2.0 m/s2: what ISO 15622 (ACC) leaves at high speed, and opendbc's safety model (opendbc/safety, Ford) at
+# any. Lateral jerk 5 m/s3: ISO 11270 (lane keeping).
+COMFORT = Envelope(deceleration=3.5, acceleration=2.0, jerk=5.0, release_jerk=10.0, lateral_jerk=5.0)
+# A dry road's friction at most; the brakes' own rise time is of the order of 0.3 s.
+EMERGENCY = Envelope(deceleration=9.0, acceleration=2.0, jerk=30.0, release_jerk=30.0, lateral_jerk=10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Everything that the gateway keeps to; a rig may only make it stricter or looser knowingly, in its own file."""
+
+    comfort: Envelope = COMFORT  #: what every setpoint gets
+    emergency: Envelope = EMERGENCY  #: what a setpoint gets that asks for it
+    lateral_acceleration: float = 3.0  #: largest [m/s2], ISO 11270
+    stop_deceleration: float = 2.4  #: of the gateway's own stop [m/s2], as Autoware's vehicle_cmd_gate
+    stop_jerk: float = 5.0  #: with which it sets in [m/s3]
+    critical_deceleration: float = 4.0  #: of the gateway's own stop after a critical fault [m/s2]
+    critical_jerk: float = 15.0  #: with which it sets in [m/s3]
+
+    def __post_init__(self) -> None:
+        """Refuse limits that cannot be kept to."""
+        for name in (
+            "lateral_acceleration", "stop_deceleration", "stop_jerk", "critical_deceleration", "critical_jerk"
+        ):  # fmt: skip
+            _check_positive(f"limits: {name}", getattr(self, name))
+        if self.emergency.deceleration < max(self.comfort.deceleration, self.critical_deceleration):
+            raise ConfigError(
+                "limits: emergency deceleration must not be below the comfort and critical ones, "
+                f"got {self.emergency.deceleration:g}"
+            )
+
+
+class Granted(NamedTuple):
+    """What is left of a wish."""
+
+    acceleration: float  #: [m/s2]
+    steering: float  #: road-wheel angle [rad], left positive
+    limited: tuple[str, ...]  #: names of the limits that changed it
+
+
+class Limiter:
+    """Keeps acceleration and steering inside an envelope, from one period to the next.
+
+    `steering_limit` is the largest road-wheel angle [rad]. Rates have the last word: where the car has become faster
+    than its steering angle allows, the angle moves back at its largest rate, and does not jump.
+    """
+
+    def __init__(self, vehicle: Vehicle, limits: Limits, steering_limit: float, period: float) -> None:
+        self._limits = limits
+        self._wheelbase = vehicle.wheelbase
+        self._understeer = vehicle.understeer_gradient
+        self._steering_limit = steering_limit
+        self._steering_rate = vehicle.steering_rate_limit
+        self._period = period
+        self.acceleration = 0.0
+        self.steering = 0.0
+
+    def reset(self, acceleration: float, steering: float) -> None:
+        """Take these as what was granted last."""
+        self.acceleration = acceleration
+        self.steering = steering
+
+    def step(self, acceleration: float, steering: float, speed: float, emergency: bool) -> Granted:
+        """What of the wished `acceleration` [m/s2] and `steering` [rad] is granted at `speed` [m/s].
+
+        A wish that is not finite changes nothing and is named "not_finite".
+        """
+        if not (math.isfinite(acceleration) and math.isfinite(steering) and math.isfinite(speed)):
+            return Granted(self.acceleration, self.steering, ("not_finite",))
+        envelope = self._limits.emergency if emergency else self._limits.comfort
+        limited: list[str] = []
+        self.acceleration = self._limit_acceleration(acceleration, envelope, limited)
+        self.steering = self._limit_steering(steering, speed, envelope, limited)
+        return Granted(self.acceleration, self.steering, tuple(limited))
+
+    def steering_bound(self, speed: float) -> float:
+        """Largest road-wheel angle [rad] at `speed` [m/s]: of the car, and of the lateral acceleration.
+
+        Steady circle of the single-track model: atan(L a / v^2) + K a (Rajamani, Vehicle Dynamics and Control, 3.3).
+        """
+        lateral = self._limits.lateral_acceleration
+        turning = math.atan2(self._wheelbase * lateral, speed * speed) + self._understeer * lateral
+        return min(self._steering_limit, max(turning, 0.0))
+
+    def steering_rate_bound(self, speed: float, lateral_jerk: float) -> float:
+        """Largest rate of the road-wheel angle [rad/s] at `speed` [m/s]: of the car, and of the lateral jerk."""
+        square = speed * speed
+        if square * self._steering_rate <= lateral_jerk * self._wheelbase:
+            return self._steering_rate
+        return lateral_jerk * self._wheelbase / square
+
+    def _limit_acceleration(self, wish: float, envelope: Envelope, limited: list[str]) -> float:
+        target = min(max(wish, -envelope.deceleration), envelope.acceleration)
+        if target != wish:
+            limited.append("acceleration")
+        granted = approach(self.acceleration, target, envelope.jerk, envelope.release_jerk, self._period)
+        if granted != target:
+            limited.append("jerk")
+        return granted
+
+    def _limit_steering(self, wish: float, speed: float, envelope: Envelope, limited: list[str]) -> float:
+        bound = self.steering_bound(speed)
+        target = min(max(wish, -bound), bound)
+        if target != wish:
+            limited.append("steering_angle" if bound == self._steering_limit else "lateral_acceleration")
+        change = self.steering_rate_bound(speed, envelope.lateral_jerk) * self._period
+        granted = min(max(target, self.steering - change), self.steering + change)
+        if granted != target:
+            limited.append("steering_rate")
+        return granted
+
+
+def approach(value: float, target: float, away: float, towards: float, period: float) -> float:
+    """`value` one period nearer to `target`, moving at rate `towards` where it nears 0 and `away` where it leaves."""
+    if value * target < 0.0:
+        to_zero = abs(value) / towards
+        if to_zero >= period:
+            return value - math.copysign(towards * period, value)
+        return approach(0.0, target, away, towards, period - to_zero)
+    change = period * (away if abs(target) > abs(value) else towards)
+    return min(max(target, value - change), value + change)

@@ -1,0 +1,242 @@
+"""The words that a Dataspeed DBW1 drive-by-wire kit and its host exchange, as values in SI units.
+
+Bits, scales and identifiers are the codec's business (`dbw`); when and why anything is said is the gateway's.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+
+class BrakeKind(enum.IntEnum):
+    """Meaning of the value of a brake command."""
+
+    NONE = 0
+    PEDAL = 1  #: pedal travel, fraction
+    PERCENT = 2  #: of the largest torque, fraction
+    TORQUE = 3  #: open loop [N m]
+    TORQUE_CLOSED_LOOP = 4  #: [N m]
+    DECELERATION = 6  #: [m/s2]; not offered by the pedal module of a Fusion
+
+
+class ThrottleKind(enum.IntEnum):
+    """Meaning of the value of a throttle command."""
+
+    NONE = 0
+    PEDAL = 1  #: pedal travel, fraction
+    PERCENT = 2  #: of full throttle, fraction
+
+
+class BrakeReportKind(enum.IntEnum):
+    """Meaning of the three values of a brake report."""
+
+    PEDAL = 0  #: fractions of pedal travel
+    DECELERATION = 1  #: driver's torque [N m], command and output as deceleration [m/s2]
+    TORQUE = 2  #: [N m]
+
+
+class Gear(enum.IntEnum):
+    """Selector position."""
+
+    NONE = 0
+    PARK = 1
+    REVERSE = 2
+    NEUTRAL = 3
+    DRIVE = 4
+    LOW = 5
+
+
+class GearReject(enum.IntEnum):
+    """Why the car did not take a gear command."""
+
+    NONE = 0
+    SHIFT_IN_PROGRESS = 1
+    OVERRIDE = 2
+    ROTARY_LOW = 3
+    ROTARY_PARK = 4
+    VEHICLE = 5
+    UNSUPPORTED = 6
+    FAULT = 7
+
+
+class ParkingBrake(enum.IntEnum):
+    """State of the parking brake."""
+
+    OFF = 0
+    TRANSITION = 1
+    ON = 2
+    FAULT = 3
+
+
+class WatchdogSource(enum.IntEnum):
+    """What made the kit's watchdog latch."""
+
+    NONE = 0
+    OTHER_BRAKE = 1
+    OTHER_THROTTLE = 2
+    OTHER_STEERING = 3
+    BRAKE_COUNTER = 4
+    BRAKE_DISABLED = 5
+    BRAKE_COMMAND = 6
+    BRAKE_REPORT = 7
+    THROTTLE_COUNTER = 8
+    THROTTLE_DISABLED = 9
+    THROTTLE_COMMAND = 10
+    THROTTLE_REPORT = 11
+    STEERING_COUNTER = 12
+    STEERING_DISABLED = 13
+    STEERING_COMMAND = 14
+    STEERING_REPORT = 15
+
+
+# Tuples and not dataclasses: making one is several times cheaper, and a dozen are made every tick.
+class BrakeCommand(NamedTuple):
+    """What the brakes shall do."""
+
+    kind: BrakeKind  #: meaning of the value
+    value: float  #: fraction, [N m] or [m/s2]
+    enable: bool  #: the kit may act on it
+    counter: int | None  #: watchdog counter 0 to 255; None only for CLEAR alone, which goes out with four bytes
+    clear: bool = False  #: forget a latched override
+
+
+class ThrottleCommand(NamedTuple):
+    """What the throttle shall do."""
+
+    kind: ThrottleKind  #: meaning of the value
+    value: float  #: fraction
+    enable: bool  #: the kit may act on it
+    counter: int | None  #: watchdog counter 0 to 255; None only for CLEAR alone
+    clear: bool = False  #: forget a latched override
+
+
+class SteeringCommand(NamedTuple):
+    """Where the steering wheel shall be."""
+
+    wheel_angle: float  #: of the steering wheel [rad], left positive
+    wheel_rate: float  #: largest rate of the steering wheel [rad/s], rounded down; 0 is the kit's own largest
+    enable: bool  #: the kit may act on it
+    counter: int | None  #: watchdog counter 0 to 255; None only for CLEAR alone
+    clear: bool = False  #: forget a latched override
+
+
+class GearCommand(NamedTuple):
+    """Which gear the car shall be in."""
+
+    gear: Gear  #: NONE asks for nothing
+    clear: bool = False  #: forget a latched override
+
+
+class BrakeReport(NamedTuple):
+    """What the brake module says, 50 Hz."""
+
+    kind: BrakeReportKind  #: meaning of the three values
+    driver_input: float  #: the driver's pedal: fraction, or [N m]
+    command: float  #: fraction, [N m] or [m/s2]
+    output: float  #: fraction, [N m] or [m/s2]
+    enabled: bool
+    lights: bool = False  #: brake lights asked for
+    override: bool = False  #: the driver took over; latched until CLEAR
+    driver: bool = False  #: the driver is on the pedal
+    timeout: bool = False  #: no command for 100 ms
+    watchdog_braking: bool = False  #: the kit brakes because of its watchdog
+    watchdog_source: WatchdogSource = WatchdogSource.NONE
+    fault_watchdog: bool = False
+    fault_channel_1: bool = False
+    fault_channel_2: bool = False
+    fault_power: bool = False
+
+
+class ThrottleReport(NamedTuple):
+    """What the throttle module says, 50 Hz."""
+
+    driver_input: float  #: pedal travel, fraction
+    command: float  #: pedal travel, fraction
+    output: float  #: pedal travel, fraction
+    enabled: bool
+    override: bool = False  #: the driver took over; latched until CLEAR
+    driver: bool = False  #: the driver is on the pedal
+    timeout: bool = False  #: no command for 100 ms
+    watchdog_source: WatchdogSource = WatchdogSource.NONE
+    fault_watchdog: bool = False
+    fault_channel_1: bool = False
+    fault_channel_2: bool = False
+    fault_power: bool = False
+
+
+class SteeringReport(NamedTuple):
+    """What the steering module says, 50 Hz."""
+
+    wheel_angle: float  #: of the steering wheel [rad], left positive; NaN invalid
+    command: float  #: [rad] left positive, or [N m] in torque mode; NaN invalid
+    speed: float  #: of the vehicle [m/s]; without a sign in the 2018 variant; NaN invalid
+    torque: float  #: of the driver on the wheel [N m]; NaN invalid
+    enabled: bool
+    override: bool = False  #: the driver took over; latched until CLEAR
+    timeout: bool = False  #: no command for 100 ms
+    torque_mode: bool = False  #: never in the 2018 variant
+    fault_watchdog: bool = False
+    fault_bus_1: bool = False
+    fault_bus_2: bool = False
+    fault_calibration: bool = False
+    fault_power: bool = False
+
+
+class GearReport(NamedTuple):
+    """What the shift module says, 20 Hz."""
+
+    gear: Gear  #: engaged
+    command: Gear = Gear.NONE  #: asked for
+    override: bool = False  #: the driver took over
+    fault_bus: bool = False
+    reject: GearReject = GearReject.NONE
+
+
+class WheelSpeeds(NamedTuple):
+    """Angular speeds of the wheels [rad/s], forward positive, 100 Hz; NaN invalid."""
+
+    front_left: float
+    front_right: float
+    rear_left: float
+    rear_right: float
+
+
+class Accelerations(NamedTuple):
+    """What the car's accelerometers feel [m/s2] (specific force), ISO 8855 axes, 100 Hz; NaN invalid."""
+
+    longitudinal: float  #: forward positive
+    lateral: float  #: left positive
+    vertical: float  #: up positive
+
+
+class YawRate(NamedTuple):
+    """What the car's gyroscopes feel [rad/s], 100 Hz; NaN invalid."""
+
+    roll: float
+    yaw: float  #: counter-clockwise seen from above
+
+
+class BrakeInfo(NamedTuple):
+    """What the car's own brake controller says, 50 Hz."""
+
+    torque_requested: float  #: all wheels together [N m]; NaN invalid
+    torque_actual: float  #: all wheels together [N m]; NaN invalid
+    stationary: bool
+    parking_brake: ParkingBrake = ParkingBrake.OFF
+    acceleration_over_ground: float = 0.0  #: along the road [m/s2]; NaN invalid
+    abs_active: bool = False
+    stability_active: bool = False
+    traction_active: bool = False
+
+
+class Malformed(NamedTuple):
+    """A frame with a known identifier that says nothing usable."""
+
+    id: int  #: identifier of the frame
+    reason: str  #: reason code
+
+
+Command = BrakeCommand | ThrottleCommand | SteeringCommand | GearCommand
+Report = BrakeReport | ThrottleReport | SteeringReport | GearReport | WheelSpeeds | Accelerations | YawRate | BrakeInfo
+Message = Command | Report

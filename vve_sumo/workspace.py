@@ -1,0 +1,105 @@
+"""Finds networks, routes, scenarios and controllers by name: the working folder first, then what the package ships.
+
+A name is a file's stem (`linden`); anything that looks like a path is taken as one.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from vve_sumo.errors import ConfigError
+
+#: what a name of each kind is looked up as: folder and the endings that it may have
+KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "network": ("networks", (".net.xml", ".net.xml.gz")),
+    "demand": ("routes", (".rou.xml", ".rou.xml.gz")),
+    "path": ("routes", (".csv",)),
+    "scenario": ("scenarios", (".toml",)),
+}
+
+#: folders that `vve-sumo init` lays out
+LAID_OUT = ("controllers", "networks", "routes", "scenarios")
+
+
+def shipped_root() -> Path:
+    """Folder that holds the shipped workspace: inside the installed package, or the checkout it runs from."""
+    package = Path(__file__).parent
+    inside = package / "shipped"
+    return inside if inside.is_dir() else package.parent
+
+
+def roots(working: Path) -> tuple[Path, ...]:
+    """Where names are looked up, in order."""
+    return (working, shipped_root())
+
+
+def _stem(file: Path, endings: tuple[str, ...]) -> str | None:
+    return next((file.name.removesuffix(e) for e in endings if file.name.endswith(e)), None)
+
+
+def known(kind: str, working: Path) -> dict[str, Path]:
+    """Every name of a kind with its file; the working folder's win over shipped ones of the same name."""
+    folder, endings = KINDS[kind]
+    found: dict[str, Path] = {}
+    for root in reversed(roots(working)):
+        for file in sorted((root / folder).glob("*")):
+            stem = _stem(file, endings)
+            if stem is not None and file.is_file():
+                found[stem] = file
+    return dict(sorted(found.items()))
+
+
+def find(kind: str, name: str, working: Path, *, beside: Path | None = None) -> Path:
+    """Return the file that `name` means; a relative path counts from `beside` (a scenario's folder) or `working`.
+
+    Raises ConfigError naming the kind, what was asked for and what there is.
+    """
+    _folder, endings = KINDS[kind]
+    if "/" in name or "\\" in name or name.endswith(endings):
+        for base in (beside, working):
+            if base is not None and (base / name).is_file():
+                return base / name
+        raise ConfigError(f"{kind} file {name!r} does not exist (looked from {beside or working})")
+    found = known(kind, working)
+    if name not in found:
+        raise ConfigError(f"no {kind} named {name!r}; known: {', '.join(found) or 'none'}")
+    return found[name]
+
+
+def shared_file(folder: str, name: str, working: Path) -> Path:
+    """Return a file of the workspace that is no kind of its own; raises ConfigError where there is none."""
+    for root in roots(working):
+        if (root / folder / name).is_file():
+            return root / folder / name
+    raise ConfigError(f"{folder}/{name} is neither in {working} nor shipped")
+
+
+def controller_folders(working: Path) -> tuple[Path, ...]:
+    """Folders in which a controller's name is looked up, in order."""
+    return tuple(root / "controllers" for root in roots(working) if (root / "controllers").is_dir())
+
+
+def lay_out(target: Path) -> list[Path]:
+    """Copy the shipped workspace folders into `target` and return the files written.
+
+    Raises ConfigError, before anything is written, when a file of the same name stands there already.
+    """
+    root = shipped_root()
+    sources = [file for folder in LAID_OUT for file in sorted((root / folder).rglob("*")) if _belongs(file)]
+    if target.exists() and not target.is_dir():
+        raise ConfigError(f"{target} is a file, expected a folder to lay the workspace out in")
+    taken = [file for file in sources if (target / file.relative_to(root)).exists()]
+    if taken:
+        raise ConfigError(f"{target / taken[0].relative_to(root)} is there already; choose an empty folder")
+    written = []
+    for file in sources:
+        copy = target / file.relative_to(root)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, copy)
+        written.append(copy)
+    return written
+
+
+def _belongs(file: Path) -> bool:
+    return file.is_file() and "__pycache__" not in file.parts and not file.name.startswith(".")

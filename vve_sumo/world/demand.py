@@ -1,0 +1,224 @@
+"""Draws traffic for a network and writes it as a SUMO route file: who drives, from where to where, and when.
+
+It runs before any drive and knows nothing of one. The same network, level and seed give the same file.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import xml.etree.ElementTree as ET
+from bisect import bisect
+from collections.abc import Collection, Iterator, Sequence
+from itertools import accumulate
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.world.build import ATTRIBUTION
+from vve_sumo.world.network import Roads
+
+#: vehicles on the streets at the same time, once and for all from the start
+LEVELS = {"light": 20, "moderate": 50, "heavy": 120}
+
+DURATION = 1200.0  #: vehicles go on entering for this long [s]
+SEED = 43211
+
+#: Share of through roads' ends among all places to come from or go to; the rest are kerbs of side streets.
+THROUGH_SHARE = 0.7
+#: How much likelier an end of the network is by the class of its street, after what such streets carry in a US city
+#: (FHWA, "Highway Functional Classification: Concepts, Criteria and Procedures", 2013, table 3-5: arterials some
+#: 7 000 to 27 000, collectors 1 100 to 6 300, local streets 80 to 700 vehicles a day).
+THROUGH_WEIGHTS = {"primary": 15.0, "secondary": 8.0, "tertiary": 4.0, "unclassified": 0.4, "residential": 0.2}
+KERB_CLASSES = ("residential", "unclassified")  #: the freeway is in neither list: it can't be seen from the streets
+LEAST_TRIP = 400.0  #: shorter trips are walked [m]
+DELAY = 1.25  #: travel time over the time at the speed limit, measured in SUMO with the vehicle types below
+TRIES = 1000  #: of drawing two ends that a way joins
+
+
+class VehicleType(NamedTuple):
+    """One kind of road user."""
+
+    share: float  #: of all vehicles
+    length: float  #: [m]
+    width: float  #: [m]
+    height: float  #: [m]
+    vehicle_class: str  #: SUMO's vClass
+    shape: str  #: SUMO's guiShape
+    accel: float  #: greatest [m/s2]
+    decel: float  #: comfortable [m/s2]
+
+
+#: Light trucks are more than half of US light vehicles. Truck and bus are the single-unit truck (SU-9) and the city bus
+#: (CITY-BUS) of AASHTO, "A Policy on Geometric Design of Highways and Streets"; the others are common models' sizes.
+TYPES = {
+    "sedan": VehicleType(0.42, 4.85, 1.85, 1.45, "passenger", "passenger/sedan", 2.6, 4.5),
+    "suv": VehicleType(0.33, 4.75, 1.90, 1.70, "passenger", "passenger/wagon", 2.4, 4.5),
+    "pickup": VehicleType(0.16, 5.85, 2.03, 1.95, "passenger", "passenger/van", 2.4, 4.3),
+    "van": VehicleType(0.05, 5.95, 2.05, 2.60, "delivery", "delivery", 2.0, 4.0),
+    "truck": VehicleType(0.03, 9.15, 2.44, 3.60, "truck", "truck", 1.3, 3.5),
+    "bus": VehicleType(0.01, 12.20, 2.59, 3.20, "bus", "bus", 1.2, 3.5),
+}
+
+#: Attributes common to all types. Drivers act every 0.1 s (a step of 0.02 s costs a fraction then). They pass a stopped
+#: car through the opposite lane, but seldom a moving one: with SUMO's eagerness of 1 a few touched in crossings.
+DRIVER = {"sigma": "0.5", "speedFactor": "normc(1.0,0.1,0.8,1.3)", "actionStepLength": "0.1", "lcOpposite": "0.2"}
+
+
+class Trip(NamedTuple):
+    """One vehicle's way."""
+
+    depart: float  #: [s]; below 0: under way already when the simulation starts
+    kind: str  #: its vehicle type
+    edges: tuple[Any, ...]  #: sumolib's edges, in order
+    kerb: float | None  #: where on the first edge it leaves the kerb [m]; None drives in at the edge's start
+
+
+class Demand(NamedTuple):
+    """What was written."""
+
+    vehicles: int  #: in the file
+    at_start: int  #: of them under way at time 0
+    travel_time: float  #: expected, mean of all trips [s]
+
+
+def write_demand(
+    network: Path, out: Path, *, level: str, duration: float = DURATION, seed: int = SEED, clear: Collection[str] = ()
+) -> Demand:
+    """Draw the traffic of a level ("light", "moderate", "heavy") and write it to `out` as a SUMO route file.
+
+    It is as if the streets had been busy for long: the vehicles under way at time 0 stand in the file with the place
+    that they would have reached. `clear` are edges (the ego's path) where no vehicle comes out of nothing, neither at
+    time 0 nor later, and none vanishes. Raises ConfigError on an unknown level or a network without streets to use.
+    """
+    if level not in LEVELS:
+        raise ConfigError(f"no traffic level {level!r}; known: {', '.join(LEVELS)}")
+    if not (math.isfinite(duration) and duration > 0.0):
+        raise ConfigError(f"duration {duration}: expected a time above zero [s]")
+    drawn = random.Random(f"{seed} {level}")
+    places = _Places(Roads(network), frozenset(clear))
+    samples = [places.trip(drawn) for _ in range(TRIES // 4)]
+    mean = sum(_travel_time(edges) for edges, _kerb in samples) / len(samples)
+    trips = list(_trips(places, drawn, mean / LEVELS[level], duration))
+    return _write(out, trips, level, seed, frozenset(clear), mean)
+
+
+class _Choice:
+    """Things to draw one of, each with its weight."""
+
+    def __init__(self, items: Sequence[Any], weights: Sequence[float]) -> None:
+        self.items = items
+        self._sums = list(accumulate(weights))
+
+    def draw(self, drawn: random.Random) -> Any:
+        return self.items[bisect(self._sums, drawn.random() * self._sums[-1], 0, len(self.items) - 1)]
+
+
+class _Places:
+    """Where vehicles may come from and go to, with their weights."""
+
+    def __init__(self, roads: Roads, clear: frozenset[str]) -> None:
+        self.roads = roads
+        cars = [edge for edge in roads.edges if edge.allows("passenger") and edge.getID() not in clear]
+        kerbs = [edge for edge in cars if _class(edge) in KERB_CLASSES]
+        self.kerbs = _Choice(kerbs, [edge.getLength() for edge in kerbs])
+        ends = [edge for edge in cars if _class(edge) in THROUGH_WEIGHTS]
+        self.entries = _through([edge for edge in ends if edge.is_fringe(edge.getIncoming())])
+        self.exits = _through([edge for edge in ends if edge.is_fringe(edge.getOutgoing())])
+        if not (kerbs and self.entries.items and self.exits.items):
+            raise ConfigError(f"{roads.network.path}: expected streets that lead in, lead out and have kerbs")
+
+    def trip(self, drawn: random.Random) -> tuple[tuple[Any, ...], float | None]:
+        """Return the edges of a random way and where on the first one the vehicle leaves the kerb."""
+        for _ in range(TRIES):
+            through = drawn.random() < THROUGH_SHARE
+            start = (self.entries if through else self.kerbs).draw(drawn)
+            end = (self.exits if drawn.random() < THROUGH_SHARE else self.kerbs).draw(drawn)
+            kerb = None if through else round(drawn.uniform(0.2, 0.8) * start.getLength(), 2)
+            edges = self._way(start, end)
+            if sum(edge.getLength() for edge in edges) >= LEAST_TRIP:
+                return edges, kerb
+        raise ConfigError(f"{self.roads.network.path}: found no two streets {LEAST_TRIP:.0f} m apart that a way joins")
+
+    def _way(self, start: Any, end: Any) -> tuple[Any, ...]:
+        back = end.getFromNode() is start.getToNode() and end.getToNode() is start.getFromNode()
+        if start is end or back:
+            return ()
+        return self.roads.fastest(start, end)
+
+
+def _through(edges: Sequence[Any]) -> _Choice:
+    return _Choice(edges, [THROUGH_WEIGHTS[_class(edge)] for edge in edges])
+
+
+def _class(edge: Any) -> str:
+    return str(edge.getType()).removeprefix("highway.")
+
+
+def _edge_time(edge: Any) -> float:
+    """Expected time on an edge, with what signals, junctions and other drivers cost [s]."""
+    return DELAY * float(edge.getLength()) / float(edge.getSpeed())
+
+
+def _travel_time(edges: Sequence[Any]) -> float:
+    return sum(_edge_time(edge) for edge in edges)
+
+
+def _trips(places: _Places, drawn: random.Random, headway: float, duration: float) -> Iterator[Trip]:
+    """Yield trips in order of departure, one in every `headway`, from before anybody could still be under way at 0."""
+    kinds = _Choice(list(TYPES), [kind.share for kind in TYPES.values()])
+    longest = 3.0 * headway * max(LEVELS.values())
+    for slot in range(-math.ceil(longest / headway), math.ceil(duration / headway)):
+        depart = (slot + drawn.random()) * headway
+        edges, kerb = places.trip(drawn)
+        kind = kinds.draw(drawn)
+        if depart + _travel_time(edges) > 0.0:
+            yield Trip(depart, kind, edges, kerb)
+
+
+def _reached(trip: Trip) -> tuple[tuple[Any, ...], float]:
+    """Return the rest of a way begun before time 0 and the position on its first edge [m]."""
+    elapsed = -trip.depart
+    for i, edge in enumerate(trip.edges):
+        if elapsed < _edge_time(edge):
+            return trip.edges[i:], edge.getLength() * elapsed / _edge_time(edge)
+        elapsed -= _edge_time(edge)
+    raise AssertionError("a trip that is over was drawn")
+
+
+def _vehicle(name: str, trip: Trip, clear: frozenset[str]) -> ET.Element | None:
+    """Return the element of one vehicle; None if it would stand on a clear edge at time 0."""
+    edges, position, speed = trip.edges, "base", "max"
+    if trip.depart < 0.0:
+        edges, reached = _reached(trip)
+        position = f"{reached:.2f}"
+    elif trip.kerb is not None:
+        position, speed = f"{trip.kerb:.2f}", "0"
+    if trip.depart < 0.0 and edges[0].getID() in clear:
+        return None
+    where = {"departLane": "best", "departPos": position, "departSpeed": speed}
+    element = ET.Element("vehicle", {"id": name, "type": trip.kind, "depart": f"{max(0.0, trip.depart):.2f}"} | where)
+    ET.SubElement(element, "route", edges=" ".join(edge.getID() for edge in edges))
+    return element
+
+
+def _type(name: str) -> ET.Element:
+    kind = TYPES[name]
+    size = {"length": f"{kind.length}", "width": f"{kind.width}", "height": f"{kind.height}"}
+    looks = {"vClass": kind.vehicle_class, "guiShape": kind.shape}
+    return ET.Element("vType", {"id": name, "accel": f"{kind.accel}", "decel": f"{kind.decel}"} | size | looks | DRIVER)
+
+
+def _write(out: Path, trips: Sequence[Trip], level: str, seed: int, clear: frozenset[str], mean: float) -> Demand:
+    root = ET.Element("routes")
+    root.extend(_type(name) for name in TYPES)
+    named = ((f"{trip.kind}.{i}", trip) for i, trip in enumerate(trips))
+    vehicles = [vehicle for vehicle in (_vehicle(name, trip, clear) for name, trip in named) if vehicle is not None]
+    vehicles.sort(key=lambda vehicle: float(vehicle.attrib["depart"]))
+    root.extend(vehicles)
+    ET.indent(root)
+    head = f"<!-- {level} traffic, seed {seed}: drawn trips, no counts of real traffic. {ATTRIBUTION} -->"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(f"{head}\n{ET.tostring(root, encoding='unicode')}\n", encoding="utf-8")
+    at_start = sum(vehicle.attrib["depart"] == "0.00" for vehicle in vehicles)
+    return Demand(len(vehicles), at_start, mean)

@@ -1,0 +1,247 @@
+"""Where every lane of the running network lies, and what leads where: which lanes a box cuts, which edges follow.
+
+Asks SUMO once at start (links on demand), afterwards plain geometry; must not know any vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import libsumo
+import numpy as np
+from numpy.typing import NDArray
+
+from vve_sumo.values import Floats
+from vve_sumo.world.footprint import Band, Corners, Rectangle, covered
+
+#: Straight on first, a U-turn last: where a driver of unknown intent most likely goes.
+TURN_PREFERENCE = "sRLrlt"
+
+#: A route onward ends after so many edges or so far ahead [m]; traffic yields to an ego whose route goes on past
+#: the next junction and not to one whose route ends there.
+ONWARD_EDGES = 6
+ONWARD_DISTANCE = 400.0
+
+#: The pieces of lanes near the box are looked up anew after it moved so far [m].
+NEARBY_MOVE = 10.0
+
+#: A corner may lie so far before or past a piece [m] and still count as in its lane: lanes of one road are not
+#: drawn gapless.
+END_PLAY = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """One lane: its centre line in straight pieces."""
+
+    id: str  #: of SUMO
+    edge: str  #: the edge it belongs to
+    index: int  #: 0 is the rightmost of its edge
+    length: float  #: as SUMO counts positions on it [m]; not always the drawn length
+    bands: tuple[Band, ...]  #: its pieces, first to last
+    starts: tuple[float, ...]  #: drawn distance at which each piece starts [m]
+
+    @property
+    def drawn_length(self) -> float:
+        """Length of the centre line as drawn [m]."""
+        return self.starts[-1] + self.bands[-1].length
+
+    def at(self, distance: float) -> tuple[float, float, float]:
+        """Return x [m], y [m] and heading [rad] of the centre line at a drawn distance [m] from its start."""
+        i = max(bisect_right(self.starts, distance) - 1, 0)
+        band, along = self.bands[i], distance - self.starts[i]
+        return band.x + along * band.cos, band.y + along * band.sin, math.atan2(band.sin, band.cos)
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """The part of a lane that a box covers."""
+
+    lane: Lane
+    start: float  #: drawn distance where the covered part starts [m]
+    end: float  #: drawn distance where it ends [m]
+
+
+def read_lanes() -> list[Lane]:
+    """Return the lanes that vehicles use, of the simulation that runs; footways and crossings are left out."""
+    names = libsumo.lane.getIDList()
+    return [_read(name) for name in names if libsumo.lane.getAllowed(name) != ("pedestrian",)]
+
+
+def _read(name: str) -> Lane:
+    half_width = 0.5 * libsumo.lane.getWidth(name)
+    points = libsumo.lane.getShape(name)
+    bands, starts, total = [], [], 0.0
+    for (x, y), (next_x, next_y) in zip(points, points[1:], strict=False):
+        length = math.hypot(next_x - x, next_y - y)
+        if length > 0.0:
+            bands.append(Band(x, y, (next_x - x) / length, (next_y - y) / length, length, half_width))
+            starts.append(total)
+            total += length
+    edge, _, index = name.rpartition("_")
+    return Lane(name, edge, int(index), libsumo.lane.getLength(name), tuple(bands), tuple(starts))
+
+
+def holds(bands: Sequence[Band], x: float, y: float) -> bool:
+    """Return whether a point lies on one of the pieces."""
+    for band in bands:
+        dx, dy = x - band.x, y - band.y
+        along = dx * band.cos + dy * band.sin
+        if -END_PLAY <= along <= band.length + END_PLAY and abs(dy * band.cos - dx * band.sin) <= band.half_width:
+            return True
+    return False
+
+
+class Lanes:
+    """All lanes of a network and the two questions asked of them at every tick."""
+
+    def __init__(self, lanes: Iterable[Lane], reach: float) -> None:
+        """Index the lanes for boxes of a radius up to `reach` [m]."""
+        self.by_id = {lane.id: lane for lane in lanes if lane.bands}
+        self._reach = reach
+        self._lane_of: dict[str, str] = {}
+        for lane in self.by_id.values():
+            self._lane_of.setdefault(lane.edge, lane.id)
+        pieces = [(lane, i, band) for lane in self.by_id.values() for i, band in enumerate(lane.bands)]
+        self._pieces = [(lane, i) for lane, i, _ in pieces]
+        self._table: Floats = np.array(
+            [(b.x, b.y, b.cos, b.sin, b.length, b.half_width) for _, _, b in pieces], dtype=np.float64
+        ).T.copy()
+        self._widest = float(self._table[5].max())
+        self._centre = (math.inf, math.inf)
+        self._near: NDArray[np.intp] = np.empty(0, dtype=np.intp)
+        self._near_table = self._table[:, :0]
+        self._links: dict[str, tuple[tuple[str, str, str], ...]] = {}
+        self._onward: dict[str, tuple[str, ...]] = {}
+        self._routes: set[str] = set()
+        self._entries = {
+            inside: lane for lane in self.by_id if not lane.startswith(":") for _, inside, _ in self._links_of(lane)
+        }
+
+    def cut(self, box: Rectangle) -> dict[str, Cut]:
+        """Return the covered part of every lane that a box cuts, by lane."""
+        self._look_around(box.x, box.y)
+        corners = box.corners()
+        found: dict[str, Cut] = {}
+        for piece in self._touched(box):
+            lane, i = self._pieces[piece]
+            part = covered(corners, lane.bands[i])
+            if part is None:
+                continue
+            start, end = lane.starts[i] + part[0], lane.starts[i] + part[1]
+            if lane.id in found:
+                start, end = min(start, found[lane.id].start), max(end, found[lane.id].end)
+            found[lane.id] = Cut(lane, start, end)
+        return found
+
+    def nearest(self, x: float, y: float) -> tuple[Lane, float]:
+        """Return the lane whose centre line is nearest to a point, and how far it is [m]; junctions are left out."""
+        for piece in np.argsort(self._distances(x, y), kind="stable"):
+            lane = self._pieces[piece][0]
+            if not lane.id.startswith(":"):
+                return lane, float(self._distances(x, y)[piece])
+        raise ValueError("the network has no lane outside junctions")
+
+    def follows(self, lane: str, next_lane: str) -> bool:
+        """Return whether a vehicle at the end of `lane` can be on `next_lane` a moment later."""
+        return any(next_lane in (inside, beyond) for beyond, inside, _ in self._links_of(lane))
+
+    def exit_edge(self, lane: str) -> str:
+        """Return the edge that a lane inside a junction leads to; for another lane its own edge."""
+        while lane.startswith(":"):
+            links = self._links_of(lane)
+            if not links:
+                break
+            lane = links[0][0]
+        return lane.rpartition("_")[0]
+
+    def onward(self, lane: str) -> tuple[str, ...]:
+        """Return the edges of a plausible way from a lane (outside junctions) onward, its own edge first."""
+        if lane not in self._onward:
+            edges, here, distance = [lane.rpartition("_")[0]], lane, 0.0
+            while len(edges) < ONWARD_EDGES and distance < ONWARD_DISTANCE and (links := self._links_of(here)):
+                here = min(links, key=lambda link: TURN_PREFERENCE.find(link[2]) % len(TURN_PREFERENCE))[0]
+                edges.append(here.rpartition("_")[0])
+                distance += self.by_id[here].length if here in self.by_id else 0.0
+            self._onward[lane] = tuple(edges)
+        return self._onward[lane]
+
+    def gap(self, route: Sequence[str]) -> str:
+        """Return what is wrong with a route (an edge unknown, two without a connection), "" for a good one."""
+        unknown = [edge for edge in route if edge not in self._lane_of]
+        if unknown:
+            return f"route: edge of the network expected, got {unknown[0]!r}"
+        joined = {
+            (lane.edge, beyond.rpartition("_")[0])
+            for lane in self.by_id.values() if lane.edge in route for beyond, _, _ in self._links_of(lane.id)
+        }
+        for pair in zip(route, route[1:], strict=False):
+            if pair not in joined:
+                return f"route: no connection leads from edge {pair[0]!r} to {pair[1]!r}"
+        return ""
+
+    def onward_from(self, edge: str) -> tuple[str, ...]:
+        """Return the edges of a plausible way onward from an edge, itself first."""
+        return self.onward(self._lane_of[edge]) if edge in self._lane_of else (edge,)
+
+    def route(self, lane: str) -> str:
+        """Return the name of a route of SUMO that holds the lane and goes on from it, made when first asked for."""
+        name = f"onward.{lane}"
+        if name not in self._routes:
+            edges = (self.onward(lane) if not lane.startswith(":") else self._through(lane))
+            libsumo.route.add(name, edges)
+            self._routes.add(name)
+        return name
+
+    def _through(self, lane: str) -> tuple[str, ...]:
+        """Edges of a way through a junction that uses the lane inside it."""
+        if lane not in self._entries:
+            before = [other for other in self.by_id if other.startswith(":") and self.follows(other, lane)]
+            return self._through(before[0]) if before else (self.exit_edge(lane),)
+        links = self._links_of(self._entries[lane])
+        beyond = next(beyond for beyond, inside, _ in links if inside == lane)
+        return (self._entries[lane].rpartition("_")[0], *self.onward(beyond))
+
+    def _links_of(self, lane: str) -> tuple[tuple[str, str, str], ...]:
+        if lane not in self._links:
+            links = libsumo.lane.getLinks(lane)
+            self._links[lane] = tuple((link[0], link[4], link[6]) for link in links)
+        return self._links[lane]
+
+    def _distances(self, x: float, y: float) -> Floats:
+        px, py, cos, sin, length, _ = self._table
+        dx, dy = x - px, y - py
+        along = np.clip(dx * cos + dy * sin, 0.0, length)
+        ex, ey = dx - along * cos, dy - along * sin
+        return np.sqrt(ex * ex + ey * ey)
+
+    def _look_around(self, x: float, y: float) -> None:
+        if abs(x - self._centre[0]) + abs(y - self._centre[1]) > NEARBY_MOVE:
+            self._centre = (x, y)
+            self._near = np.flatnonzero(self._distances(x, y) < NEARBY_MOVE + self._reach + self._widest)
+            self._near_table = self._table[:, self._near].copy()
+
+    def _touched(self, box: Rectangle) -> list[int]:
+        """Separating axes of a box and every piece nearby at once; in the order of the network."""
+        px, py, cos, sin, length, half_width = self._near_table
+        ahead, across = 0.5 * box.length, 0.5 * box.width
+        box_cos, box_sin = math.cos(box.heading), math.sin(box.heading)
+        dx, dy = box.x - px, box.y - py
+        half = 0.5 * length
+        along, skew = np.abs(cos * box_cos + sin * box_sin), np.abs(cos * box_sin - sin * box_cos)
+        mid_x, mid_y = dx - half * cos, dy - half * sin
+        apart = (
+            (np.abs(mid_x * cos + mid_y * sin) >= half + ahead * along + across * skew)
+            | (np.abs(mid_y * cos - mid_x * sin) >= half_width + ahead * skew + across * along)
+            | (np.abs(mid_x * box_cos + mid_y * box_sin) >= ahead + half * along + half_width * skew)
+            | (np.abs(mid_y * box_cos - mid_x * box_sin) >= across + half * skew + half_width * along)
+        )
+        return [int(i) for i in self._near[~apart]]
+
+
+def in_line(line: Sequence[Lane], corners: Corners) -> bool:
+    """Return whether every corner lies on one of the lanes."""
+    return all(any(holds(lane.bands, x, y) for lane in line) for x, y in corners)

@@ -1,0 +1,209 @@
+"""What is known of a SUMO network file without a simulation: where it lies on Earth, its lanes, streets and routes.
+
+The head and the lane shapes are read as a stream, because every drive needs them; sumolib's full reading
+(about a second) is left to `Roads`. Knows nothing of traffic or of the ego.
+"""
+
+from __future__ import annotations
+
+import gzip
+import math
+import xml.etree.ElementTree as ET
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import MapFrame
+
+Floats = NDArray[np.float64]
+Box = tuple[float, float, float, float]  #: least x, least y, greatest x, greatest y, map [m]
+
+LANE_WIDTH = 3.2  #: of a lane that states none, SUMO's default [m]
+GZIP_MAGIC = b"\x1f\x8b"
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """Where a network file lies on Earth."""
+
+    path: Path  #: the file
+    projection: str  #: PROJ string from geodetic to projected coordinates
+    offset: tuple[float, float]  #: added to projected x, y to get map x, y [m]
+    boundary: Box  #: of everything in it, map [m]
+
+    def frame(self) -> MapFrame:
+        """Geodetic coordinates to map coordinates of this network and back."""
+        return MapFrame(self.projection, self.offset)
+
+
+class LanePoint(NamedTuple):
+    """A place on a lane's centre line."""
+
+    x: float  #: map [m]
+    y: float  #: map [m]
+    heading: float  #: of the lane there [rad], counter-clockwise from map +x
+
+
+def read_network(path: Path) -> Network:
+    """Read where a network (`.net.xml`, plain or gzipped) lies, from its head alone.
+
+    Raises ConfigError when the file is missing, no network, or without a projection.
+    """
+    for element in _elements(path, "location"):
+        return _located(path, element.attrib)
+    raise ConfigError(f"{path}: expected a <location> element, found none")
+
+
+def lane_shapes(path: Path, box: Box) -> list[tuple[Floats, float]]:
+    """Return (centre line of shape (n, 2), width), both [m], of each lane that comes near the box, in file order.
+
+    A lane comes near when its own bounding box, widened by its width, meets `box`. The lanes inside
+    junctions are among them. Raises ConfigError as read_network does.
+    """
+    shapes = ((_shape(lane.attrib["shape"]), float(lane.get("width", LANE_WIDTH))) for lane in _elements(path, "lane"))
+    return [(shape, width) for shape, width in shapes if _meets(shape, width, box)]
+
+
+def _located(path: Path, attributes: dict[str, str]) -> Network:
+    projection = attributes.get("projParameter", "!")
+    if projection in {"!", "-", "."}:
+        raise ConfigError(
+            f"{path}: expected a geographic projection in <location projParameter>, got {projection!r}; "
+            "build the network from map data"
+        )
+    offset, boundary = (_numbers(path, attributes, key, n) for key, n in (("netOffset", 2), ("convBoundary", 4)))
+    return Network(path, projection, (offset[0], offset[1]), (boundary[0], boundary[1], boundary[2], boundary[3]))
+
+
+def _numbers(path: Path, attributes: dict[str, str], key: str, count: int) -> list[float]:
+    text = attributes.get(key, "")
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
+        raise ConfigError(f"{path}: expected {count} numbers in <location {key}>, got {text!r}")
+    return numbers
+
+
+def _shape(text: str) -> Floats:
+    return np.array([point.split(",")[:2] for point in text.split()], dtype=np.float64)
+
+
+def _meets(shape: Floats, width: float, box: Box) -> bool:
+    least, greatest = shape.min(axis=0) - width, shape.max(axis=0) + width
+    return bool(least[0] <= box[2] and greatest[0] >= box[0] and least[1] <= box[3] and greatest[1] >= box[1])
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
+    with path.open("rb") as plain:
+        zipped = plain.read(len(GZIP_MAGIC)) == GZIP_MAGIC
+        plain.seek(0)
+        if zipped:
+            with gzip.open(plain) as unpacked:
+                yield unpacked
+        else:
+            yield plain
+
+
+def _elements(path: Path, tag: str) -> Iterator[ET.Element]:
+    """Stream the elements of one tag; memory stays small, since each is cleared after use."""
+    try:
+        with _opened(path) as file:
+            events = ET.iterparse(file, events=("start", "end"))
+            _event, root = next(events)
+            if root.tag != "net":
+                raise ConfigError(f"{path}: expected a SUMO network with root <net>, got <{root.tag}>")
+            for event, element in events:
+                if event == "end":
+                    if element.tag == tag:
+                        yield element
+                    if element.tag in {"edge", "junction", "connection", "tlLogic"}:
+                        root.clear()
+    except FileNotFoundError:
+        raise ConfigError(f"network file {path} does not exist") from None
+    except (ET.ParseError, EOFError, OSError, zlib.error) as error:
+        raise ConfigError(f"{path}: expected a SUMO network (.net.xml), it can't be read: {error}") from None
+
+
+class Roads:
+    """A network read in full, by sumolib: edges, streets and routes. Edge and lane names are SUMO's."""
+
+    def __init__(self, path: Path) -> None:
+        import sumolib
+
+        self.network = read_network(path)
+        self._net: Any = sumolib.net.readNet(str(path), withInternal=True)
+
+    @property
+    def edges(self) -> tuple[Any, ...]:
+        """Every edge outside junctions, as sumolib's objects, in file order."""
+        return tuple(self._net.getEdges(withInternal=False))
+
+    @property
+    def junctions(self) -> tuple[Any, ...]:
+        """Every junction, as sumolib's objects, in file order."""
+        return tuple(self._net.getNodes())
+
+    def edge(self, name: str) -> Any:
+        """Return sumolib's edge. Raises ConfigError when there is none of that name."""
+        if not self._net.hasEdge(name):
+            raise ConfigError(f"{self.network.path}: there is no edge {name!r}")
+        return self._net.getEdge(name)
+
+    def route(self, stops: Sequence[str]) -> tuple[str, ...]:
+        """Return the shortest way [m] for a car along two or more edges, in this order, as edge names.
+
+        Raises ConfigError when an edge is unknown or can't be reached from the one before it.
+        """
+        if len(stops) < 2:
+            raise ConfigError(f"{self.network.path}: a route takes two or more edges, got {len(stops)}")
+        names = [stops[0]]
+        for start, end in pairwise(stops):
+            names += self._leg(start, end)
+        return tuple(names)
+
+    def _leg(self, start: str, end: str) -> list[str]:
+        found, _cost = self._net.getShortestPath(self.edge(start), self.edge(end), vClass="passenger")
+        if found is None:
+            raise ConfigError(f"{self.network.path}: no way for a car from edge {start!r} to edge {end!r}")
+        return [edge.getID() for edge in found[1:]]
+
+    def fastest(self, start: Any, end: Any) -> tuple[Any, ...]:
+        """Return the fastest way for a car between two of sumolib's edges, empty when there is none."""
+        found, _cost = self._net.getFastestPath(start, end, vClass="passenger")
+        return tuple(found or ())
+
+    def place(self, lane: str, position: float) -> LanePoint:
+        """Return the point of a lane's centre line `position` metres from its start, as SUMO counts them.
+
+        Raises ConfigError when there is no such lane or the position lies outside it.
+        """
+        found = self._lane(lane)
+        if not 0.0 <= position <= found.getLength():
+            length = f"{found.getLength():.2f} m long"
+            raise ConfigError(f"{self.network.path}: lane {lane!r} is {length}, position {position} is not on it")
+        shape = np.array([point[:2] for point in found.getShape()])
+        steps = np.diff(shape, axis=0)
+        spans = np.sqrt(steps[:, 0] ** 2 + steps[:, 1] ** 2)
+        ends = np.cumsum(spans)
+        drawn = position / found.getLength() * ends[-1]  # SUMO's length may differ from the drawn one
+        piece = min(int(np.searchsorted(ends, drawn)), len(spans) - 1)
+        x, y = shape[piece] + steps[piece] * ((drawn - ends[piece] + spans[piece]) / spans[piece])
+        return LanePoint(float(x), float(y), math.atan2(steps[piece][1], steps[piece][0]))
+
+    def _lane(self, name: str) -> Any:
+        edge, _, index = name.rpartition("_")
+        lanes = self._net.getEdge(edge).getLanes() if self._net.hasEdge(edge) else []
+        if not index.isdigit() or int(index) >= len(lanes):
+            raise ConfigError(f"{self.network.path}: there is no lane {name!r}")
+        return lanes[int(index)]

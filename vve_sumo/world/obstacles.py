@@ -1,0 +1,151 @@
+"""Cars that stand on the street for the whole drive, exactly where they were declared.
+
+The body that radar and contact tests see is the declared box itself. What traffic sees is a stand-in on each lane
+that the box cuts: a vehicle with a declared stop, the one representation that drivers anticipate (they change lanes
+early and queue at their usual gap). Must not know the ego.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import libsumo
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.world.footprint import Rectangle
+from vve_sumo.world.lanes import Cut, Lanes
+
+STAND_IN_TYPE = "obstacle_stand_in"
+
+#: A lane is blocked when it is cut deeper than this [m].
+CUT_DEPTH = 0.05
+
+#: An obstacle farther from every lane is a mistake in its coordinates [m].
+FARTHEST = 50.0
+
+#: A stop that outlasts every drive [s].
+FOREVER = 1e9
+
+#: moveToXY: exact place, any edge, permissions ignored.
+KEEP_ROUTE = 6
+MATCH_THRESHOLD = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class MapSpot:
+    """A place given in the map."""
+
+    x: float  #: centre of the box, map [m]
+    y: float  #: centre of the box, map [m]
+    heading: float  #: [rad] counter-clockwise from the map's +x
+
+
+@dataclass(frozen=True, slots=True)
+class LaneSpot:
+    """A place given along a lane, facing the way the lane goes."""
+
+    lane: str  #: of SUMO, such as "street_0"
+    position: float  #: of the front bumper from the lane's start, along its drawn centre line [m]
+    offset: float = 0.0  #: of the box from the centre line [m], left positive
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """A standing car, declared before the drive."""
+
+    id: str  #: unlike any other actor's
+    at: MapSpot | LaneSpot  #: where it stands
+    length: float = 4.5  #: [m]
+    width: float = 1.8  #: [m]
+    kind: str = "passenger"  #: SUMO vehicle class; decides how well radar sees it
+
+
+def body(obstacle: Obstacle, lanes: Lanes) -> Rectangle:
+    """Return the box of a declared obstacle.
+
+    Raises ConfigError where its numbers are not finite, its size not positive, its lane unknown or too short, or
+    its place off the network.
+    """
+    numbers = [getattr(obstacle.at, name) for name in obstacle.at.__slots__ if name != "lane"]
+    if not all(map(math.isfinite, [*numbers, obstacle.length, obstacle.width])):
+        raise ConfigError(f"obstacle {obstacle.id}: finite numbers expected, got {obstacle}")
+    if obstacle.length <= 0.0 or obstacle.width <= 0.0:
+        raise ConfigError(f"obstacle {obstacle.id}: positive size expected, got {obstacle.length} x {obstacle.width} m")
+    box = _on_lane(obstacle, obstacle.at, lanes) if isinstance(obstacle.at, LaneSpot) else _on_map(obstacle, obstacle.at)
+    lane, distance = lanes.nearest(box.x, box.y)
+    if distance > FARTHEST:
+        raise ConfigError(
+            f"obstacle {obstacle.id}: at ({box.x:.1f}, {box.y:.1f}) it is off the network, "
+            f"{distance:.0f} m from the nearest lane {lane.id}"
+        )
+    return box
+
+
+def _on_map(obstacle: Obstacle, spot: MapSpot) -> Rectangle:
+    return Rectangle(spot.x, spot.y, math.remainder(spot.heading, math.tau), obstacle.length, obstacle.width)
+
+
+def _on_lane(obstacle: Obstacle, spot: LaneSpot, lanes: Lanes) -> Rectangle:
+    if spot.lane not in lanes.by_id:
+        raise ConfigError(f"obstacle {obstacle.id}: lane of the network expected, got {spot.lane!r}")
+    lane = lanes.by_id[spot.lane]
+    if not 0.0 <= spot.position <= lane.drawn_length:
+        raise ConfigError(
+            f"obstacle {obstacle.id}: position of 0 to {lane.drawn_length:.1f} m on lane {lane.id} expected, "
+            f"got {spot.position}"
+        )
+    x, y, heading = lane.at(spot.position)
+    cos, sin, back = math.cos(heading), math.sin(heading), 0.5 * obstacle.length
+    return Rectangle(
+        x - back * cos - spot.offset * sin,
+        y - back * sin + spot.offset * cos,
+        heading,
+        obstacle.length,
+        obstacle.width,
+    )
+
+
+class Obstacles:
+    """The standing cars of a drive and their stand-ins in SUMO."""
+
+    def __init__(self, obstacles: Sequence[Obstacle], lanes: Lanes) -> None:
+        """Work out where they stand; raises ConfigError as `body` does, and where two share a name."""
+        names = [obstacle.id for obstacle in obstacles]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ConfigError(f"obstacle {twice}: every obstacle needs a name of its own")
+        self._lanes = lanes
+        self.declared = tuple((obstacle, body(obstacle, lanes)) for obstacle in obstacles)
+        self.stand_ins: frozenset[str] = frozenset()
+
+    def enter(self) -> None:
+        """Put the stand-ins on the still empty street; they hold from the coming step on."""
+        names = []
+        for cut in self._blocked():
+            names.append(f"{STAND_IN_TYPE}.{len(names)}")
+            self._stand(names[-1], cut)
+        self.stand_ins = frozenset(names)
+
+    def settle(self) -> None:
+        """Declare their stops, one step after they entered: SUMO takes a stop only from a vehicle on its lane."""
+        for name in self.stand_ins:
+            lane = libsumo.vehicle.getLaneID(name)
+            edge, _, index = lane.rpartition("_")
+            libsumo.vehicle.setStop(name, edge, libsumo.vehicle.getLanePosition(name), int(index), FOREVER)
+            libsumo.vehicle.setSpeed(name, -1.0)
+
+    def _blocked(self) -> Iterable[Cut]:
+        """The part of each lane that a box cuts; boxes that share a lane each have their own."""
+        for _, box in self.declared:
+            yield from self._lanes.cut(box.grown(-CUT_DEPTH)).values()
+
+    def _stand(self, name: str, cut: Cut) -> None:
+        x, y, heading = cut.lane.at(cut.end)
+        libsumo.vehicle.add(name, self._lanes.route(cut.lane.id), STAND_IN_TYPE, departSpeed="0")
+        libsumo.vehicle.setLength(name, cut.end - cut.start)
+        libsumo.vehicle.moveToXY(
+            name, cut.lane.edge, cut.lane.index, x, y, math.degrees(0.5 * math.pi - heading) % 360.0, KEEP_ROUTE, MATCH_THRESHOLD
+        )
+        libsumo.vehicle.setSpeed(name, 0.0)

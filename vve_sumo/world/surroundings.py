@@ -1,0 +1,137 @@
+"""Reads the boxes of everything near the ego out of SUMO, a column per quantity.
+
+Must not know what looks at them; radar, contact tests and the record take the table as it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence, Set
+from typing import NamedTuple
+
+import libsumo
+import numpy as np
+
+from vve_sumo.values import Actors
+from vve_sumo.world.anchor import EGO
+from vve_sumo.world.footprint import Rectangle
+from vve_sumo.world.obstacles import Obstacle
+
+#: Mean radar cross section at 77 GHz by SUMO vehicle class [m2]. Assumptions of the usual order of magnitude:
+#: car 10, lorry 100 (Skolnik, "Introduction to Radar Systems", 3rd ed., table 2.1: car 100, pickup truck 200 at
+#: microwaves; at 77 GHz and close range cars are measured near 10), two-wheelers and people as in Euro NCAP targets.
+RADAR_CROSS_SECTIONS = {
+    "passenger": 10.0,
+    "taxi": 10.0,
+    "evehicle": 10.0,
+    "emergency": 20.0,
+    "delivery": 30.0,
+    "bus": 100.0,
+    "coach": 100.0,
+    "truck": 100.0,
+    "trailer": 100.0,
+    "tram": 100.0,
+    "motorcycle": 5.0,
+    "moped": 3.0,
+    "bicycle": 2.0,
+    "scooter": 1.0,
+    "wheelchair": 1.0,
+    "pedestrian": 0.5,
+}
+OTHER_CROSS_SECTION = 10.0
+
+#: SUMO measures to the front bumper; no road vehicle's centre is farther behind it [m].
+LONGEST_HALF = 15.0
+
+QUARTER = 0.5 * math.pi
+
+VARIABLES = (libsumo.VAR_POSITION, libsumo.VAR_SPEED, libsumo.VAR_ANGLE)
+
+#: Bodies of vehicles that left are forgotten when so many more are known than seen.
+FORGET_ABOVE = 256
+
+
+class Body(NamedTuple):
+    """What of an actor does not change."""
+
+    length: float  #: [m]
+    width: float  #: [m]
+    radar_cross_section: float  #: [m2]
+
+
+Row = tuple[str, float, float, float, float, Body]  #: name, centre x, centre y, heading, speed, body
+
+
+def cross_section(kind: str) -> float:
+    """Return the radar cross section of a SUMO vehicle class [m2]."""
+    return RADAR_CROSS_SECTIONS.get(kind, OTHER_CROSS_SECTION)
+
+
+class Surroundings:
+    """The actors within a range of the ego."""
+
+    def __init__(self, reach: float, obstacles: Sequence[tuple[Obstacle, Rectangle]]) -> None:
+        """Look as far as `reach` [m] from the ego's front bumper to an actor's centre."""
+        self._reach = reach
+        self._obstacles = [
+            (declared.id, box, Body(box.length, box.width, cross_section(declared.kind)))
+            for declared, box in obstacles
+        ]
+        self._bodies: dict[str, Body] = {}
+
+    def watch(self) -> None:
+        """Have SUMO gather the vehicles near the ego in every step; to be called whenever the ego entered."""
+        reach = self._reach + LONGEST_HALF
+        libsumo.vehicle.subscribeContext(EGO, libsumo.CMD_GET_VEHICLE_VARIABLE, reach, VARIABLES)
+
+    def snapshot(self, time: float, x: float, y: float, hidden: Set[str]) -> Actors:
+        """Return the actors around x, y [m] at a drive time [s], without the vehicles in `hidden`.
+
+        Vehicles by name, then persons on foot, then obstacles. Raises SUMO's errors.
+        """
+        found = [*self._vehicles(hidden), *_persons()]
+        found += [(name, box.x, box.y, box.heading, 0.0, body) for name, box, body in self._obstacles]
+        limit = self._reach * self._reach
+        return table(time, [row for row in found if (row[1] - x) ** 2 + (row[2] - y) ** 2 <= limit])
+
+    def _vehicles(self, hidden: Set[str]) -> Iterator[Row]:
+        seen = libsumo.vehicle.getContextSubscriptionResults(EGO)
+        if len(self._bodies) > len(seen) + FORGET_ABOVE:
+            self._bodies = {name: body for name, body in self._bodies.items() if name in seen}
+        for name, values in seen.items():
+            if name in hidden:
+                continue
+            body = self._bodies.get(name) or self._learn(name)
+            front_x, front_y = values[libsumo.VAR_POSITION]
+            yield _row(name, front_x, front_y, values[libsumo.VAR_ANGLE], values[libsumo.VAR_SPEED], body)
+
+    def _learn(self, name: str) -> Body:
+        vehicle = libsumo.vehicle
+        body = Body(vehicle.getLength(name), vehicle.getWidth(name), cross_section(vehicle.getVehicleClass(name)))
+        self._bodies[name] = body
+        return body
+
+
+def _persons() -> Iterator[Row]:
+    """Persons by plain queries: in SUMO's answer for an area one with a vehicle's name would replace the vehicle."""
+    person = libsumo.person
+    for name in person.getIDList():
+        if person.getVehicle(name) == "":
+            body = Body(person.getLength(name), person.getWidth(name), RADAR_CROSS_SECTIONS["pedestrian"])
+            yield _row(name, *person.getPosition(name), person.getAngle(name), person.getSpeed(name), body)
+
+
+def _row(name: str, front_x: float, front_y: float, angle: float, speed: float, body: Body) -> Row:
+    """SUMO places a body by the middle of its front, with the angle in degrees clockwise from +y."""
+    heading = math.remainder(QUARTER - math.radians(angle), math.tau)
+    half = 0.5 * body.length
+    return name, front_x - half * math.cos(heading), front_y - half * math.sin(heading), heading, speed, body
+
+
+def table(time: float, rows: Sequence[Row]) -> Actors:
+    """Return rows as a table of actors at a drive time [s]."""
+    if not rows:
+        return Actors(time, (), *(np.empty(0) for _ in range(7)))
+    names, x, y, heading, speed, bodies = zip(*rows, strict=True)
+    length, width, section = zip(*bodies, strict=True)
+    return Actors(time, names, *(np.array(column) for column in (x, y, heading, speed, length, width, section)))

@@ -1,0 +1,181 @@
+"""Records a path in the virtual street: a SUMO car drives along given edges, its track becomes a file of positions.
+
+The track is the car's front bumper, which SUMO keeps on the lanes' centre lines; smoothed, it is where the ego's rear
+axle shall go. Knows nothing of the ego or of traffic.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path as File
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.path import Path
+from vve_sumo.world.build import ATTRIBUTION
+from vve_sumo.world.network import Network, Roads
+
+Floats = NDArray[np.float64]
+
+PERIOD = 0.1  #: between two samples of the track [s]
+PACE = 5.0  #: of the car that records [m/s]; half a metre a sample
+LONGEST_DRIVE = 7200.0  #: a car that has not arrived by then never will [s]
+SPACING = 1.0  #: between two points of the file [m]
+FINE = 0.5  #: between two points of the track as it is smoothed [m]
+STANDING = 0.05  #: samples nearer than this to the last one were taken at a stop [m]
+LANE_CHANGE = 4.0  #: SUMO changes lanes in one step unless told how long it takes [s]
+SEAM = 100.0  #: of a closed path, smoothed across both ends [m]; many times the reach of the smoothing
+WEIGHTS = (1e-3, 1e5)  #: least and greatest weight of the smoothing spline's bending [m3]
+BISECTIONS = 40
+DECIMALS = 10  #: of a degree: a hundredth of a millimetre
+
+
+class Survey(NamedTuple):
+    """What was recorded."""
+
+    edges: tuple[str, ...]  #: driven, in order
+    length: float  #: of the path [m]
+    points: int  #: written
+    deviation: float  #: of the path from the recorded track, greatest [m]
+    curvature: float  #: of the cubic path through the points, greatest [1/m]
+    curvature_rate: float  #: change of it over arc length, greatest [1/m2]
+
+
+def record_path(
+    network: File,
+    start: str,
+    end: str,
+    out: File,
+    *,
+    via: Sequence[str] = (),
+    start_position: float = 0.0,
+    end_position: float | None = None,
+    tolerance: float = 0.3,
+) -> Survey:
+    """Drive a SUMO car from edge `start` through the edges `via` to edge `end` and write its track to `out` as CSV.
+
+    Positions count along the edges [m]; no `end_position` means the edge's end. Between the edges named the shortest
+    way is taken. The track is smoothed until it departs from the lanes' centre by `tolerance` [m]. A drive that ends
+    where it began gives a closed path, smooth across the seam, whose last point repeats its first. Starts libsumo in
+    this process. Raises ConfigError on an unknown edge, a position that is not on its edge, or no way.
+    """
+    if not (math.isfinite(tolerance) and tolerance > 0.0):
+        raise ConfigError(f"tolerance {tolerance}: expected a length above zero [m]")
+    roads = Roads(network)
+    edges = roads.route((start, *via, end))
+    stop = roads.edge(end).getLength() if end_position is None else end_position
+    for edge, position in ((start, start_position), (end, stop)):
+        roads.place(f"{edge}_0", position)
+    closed = len(edges) > 1 and (start, start_position) == (end, stop)
+    points, deviation = _smoothed(_drive(network, edges, start_position, stop), tolerance, closed)
+    _write(out, roads.network, points, edges)
+    path = Path.from_points(points[:, 0], points[:, 1])
+    curvature = path.samples.curvature
+    return Survey(
+        edges=edges,
+        length=path.length,
+        points=len(points),
+        deviation=deviation,
+        curvature=float(np.max(np.abs(curvature))),
+        curvature_rate=float(np.max(np.abs(np.diff(curvature) / np.diff(path.samples.s)))),
+    )
+
+
+def _drive(network: File, edges: tuple[str, ...], start: float, stop: float) -> Floats:
+    """Return the track, shape (n, 2), map [m]."""
+    import libsumo
+
+    options = ["--step-length", str(PERIOD), "--lanechange.duration", str(LANE_CHANGE), "--no-step-log", "true"]
+    libsumo.start(["sumo", "-n", str(network), "--no-warnings", "true", *options])
+    track: list[tuple[float, float]] = []
+    try:
+        libsumo.route.add("way", edges)
+        libsumo.vehicle.add("surveyor", "way", departPos=str(start), arrivalPos=str(stop), departLane="best")
+        libsumo.vehicle.setMaxSpeed("surveyor", PACE)
+        while libsumo.simulation.getMinExpectedNumber():
+            libsumo.simulationStep()
+            if "surveyor" in libsumo.vehicle.getIDList():
+                track.append(libsumo.vehicle.getPosition("surveyor"))
+            if libsumo.simulation.getTime() > LONGEST_DRIVE:
+                raise ConfigError(f"{network}: the recording car did not reach {edges[-1]!r} in {LONGEST_DRIVE:.0f} s")
+    finally:
+        libsumo.close()
+    return _moved(np.array(track).reshape(-1, 2))
+
+
+def _moved(track: Floats) -> Floats:
+    """Leave out the samples taken at a stop."""
+    kept = [0]
+    for i in range(1, len(track)):
+        if math.dist(track[i], track[kept[-1]]) > STANDING:
+            kept.append(i)
+    return track[kept]
+
+
+def _smoothed(track: Floats, tolerance: float, closed: bool) -> tuple[Floats, float]:
+    """Return points every SPACING metres of the smoothest spline within `tolerance`, and its greatest departure.
+
+    The cubic smoothing spline (Reinsch 1967) over the track's arc length; straight stretches stay as they are.
+    """
+    line = _even(np.vstack([track, track[:1]]) if closed else track)
+    seam = min(round(SEAM / FINE), len(line) - 1) if closed else 0
+    if seam:
+        line = np.vstack([line[-seam - 1 : -1], line, line[1 : seam + 1]])
+    stations = _stations(line)
+    least, greatest = (math.log(weight) for weight in WEIGHTS)
+    for _ in range(BISECTIONS):
+        middle = (least + greatest) / 2
+        within = _departure(line, _bent(line, math.exp(middle), stations)) <= tolerance
+        least, greatest = (middle, greatest) if within else (least, middle)
+    first, last = float(stations[seam]), float(stations[len(line) - 1 - seam])
+    even: Floats = np.linspace(first, last, round((last - first) / SPACING) + 1)
+    points = _bent(line, math.exp(least), even)
+    if closed:
+        points[-1] = points[0]
+    return points, _departure(line, _bent(line, math.exp(least), stations))
+
+
+def _bent(line: Floats, weight: float, at: Floats) -> Floats:
+    from scipy.interpolate import make_smoothing_spline
+
+    stations = _stations(line)
+    return np.stack([make_smoothing_spline(stations, line[:, axis], lam=weight)(at) for axis in (0, 1)], axis=1)
+
+
+def _stations(line: Floats) -> Floats:
+    return np.arange(len(line), dtype=np.float64) * FINE
+
+
+def _departure(line: Floats, other: Floats) -> float:
+    return float(np.max(_norms(line - other)))
+
+
+def _even(line: Floats) -> Floats:
+    """Return points of the polyline at even distances of about FINE, both ends among them."""
+    stations = np.concatenate([[0.0], np.cumsum(_norms(np.diff(line, axis=0)))])
+    even = np.linspace(0.0, stations[-1], max(4, round(stations[-1] / FINE)) + 1)
+    return np.stack([np.interp(even, stations, line[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def _norms(vectors: Floats) -> Floats:
+    return np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2)
+
+
+def _write(out: File, network: Network, points: Floats, edges: tuple[str, ...]) -> None:
+    frame = network.frame()
+    rows = [[f"{math.degrees(angle):.{DECIMALS}f}" for angle in frame.to_geodetic(x, y)] for x, y in points.tolist()]
+    lines = [
+        "# Path for the middle of the ego's rear axle, WGS84, in driving order, a point about every metre.",
+        f"# Recorded in the virtual street {network.path.name}: a SUMO car drove the edges below at {PACE:.0f} m/s,",
+        f"# sampled every {PERIOD} s at its front bumper, which SUMO keeps on the lane's centre line; then smoothed.",
+        f"# {ATTRIBUTION}",
+        f"# edges: {' '.join(edges)}",
+        "latitude_deg,longitude_deg",
+        *(",".join(row) for row in rows),
+    ]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text("\n".join(lines) + "\n", encoding="utf-8")
