@@ -39,7 +39,9 @@ def main() -> None:
             rows.append(row)
             print(f"\r{len(rows)} of {len(cases)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
-    print(f"{'mph':>4} {'stopped':>8} {'contact':>8} {'emergency':>9} {'gap [m]':>15} {'deviation [m]':>13} {'braking':>8}")
+    print(
+        f"{'mph':>4} {'stopped':>8} {'contact':>8} {'emerg.':>9} {'gap [m]':>15} {'deviation [m]':>13} {'braking':>8}"
+    )
     for mph in SPEEDS_MPH:
         some = [row for row in rows if row["mph"] == mph]
         gaps = [row["stop_gap_m"] for row in some]

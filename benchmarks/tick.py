@@ -102,6 +102,7 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
     from vve_sumo.drive.lockstep import Lockstep
     from vve_sumo.drive.record import Record
     from vve_sumo.drive.setting import EPOCH
+    from vve_sumo.world import simulation  # noqa: F401 - first, for it keeps libsumo quiet
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -133,6 +134,7 @@ def serve_steps(pipe: Connection, vehicles: int, boxes: bool) -> None:
     import libsumo
 
     from vve_sumo.drive.street import open_world
+    from vve_sumo.world import simulation  # noqa: F401 - first, for it keeps libsumo quiet
 
     with tempfile.TemporaryDirectory() as scratch:
         world = open_world(setting(Path(scratch), vehicles, boxes))
@@ -195,7 +197,9 @@ def report(found: dict[str, list[Any]], counts: dict[str, tuple[int, int]]) -> N
         if counts[name][0] < 150:
             print(f"  against step-only blocks         mean   {bare:6.3f} ms, ratio {whole / bare:.2f}")
     few, many = medians["50 vehicles"], medians["500 vehicles"]
-    print(f"500 against 50 vehicles, same boxes: {many[0] / few[0]:.2f} on ticks that scan, {many[1] / few[1]:.2f} else")
+    print(
+        f"500 against 50 vehicles, same boxes: {many[0] / few[0]:.2f} on ticks that scan, {many[1] / few[1]:.2f} else"
+    )
 
 
 if __name__ == "__main__":

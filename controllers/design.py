@@ -48,7 +48,7 @@ class Region(NamedTuple):
     """Where closed-loop poles shall lie (Ackermann, Robust Control, 2002: D-stability)."""
 
     decay: float = 0.15  #: real parts below minus this [1/s]; the slowest pole is the trim's
-    damping: float = 0.5  #: at least, of each pair
+    damping: float = 0.45  #: at least, of each pair: a step overshoots by 20 % at most
     radius: float = 200.0  #: greatest modulus [rad/s]; the tyres' own poles at walking pace reach 150
 
 

@@ -33,7 +33,7 @@ class PreviewTuning:
 
     look_ahead_time: float = 0.8  #: ls = this times speed [s]
     look_ahead_least: float = 4.0  #: but never shorter [m]
-    derivative_time: float = 0.1  #: derivative over proportional gain [s], against the actuator's lag
+    derivative_time: float = 0.2  #: derivative over proportional gain [s], against the actuator's lag
 
     def at(self, vehicle: Vehicle, speed: float) -> Gains:
         """Gains at a speed [m/s]."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,11 @@ import pytest
 from pydantic import BaseModel
 
 from tests.conftest import REPOSITORY
+from vve_sumo.pose import trust
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.values import TickRow
+from vve_sumo.vehicle import arming
 
 DOCS = REPOSITORY / "docs"
 
@@ -53,7 +55,17 @@ def keys() -> str:
     return "\n".join(["| key | default | meaning |", "|---|---|---|", *_keys(Scenario, "")])
 
 
-GENERATED = {("record.md", "columns"): columns, ("scenarios.md", "keys"): keys}
+def _codes(reasons: Mapping[str, str]) -> str:
+    rows = (f"| `{code}` | {words} |" for code, words in reasons.items())
+    return "\n".join(["| code | in plain words |", "|---|---|", *rows])
+
+
+GENERATED = {
+    ("record.md", "columns"): columns,
+    ("scenarios.md", "keys"): keys,
+    ("vehicle.md", "gateway reasons"): lambda: _codes(arming.REASONS),
+    ("vehicle.md", "trust reasons"): lambda: _codes(trust.REASONS),
+}
 
 
 def _parts(file: Path, name: str) -> tuple[str, str, str]:

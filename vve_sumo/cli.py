@@ -104,16 +104,24 @@ def _add_path(commands: Commands) -> None:  # type: ignore[valid-type]
         inner,
         "record",
         "drive from edge to edge and write the way as latitude and longitude",
-        "Let a SUMO car drive through the network and write where its rear axle went as CSV.",
+        "Let a SUMO car drive through the network and write its smoothed track as CSV for the ego's rear axle.\n"
+        "An edge whose name begins with a minus is given as --from=-21405924#2.",
     )
     record.add_argument("network", help="name or .net.xml file")
     record.add_argument("--from", dest="start", required=True, metavar="EDGE", help="edge to start on")
     record.add_argument("--to", dest="end", required=True, metavar="EDGE", help="edge to end on")
+    record.add_argument("--via", type=_names, default=(), metavar="EDGE,EDGE", help="edges to pass, in order")
     record.add_argument(
-        "--start-position", type=float, default=0.0, metavar="M", help="on the first edge, from its start (default: 0)"
+        "--from-position", type=float, default=0.0, metavar="M", help="on the first edge, from its start (default: 0)"
     )
-    record.add_argument("--end-position", type=float, metavar="M", help="on the last edge (default: its end)")
-    record.add_argument("--via", action="append", default=[], metavar="EDGE", help="edge to pass, in order; repeatable")
+    record.add_argument("--to-position", type=float, metavar="M", help="on the last edge (default: its end)")
+    record.add_argument(
+        "--tolerance",
+        type=float,
+        default=0.3,
+        metavar="M",
+        help="how far the smooth path may leave the middle of the lanes (default: 0.3)",
+    )
     record.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
     record.set_defaults(run=_path_record)
 
@@ -137,11 +145,11 @@ def _add_network(commands: Commands) -> None:  # type: ignore[valid-type]
         help="centre of the projection in degrees (default: the middle of the extract)",
     )
     build.add_argument(
-        "--signal",
-        action="append",
-        default=[],
-        metavar="NODE",
-        help="OpenStreetMap node that carries a traffic signal although the extract does not say so; repeatable",
+        "--signals",
+        type=_names,
+        default=(),
+        metavar="NODE,NODE",
+        help="OpenStreetMap nodes that carry a traffic signal although the extract does not say so",
     )
     build.add_argument("--speeds", type=Path, metavar="TYP", help="SUMO type map of speed limits (default: US ones)")
     build.set_defaults(run=_network_build)
@@ -153,16 +161,27 @@ def _add_network(commands: Commands) -> None:  # type: ignore[valid-type]
     )
     demand.add_argument("network", help="name or .net.xml file")
     demand.add_argument("--level", choices=("light", "moderate", "heavy"), required=True, help="how much traffic")
-    demand.add_argument("--seed", type=int, default=1, metavar="N", help="of the random choice (default: 1)")
+    demand.add_argument("--seed", type=int, default=43211, metavar="N", help="of the random choice (default: 43211)")
+    demand.add_argument(
+        "--clear",
+        type=_names,
+        default=(),
+        metavar="EDGE,EDGE",
+        help="edges where no vehicle comes out of nothing or vanishes: those of the ego's path",
+    )
     demand.add_argument("--out", type=Path, required=True, metavar="ROU", help="route file to write (.rou.xml)")
     demand.set_defaults(run=_network_demand)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name for name in text.split(",") if name)
 
 
 def _latitude_longitude(text: str) -> tuple[float, float]:
     try:
         latitude, longitude = (float(part) for part in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"expected two numbers in degrees such as 40.004,-82.971, got {text!r}") from None
+        raise argparse.ArgumentTypeError(f"expected degrees such as 40.004,-82.971, got {text!r}") from None
     return latitude, longitude
 
 
@@ -174,6 +193,7 @@ def _add_design(commands: Commands) -> None:  # type: ignore[valid-type]
         "Print gain, phase and delay margin of the shipped steering gains over the speed range, by python-control.\n"
         "Refuses (exit 2) a design whose delay margin is below the stated latency.",
     )
+    design.add_argument("scenario", nargs="?", default="parked_car", help="whose tuning (default: parked_car)")
     design.add_argument("--latency-ms", type=float, default=100.0, metavar="MS", help="end to end (default: 100)")
     design.set_defaults(run=_design)
 
@@ -223,8 +243,9 @@ def _path_record(arguments: argparse.Namespace) -> int:
         arguments.end,
         arguments.out,
         via=arguments.via,
-        start_position=arguments.start_position,
-        end_position=arguments.end_position,
+        start_position=arguments.from_position,
+        end_position=arguments.to_position,
+        tolerance=arguments.tolerance,
     )
     radius = f"{1.0 / survey.curvature:.1f} m" if survey.curvature > 1e-6 else "none"
     print(f"{survey.length:.0f} m of path ({survey.points} points, tightest bend {radius}) written to {arguments.out}")
@@ -237,7 +258,7 @@ def _network_build(arguments: argparse.Namespace) -> int:
 
     speeds = arguments.speeds or shared_file("networks", "us_speeds.typ.xml", Path.cwd())
     built = build_network(
-        arguments.extract, arguments.out, speeds=speeds, origin=arguments.origin, signals=arguments.signal
+        arguments.extract, arguments.out, speeds=speeds, origin=arguments.origin, signals=arguments.signals
     )
     for warning in built.warnings:
         print(f"netconvert: {warning}", file=sys.stderr)
@@ -250,7 +271,11 @@ def _network_demand(arguments: argparse.Namespace) -> int:
     from vve_sumo.world.demand import write_demand
 
     drawn = write_demand(
-        find("network", arguments.network, Path.cwd()), arguments.out, level=arguments.level, seed=arguments.seed
+        find("network", arguments.network, Path.cwd()),
+        arguments.out,
+        level=arguments.level,
+        seed=arguments.seed,
+        clear=arguments.clear,
     )
     print(f"{arguments.level} traffic of {drawn.vehicles} vehicles written to {arguments.out}")
     return 0
@@ -259,7 +284,7 @@ def _network_demand(arguments: argparse.Namespace) -> int:
 def _design(arguments: argparse.Namespace) -> int:
     from vve_sumo.drive.command import design
 
-    return design(arguments.latency_ms / 1000.0)
+    return design(arguments.scenario, arguments.latency_ms / 1000.0)
 
 
 def _init(arguments: argparse.Namespace) -> int:

@@ -71,6 +71,17 @@ def module(name: str, search: Sequence[Folder]) -> ModuleType:
     raise ConfigError(f"controller file {name}.py: not in {', '.join(map(str, search)) or 'any folder'}")
 
 
+def companion(name: str, search: Sequence[Folder]) -> ModuleType:
+    """Import a file of a controllers' folder that is no controller itself, such as the gain design.
+
+    Raises ConfigError where no folder has it.
+    """
+    for folder in search:
+        if (file := folder / f"{name}.py").is_file():
+            return _read(name, file)
+    raise ConfigError(f"controllers: there is no {name}.py in {', '.join(map(str, search)) or 'any folder'}")
+
+
 def settle(tuning: Tuning, defaults: Tuning) -> dict[str, TuningValue]:
     """Lay a user's tuning over the defaults; a default's type is the key's type.
 

@@ -62,10 +62,12 @@ def time_to_collision(gap: float, closing_speed: float, closing_acceleration: fl
     """
     if gap <= 0.0:
         return 0.0
+    if closing_acceleration == 0.0:
+        return gap / closing_speed if closing_speed > 0.0 else math.inf
     discriminant = closing_speed * closing_speed + 2.0 * closing_acceleration * gap
     if discriminant < 0.0:
         return math.inf
-    # Rationalised: exact for vanishing acceleration, and no cancellation. A root <= 0 is in the past.
+    # Rationalised: no cancellation, however small the acceleration. A root <= 0 is in the past.
     denominator = closing_speed + math.sqrt(discriminant)
     return 2.0 * gap / denominator if denominator > 0.0 else math.inf
 

@@ -239,6 +239,7 @@ class TickRow:
     acceleration_setpoint_mps2: float = _column("acceleration asked by the controller; NaN for none")
     emergency: bool = _column("the controller asked for the emergency envelope")
     note: str = _column("the controller's own word for what it does")
+    faults: str = _column("faults that the drive found, codes joined by +")
     state: str = _column("arming state of the gateway")
     reasons: str = _column("the gateway's reason codes joined by +")
     limited: str = _column("limits that changed the setpoint, joined by +")

@@ -21,7 +21,7 @@ SUBSTEPS = 10
 
 FUSION = Vehicle(
     length=4.872, width=1.852, wheelbase=2.85, front_overhang=0.99, mass=1690.0, yaw_inertia=3000.0,
-    front_axle_to_mass=1.27, cornering_stiffness_front=120e3, cornering_stiffness_rear=130e3, wheel_radius=0.3245,
+    front_axle_to_mass=1.27, cornering_stiffness_front=120e3, cornering_stiffness_rear=100.74e3, wheel_radius=0.3245,
     steering_ratio=14.8, steering_limit=0.55, steering_rate_limit=0.5, steering_delay=0.04, steering_lag=0.08,
     brake_delay=0.03, brake_lag=0.15, brake_torque_limit=3250.0, deceleration_limit=5.9,
 )  # fmt: skip
@@ -34,6 +34,7 @@ class Flaws:
     steering_zero: float = 0.0024  #: road wheel [rad]
     misalignment: float = math.radians(0.2)  #: of the receiver's heading [rad]
     brake_gain: float = 1.0  #: deceleration got over deceleration asked
+    drag: float = 0.0  #: that the throttle map forgets [m/s2]
     stiffness: float = 1.0  #: of the tyres, over what is declared
     pose_sigma: float = 0.01  #: [m]
     velocity_sigma: float = 0.02  #: [m/s]
@@ -60,8 +61,7 @@ class Car:
         self.steering_queue.append(setpoint.steering)
         self.brake_queue.append(max(self.granted, -self.vehicle.deceleration_limit))
         steering, braking = self.steering_queue.popleft(), self.brake_queue.popleft()
-        if braking < 0.0:
-            braking *= self.flaws.brake_gain
+        braking = braking * self.flaws.brake_gain if braking < 0.0 else braking - self.flaws.drag
         for _ in range(SUBSTEPS):
             self._advance(steering, braking, PERIOD / SUBSTEPS)
 

@@ -34,7 +34,7 @@ def test_the_example_drives_keeps_the_path_and_stops(page, tmp_path):
 
 
 def test_the_table_of_tuning_keys_is_the_codes(page, part):
-    rows = re.findall(r"^\| `(\w+)` \| (\S+) \| ([^|]*) \|", page, re.MULTILINE)
+    rows = re.findall(r"^\| `(\w+)` \| (\S+) \| ([^|]*)\|", page, re.MULTILINE)
     told = {key: value.strip("`") for key, value, _ in rows}
     tuning = part("follow_and_stop").TUNING
     assert told == {key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in tuning.items()}

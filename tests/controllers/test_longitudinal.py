@@ -160,6 +160,33 @@ def test_only_what_the_body_would_sweep_counts(lateral, in_way):
     assert (target is not None) is in_way
 
 
+def test_a_target_at_the_edge_does_not_flicker():
+    """In the way from 1.0 m beside the path, it must clear the band's 1.23 m by 0.3 m to be out of it."""
+    tracker, seen, time = Tracker(FUSION), [], 0.0
+    for lateral in (1.0, 1.4, 1.7, 1.4):
+        for _ in range(100):
+            time += 0.05
+            target = look(tracker, time, time, [(math.hypot(20.0, lateral), math.atan2(lateral, 20.0), 0.0)])
+        seen.append(target is not None)
+    assert seen == [True, True, False, False]
+
+
+def test_what_stands_is_seen_to_stand_while_the_car_turns():
+    """At the bumper the car moves sideways by yaw rate times lever arm; echoes off the axis show it."""
+    tracker, front = Tracker(FUSION), FUSION.rear_axle_to_bumper
+    azimuth = math.atan2(1.0, 6.0)
+    rate = -(4.0 * math.cos(azimuth) + 0.5 * front * math.sin(azimuth))
+    for i in range(4):  # the same instant, as far as places go; scans follow quickly
+        time = 1e-4 * i
+        echo = np.array([[math.hypot(6.0, 1.0)], [azimuth], [rate]])
+        scan = Detections(time, *echo, np.zeros(1, np.int8))
+        pose = Pose(time, Point.REAR_AXLE, 0.0, 0.0, 0.0, 4.0, 0.0, 0.5, 0.0, 0.0)
+        now = Situation(i, time, pose, STRAIGHT, 10.0, scan, math.nan)
+        target = tracker.step(now, STRAIGHT.project(0.0, 0.0, 0.0))
+    assert target.speed == pytest.approx(0.0, abs=0.01)
+    assert target.gap == pytest.approx(6.0, abs=0.01)
+
+
 def test_the_nearest_in_the_way_is_the_target_and_it_coasts_through_misses():
     tracker = Tracker(FUSION)
     rows = [(15.0, 0.15, -0.2), (25.0, 0.0, 2.8), (60.0, 0.0, -0.2)]  # the car rolls at 0.2 m/s

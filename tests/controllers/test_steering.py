@@ -188,7 +188,7 @@ def test_loop_margins_are_the_reference_ones(part):
         assert bool(control.poles(closed).real.max() < 0.0) is stable
 
 
-def test_the_design_bears_a_third_of_a_second_and_refuses_more(part):
+def test_the_design_bears_the_latency_of_a_rig_and_refuses_more(part):
     design = part("design")
     rows = design.margins(FUSION)
     assert [row.speed for row in rows] == list(design.SPEEDS)
@@ -196,9 +196,9 @@ def test_the_design_bears_a_third_of_a_second_and_refuses_more(part):
     assert min(row.gain_margin_db for row in rows) > 10.0
     design.check(rows, 0.1)
     worst = min(row.delay_margin for row in rows)
-    assert 0.3 < worst < 0.4
-    with pytest.raises(ConfigError, match=rf"bears {1e3 * worst:.0f} ms of latency, 400 ms are stated"):
-        design.check(rows, 0.4)
+    assert 0.35 < worst < 0.45
+    with pytest.raises(ConfigError, match=rf"bears {1e3 * worst:.0f} ms of latency, 450 ms are stated"):
+        design.check(rows, 0.45)
     assert len(design.table(rows).splitlines()) == 1 + len(rows)
 
 

@@ -18,6 +18,7 @@ def at_speed(mph: float, seed: int) -> dict[str, Any]:
     speed = mph * MPH
     return {
         "seed": seed,
+        "duration_s": 400.0,
         "street.demand": [],
         "ego.speed_mps": speed,
         "obstacles": [{"id": "parked_car", "at_m": obstacle_station(speed)}],

@@ -69,6 +69,8 @@ def test_the_car_stands_for_a_minute_and_drives_off_again(mass, gain, grade):
     stop += loop.run(3.0, lambda speed: -0.9 if speed > 0.0 else 0.0)
     assert stop[-1] == 0.0
     assert set(loop.run(60.0, 0.0)) == {0.0}
+    # Enough for a tenth of grade and the creep of a car 15 % heavier whose brakes give 10 % less.
+    assert loop.pedals[-1].brake_torque * 0.9 * 1690.0 / 550.0 > 1.15 * 1690.0 * GRAVITY * 0.10 + 600.0
     speeds = loop.run(4.0, 1.0)
     assert min(speeds) > -0.06
     assert slope(speeds, 2.0, 3.9) == pytest.approx(1.0, abs=0.15)
@@ -80,6 +82,8 @@ def test_a_tenth_of_grade_is_held_although_nobody_knows_of_it(grade):
     loop.car._brake_pipe = [1500.0] * 2
     loop.car._torque = loop.actuation._torque = 1500.0
     assert set(loop.run(60.0, 0.0)) == {0.0}
+    # Enough for a tenth of grade and the creep of a car 15 % heavier whose brakes give 10 % less.
+    assert loop.pedals[-1].brake_torque * 0.9 * 1690.0 / 550.0 > 1.15 * 1690.0 * GRAVITY * 0.10 + 600.0
 
 
 def test_a_steeper_slope_than_built_for_takes_all_the_brakes_there_are_and_keeps_them():

@@ -26,7 +26,9 @@ def follower_accelerations(folder: Path, poses: Iterable[Pose]) -> list[float]:
     """
     follower = demand(folder, FOLLOWER, "follower")
     seen = []
-    with World(street(folder, 1), demand=[follower], seed=1, period=PERIOD, vehicle=FUSION, warm_up=PERIOD * 2) as world:
+    with World(
+        street(folder, 1), demand=[follower], seed=1, period=PERIOD, vehicle=FUSION, warm_up=PERIOD * 2
+    ) as world:
         for pose in poses:
             world.place(pose)
             world.step()

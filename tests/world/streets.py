@@ -8,6 +8,7 @@ import random
 import subprocess
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import sumo
@@ -145,7 +146,7 @@ def way(network: Path, edges: Sequence[str], lane: int = 0) -> list[str]:
                 inside[key] = link.attrib["via"]
     follow = {link.attrib["from"]: link.attrib.get("via") for link in root.iter("connection")}
     lanes = [f"{edges[0]}_{lane}"]
-    for last, edge in zip(edges, edges[1:], strict=False):
+    for last, edge in pairwise(edges):
         via: str | None = inside[last, edge]
         while via:
             lanes.append(via)
@@ -154,11 +155,13 @@ def way(network: Path, edges: Sequence[str], lane: int = 0) -> list[str]:
     return lanes
 
 
-def along(points: Sequence[tuple[float, float]], step: float, lever: float = 3.84) -> Iterator[tuple[float, float, float]]:
+def along(
+    points: Sequence[tuple[float, float]], step: float, lever: float = 3.84
+) -> Iterator[tuple[float, float, float]]:
     """x, y, heading of a front bumper that follows points while the rear axle trails `lever` [m] behind it."""
     heading = math.atan2(points[1][1] - points[0][1], points[1][0] - points[0][0])
     rest = 0.0
-    for (x, y), (to_x, to_y) in zip(points, points[1:], strict=False):
+    for (x, y), (to_x, to_y) in pairwise(points):
         length = math.dist((x, y), (to_x, to_y))
         direction = math.atan2(to_y - y, to_x - x)
         while rest < length:

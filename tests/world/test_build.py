@@ -202,7 +202,7 @@ def test_an_extract_that_is_none_is_refused(tmp_path, speeds, text, message):
 
 
 def test_missing_files_and_impossible_origins_are_refused(town, speeds, tmp_path):
-    with pytest.raises(ConfigError, match="nowhere.osm does not exist"):
+    with pytest.raises(ConfigError, match=r"nowhere\.osm does not exist"):
         build_network(tmp_path / "nowhere.osm", tmp_path / "t.net.xml", speeds=speeds)
     with pytest.raises(ConfigError, match="expected latitude, longitude in degrees"):
         build_network(town, tmp_path / "t.net.xml", speeds=speeds, origin=(-83.0, 40.0))

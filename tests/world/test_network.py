@@ -6,6 +6,7 @@ import gzip
 import heapq
 import math
 import random
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,9 @@ def test_head_agrees_with_sumolib(linden, reference):
     assert network.boundary == pytest.approx((left, low, right, high), abs=0.011)
 
 
-@pytest.mark.parametrize(("latitude", "longitude"), [(40.00034, -82.975692), (39.993697, -82.981701), (40.0179, -82.957)])
+@pytest.mark.parametrize(
+    ("latitude", "longitude"), [(40.00034, -82.975692), (39.993697, -82.981701), (40.0179, -82.957)]
+)
 def test_frame_agrees_with_sumolib(linden, reference, latitude, longitude):
     frame = read_network(linden).frame()
     x, y = frame.to_map(math.radians(latitude), math.radians(longitude))
@@ -62,7 +65,10 @@ BAD_FILES = [
     ("<net><edge id='a'/></net>", r"expected a <location> element, found none"),
     ("hello", r"expected a SUMO network \(\.net\.xml\), it can't be read"),
     ("", r"expected a SUMO network \(\.net\.xml\), it can't be read"),
-    (f"<net><location {GOOD.replace('+proj=tmerc +lat_0=40 +lon_0=-83 +k=1', '!')}/></net>", r"projParameter>, got '!'"),
+    (
+        f"<net><location {GOOD.replace('+proj=tmerc +lat_0=40 +lon_0=-83 +k=1', '!')}/></net>",
+        r"projParameter>, got '!'",
+    ),
     (f"<net><location {GOOD.replace('1,2', '1,')}/></net>", r"expected 2 numbers in <location netOffset>, got '1,'"),
     (f"<net><location {GOOD.replace('1,2', '1,nan')}/></net>", r"expected 2 numbers in <location netOffset>"),
     (f"<net><location {GOOD.replace('0,0,5,5', '0,0')}/></net>", r"expected 4 numbers in <location convBoundary>"),
@@ -90,7 +96,9 @@ def test_a_cut_off_archive_is_no_network(linden, tmp_path):
         lane_shapes(file, (0.0, 0.0, 1.0, 1.0))
 
 
-@pytest.mark.parametrize("box", [(1400.0, 1000.0, 1600.0, 1100.0), (0.0, 0.0, 300.0, 300.0), (-500.0, -500.0, -400.0, -400.0)])
+@pytest.mark.parametrize(
+    "box", [(1400.0, 1000.0, 1600.0, 1100.0), (0.0, 0.0, 300.0, 300.0), (-500.0, -500.0, -400.0, -400.0)]
+)
 def test_lane_shapes_are_those_of_sumolib_that_meet_the_box(linden, reference, box):
     expected = []
     for edge in reference.getEdges(withInternal=True):
@@ -123,7 +131,7 @@ def _shortest(reference, start, end) -> float:
 
 def _driven(reference, edges) -> float:
     total = sum(reference.getEdge(edge).getLength() for edge in edges)
-    for one, other in zip(edges, edges[1:], strict=False):
+    for one, other in pairwise(edges):
         connections = reference.getEdge(one).getOutgoing()[reference.getEdge(other)]
         total += min(reference.getInternalPath([c])[1] for c in connections)
     return total
@@ -177,7 +185,15 @@ def test_places_on_lanes_are_where_sumo_has_them(linden, roads):
     assert np.abs(np.array(points) - np.array(mine)).max() < 0.02
 
 
-@pytest.mark.parametrize(("lane", "position", "message"), [("21354771_0", -1.0, "is not on it"), ("21354771_0", 1e9, "is not on it"), ("21354771_7", 1.0, "no lane"), ("x", 1.0, "no lane")])
+@pytest.mark.parametrize(
+    ("lane", "position", "message"),
+    [
+        ("21354771_0", -1.0, "is not on it"),
+        ("21354771_0", 1e9, "is not on it"),
+        ("21354771_7", 1.0, "no lane"),
+        ("x", 1.0, "no lane"),
+    ],
+)
 def test_a_place_off_its_lane_is_refused(roads, lane, position, message):
     with pytest.raises(ConfigError, match=message):
         roads.place(lane, position)

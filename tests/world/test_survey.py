@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,7 @@ def _centre(network: Path, edges: list[str]):
     net = sumolib.net.readNet(str(network), withInternal=True)
     lanes = [net.getEdge(edge).getLanes()[0] for edge in edges]
     lines = [LineString([p[:2] for p in lane.getShape()]) for lane in lanes]
-    for one, other in zip(edges, edges[1:], strict=False):
+    for one, other in pairwise(edges):
         for connection in net.getEdge(one).getOutgoing()[net.getEdge(other)]:
             names = net.getInternalPath([connection])[0]
             lines += [LineString([p[:2] for p in lane.getShape()]) for inner in names for lane in inner.getLanes()]
@@ -73,7 +74,7 @@ def test_the_shipped_paths_follow_their_lanes_and_can_be_driven(repository, lind
     spans = np.hypot(*np.diff(points, axis=0).T)
     assert ATTRIBUTION in file.read_text()
     assert length[0] < spans.sum() < length[1]
-    assert 0.9 < spans.min() <= spans.max() < 1.1
+    assert 0.85 < spans.min() <= spans.max() < 1.05
     assert np.abs(curvature).max() < 0.12
     assert np.abs(np.diff(curvature) / 0.1).max() < 0.015  # full lock to lock would take some 10 m
     centre = _centre(linden, _edges(file))
@@ -91,7 +92,7 @@ def test_the_shipped_path_ends_with_a_long_straight(repository, linden):
 def test_the_shipped_loop_closes_smoothly(repository, linden):
     points = _points(linden, repository / "routes" / "linden_loop.csv")
     assert (points[0] == points[-1]).all()
-    twice = np.concatenate([points[-200:-1], points[:200]])
+    twice = np.concatenate([points[-50:-1], points[:50]])
     assert np.abs(_curvature(twice)).max() < 0.005  # the seam lies on a straight stretch
 
 
@@ -138,7 +139,7 @@ def test_a_drive_back_to_its_start_is_closed_and_smooth_across_the_seam(linden, 
     ("start", "end", "options", "message"),
     [
         ("nowhere", "21354771", {}, "no edge 'nowhere'"),
-        ("21354771", "264215382#0", {}, "no way for a car"),
+        ("264215382#0", "21351947", {}, "no way for a car"),
         ("21354787#13", "21354771", {"start_position": 1e4}, "is not on it"),
         ("21354787#13", "21354771", {"end_position": -1.0}, "is not on it"),
         ("21354787#13", "21354771", {"tolerance": 0.0}, "expected a length above zero"),

@@ -1,0 +1,1 @@
+"""The tick, the shells that drive it, and the record it leaves."""

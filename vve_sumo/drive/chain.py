@@ -93,7 +93,8 @@ class Chain:
         """Sense and act: return the frames that answer what is known at drive time `now`.
 
         `actors` are those of this tick; `reports` are the car's frames since the last tick; `found` are reason codes
-        of faults that the shell saw. A setpoint that cannot be had is no setpoint: the gateway then stops the car.
+        of faults that the shell saw. Faults travel to the gateway in the setpoint, which is then a reason to stop and
+        nothing else; without a pose there is no setpoint at all.
         """
         if act is Act.ENGAGE and not self._gate.profile.may_arm:
             act, found = None, (*found, "profile_may_not_arm")
@@ -109,7 +110,7 @@ class Chain:
             self._station, station, deviation = beside.s, beside.s, beside.offset
             answer, failures = self._controller.step(self._situation(tick, now, pose))
             faults += failures
-            setpoint = None if answer is None else self._stamped(answer, now, pose, faults)
+            setpoint = self._stamped(answer or self._nothing(), now, pose, faults)
         output = self._gateway.step(now, setpoint, reports, act)
         return Acted(
             frames=output.frames,
@@ -150,6 +151,11 @@ class Chain:
             detections=self._detections,
             steering=self._gateway.measured_steering,
         )
+
+    def _nothing(self) -> Setpoint:
+        """Stand in for a controller that failed: the gateway stops for the faults that come with it."""
+        steering = self._gateway.measured_steering
+        return Setpoint(steering if math.isfinite(steering) else 0.0, 0.0, note="failed")
 
     def _stamped(self, setpoint: Setpoint, now: float, pose: Pose, faults: tuple[str, ...]) -> Setpoint:
         self._sequence += 1

@@ -14,6 +14,7 @@ from pathlib import Path as FilePath
 from typing import Any, Protocol
 
 from vve_sumo import workspace
+from vve_sumo.controller import companion
 from vve_sumo.drive import figures
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import Lockstep, Run, Watch
@@ -273,3 +274,22 @@ def drive(
         return SimulationError.exit_code
     return 0 if done.passed else 1
 
+
+def design(name: str, latency: float) -> int:
+    """Print the margins of a scenario's preview steering; refuse what a latency [s] would make unstable."""
+    if not latency >= 0.0:
+        raise ConfigError(f"--latency-ms: expected 0 or more, got {1000.0 * latency:g}")
+    working = FilePath.cwd()
+    setting = choose(name, working)
+    tuning = setting.scenario.controller.tuning
+    if tuning.get("steering", "preview") != "preview":
+        raise ConfigError(f"{name}: the design knows the preview steering, got {tuning['steering']!r}")
+    gains = companion("design", workspace.controller_folders(working))
+    named = {"look_ahead_time": "look_ahead_time_s", "look_ahead_least": "look_ahead_least_m"}
+    preview = replace(gains.DEFAULT, **{ours: float(tuning[key]) for ours, key in named.items() if key in tuning})
+    rows = gains.margins(setting.vehicle, preview)
+    print(gains.table(rows))
+    gains.check(rows, latency)
+    worst = min(row.delay_margin for row in rows)
+    print(f"bears the stated {1000.0 * latency:.0f} ms at every speed; the least margin is {1000.0 * worst:.0f} ms")
+    return 0

@@ -24,11 +24,12 @@ from vve_sumo.drive.street import Street, lot_frame, open_world, standing
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
+from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.sensors.radar import Radar
-from vve_sumo.values import ArmingState, Pose
+from vve_sumo.values import ArmingState, Fix, Pose
 from vve_sumo.vehicle.gateway import Act, Gateway
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and station [m]
@@ -68,8 +69,11 @@ def car_parameters(setting: Setting) -> CarParameters:
 class Lockstep:
     """One drive with the hardware-free car. Making it starts SUMO; `close` it in any case."""
 
-    def __init__(self, setting: Setting, working: FilePath) -> None:
-        """Put everything together; raises ConfigError where something in the setting is not usable."""
+    def __init__(self, setting: Setting, working: FilePath, alter: Callable[[Fix], Fix | None] = unaltered) -> None:
+        """Put everything together; raises ConfigError where something in the setting is not usable.
+
+        `alter` injects faults into the receiver: from a fix to another one, or to None for a lost packet.
+        """
         scenario = setting.scenario
         lot = scenario.ego.lot
         frame = lot_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
@@ -77,7 +81,7 @@ class Lockstep:
         self._alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
         parameters = car_parameters(setting)
         car_seeds, radar_seeds = np.random.SeedSequence(scenario.seed).spawn(2)
-        self._car = Car(parameters, (start.x, start.y, start.heading), frame, EPOCH, car_seeds)
+        self._car = Car(parameters, (start.x, start.y, start.heading), frame, EPOCH, car_seeds, alter)
         self._setting = setting
         self._chain = Chain(
             decoder=Decoder(),

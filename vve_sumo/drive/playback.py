@@ -84,7 +84,8 @@ class Playback:
         """Play to the end of the recording and return how it went; everything else is in the record."""
         tick = first = math.ceil(self._begin / PERIOD)
         coming = next(self._fixes, None)
-        collided, reasons = False, ()
+        collided = False
+        reasons: tuple[str, ...] = ()
         while coming is not None:
             now = tick * PERIOD
             while coming is not None and coming.time - self.epoch <= now:

@@ -17,6 +17,7 @@ from typing import IO, Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from vve_sumo.bus import candump_line
 from vve_sumo.errors import ConfigError
@@ -104,7 +105,7 @@ def read_table(folder: Path, name: str) -> pa.Table:
         return pq.read_table(closed)
     if not still_open.is_file():
         raise ConfigError(f"{folder}: no {name}{CLOSED_ENDING} and no {name}{OPEN_ENDING}: not a drive's record")
-    batches = []
+    batches: list[pa.RecordBatch] = []
     try:
         with pa.ipc.open_stream(still_open) as stream:
             batches.extend(iter(stream.read_next_batch, None))
@@ -139,7 +140,7 @@ class _Table:
                 digest.update(_BETWEEN.join(column).encode())
                 arrays.append(pa.array(column, field.type))
             else:
-                numbers = np.array(column, kind)
+                numbers: NDArray[Any] = np.array(column, kind)
                 digest.update(numbers.data)
                 arrays.append(pa.array(numbers, field.type))
         self._stream.write_batch(pa.record_batch(arrays, self._schema))

@@ -55,6 +55,7 @@ def tick_row(
         acceleration_setpoint_mps2=setpoint.acceleration if setpoint else nan,
         emergency=setpoint is not None and setpoint.emergency,
         note=setpoint.note if setpoint else "",
+        faults="+".join(acted.faults),
         state=verdict.state.value,
         reasons="+".join(verdict.reasons),
         limited="+".join(verdict.limited),

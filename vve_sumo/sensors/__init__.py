@@ -1,0 +1,1 @@
+"""What the twin's sensors make of the street around it."""

@@ -1,0 +1,1 @@
+"""The car's wire and the last party before it: codec, calibration, limits, arming, gateway."""

@@ -31,6 +31,8 @@ THROUGH_SHARE = 0.7
 #: 7 000 to 27 000, collectors 1 100 to 6 300, local streets 80 to 700 vehicles a day).
 THROUGH_WEIGHTS = {"primary": 15.0, "secondary": 8.0, "tertiary": 4.0, "unclassified": 0.4, "residential": 0.2}
 KERB_CLASSES = ("residential", "unclassified")  #: the freeway is in neither list: it can't be seen from the streets
+LONGEST_TRIP = 3.0  #: no trip takes more times the mean than this
+SAMPLES = 250  #: drawn to know the mean
 LEAST_TRIP = 400.0  #: shorter trips are walked [m]
 DELAY = 1.25  #: travel time over the time at the speed limit, measured in SUMO with the vehicle types below
 TRIES = 1000  #: of drawing two ends that a way joins
@@ -97,9 +99,9 @@ def write_demand(
         raise ConfigError(f"duration {duration}: expected a time above zero [s]")
     drawn = random.Random(f"{seed} {level}")
     places = _Places(Roads(network), frozenset(clear))
-    samples = [places.trip(drawn) for _ in range(TRIES // 4)]
+    samples = [places.trip(drawn) for _ in range(SAMPLES)]
     mean = sum(_travel_time(edges) for edges, _kerb in samples) / len(samples)
-    trips = list(_trips(places, drawn, mean / LEVELS[level], duration))
+    trips = list(_trips(places, drawn, mean / LEVELS[level], LONGEST_TRIP * mean, duration))
     return _write(out, trips, level, seed, frozenset(clear), mean)
 
 
@@ -164,11 +166,10 @@ def _travel_time(edges: Sequence[Any]) -> float:
     return sum(_edge_time(edge) for edge in edges)
 
 
-def _trips(places: _Places, drawn: random.Random, headway: float, duration: float) -> Iterator[Trip]:
-    """Yield trips in order of departure, one in every `headway`, from before anybody could still be under way at 0."""
+def _trips(places: _Places, drawn: random.Random, headway: float, before: float, duration: float) -> Iterator[Trip]:
+    """Yield trips in order of departure, one in every `headway`, from `before` time 0 on if still under way then."""
     kinds = _Choice(list(TYPES), [kind.share for kind in TYPES.values()])
-    longest = 3.0 * headway * max(LEVELS.values())
-    for slot in range(-math.ceil(longest / headway), math.ceil(duration / headway)):
+    for slot in range(-math.ceil(before / headway), math.ceil(duration / headway)):
         depart = (slot + drawn.random()) * headway
         edges, kerb = places.trip(drawn)
         kind = kinds.draw(drawn)
@@ -183,7 +184,7 @@ def _reached(trip: Trip) -> tuple[tuple[Any, ...], float]:
         if elapsed < _edge_time(edge):
             return trip.edges[i:], edge.getLength() * elapsed / _edge_time(edge)
         elapsed -= _edge_time(edge)
-    raise AssertionError("a trip that is over was drawn")
+    return trip.edges[-1:], trip.edges[-1].getLength()
 
 
 def _vehicle(name: str, trip: Trip, clear: frozenset[str]) -> ET.Element | None:

@@ -33,8 +33,7 @@ class Rectangle:
         cos, sin = math.cos(self.heading), math.sin(self.heading)
         signs = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
         return [
-            (self.x + f * ahead * cos - s * across * sin, self.y + f * ahead * sin + s * across * cos)
-            for f, s in signs
+            (self.x + f * ahead * cos - s * across * sin, self.y + f * ahead * sin + s * across * cos) for f, s in signs
         ]
 
     def grown(self, margin: float) -> Rectangle:

@@ -76,11 +76,6 @@ class Ghosts:
         for cut in cuts.values():
             self._show(cut, body.heading, speed)
 
-    def clear(self) -> None:
-        """Take all ghosts off the street and forget where the ego was."""
-        self._keep({})
-        self._line.clear()
-
     def _remember(self, name: str) -> None:
         """Keep the lanes that the ego came along, newest first."""
         if self._line and self._line[0].id == name:

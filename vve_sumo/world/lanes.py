@@ -9,6 +9,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import libsumo
 import numpy as np
@@ -75,7 +76,7 @@ def _read(name: str) -> Lane:
     half_width = 0.5 * libsumo.lane.getWidth(name)
     points = libsumo.lane.getShape(name)
     bands, starts, total = [], [], 0.0
-    for (x, y), (next_x, next_y) in zip(points, points[1:], strict=False):
+    for (x, y), (next_x, next_y) in pairwise(points):
         length = math.hypot(next_x - x, next_y - y)
         if length > 0.0:
             bands.append(Band(x, y, (next_x - x) / length, (next_y - y) / length, length, half_width))
@@ -176,9 +177,11 @@ class Lanes:
             return f"route: edge of the network expected, got {unknown[0]!r}"
         joined = {
             (lane.edge, beyond.rpartition("_")[0])
-            for lane in self.by_id.values() if lane.edge in route for beyond, _, _ in self._links_of(lane.id)
+            for lane in self.by_id.values()
+            if lane.edge in route
+            for beyond, _, _ in self._links_of(lane.id)
         }
-        for pair in zip(route, route[1:], strict=False):
+        for pair in pairwise(route):
             if pair not in joined:
                 return f"route: no connection leads from edge {pair[0]!r} to {pair[1]!r}"
         return ""
@@ -191,7 +194,7 @@ class Lanes:
         """Return the name of a route of SUMO that holds the lane and goes on from it, made when first asked for."""
         name = f"onward.{lane}"
         if name not in self._routes:
-            edges = (self.onward(lane) if not lane.startswith(":") else self._through(lane))
+            edges = self.onward(lane) if not lane.startswith(":") else self._through(lane)
             libsumo.route.add(name, edges)
             self._routes.add(name)
         return name
@@ -216,7 +219,8 @@ class Lanes:
         dx, dy = x - px, y - py
         along = np.clip(dx * cos + dy * sin, 0.0, length)
         ex, ey = dx - along * cos, dy - along * sin
-        return np.sqrt(ex * ex + ey * ey)
+        distances: Floats = np.sqrt(ex * ex + ey * ey)
+        return distances
 
     def _look_around(self, x: float, y: float) -> None:
         if abs(x - self._centre[0]) + abs(y - self._centre[1]) > NEARBY_MOVE:

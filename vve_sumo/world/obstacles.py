@@ -73,7 +73,8 @@ def body(obstacle: Obstacle, lanes: Lanes) -> Rectangle:
         raise ConfigError(f"obstacle {obstacle.id}: finite numbers expected, got {obstacle}")
     if obstacle.length <= 0.0 or obstacle.width <= 0.0:
         raise ConfigError(f"obstacle {obstacle.id}: positive size expected, got {obstacle.length} x {obstacle.width} m")
-    box = _on_lane(obstacle, obstacle.at, lanes) if isinstance(obstacle.at, LaneSpot) else _on_map(obstacle, obstacle.at)
+    at = obstacle.at
+    box = _on_lane(obstacle, at, lanes) if isinstance(at, LaneSpot) else _on_map(obstacle, at)
     lane, distance = lanes.nearest(box.x, box.y)
     if distance > FARTHEST:
         raise ConfigError(
@@ -122,7 +123,7 @@ class Obstacles:
 
     def enter(self) -> None:
         """Put the stand-ins on the still empty street; they hold from the coming step on."""
-        names = []
+        names: list[str] = []
         for cut in self._blocked():
             names.append(f"{STAND_IN_TYPE}.{len(names)}")
             self._stand(names[-1], cut)
@@ -145,7 +146,6 @@ class Obstacles:
         x, y, heading = cut.lane.at(cut.end)
         libsumo.vehicle.add(name, self._lanes.route(cut.lane.id), STAND_IN_TYPE, departSpeed="0")
         libsumo.vehicle.setLength(name, cut.end - cut.start)
-        libsumo.vehicle.moveToXY(
-            name, cut.lane.edge, cut.lane.index, x, y, math.degrees(0.5 * math.pi - heading) % 360.0, KEEP_ROUTE, MATCH_THRESHOLD
-        )
+        angle = math.degrees(0.5 * math.pi - heading) % 360.0
+        libsumo.vehicle.moveToXY(name, cut.lane.edge, cut.lane.index, x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
         libsumo.vehicle.setSpeed(name, 0.0)

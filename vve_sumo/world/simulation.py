@@ -6,6 +6,7 @@ Must not know the ego, its anchor or any obstacle; the rest of the room talks to
 from __future__ import annotations
 
 import gzip
+import math
 import os
 import tempfile
 import xml.parsers.expat
@@ -38,6 +39,8 @@ OPTIONS = (
     ("--time-to-teleport", "-1"),
     # All demand is read at start, so that a bad route is found before the car moves.
     ("--route-steps", "0"),
+    # SUMO wants it as soon as a type acts less often than every step, and would warn and set it by itself.
+    ("--step-method.ballistic", "true"),
     ("--no-step-log", "true"),
     ("--duration-log.disable", "true"),
     ("--aggregate-warnings", str(WARNINGS_KEPT)),
@@ -91,7 +94,7 @@ class Simulation:
         check_version()
         if libsumo.isLoaded():
             raise SimulationError("SUMO already runs in this process, and it can run only once in each")
-        if period <= 0.0 or abs(period * 1000.0 - round(period * 1000.0)) > 1e-9:
+        if not 0.0 < period < math.inf or abs(math.remainder(period * 1000.0, 1.0)) > 1e-9:
             raise ConfigError(f"period: a positive whole number of milliseconds expected, got {period} s")
         check_input(network, NETWORK_ROOTS)
         kinds = {file: check_input(file, DEMAND_ROOTS) for file in demand}
@@ -100,7 +103,7 @@ class Simulation:
             files = [str(file) for file, kind in kinds.items() if kind == root]
             arguments += [option, ",".join(files)] if files else []
         arguments += [word for option in OPTIONS for word in option]
-        self._console = tempfile.TemporaryFile(buffering=0)
+        self._console = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115 - lives as long as the simulation
         try:
             with self._caught():
                 libsumo.start(arguments)

@@ -59,8 +59,10 @@ class World:
         try:
             self._furnish(network, vehicle, obstacles, route, range_of_interest)
             self._warm_up(warm_up)
-        except BaseException:
+        except BaseException as error:
             self._simulation.close()
+            if isinstance(error, SUMO_ERRORS):
+                raise SimulationError(f"{network}: SUMO refused the street's furniture: {error}") from error
             raise
         self._body: Rectangle | None = None
         self._pose: Pose | None = None
@@ -78,6 +80,11 @@ class World:
         """Vehicles taken off the street when the ego entered because they could not have avoided it."""
         return self._cleared
 
+    @property
+    def ghost_lanes(self) -> tuple[str, ...]:
+        """Lanes whose traffic sees the ego through a ghost now, because its body left its own line of lanes."""
+        return self._ghosts.lanes
+
     def place(self, pose: Pose) -> None:
         """Have the ego's front bumper at `pose`, the pose it has at the next tick.
 
@@ -88,7 +95,7 @@ class World:
             return
         self._body = behind_bumper(pose.x, pose.y, pose.heading, self._vehicle.length, self._vehicle.width)
         if self._pose is None:
-            self._start = pose.time
+            self._start, self._steps = pose.time, 0
             self._check_entry(self._body)
             self._cleared = _clear(self._body, pose.speed, self._hidden())
         self._pose = pose
@@ -130,7 +137,7 @@ class World:
         dx, dy = seen.x - body.x, seen.y - body.y
         reach = body.radius + 0.5 * (seen.length + seen.width)
         near = (dx * dx + dy * dy < reach * reach).nonzero()[0]
-        return tuple(seen.ids[i] for i in near if overlap(body, _box(seen, i)))
+        return tuple(seen.ids[i] for i in near if overlap(body, _box(seen, int(i))))
 
     def close(self) -> None:
         """End the simulation; the process may start another."""
@@ -139,7 +146,9 @@ class World:
     def __enter__(self) -> World:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def _furnish(

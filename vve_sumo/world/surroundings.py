@@ -74,8 +74,7 @@ class Surroundings:
         """Look as far as `reach` [m] from the ego's front bumper to an actor's centre."""
         self._reach = reach
         self._obstacles = [
-            (declared.id, box, Body(box.length, box.width, cross_section(declared.kind)))
-            for declared, box in obstacles
+            (declared.id, box, Body(box.length, box.width, cross_section(declared.kind))) for declared, box in obstacles
         ]
         self._bodies: dict[str, Body] = {}
 
@@ -118,7 +117,8 @@ def _persons() -> Iterator[Row]:
     for name in person.getIDList():
         if person.getVehicle(name) == "":
             body = Body(person.getLength(name), person.getWidth(name), RADAR_CROSS_SECTIONS["pedestrian"])
-            yield _row(name, *person.getPosition(name), person.getAngle(name), person.getSpeed(name), body)
+            x, y = person.getPosition(name)
+            yield _row(name, x, y, person.getAngle(name), person.getSpeed(name), body)
 
 
 def _row(name: str, front_x: float, front_y: float, angle: float, speed: float, body: Body) -> Row:
