@@ -110,7 +110,7 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
         step = Timed()
         libsumo.simulationStep = step.wrap(libsumo.simulationStep)
         shell = Lockstep(drive, REPOSITORY)
-        record = Record(folder / "record", drive.resolved(), EPOCH)
+        record = Record(folder / "record", drive.resolved(shell.controller), EPOCH)
         chain = shell._chain
         receive, act = Timed(), Timed()
         chain.receive, chain.act = receive.wrap(chain.receive), act.wrap(chain.act)  # type: ignore[method-assign]

@@ -43,6 +43,19 @@ TUNING: dict[str, float | str | bool] = {
 }
 
 
+#: what a tuning key may be; what lies outside is a slip of the unit
+RANGES: dict[str, tuple[float, float]] = {
+    "look_ahead_time_s": (0.1, 5.0),
+    "look_ahead_least_m": (1.0, 30.0),
+    "stanley_rate_per_s": (0.05, 5.0),
+    "trim_share": (0.0, 1.0),
+    "gap_m": (0.5, 50.0),
+    "time_headway_s": (0.0, 5.0),
+    "stop_deceleration_m_s2": (0.5, 3.3),
+    "lateral_acceleration_m_s2": (0.3, 4.0),
+}
+
+
 class SteeringLaw(Protocol):
     """What all steering laws have in common."""
 
@@ -136,7 +149,7 @@ def make(vehicle: Vehicle, tuning: Tuning) -> FollowAndStop:
     settled = settle(tuning, TUNING)
     name = str(settled.pop("steering"))
     numbers = {key: float(value) for key, value in settled.items()}
-    for key in ("look_ahead_time_s", "look_ahead_least_m", "stop_deceleration_m_s2", "lateral_acceleration_m_s2"):
-        if numbers[key] <= 0.0:
-            raise ConfigError(f"tuning key {key!r} must be above 0, got {numbers[key]}")
+    for key, (least, greatest) in RANGES.items():
+        if not least <= numbers[key] <= greatest:
+            raise ConfigError(f"tuning key {key!r} must be {least:g} to {greatest:g}, got {numbers[key]:g}")
     return FollowAndStop(vehicle, steering_law(name, vehicle, numbers), numbers)

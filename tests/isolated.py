@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 Result = TypeVar("Result")
 
 
-class IsolatedFailure(AssertionError):
+class IsolatedError(AssertionError):
     """The function raised, hung or died in its own process."""
 
 
@@ -25,7 +25,7 @@ def _call(pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, 
 def isolated(function: Callable[..., Result], *arguments: Any, timeout: float = 300.0) -> Result:
     """Return what the module-level `function` returns when called in a freshly spawned process.
 
-    Raises IsolatedFailure with the child's traceback, its exit code, or the time-out in seconds.
+    Raises IsolatedError with the child's traceback, its exit code, or the time-out in seconds.
     """
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe(duplex=False)
@@ -34,14 +34,14 @@ def isolated(function: Callable[..., Result], *arguments: Any, timeout: float = 
     there.close()
     try:
         if not here.poll(timeout):
-            raise IsolatedFailure(f"{function.__name__} gave no answer within {timeout} s")
+            raise IsolatedError(f"{function.__name__} gave no answer within {timeout} s")
         good, answer = here.recv()
     except EOFError:
         child.join(10.0)
-        raise IsolatedFailure(f"{function.__name__} died with exit code {child.exitcode}") from None
+        raise IsolatedError(f"{function.__name__} died with exit code {child.exitcode}") from None
     finally:
         child.kill()
         child.join(10.0)
     if not good:
-        raise IsolatedFailure(answer)
+        raise IsolatedError(answer)
     return answer  # type: ignore[no-any-return]

@@ -112,6 +112,51 @@ def test_wrong_uses_are_one_line_exit_2(tmp_path: Path) -> None:
     refused(tmp_path, ["path", "record", "linden", "--from", "a", "--to", "b", "--out", "p.csv"], ["'a'"])
 
 
+def test_what_only_shows_at_the_start_leaves_nothing_either(tmp_path: Path) -> None:
+    scenario(tmp_path, "at_m = 639.0", "at_m = 2.0")
+    refused(tmp_path, ["drive", "mine.toml", "--out", "record"], ["parked_car", "starts"])
+    scenario(tmp_path, "[controller]" if "[controller]" in SCENARIO else "[criteria]", NAN_TUNING)
+    refused(tmp_path, ["drive", "mine.toml", "--out", "record"], ["tuning"])
+
+
+NAN_TUNING = '[controller]\nname = "follow_and_stop"\ntuning = { gap_m = nan }\n\n[criteria]'
+
+
+def test_places_that_cannot_be_written_are_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    refused(tmp_path, ["drive", "--out", "file/record"], ["file/record"])
+    refused(tmp_path, ["drive", "--out", "/proc/nowhere/record"], ["/proc/nowhere"])
+    refused(tmp_path, ["init", "file/mine"], ["file"])
+
+
+def test_recordings_that_are_none_are_one_line(tmp_path: Path) -> None:
+    (tmp_path / "binary.csv").write_bytes(bytes(range(256)) * 4)
+    (tmp_path / "torn.csv").write_text(
+        "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps\n"
+        + "".join(f"{t},40.0,-83.0,90.0,0.0\n" for t in range(5))
+        + "5,40.0,east,90.0,0.0\n",
+        encoding="utf-8",
+    )
+    (tmp_path / "gap.csv").write_text(
+        "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps\n1,40,-83,90,0\n2,40,-83,90,0\n1e12,40,-83,90,0\n",
+        encoding="utf-8",
+    )
+    refused(tmp_path, ["drive", "--pose", "binary.csv", "--out", "record"], ["binary.csv"])
+    refused(tmp_path, ["drive", "--pose", "torn.csv", "--out", "record"], ["torn.csv", "line 7", "longitude_deg"])
+    refused(tmp_path, ["drive", "--pose", "gap.csv", "--out", "record"], ["gap.csv", "without a fix"])
+
+
+def test_a_title_with_brackets_is_only_a_title(tmp_path: Path) -> None:
+    scenario(
+        tmp_path, 'title = "The paper\'s drive: a car parked in the middle of the road"', 'title = "[red]x[/nope]"'
+    )
+    text = (tmp_path / "mine.toml").read_text(encoding="utf-8").replace("duration_s = 180.0", "duration_s = 1.0")
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    run = vve_sumo("drive", "mine.toml", "--out", "record", cwd=tmp_path)
+    assert run.returncode == 1, run.stderr
+    assert "[red]x[/nope]" in run.stdout
+
+
 def test_a_folder_that_holds_something_is_not_driven_into(tmp_path: Path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").write_text("the only copy", encoding="utf-8")
@@ -134,6 +179,7 @@ def test_wrong_networks_and_paths_are_named(tmp_path: Path) -> None:
         "columns.csv": ("lat,lon\n40.0,-82.9\n", "latitude_deg"),
         "words.csv": ("latitude_deg,longitude_deg\n40.0,west\n", "line 2"),
         "paris.csv": ("latitude_deg,longitude_deg\n48.85,2.35\n48.86,2.36\n", "off the network"),
+        "field.csv": ("latitude_deg,longitude_deg\n39.99348,-82.97025\n39.99348,-82.97024\n", "from every lane"),
         "nan.csv": ("latitude_deg,longitude_deg\nnan,-82.97\n40.0,-82.97\n", "line 2"),
     }
     for name, (text, word) in rows.items():

@@ -7,7 +7,7 @@ periodic sender: a frozen program must fall silent, not go on commanding a car.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -98,7 +98,13 @@ def read_log(path: Path) -> Iterator[tuple[float, str, Frame]]:
 
 def candump_line(timestamp: float, channel: str, frame: Frame) -> str:
     """One line of a candump log, with its line end; `timestamp` [s] is kept to the microsecond."""
-    return f"({timestamp:017.6f}) {channel} {frame.id:03X}#{frame.data.hex().upper()}\n"
+    return candump_lines(timestamp, channel, (frame,))
+
+
+def candump_lines(timestamp: float, channel: str, frames: Iterable[Frame]) -> str:
+    """A line for each frame of one moment, as `candump_line` writes it."""
+    head = f"({timestamp:017.6f}) {channel}"
+    return "".join([f"{head} {identifier:03X}#{data.hex().upper()}\n" for identifier, data in frames])
 
 
 def _as_frame(message: can.Message) -> Frame | None:

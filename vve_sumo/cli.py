@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +19,10 @@ EXIT_CODES = """exit codes:
   3  the rig is not ready
   4  the simulation broke
 """
+
+
+#: curvature of the shipped car's tightest circle, at its steering limit and wheelbase [1/m]
+TIGHTEST = 0.21
 
 
 class _Parser(argparse.ArgumentParser):
@@ -134,7 +140,7 @@ def _add_network(commands: Commands) -> None:  # type: ignore[valid-type]
         "build",
         "turn an OpenStreetMap extract into a SUMO network",
         "Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and US rules.\n"
-        "Needs netconvert: pip install 'vve-sumo[network]'.",
+        "Needs netconvert: pip install eclipse-sumo==1.28.0.",
     )
     build.add_argument("extract", type=Path, metavar="OSM", help=".osm.xml or .osm.xml.gz, already cut to the area")
     build.add_argument("--out", type=Path, required=True, metavar="NET", help="network file to write (.net.xml)")
@@ -153,6 +159,15 @@ def _add_network(commands: Commands) -> None:  # type: ignore[valid-type]
     )
     build.add_argument("--speeds", type=Path, metavar="TYP", help="SUMO type map of speed limits (default: US ones)")
     build.set_defaults(run=_network_build)
+    edges = _add(
+        inner,
+        "edges",
+        "list the edges of streets, to choose a path's from",
+        "List the edges whose street's name holds a text: name, length, lanes, and from where to where in the map [m].",
+    )
+    edges.add_argument("network", help="name or .net.xml file")
+    edges.add_argument("street", nargs="?", default="", help="part of a street's name (default: all)")
+    edges.set_defaults(run=_network_edges)
     demand = _add(
         inner,
         "demand",
@@ -169,6 +184,7 @@ def _add_network(commands: Commands) -> None:  # type: ignore[valid-type]
         metavar="EDGE,EDGE",
         help="edges where no vehicle comes out of nothing or vanishes: those of the ego's path",
     )
+    demand.add_argument("--path", metavar="NAME", help="path whose edges stay clear, a name under routes/ or a file")
     demand.add_argument("--out", type=Path, required=True, metavar="ROU", help="route file to write (.rou.xml)")
     demand.set_defaults(run=_network_demand)
 
@@ -229,7 +245,9 @@ def _pose_decode(arguments: argparse.Namespace) -> int:
     decoder = write_csv(arguments.file, arguments.csv)
     counts = ", ".join(f"{count} {outcome}" for outcome, count in decoder.counts.items() if count)
     print(f"{arguments.file}: {decoder.packets} packets ({counts}), {decoder.discarded} bytes outside any packet")
-    print(f"rows written to {arguments.csv}")
+    with arguments.csv.open(encoding="utf-8", newline="") as file:
+        trusted = [row["trusted"] == "true" for row in csv.DictReader(file)]
+    print(f"a car could drive on {sum(trusted)} of {len(trusted)} fixes; rows written to {arguments.csv}")
     return 0
 
 
@@ -249,6 +267,11 @@ def _path_record(arguments: argparse.Namespace) -> int:
     )
     radius = f"{1.0 / survey.curvature:.1f} m" if survey.curvature > 1e-6 else "none"
     print(f"{survey.length:.0f} m of path ({survey.points} points, tightest bend {radius}) written to {arguments.out}")
+    if survey.curvature > TIGHTEST:
+        print(
+            f"warning: no car turns tighter than {1.0 / TIGHTEST:.1f} m; choose other edges (a U-turn?)",
+            file=sys.stderr,
+        )
     return 0
 
 
@@ -275,10 +298,38 @@ def _network_demand(arguments: argparse.Namespace) -> int:
         arguments.out,
         level=arguments.level,
         seed=arguments.seed,
-        clear=arguments.clear,
+        clear=(*arguments.clear, *_edges_of(arguments.path)),
     )
     print(f"{arguments.level} traffic of {drawn.vehicles} vehicles written to {arguments.out}")
     return 0
+
+
+def _edges_of(path: str | None) -> tuple[str, ...]:
+    """The edges that a path's file says it runs along."""
+    if path is None:
+        return ()
+    from vve_sumo.drive.setting import EDGES
+    from vve_sumo.workspace import find
+
+    text = find("path", path, Path.cwd()).read_text(encoding="utf-8")
+    return next((tuple(line[len(EDGES) :].split()) for line in text.splitlines() if line.startswith(EDGES)), ())
+
+
+def _network_edges(arguments: argparse.Namespace) -> int:
+    from vve_sumo.workspace import find
+    from vve_sumo.world.network import Roads
+
+    roads = Roads(find("network", arguments.network, Path.cwd()))
+    wanted = [edge for edge in roads.edges if arguments.street.lower() in edge.getName().lower()]
+    for edge in sorted(wanted, key=lambda edge: (edge.getName(), edge.getID())):
+        (x, y), (end_x, end_y) = edge.getShape()[0][:2], edge.getShape()[-1][:2]
+        way = f"({x:.0f}, {y:.0f}) to ({end_x:.0f}, {end_y:.0f})"
+        print(
+            f"{edge.getID():<16} {edge.getName():<28} {edge.getLength():7.1f} m  {edge.getLaneNumber()} lane(s)  {way}"
+        )
+    if not wanted:
+        print(f"no street of {arguments.network} has {arguments.street!r} in its name", file=sys.stderr)
+    return 0 if wanted else 1
 
 
 def _design(arguments: argparse.Namespace) -> int:
@@ -297,17 +348,23 @@ def _init(arguments: argparse.Namespace) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; an error of ours is one line on the screen."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     parsed = _parser().parse_args(arguments)
     try:
         code: int = parsed.run(parsed)
     except VveError as error:
         print(f"vve-sumo: {error}", file=sys.stderr)
         return error.exit_code
+    except BrokenPipeError:
+        return 1
+    except OSError as error:
+        print(f"vve-sumo: {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("vve-sumo: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        return 1
     return code
 
 

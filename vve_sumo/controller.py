@@ -9,6 +9,7 @@ import hashlib
 import importlib
 import math
 import sys
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path as Folder
@@ -19,6 +20,9 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.values import Setpoint, Situation, Vehicle
 
 ENTRY_POINTS = "vve_sumo.controllers"
+
+#: what the package that a controllers' folder becomes is called, before a digest of the folder
+PACKAGE = "vve_sumo_workspace_"
 
 TuningValue = float | str | bool
 Tuning = Mapping[str, TuningValue]
@@ -49,7 +53,7 @@ def load(name: str, vehicle: Vehicle, tuning: Tuning, search: Sequence[Folder]) 
         controller = make(vehicle, tuning)
     except ConfigError as error:
         raise ConfigError(f"controller {name}: {error}") from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ConfigError(f"controller {name}: make raised {_told(error)}") from error
     if not isinstance(controller, Controller):
         raise ConfigError(f"controller {name}: make returned a {type(controller).__name__} without step(situation)")
@@ -71,15 +75,13 @@ def module(name: str, search: Sequence[Folder]) -> ModuleType:
     raise ConfigError(f"controller file {name}.py: not in {', '.join(map(str, search)) or 'any folder'}")
 
 
-def companion(name: str, search: Sequence[Folder]) -> ModuleType:
-    """Import a file of a controllers' folder that is no controller itself, such as the gain design.
-
-    Raises ConfigError where no folder has it.
-    """
-    for folder in search:
-        if (file := folder / f"{name}.py").is_file():
-            return _read(name, file)
-    raise ConfigError(f"controllers: there is no {name}.py in {', '.join(map(str, search)) or 'any folder'}")
+def sources(controller: Controller) -> tuple[Folder, ...]:
+    """Return the files that a controller's code came from, sorted: its own and the neighbours that it imported."""
+    own = type(controller).__module__
+    package = own.partition(".")[0]
+    names = [key for key in sys.modules if key.startswith(f"{package}.")] if package.startswith(PACKAGE) else [own]
+    files = (getattr(sys.modules.get(name), "__file__", None) for name in names)
+    return tuple(sorted(Folder(file) for file in files if file))
 
 
 def settle(tuning: Tuning, defaults: Tuning) -> dict[str, TuningValue]:
@@ -114,30 +116,41 @@ class Guarded:
         self.text = ""  #: what the last failure said, for the record
 
     def step(self, situation: Situation) -> tuple[Setpoint | None, tuple[str, ...]]:
-        """Return the controller's setpoint and no reason, or None and why there is none."""
+        """Return the controller's setpoint and no reason, or None and why there is none.
+
+        What comes back holds the four fields that a controller fills, as plain numbers and a printable note.
+        """
         try:
             setpoint: object = self._controller.step(situation)
-        except Exception as error:
+            if not isinstance(setpoint, Setpoint) or not _has_types(setpoint):
+                return self._refused("controller_wrong_type", f"got {setpoint!r}, expected a Setpoint of floats")
+            steering, acceleration = float(setpoint.steering), float(setpoint.acceleration)
+        except (Exception, SystemExit) as error:
             return self._refused("controller_raised", _told(error))
-        if not isinstance(setpoint, Setpoint) or not _has_numbers(setpoint):
-            return self._refused("controller_wrong_type", f"got {setpoint!r}, expected a Setpoint of floats")
-        if not (math.isfinite(setpoint.steering) and math.isfinite(setpoint.acceleration)):
-            text = f"steering {setpoint.steering}, acceleration {setpoint.acceleration}"
-            return self._refused("controller_not_finite", text)
-        return setpoint, ()
+        if not (math.isfinite(steering) and math.isfinite(acceleration)):
+            return self._refused("controller_not_finite", f"steering {steering}, acceleration {acceleration}")
+        note = setpoint.note if setpoint.note.isascii() and setpoint.note.isprintable() else ascii(setpoint.note)
+        return Setpoint(steering, acceleration, emergency=setpoint.emergency, note=note), ()
 
     def _refused(self, code: str, text: str) -> tuple[None, tuple[str, ...]]:
         self.text = text
         return None, (code,)
 
 
-def _has_numbers(setpoint: Setpoint) -> bool:
-    commands: tuple[object, object] = (setpoint.steering, setpoint.acceleration)
-    return all(isinstance(command, (float, int)) for command in commands)
+def _has_types(setpoint: Setpoint) -> bool:
+    commands: tuple[object, ...] = (setpoint.steering, setpoint.acceleration)
+    told: tuple[object, ...] = (setpoint.emergency, setpoint.note)
+    numbers = all(isinstance(command, (float, int)) for command in commands)
+    return numbers and isinstance(told[0], bool) and isinstance(told[1], str)
 
 
-def _told(error: Exception) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+def _told(error: BaseException) -> str:
+    """What an error says, and the line of a controller's file that it came from."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = next(
+        (f" ({Folder(f.filename).name}, line {f.lineno})" for f in reversed(frames) if f.filename != __file__), ""
+    )
+    return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
 
 
 def _found(name: str, search: Sequence[Folder]) -> Maker:
@@ -155,7 +168,7 @@ def _found(name: str, search: Sequence[Folder]) -> Maker:
 def _loaded_entry(name: str, load_it: Callable[[], Maker]) -> Maker:
     try:
         return load_it()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ConfigError(f"controller {name}: its entry point raised {_told(error)}") from error
 
 
@@ -171,14 +184,14 @@ def _offered(name: str, file: Folder, function: str) -> Maker:
 def _read(name: str, file: Folder) -> ModuleType:
     try:
         return _imported(file)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ConfigError(f"controller {name}: reading {file} raised {_told(error)}") from error
 
 
 def _imported(file: Folder) -> ModuleType:
     """Import a file as a member of a package made of its folder, under a name nobody else can have."""
     folder = file.resolve().parent
-    package = f"vve_sumo_workspace_{hashlib.sha256(str(folder).encode()).hexdigest()[:16]}"
+    package = f"{PACKAGE}{hashlib.sha256(str(folder).encode()).hexdigest()[:16]}"
     for stale in [key for key in sys.modules if key == package or key.startswith(f"{package}.")]:
         del sys.modules[stale]
     root = ModuleType(package)

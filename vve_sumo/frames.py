@@ -10,7 +10,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import pyproj
@@ -110,19 +110,16 @@ def move_point(pose: Pose, dx: float, dy: float, to: Point) -> Pose:
     change of the forward speed, and would change only with the angular acceleration, which a pose does not hold.
     Inverse: the same with `-dx`, `-dy`.
     """
-    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
-    return Pose(
-        time=pose.time,
-        point=to,
-        x=pose.x + cosine * dx - sine * dy,
-        y=pose.y + sine * dx + cosine * dy,
-        heading=pose.heading,
-        speed=pose.speed - pose.yaw_rate * dy,
-        lateral_speed=pose.lateral_speed + pose.yaw_rate * dx,
-        yaw_rate=pose.yaw_rate,
-        acceleration=pose.acceleration,
-        grade=pose.grade,
-    )
+    heading, yaw_rate = pose.heading, pose.yaw_rate
+    x, y = _beside(pose.x, pose.y, heading, dx, dy)
+    speed, lateral = pose.speed - yaw_rate * dy, pose.lateral_speed + yaw_rate * dx
+    return Pose(pose.time, to, x, y, heading, speed, lateral, yaw_rate, pose.acceleration, pose.grade)
+
+
+def _beside(x: float, y: float, heading: float, dx: float, dy: float) -> Pair:
+    """Return the place `dx` forward and `dy` left of another one [m], seen along a heading [rad]."""
+    cosine, sine = math.cos(heading), math.sin(heading)
+    return x + cosine * dx - sine * dy, y + sine * dx + cosine * dy
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +175,18 @@ class Alignment:
         """Return the lot pose in the street's map."""
         cosine, sine = math.cos(self.rotation), math.sin(self.rotation)
         x, y = cosine * pose.x - sine * pose.y + self.x, sine * pose.x + cosine * pose.y + self.y
-        return replace(pose, x=x, y=y, heading=wrap_angle(pose.heading + self.rotation))
+        return Pose(
+            time=pose.time,
+            point=pose.point,
+            x=x,
+            y=y,
+            heading=wrap_angle(pose.heading + self.rotation),
+            speed=pose.speed,
+            lateral_speed=pose.lateral_speed,
+            yaw_rate=pose.yaw_rate,
+            acceleration=pose.acceleration,
+            grade=pose.grade,
+        )
 
 
 def _mean(points: Sequence[Pair]) -> complex:
@@ -256,19 +264,22 @@ class Placement:
         speed = forward_x * fix.velocity_east + forward_y * fix.velocity_north
         lateral = forward_x * fix.velocity_north - forward_y * fix.velocity_east
         grade = 0.0 if math.isnan(fix.pitch) else fix.pitch
-        output = Pose(
+        heading = wrap_angle(true_heading + self._frame.convergence(fix.latitude, fix.longitude) + self._rotation)
+        output_x = self._cosine * lot_x - self._sine * lot_y + self._x
+        output_y = self._sine * lot_x + self._cosine * lot_y + self._y
+        x, y = _beside(output_x, output_y, heading, -mounting.forward, -mounting.left)
+        return Pose(
             time=fix.time - self._epoch,
-            point=Point.OUTPUT,
-            x=self._cosine * lot_x - self._sine * lot_y + self._x,
-            y=self._sine * lot_x + self._cosine * lot_y + self._y,
-            heading=wrap_angle(true_heading + self._frame.convergence(fix.latitude, fix.longitude) + self._rotation),
-            speed=speed,
-            lateral_speed=lateral,
+            point=Point.REAR_AXLE,
+            x=x,
+            y=y,
+            heading=heading,
+            speed=speed + yaw_rate * mounting.left,
+            lateral_speed=lateral - yaw_rate * mounting.forward,
             yaw_rate=yaw_rate,
             acceleration=fix.acceleration + yaw_rate * lateral - GRAVITY * math.sin(grade),
             grade=grade,
         )
-        return move_point(output, -mounting.forward, -mounting.left, Point.REAR_AXLE)
 
     def unplace(self, pose: Pose) -> Fix:
         """Return the fix whose `place` is `pose`, which must be of the rear axle.
@@ -278,11 +289,13 @@ class Placement:
         """
         assert pose.point is Point.REAR_AXLE, f"expected a pose of the rear axle, got {pose.point}"
         mounting = self._mounting
-        output = move_point(pose, mounting.forward, mounting.left, Point.OUTPUT)
-        x, y = output.x - self._x, output.y - self._y
+        output_x, output_y = _beside(pose.x, pose.y, pose.heading, mounting.forward, mounting.left)
+        speed = pose.speed - pose.yaw_rate * mounting.left
+        lateral = pose.lateral_speed + pose.yaw_rate * mounting.forward
+        x, y = output_x - self._x, output_y - self._y
         lot_x, lot_y = self._cosine * x + self._sine * y, self._cosine * y - self._sine * x
         latitude, longitude = self._frame.to_geodetic(lot_x, lot_y)
-        true_heading = output.heading - self._rotation - self._frame.convergence(latitude, longitude)
+        true_heading = pose.heading - self._rotation - self._frame.convergence(latitude, longitude)
         forward_x, forward_y = math.cos(true_heading), math.sin(true_heading)
         return Fix(
             time=pose.time + self._epoch,
@@ -293,11 +306,11 @@ class Placement:
             heading=wrap_angle(true_heading + mounting.heading_misalignment),
             pitch=pose.grade,
             roll=math.nan,
-            velocity_north=output.speed * forward_y + output.lateral_speed * forward_x,
-            velocity_east=output.speed * forward_x - output.lateral_speed * forward_y,
+            velocity_north=speed * forward_y + lateral * forward_x,
+            velocity_east=speed * forward_x - lateral * forward_y,
             velocity_down=math.nan,
             yaw_rate=pose.yaw_rate,
-            acceleration=pose.acceleration - pose.yaw_rate * output.lateral_speed + GRAVITY * math.sin(pose.grade),
+            acceleration=pose.acceleration - pose.yaw_rate * lateral + GRAVITY * math.sin(pose.grade),
             status=0,
             position_mode=-1,
             position_sigma=math.nan,

@@ -40,8 +40,9 @@ def test_the_name_of_the_ending() -> None:
     assert at_rest(50.0, STOPPED, contact=True) is Outcome.CONTACT
 
 
-def test_a_car_that_never_starts_is_a_fault() -> None:
+def test_a_car_that_never_starts_is_a_fault_unless_its_controller_stands_by_choice() -> None:
     watch = ending()
-    assert watch.step(START_LIMIT, 0.0, math.nan, ENGAGED, contact=False) is None
-    assert watch.step(START_LIMIT + 1.0, 0.0, math.nan, ENGAGED, contact=False) is Outcome.FAULT
+    assert watch.step(START_LIMIT, 0.0, math.nan, ArmingState.DISARMED, contact=False) is None
+    assert watch.step(START_LIMIT + 1.0, 0.0, math.nan, ArmingState.DISARMED, contact=False) is Outcome.FAULT
+    assert ending().step(START_LIMIT + 1.0, 0.0, 0.0, ENGAGED, contact=False) is Outcome.STOPPED
     assert ending().step(1.0, 0.0, 0.0, ArmingState.FAULT, contact=False) is Outcome.FAULT

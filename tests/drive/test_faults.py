@@ -54,6 +54,14 @@ class Fault:
     def back_in_time(self, fix: Fix) -> Fix:
         return dataclasses.replace(fix, time=fix.time - 2.0)
 
+    def running_away(self, fix: Fix) -> Fix:
+        """0.24 m north a fix, with a velocity that says nothing of it."""
+        steps = round((fix.time - EPOCH - BEGIN) * 100)
+        return dataclasses.replace(fix, latitude=fix.latitude + 0.24 * steps / 6_371_000.0)
+
+    def flipped(self, fix: Fix) -> Fix:
+        return dataclasses.replace(fix, heading=math.remainder(fix.heading + math.pi, math.tau))
+
     def poor(self, fix: Fix) -> Fix:
         return dataclasses.replace(fix, position_sigma=0.5)
 
@@ -79,6 +87,8 @@ REASONS = {
     "not_locked": "pose_stale",
     "back_in_time": "pose_stale",
     "poor": "pose_stale",
+    "running_away": "pose_stale",
+    "flipped": "pose_stale",
     "drifting_speed": "speed_mismatch",
 }
 
@@ -93,7 +103,7 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
         shell = Lockstep(setting, REPOSITORY, Fault(kind))
-        record = Record(folder, setting.resolved(), EPOCH)
+        record = Record(folder, setting.resolved(shell.controller), EPOCH)
         done = shell.run(record, lambda tick, now, speed, station: None)
         shell.close()
         summary = command.summarise(setting, done, folder, record.close())
@@ -117,6 +127,7 @@ def test_a_receiver_that_goes_wrong_stops_the_car(kind: str) -> None:
 
 CONTROLLERS = {
     "controller_raised": "raise RuntimeError('out of ideas')",
+    "off_path": "return Setpoint(0.05, 0.5)",
     "controller_not_finite": "return Setpoint(float('nan'), 0.0)",
     "controller_wrong_type": "return 'left a bit'",
 }
@@ -146,5 +157,5 @@ def test_a_controller_that_fails_stops_the_car(reason: str, tmp_path: Path) -> N
     summary = isolated(drive_once, changes)
     assert summary["outcome"] == "fault"
     assert reason in summary["reasons"]
-    assert summary["text"]
+    assert summary["text"] or reason == "off_path"
     assert summary["max_deceleration_mps2"] >= 2.0

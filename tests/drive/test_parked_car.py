@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.drive.street import MPH, obstacle_station, drive_once
+from tests.drive.street import MPH, drive_once, obstacle_station
 from tests.isolated import isolated
 
 SPEEDS_MPH = (5, 10, 15, 20, 25, 30, 35, 40, 45)

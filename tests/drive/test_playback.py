@@ -66,12 +66,16 @@ def test_comma2k19_runs_to_the_end(shared_data: Path, tmp_path: Path) -> None:
     file = recordings.comma2k19(shared_data, tmp_path / "comma2k19.csv")
     summary, ticks = played(file, tmp_path / "record")
     check(file, tmp_path / "record", summary, ticks)
+    assert summary["prediction_error_100ms_mean_m"] < 0.02
+    assert summary["prediction_error_100ms_max_m"] < 0.1
 
 
 def test_boreas_runs_to_the_end(shared_data: Path, tmp_path: Path) -> None:
     file = recordings.boreas(shared_data, tmp_path / "boreas.csv")
     summary, ticks = played(file, tmp_path / "record")
     check(file, tmp_path / "record", summary, ticks)
+    assert summary["prediction_error_100ms_mean_m"] < 0.03
+    assert summary["prediction_error_100ms_max_m"] < 0.3
     travelled = np.abs(np.diff(ticks["x_m"].to_numpy()) + 1j * np.diff(ticks["y_m"].to_numpy()))
     assert np.nansum(travelled) == pytest.approx(8000.0, rel=0.1)
 

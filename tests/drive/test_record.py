@@ -116,7 +116,8 @@ def test_not_a_number_becomes_null_in_the_summary(tmp_path: Path) -> None:
 def test_a_killed_drive_leaves_all_but_its_last_moment(tmp_path: Path) -> None:
     """SIGKILL under way: every table opens, and ends within 0.2 s of drive time of the others."""
     folder = tmp_path / "record"
-    code = f"from tests.drive.street import drive_once; drive_once({{}}, {str(folder)!r})"
+    always_near = {"obstacles": [{"id": "parked_car", "at_m": 150.0}]}
+    code = f"from tests.drive.street import drive_once; drive_once({always_near!r}, {str(folder)!r})"
     child = subprocess.Popen([sys.executable, "-c", code], cwd=REPOSITORY)
     try:
         size_wanted, deadline = 400_000, time.monotonic() + 120.0
@@ -154,6 +155,7 @@ def test_the_summary_carries_what_it_promises(tmp_path: Path) -> None:
         assert key in written
     assert written["outcome"] == "timeout"
     assert written["ticks"] == 150
+    assert written["sumo_warnings"] == []
     assert written["passed"] is False
     assert written["record_sha256"] == summary["record_sha256"]
     assert not list((tmp_path / "record").glob("*.arrows"))

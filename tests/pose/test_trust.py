@@ -6,6 +6,7 @@ import itertools
 import math
 from dataclasses import fields, replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -234,3 +235,70 @@ def test_trusted_times_increase_whatever_the_order(order):
     gate = TrustGate(PLAYBACK, EPOCH)
     times = [fixes[k].time for k in order if gate.step(0.0, fixes[k]).trusted]
     assert all(a < b for a, b in itertools.pairwise(times))
+
+
+# What grows little by little, and what no car can do.
+
+
+def test_a_position_that_runs_away_by_steps_too_small_to_tell_is_found():
+    """0.24 m a fix at rest: each step is below the jump limit, half a second of them is 12 m."""
+    fixes = [
+        replace(fix, latitude=fix.latitude + 0.24 * max(k - 100, 0) / RADIUS)
+        for k, fix in enumerate(drive(300, speed=0.0))
+    ]
+    trusts = judged(fixes)
+    assert all(trust.trusted for trust in trusts[:101])
+    assert trusts[102].reasons == ("pose_drift",)
+    assert not any(trust.trusted for trust in trusts[102:])
+
+
+@pytest.mark.parametrize("speed", [0.0, 2.0, 10.0])
+def test_noise_and_an_offset_velocity_within_its_accuracy_are_no_drift(speed):
+    random = np.random.default_rng(1)
+    fixes = [
+        replace(
+            fix,
+            latitude=fix.latitude + random.normal(0.0, 0.02) / RADIUS,
+            velocity_north=fix.velocity_north + 0.05 + random.normal(0.0, 0.03),
+        )
+        for fix in drive(1000, speed=speed)
+    ]
+    assert all(trust.trusted for trust in judged(fixes))
+
+
+@pytest.mark.parametrize("speed", [0.0, 2.3, 10.0])
+def test_a_heading_that_flips_is_found_at_every_speed(speed):
+    fixes = drive(200, speed=speed)
+    fixes[100:] = [replace(fix, heading=fix.heading + math.pi) for fix in fixes[100:]]
+    trusts = judged(fixes)
+    assert all(trust.trusted for trust in trusts[:100])
+    assert "heading_jump" in trusts[100].reasons
+    assert not any(trust.trusted for trust in trusts[100 : 100 + round(DRIVE.settling / PERIOD)])
+
+
+def test_turning_on_the_spot_of_the_yaw_rate_is_no_jump():
+    fixes = [
+        replace(fix, heading=math.remainder(0.4 + 1.0 * k * PERIOD, math.tau), yaw_rate=1.0)
+        for k, fix in enumerate(drive(400, speed=0.0))
+    ]
+    assert all(trust.trusted for trust in judged(fixes))
+
+
+def test_a_velocity_that_no_car_can_reach_in_one_step_is_found():
+    fixes = drive(200)
+    fixes[100:] = [replace(fix, velocity_north=fix.velocity_north + 20.0) for fix in fixes[100:]]
+    assert "velocity_jump" in judged(fixes)[100].reasons
+
+
+@pytest.mark.parametrize("absurd", [{"yaw_rate": 50.0}, {"yaw_rate": -3.0}, {"acceleration": 500.0}])
+def test_motion_that_no_car_can_do_is_found(absurd):
+    fixes = drive(50)
+    fixes[20] = replace(fixes[20], **absurd)
+    assert "motion_absurd" in judged(fixes)[20].reasons
+
+
+def test_a_profile_that_judges_no_quality_can_never_arm():
+    with pytest.raises(ValueError, match="may never arm"):
+        replace(PLAYBACK, may_arm=True)
+    with pytest.raises(AttributeError):
+        TrustGate(PLAYBACK, EPOCH).profile = DRIVE

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.sensors import reference
 from tests.sensors.scenes import BUMPER, FUSION, Row, actors, car, rear_axle
-from vve_sumo.sensors.echo import Echo, Mount, antenna_at, echoes, finite_rows
+from vve_sumo.sensors.echo import Echo, Mount, antenna_at, echoes
 from vve_sumo.sensors.visibility import Sector
 from vve_sumo.values import Point, Pose
 
@@ -21,8 +21,9 @@ SECTORS = [Sector(far, math.tan(half)) for far, half in MODES]
 
 
 def seen(pose: Pose, rows: Sequence[Row], mount: Mount = Mount()) -> list[Echo]:  # noqa: B008 - frozen
-    street = actors(rows)
-    return echoes(antenna_at(pose, mount, FUSION), street, finite_rows(street), SECTORS)
+    found, refused = echoes(antenna_at(pose, mount, FUSION), actors(rows), SECTORS)
+    assert refused == 0
+    return found
 
 
 def test_a_car_dead_ahead_is_seen_at_its_rear_face_from_the_antenna() -> None:
@@ -82,12 +83,13 @@ def test_range_rate_is_the_derivative_of_range(mount: Mount) -> None:
         assert now.range_rate == pytest.approx((after.range - before.range) / (2.0 * step), abs=1e-4)
 
 
-def test_an_actor_with_a_value_that_is_not_finite_is_not_usable() -> None:
+def test_an_actor_with_a_value_that_is_not_finite_is_left_out_and_counted() -> None:
     good = car(20.0, 0.0)
     for column in range(7):
         for bad in (math.nan, math.inf, -math.inf):
             row = (*good[:column], bad, *good[column + 1 :])
-            assert finite_rows(actors([good, row])).tolist() == [True, False]
+            found, refused = echoes(antenna_at(rear_axle(), Mount(), FUSION), actors([good, row]), SECTORS)
+            assert ([echo.row for echo in found], refused) == ([0], 1)
 
 
 def test_inside_an_actor_the_distance_is_zero_and_the_closing_speed_the_boresights() -> None:

@@ -13,16 +13,19 @@ from shapely import Point, Polygon
 
 from tests.sensors import reference
 from tests.sensors.reference import Box
-from vve_sumo.sensors.visibility import Boxes, Sector, Sight, nearest_visible
+from vve_sumo.sensors import visibility
+from vve_sumo.sensors.visibility import Sector, Sight, nearest_visible
 
 MODES = ((174.0, math.radians(10.0)), (60.0, math.radians(45.0)))
 WIDE = ((1e4, math.radians(89.0)),)
 
 
 def sights(boxes: Sequence[Box], modes: Sequence[tuple[float, float]] = MODES) -> dict[int, Sight]:
-    x, y, heading, length, width = np.array(boxes, float).reshape(-1, 5).T
-    columns = Boxes(np.array((x, y)), np.cos(heading), np.sin(heading), 0.5 * np.array((length, width)))
-    found = nearest_visible(columns, [Sector(far, math.tan(half)) for far, half in modes])
+    placed = [
+        visibility.Box(x, y, math.cos(heading), math.sin(heading), 0.5 * length, 0.5 * width)
+        for x, y, heading, length, width in boxes
+    ]
+    found = nearest_visible(placed, [Sector(far, math.tan(half)) for far, half in modes])
     assert [sight.box for sight in found] == sorted(sight.box for sight in found)
     return {sight.box: sight for sight in found}
 

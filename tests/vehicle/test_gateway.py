@@ -402,6 +402,39 @@ def test_stopping_never_releases_brakes_that_are_on():
     assert {verdict.acceleration for verdict in verdicts} == {-5.5}
 
 
+@pytest.mark.parametrize("ticks", [1, 3, 10, 30])
+def test_a_fault_on_top_of_an_emergency_does_not_call_it_off(ticks):
+    """However early the fault comes, the car stops no later than in the emergency alone, but for a tick's travel."""
+    alone, both = Rig(), Rig()
+    for rig in (alone, both):
+        rig.cruise(12.0)
+        rig.run(ticks * PERIOD, acceleration=-9.0, emergency=True)
+    way, way_alone = 0.0, 0.0
+    for _ in range(250):
+        alone.step(-9.0, emergency=True)
+        verdict = both.step(-9.0, emergency=True, faults=("virtual_contact",))
+        way, way_alone = way + both.car.speed * PERIOD, way_alone + alone.car.speed * PERIOD
+    assert verdict.state is S.STOPPED
+    assert "virtual_contact" in verdict.reasons
+    assert way <= way_alone + 0.3
+
+
+def test_what_a_refused_setpoint_says_is_wrong_counts_all_the_same():
+    rig = Rig()
+    rig.cruise(8.0)
+    verdict = rig.step(1.0, sequence=0, faults=("pose_stale",))
+    assert verdict.state is S.STOPPING
+    assert "pose_stale" in verdict.reasons
+
+
+def test_a_fault_beside_an_override_keeps_its_name():
+    rig = Rig()
+    rig.cruise(8.0)
+    rig.car.override = True
+    verdict = [rig.step(0.0, faults=("pose_stale",)) for _ in range(5)][-1]
+    assert {"driver_override", "pose_stale"} <= set(verdict.reasons)
+
+
 def test_stopping_sets_in_with_bounded_jerk_after_the_throttle_is_gone():
     rig = Rig()
     rig.cruise(10.0)

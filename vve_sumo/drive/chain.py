@@ -5,7 +5,6 @@ The order is sense and act first: nothing here waits for SUMO. No I/O, no clock;
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,10 +56,13 @@ class Chain:
         vehicle: Vehicle,
         path: Path,
         desired_speed: float,
+        deviation_limit: float = math.inf,
     ) -> None:
+        """Put the chain together; a car that is to obey and is farther than `deviation_limit` [m] off its path stops."""
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor
         self._radar, self._controller, self._gateway = radar, controller, gateway
         self._vehicle, self._path, self._desired_speed = vehicle, path, desired_speed
+        self._deviation_limit = deviation_limit
         self._sequence = 0
         self._station: float | None = None
         self._newest = -math.inf
@@ -72,14 +74,19 @@ class Chain:
         for fix in self._decoder.feed(data, now):
             self.accept(now, fix)
 
-    def accept(self, now: float, fix: Fix) -> None:
-        """Take one fix: judge it, and where it is trusted place it on the street and learn from it."""
+    def accept(self, now: float, fix: Fix) -> Pose | None:
+        """Take one fix: judge it, and where it is trusted place it on the street and learn from it.
+
+        Returns the rear axle's pose as measured, None where the fix is not trusted.
+        """
         trust = self._gate.step(now, fix)
         self._reasons = trust.reasons
-        if trust.trusted:
-            pose = self._placement.place(fix)
-            self._newest = pose.time
-            self._predictor.update(pose)
+        if not trust.trusted:
+            return None
+        pose = self._placement.place(fix)
+        self._newest = pose.time
+        self._predictor.update(pose)
+        return pose
 
     def act(
         self,
@@ -108,6 +115,7 @@ class Chain:
                 faults += ("actors_not_finite",) if scan.refused else ()
             beside = self._path.project(pose.x, pose.y, self._station)
             self._station, station, deviation = beside.s, beside.s, beside.offset
+            faults += ("off_path",) if not abs(deviation) <= self._deviation_limit else ()
             answer, failures = self._controller.step(self._situation(tick, now, pose))
             faults += failures
             setpoint = self._stamped(answer or self._nothing(), now, pose, faults)
@@ -159,8 +167,11 @@ class Chain:
 
     def _stamped(self, setpoint: Setpoint, now: float, pose: Pose, faults: tuple[str, ...]) -> Setpoint:
         self._sequence += 1
-        return dataclasses.replace(
-            setpoint,
+        return Setpoint(
+            steering=setpoint.steering,
+            acceleration=setpoint.acceleration,
+            emergency=setpoint.emergency,
+            note=setpoint.note,
             sequence=self._sequence,
             time=now,
             expires=now + SETPOINT_LIFE,

@@ -6,6 +6,7 @@ The only module of the room that looks at the wall clock or prints; everything i
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 import time
 from collections.abc import Iterator
@@ -13,17 +14,20 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, Protocol
 
+import pyarrow as pa
+
 from vve_sumo import workspace
-from vve_sumo.controller import companion
+from vve_sumo.controller import Controller, module
 from vve_sumo.drive import figures
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import Lockstep, Run, Watch
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.record import Record, claim, read_table
-from vve_sumo.drive.setting import EPOCH, PERIOD, Setting, resolve
+from vve_sumo.drive.setting import PERIOD, Setting, resolve, versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Band, Criteria
+from vve_sumo.values import ArmingState
 
 #: ticks between two looks at the progress bar
 PROGRESS_TICKS = 25
@@ -31,6 +35,10 @@ PROGRESS_TICKS = 25
 
 class Shell(Protocol):
     """What lockstep and playback have in common."""
+
+    epoch: float  #: GNSS second of drive time 0
+    controller: Controller  #: the system under test
+    laid: dict[str, Any]  #: what ties the drive to time and earth
 
     def run(self, record: Record, watch: Watch) -> Run:
         """Drive to the end."""
@@ -50,8 +58,8 @@ class Drive:
 
     @property
     def passed(self) -> bool:
-        """Whether it met its scenario's criteria."""
-        return bool(self.summary["passed"])
+        """Whether it met its scenario's criteria; a playback has none to meet."""
+        return self.summary["passed"] is not False
 
 
 def choose(name: str, working: FilePath, *, seed: int | None = None, controller: str | None = None) -> Setting:
@@ -88,10 +96,14 @@ def run(
     claim(folder)
     shell: Shell = Lockstep(setting, working) if pose is None else Playback(setting, pose, working)
     try:
-        resolved = setting.resolved() | ({"pose": pose.name} if pose is not None else {})
-        epoch = shell.epoch if isinstance(shell, Playback) else EPOCH
-        record = Record(folder, resolved, epoch)
-        done = _guarded(shell, record, watch)
+        if pose is not None:
+            setting = replace(setting, files={**setting.files, "pose": pose})
+        record = Record(folder, setting.resolved(shell.controller) | shell.laid, shell.epoch)
+        try:
+            done = _guarded(shell, record, watch)
+        except ConfigError:
+            record.discard()
+            raise
     finally:
         shell.close()
     digest = record.close()
@@ -101,7 +113,7 @@ def run(
 
 
 def _guarded(shell: Shell, record: Record, watch: Watch) -> Run:
-    broken = Run(Outcome.BROKEN, False, (), 0, 0.0, 0.0, 0.0)
+    broken = Run(Outcome.BROKEN, ())
     try:
         return shell.run(record, watch)
     except KeyboardInterrupt:
@@ -121,18 +133,37 @@ def summarise(setting: Setting, done: Run, folder: FilePath, digest: str) -> dic
         "controller": setting.scenario.controller.name,
         "outcome": done.outcome.value,
         "reasons": list(done.reasons),
-        "collision": done.collided,
+        "collision": any(ticks["contacts"].to_pylist()),
         **asdict(measured),
-        "emergency_used": bool(any(ticks["emergency"].to_pylist())),
-        "duration_s": done.duration,
-        "ticks": done.ticks,
-        "anchor_position_error_m": done.anchor_position_error,
-        "anchor_speed_error_mps": done.anchor_speed_error,
+        "emergency_used": _emergency_used(ticks),
+        "duration_s": float(ticks["time_s"][-1].as_py() - ticks["time_s"][0].as_py()) if ticks.num_rows else 0.0,
+        "ticks": ticks.num_rows,
+        "anchor_position_error_m": _greatest(ticks["anchor_position_error_m"]),
+        "anchor_speed_error_mps": _greatest(ticks["anchor_speed_error_mps"]),
+        **done.extra,
+        "removed_at_entry": list(done.cleared),
+        "sumo_warnings": list(done.warnings),
         "text": done.text,
-        "versions": setting.resolved()["versions"],
+        "versions": versions(),
     }
     failed = judge(setting.scenario.criteria, summary)
-    return summary | {"passed": not failed, "failed": failed, "record_sha256": digest}
+    passed = None if done.outcome is Outcome.PLAYED else not failed
+    return summary | {"passed": passed, "failed": failed, "record_sha256": digest}
+
+
+def _greatest(column: pa.ChunkedArray) -> float:
+    """Return the greatest number of a column; NaN where it holds none."""
+    values = [value for value in column.to_pylist() if value == value]
+    return max(values, default=math.nan)
+
+
+def _emergency_used(ticks: pa.Table) -> bool:
+    """Whether the car was braked by the emergency layer, not merely asked to be while nobody obeyed."""
+    engaged = ArmingState.ENGAGED.value
+    return any(
+        asked and state == engaged
+        for asked, state in zip(ticks["emergency"].to_pylist(), ticks["state"].to_pylist(), strict=True)
+    )
 
 
 def judge(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
@@ -145,9 +176,9 @@ def judge(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
             continue
         got = summary[name]
         if isinstance(wanted, Band):
-            low, high = wanted.min, wanted.max
-            # A figure that there is none of (NaN) meets an upper limit on nothing, but no band that has a least value.
-            good = (low is None or got >= low) and (high is None or not got > high)
+            # No time to collision at all is as good as an endless one; every other figure that is missing fails.
+            got = math.inf if name == "min_ttc_s" and math.isnan(got) else got
+            good = (wanted.min is None or got >= wanted.min) and (wanted.max is None or got <= wanted.max)
             if not good:
                 failed.append(f"{name} is {got:.3f}, expected {_band(wanted)}")
         elif got != wanted:
@@ -174,7 +205,7 @@ def draw(setting: Setting, drive: Drive) -> FilePath:
     gap = f", gap {summary['stop_gap_m']:.2f} m" if summary["stop_gap_m"] == summary["stop_gap_m"] else ""
     sheet = Sheet(
         title=setting.scenario.title,
-        subtitle=f"{summary['outcome']}{gap} · seed {summary['seed']} · {'passed' if drive.passed else 'FAILED'}",
+        subtitle=f"{summary['outcome']}{gap} · seed {summary['seed']} · {_judged(summary)}",
         ticks=ticks,
         actors=actors,
         seen=figures.ahead(ticks, actors, setting.path, setting.vehicle),
@@ -185,6 +216,10 @@ def draw(setting: Setting, drive: Drive) -> FilePath:
     file = drive.folder / "drive.png"
     paint(sheet, file)
     return file
+
+
+def _judged(summary: dict[str, Any]) -> str:
+    return {True: "passed", False: "FAILED", None: "not judged"}[summary["passed"]]
 
 
 @contextlib.contextmanager
@@ -212,15 +247,17 @@ def _progress(setting: Setting, quiet: bool) -> Iterator[Watch]:
 def _folder(setting: Setting, working: FilePath) -> FilePath:
     stem = f"{time.strftime('%Y%m%d-%H%M%S')}_{setting.name}"
     names = (stem if number == 1 else f"{stem}_{number}" for number in range(1, 1000))
-    return next(working / "runs" / name for name in names if not (working / "runs" / name).exists())
+    return FilePath("runs") / next(name for name in names if not (working / "runs" / name).exists())
 
 
 def _show(drive: Drive, picture: FilePath | None) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     summary = drive.summary
-    table = Table(title=f"{summary['title']} (seed {summary['seed']})", title_justify="left", show_header=False)
+    title = Text(f"{summary['title']} (seed {summary['seed']})")
+    table = Table(title=title, title_justify="left", show_header=False)
     rows = {
         "outcome": summary["outcome"],
         "collision": "yes" if summary["collision"] else "no",
@@ -230,24 +267,33 @@ def _show(drive: Drive, picture: FilePath | None) -> None:
         "greatest deceleration": _say(summary["max_deceleration_mps2"], "m/s²"),
         "emergency layer": "braked" if summary["emergency_used"] else "not needed",
         "drive time": f"{summary['duration_s']:.1f} s, {summary['ticks']} ticks of {PERIOD * 1000:.0f} ms",
-        "record": str(drive.folder),
+        **_playback_rows(summary),
         "record hash": summary["record_sha256"][:16] + "…",
     }
-    if picture is not None:
-        rows["picture"] = str(picture)
     for name, value in rows.items():
         table.add_row(name, value)
-    table.add_row("criteria", "[green]passed[/green]" if drive.passed else "[red]failed[/red]")
+    judged = {True: "[green]passed[/green]", False: "[red]failed[/red]", None: "not judged: a playback"}
+    table.add_row("criteria", judged[summary["passed"]])
     console = Console(soft_wrap=True)
     console.print(table)
+    console.print(f"record:  {drive.folder}", highlight=False, markup=False)
+    if picture is not None:
+        console.print(f"picture: {picture}", highlight=False, markup=False)
     for line in drive.summary["failed"]:
-        console.print(f"failed: {line}", highlight=False)
+        console.print(f"failed: {line}", highlight=False, markup=False)
     if summary["text"]:
-        console.print(f"the controller said: {summary['text']}", highlight=False, markup=False)
+        console.print(f"what went wrong, in its own words: {summary['text']}", highlight=False, markup=False)
+
+
+def _playback_rows(summary: dict[str, Any]) -> dict[str, str]:
+    if summary["outcome"] != Outcome.PLAYED:
+        return {}
+    mean, greatest = (summary[f"prediction_error_100ms_{which}_m"] for which in ("mean", "max"))
+    return {"prediction over 100 ms": f"{_say(mean, 'm')} off on average, {_say(greatest, 'm')} at most"}
 
 
 def _say(value: float, unit: str) -> str:
-    return "none" if value != value else f"{value:.2f} {unit}"
+    return "none" if value != value else f"{value:.3f} {unit}"
 
 
 def drive(
@@ -284,7 +330,7 @@ def design(name: str, latency: float) -> int:
     tuning = setting.scenario.controller.tuning
     if tuning.get("steering", "preview") != "preview":
         raise ConfigError(f"{name}: the design knows the preview steering, got {tuning['steering']!r}")
-    gains = companion("design", workspace.controller_folders(working))
+    gains: Any = module("design", workspace.controller_folders(working))
     named = {"look_ahead_time": "look_ahead_time_s", "look_ahead_least": "look_ahead_least_m"}
     preview = replace(gains.DEFAULT, **{ours: float(tuning[key]) for ours, key in named.items() if key in tuning})
     rows = gains.margins(setting.vehicle, preview)

@@ -57,8 +57,14 @@ class Ending:
             self._standing_since = time
         rested = time - self._standing_since >= self.rest
         if not self._moved:
-            return Outcome.FAULT if state is ArmingState.FAULT or time > START_LIMIT else None
+            return self._never_started(time, state)
         return self._name(station, state) if rested else None
+
+    def _never_started(self, time: float, state: ArmingState) -> Outcome | None:
+        """A car that may drive and stands all the same has a reason to: its controller stopped it before it began."""
+        if state is not ArmingState.FAULT and time <= START_LIMIT:
+            return None
+        return Outcome.STOPPED if state is ArmingState.ENGAGED else Outcome.FAULT
 
     def _name(self, station: float, state: ArmingState) -> Outcome:
         if self.collided:

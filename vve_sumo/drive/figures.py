@@ -22,6 +22,8 @@ Indices = NDArray[np.int64]
 HORIZON = 150.0
 #: an actor whose centre lies further from the path than this cannot reach into the strip [m]
 CLOSE_TO_PATH = 16.0
+#: below this speed the car is at rest, and has a gap to talk of [m/s]
+AT_REST = 0.05
 #: below this closing speed a time to collision is not counted: at rest, noise would divide by nothing [m/s]
 CLOSING_FLOOR = 0.05
 
@@ -84,16 +86,18 @@ def ahead(ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle) -> Ah
     x, y, _heading, speed, _acceleration = _ego(ticks)
     count = ticks.num_rows
     gap, closing, names = np.full(count, np.nan), np.full(count, np.nan), [""] * count
+    # What lies beside or behind the middle of the ego is not ahead of it.
+    middle = vehicle.rear_axle_to_bumper - vehicle.length / 2.0
     own = np.full(count, np.nan)
     placed = np.flatnonzero(np.isfinite(x) & np.isfinite(ticks["station_m"].to_numpy()))
     own[placed], _, _ = locate(path, x[placed], y[placed], ticks["station_m"].to_numpy()[placed], 10.0)
     rows, at = _rows_near(ticks, actors, own, path)
     bumper = own[at] + vehicle.rear_axle_to_bumper
-    stations, offsets, along = _corners(actors, rows, path, bumper)
+    centre, stations, offsets, along = _corners(actors, rows, path, bumper)
     half = vehicle.width / 2.0
     in_strip = (offsets.min(axis=0) < half) & (offsets.max(axis=0) > -half)
     row_gap = stations.min(axis=0) - bumper
-    counted = np.flatnonzero(in_strip & (stations.max(axis=0) > own[at]) & (row_gap < HORIZON))
+    counted = np.flatnonzero(in_strip & (centre > own[at] + middle) & (row_gap < HORIZON))
     actor_speed = actors["speed_mps"].to_numpy()[rows] * along
     for row in counted[np.argsort(-row_gap[counted], kind="stable")].tolist():
         tick = int(at[row])
@@ -116,8 +120,10 @@ def _rows_near(ticks: pa.Table, actors: pa.Table, own: Floats, path: Path) -> tu
     return rows, at[rows]
 
 
-def _corners(actors: pa.Table, rows: Indices, path: Path, bumper: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return stations and offsets of the boxes' corners (4 x n), and the cosine of each heading against the path's."""
+def _corners(actors: pa.Table, rows: Indices, path: Path, bumper: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return stations of the boxes' centres (n), stations and offsets of their corners (4 x n), and the cosine of each
+    heading against the path's (n).
+    """
     x, y, heading = (actors[name].to_numpy()[rows] for name in ("x_m", "y_m", "heading_rad"))
     length, width = (actors[name].to_numpy()[rows] / 2.0 for name in ("length_m", "width_m"))
     cos, sin = np.cos(heading), np.sin(heading)
@@ -129,7 +135,7 @@ def _corners(actors: pa.Table, rows: Indices, path: Path, bumper: Floats) -> tup
         station, offset, _ = locate(path, corner_x, corner_y, centre, 15.0)
         stations.append(station)
         offsets.append(offset)
-    return np.array(stations), np.array(offsets), np.cos(heading - path_heading)
+    return centre, np.array(stations), np.array(offsets), np.cos(heading - path_heading)
 
 
 def time_to_collision(seen: Ahead) -> Floats:
@@ -140,14 +146,14 @@ def time_to_collision(seen: Ahead) -> Floats:
 
 
 def measure(ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle) -> Figures:
-    """Return the figures of a drive from its tables; the stop gap is the gap at the last tick."""
+    """Return the figures of a drive from its tables; the stop gap is the gap at the last tick, if the car stands."""
     _x, _y, _heading, speed, acceleration = _ego(ticks)
     seen = ahead(ticks, actors, path, vehicle)
     deviation = ticks["lateral_deviation_m"].to_numpy()
     if not np.isfinite(deviation).any():
         deviation = ticks["estimated_deviation_m"].to_numpy()
     return Figures(
-        stop_gap_m=float(seen.gap[-1]) if len(seen.gap) else math.nan,
+        stop_gap_m=float(seen.gap[-1]) if len(speed) and abs(speed[-1]) < AT_REST else math.nan,
         min_ttc_s=_least(time_to_collision(seen)),
         max_lateral_deviation_m=-_least(-np.abs(deviation)),
         max_deceleration_mps2=max(0.0, -_least(acceleration)),

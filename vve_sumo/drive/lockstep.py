@@ -7,9 +7,10 @@ CAN frames, and the chain answers with CAN frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from itertools import count
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import count, groupby
+from operator import itemgetter
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -20,7 +21,7 @@ from vve_sumo.drive.ending import Ending, Outcome
 from vve_sumo.drive.record import Record
 from vve_sumo.drive.rows import tick_row
 from vve_sumo.drive.setting import EPOCH, PERIOD, Setting
-from vve_sumo.drive.street import Street, lot_frame, open_world, standing
+from vve_sumo.drive.street import Street, laid, lot_frame, open_world, standing
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
@@ -43,13 +44,11 @@ class Run:
     """How a drive went, beside what its record holds."""
 
     outcome: Outcome
-    collided: bool
     reasons: tuple[str, ...]  #: the gateway's, at the end
-    ticks: int
-    duration: float  #: drive time [s]
-    anchor_position_error: float  #: the largest of all ticks [m]
-    anchor_speed_error: float  #: the largest of all ticks [m/s]
+    cleared: tuple[str, ...] = ()  #: vehicles taken off the street where the ego entered it
+    warnings: tuple[str, ...] = ()  #: SUMO's
     text: str = ""  #: what an exception said, where one ended the drive
+    extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
 
 
 def car_parameters(setting: Setting) -> CarParameters:
@@ -79,21 +78,24 @@ class Lockstep:
         frame = lot_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
         start, begin = standing(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), setting.path.at(0.0)
         self._alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
+        self.epoch, self.laid = EPOCH, laid(frame, self._alignment, EPOCH)
         parameters = car_parameters(setting)
         car_seeds, radar_seeds = np.random.SeedSequence(scenario.seed).spawn(2)
         self._car = Car(parameters, (start.x, start.y, start.heading), frame, EPOCH, car_seeds, alter)
         self._setting = setting
+        self.controller = setting.controller(working)
         self._chain = Chain(
             decoder=Decoder(),
             gate=TrustGate(DRIVE, EPOCH),
             placement=Placement(frame, self._alignment, parameters.receiver.mounting, EPOCH),
             predictor=Predictor(),
             radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(radar_seeds)),
-            controller=Guarded(setting.controller(working)),
+            controller=Guarded(self.controller),
             gateway=Gateway(setting.vehicle, calibration=parameters.calibration, period=PERIOD),
             vehicle=setting.vehicle,
             path=setting.path,
             desired_speed=scenario.ego.speed_mps,
+            deviation_limit=scenario.ego.deviation_limit_m,
         )
         self._world = open_world(setting)
         self._street = Street(self._world)
@@ -122,24 +124,21 @@ class Lockstep:
             if outcome is None and tick >= last:
                 outcome = Outcome.TIMEOUT
             if outcome is not None:
-                return self._run(outcome, tick, acted)
+                return self._run(outcome, acted)
         raise AssertionError("ticks never end by themselves")
 
-    def _run(self, outcome: Outcome, tick: int, acted: Acted) -> Run:
+    def _run(self, outcome: Outcome, acted: Acted) -> Run:
         return Run(
             outcome=outcome,
-            collided=self._ending.collided,
             reasons=acted.verdict.reasons,
-            ticks=tick + 1,
-            duration=tick * PERIOD,
-            anchor_position_error=self._street.worst_position,
-            anchor_speed_error=self._street.worst_speed,
-            text=self._chain.failure,
+            cleared=self._world.cleared,
+            warnings=self._world.warnings,
+            text=self._chain.failure or self._street.detail,
         )
 
     def _tick(self, tick: int, now: float, heard: CarOutput, record: Record) -> tuple[Acted, Pose]:
-        for time, frame in heard.reports:
-            record.saw_frames(time, CAR_BUS, (frame,))
+        for time, said in groupby(heard.reports, key=itemgetter(0)):
+            record.saw_frames(time, CAR_BUS, [frame for _time, frame in said])
         for time, data in heard.ncom:
             record.received_pose(time, data)
             self._chain.receive(time, data)

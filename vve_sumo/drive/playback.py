@@ -7,9 +7,7 @@ and recorded, the gateway stays disarmed, and nobody obeys.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import astuple
-from itertools import chain as chained
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -21,7 +19,8 @@ from vve_sumo.drive.lockstep import CAR_BUS, Run, Watch
 from vve_sumo.drive.record import Record
 from vve_sumo.drive.rows import tick_row
 from vve_sumo.drive.setting import PERIOD, Setting
-from vve_sumo.drive.street import Street, lot_frame, open_world, standing
+from vve_sumo.drive.staleness import Staleness
+from vve_sumo.drive.street import Street, laid, lot_frame, open_world, standing
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement
 from vve_sumo.pose import recording
@@ -29,19 +28,37 @@ from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.sensors.radar import Radar
-from vve_sumo.values import ArmingState, Fix
+from vve_sumo.values import Fix
 from vve_sumo.vehicle.gateway import Gateway
 
 #: a recording says nothing of its receiver's place: its positions are taken as the rear axle's
 AT_REAR_AXLE = Mounting(0.0, 0.0)
 
 
-def _first_usable(file: FilePath, fixes: Iterator[Fix], epoch: float) -> Fix:
-    gate = TrustGate(PLAYBACK, epoch)
-    for fix in fixes:
-        if gate.step(fix.time - epoch, fix).trusted:
-            return fix
-    raise ConfigError(f"{file}: no fix with time, position, velocity and heading that could be played")
+#: a recording that says nothing for longer is two recordings [s]
+LONGEST_GAP = 60.0
+
+
+def _first_usable(file: FilePath) -> tuple[float, Fix]:
+    """Read the whole recording once; return its epoch [s of its own time] and the first fix that can be played.
+
+    Raises ConfigError where a row is wrong, where none can be played, and for a gap in time.
+    """
+    gate: TrustGate | None = None
+    first: Fix | None = None
+    epoch, last = 0.0, 0.0
+    for fix in recording.fixes(file):
+        if gate is None:
+            epoch = last = math.floor(fix.time)
+            gate = TrustGate(PLAYBACK, epoch)
+        if fix.time - last > LONGEST_GAP:
+            raise ConfigError(f"{file}: {fix.time - last:.0f} s without a fix before time {fix.time:.3f}; cut it there")
+        last = fix.time
+        if first is None and gate.step(fix.time - epoch, fix).trusted:
+            first = fix
+    if first is None:
+        raise ConfigError(f"{file}: no fix with time, position, velocity and heading that could be played")
+    return epoch, first
 
 
 class Playback:
@@ -49,25 +66,22 @@ class Playback:
 
     def __init__(self, setting: Setting, file: FilePath, working: FilePath) -> None:
         """Match the recording's first usable fix with the start of the path; raises ConfigError where that fails."""
-        fixes = recording.fixes(file)
-        opening = next(fixes, None)
-        if opening is None:
-            raise ConfigError(f"{file}: no fix in it")
-        self.epoch = math.floor(opening.time)
-        first = _first_usable(file, chained((opening,), fixes), self.epoch)
+        self.epoch, first = _first_usable(file)
         self._fixes = recording.fixes(file)
         frame = lot_frame(first.latitude, first.longitude)
         begin = setting.path.at(0.0)
         there = Placement(frame, Alignment(), AT_REAR_AXLE, self.epoch).place(first)
-        here = standing(begin.x, begin.y, begin.heading)
+        alignment = Alignment.from_matched_start(there, standing(begin.x, begin.y, begin.heading))
+        self.laid = laid(frame, alignment, self.epoch)
         self._setting, self._begin = setting, first.time - self.epoch
+        self.controller = setting.controller(working)
         self._chain = Chain(
             decoder=Decoder(),
             gate=TrustGate(PLAYBACK, self.epoch),
-            placement=Placement(frame, Alignment.from_matched_start(there, here), AT_REAR_AXLE, self.epoch),
+            placement=Placement(frame, alignment, AT_REAR_AXLE, self.epoch),
             predictor=Predictor(),
             radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(setting.scenario.seed)),
-            controller=Guarded(setting.controller(working)),
+            controller=Guarded(self.controller),
             gateway=Gateway(setting.vehicle, period=PERIOD),
             vehicle=setting.vehicle,
             path=setting.path,
@@ -75,6 +89,7 @@ class Playback:
         )
         self._world = open_world(setting)
         self._street = Street(self._world)
+        self._staleness = Staleness()
 
     def close(self) -> None:
         """End the simulation."""
@@ -82,34 +97,34 @@ class Playback:
 
     def run(self, record: Record, watch: Watch) -> Run:
         """Play to the end of the recording and return how it went; everything else is in the record."""
-        tick = first = math.ceil(self._begin / PERIOD)
+        tick = math.ceil(self._begin / PERIOD)
         coming = next(self._fixes, None)
-        collided = False
         reasons: tuple[str, ...] = ()
         while coming is not None:
             now = tick * PERIOD
             while coming is not None and coming.time - self.epoch <= now:
                 record.received_pose(coming.time_received, repr(astuple(coming)).encode() + b"\n")
-                self._chain.accept(coming.time - self.epoch, coming)
+                pose = self._chain.accept(coming.time - self.epoch, coming)
+                if pose is not None:
+                    self._staleness.step(pose)
                 coming = next(self._fixes, None)
             reasons = self._tick(tick, now, record, watch)
-            collided |= bool(self._street.contacts)
             tick += 1
         return Run(
             outcome=Outcome.PLAYED,
-            collided=collided,
             reasons=reasons,
-            ticks=tick - first,
-            duration=(tick - first) * PERIOD,
-            anchor_position_error=self._street.worst_position,
-            anchor_speed_error=self._street.worst_speed,
-            text=self._chain.failure,
+            cleared=self._world.cleared,
+            warnings=self._world.warnings,
+            text=self._chain.failure or self._street.detail,
+            extra={
+                "prediction_error_100ms_mean_m": self._staleness.mean,
+                "prediction_error_100ms_max_m": self._staleness.greatest,
+            },
         )
 
     def _tick(self, tick: int, now: float, record: Record, watch: Watch) -> tuple[str, ...]:
         street, chain = self._street, self._chain
         acted = chain.act(tick, now, street.actors, (), None, street.found)
-        assert acted.verdict.state in (ArmingState.DISARMED, ArmingState.FAULT)
         record.saw_frames(now, CAR_BUS, acted.frames)
         seen = street.actors.ids
         if acted.scan is not None:

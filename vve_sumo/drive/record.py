@@ -9,8 +9,10 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import operator
+import shutil
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -19,7 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vve_sumo.bus import candump_line
+from vve_sumo.bus import candump_lines
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Actors, Detections, Frame, TickRow
 
@@ -28,9 +30,6 @@ TICKS_PER_BATCH = 10
 
 #: numpy's kind of each numeric column; by way of numpy a short column becomes Arrow's five times faster
 _NUMPY = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
-#: between two texts of a column in the hash; no text holds it
-_BETWEEN = "\x1f"
-
 _ARROW: dict[str, pa.DataType] = {"int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "str": pa.string()}
 
 
@@ -120,6 +119,7 @@ class _Table:
     def __init__(self, file: Path, schema: pa.Schema) -> None:
         self.file = file
         self._schema = schema
+        self._kinds = [(kind, _NUMPY.get(kind)) for kind in schema.types]
         self._sink = file.open("wb")
         self._stream = pa.ipc.new_stream(self._sink, schema)
         self._waiting: list[tuple[Any, ...]] = []
@@ -134,26 +134,33 @@ class _Table:
         if not self._waiting:
             return
         arrays = []
-        for column, field in zip(zip(*self._waiting, strict=True), self._schema, strict=True):
-            kind = _NUMPY.get(field.type)
-            if kind is None:
-                digest.update(_BETWEEN.join(column).encode())
-                arrays.append(pa.array(column, field.type))
+        for column, (kind, numeric) in zip(zip(*self._waiting, strict=True), self._kinds, strict=True):
+            if numeric is None:
+                texts = [text.encode() for text in column]
+                # Lengths first, so that no two different columns of texts look the same.
+                digest.update(b"%b|%b" % (b",".join(b"%d" % len(text) for text in texts), b"".join(texts)))
+                arrays.append(pa.array(column, kind))
             else:
-                numbers: NDArray[Any] = np.array(column, kind)
+                numbers: NDArray[Any] = np.array(column, numeric)
                 digest.update(numbers.data)
-                arrays.append(pa.array(numbers, field.type))
-        self._stream.write_batch(pa.record_batch(arrays, self._schema))
+                arrays.append(pa.array(numbers, kind))
+        self._stream.write_batch(pa.RecordBatch.from_arrays(arrays, schema=self._schema))
         self._sink.flush()
         self._waiting.clear()
 
+    def abandon(self) -> None:
+        """Let go of the file, unfinished."""
+        self._sink.close()
+
     def close(self) -> None:
-        """Turn the stream into a Parquet file and take the stream away."""
+        """Turn the stream into a Parquet file and take the stream away; a kill in between leaves one of them whole."""
         self._stream.close()
         self._sink.close()
         with pa.ipc.open_stream(self.file) as stream:
             table = stream.read_all()
-        pq.write_table(table, self.file.with_suffix(CLOSED_ENDING), compression="zstd")
+        half = self.file.with_suffix(".half")
+        pq.write_table(table, half, compression="zstd")
+        half.replace(self.file.with_suffix(CLOSED_ENDING))
         self.file.unlink()
 
 
@@ -185,8 +192,8 @@ class Record:
         self._pose_waiting.append(_CHUNK_HEAD.pack(time, len(data)) + data)
 
     def saw_frames(self, time: float, channel: str, frames: Iterable[Frame]) -> None:
-        """Keep CAN frames, heard or sent, in candump form; `time` is drive time, written as GNSS time."""
-        self._can_waiting.extend(candump_line(self._epoch + time, channel, frame) for frame in frames)
+        """Keep CAN frames heard or sent at one time, in candump form; `time` is drive time, written as GNSS time."""
+        self._can_waiting.append(candump_lines(self._epoch + time, channel, frames))
 
     def scanned(self, tick: int, detections: Detections, seen: Sequence[str]) -> None:
         """Keep one radar scan; `seen` names the actor behind each detection."""
@@ -228,6 +235,14 @@ class Record:
             table.close()
         return self._digest.hexdigest()
 
+    def discard(self) -> None:
+        """Take away everything that the record wrote, the folder too."""
+        self._pose.close()
+        self._can.close()
+        for table in self._tables.values():
+            table.abandon()
+        shutil.rmtree(self.folder)
+
     def summarise(self, summary: dict[str, Any]) -> None:
         """Write `summary.json`; not-a-number and infinity become null."""
         text = json.dumps(_finite(summary), indent=1, allow_nan=False)
@@ -250,5 +265,5 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def _as_tuple(row: TickRow) -> tuple[Any, ...]:
-    return tuple(getattr(row, name) for name in TickRow.__slots__)
+#: A tick's row as the tuple of its fields, in their order.
+_as_tuple: Callable[[TickRow], tuple[Any, ...]] = operator.attrgetter(*TickRow.__slots__)

@@ -32,7 +32,7 @@ def tick_row(
     return TickRow(
         tick=tick,
         time_s=now,
-        pose_trusted=pose is not None and not acted.pose_reasons,
+        pose_trusted=pose is not None and not acted.pose_reasons and "pose_stale" not in acted.faults,
         pose_age_s=acted.pose_age,
         pose_reasons="+".join(acted.pose_reasons),
         x_m=pose.x if pose else nan,

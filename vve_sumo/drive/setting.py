@@ -8,22 +8,25 @@ from __future__ import annotations
 import csv
 import hashlib
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path as FilePath
 from typing import Any
 
+import numpy as np
+from scipy.spatial import KDTree
+
 from vve_sumo import __version__, workspace
-from vve_sumo.controller import Controller, load
+from vve_sumo.controller import Controller, load, sources
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.radar import RadarConfig, RadarMode
-from vve_sumo.values import Vehicle
+from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle import fusion
-from vve_sumo.world.network import Network, read_network
+from vve_sumo.world.network import Network, lane_shapes, read_network
 
 PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
@@ -31,6 +34,10 @@ EPOCH = 1_451_260_818.0
 #: libraries whose version is recorded beside our own: another one may drive differently
 PARTS_THAT_DECIDE = ("libsumo", "numpy", "scipy", "pyproj")
 PATH_COLUMNS = ("latitude_deg", "longitude_deg")
+#: a point of the path that is farther from every lane is a mistake in its coordinates [m]
+FARTHEST = 50.0
+#: of the lanes' points that the path is compared with [m]
+SPACING = 10.0
 #: comment in a path's file that names the edges it runs along
 EDGES = "# edges:"
 
@@ -47,15 +54,16 @@ class Setting:
     path: Path  #: of the rear axle, in the street's map
     route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
     vehicle: Vehicle  #: as declared
-    files: Mapping[str, FilePath]  #: what was read, by role
+    files: dict[str, FilePath]  #: what was read, by role
 
-    def resolved(self) -> dict[str, Any]:
+    def resolved(self, controller: Controller) -> dict[str, Any]:
         """Return what the record keeps: the scenario, the content of its files as hashes, and the versions."""
+        files = self.files | {f"controller_{file.stem}": file for file in sources(controller)}
         return {
             "scenario": self.name,
             "settings": self.scenario.model_dump(mode="json"),
             "period_s": PERIOD,
-            "files_sha256": {role: _digest(file) for role, file in sorted(self.files.items())},
+            "files_sha256": {role: _digest(file) for role, file in sorted(files.items())},
             "versions": versions(),
         }
 
@@ -90,12 +98,15 @@ def resolve(name: str, scenario: Scenario, file: FilePath, working: FilePath) ->
     Raises ConfigError naming what is missing or wrong.
     """
 
-    def find(kind: str, wanted: str) -> FilePath:
-        return workspace.find(kind, wanted, working, beside=file.parent)
+    def find(kind: str, wanted: str, key: str) -> FilePath:
+        try:
+            return workspace.find(kind, wanted, working, beside=file.parent)
+        except ConfigError as error:
+            raise ConfigError(f"{file}: {key}: {error}") from None
 
-    network = read_network(find("network", scenario.street.network))
-    demand = tuple(find("demand", wanted) for wanted in scenario.street.demand)
-    path_file = find("path", scenario.ego.path)
+    network = read_network(find("network", scenario.street.network, "street.network"))
+    demand = tuple(find("demand", wanted, "street.demand") for wanted in scenario.street.demand)
+    path_file = find("path", scenario.ego.path, "ego.path")
     street = network.frame()
     path, route = read_path(path_file, street, network)
     for obstacle in scenario.obstacles:
@@ -105,19 +116,7 @@ def resolve(name: str, scenario: Scenario, file: FilePath, working: FilePath) ->
             )
     files = {"network": network.path, "path": path_file}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
-    files |= _controller_files(scenario.controller.name, working)
     return Setting(name, scenario, network, demand, street, path, route, fusion.vehicle(), files)
-
-
-def _controller_files(name: str, working: FilePath) -> dict[str, FilePath]:
-    """Return the files of the folder that a controller comes from; its neighbours may decide as much as itself."""
-    if ":" in name:
-        folder = FilePath(name.rpartition(":")[0]).parent
-    else:
-        folder = next((f for f in workspace.controller_folders(working) if (f / f"{name}.py").is_file()), FilePath())
-        if not (folder / f"{name}.py").is_file():
-            return {}
-    return {f"controller_{file.stem}": file for file in sorted(folder.glob("*.py"))}
 
 
 def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
@@ -131,6 +130,8 @@ def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path,
         raise ConfigError(f"path {file}: cannot be read: {error}") from None
     lines = text.splitlines()
     route = next((tuple(line[len(EDGES) :].split()) for line in lines if line.startswith(EDGES)), ())
+    if "\0" in text:
+        raise ConfigError(f"path {file}: expected a CSV file, got binary data")
     rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     header = next(csv.reader([rows[0][1]])) if rows else []
     missing = [column for column in PATH_COLUMNS if column not in header]
@@ -141,6 +142,7 @@ def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path,
     placed = [street.to_map(latitude, longitude) for latitude, longitude in points]
     for (number, _line), (x, y) in zip(rows[1:], placed, strict=True):
         _inside(file, number, x, y, network)
+    _on_the_streets(file, [number for number, _line in rows[1:]], placed, network)
     try:
         return Path.from_points([x for x, _y in placed], [y for _x, y in placed]), route
     except ConfigError as error:
@@ -148,19 +150,46 @@ def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path,
 
 
 def _point(file: FilePath, number: int, line: str, columns: list[int]) -> tuple[float, float]:
-    cells = next(csv.reader([line]))
     try:
+        cells = next(csv.reader([line]))
         latitude, longitude = (float(cells[column]) for column in columns)
-    except (ValueError, IndexError):
-        raise ConfigError(f"path {file}, line {number}: expected two numbers in degrees, got {line!r}") from None
+    except (ValueError, IndexError, csv.Error):
+        raise ConfigError(f"path {file}, line {number}: expected two numbers in degrees, got {line[:60]!r}") from None
     if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
         raise ConfigError(f"path {file}, line {number}: {latitude}, {longitude} is no place on Earth, in degrees")
     return math.radians(latitude), math.radians(longitude)
 
 
+def _on_the_streets(file: FilePath, numbers: list[int], placed: list[tuple[float, float]], network: Network) -> None:
+    """Raise ConfigError at the first point that is far from every lane: another town, or other coordinates."""
+    points = np.array(placed).reshape(-1, 2)
+    if len(points) == 0:
+        return
+    low, high = points.min(axis=0) - FARTHEST, points.max(axis=0) + FARTHEST
+    lanes = lane_shapes(network.path, (low[0], low[1], high[0], high[1]))
+    spots = np.vstack([_dense(line) for line, _width in lanes]) if lanes else np.zeros((0, 2))
+    distance = KDTree(spots).query(points)[0] if len(spots) else np.full(len(points), np.inf)
+    far = np.flatnonzero(distance > FARTHEST)
+    if len(far):
+        at = int(far[0])
+        raise ConfigError(
+            f"path {file}, line {numbers[at]}: ({points[at, 0]:.1f}, {points[at, 1]:.1f}) m is more than "
+            f"{FARTHEST:.0f} m from every lane of {network.path.name}"
+        )
+
+
+def _dense(line: Floats) -> Floats:
+    """Return points of a polyline, none farther than SPACING from the next."""
+    pieces = []
+    for start, end in pairwise(line):
+        count = max(2, math.ceil(math.dist(start, end) / SPACING) + 1)
+        pieces.append(start + (end - start) * np.linspace(0.0, 1.0, count)[:, None])
+    return np.vstack(pieces) if pieces else line
+
+
 def _inside(file: FilePath, number: int, x: float, y: float, network: Network) -> None:
     least_x, least_y, greatest_x, greatest_y = network.boundary
-    if not (least_x <= x <= greatest_x and least_y <= y <= greatest_y):
+    if not (least_x - FARTHEST <= x <= greatest_x + FARTHEST and least_y - FARTHEST <= y <= greatest_y + FARTHEST):
         raise ConfigError(
             f"path {file}, line {number}: ({x:.1f}, {y:.1f}) m lies off the network {network.path.name}, which spans "
             f"{least_x:.0f} to {greatest_x:.0f} and {least_y:.0f} to {greatest_y:.0f}"

@@ -6,9 +6,10 @@ Both lockstep and playback use it; it knows no car and no controller.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from vve_sumo.drive.setting import PERIOD, Setting
-from vve_sumo.frames import MapFrame
+from vve_sumo.frames import Alignment, MapFrame
 from vve_sumo.values import Actors, Point, Pose
 from vve_sumo.world.anchor import AnchorReport
 from vve_sumo.world.obstacles import MapSpot, Obstacle
@@ -53,6 +54,15 @@ def open_world(setting: Setting) -> World:
     )
 
 
+def laid(frame: MapFrame, alignment: Alignment, epoch: float) -> dict[str, Any]:
+    """Return what ties a drive to time and earth, for the record: time 0, the lot's map, its place on the street."""
+    return {
+        "epoch_gnss_s": epoch,
+        "lot_projection": frame.projection,
+        "lot_to_street": {"rotation_rad": alignment.rotation, "x_m": alignment.x, "y_m": alignment.y},
+    }
+
+
 class Street:
     """The world as a shell drives it: waits for the first pose, remembers what the next tick is to know."""
 
@@ -61,8 +71,7 @@ class Street:
         self.actors: Actors = table(0.0, ())
         self.contacts: tuple[str, ...] = ()  #: actors that the ego touches
         self.found: tuple[str, ...] = ()  #: reason codes for the next tick
-        self.worst_position = 0.0  #: largest difference of SUMO's ego from what was asked [m]
-        self.worst_speed = 0.0  #: the same of its speed [m/s]
+        self.detail = ""  #: SUMO's words about its last breach of the anchor's contract
 
     def advance(self, asked: Pose | None) -> AnchorReport | None:
         """Place the ego, let SUMO step, look around; None while there is no pose, and then SUMO waits too."""
@@ -73,6 +82,5 @@ class Street:
         self.actors = self._world.actors()
         self.contacts = self._world.contacts()
         self.found = report.faults + (("virtual_contact",) if self.contacts else ())
-        self.worst_position = max(self.worst_position, report.position_error)
-        self.worst_speed = max(self.worst_speed, report.speed_error)
+        self.detail = report.detail or self.detail
         return report

@@ -23,6 +23,7 @@ from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.messages import Gear
 
 STEP = 0.005  # of the integration and of the kit [s]
+STEPS_A_SECOND = round(1.0 / STEP)
 FAST, SLOW, GEAR = 2, 4, 10  # steps between reports: 100, 50 and 20 Hz; fixes come with the fast ones
 
 
@@ -148,7 +149,7 @@ class Car:
     @property
     def _time(self) -> float:
         # A quotient of whole numbers, so that a tick's time is the very number that the drive computes.
-        return self._steps / round(1.0 / STEP)
+        return self._steps / STEPS_A_SECOND
 
     def _advance(self, driver: DriverInputs) -> None:
         motion = self._motion

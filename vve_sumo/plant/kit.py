@@ -214,7 +214,7 @@ class Kit:
     def _watch(self, speed: float) -> None:
         if self.fault:
             self._watch_fault()
-        elif not any(module.override for module in self.modules):
+        elif not (self.brake.override or self.throttle.override or self.steering.override):
             parked = self.gear is Gear.PARK and abs(speed) < REST
             for index, module in enumerate(self.modules):
                 if module.counting and (cause := self._cause(module, parked)) is not None:

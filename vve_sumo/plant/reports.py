@@ -36,6 +36,7 @@ from vve_sumo.vehicle.messages import (
 
 BRAKE_LIGHTS = 520.0  # torque from which they are lit [N m] (dbw_mkz_can)
 TORQUE_SENSOR_LIMIT = 7.9  # of the driver's steering torque [N m]
+_DRIVE_SIGNS = {Gear.DRIVE: 1.0, Gear.LOW: 1.0, Gear.REVERSE: -1.0}
 
 
 class Axles(NamedTuple):
@@ -158,4 +159,4 @@ class Reports:
 
 def drive_sign(gear: Gear) -> float:
     """Which way the engine pushes in `gear`: 1 forward, -1 backward, 0 not at all."""
-    return {Gear.DRIVE: 1.0, Gear.LOW: 1.0, Gear.REVERSE: -1.0}.get(gear, 0.0)
+    return _DRIVE_SIGNS.get(gear, 0.0)

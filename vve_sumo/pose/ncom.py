@@ -236,9 +236,12 @@ class Decoder:
 
 def _field(value: float, scale: float) -> bytes:
     """24-bit field: NaN is sent as invalid, what does not fit saturates."""
-    if math.isnan(value):
-        return b"\x00\x00\x80"
-    return (round(max(-LARGEST, min(LARGEST, value / scale))) & 0xFFFFFF).to_bytes(3, "little")
+    count = value / scale
+    if not -LARGEST <= count <= LARGEST:
+        if math.isnan(count):
+            return b"\x00\x00\x80"
+        count = math.copysign(LARGEST, count)
+    return (round(count) & 0xFFFFFF).to_bytes(3, "little")
 
 
 def pack(fix: Fix, channel: int, payload: bytes) -> bytes:

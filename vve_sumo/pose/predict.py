@@ -33,6 +33,7 @@ class Tuning:
     rest_exit_distance: float = 0.05  #: averaged measured displacement that ends the hold [m]
     jump_limit: float = 1.0  #: a measured position further off starts the filter anew [m]
     gap_limit: float = 1.0  #: a longer time between poses starts the filter anew [s]
+    horizon: float = 1.0  #: nothing is extrapolated farther than this [s]
 
 
 def _finite(pose: Pose) -> bool:
@@ -97,11 +98,15 @@ class Predictor:
     def at(self, time: float) -> Pose | None:
         """Return the rear axle's pose at `time` [s of drive time] by constant acceleration and turn rate.
 
-        Braking ends at standstill, never in reverse.
+        Braking ends at standstill, never in reverse. Beyond the horizon nobody knows where the car is: its pose is held
+        there, at rest.
         """
         if self._count == 0:
             return None
         ahead = time - self._time
+        if ahead > self._tuning.horizon:
+            lost = self.at(self._time + self._tuning.horizon)
+            return None if lost is None else self._pose(time, lost.x, lost.y, lost.heading, 0.0, 0.0, 0.0, 0.0)
         if self._resting or abs(self._speed) < self._tuning.rest_speed:
             return self._pose(time, self._x, self._y, self._heading, 0.0, 0.0, 0.0, 0.0)
         speed, acceleration, yaw_rate = self._speed, self._acceleration, self._yaw_rate

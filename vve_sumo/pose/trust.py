@@ -7,9 +7,11 @@ trusted when no reason speaks against it. Every comparison is written so that Na
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
+from vve_sumo.errors import ConfigError
 from vve_sumo.values import Fix
 
 LOCKED: Final = 4  #: the NCOM navigation status that is real time
@@ -17,7 +19,11 @@ RTK_FIXED: Final = frozenset({6, 16, 24, 29})  #: NCOM position modes with integ
 EARTH_RADIUS: Final = 6_371_000.0  #: mean [m]; good to 0.5 % over the metre between two fixes
 FUTURE_LIMIT: Final = 0.02  #: a fix may be this far ahead of now, for clocks that are not quite the same [s]
 LEVER_LIMIT: Final = 4.0  #: no output point lies further from the rear axle [m]: bounds its course in a bend
+YAW_RATE_LIMIT: Final = 2.0  #: no car on its wheels turns faster [rad/s]
+DRIFT_WINDOW: Final = 0.5  #: over which position and velocity are compared as a whole [s]
+VELOCITY_NOISE: Final = 0.5  #: what two velocities may differ by besides acceleration [m/s]
 FROZEN_SPEED: Final = 0.2  #: above it two fixes cannot have the same position to the last bit [m/s]
+ABSURD_ACCELERATION: Final = 20.0  #: specific force that only a crash or a broken sensor shows [m/s2]
 ACCELERATION_LIMIT: Final = 12.0  #: no car accelerates more [m/s2]: bounds the way it can leave a straight line
 
 REASONS: Final[dict[str, str]] = {
@@ -35,6 +41,10 @@ REASONS: Final[dict[str, str]] = {
     "time_not_increasing": "the fix is not newer than one already judged",
     "gap": "too long a time since the fix before this one",
     "pose_jump": "the position is not where the velocity leads from the fix before",
+    "pose_drift": "over half a second the position ran away from where the velocity leads",
+    "velocity_jump": "the velocity changed by more than a car can accelerate",
+    "heading_jump": "the heading changed by more than the yaw rate explains",
+    "motion_absurd": "yaw rate or acceleration is more than a car on its wheels can do",
     "frozen_pose": "the position stands still to the last bit while the velocity says that the car moves",
     "heading_off_course": "the heading and the direction of travel disagree",
     "settling": "a jump or gap was seen a moment ago; fixes must agree for a while before they count again",
@@ -56,10 +66,16 @@ class TrustProfile:
     age_limit: float  #: from the fix's own time to now [s]
     gap_limit: float  #: between fixes [s]
     stale_limit: float  #: since the last trusted fix's own time [s]
-    jump_limit: float  #: from where the velocity leads [m]
+    jump_limit: float  #: from where the velocity leads, from fix to fix and over `DRIFT_WINDOW` [m]
+    heading_jump_limit: float  #: from where the yaw rate leads, from fix to fix [rad]
     course_limit: float  #: heading against course [rad], on top of what a bend explains
     course_speed: float  #: the course is judged above it [m/s]
     settling: float  #: how long fixes must agree after a jump or gap [s]
+
+    def __post_init__(self) -> None:
+        """Refuse a profile that would arm a car on fixes whose quality nobody judged."""
+        if self.may_arm and not self.live:
+            raise ConfigError(f"trust profile {self.name}: one that does not judge live quality may never arm")
 
 
 #: A car may drive on it. 0.10 m and 100 ms are the figures the rest of the chain is built on (a setpoint lives 100 ms);
@@ -76,6 +92,7 @@ DRIVE: Final = TrustProfile(
     gap_limit=0.15,
     stale_limit=0.15,
     jump_limit=0.25,
+    heading_jump_limit=0.05,
     course_limit=0.20,
     course_speed=3.0,
     settling=0.5,
@@ -94,6 +111,7 @@ PLAYBACK: Final = TrustProfile(
     gap_limit=1.0,
     stale_limit=1.0,
     jump_limit=1.0,
+    heading_jump_limit=math.inf,
     course_limit=0.35,
     course_speed=3.0,
     settling=0.0,
@@ -114,6 +132,8 @@ def _of_the_fix(fix: Fix, profile: TrustProfile) -> list[str]:
     total = fix.time + fix.latitude + fix.longitude + fix.velocity_north + fix.velocity_east
     if not math.isfinite(total + fix.yaw_rate + fix.acceleration):
         reasons.append("not_finite")
+    if abs(fix.yaw_rate) > YAW_RATE_LIMIT or abs(fix.acceleration) > ABSURD_ACCELERATION:
+        reasons.append("motion_absurd")
     if not math.isfinite(fix.heading):
         reasons.append("heading_invalid")
     elif _off_course(fix, profile):
@@ -133,16 +153,33 @@ def _off_course(fix: Fix, profile: TrustProfile) -> bool:
 
 def _of_the_receiver(fix: Fix, profile: TrustProfile) -> list[str]:
     """What the receiver itself says against the fix."""
-    judged = (
-        ("pitch_invalid", math.isfinite(fix.pitch)),
-        ("status_not_locked", fix.status == LOCKED),
-        ("not_rtk_fixed", fix.position_mode in RTK_FIXED),
-        ("position_sigma", 0.0 <= fix.position_sigma <= profile.position_sigma_limit),
-        ("velocity_sigma", 0.0 <= fix.velocity_sigma <= profile.velocity_sigma_limit),
-        ("heading_sigma", 0.0 <= fix.heading_sigma <= profile.heading_sigma_limit),
-        ("corrections_old", 0.0 <= fix.differential_age <= profile.corrections_age_limit),
+    reasons = []
+    if not math.isfinite(fix.pitch):
+        reasons.append("pitch_invalid")
+    if fix.status != LOCKED:
+        reasons.append("status_not_locked")
+    if fix.position_mode not in RTK_FIXED:
+        reasons.append("not_rtk_fixed")
+    if not 0.0 <= fix.position_sigma <= profile.position_sigma_limit:
+        reasons.append("position_sigma")
+    if not 0.0 <= fix.velocity_sigma <= profile.velocity_sigma_limit:
+        reasons.append("velocity_sigma")
+    if not 0.0 <= fix.heading_sigma <= profile.heading_sigma_limit:
+        reasons.append("heading_sigma")
+    if not 0.0 <= fix.differential_age <= profile.corrections_age_limit:
+        reasons.append("corrections_old")
+    return reasons
+
+
+def _off_the_velocity(last: Fix, fix: Fix) -> tuple[float, float]:
+    """How far the newer fix lies from where the velocities lead, north and east [m]."""
+    step = fix.time - last.time
+    north = (fix.latitude - last.latitude) * EARTH_RADIUS
+    east = math.remainder(fix.longitude - last.longitude, math.tau) * EARTH_RADIUS * math.cos(fix.latitude)
+    return (
+        north - 0.5 * step * (fix.velocity_north + last.velocity_north),
+        east - 0.5 * step * (fix.velocity_east + last.velocity_east),
     )
-    return [reason for reason, good in judged if not good]
 
 
 def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
@@ -151,19 +188,26 @@ def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
     if step > profile.gap_limit:
         return ["gap"]
     reasons = []
+    faster = math.hypot(fix.velocity_north - last.velocity_north, fix.velocity_east - last.velocity_east)
+    if not faster <= ACCELERATION_LIMIT * step + VELOCITY_NOISE:
+        reasons.append("velocity_jump")
+    turned = fix.heading - last.heading - 0.5 * step * (fix.yaw_rate + last.yaw_rate)
+    # A heading that is missing is a reason by itself; here it is nothing to compare with.
+    if math.isfinite(turned) and abs(math.remainder(turned, math.tau)) > profile.heading_jump_limit:
+        reasons.append("heading_jump")
     if fix.latitude == last.latitude and fix.longitude == last.longitude:
         slower = min(
             math.hypot(fix.velocity_north, fix.velocity_east), math.hypot(last.velocity_north, last.velocity_east)
         )
         if slower > FROZEN_SPEED:
             reasons.append("frozen_pose")
-    north = (fix.latitude - last.latitude) * EARTH_RADIUS
-    east = math.remainder(fix.longitude - last.longitude, math.tau) * EARTH_RADIUS * math.cos(fix.latitude)
-    north -= 0.5 * step * (fix.velocity_north + last.velocity_north)
-    east -= 0.5 * step * (fix.velocity_east + last.velocity_east)
-    if not math.hypot(north, east) <= profile.jump_limit + 0.25 * ACCELERATION_LIMIT * step * step:
+    if not math.hypot(*_off_the_velocity(last, fix)) <= profile.jump_limit + 0.25 * ACCELERATION_LIMIT * step * step:
         reasons.append("pose_jump")
     return reasons
+
+
+#: after one of these, fixes must agree among themselves for a while
+_UNSETTLING: Final = frozenset({"gap", "pose_jump", "pose_drift", "velocity_jump", "heading_jump"})
 
 
 class TrustGate:
@@ -174,15 +218,22 @@ class TrustGate:
     """
 
     def __init__(self, profile: TrustProfile, epoch: float) -> None:
-        self.profile = profile
+        self._profile = profile
         self._epoch = epoch
+        self._drift = (0.0, 0.0)  # position minus integrated velocity since the first fix, north and east [m]
+        self._drifts: deque[tuple[float, float, float]] = deque()  # time and drift of the fixes in the window
         self._last: Fix | None = None
         self._unsettled_until = -math.inf
         self._trusted_until = -math.inf
 
+    @property
+    def profile(self) -> TrustProfile:
+        """How strict the gate is; fixed for its life."""
+        return self._profile
+
     def step(self, now: float, fix: Fix) -> Trust:
         """Judge `fix` at drive time `now` [s]."""
-        profile = self.profile
+        profile = self._profile
         reasons = _of_the_fix(fix, profile)
         if profile.live:
             reasons += _of_the_receiver(fix, profile)
@@ -201,7 +252,7 @@ class TrustGate:
         age = now - (fix.time - self._epoch)
         if age < -FUTURE_LIMIT:
             return ["fix_from_future"]
-        return [] if age <= self.profile.age_limit else ["fix_too_old"]
+        return [] if age <= self._profile.age_limit else ["fix_too_old"]
 
     def _of_the_history(self, fix: Fix) -> list[str]:
         last = self._last
@@ -211,9 +262,25 @@ class TrustGate:
         if not fix.time > last.time:
             return ["time_not_increasing"]
         self._last = fix
-        reasons = _of_the_step(last, fix, self.profile)
+        reasons = _of_the_step(last, fix, self._profile)
         if "gap" in reasons or "pose_jump" in reasons:
-            self._unsettled_until = fix.time + self.profile.settling
+            self._drifts.clear()
+        elif self._drifted(last, fix):
+            reasons.append("pose_drift")
+        if not _UNSETTLING.isdisjoint(reasons):
+            self._unsettled_until = fix.time + self._profile.settling
         elif fix.time < self._unsettled_until:
             reasons.append("settling")
         return reasons
+
+    def _drifted(self, last: Fix, fix: Fix) -> bool:
+        """Whether position and velocity went apart over the window, by steps that are each too small to tell."""
+        north, east = _off_the_velocity(last, fix)
+        north, east = north + self._drift[0], east + self._drift[1]
+        self._drift = (north, east)
+        drifts = self._drifts
+        drifts.append((fix.time, north, east))
+        while drifts[0][0] < fix.time - DRIFT_WINDOW:
+            drifts.popleft()
+        _, first_north, first_east = drifts[0]
+        return not math.hypot(north - first_north, east - first_east) <= self._profile.jump_limit

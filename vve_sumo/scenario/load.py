@@ -13,7 +13,9 @@ from vve_sumo.scenario.schema import Scenario
 
 
 def _complaint(file: Path, error: ValidationError) -> str:
-    first = error.errors()[0]
+    complaints = error.errors()
+    # A key that is spelt wrongly is also missing under its right name; the wrong spelling is what helps.
+    first = next((one for one in complaints if one["type"] == "extra_forbidden"), complaints[0])
     key = ".".join(str(part) for part in first["loc"]) or "the file"
     if first["type"] == "extra_forbidden":
         return f"{file}: unknown key {key!r}"

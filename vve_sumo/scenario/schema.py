@@ -5,9 +5,9 @@ Knows nothing of SUMO, files' places or how a drive is run.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Name = Annotated[str, Field(min_length=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -64,6 +64,9 @@ class Ego(Table):
 
     path: Name = Field(description="CSV of latitude_deg,longitude_deg of the rear axle: a name under routes/ or a file")
     speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = Field(description="speed to keep where nothing forbids it")
+    deviation_limit_m: Positive = Field(
+        default=4.0, description="a car farther off its path than this is stopped; room for a lane change by default"
+    )
     lot: Lot
     car: Car = Car()
 
@@ -79,7 +82,7 @@ class Control(Table):
     """The system under test."""
 
     name: Name = Field(default="follow_and_stop", description="shipped name, file.py:make, or an entry point")
-    tuning: dict[str, bool | float | int | str] = Field(default={}, description="handed to make(vehicle, tuning)")
+    tuning: dict[str, bool | Finite | int | str] = Field(default={}, description="handed to make(vehicle, tuning)")
 
 
 class Obstacle(Table):
@@ -100,6 +103,12 @@ class Band(Table):
 
     min: Finite | None = None
     max: Finite | None = None
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> Self:
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise ValueError(f"least {self.min:g} is above greatest {self.max:g}")
+        return self
 
 
 class Criteria(Table):

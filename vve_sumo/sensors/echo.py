@@ -10,13 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from vve_sumo.sensors.visibility import Box, Sector, Sight, nearest_visible
+from vve_sumo.values import Actors, Point, Pose, Vehicle
 
-from vve_sumo.sensors.visibility import Boxes, Indices, Sector, Sight, nearest_visible
-from vve_sumo.values import Actors, Floats, Point, Pose, Vehicle
-
-Bools = NDArray[np.bool_]
+_COLUMNS = ("x", "y", "heading", "length", "width", "speed", "radar_cross_section")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,51 +63,42 @@ def antenna_at(pose: Pose, mount: Mount, vehicle: Vehicle) -> Antenna:
     )
 
 
-def finite_rows(actors: Actors) -> Bools:
-    """Which rows hold finite values only."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        body = actors.x + actors.y + actors.heading + actors.length + actors.width
-        return np.isfinite(body + actors.speed + actors.radar_cross_section)
+def echoes(antenna: Antenna, actors: Actors, sectors: Sequence[Sector]) -> tuple[list[Echo], int]:
+    """The nearest visible point of every actor in view, in row order; and how many hold a value that is not finite.
 
-
-def echoes(antenna: Antenna, actors: Actors, rows: Bools, sectors: Sequence[Sector]) -> list[Echo]:
-    """The nearest visible point of every actor in view among the chosen rows, in row order.
-
-    Actors hide each other, the ego's own body hides nothing. The point moves with its actor's speed along its heading.
-    The values of the chosen rows must be finite.
+    Those are left out and hide nothing. Actors hide each other, the ego's own body hides nothing. The point moves with
+    its actor's speed along its heading.
     """
-    row, centre = _in_view(antenna, actors, rows, sectors)
-    turns = (actors.heading[row] - antenna.heading).tolist()
-    # Scalar trigonometry: numpy's own on arrays differs in its last bits between processors.
-    cos, sin = [math.cos(turn) for turn in turns], [math.sin(turn) for turn in turns]
-    half_size = 0.5 * np.array((actors.length[row], actors.width[row]))
-    boxes = Boxes(centre, np.array(cos), np.array(sin), half_size)
-    numbers, speeds = row.tolist(), actors.speed[row].tolist()
-    return [
-        _echo(numbers[i], sight, speeds[i] * cos[i] - antenna.speed, speeds[i] * sin[i] - antenna.lateral_speed)
-        for i, sight in ((sight.box, sight) for sight in nearest_visible(boxes, sectors))
-    ]
+    targets, refused = _in_view(antenna, actors, sectors)
+    boxes = [target[2] for target in targets]
+    return [_echo(antenna, sight, *targets[sight.box]) for sight in nearest_visible(boxes, sectors)], refused
 
 
-def _in_view(antenna: Antenna, actors: Actors, chosen: Bools, sectors: Sequence[Sector]) -> tuple[Indices, Floats]:
-    """Rows whose circle around the box meets a sector, and their centres in the antenna's frame as two rows."""
-    cos, sin = math.cos(antenna.heading), math.sin(antenna.heading)
-    with np.errstate(invalid="ignore", over="ignore"):
-        east, north = actors.x - antenna.x, actors.y - antenna.y
-        x, y = east * cos + north * sin, north * cos - east * sin
-        radius = 0.5 * (actors.length + actors.width)
-        range_squared, aside = x * x + y * y, np.abs(y)
-        near = np.zeros(x.size, np.bool_)
-        for range_max, slope_max in sectors:
-            reach = radius + range_max
-            outside = aside - slope_max * x
-            near |= (range_squared <= reach * reach) & (outside <= math.sqrt(1.0 + slope_max * slope_max) * radius)
-    (rows,) = np.nonzero(near & chosen)
-    return rows, np.array((x[rows], y[rows]))
+def _in_view(antenna: Antenna, actors: Actors, sectors: Sequence[Sector]) -> tuple[list[tuple[int, float, Box]], int]:
+    """Row, speed and box in the antenna's frame of every finite actor near the view; and how many are not finite."""
+    own_x, own_y, own_heading = antenna.x, antenna.y, antenna.heading
+    cos, sin = math.cos(own_heading), math.sin(own_heading)
+    slope = max(sector.slope_max for sector in sectors)
+    farthest, secant = max(sector.range_max for sector in sectors), math.sqrt(1.0 + slope * slope)
+    found, refused = [], 0
+    columns = zip(*(getattr(actors, name).tolist() for name in _COLUMNS), strict=True)
+    for row, (x, y, heading, length, width, speed, cross_section) in enumerate(columns):
+        if not math.isfinite(x + y + heading + length + width + speed + cross_section):
+            refused += 1
+            continue
+        east, north = x - own_x, y - own_y
+        ahead, aside, radius = east * cos + north * sin, north * cos - east * sin, 0.5 * (length + width)
+        reach = farthest + radius
+        if ahead * ahead + aside * aside <= reach * reach and abs(aside) - slope * ahead <= secant * radius:
+            turn = heading - own_heading
+            box = Box(ahead, aside, math.cos(turn), math.sin(turn), 0.5 * length, 0.5 * width)
+            found.append((row, speed, box))
+    return found, refused
 
 
-def _echo(row: int, sight: Sight, speed_x: float, speed_y: float) -> Echo:
+def _echo(antenna: Antenna, sight: Sight, row: int, speed: float, box: Box) -> Echo:
     _, x, y, sector = sight
+    speed_x, speed_y = speed * box.cos - antenna.speed, speed * box.sin - antenna.lateral_speed
     distance = math.sqrt(x * x + y * y)
     # Touching: the direction is lost, and what counts is the closing speed along the boresight.
     range_rate = (speed_x * x + speed_y * y) / distance if distance > 0.0 else speed_x

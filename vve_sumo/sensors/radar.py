@@ -6,22 +6,28 @@ the tick. Defaults are the Delphi ESR's where a source is named, and said to be 
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cache
+from typing import Any
 
 import numpy as np
+from numpy.random.bit_generator import ISeedSequence
+from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.sensors.echo import Echo, Mount, antenna_at, echoes, finite_rows
-from vve_sumo.sensors.visibility import Indices, Sector
+from vve_sumo.sensors.echo import Echo, Mount, antenna_at, echoes
+from vve_sumo.sensors.visibility import Sector
 from vve_sumo.values import Actors, Detections, Pose, Vehicle
 
 #: Cycle times are compared as whole microseconds, so that 0.1 + 0.2 never decides when a scan is due.
 MICROSECONDS = 1_000_000
 #: Cross-section that `detection_probability` is stated for [m2]: a car seen from behind, 10 dBsm.
 REFERENCE_CROSS_SECTION = 10.0
+#: Draws made at once for an actor: one by one they would cost several times as much.
+BLOCK = 8
 #: Dated before every drive, and empty: what a controller holds until the first scan.
 BEFORE_FIRST_SCAN = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
 
@@ -103,18 +109,16 @@ class Scan:
     """One cycle's result, with the truth that the record keeps and no controller may see."""
 
     detections: Detections  #: nearest first, as measured
-    actor_rows: Indices  #: row of `Actors` behind each detection
+    actor_rows: NDArray[np.intp]  #: row of `Actors` behind each detection
     refused: int  #: rows of `Actors` left out because a value in them is not finite
 
 
-class _Measurement(NamedTuple):
-    """A detection before it becomes a row; sorts nearest first, then as the other columns say."""
+#: What chance adds to one actor in one scan: uniform in [0, 1), and standard normal for range, azimuth and range rate.
+_Draw = tuple[float, float, float, float]
 
-    range: float
-    azimuth: float
-    range_rate: float
-    mode: int
-    row: int
+
+#: A detection before it becomes a row: range, azimuth, range rate, mode and row of its actor; sorts nearest first.
+_Measurement = tuple[float, float, float, int, int]
 
 
 def detection_probability(cross_section: float, range_: float, mode: RadarMode, config: RadarConfig) -> float:
@@ -129,10 +133,16 @@ def detection_probability(cross_section: float, range_: float, mode: RadarMode, 
         return config.false_alarm_probability
     if range_ <= 0.0:
         return 1.0
-    reference = math.log(config.false_alarm_probability) / math.log(config.detection_probability) - 1.0
+    reference = _signal_at_range_max(config.detection_probability, config.false_alarm_probability)
     loss: float = (range_ / mode.range_max) ** 4
     signal = reference * cross_section / REFERENCE_CROSS_SECTION
     return float(config.false_alarm_probability ** (loss / (loss + signal)))
+
+
+@cache
+def _signal_at_range_max(detection_probability: float, false_alarm_probability: float) -> float:
+    """Signal-to-noise ratio that gives the first probability where the second sets the threshold."""
+    return math.log(false_alarm_probability) / math.log(detection_probability) - 1.0
 
 
 class Radar:
@@ -148,8 +158,8 @@ class Radar:
         self._sectors = [Sector(mode.range_max, math.tan(mode.half_angle)) for mode in config.modes]
         self._period = round(config.period * MICROSECONDS)
         self._next_due = 0
-        self._seed = int(generator.integers(1 << 63))
-        self._streams: dict[str, np.random.Generator] = {}
+        self._seed = generator.bytes(32)
+        self._draws: dict[str, Iterator[_Draw]] = {}
 
     def due(self, time: float) -> bool:
         """Whether a tick at this drive time [s] is the first at or after the next multiple of the period."""
@@ -164,28 +174,46 @@ class Radar:
             return None
         self._next_due = (round(time * MICROSECONDS) // self._period + 1) * self._period
         antenna = antenna_at(pose, self._config.mount, self._vehicle)
-        usable = finite_rows(actors)
-        seen = [self._measure(echo, actors) for echo in echoes(antenna, actors, usable, self._sectors)]
-        nearest = sorted(one for one in seen if one is not None)[: self._config.max_targets]
-        rows = np.array([one.row for one in nearest], np.intp)
-        return Scan(_detections(time, nearest), rows, usable.size - int(np.count_nonzero(usable)))
+        seen, refused = echoes(antenna, actors, self._sectors)
+        nearest = sorted(self._measured(seen, actors))[: self._config.max_targets]
+        return _scan(time, nearest, refused)
 
-    def _measure(self, echo: Echo, actors: Actors) -> _Measurement | None:
-        config, stream = self._config, self._stream(actors.ids[echo.row])
-        chance, noise = stream.random(), stream.standard_normal(3).tolist()
-        mode = config.modes[echo.mode]
-        if chance >= detection_probability(float(actors.radar_cross_section[echo.row]), echo.range, mode, config):
-            return None
-        range_ = max(_quantised(echo.range + config.range_sigma * noise[0], config.range_quantum), 0.0)
-        azimuth = _quantised(echo.azimuth + config.azimuth_sigma * noise[1], config.azimuth_quantum)
-        range_rate = _quantised(echo.range_rate + config.range_rate_sigma * noise[2], config.range_rate_quantum)
-        return _Measurement(*_from_bumper(range_, azimuth, config.mount), range_rate, echo.mode, echo.row)
+    def _measured(self, seen: Sequence[Echo], actors: Actors) -> Iterator[_Measurement]:
+        config, mount, modes, ids = self._config, self._config.mount, self._config.modes, actors.ids
+        range_quantum, azimuth_quantum = config.range_quantum, config.azimuth_quantum
+        cross_sections = actors.radar_cross_section.tolist()
+        for row, distance, direction, speed, mode in seen:
+            chance, of_range, of_azimuth, of_rate = next(self._draws_for(ids[row]))
+            if chance < detection_probability(cross_sections[row], distance, modes[mode], config):
+                range_ = max(_quantised(distance + config.range_sigma * of_range, range_quantum), 0.0)
+                azimuth = _quantised(direction + config.azimuth_sigma * of_azimuth, azimuth_quantum)
+                range_rate = _quantised(speed + config.range_rate_sigma * of_rate, config.range_rate_quantum)
+                yield *_from_bumper(range_, azimuth, mount), range_rate, mode, row
 
-    def _stream(self, actor: str) -> np.random.Generator:
-        stream = self._streams.get(actor)
-        if stream is None:
-            stream = self._streams[actor] = np.random.default_rng((self._seed, *actor.encode()))
-        return stream
+    def _draws_for(self, actor: str) -> Iterator[_Draw]:
+        draws = self._draws.get(actor)
+        if draws is None:
+            draws = self._draws[actor] = _draws(self._seed, actor)
+        return draws
+
+
+class _NamedSeed(ISeedSequence):
+    """The state of a stream from the drive's seed and an actor's name; a fraction of the cost of a SeedSequence."""
+
+    def __init__(self, seed: bytes, name: str) -> None:
+        self._digest = hashlib.blake2b(name.encode(), key=seed).digest()
+
+    def generate_state(self, n_words: int, dtype: Any = np.uint32) -> NDArray[Any]:
+        """The first words of the digest, the same on machines of either byte order."""
+        return np.frombuffer(self._digest, "<u8", n_words).astype(dtype)
+
+
+def _draws(seed: bytes, actor: str) -> Iterator[_Draw]:
+    """An actor's own endless stream of draws, one for every scan that sees it."""
+    # numpy's own stubs know no seed but SeedSequence; at run time its interface suffices.
+    stream = np.random.Generator(np.random.PCG64(_NamedSeed(seed, actor)))  # type: ignore[arg-type]
+    while True:
+        yield from zip(stream.random(BLOCK).tolist(), *stream.standard_normal((3, BLOCK)).tolist(), strict=True)
 
 
 def _quantised(value: float, quantum: float) -> float:
@@ -199,14 +227,16 @@ def _from_bumper(range_: float, azimuth: float, mount: Mount) -> tuple[float, fl
     return math.sqrt(x * x + y * y), math.atan2(y, x)
 
 
-def _detections(time: float, measured: Sequence[_Measurement]) -> Detections:
-    return Detections(
+def _scan(time: float, measured: Sequence[_Measurement], refused: int) -> Scan:
+    ranges, azimuths, range_rates, modes, rows = zip(*measured, strict=True) if measured else ((),) * 5
+    detections = Detections(
         time,
-        np.array([one.range for one in measured], np.float64),
-        np.array([one.azimuth for one in measured], np.float64),
-        np.array([one.range_rate for one in measured], np.float64),
-        np.array([one.mode for one in measured], np.int8),
+        np.array(ranges, np.float64),
+        np.array(azimuths, np.float64),
+        np.array(range_rates, np.float64),
+        np.array(modes, np.int8),
     )
+    return Scan(detections, np.array(rows, np.intp), refused)
 
 
 def _finite(pose: Pose) -> bool:

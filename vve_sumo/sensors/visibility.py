@@ -1,39 +1,34 @@
 """Which boxes a point antenna sees past each other, and the nearest point of each that it sees.
 
 Plane geometry in the antenna's frame: the antenna at the origin, its boresight along +x, +y to the left. Must not
-know radar, noise, time or the street. Costs grow with the square of the number of boxes.
+know radar, noise, time or the street. Plain numbers, for the few boxes in view are too few for arrays to pay.
 
 The method: (x, y) -> (y/x, 1/x) maps what lies ahead of the antenna so that every ray becomes a vertical line and every
 straight edge stays straight (inverse depth is linear on the screen: Blinn, "W Pleasure, W Fun", IEEE CG&A 18(3), 1998).
-"The nearest surface hides what is behind it" is then the upper envelope of straight lines, found exactly between one
-corner's slope and the next with + - * / alone, whose last bits no processor changes.
+Boxes are taken in the order of their depth x and close the openings of the view behind them. Only two boxes whose
+depths overlap are compared surface by surface: which hides which is then the order of straight lines, found exactly
+with + - * / alone, whose last bits no processor changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from operator import attrgetter
 from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-from vve_sumo.values import Floats
-
-Indices = NDArray[np.intp]
 
 #: Nearer to a plane than this counts as lying in it [m]; keeps every quotient finite.
 IN_PLANE = 1e-9
 #: A gap between two boxes narrower than this slope (about an angle [rad]) lets nothing through: rounding leaves such
 #: slits between boxes that touch.
 NARROWEST_GAP = 1e-9
-#: Relative difference of inverse depths below which two surfaces meet.
-SAME_DEPTH = 1e-12
 
-_NO_FACE = np.array([[[np.inf]], [[0.0]]])
-_AHEAD = np.array([1.0, 1.0, -1.0, -1.0]).reshape(4, 1, 1)
-_LEFT = np.array([1.0, -1.0, 1.0, -1.0]).reshape(4, 1, 1)
-_NOTHING = (np.inf,)
+#: Ends of stretches of slope that do not meet, ascending: rightmost and leftmost of each in turn. A slope lies within a
+#: stretch where an odd number of ends lies before it.
+Ends = list[float]
 
 
 class Sector(NamedTuple):
@@ -43,14 +38,15 @@ class Sector(NamedTuple):
     slope_max: float  #: tangent of the half angle, which is below 90 deg
 
 
-@dataclass(frozen=True, slots=True)
-class Boxes:
-    """Rectangles in the antenna's frame, one column per box."""
+class Box(NamedTuple):
+    """A rectangle in the antenna's frame."""
 
-    centre: Floats  #: x and y as two rows [m]
-    cos: Floats  #: of the angle from the boresight to the box's long axis
-    sin: Floats  #: of the same angle
-    half_size: Floats  #: half length, along the long axis, and half width as two rows [m]
+    x: float  #: of the centre [m]
+    y: float  #: of the centre [m]
+    cos: float  #: of the angle from the boresight to the long axis
+    sin: float  #: of the same angle
+    half_length: float  #: along the long axis [m]
+    half_width: float  #: across it [m]
 
 
 class Sight(NamedTuple):
@@ -62,148 +58,203 @@ class Sight(NamedTuple):
     sector: int  #: index of the first sector that covers the point
 
 
-@dataclass(frozen=True, slots=True)
-class _Faces:
-    """How each box looks from the origin; a column per box, and the faces across and along its axis as two rows."""
+@dataclass(slots=True)
+class _Outline:
+    """How a box looks from the origin."""
 
-    near: Floats  #: nearest point of the box, x and y as two rows [m]
-    near_slope: Floats  #: slope of the nearest point; infinite beside or behind the antenna
-    lowest: Floats  #: slope of the rightmost corner
-    highest: Floats  #: slope of the leftmost corner
-    constant: Floats  #: inverse depth of a face's plane is constant + gradient * slope [1/m]; infinite for a face
-    gradient: Floats  #: seen from its edge or back, so that the smaller of the two rows is the box's own surface
-
-
-class _Line(NamedTuple):
-    """Inverse depth of one box between two neighbouring critical slopes [1/m]."""
-
-    box: int
-    constant: float
-    gradient: float
-
-    def at(self, slope: float) -> float:
-        return self.constant + self.gradient * slope
+    row: int  #: of the box
+    box: Box
+    front: float  #: least x of the box [m]
+    back: float  #: greatest x [m]
+    low: float  #: slope of the rightmost corner, or of the edge of the view
+    high: float  #: slope of the leftmost corner, or of the edge of the view
+    near: float  #: slope of the nearest point; infinite beside or behind the antenna
+    x: float  #: of the nearest point [m]
+    y: float  #: of the nearest point [m]
+    squared: float  #: distance of the nearest point [m2]
+    ahead: float  #: signed distance to the plane of the face across the axis [m]; 0 where that face is not seen
+    aside: float  #: signed distance to the plane of the face along the axis [m]; 0 where that face is not seen
+    seen: Ends  #: what other boxes leave of it
 
 
-def nearest_visible(boxes: Boxes, sectors: Sequence[Sector]) -> list[Sight]:
+_FRONT = attrgetter("front")
+
+
+def nearest_visible(boxes: Sequence[Box], sectors: Sequence[Sector]) -> list[Sight]:
     """Nearest point of each box that no other box hides and that one of the sectors covers, in the order of the boxes.
 
     At every direction the nearest surface wins, whether or not boxes overlap; where surfaces fall together either may.
     A box that the antenna is inside of, or touches, is seen at the origin and hides all others. Values must be finite
     and sizes not negative; a box without any extent across the line of sight is not seen.
     """
-    if not boxes.cos.size:
-        return []
-    faces = _faces(boxes)
-    (touching,) = np.nonzero(np.minimum(*faces.constant) == np.inf)
-    if touching.size:
-        return [Sight(int(touching[0]), 0.0, 0.0, 0)]
-    pieces = _visible_pieces(faces, sectors)
-    return _nearest_of_each(pieces, _nearest_points(faces, *pieces), sectors)
-
-
-def _faces(boxes: Boxes) -> _Faces:
-    rotation = np.array(((boxes.cos, -boxes.sin), (boxes.sin, boxes.cos)))
-    along, across = rotation[:, 0], rotation[:, 1]
-    local = boxes.centre[0] * rotation[0] + boxes.centre[1] * rotation[1]
-    # The nearest point in the box's own axes; both coordinates are also distances to the planes of its faces.
-    distance = local - np.minimum(np.maximum(local, -boxes.half_size), boxes.half_size)
-    near = distance[0] * along + distance[1] * across
-    corners = boxes.centre + (_AHEAD * (boxes.half_size[0] * along) + _LEFT * (boxes.half_size[1] * across))
-    slopes = _slopes(np.concatenate((corners, near[None])))
-    turned = np.abs(distance) > IN_PLANE
-    # On the plane of a face x * along = distance, so that 1 / x is linear in y / x.
-    constant, gradient = np.where(turned, rotation / np.where(turned, distance, 1.0), _NO_FACE)
-    return _Faces(near, slopes[-1], np.minimum.reduce(slopes), np.maximum.reduce(slopes), constant, gradient)
-
-
-def _slopes(points: Floats) -> Floats:
-    """Slope of each point of each box, of which the last is the nearest to the antenna.
-
-    A box that reaches behind the antenna's own plane does so on the side on which its nearest point lies.
-    """
-    x, y = points[:, 0], points[:, 1]
-    ahead = x > IN_PLANE
-    return np.where(ahead, y / np.where(ahead, x, 1.0), np.copysign(np.inf, y[-1]))
-
-
-def _visible_pieces(faces: _Faces, sectors: Sequence[Sector]) -> tuple[Indices, Floats, Floats]:
-    """Box, rightmost and leftmost slope of every stretch in which one face is the nearest."""
     widest = max(sector.slope_max for sector in sectors)
-    edges = np.array([sector.slope_max for sector in sectors])
-    critical = np.concatenate((faces.lowest, faces.near_slope, faces.highest, edges, -edges))
-    slopes = np.sort(np.minimum(np.maximum(critical, -widest), widest))
-    left, right = slopes[:-1], slopes[1:]
-    spans = (faces.lowest <= left[:, None]) & (faces.highest >= right[:, None])
-    lines = faces.constant[:, None] + faces.gradient[:, None] * slopes[:, None]
-    surface = np.minimum(lines[0], lines[1])
-    first = np.where(spans, surface[:-1], 0.0).argmax(axis=1)
-    last = np.where(spans, surface[1:], 0.0).argmax(axis=1)
-    wide = right - left > NARROWEST_GAP
-    (whole,) = np.nonzero(wide & (first == last) & spans[np.arange(first.size), first])
-    pieces = first[whole], left[whole], right[whole]
-    (crossed,) = np.nonzero(wide & (first != last))
-    return pieces if not crossed.size else _with_crossings(pieces, faces, spans, slopes, crossed)
+    farthest = max(sector.range_max for sector in sectors)
+    outlines = []
+    for row, box in enumerate(boxes):
+        outline = _outline(row, box, widest)
+        if not outline.ahead and not outline.aside:
+            return [Sight(row, 0.0, 0.0, 0)]
+        # What lies out of range hides nothing that is in range.
+        if outline.high - outline.low > NARROWEST_GAP and outline.squared <= farthest * farthest:
+            outlines.append(outline)
+    _hide(outlines, widest)
+    return [sight for outline in outlines if outline.seen and (sight := _sight(outline, sectors))]
 
 
-def _with_crossings(
-    pieces: tuple[Indices, Floats, Floats], faces: _Faces, spans: NDArray[np.bool_], slopes: Floats, crossed: Indices
-) -> tuple[Indices, Floats, Floats]:
-    """Adds the stretches in which faces of overlapping boxes run through each other."""
-    box, left, right = (column.tolist() for column in pieces)
-    for stretch in crossed.tolist():
-        start, end = float(slopes[stretch]), float(slopes[stretch + 1])
-        lines = [_line(faces, row, 0.5 * (start + end)) for row in np.flatnonzero(spans[stretch]).tolist()]
-        for line, line_left, line_right in _upper_envelope(lines, start, end):
-            if line_right - line_left > NARROWEST_GAP:
-                box.append(line.box)
-                left.append(line_left)
-                right.append(line_right)
-    return np.array(box, np.intp), np.array(left), np.array(right)
+def _outline(row: int, box: Box, widest: float) -> _Outline:
+    x, y, cos, sin, half_length, half_width = box
+    ahead = _beyond(x * cos + y * sin, half_length)
+    aside = _beyond(y * cos - x * sin, half_width)
+    near_x, near_y = ahead * cos - aside * sin, ahead * sin + aside * cos
+    # From the centre to the corners at the head of the box; those at its tail lie opposite.
+    left_x, left_y = half_length * cos - half_width * sin, half_length * sin + half_width * cos
+    right_x, right_y = half_length * cos + half_width * sin, half_length * sin - half_width * cos
+    reach, squared = max(abs(left_x), abs(right_x)), near_x * near_x + near_y * near_y
+    front, back = x - reach, x + reach
+    # A box that reaches behind the antenna does so on the side on which its nearest point lies.
+    beside = math.copysign(math.inf, near_y)
+    near = near_y / near_x if near_x > IN_PLANE else beside
+    if front > IN_PLANE:
+        head_left, tail_right = (y + left_y) / (x + left_x), (y - left_y) / (x - left_x)
+        head_right, tail_left = (y + right_y) / (x + right_x), (y - right_y) / (x - right_x)
+    else:
+        head_left, tail_right = _slope(x + left_x, y + left_y, beside), _slope(x - left_x, y - left_y, beside)
+        head_right, tail_left = _slope(x + right_x, y + right_y, beside), _slope(x - right_x, y - right_y, beside)
+    low = min(head_left, head_right, tail_left, tail_right)
+    high = max(head_left, head_right, tail_left, tail_right)
+    if not -widest <= low <= high <= widest:
+        low, high = max(low, -widest), min(high, widest)
+    if -IN_PLANE <= ahead <= IN_PLANE:
+        ahead = 0.0
+    if -IN_PLANE <= aside <= IN_PLANE:
+        aside = 0.0
+    return _Outline(row, box, front, back, low, high, near, near_x, near_y, squared, ahead, aside, [])
 
 
-def _line(faces: _Faces, box: int, slope: float) -> _Line:
-    lines = [_Line(box, float(faces.constant[face, box]), float(faces.gradient[face, box])) for face in (0, 1)]
-    return min(lines, key=lambda line: line.at(slope))
+def _beyond(centre: float, half: float) -> float:
+    """From the antenna to the nearest point of a box along one of the box's axes."""
+    if centre > half:
+        return centre - half
+    return centre + half if centre < -half else 0.0
 
 
-def _upper_envelope(lines: Sequence[_Line], left: float, right: float) -> Iterator[tuple[_Line, float, float]]:
-    """The highest line at every slope, left to right: where two meet, either both go on or a third lies above."""
-    first = max(lines, key=lambda line: line.at(left))
-    last = max(lines, key=lambda line: line.at(right))
-    bend = last.gradient - first.gradient
-    if first is last or bend <= 0.0:
-        yield first, left, right
-        return
-    cut = min(max((first.constant - last.constant) / bend, left), right)
-    top = max(line.at(cut) for line in lines)
-    if top <= first.at(cut) * (1.0 + SAME_DEPTH):
-        yield first, left, cut
-        yield last, cut, right
-        return
-    yield from _upper_envelope(lines, left, cut)
-    yield from _upper_envelope(lines, cut, right)
+def _slope(x: float, y: float, beside: float) -> float:
+    return y / x if x > IN_PLANE else beside
 
 
-def _nearest_points(faces: _Faces, box: Indices, left: Floats, right: Floats) -> Floats:
-    """Along a convex outline the distance falls towards the nearest point and grows after it: clamp its slope."""
-    near = faces.near_slope[box]
-    slope = np.minimum(np.maximum(near, left), right)
-    lines = faces.constant[:, box] + faces.gradient[:, box] * slope
-    x = 1.0 / np.minimum(lines[0], lines[1])
-    return np.where(slope == near, faces.near[:, box], np.array((x, slope * x)))
+def _hide(outlines: Sequence[_Outline], widest: float) -> None:
+    """Leave in each outline what is seen of it past the others.
+
+    A box whose depths end before another's begin stands before it wherever they meet in view; all of those share the
+    openings that they leave. The few boxes whose depths overlap are rivals.
+    """
+    openings = [-widest, widest]
+    rivals: list[_Outline] = []
+    for outline in sorted(outlines, key=_FRONT):
+        front, low, high = outline.front, outline.low, outline.high
+        waiting = []
+        for rival in rivals:
+            if rival.back <= front:
+                _cut_away(openings, rival.low, rival.high)
+            else:
+                waiting.append(rival)
+        rivals = waiting
+        outline.seen = _between(openings, low, high)
+        if outline.seen:
+            for rival in rivals:
+                if rival.low < high and low < rival.high:
+                    _contend(rival, outline)
+            rivals.append(outline)
 
 
-def _nearest_of_each(pieces: tuple[Indices, Floats, Floats], points: Floats, sectors: Sequence[Sector]) -> list[Sight]:
-    best: dict[int, tuple[float, ...]] = {}
-    x, y = points
-    columns = (*pieces, x, y, x * x + y * y)
-    for box, left, right, point_x, point_y, squared in zip(*(column.tolist() for column in columns), strict=True):
-        known = best.get(box, _NOTHING)
-        if squared > known[0]:
+def _between(ends: Ends, low: float, high: float) -> Ends:
+    """The parts of the stretches that lie between two slopes."""
+    first, last = bisect_right(ends, low), bisect_left(ends, high)
+    inner = ends[first:last]
+    if first % 2:
+        inner.insert(0, low)
+    if last % 2:
+        inner.append(high)
+    return inner
+
+
+def _cut_away(ends: Ends, low: float, high: float) -> None:
+    """Take what lies between two slopes out of the stretches."""
+    first, last = bisect_left(ends, low), bisect_right(ends, high)
+    if low < high:
+        ends[first:last] = [low] * (first % 2) + [high] * (last % 2)
+
+
+def _contend(one: _Outline, other: _Outline) -> None:
+    """Take from two outlines what each hides of the other; a surface bends nowhere but at its nearest point."""
+    left, right = max(one.low, other.low), min(one.high, other.high)
+    bends = sorted(slope for slope in (one.near, other.near) if left < slope < right)
+    for start, end in pairwise((left, *bends, right)):
+        middle = 0.5 * (start + end)
+        (constant, gradient), (other_constant, other_gradient) = _surface(one, middle), _surface(other, middle)
+        # `one` is the nearer where lead > turn * slope.
+        lead, turn = constant - other_constant, other_gradient - gradient
+        crossing = lead / turn if turn else math.copysign(math.inf, lead)
+        cut = min(max(crossing, start), end)
+        hidden_before, hidden_after = (other, one) if turn >= 0.0 else (one, other)
+        _cut_away(hidden_before.seen, start, cut)
+        _cut_away(hidden_after.seen, cut, end)
+
+
+def _surface(outline: _Outline, slope: float) -> tuple[float, float]:
+    """Constant and gradient of the inverse depth [1/m] of the face that is seen at a slope.
+
+    On the plane of a face x * cos + y * sin = distance, so that 1 / x is linear in y / x.
+    """
+    cos, sin, ahead, aside = outline.box.cos, outline.box.sin, outline.ahead, outline.aside
+    if not ahead:
+        return -sin / aside, cos / aside
+    # Each plane cuts off what lies before it, so that the farther of the two is the box's own surface.
+    if aside and -sin / aside + cos / aside * slope < cos / ahead + sin / ahead * slope:
+        return -sin / aside, cos / aside
+    return cos / ahead, sin / ahead
+
+
+def _sight(outline: _Outline, sectors: Sequence[Sector]) -> Sight | None:
+    """The nearest point of what is seen of a box, in the first sector that covers it."""
+    seen, squared = outline.seen, outline.squared
+    nearest, best, covering = math.inf, None, 0
+    for sector, (range_max, slope_max) in enumerate(sectors):
+        if squared > range_max * range_max:
             continue
-        for index, (range_max, slope_max) in enumerate(sectors):
-            if -slope_max <= left and right <= slope_max and squared <= range_max * range_max:
-                best[box] = min(known, (squared, index, point_x, point_y))
-                break
-    return [Sight(box, best[box][2], best[box][3], int(best[box][1])) for box in sorted(best)]
+        whole = -slope_max <= seen[0] and seen[-1] <= slope_max
+        for point in _nearest(outline, seen if whole else _between(seen, -slope_max, slope_max)):
+            distance = point[0] * point[0] + point[1] * point[1]
+            if distance < nearest and distance <= range_max * range_max:
+                nearest, best, covering = distance, point, sector
+        if whole and best is not None:
+            break
+    return Sight(outline.row, best[0], best[1], covering) if best is not None else None
+
+
+def _nearest(outline: _Outline, ends: Ends) -> list[tuple[float, float]]:
+    """The nearest point within the stretches, or those at both sides of the gap that the box's nearest point is in.
+
+    Along a convex outline the distance falls towards the nearest point and grows after it.
+    """
+    place = bisect_left(ends, outline.near)
+    if place % 2 and ends[place] - ends[place - 1] > NARROWEST_GAP:
+        return [(outline.x, outline.y)]
+    right, left = place - place % 2, place + place % 2
+    while right and ends[right - 1] - ends[right - 2] <= NARROWEST_GAP:
+        right -= 2
+    while left < len(ends) and ends[left + 1] - ends[left] <= NARROWEST_GAP:
+        left += 2
+    points = [_point(outline, ends[right - 1])] if right else []
+    return [*points, _point(outline, ends[left])] if left < len(ends) else points
+
+
+def _point(outline: _Outline, slope: float) -> tuple[float, float]:
+    """The point of the outline at a slope."""
+    if slope == outline.near:
+        return outline.x, outline.y
+    constant, gradient = _surface(outline, slope)
+    inverse_depth = constant + gradient * slope
+    # Rounding may leave nothing of a face that is seen from its edge; then it is out of every range.
+    x = 1.0 / inverse_depth if inverse_depth > 0.0 else math.inf
+    return x, slope * x

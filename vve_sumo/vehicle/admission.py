@@ -80,6 +80,8 @@ class Admission:
         """
         setpoint = self.setpoint
         if setpoint is None or not self.valid(now):
+            self._speed_differs.reset()
+            self._yaw_rate_differs.reset()
             return []
         reasons = list(setpoint.faults)
         speed_limit = SPEED_DIFFERENCE + SPEED_DIFFERENCE_SHARE * abs(speed)

@@ -167,6 +167,8 @@ _BRAKE_KINDS = {int(kind): kind for kind in BrakeKind}
 _THROTTLE_KINDS = {int(kind): kind for kind in ThrottleKind}
 _REPORT_KINDS = {int(kind): kind for kind in BrakeReportKind}
 _GEARS = {int(gear): gear for gear in Gear}
+#: Every flag byte as eight truths, lowest bit first.
+_FLAGS = tuple(tuple(bool(byte >> bit & 1) for bit in range(8)) for byte in range(256))
 _REJECTS = tuple(GearReject)
 _PARKING_BRAKES = tuple(ParkingBrake)
 _SOURCES = tuple(WatchdogSource)
@@ -324,22 +326,23 @@ def _decode_brake_report(data: bytes, variant: Variant) -> BrakeReport | Malform
     if kind is None:
         return Malformed(BRAKE_REPORT, "value")
     first, second = _REPORT_STEPS[kind]
+    enabled, override, driver, fault_watchdog, fault_channel_1, fault_channel_2, fault_power, timeout = _FLAGS[flags]
     return BrakeReport(
         kind,
         driver_input * first,
         command * second,
         output * second,
-        bool(flags & 0x01),
+        enabled,
         bool(status & (4 if modern else 2)),
-        bool(flags & 0x02),
-        bool(flags & 0x04),
-        bool(flags & 0x80),
+        override,
+        driver,
+        timeout,
         bool(status & 8),
         _SOURCES[status >> 4],
-        bool(flags & 0x08),
-        bool(flags & 0x10),
-        bool(flags & 0x20),
-        bool(flags & 0x40),
+        fault_watchdog,
+        fault_channel_1,
+        fault_channel_2,
+        fault_power,
     )
 
 
@@ -371,19 +374,20 @@ def _encode_throttle_report(report: ThrottleReport, _: Variant) -> Frame:
 
 def _decode_throttle_report(data: bytes, _: Variant) -> ThrottleReport:
     driver_input, command, output, status, flags = _PEDAL_REPORT.unpack(data)
+    enabled, override, driver, fault_watchdog, fault_channel_1, fault_channel_2, fault_power, timeout = _FLAGS[flags]
     return ThrottleReport(
         driver_input / FULL_TRAVEL,
         command / FULL_TRAVEL,
         output / FULL_TRAVEL,
-        bool(flags & 0x01),
-        bool(flags & 0x02),
-        bool(flags & 0x04),
-        bool(flags & 0x80),
+        enabled,
+        override,
+        driver,
+        timeout,
         _SOURCES[status >> 4],
-        bool(flags & 0x08),
-        bool(flags & 0x10),
-        bool(flags & 0x20),
-        bool(flags & 0x40),
+        fault_watchdog,
+        fault_channel_1,
+        fault_channel_2,
+        fault_power,
     )
 
 
@@ -420,20 +424,21 @@ def _decode_steering_report(data: bytes, variant: Variant) -> SteeringReport:
         step = TORQUE_MODE_STEP if torque_mode else TENTH_DEGREE
         command_value = _value(((word & 0x7FFF) ^ 0x4000) - 0x4000, step, -16384)
         speed_value = _value(speed, SPEED_STEP)
+    enabled, override, fault_power, fault_watchdog, fault_bus_1, fault_bus_2, fault_calibration, timeout = _FLAGS[flags]
     return SteeringReport(
         _value(angle, TENTH_DEGREE),
         command_value,
         speed_value,
         _value(torque, DRIVER_TORQUE_STEP, -128),
-        bool(flags & 0x01),
-        bool(flags & 0x02),
-        bool(flags & 0x80),
+        enabled,
+        override,
+        timeout,
         torque_mode,
-        bool(flags & 0x08),
-        bool(flags & 0x10),
-        bool(flags & 0x20),
-        bool(flags & 0x40),
-        bool(flags & 0x04),
+        fault_watchdog,
+        fault_bus_1,
+        fault_bus_2,
+        fault_calibration,
+        fault_power,
     )
 
 

@@ -104,6 +104,7 @@ class Gateway:
         self._old_overrides: frozenset[str] = frozenset()
         self._clear = False
         self._stop_deceleration = 0.0
+        self._stop_jerk = 0.0
 
     def step(
         self, now: float, setpoint: Setpoint | None, reports: Sequence[Frame], act: Act | None = None
@@ -145,6 +146,8 @@ class Gateway:
             refusal = self._admission.take(now, setpoint)
             if refusal is not None:
                 (faults if refusal.fatal else self._notes).append(refusal.reason)
+                # Refused as a command; what it says is wrong counts all the same.
+                faults += setpoint.faults
         faults += self._admission.faults(now, self._reports.speed, self._reports.yaw_rate)
         return faults
 
@@ -203,7 +206,7 @@ class Gateway:
         # An override that was latched before engaging counts for nothing until the CLEAR of the act has reached it.
         self._old_overrides &= overrides
         if overrides - self._old_overrides:
-            self._happen(now, Event.OVERRIDE, ["driver_override"])
+            self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
             return
         faults += self._progress(now)
         if faults:
@@ -258,7 +261,15 @@ class Gateway:
     def _begin_stop(self) -> None:
         # The throttle goes at once; brakes that are on already are never released by stopping. The angle that the
         # wheels have is the best guess of where the road goes, better than zero and better than a wish not reached.
-        self._stop_deceleration = max(-self._limiter.acceleration, self._limits.stop_deceleration)
+        limits = self._limits
+        self._stop_deceleration = max(-self._limiter.acceleration, limits.stop_deceleration)
+        self._stop_jerk = limits.stop_jerk
+        setpoint = self._admission.setpoint
+        if setpoint is not None and setpoint.emergency:
+            # An emergency that was asked for is not called off by the fault that comes on top of it.
+            asked = min(-setpoint.acceleration, limits.emergency.deceleration)
+            self._stop_deceleration = max(self._stop_deceleration, asked)
+            self._stop_jerk = limits.emergency.jerk
         self._limiter.reset(min(self._limiter.acceleration, 0.0), self._measured_steering())
 
     def _measured_steering(self) -> float:
@@ -323,7 +334,7 @@ class Gateway:
     def _stop(self, now: float) -> _Command:
         limits, limiter = self._limits, self._limiter
         critical = not CRITICAL.isdisjoint(self._causes)
-        jerk = limits.critical_jerk if critical else limits.stop_jerk
+        jerk = max(self._stop_jerk, limits.critical_jerk if critical else 0.0)
         wish = max(self._stop_deceleration, limits.critical_deceleration if critical else 0.0)
         limiter.acceleration = approach(limiter.acceleration, -wish, jerk, jerk, self._period)
         if self._reports.speed_known(now):

@@ -220,11 +220,13 @@ class Anchor:
         if has_x == INVALID:
             return math.nan, math.nan, math.nan
         turn = math.remainder(heading_of(libsumo.vehicle.getAngle(EGO)) - heading, math.tau)
-        if abs(libsumo.vehicle.getSpeed(EGO) - speed) > TOLERANCE:
+        error = abs(libsumo.vehicle.getSpeed(EGO) - speed)
+        if error > TOLERANCE:
             # Near the end of a lane that its route cannot leave, SUMO zeroes the speed ("emergency stop") before it
             # applies the pose. Nobody has seen that speed yet.
             libsumo.vehicle.setPreviousSpeed(EGO, speed)
-        return math.hypot(has_x - x, has_y - y), abs(turn), abs(libsumo.vehicle.getSpeed(EGO) - speed)
+            error = abs(libsumo.vehicle.getSpeed(EGO) - speed)
+        return math.hypot(has_x - x, has_y - y), abs(turn), error
 
     def _keep_route(self) -> None:
         """Give the ego its way past the next junction again wherever SUMO replaced or used up its route."""

@@ -97,7 +97,10 @@ class World:
         if self._pose is None:
             self._start, self._steps = pose.time, 0
             self._check_entry(self._body)
-            self._cleared = _clear(self._body, pose.speed, self._hidden())
+            try:
+                self._cleared = _clear(self._body, pose.speed, self._hidden())
+            except SUMO_ERRORS as problem:
+                raise SimulationError(f"SUMO does not let the ego in: {problem}") from problem
         self._pose = pose
 
     def step(self) -> AnchorReport:
@@ -115,8 +118,12 @@ class World:
             self._simulation.step()
         except (SimulationError, *SUMO_ERRORS) as problem:
             error = str(problem)
-        self._snapshot = None
         self._steps += 1
+        try:
+            self._snapshot = self._look()
+        except SUMO_ERRORS as problem:
+            # What was seen last is better than an empty street; the fault stops the car.
+            error = error or str(problem)
         return self._anchor.check(self._time(), error)
 
     def actors(self) -> Actors:
@@ -134,10 +141,16 @@ class World:
         if self._body is None:
             return ()
         seen, body = self.actors(), self._body
-        dx, dy = seen.x - body.x, seen.y - body.y
-        reach = body.radius + 0.5 * (seen.length + seen.width)
-        near = (dx * dx + dy * dy < reach * reach).nonzero()[0]
-        return tuple(seen.ids[i] for i in near if overlap(body, _box(seen, int(i))))
+        columns = (seen.x, seen.y, seen.heading, seen.length, seen.width)
+        rows = zip(seen.ids, *(column.tolist() for column in columns), strict=True)
+        # What is farther off than both boxes are long and wide needs no closer look.
+        reach = body.length + body.width
+        return tuple(
+            name
+            for name, x, y, heading, length, width in rows
+            if max(abs(x - body.x), abs(y - body.y)) < reach + length + width
+            and overlap(body, Rectangle(x, y, heading, length, width))
+        )
 
     def close(self) -> None:
         """End the simulation; the process may start another."""
@@ -188,15 +201,7 @@ class World:
     def _look(self) -> Actors:
         if self._pose is None:
             return table(self._start, ())
-        try:
-            return self._surroundings.snapshot(self._time(), self._pose.x, self._pose.y, self._hidden())
-        except SUMO_ERRORS:
-            return table(self._time(), ())
-
-
-def _box(actors: Actors, row: int) -> Rectangle:
-    columns = (actors.x, actors.y, actors.heading, actors.length, actors.width)
-    return Rectangle(*(float(column[row]) for column in columns))
+        return self._surroundings.snapshot(self._time(), self._pose.x, self._pose.y, self._hidden())
 
 
 def _clear(body: Rectangle, speed: float, keep: frozenset[str]) -> tuple[str, ...]:

@@ -1,0 +1,130 @@
+"""From names to a drive, and from figures to a judgement."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.drive.street import REPOSITORY, altered
+from vve_sumo.controller import Guarded
+from vve_sumo.drive import command
+from vve_sumo.drive.chain import Chain
+from vve_sumo.drive.street import lot_frame, standing
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import Alignment, Mounting, Placement
+from vve_sumo.pose.ncom import Decoder
+from vve_sumo.pose.predict import Predictor
+from vve_sumo.pose.trust import PLAYBACK, TrustGate
+from vve_sumo.scenario.schema import Band, Criteria
+from vve_sumo.sensors.radar import Radar
+from vve_sumo.values import ArmingState, Setpoint
+from vve_sumo.vehicle import dbw
+from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.world.surroundings import table
+
+GOOD = {
+    "outcome": "stopped",
+    "collision": False,
+    "stop_gap_m": 5.1,
+    "min_ttc_s": 2.0,
+    "max_lateral_deviation_m": 0.1,
+    "max_deceleration_mps2": 2.2,
+    "duration_s": 60.0,
+}
+
+
+def judged(criteria: Criteria, **changes: Any) -> list[str]:
+    return command.judge(criteria, GOOD | changes)
+
+
+STRICT = Criteria(
+    outcome="stopped",
+    collision=False,
+    stop_gap_m=Band(min=4.5, max=5.5),
+    max_lateral_deviation_m=Band(max=0.15),
+)
+
+
+def test_a_drive_that_meets_its_criteria_passes() -> None:
+    assert judged(STRICT) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"outcome": "fault"}, "outcome is fault, expected stopped"),
+        ({"collision": True}, "collision is True, expected False"),
+        ({"stop_gap_m": 5.6}, "stop_gap_m is 5.600, expected 4.5 to 5.5"),
+        ({"stop_gap_m": 4.4}, "stop_gap_m is 4.400"),
+        ({"stop_gap_m": math.nan}, "stop_gap_m is nan"),
+        ({"max_lateral_deviation_m": 0.16}, "expected at most 0.15"),
+        ({"max_lateral_deviation_m": math.nan}, "max_lateral_deviation_m is nan"),
+    ],
+)
+def test_each_criterion_fails_by_itself(changes: dict[str, Any], words: str) -> None:
+    (line,) = judged(STRICT, **changes)
+    assert words in line
+
+
+def test_nothing_ahead_meets_a_limit_on_the_time_to_collision_only_from_below() -> None:
+    """No time to collision at all is as good as an endless one."""
+    assert judged(Criteria(min_ttc_s=Band(min=1.5)), min_ttc_s=math.nan) == []
+    assert judged(Criteria(min_ttc_s=Band(min=1.5)), min_ttc_s=1.2)
+
+
+def test_a_broken_drive_never_passes() -> None:
+    for outcome in ("broken", "interrupted"):
+        assert judged(Criteria(), outcome=outcome)
+
+
+def test_a_band_that_nothing_can_meet_is_refused() -> None:
+    with pytest.raises(ValueError, match="least 6"):
+        Band(min=6.0, max=5.0)
+
+
+def test_the_command_line_lays_over_the_scenario() -> None:
+    setting = command.choose("parked_car", REPOSITORY, seed=7, controller="follow_and_stop")
+    assert setting.scenario.seed == 7
+    with pytest.raises(ConfigError, match="--seed"):
+        command.choose("parked_car", REPOSITORY, seed=-1)
+
+
+class _Straight:
+    def step(self, situation: object) -> Setpoint:
+        return Setpoint(0.0, 1.0)
+
+
+def test_the_playback_profile_can_never_arm() -> None:
+    """The operator's act is refused whatever the car reports, and no frame ever enables anything."""
+    setting = altered({})
+    frame = lot_frame(0.7, -1.4)
+    chain = Chain(
+        decoder=Decoder(),
+        gate=TrustGate(PLAYBACK, 0.0),
+        placement=Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0),
+        predictor=Predictor(),
+        radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(1)),
+        controller=Guarded(_Straight()),
+        gateway=Gateway(setting.vehicle),
+        vehicle=setting.vehicle,
+        path=setting.path,
+        desired_speed=5.0,
+    )
+    placement = Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0)
+    reports = [
+        dbw.encode(dbw.BrakeReport(dbw.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, enabled=False)),
+        dbw.encode(dbw.WheelSpeeds(0.0, 0.0, 0.0, 0.0)),
+    ]
+    for tick in range(200):
+        now = 0.02 * tick
+        pose = standing(0.0, 0.0, 0.0)
+        chain.accept(now, dataclasses.replace(placement.unplace(pose), time=now, pitch=0.0, altitude=0.0))
+        acted = chain.act(tick, now, table(now, ()), reports, Act.ENGAGE)
+        assert acted.verdict.state is not ArmingState.ENGAGED
+        assert "profile_may_not_arm" in acted.faults
+        commands = [dbw.decode(each, dbw.Variant.DBW1_2024) for each in acted.frames]
+        assert not any(getattr(each, "enable", False) for each in commands)
