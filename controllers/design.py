@@ -116,9 +116,9 @@ def check(rows: Sequence[Row], latency: float) -> None:
 
 def table(rows: Sequence[Row]) -> str:
     """Lay the rows out for a person."""
-    head = "speed_m_s  look_ahead_m  kp_rad_m  gain_margin_dB  phase_margin_deg  delay_margin_ms"
+    head = "speed_mps  look_ahead_m  kp_rad_per_m  gain_margin_db  phase_margin_deg  delay_margin_ms"
     lines = [
-        f"{row.speed:9.1f}  {row.look_ahead:12.1f}  {row.proportional:8.4f}  {row.gain_margin_db:14.1f}"
+        f"{row.speed:9.1f}  {row.look_ahead:12.1f}  {row.proportional:12.4f}  {row.gain_margin_db:14.1f}"
         f"  {row.phase_margin_deg:16.1f}  {1e3 * row.delay_margin:15.0f}"
         for row in rows
     ]

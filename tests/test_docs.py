@@ -16,6 +16,7 @@ import pytest
 from pydantic import BaseModel
 
 from tests.conftest import REPOSITORY
+from vve_sumo.drive.record import SCHEMAS
 from vve_sumo.pose import trust
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
@@ -60,7 +61,14 @@ def _codes(reasons: Mapping[str, str]) -> str:
     return "\n".join(["| code | in plain words |", "|---|---|", *rows])
 
 
+def _schema(table: str) -> str:
+    rows = (f"| `{f.name}` | {f.type} | {f.metadata[b'meaning'].decode()} |" for f in SCHEMAS[table])
+    return "\n".join(["| column | type | meaning |", "|---|---|---|", *rows])
+
+
 GENERATED = {
+    ("record.md", "detection columns"): lambda: _schema("detections"),
+    ("record.md", "actor columns"): lambda: _schema("actors"),
     ("record.md", "columns"): columns,
     ("scenarios.md", "keys"): keys,
     ("vehicle.md", "gateway reasons"): lambda: _codes(arming.REASONS),

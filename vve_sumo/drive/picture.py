@@ -10,6 +10,7 @@ import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -254,7 +255,7 @@ def _compass(axes: Axes, view: View) -> None:
     axes.plot((end - scale, end), (above, above), "|-", color=INK, linewidth=1.4, transform=across, clip_on=False)
     needle = _turned(np.array([-0.4, 0.0, 0.4, 0.0]), np.array([-1.0, 1.0, -1.0, -0.6]), -view.heading)
     axes.plot(north, above, marker=needle, markersize=15.0, color=INK, transform=across, clip_on=False)
-    for words, before in ((f"{scale:g} m", end - scale), ("N", north)):
+    for words, before in ((f"{scale:g} m", end - scale), ("N", north - 0.008 * view.width)):
         axes.text(before - 0.01 * view.width, above, words, transform=across, ha="right", va="center")
 
 
@@ -269,13 +270,17 @@ def _draw_overview(axes: Axes, sheet: Sheet, view: View) -> None:
     """Draw where the drive went, and who stood where when it ended."""
     _map(axes, sheet, view, ROAD)
     _directions(axes, sheet, view)
-    for box in (*_boxes(sheet), _ego(sheet)):
-        if view.holds(box.x, box.y):
-            _mark(axes, view, box)
+    _cars(axes, sheet, view)
     x, y, _ = trace(sheet.ticks)
     mark: dict[str, Any] = {"markersize": 8.0, "markerfacecolor": PAPER, "markeredgecolor": EGO, "markeredgewidth": 2.0}
     axes.plot(*view.place(x[:1], y[:1]).T, "o", zorder=7, label="start", **mark)
     _cross(axes, sheet, view)
+
+
+def _cars(axes: Axes, sheet: Sheet, view: View) -> None:
+    for box in (*_boxes(sheet), _ego(sheet)):
+        if view.holds(box.x, box.y):
+            _mark(axes, view, box)
 
 
 def _mark(axes: Axes, view: View, box: Box) -> None:
@@ -314,8 +319,7 @@ def _cross(axes: Axes, sheet: Sheet, view: View) -> None:
 def _draw_close_up(axes: Axes, sheet: Sheet, view: View) -> None:
     """Draw where the ego stood at the end, and how far from what."""
     _map(axes, sheet, view, PAPER)
-    for box in (*_boxes(sheet), _ego(sheet)):
-        _car(axes, view, box)
+    _cars(axes, sheet, view)
     _cross(axes, sheet, view)
     gap, station = float(sheet.seen.gap[-1]), sheet.ticks["station_m"][-1].as_py()
     if 0.0 < gap <= LONGEST_GAP and math.isfinite(station):
@@ -350,7 +354,8 @@ def _curves(axes: Axes, title: str, sheet: Sheet, curves: Iterable[tuple[Floats,
     axes.set_title(title, loc="left", pad=5)
     known = [(values, style) for values, style in curves if np.isfinite(values).any()]
     for values, style in known:
-        axes.plot(sheet.ticks["time_s"].to_numpy(), values, **style)
+        lonely = "o" if np.isfinite(values).sum() == 1 else ""
+        axes.plot(sheet.ticks["time_s"].to_numpy(), values, marker=lonely, **style)
     if not known:
         _say(axes, none)
     return bool(known)
@@ -379,8 +384,8 @@ def _speed(axes: Axes, sheet: Sheet) -> None:
 def _gap(axes: Axes, sheet: Sheet) -> None:
     """Draw the gap; the curve breaks where nothing is ahead and where something else becomes the nearest."""
     gap = sheet.seen.gap.copy()
-    changed = np.array([one != other for one, other in zip(sheet.seen.actor, sheet.seen.actor[1:], strict=False)], bool)
-    gap[:-1][changed] = np.nan
+    changed = [other not in (one, "") for one, other in pairwise(sheet.seen.actor)]
+    gap[:-1][np.array(changed, bool)] = np.nan
     if not _curves(axes, "gap to what is ahead [m]", sheet, [(gap, {"color": OBSTACLE})], "nothing ahead"):
         return
     _from_zero(axes, gap, 1.0)
@@ -447,11 +452,12 @@ def _over_time(figure: Figure, sheet: Sheet) -> None:
     panels = (_speed, _gap, _acceleration, _deviation)
     pitch = (TOP - BOTTOM + BETWEEN) / len(panels)
     time = sheet.ticks["time_s"].to_numpy()
+    limits = (time[0], time[-1]) if len(time) > 1 else (time[0] - 1.0, time[0] + 1.0)
     for row, paint in enumerate(panels):
         axes = _panel(figure, RIGHT, TOP - row * pitch - (pitch - BETWEEN), RIGHT_WIDTH, pitch - BETWEEN)
         axes.spines[["top", "right"]].set_visible(False)
         axes.locator_params(axis="y", nbins=5, steps=(1, 2, 5, 10))
-        axes.set_xlim(time[0], max(time[-1], time[0] + 0.1))
+        axes.set_xlim(*limits)
         axes.grid(alpha=0.35, linewidth=0.6)
         paint(axes, sheet)
         _events(axes, sheet)
@@ -498,7 +504,9 @@ def _from_above(figure: Figure, sheet: Sheet) -> None:
     bumper = sheet.vehicle.rear_axle_to_bumper
     _draw_close_up(close, sheet, _close_up(sheet.ticks, bumper, float(sheet.seen.gap[-1]), _left_over(view)))
     close.set_title("where it ended, driving to the right", loc="left", pad=5)
-    named = dict(zip(*reversed(whole.get_legend_handles_labels()), strict=True))
+    named = {
+        name: mark for axes in (close, whole) for mark, name in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
     close.legend([*named.values()], [*named], loc="upper left", bbox_to_anchor=(0.0, -0.01), ncols=4, borderaxespad=0.2)
 
 
@@ -508,8 +516,7 @@ def draw(sheet: Sheet, file: FilePath) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    marker = "." if sheet.ticks.num_rows == 1 else ""
-    with mpl.rc_context({**STYLE, "lines.marker": marker}):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)
         FigureCanvasAgg(figure)
         _from_above(figure, sheet)

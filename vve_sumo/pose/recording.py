@@ -81,16 +81,19 @@ def _csv_fixes(path: Path) -> Iterator[Fix]:
         file = path.open(newline="", encoding="utf-8-sig")
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+    drive = _CsvDrive(path)
     with file:
         reader = csv.DictReader(file)
-        missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-        if missing:
-            raise ConfigError(f"{path}, line 1: no column {', '.join(missing)}; a drive needs {', '.join(COLUMNS)}")
-        drive = _CsvDrive(path)
-        for cells in reader:
-            yield drive.fix(reader.line_num, cells)
-        if drive.empty:
-            raise ConfigError(f"{path}: no row after the header")
+        try:
+            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
+            if missing:
+                raise ConfigError(f"{path}, line 1: no column {', '.join(missing)}; a drive needs {', '.join(COLUMNS)}")
+            for cells in reader:
+                yield drive.fix(reader.line_num, cells)
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise ConfigError(f"{path}: no CSV file after line {reader.line_num}: {error}") from None
+    if drive.empty:
+        raise ConfigError(f"{path}: no row after the header")
 
 
 class _CsvDrive:
