@@ -8,7 +8,9 @@ alternate, so that a noisy machine disturbs all of them alike. Medians and means
 from __future__ import annotations
 
 import argparse
+import math
 import multiprocessing
+import os
 import statistics
 import sys
 import tempfile
@@ -20,6 +22,9 @@ from typing import Any
 REPOSITORY = Path(__file__).parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
+os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
+
+AWAY = 400.0  #: the traffic keeps this far from the ego's street, so that the same boxes stand in range [m]
 BLOCK = 100  #: ticks between two changes of the setting
 WARM_UP = 250  #: ticks before anything is counted
 BOXES = 50
@@ -27,14 +32,22 @@ STEPS = "steps alone"
 
 
 def demand(folder: Path, vehicles: int) -> Path:
-    """Write traffic that holds about `vehicles` vehicles on the street's network from the start."""
+    """Write traffic that holds `vehicles` vehicles on the network from the start, none of them near the ego."""
+    from tests.drive.street import altered
     from vve_sumo.world.network import Roads
 
     roads = Roads(REPOSITORY / "networks" / "linden.net.xml")
     import numpy as np
 
     random = np.random.default_rng(vehicles)
+    begin = altered({}).path.at(0.0)
+    near = {
+        edge.getID()
+        for edge in roads.edges
+        if any(math.dist(point[:2], (begin.x, begin.y)) < AWAY for point in edge.getShape())
+    }
     edges = [edge.getID() for edge in roads.edges if edge.getLength() > 60.0 and edge.allows("passenger")]
+    edges = [edge for edge in edges if edge not in near]
     lines, placed = ["<routes>"], 0
     while placed < vehicles:
         start, end = random.choice(len(edges), 2, replace=False)
@@ -42,7 +55,7 @@ def demand(folder: Path, vehicles: int) -> Path:
             route = roads.route((edges[start], edges[end]))
         except ValueError:
             continue
-        if len(route) < 12:
+        if len(route) < 12 or not near.isdisjoint(route):
             continue
         lines.append(
             f'<vehicle id="v{placed}" depart="0" departPos="random_free" departSpeed="0">'
@@ -102,7 +115,6 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
     from vve_sumo.drive.lockstep import Lockstep
     from vve_sumo.drive.record import Record
     from vve_sumo.drive.setting import EPOCH
-    from vve_sumo.world import simulation  # noqa: F401 - first, for it keeps libsumo quiet
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -134,7 +146,6 @@ def serve_steps(pipe: Connection, vehicles: int, boxes: bool) -> None:
     import libsumo
 
     from vve_sumo.drive.street import open_world
-    from vve_sumo.world import simulation  # noqa: F401 - first, for it keeps libsumo quiet
 
     with tempfile.TemporaryDirectory() as scratch:
         world = open_world(setting(Path(scratch), vehicles, boxes))

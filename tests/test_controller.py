@@ -187,5 +187,5 @@ def test_the_shipped_controller_has_its_name_and_says_what_it_cannot_take(reposi
         load("follow_and_stop", FUSION, {"gap": 4.0}, search)
     with pytest.raises(ConfigError, match="'steering' must be preview, pure_pursuit, stanley or lqr, got 'mpc'"):
         load("follow_and_stop", FUSION, {"steering": "mpc"}, search)
-    with pytest.raises(ConfigError, match="'look_ahead_time_s' must be 0.1 to 5"):
+    with pytest.raises(ConfigError, match=r"'look_ahead_time_s' must be 0\.1 to 5"):
         load("follow_and_stop", FUSION, {"look_ahead_time_s": 0.0}, search)

@@ -16,7 +16,8 @@ from matplotlib import image
 
 from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
-from vve_sumo.drive import figures, picture
+from vve_sumo.drive import above, figures, picture
+from vve_sumo.drive import sheet as page
 from vve_sumo.drive.record import SCHEMAS
 from vve_sumo.path import Path
 from vve_sumo.values import TickRow
@@ -24,12 +25,12 @@ from vve_sumo.vehicle import fusion
 
 CAR = fusion.vehicle()
 PLAIN = {"int": 0, "float": 0.0, "bool": False, "str": ""}
-PIXELS = (round(picture.SIZE[1] * picture.DOTS_PER_INCH), round(picture.SIZE[0] * picture.DOTS_PER_INCH))
+PIXELS = (round(page.SIZE[1] * page.DOTS_PER_INCH), round(page.SIZE[0] * page.DOTS_PER_INCH))
 SPEED, GAP, ACCELERATION, DEVIATION = range(4)
 ESTIMATED = ("x_m", "y_m", "heading_rad", "speed_mps", "acceleration_mps2")
 
 
-def sheet_of(rows: list[dict[str, Any]], actors: list[dict[str, Any]], heading: float = 0.0) -> picture.Sheet:
+def sheet_of(rows: list[dict[str, Any]], actors: list[dict[str, Any]], heading: float = 0.0) -> page.Sheet:
     """Lay rows on a straight path of 300 m with one lane, running from the map's origin along `heading`."""
     plain = {f.name: PLAIN[str(f.type)] for f in dataclasses.fields(TickRow)}
     table = [plain | {"tick": n, "time_s": 0.02 * n, "state": "engaged"} | row for n, row in enumerate(rows)]
@@ -40,7 +41,7 @@ def sheet_of(rows: list[dict[str, Any]], actors: list[dict[str, Any]], heading: 
     path = Path.from_points(s * math.cos(heading), s * math.sin(heading))
     lane = np.array([[0.0, 0.0], [300.0 * math.cos(heading), 300.0 * math.sin(heading)]])
     seen = figures.ahead(ticks, others, path, CAR)
-    return picture.Sheet("a title", "a subtitle", ticks, others, seen, path, CAR, [(lane, 3.5)])
+    return page.Sheet("a title", "a subtitle", ticks, others, seen, path, CAR, [(lane, 3.5)])
 
 
 def driving(count: int, heading: float = 0.0, begin: float = 0.0, **more: Any) -> list[dict[str, Any]]:
@@ -53,7 +54,7 @@ def driving(count: int, heading: float = 0.0, begin: float = 0.0, **more: Any) -
     return rows
 
 
-def painted(sheet: picture.Sheet, folder: FilePath) -> Any:
+def painted(sheet: page.Sheet, folder: FilePath) -> Any:
     """Return the picture's dots, rows x columns x (red, green, blue), each 0 to 1."""
     picture.draw(sheet, folder / "drive.png")
     return image.imread(folder / "drive.png")[..., :3]
@@ -61,24 +62,24 @@ def painted(sheet: picture.Sheet, folder: FilePath) -> Any:
 
 def part(dots: Any, left: float, low: float, width: float, height: float) -> Any:
     """Cut a rectangle given in inches from the page's lower left corner, without its frame."""
-    columns = slice(round(left * picture.DOTS_PER_INCH) + 3, round((left + width) * picture.DOTS_PER_INCH) - 3)
-    top = picture.SIZE[1] - low - height
+    columns = slice(round(left * page.DOTS_PER_INCH) + 3, round((left + width) * page.DOTS_PER_INCH) - 3)
+    top = page.SIZE[1] - low - height
     return dots[
-        round(top * picture.DOTS_PER_INCH) + 3 : round((top + height) * picture.DOTS_PER_INCH) - 3,
+        round(top * page.DOTS_PER_INCH) + 3 : round((top + height) * page.DOTS_PER_INCH) - 3,
         columns,
     ]
 
 
 def curve(dots: Any, row: int) -> Any:
     """Cut one of the four panels over time."""
-    pitch = (picture.TOP - picture.BOTTOM + picture.BETWEEN) / 4
-    height = pitch - picture.BETWEEN
-    return part(dots, picture.RIGHT, picture.TOP - row * pitch - height, picture.RIGHT_WIDTH, height)
+    pitch = (page.TOP - page.BOTTOM + page.BETWEEN) / 4
+    height = pitch - page.BETWEEN
+    return part(dots, page.RIGHT, page.TOP - row * pitch - height, page.RIGHT_WIDTH, height)
 
 
 def street(dots: Any) -> Any:
     """Cut both windows on the street, and the line between them."""
-    return part(dots, picture.LEFT, picture.BOTTOM, picture.LEFT_WIDTH, picture.TOP - picture.BOTTOM)
+    return part(dots, page.LEFT, page.BOTTOM, page.LEFT_WIDTH, page.TOP - page.BOTTOM)
 
 
 def shows(dots: Any, colour: str) -> Any:
@@ -108,12 +109,12 @@ def test_a_real_drive_fills_every_panel(tmp_path: FilePath) -> None:
     isolated(drive_and_draw, str(tmp_path / "record"))
     dots = image.imread(tmp_path / "record" / "drive.png")[..., :3]
     assert dots.shape == (*PIXELS, 3)
-    for colour in (picture.ROAD, picture.EGO, picture.INK):
+    for colour in (page.ROAD, page.EGO, page.INK):
         assert shows(street(dots), colour).sum() > 200
     for row in (SPEED, DEVIATION):
-        assert shows(curve(dots, row), picture.EGO).sum() > 200
-    assert shows(curve(dots, ACCELERATION), picture.EGO_PALE).sum() > 200
-    assert not shows(curve(dots, GAP), picture.OBSTACLE).any()
+        assert shows(curve(dots, row), page.EGO).sum() > 200
+    assert shows(curve(dots, ACCELERATION), page.EGO_PALE).sum() > 200
+    assert not shows(curve(dots, GAP), page.OBSTACLE).any()
 
 
 NO_POSE = dict.fromkeys((*ESTIMATED, *(f"true_{name}" for name in ESTIMATED), "station_m"), math.nan)
@@ -148,7 +149,7 @@ def test_the_gap_shows_only_where_something_is_ahead(tmp_path: FilePath) -> None
     """An actor stands ahead for the first and the last third of the drive; between, the curve breaks."""
     actors = [{"tick": n, "actor": "parked", "x_m": 240.0} for n in range(90) if not 30 <= n < 60]
     sheet = sheet_of(driving(90, begin=100.0), actors)
-    columns = shows(curve(painted(sheet, tmp_path), GAP), picture.OBSTACLE).any(axis=0)
+    columns = shows(curve(painted(sheet, tmp_path), GAP), page.OBSTACLE).any(axis=0)
     third = len(columns) // 3
     assert columns[third - third // 4 : third - 10].all()
     assert not columns[third + 10 : 2 * third - 10].any()
@@ -160,13 +161,11 @@ def test_the_gap_at_the_end_is_drawn_between_ego_and_obstacle(tmp_path: FilePath
     x = 200.0 + CAR.rear_axle_to_bumper + 12.0 + 2.0
     sheet = sheet_of(driving(50), [{"tick": 49, "actor": "parked", "x_m": x}])
     lower = street(painted(sheet, tmp_path))[-300:]
-    ego, obstacle = (
-        np.flatnonzero(shows(lower, colour).sum(axis=0) > 20) for colour in (picture.EGO, picture.OBSTACLE)
-    )
-    metre = picture.LEFT_WIDTH * picture.DOTS_PER_INCH / (12.0 + 2.0 * picture.CLOSE_UP)
+    ego, obstacle = (np.flatnonzero(shows(lower, colour).sum(axis=0) > 20) for colour in (page.EGO, page.OBSTACLE))
+    metre = page.LEFT_WIDTH * page.DOTS_PER_INCH / (12.0 + 2.0 * picture.CLOSE_UP)
     assert (obstacle[0] - ego[-1]) / metre == pytest.approx(12.0, abs=0.4)
     assert len(obstacle) / metre == pytest.approx(4.0, abs=0.4)
-    side = round(np.nonzero(shows(lower, picture.EGO))[0].mean())
+    side = round(np.nonzero(shows(lower, page.EGO))[0].mean())
     beside = lower[side + round(1.2 * metre) : side + round(2.0 * metre)]
     assert np.ptp(np.flatnonzero(inked(beside).any(axis=0))) / metre == pytest.approx(12.0, abs=0.4)
 
@@ -174,10 +173,10 @@ def test_the_gap_at_the_end_is_drawn_between_ego_and_obstacle(tmp_path: FilePath
 @pytest.mark.parametrize("heading", [0.0, 0.8, math.pi / 2.0, 2.5, -2.0])
 def test_a_straight_street_lies_along_the_page_whatever_its_direction(heading: float, tmp_path: FilePath) -> None:
     sheet = sheet_of(driving(100, heading), [], heading)
-    height = picture.LEFT_WIDTH * picture.FLATTEST
-    whole = part(painted(sheet, tmp_path), picture.LEFT, picture.TOP - height, picture.LEFT_WIDTH, height)
-    rows, columns = np.nonzero(shows(whole, picture.EGO))
-    expected = 200.0 / (200.0 + 2.0 * picture.MARGIN)
+    height = page.LEFT_WIDTH * picture.FLATTEST
+    whole = part(painted(sheet, tmp_path), page.LEFT, page.TOP - height, page.LEFT_WIDTH, height)
+    rows, columns = np.nonzero(shows(whole, page.EGO))
+    expected = 200.0 / (200.0 + 2.0 * above.MARGIN)
     assert np.ptp(columns) / whole.shape[1] == pytest.approx(expected, abs=0.05)
     assert np.ptp(rows) < 30
 
@@ -188,7 +187,7 @@ def test_a_drive_that_nobody_obeyed_shows_what_was_asked(tmp_path: FilePath) -> 
     places = []
     for state in ("engaged", "disarmed"):
         dots = curve(painted(sheet_of(driving(50, **asked, state=state), []), tmp_path), ACCELERATION)
-        told, did = (np.nonzero(where)[0].mean() for where in (inked(dots), shows(dots, picture.EGO_PALE)))
+        told, did = (np.nonzero(where)[0].mean() for where in (inked(dots), shows(dots, page.EGO_PALE)))
         places.append(told > did)
     assert places == [False, True]
 
@@ -198,7 +197,7 @@ def test_the_hold_at_rest_is_not_drawn(tmp_path: FilePath) -> None:
     moving = {"granted_acceleration_mps2": -1.0}
     sheet = sheet_of([*driving(50, **moving), *driving(50, **still)], [])
     columns = np.flatnonzero(inked(curve(painted(sheet, tmp_path), ACCELERATION)).any(axis=0))
-    width = picture.RIGHT_WIDTH * picture.DOTS_PER_INCH
+    width = page.RIGHT_WIDTH * page.DOTS_PER_INCH
     assert columns[-1] == pytest.approx(width / 2.0, abs=8.0)
 
 
@@ -221,7 +220,7 @@ def test_the_first_contact_is_marked_in_every_panel(tmp_path: FilePath) -> None:
         before, after = curve(plain, row), curve(marked, row)
         columns = np.flatnonzero((np.abs(before - after).max(axis=-1) > 0.3).sum(axis=0) > 20)
         assert columns.mean() / before.shape[1] == pytest.approx(60 / 99, abs=0.01)
-    assert shows(street(marked), picture.INK).sum() > shows(street(plain), picture.INK).sum() + 50
+    assert shows(street(marked), page.INK).sum() > shows(street(plain), page.INK).sum() + 50
 
 
 coordinate = st.floats(-1e4, 1e4)
@@ -232,7 +231,7 @@ angle = st.floats(-math.pi, math.pi)
 def test_a_view_keeps_lengths_and_turns_its_heading_to_the_right(
     x: float, y: float, heading: float, width: float, height: float
 ) -> None:
-    view = picture.View(x, y, heading, width, height)
+    view = above.View(x, y, heading, width, height)
     ahead = view.place(np.array([x, x + 3.0 * math.cos(heading)]), np.array([y, y + 3.0 * math.sin(heading)]))
     assert ahead == pytest.approx(np.array([[0.0, 0.0], [3.0, 0.0]]), abs=1e-6)
     right, up = view.place(*view.corners().T).T

@@ -58,7 +58,7 @@ class Chain:
         desired_speed: float,
         deviation_limit: float = math.inf,
     ) -> None:
-        """Put the chain together; a car that is to obey and is farther than `deviation_limit` [m] off its path stops."""
+        """Put the chain together; farther than `deviation_limit` [m] off its path, the car is stopped."""
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor
         self._radar, self._controller, self._gateway = radar, controller, gateway
         self._vehicle, self._path, self._desired_speed = vehicle, path, desired_speed

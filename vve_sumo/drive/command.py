@@ -196,8 +196,9 @@ def _band(band: Band) -> str:
 
 def draw(setting: Setting, drive: Drive) -> FilePath:
     """Write `drive.png` into a record and return its place."""
-    from vve_sumo.drive.picture import Sheet, bounds
+    from vve_sumo.drive.picture import bounds
     from vve_sumo.drive.picture import draw as paint
+    from vve_sumo.drive.sheet import Sheet
     from vve_sumo.world.network import lane_shapes
 
     ticks, actors = read_table(drive.folder, "ticks"), read_table(drive.folder, "actors")
