@@ -102,3 +102,29 @@ def test_raw_ncom_bytes_are_a_recording_too(tmp_path):
     assert [fix.time for fix in got] == pytest.approx([fix.time for fix in sent], abs=1e-6)
     assert [fix.time_received for fix in got] == pytest.approx([0.01 * k for k in range(30)], abs=1e-6)
     assert got[7].velocity_north == pytest.approx(sent[7].velocity_north, abs=1e-4)
+
+
+def test_the_table_of_pose_decode_can_be_played(tmp_path):
+    """Other names for the same columns; the speed along the heading out of two velocities, reversing negative."""
+    header = (
+        "time_gps_s,nav_status,latitude_deg,longitude_deg,altitude_m,heading_deg,velocity_north_mps,velocity_east_mps"
+    )
+    rows = [
+        "100.0,4,40.0,-83.0,250.0,90.0,0.0,3.0",
+        "100.1,4,40.0,-83.0,250.0,90.0,0.0,-3.0",
+        "100.2,4,40,-83,250,,3,4",
+    ]
+    (tmp_path / "decoded.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    ahead, back, unknown = fixes(tmp_path / "decoded.csv")
+    assert ahead.velocity_east == pytest.approx(3.0)
+    assert back.velocity_east == pytest.approx(-3.0)
+    assert ahead.time == 100.0
+    assert math.isnan(unknown.heading)
+
+
+def test_plain_names_are_understood(tmp_path):
+    (tmp_path / "plain.csv").write_text(
+        "time,latitude,longitude,heading,speed\n1.0,40.0,-83.0,0.0,2.0\n", encoding="utf-8"
+    )
+    (fix,) = fixes(tmp_path / "plain.csv")
+    assert fix.velocity_north == pytest.approx(2.0)

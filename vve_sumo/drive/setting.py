@@ -107,7 +107,10 @@ def resolve(name: str, scenario: Scenario, file: FilePath, working: FilePath) ->
     network = read_network(find("network", scenario.street.network, "street.network"))
     demand = tuple(find("demand", wanted, "street.demand") for wanted in scenario.street.demand)
     path_file = find("path", scenario.ego.path, "ego.path")
-    street = network.frame()
+    try:
+        street = network.frame()
+    except ConfigError as error:
+        raise ConfigError(f"{network.path}: {error}") from None
     path, route = read_path(path_file, street, network)
     for obstacle in scenario.obstacles:
         if obstacle.at_m > path.length:

@@ -3,7 +3,8 @@
 Knows files; must not know trust, maps or the drive that plays them. A CSV needs a header with `time_s`, `latitude_deg`,
 `longitude_deg`, `heading_deg` (compass, clockwise from true north) and `speed_mps` (along the heading, reversing
 negative), one row for each fix; `altitude_m` is optional, other columns are ignored. `time_s` is kept as the fix's
-time: GNSS seconds where the file has them, else the file's own.
+time: GNSS seconds where the file has them, else the file's own. `ALSO_CALLED` lists other names that are understood, so
+that a table of `vve-sumo pose decode` can be played too.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -21,6 +22,15 @@ from vve_sumo.pose.ncom import LENGTH, SYNC, Decoder
 from vve_sumo.values import Fix
 
 COLUMNS: Final = ("time_s", "latitude_deg", "longitude_deg", "heading_deg", "speed_mps")
+#: other names of a column, in the same unit; `speed_mps` may also come as velocity north and east
+ALSO_CALLED: Final = {
+    "time_s": ("time_gps_s", "time"),
+    "latitude_deg": ("latitude",),
+    "longitude_deg": ("longitude",),
+    "heading_deg": ("heading",),
+    "speed_mps": ("speed",),
+}
+VELOCITIES: Final = ("velocity_north_mps", "velocity_east_mps")
 RANGES: Final = {"latitude_deg": 90.0, "longitude_deg": 360.0, "heading_deg": 360.0, "speed_mps": 100.0}
 HEADING_HELD: Final = 1.5  #: below it a missing heading is the last one, for a course is noise there [m/s]
 RATE_WINDOW: Final = 0.3  #: over which acceleration and yaw rate are differenced, to keep noise down [s]
@@ -85,15 +95,28 @@ def _csv_fixes(path: Path) -> Iterator[Fix]:
     with file:
         reader = csv.DictReader(file)
         try:
-            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-            if missing:
-                raise ConfigError(f"{path}, line 1: no column {', '.join(missing)}; a drive needs {', '.join(COLUMNS)}")
-            for cells in reader:
-                yield drive.fix(reader.line_num, cells)
+            names = _names(path, reader.fieldnames or ())
+            for row in reader:
+                yield drive.fix(reader.line_num, {name: row[theirs] for name, theirs in names.items()})
         except (UnicodeDecodeError, csv.Error) as error:
             raise ConfigError(f"{path}: no CSV file after line {reader.line_num}: {error}") from None
     if drive.empty:
         raise ConfigError(f"{path}: no row after the header")
+
+
+def _names(path: Path, header: Sequence[str]) -> dict[str, str]:
+    """What each column that is read is called in a file; raises ConfigError where one is missing."""
+    found = {}
+    for name in COLUMNS:
+        theirs = next((one for one in (name, *ALSO_CALLED[name]) if one in header), None)
+        if theirs is not None:
+            found[name] = theirs
+    if "speed_mps" not in found and all(name in header for name in VELOCITIES):
+        found |= {name: name for name in VELOCITIES}
+    missing = [name for name in COLUMNS if name not in found and not (name == "speed_mps" and VELOCITIES[0] in found)]
+    if missing:
+        raise ConfigError(f"{path}, line 1: no column {', '.join(missing)}; a drive needs {', '.join(COLUMNS)}")
+    return found | ({"altitude_m": "altitude_m"} if "altitude_m" in header else {})
 
 
 class _CsvDrive:
@@ -109,9 +132,10 @@ class _CsvDrive:
         return not self._recent
 
     def fix(self, line: int, cells: dict[str, str | None]) -> Fix:
-        time, latitude, longitude, speed = (
-            self._number(line, cells, column) for column in ("time_s", "latitude_deg", "longitude_deg", "speed_mps")
+        time, latitude, longitude = (
+            self._number(line, cells, column) for column in ("time_s", "latitude_deg", "longitude_deg")
         )
+        speed = self._speed(line, cells)
         if self.empty:
             self._epoch = math.floor(time)
         elif time <= self._recent[-1].time:
@@ -154,6 +178,15 @@ class _CsvDrive:
             wanted = "a finite number" if math.isinf(limit) else f"a number within +-{limit:g}"
             raise ConfigError(self._at(line, column) + f"expected {wanted}, got {text!r}")
         return value
+
+    def _speed(self, line: int, cells: dict[str, str | None]) -> float:
+        if "speed_mps" in cells:
+            return self._number(line, cells, "speed_mps")
+        north, east = (self._number(line, cells, column) for column in VELOCITIES)
+        if not (cells["heading_deg"] or "").strip():
+            return math.hypot(north, east)
+        compass = math.radians(self._number(line, cells, "heading_deg"))
+        return north * math.cos(compass) + east * math.sin(compass)
 
     def _heading(self, line: int, cells: dict[str, str | None], speed: float) -> float:
         if (cells["heading_deg"] or "").strip():
