@@ -171,7 +171,7 @@ def test_wrong_networks_and_paths_are_named(tmp_path: Path) -> None:
     )
     (tmp_path / "routes.net.xml").write_text("<routes/>", encoding="utf-8")
     (tmp_path / "web.net.xml").write_text(
-        '<net version="1.20"><location netOffset="0,0" convBoundary="0,0,9,9" projParameter="+proj=merc +units=m"/></net>',
+        '<net><location netOffset="0,0" convBoundary="0,0,9,9" projParameter="+proj=merc +units=m"/></net>',
         encoding="utf-8",
     )
     for name, word in (("broken", "read"), ("flat", "projection"), ("routes", "<routes>"), ("web", "+proj=tmerc")):

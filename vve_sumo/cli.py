@@ -43,6 +43,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"vve-sumo {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
     _add_drive(commands)
+    _add_replay(commands)
     _add_pose(commands)
     _add_path(commands)
     _add_network(commands)
@@ -87,6 +88,18 @@ def _add_drive(commands: Commands) -> None:  # type: ignore[valid-type]
     )
     drive.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     drive.set_defaults(run=_drive)
+
+
+def _add_replay(commands: Commands) -> None:  # type: ignore[valid-type]
+    replay = _add(
+        commands,
+        "replay",
+        "run a record through the chain again and find the first difference",
+        "Feed a record's pose bytes, car reports and actors to the same chain, without SUMO and without a car, and\n"
+        "compare every setpoint and every CAN frame, bit for bit. Exit code 1 names the first tick that differs.",
+    )
+    replay.add_argument("record", type=Path, metavar="DIR", help="folder of a drive with the hardware-free car")
+    replay.set_defaults(run=_replay)
 
 
 def _add_pose(commands: Commands) -> None:  # type: ignore[valid-type]
@@ -237,6 +250,12 @@ def _drive(arguments: argparse.Namespace) -> int:
         pose=arguments.pose,
         quiet=arguments.quiet,
     )
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    from vve_sumo.drive.command import replayed
+
+    return replayed(arguments.record)
 
 
 def _pose_decode(arguments: argparse.Namespace) -> int:

@@ -18,7 +18,7 @@ import pytest
 
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
-from vve_sumo.drive.record import TICKS_PER_BATCH, Record, read_pose_chunks, read_table
+from vve_sumo.drive.record import TICKS_PER_BATCH, Record, hash_parts, read_pose_chunks, read_table, whole
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Actors, Detections, Frame, TickRow
 
@@ -52,7 +52,9 @@ def closed(folder: Path, ticks: int, **changes: object) -> str:
     """Return the hash of a record of some ticks."""
     record = Record(folder, {"a": 1}, 1000.0)
     fill(record, ticks, **changes)
-    return record.close()
+    parts = record.close()
+    assert hash_parts(folder) == parts, "the files say what was hashed while they grew"
+    return whole(parts)
 
 
 def test_a_finished_record_reads_back_what_was_kept(tmp_path: Path) -> None:

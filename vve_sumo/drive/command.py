@@ -22,8 +22,8 @@ from vve_sumo.drive import figures
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import Lockstep, Run, Watch
 from vve_sumo.drive.playback import Playback
-from vve_sumo.drive.record import Record, claim, read_table
-from vve_sumo.drive.setting import PERIOD, Setting, resolve, versions
+from vve_sumo.drive.record import Record, claim, read_table, whole
+from vve_sumo.drive.setting import EPOCH, PERIOD, Setting, resolve, versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Band, Criteria
@@ -106,8 +106,7 @@ def run(
             raise
     finally:
         shell.close()
-    digest = record.close()
-    summary = summarise(setting, done, folder, digest)
+    summary = summarise(setting, done, folder, record.close())
     record.summarise(summary)
     return Drive(folder, summary)
 
@@ -122,8 +121,8 @@ def _guarded(shell: Shell, record: Record, watch: Watch) -> Run:
         return replace(broken, reasons=("simulation_error",), text=str(error))
 
 
-def summarise(setting: Setting, done: Run, folder: FilePath, digest: str) -> dict[str, Any]:
-    """Return what `summary.json` says of a drive."""
+def summarise(setting: Setting, done: Run, folder: FilePath, parts: dict[str, str]) -> dict[str, Any]:
+    """Return what `summary.json` says of a drive; `parts` are the hashes of its record."""
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
     measured = figures.measure(ticks, actors, setting.path, setting.vehicle)
     summary: dict[str, Any] = {
@@ -148,7 +147,8 @@ def summarise(setting: Setting, done: Run, folder: FilePath, digest: str) -> dic
     }
     failed = judge(setting.scenario.criteria, summary)
     passed = None if done.outcome is Outcome.PLAYED else not failed
-    return summary | {"passed": passed, "failed": failed, "record_sha256": digest}
+    hashes = {"record_sha256": whole(parts), "record_parts_sha256": parts}
+    return summary | {"passed": passed, "failed": failed} | hashes
 
 
 def _greatest(column: pa.ChunkedArray) -> float:
@@ -320,6 +320,27 @@ def drive(
         print(f"vve-sumo: the simulation broke: {done.summary['text']}", file=sys.stderr)
         return SimulationError.exit_code
     return 0 if done.passed else 1
+
+
+def replayed(folder: FilePath) -> int:
+    """Run the command: replay a record, say where it first differs; return the exit code."""
+    from vve_sumo.drive.replay import altered_parts, read_inputs, replay, setting_of
+
+    working = FilePath.cwd()
+    setting, changed = setting_of(folder, working)
+    altered = altered_parts(folder)
+    for line in changed:
+        print(f"note: {line}", file=sys.stderr)
+    for part in altered:
+        print(f"{part} is not as the drive left it: its hash differs from summary.json's")
+    inputs = read_inputs(folder, EPOCH)
+    difference = replay(setting, inputs, working)
+    if difference is None:
+        print(f"{len(inputs.ticks)} ticks of {folder} replayed: every setpoint and every frame is the same")
+        return 1 if altered else 0
+    print(f"tick {difference.tick} ({difference.tick * PERIOD:.2f} s) differs in {difference.what}:")
+    print(f"  recorded {difference.recorded}\n  replayed {difference.replayed}")
+    return 1
 
 
 def design(name: str, latency: float) -> int:

@@ -15,14 +15,14 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from vve_sumo.controller import Guarded
+from vve_sumo.controller import Controller, Guarded
 from vve_sumo.drive.chain import Acted, Chain
 from vve_sumo.drive.ending import Ending, Outcome
 from vve_sumo.drive.record import Record
 from vve_sumo.drive.rows import tick_row
 from vve_sumo.drive.setting import EPOCH, PERIOD, Setting
 from vve_sumo.drive.street import Street, laid, lot_frame, open_world, standing
-from vve_sumo.frames import Alignment, Placement
+from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.receiver import unaltered
@@ -65,6 +65,62 @@ def car_parameters(setting: Setting) -> CarParameters:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Laid:
+    """The chain of a lockstep drive, and how the lot lies on the street."""
+
+    chain: Chain
+    lot: MapFrame
+    alignment: Alignment
+    start: Pose  #: of the rear axle in the lot
+
+
+def chain_of(setting: Setting, controller: Controller) -> Laid:
+    """Put the chain of a lockstep drive together; nothing in it knows whether a street runs or a record is replayed."""
+    scenario = setting.scenario
+    lot = scenario.ego.lot
+    frame = lot_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
+    start, begin = standing(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), setting.path.at(0.0)
+    alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
+    parameters = car_parameters(setting)
+    radar_seeds = seeds_of(setting)[1]
+    chain = Chain(
+        decoder=Decoder(),
+        gate=TrustGate(DRIVE, EPOCH),
+        placement=Placement(frame, alignment, parameters.receiver.mounting, EPOCH),
+        predictor=Predictor(),
+        radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(radar_seeds)),
+        controller=Guarded(controller),
+        gateway=Gateway(setting.vehicle, calibration=parameters.calibration, period=PERIOD),
+        vehicle=setting.vehicle,
+        path=setting.path,
+        desired_speed=scenario.ego.speed_mps,
+        deviation_limit=scenario.ego.deviation_limit_m,
+    )
+    return Laid(chain, frame, alignment, start)
+
+
+def seeds_of(setting: Setting) -> list[np.random.SeedSequence]:
+    """Return the seeds of the car and of the radar."""
+    return np.random.SeedSequence(setting.scenario.seed).spawn(2)
+
+
+class Operator:
+    """Engages once, as soon as the gateway is ready, and never again."""
+
+    def __init__(self) -> None:
+        self._engaged = self._ready = False
+
+    def act(self) -> Act | None:
+        """Return what is done before a tick."""
+        return Act.ENGAGE if self._ready and not self._engaged else None
+
+    def saw(self, state: ArmingState) -> None:
+        """Take note of the gateway's state after a tick."""
+        self._engaged |= state is ArmingState.ENGAGED
+        self._ready = state is ArmingState.READY
+
+
 class Lockstep:
     """One drive with the hardware-free car. Making it starts SUMO; `close` it in any case."""
 
@@ -73,34 +129,17 @@ class Lockstep:
 
         `alter` injects faults into the receiver: from a fix to another one, or to None for a lost packet.
         """
-        scenario = setting.scenario
-        lot = scenario.ego.lot
-        frame = lot_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
-        start, begin = standing(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), setting.path.at(0.0)
-        self._alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
-        self.epoch, self.laid = EPOCH, laid(frame, self._alignment, EPOCH)
-        parameters = car_parameters(setting)
-        car_seeds, radar_seeds = np.random.SeedSequence(scenario.seed).spawn(2)
-        self._car = Car(parameters, (start.x, start.y, start.heading), frame, EPOCH, car_seeds, alter)
-        self._setting = setting
         self.controller = setting.controller(working)
-        self._chain = Chain(
-            decoder=Decoder(),
-            gate=TrustGate(DRIVE, EPOCH),
-            placement=Placement(frame, self._alignment, parameters.receiver.mounting, EPOCH),
-            predictor=Predictor(),
-            radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(radar_seeds)),
-            controller=Guarded(self.controller),
-            gateway=Gateway(setting.vehicle, calibration=parameters.calibration, period=PERIOD),
-            vehicle=setting.vehicle,
-            path=setting.path,
-            desired_speed=scenario.ego.speed_mps,
-            deviation_limit=scenario.ego.deviation_limit_m,
-        )
+        put = chain_of(setting, self.controller)
+        self._chain, self._alignment, start = put.chain, put.alignment, put.start
+        self.epoch, self.laid = EPOCH, laid(put.lot, put.alignment, EPOCH)
+        begin = (start.x, start.y, start.heading)
+        self._car = Car(car_parameters(setting), begin, put.lot, EPOCH, seeds_of(setting)[0], alter)
+        self._setting = setting
         self._world = open_world(setting)
         self._street = Street(self._world)
-        self._ending = Ending(setting.path.length, scenario.after_stop_s)
-        self._engaged = self._ready = False
+        self._ending = Ending(setting.path.length, setting.scenario.after_stop_s)
+        self._operator = Operator()
 
     def close(self) -> None:
         """End the simulation."""
@@ -144,10 +183,9 @@ class Lockstep:
             self._chain.receive(time, data)
         reports = [frame for _time, frame in heard.reports]
         street = self._street
-        acted = self._chain.act(tick, now, street.actors, reports, self._act(), street.found)
+        acted = self._chain.act(tick, now, street.actors, reports, self._operator.act(), street.found)
         record.saw_frames(now, CAR_BUS, acted.frames)
-        self._engaged |= acted.verdict.state is ArmingState.ENGAGED
-        self._ready = acted.verdict.state is ArmingState.READY
+        self._operator.saw(acted.verdict.state)
         seen = street.actors.ids
         if acted.scan is not None:
             record.scanned(tick, acted.detections, [seen[row] for row in acted.scan.actor_rows])
@@ -158,7 +196,3 @@ class Lockstep:
         if report is not None:
             record.snapshot(tick + 1, street.actors)
         return acted, truth
-
-    def _act(self) -> Act | None:
-        """The operator's one act: engage as soon as the gateway is ready, and never again."""
-        return Act.ENGAGE if self._ready and not self._engaged else None

@@ -70,9 +70,13 @@ SCHEMAS: dict[str, pa.Schema] = {
             ("speed_mps", pa.float64(), "along the heading"),
             ("length_m", pa.float64(), "of the box, along the heading"),
             ("width_m", pa.float64(), "of the box"),
+            ("radar_cross_section_m2", pa.float64(), "at 77 GHz, by the kind of actor: an assumption"),
         ]
     ),
 }
+
+#: parts of a record that are hashed as they stand in their files
+RAW_PARTS = ("scenario.json", "pose.bin", "can.log")
 
 #: what an open table is called in the folder, and a finished one
 OPEN_ENDING, CLOSED_ENDING = ".arrows", ".parquet"
@@ -82,7 +86,10 @@ _CHUNK_HEAD = struct.Struct("<dI")
 
 def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
     """Return (receive time [s], bytes) of every complete chunk in a `pose.bin`; a torn last one is left out."""
-    raw = file.read_bytes()
+    try:
+        raw = file.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
     chunks, at = [], 0
     while at + _CHUNK_HEAD.size <= len(raw):
         time, size = _CHUNK_HEAD.unpack_from(raw, at)
@@ -113,6 +120,57 @@ def read_table(folder: Path, name: str) -> pa.Table:
     return pa.Table.from_batches(batches, schema=SCHEMAS[name])
 
 
+class _ColumnHashes:
+    """The hash of a table, column by column, so that it doesn't matter in which portions the rows came."""
+
+    def __init__(self, schema: pa.Schema) -> None:
+        self._hashes = [hashlib.sha256(name.encode()) for name in schema.names]
+
+    def add_texts(self, column: int, texts: Iterable[str]) -> None:
+        """Take in further texts of a column; each with its length, so that no two columns of texts look the same."""
+        coded = [text.encode() for text in texts]
+        self._hashes[column].update(b"".join(b"%d:%b" % (len(text), text) for text in coded))
+
+    def add_numbers(self, column: int, numbers: NDArray[Any]) -> None:
+        """Take in further numbers of a column, of the column's own kind."""
+        self._hashes[column].update(np.ascontiguousarray(numbers).data)
+
+    def hexdigest(self) -> str:
+        """Return the hash of the table so far (hexadecimal)."""
+        return hashlib.sha256(b"".join(part.digest() for part in self._hashes)).hexdigest()
+
+
+def hash_table(table: pa.Table) -> str:
+    """Return the hash of a finished table, the same as it had while it grew."""
+    hashes = _ColumnHashes(table.schema)
+    for number, column in enumerate(table.columns):
+        numeric = _NUMPY.get(column.type)
+        if numeric is None:
+            hashes.add_texts(number, column.to_pylist())
+        else:
+            hashes.add_numbers(number, column.to_numpy().astype(numeric, copy=False))
+    return hashes.hexdigest()
+
+
+def hash_parts(folder: Path) -> dict[str, str]:
+    """Return the hash of every part of a finished record, from its files (hexadecimal SHA-256).
+
+    Raises ConfigError where a part is missing or unreadable.
+    """
+    parts = {}
+    for name in RAW_PARTS:
+        try:
+            parts[name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+        except OSError as error:
+            raise ConfigError(f"{folder / name}: cannot be read: {error.strerror}") from None
+    return parts | {name: hash_table(read_table(folder, name)) for name in SCHEMAS}
+
+
+def whole(parts: dict[str, str]) -> str:
+    """Return the hash of a record out of the hashes of its parts."""
+    return hashlib.sha256("".join(f"{name} {parts[name]}\n" for name in sorted(parts)).encode()).hexdigest()
+
+
 class _Table:
     """One growing table: rows wait in columns, a batch at a time goes to the hash and to the file."""
 
@@ -120,6 +178,7 @@ class _Table:
         self.file = file
         self._schema = schema
         self._kinds = [(kind, _NUMPY.get(kind)) for kind in schema.types]
+        self.hashes = _ColumnHashes(schema)
         self._sink = file.open("wb")
         self._stream = pa.ipc.new_stream(self._sink, schema)
         self._waiting: list[tuple[Any, ...]] = []
@@ -130,19 +189,19 @@ class _Table:
     def extend(self, rows: Iterable[tuple[Any, ...]]) -> None:
         self._waiting.extend(rows)
 
-    def flush(self, digest: hashlib._Hash) -> None:
+    def flush(self) -> None:
         if not self._waiting:
             return
         arrays = []
-        for column, (kind, numeric) in zip(zip(*self._waiting, strict=True), self._kinds, strict=True):
+        for number, (column, (kind, numeric)) in enumerate(
+            zip(zip(*self._waiting, strict=True), self._kinds, strict=True)
+        ):
             if numeric is None:
-                texts = [text.encode() for text in column]
-                # Lengths first, so that no two different columns of texts look the same.
-                digest.update(b"%b|%b" % (b",".join(b"%d" % len(text) for text in texts), b"".join(texts)))
+                self.hashes.add_texts(number, column)
                 arrays.append(pa.array(column, kind))
             else:
                 numbers: NDArray[Any] = np.array(column, numeric)
-                digest.update(numbers.data)
+                self.hashes.add_numbers(number, numbers)
                 arrays.append(pa.array(numbers, kind))
         self._stream.write_batch(pa.RecordBatch.from_arrays(arrays, schema=self._schema))
         self._sink.flush()
@@ -168,7 +227,7 @@ class Record:
     """The folder of one drive while it is being driven.
 
     The hash covers the resolved scenario with its versions, the raw inputs with their drive times and every
-    recorded column, in batches of TICKS_PER_BATCH; never a wall-clock time and never a file's bytes.
+    recorded column; never a wall-clock time and never the bytes of a table's file.
     """
 
     def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
@@ -177,9 +236,10 @@ class Record:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self._epoch = epoch
-        text = json.dumps(resolved, indent=1, sort_keys=True, allow_nan=False)
-        (folder / "scenario.json").write_text(text + "\n", encoding="utf-8")
-        self._digest = hashlib.sha256(text.encode())
+        text = (json.dumps(resolved, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
+        (folder / "scenario.json").write_bytes(text)
+        self._raw_hashes = {name: hashlib.sha256() for name in RAW_PARTS}
+        self._raw_hashes["scenario.json"].update(text)
         self._pose: IO[bytes] = (folder / "pose.bin").open("wb")
         self._can: IO[bytes] = (folder / "can.log").open("wb")
         self._pose_waiting: list[bytes] = []
@@ -203,7 +263,15 @@ class Record:
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Keep the actors that tick `tick` looks at."""
-        columns = (actors.x, actors.y, actors.heading, actors.speed, actors.length, actors.width)
+        columns = (
+            actors.x,
+            actors.y,
+            actors.heading,
+            actors.speed,
+            actors.length,
+            actors.width,
+            actors.radar_cross_section,
+        )
         lists = [column.tolist() for column in columns]
         self._tables["actors"].extend(zip([tick] * len(actors.ids), actors.ids, *lists, strict=True))
 
@@ -217,23 +285,24 @@ class Record:
     def flush(self) -> None:
         """Bring everything kept so far to disk and into the hash."""
         pose, can = b"".join(self._pose_waiting), "".join(self._can_waiting).encode()
-        for part, file in ((pose, self._pose), (can, self._can)):
-            self._digest.update(part)
+        for name, part, file in (("pose.bin", pose, self._pose), ("can.log", can, self._can)):
+            self._raw_hashes[name].update(part)
             file.write(part)
             file.flush()
         self._pose_waiting.clear()
         self._can_waiting.clear()
         for table in self._tables.values():
-            table.flush(self._digest)
+            table.flush()
 
-    def close(self) -> str:
-        """Finish the record's files and return its hash (hexadecimal SHA-256)."""
+    def close(self) -> dict[str, str]:
+        """Finish the record's files and return the hash of each of its parts (hexadecimal SHA-256)."""
         self.flush()
         self._pose.close()
         self._can.close()
         for table in self._tables.values():
             table.close()
-        return self._digest.hexdigest()
+        tables = {name: table.hashes.hexdigest() for name, table in self._tables.items()}
+        return {name: raw.hexdigest() for name, raw in self._raw_hashes.items()} | tables
 
     def discard(self) -> None:
         """Take away everything that the record wrote, the folder too."""

@@ -1,0 +1,116 @@
+"""A record replayed gives the same setpoints and frames bit for bit; a byte that was changed is found and named."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.drive.street import REPOSITORY, drive_once
+from tests.isolated import isolated
+from vve_sumo.drive.record import read_pose_chunks
+from vve_sumo.drive.replay import Difference, altered_parts, read_inputs, replay, setting_of
+from vve_sumo.drive.setting import EPOCH
+from vve_sumo.errors import ConfigError
+
+DRIVES: dict[str, dict[str, Any]] = {
+    "traffic": {"street.demand": ["linden_heavy"], "duration_s": 30.0, "seed": 4},
+    "emergency": {"obstacles": [{"id": "parked_car", "at_m": 120.0}], "radar.range_limit_m": 18.0, "seed": 5},
+    "contact": {
+        "obstacles": [{"id": "parked_car", "at_m": 90.0}],
+        "radar.range_limit_m": 10.0,
+        "controller.tuning": {"emergency": False},
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Records of short drives, each made in a process of its own."""
+    folder = tmp_path_factory.mktemp("records")
+    for name, changes in DRIVES.items():
+        isolated(drive_once, changes, str(folder / name))
+    return {name: folder / name for name in DRIVES}
+
+
+def replayed(folder: Path) -> Difference | None:
+    setting, changed = setting_of(folder, REPOSITORY)
+    assert changed == []
+    return replay(setting, read_inputs(folder, EPOCH), REPOSITORY)
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_the_same_inputs_give_the_same_answers(records: dict[str, Path], name: str) -> None:
+    assert replayed(records[name]) is None
+
+
+def test_a_flipped_bit_of_a_pose_packet_is_found_at_its_tick(records: dict[str, Path], tmp_path: Path) -> None:
+    """The packet's checksum no longer holds, so a fix is missing, and the pose of that tick differs."""
+    folder = Path(shutil.copytree(records["traffic"], tmp_path / "r"))
+    chunks = read_pose_chunks(folder / "pose.bin")
+    number = next(n for n, (time, _data) in enumerate(chunks) if time > 20.0)
+    raw = bytearray((folder / "pose.bin").read_bytes())
+    raw[sum(12 + len(data) for _time, data in chunks[:number]) + 12 + 45] ^= 0x10
+    (folder / "pose.bin").write_bytes(raw)
+    difference = replayed(folder)
+    assert difference is not None
+    assert difference.tick in (1000, 1001)
+    assert difference.what == "x_m"
+
+
+def change_line(folder: Path, identifier: str, after: float, mask: str) -> None:
+    """Flip the mask's bits (hexadecimal) in the data of the first frame of an identifier after a drive time."""
+    lines = (folder / "can.log").read_text(encoding="ascii").splitlines()
+    number = next(n for n, line in enumerate(lines) if f" {identifier}#" in line and float(line[1:18]) > EPOCH + after)
+    head, _, data = lines[number].partition("#")
+    flipped = bytes(a ^ b for a, b in zip(bytes.fromhex(data), bytes.fromhex(mask), strict=True))
+    lines[number] = f"{head}#{flipped.hex().upper()}"
+    (folder / "can.log").write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def test_a_changed_command_is_found_at_its_tick(records: dict[str, Path], tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(records["traffic"], tmp_path / "r"))
+    change_line(folder, "060", 12.0, "01" + 7 * "00")
+    difference = replayed(folder)
+    assert difference is not None
+    assert (difference.tick, difference.what) == (601, "frames")
+    assert difference.recorded != difference.replayed
+
+
+def test_a_changed_wheel_speed_changes_what_the_gateway_sends(records: dict[str, Path], tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(records["traffic"], tmp_path / "r"))
+    for after in (15.0, 15.011):  # two a tick, and the newer one counts
+        change_line(folder, "06A", after, 4 * "2000")
+    assert altered_parts(folder) == ["can.log"]
+    difference = replayed(folder)
+    assert difference is not None
+    assert 750 <= difference.tick <= 760
+
+
+def test_a_byte_that_changes_no_answer_is_found_all_the_same(records: dict[str, Path], tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
+    assert altered_parts(folder) == []
+    raw = bytearray((folder / "pose.bin").read_bytes())
+    raw[-1] ^= 1
+    (folder / "pose.bin").write_bytes(raw)
+    assert altered_parts(folder) == ["pose.bin"]
+
+
+def test_what_is_no_record_is_one_line(records: dict[str, Path], tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no record of a drive"):
+        setting_of(tmp_path, REPOSITORY)
+    folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
+    (folder / "can.log").unlink()
+    with pytest.raises(ConfigError, match=r"can\.log"):
+        read_inputs(folder, EPOCH)
+
+
+def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
+    text = (folder / "scenario.json").read_text(encoding="utf-8")
+    at = text.index('"network": "', text.index("files_sha256")) + len('"network": "')
+    (folder / "scenario.json").write_text(text[:at] + "0" * 64 + text[at + 64 :], encoding="utf-8")
+    _setting, changed = setting_of(folder, REPOSITORY)
+    assert changed == ["network has changed since"]
