@@ -157,6 +157,27 @@ def test_a_title_with_brackets_is_only_a_title(tmp_path: Path) -> None:
     assert "[red]x[/nope]" in run.stdout
 
 
+def test_a_recording_is_never_written_over(shared_data: Path, tmp_path: Path) -> None:
+    packet = bytes.fromhex((shared_data / "ncom" / "real_packet.hex").read_text(encoding="ascii").strip())
+    (tmp_path / "packet.ncom").write_bytes(packet)
+    refused(tmp_path, ["pose", "decode", "packet.ncom", "--csv", "packet.ncom"], ["packet.ncom", "itself"])
+    assert (tmp_path / "packet.ncom").read_bytes() == packet
+
+
+def test_a_refusal_takes_away_only_what_it_made(tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    scenario(tmp_path, "at_m = 639.0", "at_m = 2.0")
+    refused(tmp_path, ["drive", "mine.toml", "--out", "own"], ["starts"])
+    refused(tmp_path, ["drive", "mine.toml", "--out", "a/b/c"], ["starts"])
+
+
+def test_demand_refuses_edges_that_are_none(tmp_path: Path) -> None:
+    demand = ["network", "demand", "linden", "--level", "light", "--out", "x.rou.xml"]
+    refused(tmp_path, [*demand, "--clear", "nope"], ["nope"])
+    (tmp_path / "p.csv").write_bytes(b"\xff\xfe latitude_deg,longitude_deg\n")
+    refused(tmp_path, [*demand, "--path", "p.csv"], ["p.csv", "edges"])
+
+
 def test_a_folder_that_holds_something_is_not_driven_into(tmp_path: Path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").write_text("the only copy", encoding="utf-8")

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vve_sumo import __version__
-from vve_sumo.errors import VveError
+from vve_sumo.errors import ConfigError, VveError
 
 EXIT_CODES = """exit codes:
   0  good
@@ -18,6 +18,7 @@ EXIT_CODES = """exit codes:
   2  wrong use or configuration; nothing was written
   3  the rig is not ready
   4  the simulation broke
+  130  interrupted from the keyboard before the drive began
 """
 
 
@@ -330,8 +331,12 @@ def _edges_of(path: str | None) -> tuple[str, ...]:
     from vve_sumo.drive.setting import EDGES
     from vve_sumo.workspace import find
 
-    text = find("path", path, Path.cwd()).read_text(encoding="utf-8")
-    return next((tuple(line[len(EDGES) :].split()) for line in text.splitlines() if line.startswith(EDGES)), ())
+    file = find("path", path, Path.cwd())
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    edges = next((tuple(line[len(EDGES) :].split()) for line in lines if line.startswith(EDGES)), ())
+    if not edges:
+        raise ConfigError(f"{file}: no line {EDGES!r} that names the edges of the path")
+    return edges
 
 
 def _network_edges(arguments: argparse.Namespace) -> int:

@@ -125,7 +125,9 @@ class Guarded:
             if not isinstance(setpoint, Setpoint) or not _has_types(setpoint):
                 return self._refused("controller_wrong_type", f"got {setpoint!r}, expected a Setpoint of floats")
             steering, acceleration = float(setpoint.steering), float(setpoint.acceleration)
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             return self._refused("controller_raised", _told(error))
         if not (math.isfinite(steering) and math.isfinite(acceleration)):
             return self._refused("controller_not_finite", f"steering {steering}, acceleration {acceleration}")
@@ -150,7 +152,11 @@ def _told(error: BaseException) -> str:
     place = next(
         (f" ({Folder(f.filename).name}, line {f.lineno})" for f in reversed(frames) if f.filename != __file__), ""
     )
-    return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
+    try:
+        text = " ".join(str(error).split())
+    except Exception:
+        text = "(an error that cannot say what it is)"
+    return f"{type(error).__name__}: {text}{place}"
 
 
 def _found(name: str, search: Sequence[Folder]) -> Maker:

@@ -209,7 +209,11 @@ class Path:
         speed = np.sqrt(tx * tx + ty * ty)
         bend = tx * (2.0 * y2 + 6.0 * u * y3) - ty * (2.0 * x2 + 6.0 * u * x3)
         x, y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
-        return Samples(s, x, y, tx / speed, ty / speed, bend / (speed * speed * speed))
+        samples = Samples(s, x, y, tx / speed, ty / speed, bend / (speed * speed * speed))
+        for column in samples:
+            # Controllers hold the same path as the drive that judges them.
+            column.setflags(write=False)
+        return samples
 
 
 class Corridor:

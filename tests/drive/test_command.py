@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from tests.drive.street import REPOSITORY, altered
 from vve_sumo.controller import Guarded
 from vve_sumo.drive import command
 from vve_sumo.drive.chain import Chain
+from vve_sumo.drive.record import Record
 from vve_sumo.drive.street import lot_frame, standing
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement
@@ -91,6 +95,61 @@ def test_the_command_line_lays_over_the_scenario() -> None:
     assert setting.scenario.seed == 7
     with pytest.raises(ConfigError, match="--seed"):
         command.choose("parked_car", REPOSITORY, seed=-1)
+
+
+def test_another_controller_does_not_get_the_tuning_of_the_scenarios_own(tmp_path: Path) -> None:
+    text = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
+    control = '[controller]\nname = "follow_and_stop"\ntuning = { gap_m = 6.0 }\n\n[criteria]'
+    (tmp_path / "mine.toml").write_text(text.replace("[criteria]", control), encoding="utf-8")
+    same = command.choose(str(tmp_path / "mine.toml"), REPOSITORY, controller="follow_and_stop")
+    other = command.choose(str(tmp_path / "mine.toml"), REPOSITORY, controller="mine.py:make")
+    assert same.scenario.controller.tuning == {"gap_m": 6.0}
+    assert other.scenario.controller.tuning == {}
+
+
+def test_the_record_names_the_controllers_files_that_were_read_and_no_other(tmp_path: Path) -> None:
+    (tmp_path / "near.py").write_text("GAIN = 1.0\n", encoding="utf-8")
+    (tmp_path / "unused.py").write_text("", encoding="utf-8")
+    (tmp_path / "mine.py").write_text(
+        "from .near import GAIN\nclass Mine:\n    def step(self, situation):\n        return GAIN\n"
+        "def make(vehicle, tuning):\n    return Mine()\n",
+        encoding="utf-8",
+    )
+    setting = altered({"controller": {"name": f"{tmp_path / 'mine.py'}:make"}})
+    hashes = setting.resolved(setting.controller(REPOSITORY))["files_sha256"]
+    assert {role for role in hashes if role.startswith("controller_")} == {"controller_mine", "controller_near"}
+    assert hashes["controller_near"] == hashlib.sha256(b"GAIN = 1.0\n").hexdigest()
+
+
+def rows(**columns: list[Any]) -> pa.Table:
+    return pa.table(columns)
+
+
+def test_the_emergency_layer_counts_only_where_somebody_obeyed() -> None:
+    asked = {"emergency": [False, True, False]}
+    for state, used in (("engaged", True), ("disarmed", False), ("stopping", False)):
+        summary_rows = rows(**asked, state=[state] * 3)
+        assert command.emergency_used(summary_rows) is used
+    assert command.emergency_used(rows(emergency=[True, False], state=["ready", "engaged"])) is False
+
+
+def test_the_greatest_of_a_column_leaves_out_what_is_no_number() -> None:
+    assert command.greatest(rows(x=[math.nan, 1.0, 3.0, 2.0])["x"]) == 3.0
+    assert math.isnan(command.greatest(rows(x=[math.nan])["x"]))
+
+
+def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path) -> None:
+    """A shell that raises: the record is finished, says broken, and holds the traceback."""
+    record = Record(tmp_path / "r", {}, 0.0)
+
+    class Shell:
+        def run(self, record: Record, watch: object) -> None:
+            raise ZeroDivisionError("in the middle")
+
+    done = command.guarded(Shell(), record, print)  # type: ignore[arg-type]
+    assert done.outcome == "broken"
+    assert "in the middle" in done.text
+    assert "ZeroDivisionError" in (tmp_path / "r" / "traceback.txt").read_text(encoding="utf-8")
 
 
 class _Straight:

@@ -35,9 +35,17 @@ def at_rest(station: float, state: ArmingState, contact: bool) -> Outcome | None
 
 def test_the_name_of_the_ending() -> None:
     assert at_rest(99.0, ENGAGED, contact=False) is Outcome.ARRIVED
+    assert at_rest(90.1, ENGAGED, contact=False) is Outcome.ARRIVED
+    assert at_rest(89.9, ENGAGED, contact=False) is Outcome.STOPPED
     assert at_rest(50.0, ENGAGED, contact=False) is Outcome.STOPPED
     assert at_rest(50.0, STOPPED, contact=False) is Outcome.FAULT
     assert at_rest(50.0, STOPPED, contact=True) is Outcome.CONTACT
+
+
+def test_rolling_back_is_no_rest() -> None:
+    watch = ending()
+    watch.step(0.0, 3.0, 0.0, ENGAGED, contact=False)
+    assert all(watch.step(1.0 + t, -0.2, 50.0, ENGAGED, contact=False) is None for t in range(10))
 
 
 def test_a_car_that_never_starts_is_a_fault_unless_its_controller_stands_by_choice() -> None:

@@ -118,3 +118,32 @@ def test_extremes_are_those_of_the_truth() -> None:
     assert measured.max_lateral_deviation_m == pytest.approx(0.07)
     assert measured.max_deceleration_mps2 == pytest.approx(2.5)
     assert measured.max_speed_mps == pytest.approx(5.0)
+
+
+def test_the_figures_of_a_drive_with_a_leader_are_the_closed_form() -> None:
+    """Two ticks: closing in on a car that crosses at 60 degrees, then at rest behind it."""
+    gap = 60.0 - 10.0 - CAR.rear_axle_to_bumper
+    half = 2.0 * math.cos(math.pi / 3) + 1.0 * math.sin(math.pi / 3)  # of the turned box, along the path
+    rows = [
+        {"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0},
+        {"true_x_m": 40.0, "true_speed_mps": 0.0, "station_m": 40.0},
+    ]
+    lead = {"actor": "lead", "x_m": 60.0, "heading_rad": math.pi / 3, "speed_mps": 4.0}
+    actors = actors_of([{"tick": 0, **lead}, {"tick": 1, **lead, "speed_mps": 0.0}])
+    measured = figures.measure(ticks_of(rows), actors, straight(), CAR)
+    assert measured.min_ttc_s == pytest.approx((gap - half) / (8.0 - 2.0), abs=1e-9)
+    assert measured.stop_gap_m == pytest.approx(gap - half - 30.0, abs=1e-9)
+
+
+def test_a_drive_that_ends_under_way_has_no_stop_gap() -> None:
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    actors = actors_of([{"tick": 0, "actor": "lead", "x_m": 60.0}])
+    assert math.isnan(figures.measure(ticks, actors, straight(), CAR).stop_gap_m)
+
+
+def test_what_stands_beside_the_bumper_is_not_ahead() -> None:
+    """A box whose middle lies between the ego's middle and its bumper is; one behind the ego's middle is not."""
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    middle = 10.0 + CAR.rear_axle_to_bumper - CAR.length / 2.0
+    for x, names in ((middle + 0.5, ["lead"]), (middle - 0.5, [""])):
+        assert figures.ahead(ticks, actors_of([{"tick": 0, "actor": "lead", "x_m": x}]), straight(), CAR).actor == names

@@ -88,6 +88,24 @@ def test_the_hash_covers_every_column_and_input(tmp_path: Path) -> None:
         assert closed(tmp_path / field.name, 12, **{field.name: other}) != plain, field.name
 
 
+@pytest.mark.parametrize("part", ["scenario", "pose", "can", "detections", "actors"])
+def test_the_hash_covers_every_part(part: str, tmp_path: Path) -> None:
+    hashes = []
+    for changed in (False, True):
+        record = Record(tmp_path / f"{part}{changed}", {"a": 2 if changed and part == "scenario" else 1}, 1000.0)
+        fill(record, 12)
+        if changed and part == "pose":
+            record.received_pose(1.0, b"x")
+        elif changed and part == "can":
+            record.saw_frames(1.0, "can0", [Frame(1, b"")])
+        elif changed and part == "detections":
+            record.scanned(13, Detections(0.0, *[np.array([1.0])] * 3, np.array([0], np.int8)), ["car1"])
+        elif changed and part == "actors":
+            record.snapshot(13, actors(1))
+        hashes.append(whole(record.close()))
+    assert hashes[0] != hashes[1]
+
+
 def test_an_open_record_is_readable_up_to_its_last_batch(tmp_path: Path) -> None:
     record = Record(tmp_path / "r", {}, 0.0)
     fill(record, 3 * TICKS_PER_BATCH + 4)

@@ -276,6 +276,18 @@ def test_a_heading_that_flips_is_found_at_every_speed(speed):
     assert not any(trust.trusted for trust in trusts[100 : 100 + round(DRIVE.settling / PERIOD)])
 
 
+def test_a_heading_that_spins_while_the_car_stands_is_found():
+    """3 rad/s with a yaw rate of 0: 0.03 rad a fix is below the jump limit, two of them are above."""
+    fixes = [
+        replace(fix, heading=math.remainder(0.4 + 3.0 * max(k - 100, 0) * PERIOD, math.tau))
+        for k, fix in enumerate(drive(300, speed=0.0))
+    ]
+    trusts = judged(fixes)
+    assert all(trust.trusted for trust in trusts[:101])
+    assert not any(trust.trusted for trust in trusts[102:])
+    assert "heading_drift" in trusts[102].reasons
+
+
 def test_turning_on_the_spot_of_the_yaw_rate_is_no_jump():
     fixes = [
         replace(fix, heading=math.remainder(0.4 + 1.0 * k * PERIOD, math.tau), yaw_rate=1.0)

@@ -232,9 +232,9 @@ FAULTS = [
     ("setpoint_not_finite", {}, {"grade": math.inf}),
     ("outside_geofence", {}, {"faults": ("outside_geofence",)}),
     ("speed_mismatch", {}, {"speed": 4.0}),
-    ("speed_mismatch", {}, {"speed": math.nan}),
+    ("setpoint_not_finite", {}, {"speed": math.nan}),
     ("yaw_rate_mismatch", {}, {"yaw_rate": 0.15}),
-    ("yaw_rate_mismatch", {}, {"yaw_rate": math.nan}),
+    ("setpoint_not_finite", {}, {"yaw_rate": math.nan}),
     ("stop_asked", {}, {"act": Act.STOP}),
     ("disarm_asked", {}, {"act": Act.DISARM}),
 ]  # fmt: skip
@@ -417,6 +417,25 @@ def test_a_fault_on_top_of_an_emergency_does_not_call_it_off(ticks):
     assert verdict.state is S.STOPPED
     assert "virtual_contact" in verdict.reasons
     assert way <= way_alone + 0.3
+
+
+@pytest.mark.parametrize("ticks", [1, 3, 10])
+def test_a_controller_that_dies_in_an_emergency_does_not_call_it_off(ticks):
+    """What comes from the drive then asks for nothing and is no emergency; the car is stopped as hard all the same."""
+    rig = Rig()
+    rig.cruise(12.0)
+    rig.run(ticks * PERIOD, acceleration=-9.0, emergency=True)
+    verdicts = rig.run(0.6, acceleration=0.0, faults=("controller_raised",))
+    assert verdicts[-1].state is S.STOPPING
+    assert verdicts[-1].acceleration == pytest.approx(-9.0)
+
+
+def test_an_emergency_asked_for_during_a_stop_is_heeded():
+    rig = Rig()
+    rig.cruise(12.0)
+    assert rig.run(0.8, acceleration=0.0, faults=("off_path",))[-1].acceleration == pytest.approx(-2.4)
+    assert rig.run(0.5, acceleration=-9.0, emergency=True)[-1].acceleration == pytest.approx(-9.0)
+    assert rig.run(0.3, acceleration=0.0)[-1].acceleration == pytest.approx(-9.0), "and not released"
 
 
 def test_what_a_refused_setpoint_says_is_wrong_counts_all_the_same():

@@ -9,6 +9,7 @@ import contextlib
 import math
 import sys
 import time
+import traceback
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path as FilePath
@@ -100,7 +101,7 @@ def run(
             setting = replace(setting, files={**setting.files, "pose": pose})
         record = Record(folder, setting.resolved(shell.controller) | shell.laid, shell.epoch)
         try:
-            done = _guarded(shell, record, watch)
+            done = guarded(shell, record, watch)
         except ConfigError:
             record.discard()
             raise
@@ -111,14 +112,21 @@ def run(
     return Drive(folder, summary)
 
 
-def _guarded(shell: Shell, record: Record, watch: Watch) -> Run:
+def guarded(shell: Shell, record: Record, watch: Watch) -> Run:
+    """Drive to the end; whatever breaks under way is how the drive ended, but for a wrong input."""
     broken = Run(Outcome.BROKEN, ())
     try:
         return shell.run(record, watch)
     except KeyboardInterrupt:
         return replace(broken, outcome=Outcome.INTERRUPTED, reasons=("interrupted",))
+    except ConfigError:
+        raise
     except SimulationError as error:
         return replace(broken, reasons=("simulation_error",), text=str(error))
+    except Exception as error:
+        # A mistake of ours: the drive is over, its record is not lost, and the whole story lies in it.
+        (record.folder / "traceback.txt").write_text(traceback.format_exc(), encoding="utf-8")
+        return replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
 
 
 def summarise(setting: Setting, done: Run, folder: FilePath, parts: dict[str, str]) -> dict[str, Any]:
@@ -134,11 +142,11 @@ def summarise(setting: Setting, done: Run, folder: FilePath, parts: dict[str, st
         "reasons": list(done.reasons),
         "collision": any(ticks["contacts"].to_pylist()),
         **asdict(measured),
-        "emergency_used": _emergency_used(ticks),
+        "emergency_used": emergency_used(ticks),
         "duration_s": float(ticks["time_s"][-1].as_py() - ticks["time_s"][0].as_py()) if ticks.num_rows else 0.0,
         "ticks": ticks.num_rows,
-        "anchor_position_error_m": _greatest(ticks["anchor_position_error_m"]),
-        "anchor_speed_error_mps": _greatest(ticks["anchor_speed_error_mps"]),
+        "anchor_position_error_m": greatest(ticks["anchor_position_error_m"]),
+        "anchor_speed_error_mps": greatest(ticks["anchor_speed_error_mps"]),
         **done.extra,
         "removed_at_entry": list(done.cleared),
         "sumo_warnings": list(done.warnings),
@@ -151,13 +159,13 @@ def summarise(setting: Setting, done: Run, folder: FilePath, parts: dict[str, st
     return summary | {"passed": passed, "failed": failed} | hashes
 
 
-def _greatest(column: pa.ChunkedArray) -> float:
+def greatest(column: pa.ChunkedArray) -> float:
     """Return the greatest number of a column; NaN where it holds none."""
     values = [value for value in column.to_pylist() if value == value]
     return max(values, default=math.nan)
 
 
-def _emergency_used(ticks: pa.Table) -> bool:
+def emergency_used(ticks: pa.Table) -> bool:
     """Whether the car was braked by the emergency layer, not merely asked to be while nobody obeyed."""
     engaged = ArmingState.ENGAGED.value
     return any(
@@ -349,6 +357,7 @@ def design(name: str, latency: float) -> int:
         raise ConfigError(f"--latency-ms: expected 0 or more, got {1000.0 * latency:g}")
     working = FilePath.cwd()
     setting = choose(name, working)
+    setting.controller(working)  # refuses tuning that nobody could drive with
     tuning = setting.scenario.controller.tuning
     if tuning.get("steering", "preview") != "preview":
         raise ConfigError(f"{name}: the design knows the preview steering, got {tuning['steering']!r}")

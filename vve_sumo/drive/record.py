@@ -10,7 +10,6 @@ import dataclasses
 import hashlib
 import json
 import operator
-import shutil
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -233,6 +232,7 @@ class Record:
     def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
         """Open the record in `folder`; raises ConfigError where that is not an empty or absent folder."""
         claim(folder)
+        self._made = [place for place in (folder, *folder.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self._epoch = epoch
@@ -305,12 +305,15 @@ class Record:
         return {name: raw.hexdigest() for name, raw in self._raw_hashes.items()} | tables
 
     def discard(self) -> None:
-        """Take away everything that the record wrote, the folder too."""
+        """Take away everything that the record made: its files, and the folders that were not there before."""
         self._pose.close()
         self._can.close()
         for table in self._tables.values():
             table.abandon()
-        shutil.rmtree(self.folder)
+        for file in self.folder.iterdir():
+            file.unlink()
+        for place in self._made:
+            place.rmdir()
 
     def summarise(self, summary: dict[str, Any]) -> None:
         """Write `summary.json`; not-a-number and infinity become null."""

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from vve_sumo.errors import ConfigError
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.recording import decode
 from vve_sumo.pose.trust import DRIVE, Trust, TrustGate
@@ -54,6 +55,8 @@ def write_csv(path: Path, out: Path) -> Decoder:
     """Write the rows of the NCOM file `path` to `out`; return the decoder, whose counts say what else was there."""
     decoder = Decoder()
     table = list(rows(path, decoder))
+    if out.exists() and out.samefile(path):
+        raise ConfigError(f"{out}: this is the recording itself, expected another file to write to")
     with out.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         writer.writeheader()

@@ -42,6 +42,7 @@ REASONS: Final[dict[str, str]] = {
     "gap": "too long a time since the fix before this one",
     "pose_jump": "the position is not where the velocity leads from the fix before",
     "pose_drift": "over half a second the position ran away from where the velocity leads",
+    "heading_drift": "over half a second the heading turned away from where the yaw rate leads",
     "velocity_jump": "the velocity changed by more than a car can accelerate",
     "heading_jump": "the heading changed by more than the yaw rate explains",
     "motion_absurd": "yaw rate or acceleration is more than a car on its wheels can do",
@@ -182,6 +183,15 @@ def _off_the_velocity(last: Fix, fix: Fix) -> tuple[float, float]:
     )
 
 
+def _off_the_yaw_rate(last: Fix, fix: Fix) -> float:
+    """How far the newer heading lies from where the yaw rates lead [rad]; 0 where a heading is missing.
+
+    A missing heading is a reason by itself; here it is nothing to compare with.
+    """
+    turned = fix.heading - last.heading - 0.5 * (fix.time - last.time) * (fix.yaw_rate + last.yaw_rate)
+    return math.remainder(turned, math.tau) if math.isfinite(turned) else 0.0
+
+
 def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
     """What the fix before speaks against this one; both finite, `fix` the newer."""
     step = fix.time - last.time
@@ -191,9 +201,7 @@ def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
     faster = math.hypot(fix.velocity_north - last.velocity_north, fix.velocity_east - last.velocity_east)
     if not faster <= ACCELERATION_LIMIT * step + VELOCITY_NOISE:
         reasons.append("velocity_jump")
-    turned = fix.heading - last.heading - 0.5 * step * (fix.yaw_rate + last.yaw_rate)
-    # A heading that is missing is a reason by itself; here it is nothing to compare with.
-    if math.isfinite(turned) and abs(math.remainder(turned, math.tau)) > profile.heading_jump_limit:
+    if abs(_off_the_yaw_rate(last, fix)) > profile.heading_jump_limit:
         reasons.append("heading_jump")
     if fix.latitude == last.latitude and fix.longitude == last.longitude:
         slower = min(
@@ -207,7 +215,7 @@ def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
 
 
 #: after one of these, fixes must agree among themselves for a while
-_UNSETTLING: Final = frozenset({"gap", "pose_jump", "pose_drift", "velocity_jump", "heading_jump"})
+_UNSETTLING: Final = frozenset({"gap", "pose_jump", "pose_drift", "velocity_jump", "heading_jump", "heading_drift"})
 
 
 class TrustGate:
@@ -220,8 +228,10 @@ class TrustGate:
     def __init__(self, profile: TrustProfile, epoch: float) -> None:
         self._profile = profile
         self._epoch = epoch
-        self._drift = (0.0, 0.0)  # position minus integrated velocity since the first fix, north and east [m]
-        self._drifts: deque[tuple[float, float, float]] = deque()  # time and drift of the fixes in the window
+        # Position minus integrated velocity since the first fix, north and east [m], and heading minus integrated yaw
+        # rate [rad]; then the same with their times, of the fixes in the window.
+        self._drift = (0.0, 0.0, 0.0)
+        self._drifts: deque[tuple[float, float, float, float]] = deque()
         self._last: Fix | None = None
         self._unsettled_until = -math.inf
         self._trusted_until = -math.inf
@@ -265,22 +275,28 @@ class TrustGate:
         reasons = _of_the_step(last, fix, self._profile)
         if "gap" in reasons or "pose_jump" in reasons:
             self._drifts.clear()
-        elif self._drifted(last, fix):
-            reasons.append("pose_drift")
+        else:
+            reasons += self._drifting(last, fix)
         if not _UNSETTLING.isdisjoint(reasons):
             self._unsettled_until = fix.time + self._profile.settling
         elif fix.time < self._unsettled_until:
             reasons.append("settling")
         return reasons
 
-    def _drifted(self, last: Fix, fix: Fix) -> bool:
-        """Whether position and velocity went apart over the window, by steps that are each too small to tell."""
+    def _drifting(self, last: Fix, fix: Fix) -> list[str]:
+        """What went apart over the window by steps that are each too small to tell."""
         north, east = _off_the_velocity(last, fix)
         north, east = north + self._drift[0], east + self._drift[1]
-        self._drift = (north, east)
+        turned = self._drift[2] + _off_the_yaw_rate(last, fix)
+        self._drift = (north, east, turned)
         drifts = self._drifts
-        drifts.append((fix.time, north, east))
+        drifts.append((fix.time, north, east, turned))
         while drifts[0][0] < fix.time - DRIFT_WINDOW:
             drifts.popleft()
-        _, first_north, first_east = drifts[0]
-        return not math.hypot(north - first_north, east - first_east) <= self._profile.jump_limit
+        _, first_north, first_east, first_turned = drifts[0]
+        reasons = []
+        if not math.hypot(north - first_north, east - first_east) <= self._profile.jump_limit:
+            reasons.append("pose_drift")
+        if abs(turned - first_turned) > self._profile.heading_jump_limit:
+            reasons.append("heading_drift")
+        return reasons

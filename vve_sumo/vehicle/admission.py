@@ -75,8 +75,8 @@ class Admission:
     def faults(self, now: float, speed: float, yaw_rate: float) -> list[str]:
         """Reason codes that the newest setpoint brings, or shows when compared with the car's own motion.
 
-        A satellite `speed` [m/s] or `yaw_rate` [rad/s] that differs for too long is a fault, and so is one that either
-        side cannot state. A setpoint that has expired tells nothing.
+        A satellite `speed` [m/s] or `yaw_rate` [rad/s] that differs for too long is a fault, and so is one that the
+        car cannot state. A setpoint that has expired tells nothing.
         """
         setpoint = self.setpoint
         if setpoint is None or not self.valid(now):
@@ -92,7 +92,8 @@ class Admission:
         return reasons
 
     def _check(self, now: float, setpoint: Setpoint) -> Refusal | None:
-        if not math.isfinite(setpoint.steering + setpoint.acceleration + setpoint.grade):
+        motion = setpoint.speed + setpoint.yaw_rate + setpoint.grade
+        if not math.isfinite(setpoint.steering + setpoint.acceleration + motion):
             return Refusal("setpoint_not_finite", fatal=True)
         if setpoint.sequence < 0 or not math.isfinite(setpoint.time + setpoint.expires):
             return Refusal("setpoint_incomplete", fatal=True)

@@ -105,6 +105,7 @@ class Gateway:
         self._clear = False
         self._stop_deceleration = 0.0
         self._stop_jerk = 0.0
+        self._followed: Setpoint | None = None  # the last setpoint that the car was given
 
     def step(
         self, now: float, setpoint: Setpoint | None, reports: Sequence[Frame], act: Act | None = None
@@ -251,6 +252,7 @@ class Gateway:
         self._causes.clear()
         self._engaged_at = now
         self._enabled = self._in_drive = False
+        self._followed = None
         self._clear = True
         self._old_overrides = self._reports.overrides()
         self._limiter.reset(0.0, self._measured_steering())
@@ -264,13 +266,17 @@ class Gateway:
         limits = self._limits
         self._stop_deceleration = max(-self._limiter.acceleration, limits.stop_deceleration)
         self._stop_jerk = limits.stop_jerk
-        setpoint = self._admission.setpoint
-        if setpoint is not None and setpoint.emergency:
-            # An emergency that was asked for is not called off by the fault that comes on top of it.
-            asked = min(-setpoint.acceleration, limits.emergency.deceleration)
-            self._stop_deceleration = max(self._stop_deceleration, asked)
-            self._stop_jerk = limits.emergency.jerk
+        # An emergency that was asked for is not called off by the fault that comes on top of it.
+        self._heed(self._followed)
         self._limiter.reset(min(self._limiter.acceleration, 0.0), self._measured_steering())
+
+    def _heed(self, setpoint: Setpoint | None) -> None:
+        """Stop at least as hard as an emergency asks; never softer than before."""
+        if setpoint is not None and setpoint.emergency:
+            emergency = self._limits.emergency
+            asked = min(-setpoint.acceleration, emergency.deceleration)
+            self._stop_deceleration = max(self._stop_deceleration, asked)
+            self._stop_jerk = max(self._stop_jerk, emergency.jerk)
 
     def _measured_steering(self) -> float:
         angle = self._reports.wheel_angle / self._ratio
@@ -321,6 +327,7 @@ class Gateway:
                 return _Command(Pedals(0.0, 0.0), 0.0, self._measured_steering())
 
     def _follow(self, setpoint: Setpoint) -> _Command:
+        self._followed = setpoint
         speed = self._reports.speed
         granted = self._limiter.step(setpoint.acceleration, setpoint.steering, speed, setpoint.emergency)
         pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade)
@@ -333,6 +340,8 @@ class Gateway:
 
     def _stop(self, now: float) -> _Command:
         limits, limiter = self._limits, self._limiter
+        if self._admission.valid(now):
+            self._heed(self._admission.setpoint)
         critical = not CRITICAL.isdisjoint(self._causes)
         jerk = max(self._stop_jerk, limits.critical_jerk if critical else 0.0)
         wish = max(self._stop_deceleration, limits.critical_deceleration if critical else 0.0)

@@ -98,7 +98,10 @@ def write_demand(
     if not (math.isfinite(duration) and duration > 0.0):
         raise ConfigError(f"duration {duration}: expected a time above zero [s]")
     drawn = random.Random(f"{seed} {level}")
-    places = _Places(Roads(network), frozenset(clear))
+    roads = Roads(network)
+    for name in clear:
+        roads.edge(name)  # refuses one that the network does not have
+    places = _Places(roads, frozenset(clear))
     samples = [places.trip(drawn) for _ in range(SAMPLES)]
     mean = sum(_travel_time(edges) for edges, _kerb in samples) / len(samples)
     trips = list(_trips(places, drawn, mean / LEVELS[level], LONGEST_TRIP * mean, duration))

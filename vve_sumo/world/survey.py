@@ -72,8 +72,8 @@ def record_path(
         roads.place(f"{edge}_0", position)
     closed = len(edges) > 1 and (start, start_position) == (end, stop)
     points, deviation = _smoothed(_drive(network, edges, start_position, stop), tolerance, closed)
-    _write(out, roads.network, points, edges)
     path = Path.from_points(points[:, 0], points[:, 1])
+    _write(out, roads.network, points, edges)
     curvature = path.samples.curvature
     return Survey(
         edges=edges,
