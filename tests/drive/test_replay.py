@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -107,10 +108,11 @@ def test_what_is_no_record_is_one_line(records: dict[str, Path], tmp_path: Path)
         read_inputs(folder, EPOCH)
 
 
-def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize("role", ["network", "path", "controller_speed"])
+def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path, role: str) -> None:
     folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
-    text = (folder / "scenario.json").read_text(encoding="utf-8")
-    at = text.index('"network": "', text.index("files_sha256")) + len('"network": "')
-    (folder / "scenario.json").write_text(text[:at] + "0" * 64 + text[at + 64 :], encoding="utf-8")
+    resolved = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
+    resolved["files_sha256"][role] = "0" * 64
+    (folder / "scenario.json").write_text(json.dumps(resolved), encoding="utf-8")
     _setting, changed = setting_of(folder, REPOSITORY)
-    assert changed == ["network has changed since"]
+    assert changed == [f"{role} has changed since"]

@@ -21,7 +21,7 @@ from vve_sumo import bus
 from vve_sumo.drive.chain import Acted
 from vve_sumo.drive.lockstep import Operator, chain_of
 from vve_sumo.drive.record import hash_parts, read_pose_chunks, read_table
-from vve_sumo.drive.setting import PERIOD, Setting, digest, resolve, versions
+from vve_sumo.drive.setting import PERIOD, Setting, resolve, versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.load import parse
 from vve_sumo.values import Actors, Frame
@@ -67,8 +67,8 @@ def setting_of(folder: FilePath, working: FilePath) -> tuple[Setting, list[str]]
     if "pose" in hashes:
         raise ConfigError(f"{folder}: a playback, expected a drive with the hardware-free car")
     setting = resolve(name, parse(settings, file), file, working)
-    now = {role: digest(path) for role, path in setting.files.items()}
-    changed = [f"{role} has changed since" for role in now if hashes.get(role) != now[role]]
+    now = setting.resolved(setting.controller(working))["files_sha256"]
+    changed = [f"{role} has changed since" for role in sorted(now | hashes) if hashes.get(role) != now.get(role)]
     mine = versions()
     changed += [f"{part} was {then.get(part)}, is {mine[part]}" for part in mine if then.get(part) != mine[part]]
     return setting, changed

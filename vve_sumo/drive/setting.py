@@ -63,7 +63,7 @@ class Setting:
             "scenario": self.name,
             "settings": self.scenario.model_dump(mode="json"),
             "period_s": PERIOD,
-            "files_sha256": {role: digest(file) for role, file in sorted(files.items())},
+            "files_sha256": {role: _digest(file) for role, file in sorted(files.items())},
             "versions": versions(),
         }
 
@@ -88,8 +88,7 @@ def versions() -> dict[str, str]:
     return {"vve-sumo": __version__} | {name: version(name) for name in PARTS_THAT_DECIDE}
 
 
-def digest(file: FilePath) -> str:
-    """Return the SHA-256 of a file's content (hexadecimal)."""
+def _digest(file: FilePath) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
