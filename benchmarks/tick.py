@@ -124,19 +124,21 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
         shell = Lockstep(drive, REPOSITORY)
         record = Record(folder / "record", drive.resolved(shell.controller), EPOCH)
         chain = shell._chain
-        receive, act = Timed(), Timed()
-        chain.receive, chain.act = receive.wrap(chain.receive), act.wrap(chain.act)  # type: ignore[method-assign]
+        gateway = shell._gateway
+        path = Timed()
+        chain.receive, chain.see = path.wrap(chain.receive), path.wrap(chain.see)  # type: ignore[method-assign]
+        chain.decide, gateway.step = path.wrap(chain.decide), path.wrap(gateway.step)  # type: ignore[method-assign]
         ticks = shell.ticks(record)
         while (count := pipe.recv()) > 0:
             rows = []
             for _ in range(count):
-                for timed in (step, receive, act):
+                for timed in (step, path):
                     timed.samples.clear()
                 start = time.perf_counter()
-                acted, _truth = next(ticks)
+                decided = next(ticks).decided
                 whole = time.perf_counter() - start
-                path = sum(receive.samples) + sum(act.samples)
-                rows.append((acted.scan is not None, path, whole, sum(step.samples), len(acted.detections.range)))
+                detections = len(decided.detections.range)
+                rows.append((decided.scan is not None, sum(path.samples), whole, sum(step.samples), detections))
             pipe.send((rows, libsumo.vehicle.getIDCount(), len(shell._street.actors.ids)))
         shell.close()
 

@@ -10,18 +10,22 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 import pytest
 from pydantic import BaseModel
 
 from tests.conftest import REPOSITORY
-from vve_sumo.drive.record import SCHEMAS
+from tests.live import matrix
+from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS
 from vve_sumo.pose import trust
+from vve_sumo.rig.load import parse as parse_rig
+from vve_sumo.rig.refusal import arming_refusal
+from vve_sumo.rig.schema import Rig
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.values import TickRow
-from vve_sumo.vehicle import arming
+from vve_sumo.vehicle import arming, diagram
 
 DOCS = REPOSITORY / "docs"
 
@@ -38,7 +42,8 @@ def _keys(model: type[BaseModel], prefix: str) -> Iterator[str]:
         arguments = getattr(inner, "__args__", ())
         nested = next((a for a in (inner, *arguments) if isinstance(a, type) and issubclass(a, BaseModel)), None)
         if nested is not None and nested.__name__ != "Band":
-            yield from _keys(nested, f"{key}[]." if arguments else f"{key}.")
+            many = get_origin(inner) is tuple
+            yield from _keys(nested, f"{key}[]." if many else f"{key}.")
             continue
         default = "required" if field.is_required() else _said(field.default)
         meaning = field.description or ("a band: `{ min = …, max = … }`" if nested else "")
@@ -51,9 +56,9 @@ def _said(value: Any) -> str:
     return f"`{str(value).lower() if isinstance(value, bool) else value}`"
 
 
-def keys() -> str:
-    """The table of a scenario's keys."""
-    return "\n".join(["| key | default | meaning |", "|---|---|---|", *_keys(Scenario, "")])
+def keys(model: type[BaseModel]) -> str:
+    """The table of a file's keys."""
+    return "\n".join(["| key | default | meaning |", "|---|---|---|", *_keys(model, "")])
 
 
 def _codes(reasons: Mapping[str, str]) -> str:
@@ -62,15 +67,20 @@ def _codes(reasons: Mapping[str, str]) -> str:
 
 
 def _schema(table: str) -> str:
-    rows = (f"| `{f.name}` | {f.type} | {f.metadata[b'meaning'].decode()} |" for f in SCHEMAS[table])
+    rows = (f"| `{f.name}` | {f.type} | {f.metadata[b'meaning'].decode()} |" for f in (SCHEMAS | LIVE_SCHEMAS)[table])
     return "\n".join(["| column | type | meaning |", "|---|---|---|", *rows])
 
 
 GENERATED = {
+    ("faults.md", "faults"): matrix.table,
     ("record.md", "detection columns"): lambda: _schema("detections"),
     ("record.md", "actor columns"): lambda: _schema("actors"),
+    ("record.md", "gateway columns"): lambda: _schema("gateway"),
+    ("record.md", "latency columns"): lambda: _schema("latency"),
     ("record.md", "columns"): columns,
-    ("scenarios.md", "keys"): keys,
+    ("scenarios.md", "keys"): lambda: keys(Scenario),
+    ("rigs.md", "keys"): lambda: keys(Rig),
+    ("vehicle.md", "arming diagram"): lambda: f"```mermaid\n{diagram.mermaid()}\n```",
     ("vehicle.md", "gateway reasons"): lambda: _codes(arming.REASONS),
     ("vehicle.md", "trust reasons"): lambda: _codes(trust.REASONS),
 }
@@ -98,6 +108,12 @@ def test_the_scenario_in_the_documentation_is_one() -> None:
     (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     scenario = parse(tomllib.loads(block), DOCS / "scenarios.md")
     assert len(scenario.obstacles) == 2
+
+
+def test_the_rig_in_the_documentation_is_one_that_may_be_armed() -> None:
+    text = (DOCS / "rigs.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    assert arming_refusal(parse_rig(tomllib.loads(block), DOCS / "rigs.md")) is None
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in DOCS.glob("*.md"))])

@@ -6,16 +6,38 @@ periodic sender: a frozen program must fall silent, not go on commanding a car.
 
 from __future__ import annotations
 
+import contextlib
+import io
+import math
+import os
+import re
+import select
+import threading
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 import can
+from can.interfaces.slcan import slcanBus
 
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.values import Frame
+
+#: for one frame to be taken by a driver that is busy [s]; a serial adapter that nobody reads would wait for ever
+SEND_TIMEOUT: Final = 0.005
+#: frames taken in at once, so that a flooded bus can't keep its listener from everything else
+MOST_FRAMES: Final = 1000
+#: of a serial adapter: bytes read at once, and the longest line that can still become a frame
+SERIAL_CHUNK: Final = 4096
+LONGEST_LINE: Final = 32
+
+#: a classic 11-bit data frame on a serial adapter's wire: LAWICEL, CANUSB manual, command t
+_SERIAL_FRAME: Final = re.compile(
+    rb"t[0-7][0-9A-Fa-f]{2}(?:" + b"|".join(b"%d[0-9A-Fa-f]{%d}" % (size, 2 * size) for size in range(9)) + rb")"
+)
 
 
 class Bus:
@@ -31,16 +53,44 @@ class Bus:
             raise ConfigError(f"bus interface: expected one of {known}; got {interface!r}")
         self.name = f"{interface}:{channel}"
         try:
-            self._bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate)
+            if interface == "slcan":
+                self._bus: can.BusABC = _SerialBus(channel, bitrate)
+            else:
+                self._bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate)
         except Exception as error:  # a driver without its vendor's library raises anything, even NameError
             raise self._rig_error("cannot be opened", error) from error
 
     def send(self, frame: Frame) -> None:
         """Put one frame on the bus."""
         try:
-            self._bus.send(can.Message(arbitration_id=frame.id, data=frame.data, is_extended_id=False))
+            self._bus.send(can.Message(arbitration_id=frame.id, data=frame.data, is_extended_id=False), SEND_TIMEOUT)
         except (OSError, can.CanError) as error:
             raise self._rig_error("cannot send", error) from error
+
+    def drain(self) -> list[Frame]:
+        """Return all classic 11-bit data frames that wait now, without waiting; what we sent is not among them.
+
+        At most MOST_FRAMES of them; the rest waits for the next call.
+        """
+        frames: list[Frame] = []
+        for _ in range(MOST_FRAMES):
+            try:
+                message = self._bus.recv(0.0)
+            except (OSError, can.CanError) as error:
+                raise self._rig_error("cannot receive", error) from error
+            if message is None:
+                break
+            frame = _as_frame(message)
+            if frame is not None:
+                frames.append(frame)
+        return frames
+
+    def fileno(self) -> int | None:
+        """Return the file descriptor that becomes readable with a frame, or None where the driver has none."""
+        try:
+            return int(self._bus.fileno())
+        except (NotImplementedError, can.CanError):
+            return None
 
     def receive(self, timeout: float) -> tuple[float, Frame] | None:
         """Driver's timestamp [s] and frame of the next classic 11-bit data frame, or None after `timeout` [s].
@@ -60,8 +110,9 @@ class Bus:
                 return message.timestamp, frame
 
     def close(self) -> None:
-        """Let go of the bus."""
-        self._bus.shutdown()
+        """Let go of the bus; one that is gone already lets go of itself."""
+        with contextlib.suppress(OSError, can.CanError):
+            self._bus.shutdown()
 
     def __enter__(self) -> Self:
         return self
@@ -76,15 +127,21 @@ class Bus:
         return RigError(f"CAN bus {self.name} {what}: {text}")
 
 
+def interfaces() -> list[str]:
+    """Return the names of python-can's interfaces; whether the driver of one is installed shows when it is opened."""
+    return sorted(can.VALID_INTERFACES)
+
+
 def read_log(path: Path) -> Iterator[tuple[float, str, Frame]]:
-    """Time [s], channel and frame of every line of a candump log.
+    """Time [s], channel and frame of every line of a candump log; a last line without its end is a torn one.
 
     Leaves out what a `Frame` cannot hold: extended, remote, error and FD frames. Raises ConfigError for a file that is
     not there or a line that is not candump's.
     """
     frames = 0
     try:
-        with can.CanutilsLogReader(path) as reader:
+        text = path.read_text(encoding="ascii", errors="replace")
+        with can.CanutilsLogReader(io.StringIO(text[: text.rfind("\n") + 1])) as reader:
             for message in reader:
                 frames += 1
                 frame = _as_frame(message)
@@ -105,6 +162,82 @@ def candump_lines(timestamp: float, channel: str, frames: Iterable[Frame]) -> st
     """A line for each frame of one moment, as `candump_line` writes it."""
     head = f"({timestamp:017.6f}) {channel}"
     return "".join([f"{head} {identifier:03X}#{data.hex().upper()}\n" for identifier, data in frames])
+
+
+class _SerialBus(slcanBus):  # type: ignore[misc]  # python-can has no types that mypy is shown
+    """python-can's serial adapter, reading what is there at once: byte by byte, ten frames take a millisecond.
+
+    Lines that are no classic 11-bit data frame are passed over: the adapter's answers, and noise on the wire, over
+    which python-can would stumble.
+
+    Linux hands over a serial port's bytes by an ordinary kernel worker, and whoever looks at the port waits for that
+    one, whatever its own priority. So a thread does the looking, and passes the bytes on through a pipe.
+    """
+
+    def __init__(self, port: str, bitrate: int) -> None:
+        self._lines: deque[str] = deque()
+        self._torn = b""
+        self._ears: tuple[int, int] | None = None
+        super().__init__(port, bitrate=bitrate, sleep_after_open=0.0, timeout=0.0)
+        self._ears = os.pipe2(os.O_CLOEXEC)
+        self._quit = os.pipe2(os.O_CLOEXEC)
+        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener.start()
+
+    def fileno(self) -> int:
+        """Return what becomes readable with the adapter's bytes, and where the adapter is gone."""
+        if self._ears is None:
+            raise can.CanOperationError("the port is closed")
+        return self._ears[0]
+
+    def shutdown(self) -> None:
+        """Close everything; the thread of a port that hangs ends with the process."""
+        ears, self._ears = self._ears, None
+        if ears is not None:
+            os.close(self._quit[1])
+            self._listener.join(SEND_TIMEOUT)
+            os.close(ears[0])
+        super().shutdown()
+
+    def _listen(self) -> None:
+        """Pass on what the adapter says, until it is gone or nobody wants to hear it."""
+        assert self._ears is not None
+        port, ear, stop = self.serialPortOrig.fileno(), self._ears[1], self._quit[0]
+        with contextlib.suppress(OSError):
+            while stop not in select.select([port, stop], [], [])[0] and (data := os.read(port, SERIAL_CHUNK)):
+                os.write(ear, data)
+        os.close(ear)
+        os.close(stop)
+
+    def _read(self, timeout: float | None) -> str | None:
+        """Return the line of the next frame, or None after `timeout` [s]."""
+        deadline = math.inf if timeout is None else time.monotonic() + timeout
+        while not self._lines:
+            left = max(deadline - time.monotonic(), 0.0)
+            ready, _, _ = select.select([self.fileno()], [], [], None if timeout is None else left)
+            if not ready:
+                return None
+            self._fill()
+        return self._lines.popleft()
+
+    def _write(self, string: str) -> None:
+        """Write a line, or raise where there is no room for it; pyserial fails one that it took long over writing."""
+        line, port = string.encode() + self.LINE_TERMINATOR, self.serialPortOrig.fileno()
+        try:
+            written = os.write(port, line)
+        except BlockingIOError:
+            _, ready, _ = select.select([], [port], [], SEND_TIMEOUT)
+            written = os.write(port, line) if ready else 0
+        if written < len(line):
+            raise can.CanOperationError("the adapter takes nothing")
+
+    def _fill(self) -> None:
+        data = os.read(self.fileno(), SERIAL_CHUNK)
+        if not data:
+            raise can.CanOperationError("the adapter is gone")
+        *lines, torn = re.split(rb"[\r\a]", self._torn + data)
+        self._torn = torn[-LONGEST_LINE:]
+        self._lines.extend(line.decode("ascii") for line in lines if _SERIAL_FRAME.fullmatch(line))
 
 
 def _as_frame(message: can.Message) -> Frame | None:

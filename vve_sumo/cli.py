@@ -44,7 +44,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"vve-sumo {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
     _add_drive(commands)
+    _add_doctor(commands)
+    _add_align(commands)
+    _add_calibrate(commands)
     _add_replay(commands)
+    _add_redrive(commands)
     _add_pose(commands)
     _add_path(commands)
     _add_network(commands)
@@ -67,14 +71,19 @@ def _add_drive(commands: Commands) -> None:  # type: ignore[valid-type]
     drive = _add(
         commands,
         "drive",
-        "drive a scenario with the hardware-free car, or play a recorded drive",
+        "drive a scenario: in lockstep, live on a rig, or with a recorded drive",
         "Drive a scenario in lockstep with the hardware-free car: NCOM bytes in, drive-by-wire CAN frames out,\n"
-        "traffic by SUMO. Leaves a record folder with summary.json and drive.png.\n\n"
+        "traffic by SUMO. With --rig, drive it live: real time, real buses, a real car. Leaves a record folder with\n"
+        "summary.json and drive.png.\n\n"
         "examples:\n"
         "  vve-sumo drive                                the paper's drive: a car parked in the middle of the road\n"
         "  vve-sumo drive parked_car --seed 7 --out a    another seed, record in folder a\n"
         "  vve-sumo drive --controller mine.py:make      your own controller\n"
-        "  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys",
+        "  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys\n"
+        "  vve-sumo drive --rig twin                     live, with the hardware-free car as a process of its own\n"
+        "  vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off\n\n"
+        "live keys: e engages, g goes, any other key, Ctrl-C or closing the terminal stops. The emergency stop is the\n"
+        "driver's brake.",
     )
     drive.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
     drive.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
@@ -87,8 +96,55 @@ def _add_drive(commands: Commands) -> None:  # type: ignore[valid-type]
         help="send a recorded drive through the chain, laid on the street by matched start: NCOM bytes, or CSV with "
         "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and logged, nobody obeys",
     )
+    drive.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
+    drive.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
     drive.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     drive.set_defaults(run=_drive)
+
+
+def _add_doctor(commands: Commands) -> None:  # type: ignore[valid-type]
+    doctor = _add(
+        commands,
+        "doctor",
+        "go or no-go before a drive: machine, scenario, and with --rig the rig",
+        "Look at everything that a drive needs, say what was found, and what to do about what is not good enough.\n"
+        "With --rig it listens to the receiver and to the car's bus for some seconds; it sends nothing to a real car.\n"
+        "Ends with GO (exit code 0) or NO-GO (3).",
+    )
+    doctor.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    doctor.add_argument("--rig", metavar="NAME", help="a name under rigs/ or a .toml file")
+    doctor.set_defaults(run=_doctor)
+
+
+def _add_align(commands: Commands) -> None:  # type: ignore[valid-type]
+    align = _add(
+        commands,
+        "align",
+        "lay a scenario's path into a rig's lot and store how",
+        "Find how the lot lies on the virtual street, say whether the path fits, and write it into the rig file.\n\n"
+        "examples:\n"
+        "  vve-sumo align --rig ours                     the car stands at the path's start: make that the start\n"
+        "  vve-sumo align --rig ours --pairs places.csv  by places that were surveyed in the lot and on the street\n"
+        "  vve-sumo align --rig ours --fit --picture lot.png   no car needed: where the path has most room\n"
+        "  vve-sumo align --rig ours --fit --cut short.csv     and where it does not fit, the part of it that does",
+    )
+    align.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    align.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
+    how = align.add_mutually_exclusive_group()
+    how.add_argument(
+        "--pairs",
+        type=Path,
+        metavar="FILE",
+        help="CSV with lot_latitude_deg, lot_longitude_deg and street_x_m, street_y_m (or street_latitude_deg, "
+        "street_longitude_deg), two rows or more",
+    )
+    how.add_argument("--fit", action="store_true", help="search the turn and shift that leave most room")
+    align.add_argument("--cut", type=Path, metavar="CSV", help="with --fit: write what fits of a path too long")
+    align.add_argument("--picture", type=Path, metavar="FILE", help="draw lot, path and start as a PNG file")
+    align.add_argument(
+        "--store", "--yes", dest="store", action="store_true", help="store without asking; --fit stores only with this"
+    )
+    align.set_defaults(run=_align)
 
 
 def _add_replay(commands: Commands) -> None:  # type: ignore[valid-type]
@@ -96,11 +152,56 @@ def _add_replay(commands: Commands) -> None:  # type: ignore[valid-type]
         commands,
         "replay",
         "run a record through the chain again and find the first difference",
-        "Feed a record's pose bytes, car reports and actors to the same chain, without SUMO and without a car, and\n"
-        "compare every setpoint and every CAN frame, bit for bit. Exit code 1 names the first tick that differs.",
+        "Feed a record's pose bytes, car reports and actors to the same chain and the same gateway, without SUMO and\n"
+        "without a car, and compare every setpoint and every CAN frame, bit for bit. Exit code 1 names the first tick\n"
+        "of the drive, or step of the gateway, that differs, and every part of the record that was altered.",
     )
-    replay.add_argument("record", type=Path, metavar="DIR", help="folder of a drive with the hardware-free car")
+    replay.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
     replay.set_defaults(run=_replay)
+
+
+def _add_calibrate(commands: Commands) -> None:  # type: ignore[valid-type]
+    calibrate = _add(
+        commands,
+        "calibrate",
+        "find brakes, throttle, steering and delays of a car by a short drive",
+        "Drive the calibration run on a rig (about 270 m straight ahead, 70 s) and fit brake and throttle maps,\n"
+        "steering ratio and bias, delays and the receiver's misalignment; each with its uncertainty and a verdict.\n\n"
+        "examples:\n"
+        "  vve-sumo calibrate --rig twin                       drive, fit, show\n"
+        "  vve-sumo calibrate --rig ours --write               and put what was found, dated, into rigs/ours.toml\n"
+        "  vve-sumo calibrate --rig ours --record runs/DIR     fit a record that is there already",
+    )
+    calibrate.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
+    calibrate.add_argument("--record", type=Path, metavar="DIR", help="of a drive, instead of driving")
+    calibrate.add_argument(
+        "--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)"
+    )
+    calibrate.add_argument("--write", action="store_true", help="change the rig file; comments stay")
+    calibrate.add_argument(
+        "--leave",
+        type=_names,
+        default=(),
+        metavar="KEY,KEY",
+        help="poor numbers that the rig file keeps as they are",
+    )
+    calibrate.set_defaults(run=_calibrate)
+
+
+def _add_redrive(commands: Commands) -> None:  # type: ignore[valid-type]
+    redrive = _add(
+        commands,
+        "redrive",
+        "ask another controller on a record's inputs, open loop",
+        "Feed a record's pose bytes, car reports and actors to another controller and compare its answers with those\n"
+        "recorded, tick by tick. Open loop: the car did what the recorded controller said. Leaves redrive.png in DIR.",
+    )
+    redrive.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
+    redrive.add_argument(
+        "--controller", metavar="NAME", required=True, help="shipped name, file.py:make or entry point"
+    )
+    redrive.add_argument("--out", type=Path, metavar="FILE", help="both answers of every tick, as .parquet or .csv")
+    redrive.set_defaults(run=_redrive)
 
 
 def _add_pose(commands: Commands) -> None:  # type: ignore[valid-type]
@@ -241,6 +342,10 @@ def _add_init(commands: Commands) -> None:  # type: ignore[valid-type]
 
 
 def _drive(arguments: argparse.Namespace) -> int:
+    if arguments.rig is not None:
+        return _drive_live(arguments)
+    if arguments.shadow:
+        raise ConfigError("--shadow: only a live drive has enable bits to leave off; name the rig with --rig")
     from vve_sumo.drive.command import drive
 
     return drive(
@@ -253,10 +358,59 @@ def _drive(arguments: argparse.Namespace) -> int:
     )
 
 
+def _drive_live(arguments: argparse.Namespace) -> int:
+    if arguments.pose is not None:
+        raise ConfigError("--pose: a live drive has its pose from the rig; leave out one of --pose and --rig")
+    from vve_sumo.live.command import drive_live
+
+    return drive_live(
+        arguments.scenario,
+        arguments.rig,
+        out=arguments.out,
+        seed=arguments.seed,
+        controller=arguments.controller,
+        shadow=arguments.shadow,
+    )
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    from vve_sumo.live.doctor import doctor
+
+    return doctor(arguments.scenario, arguments.rig)
+
+
+def _align(arguments: argparse.Namespace) -> int:
+    from vve_sumo.live.align import align
+
+    return align(
+        arguments.scenario,
+        arguments.rig,
+        pairs=arguments.pairs,
+        search=arguments.fit,
+        cut_to=arguments.cut,
+        picture=arguments.picture,
+        agreed=arguments.store,
+    )
+
+
 def _replay(arguments: argparse.Namespace) -> int:
-    from vve_sumo.drive.command import replayed
+    from vve_sumo.live.review import replayed
 
     return replayed(arguments.record)
+
+
+def _calibrate(arguments: argparse.Namespace) -> int:
+    from vve_sumo.live.calibration import calibrate
+
+    return calibrate(
+        arguments.rig, record=arguments.record, out=arguments.out, write=arguments.write, leave=arguments.leave
+    )
+
+
+def _redrive(arguments: argparse.Namespace) -> int:
+    from vve_sumo.live.review import redriven
+
+    return redriven(arguments.record, arguments.controller, arguments.out)
 
 
 def _pose_decode(arguments: argparse.Namespace) -> int:

@@ -80,6 +80,12 @@ class MapFrame:
         return away * sine * (1.0 + square * (third + square * (2.0 - tangent) / 15.0))
 
 
+def local_frame(latitude: float, longitude: float) -> MapFrame:
+    """Return a plane map centred on a place [rad], for the few kilometres around it."""
+    where = f"+lat_0={math.degrees(latitude):.9f} +lon_0={math.degrees(longitude):.9f}"
+    return MapFrame(f"+proj=tmerc {where} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
+
+
 def _open_projection(projection: str) -> pyproj.Proj:
     try:
         opened = pyproj.Proj(projection)

@@ -159,6 +159,14 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True)
+class StopProfile:
+    """The way to rest: the curvature that the rear axle shall follow from where the setpoint found it."""
+
+    spacing: float  #: distance from one knot to the next along the rear axle's way [m], positive
+    curvature: tuple[float, ...]  #: at distance 0, spacing, 2 spacing, … [1/m], left positive; linear in between
+
+
+@dataclass(frozen=True, slots=True)
 class Setpoint:
     """What the car shall do, from a controller to the gateway.
 
@@ -177,6 +185,7 @@ class Setpoint:
     yaw_rate: float = math.nan  #: GNSS yaw rate [rad/s], for the gateway's plausibility check
     grade: float = 0.0  #: slope along the heading [rad], uphill positive, to be fed forward
     faults: tuple[str, ...] = ()  #: reason codes that the drive found; any of them asks for a stop
+    profile: StopProfile | None = None  #: the way to rest, checked to lie inside the lot; None where there is none
 
 
 class ArmingState(enum.StrEnum):
@@ -216,6 +225,7 @@ class TickRow:
 
     tick: int = _column("number of the tick")
     time_s: float = _column("drive time of the tick")
+    datagrams: int = _column("portions of pose bytes taken in before this tick, counted from the drive's start")
     pose_trusted: bool = _column("a trusted pose stood behind this tick")
     pose_age_s: float = _column("tick minus epoch of the newest trusted fix; NaN before the first")
     pose_reasons: str = _column("why the newest fix was not trusted, codes joined by +")
@@ -239,7 +249,8 @@ class TickRow:
     acceleration_setpoint_mps2: float = _column("acceleration asked by the controller; NaN for none")
     emergency: bool = _column("the controller asked for the emergency envelope")
     note: str = _column("the controller's own word for what it does")
-    faults: str = _column("faults that the drive found, codes joined by +")
+    found: str = _column("faults that the shell and the street handed to this tick, codes joined by +")
+    faults: str = _column("all faults that went into the setpoint, codes joined by +")
     state: str = _column("arming state of the gateway")
     reasons: str = _column("the gateway's reason codes joined by +")
     limited: str = _column("limits that changed the setpoint, joined by +")
@@ -247,7 +258,9 @@ class TickRow:
     granted_acceleration_mps2: float = _column("acceleration granted by the gateway")
     brake_torque_nm: float = _column("brake torque commanded, all wheels")
     throttle_percent: float = _column("throttle commanded")
-    measured_steering_rad: float = _column("road-wheel angle that the car reports; NaN before the first report")
+    measured_steering_rad: float = _column(
+        "road-wheel angle that the car had reported when the controller was asked; NaN before the first report"
+    )
     asked_x_m: float = _column("front bumper asked of SUMO for the next tick, map")
     asked_y_m: float = _column("as asked_x_m")
     asked_heading_rad: float = _column("as asked_x_m")
@@ -258,3 +271,47 @@ class TickRow:
     lane: str = _column("lane that SUMO maps the ego to; empty off the road")
     actors: int = _column("actors in the snapshot that the next tick looks at")
     contacts: str = _column("actors whose rectangle overlaps the ego's, joined by +")
+
+
+@dataclass(frozen=True, slots=True)
+class GatewayRow:
+    """What a live record keeps of one step of the gateway's process: all that went in, and what came out."""
+
+    step: int = _column("number of the step")
+    time_s: float = _column("drive time of the step, as the gateway was told")
+    setpoint: bytes = _column("the setpoint's datagram as it came; empty where none came since the last step")
+    act: str = _column("what the operator did since the last step; empty for nothing")
+    found: str = _column("faults that the gateway's process handed to this step, codes joined by +")
+    heard: int = _column("frames of can.log that went into this step, in order")
+    sent: int = _column("frames of can.log that this step sent, right after those heard")
+    sequence: int = _column("of the newest setpoint taken; -1 before the first")
+    state: str = _column("arming state after the step")
+    reasons: str = _column("reason codes joined by +")
+    limited: str = _column("limits that changed the setpoint, joined by +")
+    steering_rad: float = _column("road-wheel angle granted, left positive")
+    granted_acceleration_mps2: float = _column("acceleration granted")
+    brake_torque_nm: float = _column("brake torque commanded, all wheels")
+    throttle_percent: float = _column("throttle commanded")
+    measured_steering_rad: float = _column("road-wheel angle that the car reports; NaN before the first report")
+    wheel_speed_mps: float = _column("rear axle's speed from the wheels; NaN before the first report")
+    gear: str = _column("gear that the car reports")
+
+
+@dataclass(frozen=True, slots=True)
+class LatencyRow:
+    """The latency ledger's line for one tick of a live drive; moments are drive times, NaN where nothing happened."""
+
+    tick: int = _column("number of the tick")
+    sequence: int = _column("of the setpoint; -1 for none")
+    due_s: float = _column("when the tick was due")
+    epoch_s: float = _column("epoch of the newest fix, on the drive's clock as estimated")
+    received_s: float = _column("arrival of that fix's bytes: the kernel's stamp")
+    woken_s: float = _column("the tick began")
+    decoded_s: float = _column("bytes decoded, judged, placed and predicted")
+    seen_s: float = _column("radar done")
+    decided_s: float = _column("controller done")
+    handed_s: float = _column("setpoint handed to the gateway")
+    framed_s: float = _column("the send of the last command frame returned")
+    simulated_s: float = _column("SUMO's step done")
+    woken_by: str = _column("datagram, or deadline where the due one did not come")
+    missed: int = _column("ticks skipped before this one because their time had passed")

@@ -1,4 +1,4 @@
-"""Finds networks, routes, scenarios and controllers by name: the working folder first, then what the package ships.
+"""Finds networks, routes, scenarios, rigs and controllers by name: the working folder first, then the shipped ones.
 
 A name is a file's stem (`linden`); anything that looks like a path is taken as one.
 """
@@ -16,10 +16,11 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "demand": ("routes", (".rou.xml", ".rou.xml.gz")),
     "path": ("routes", (".csv",)),
     "scenario": ("scenarios", (".toml",)),
+    "rig": ("rigs", (".toml",)),
 }
 
 #: folders that `vve-sumo init` lays out
-LAID_OUT = ("controllers", "networks", "routes", "scenarios")
+LAID_OUT = ("controllers", "networks", "rigs", "routes", "scenarios")
 
 
 def shipped_root() -> Path:

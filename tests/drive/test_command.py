@@ -17,9 +17,9 @@ from vve_sumo.controller import Guarded
 from vve_sumo.drive import command
 from vve_sumo.drive.chain import Chain
 from vve_sumo.drive.record import Record
-from vve_sumo.drive.street import lot_frame, standing
+from vve_sumo.drive.street import standing
 from vve_sumo.errors import ConfigError
-from vve_sumo.frames import Alignment, Mounting, Placement
+from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
@@ -160,7 +160,7 @@ class _Straight:
 def test_the_playback_profile_can_never_arm() -> None:
     """The operator's act is refused whatever the car reports, and no frame ever enables anything."""
     setting = altered({})
-    frame = lot_frame(0.7, -1.4)
+    frame = local_frame(0.7, -1.4)
     chain = Chain(
         decoder=Decoder(),
         gate=TrustGate(PLAYBACK, 0.0),
@@ -168,11 +168,11 @@ def test_the_playback_profile_can_never_arm() -> None:
         predictor=Predictor(),
         radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(1)),
         controller=Guarded(_Straight()),
-        gateway=Gateway(setting.vehicle),
         vehicle=setting.vehicle,
         path=setting.path,
         desired_speed=5.0,
     )
+    gateway = Gateway(setting.vehicle)
     placement = Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0)
     reports = [
         dbw.encode(dbw.BrakeReport(dbw.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, enabled=False)),
@@ -182,8 +182,10 @@ def test_the_playback_profile_can_never_arm() -> None:
         now = 0.02 * tick
         pose = standing(0.0, 0.0, 0.0)
         chain.accept(now, dataclasses.replace(placement.unplace(pose), time=now, pitch=0.0, altitude=0.0))
-        acted = chain.act(tick, now, table(now, ()), reports, Act.ENGAGE)
-        assert acted.verdict.state is not ArmingState.ENGAGED
-        assert "profile_may_not_arm" in acted.faults
-        commands = [dbw.decode(each, dbw.Variant.DBW1_2024) for each in acted.frames]
+        chain.see(now, table(now, ()))
+        decided = chain.decide(tick, now, gateway.measured_steering)
+        output = gateway.step(now, decided.setpoint, reports, Act.ENGAGE)
+        assert output.verdict.state is not ArmingState.ENGAGED
+        assert "profile_may_not_arm" in decided.faults
+        commands = [dbw.decode(each, dbw.Variant.DBW1_2024) for each in output.frames]
         assert not any(getattr(each, "enable", False) for each in commands)

@@ -11,8 +11,9 @@ import pytest
 
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
-from vve_sumo.drive.record import read_pose_chunks
-from vve_sumo.drive.replay import Difference, altered_parts, read_inputs, replay, setting_of
+from vve_sumo import cli
+from vve_sumo.drive.record import hash_parts, read_pose_chunks, read_table
+from vve_sumo.drive.replay import Difference, altered_parts, read_car_frames, read_chain_inputs, replay, setting_of
 from vve_sumo.drive.setting import EPOCH
 from vve_sumo.errors import ConfigError
 
@@ -39,7 +40,7 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def replayed(folder: Path) -> Difference | None:
     setting, changed = setting_of(folder, REPOSITORY)
     assert changed == []
-    return replay(setting, read_inputs(folder, EPOCH), REPOSITORY)
+    return replay(setting, read_chain_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
 
 
 @pytest.mark.parametrize("name", DRIVES)
@@ -57,7 +58,7 @@ def test_a_flipped_bit_of_a_pose_packet_is_found_at_its_tick(records: dict[str, 
     (folder / "pose.bin").write_bytes(raw)
     difference = replayed(folder)
     assert difference is not None
-    assert difference.tick in (1000, 1001)
+    assert difference.number in (1000, 1001)
     assert difference.what == "x_m"
 
 
@@ -76,7 +77,7 @@ def test_a_changed_command_is_found_at_its_tick(records: dict[str, Path], tmp_pa
     change_line(folder, "060", 12.0, "01" + 7 * "00")
     difference = replayed(folder)
     assert difference is not None
-    assert (difference.tick, difference.what) == (601, "frames")
+    assert (difference.number, difference.what) == (601, "frames")
     assert difference.recorded != difference.replayed
 
 
@@ -87,7 +88,7 @@ def test_a_changed_wheel_speed_changes_what_the_gateway_sends(records: dict[str,
     assert altered_parts(folder) == ["can.log"]
     difference = replayed(folder)
     assert difference is not None
-    assert 750 <= difference.tick <= 760
+    assert 750 <= difference.number <= 760
 
 
 def test_a_byte_that_changes_no_answer_is_found_all_the_same(records: dict[str, Path], tmp_path: Path) -> None:
@@ -99,13 +100,44 @@ def test_a_byte_that_changes_no_answer_is_found_all_the_same(records: dict[str, 
     assert altered_parts(folder) == ["pose.bin"]
 
 
+def test_a_byte_of_a_table_that_says_nothing_is_found_too(records: dict[str, Path], tmp_path: Path) -> None:
+    """The name of the library that wrote the file: no row hangs on it."""
+    folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
+    file = folder / "actors.parquet"
+    before, whole = hash_parts(folder), file.read_bytes()
+    at = whole.rindex(b"parquet-cpp-arrow")
+    file.write_bytes(whole[:at] + b"P" + whole[at + 1 :])
+    assert hash_parts(folder) == before
+    assert altered_parts(folder) == ["actors"]
+
+
+def test_what_was_never_finished_replays_as_far_as_its_inputs_reach(
+    records: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = Path(shutil.copytree(records["traffic"], tmp_path / "r"))
+    (folder / "summary.json").unlink()
+    assert altered_parts(folder) is None
+    assert cli.main(["replay", str(folder)]) == 0
+    assert "never finished" in capsys.readouterr().err
+    chunks = read_pose_chunks(folder / "pose.bin")
+    left = len(chunks) * 2 // 3
+    raw = (folder / "pose.bin").read_bytes()
+    (folder / "pose.bin").write_bytes(raw[: sum(12 + len(data) for _time, data in chunks[:left]) + 20])
+    datagrams = read_table(folder, "ticks")["datagrams"].to_pylist()
+    whole = sum(number <= left for number in datagrams)
+    assert cli.main(["replay", str(folder)]) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith(f"{whole} ticks of ")
+    assert f"the last {len(datagrams) - whole} ticks come after a gap" in said.err
+
+
 def test_what_is_no_record_is_one_line(records: dict[str, Path], tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no record of a drive"):
         setting_of(tmp_path, REPOSITORY)
     folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
     (folder / "can.log").unlink()
     with pytest.raises(ConfigError, match=r"can\.log"):
-        read_inputs(folder, EPOCH)
+        read_car_frames(folder, EPOCH)
 
 
 @pytest.mark.parametrize("role", ["network", "path", "controller_speed"])

@@ -221,6 +221,18 @@ def test_long_silence_forgets_the_minute_until_channel_0_comes_again():
     assert fix.time == later + 0.01
 
 
+def test_a_stream_in_which_packets_overtake_each_other_keeps_its_qualities():
+    """Each pair turned round, for longer than a status channel is believed: half of them travel in late packets."""
+    packets = stream(1000)
+    turned = [packet for pair in zip(packets[1::2], packets[::2], strict=True) for packet in pair]
+    fixes = decoded(b"".join(turned))
+    straight = decoded(b"".join(packets))
+    qualities = ("position_mode", "position_sigma", "velocity_sigma", "heading_sigma", "differential_age")
+    assert len(fixes) == pytest.approx(500, abs=10)
+    assert [getattr(fixes[-1], name) for name in qualities] == [getattr(straight[-1], name) for name in qualities]
+    assert not any(math.isnan(getattr(fixes[-1], name)) for name in qualities)
+
+
 def test_duplicates_are_reported_and_not_emitted():
     packets = stream(12)
     decoder = Decoder()

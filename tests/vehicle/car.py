@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from vve_sumo.values import Frame, Setpoint, Verdict
+from vve_sumo.values import ArmingState, Frame, Setpoint, Verdict
 from vve_sumo.vehicle import dbw, fusion
 from vve_sumo.vehicle.dbw import Gear
 from vve_sumo.vehicle.gateway import Act, Gateway
@@ -35,6 +35,7 @@ class Car:
     wheel_angle: float = 0.0
     enabled: bool = False
     override: bool = False
+    driver_brake: bool = False  #: the driver's foot, below what counts as taking over
     silent: set[int] = field(default_factory=set)
     forged: dict[int, Frame] = field(default_factory=dict)
     _torque: float = 0.0
@@ -59,7 +60,7 @@ class Car:
 
     def advance(self, period: float = PERIOD, steps: int = 10) -> None:
         """Move on by one period."""
-        torque_wish = self._brake_pipe.pop(0)
+        torque_wish = max(self._brake_pipe.pop(0), 400.0 if self.driver_brake else 0.0)
         self._shift(period)
         for _ in range(steps):
             self._advance(period / steps, torque_wish)
@@ -69,7 +70,15 @@ class Car:
         """Frames of one period."""
         wheel = self.speed / FUSION.wheel_radius
         messages = [
-            dbw.BrakeReport(dbw.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, self.enabled, override=self.override),
+            dbw.BrakeReport(
+                dbw.BrakeReportKind.PEDAL,
+                0.19 if self.driver_brake else 0.15,
+                0.15,
+                0.15,
+                self.enabled,
+                override=self.override,
+                driver=self.driver_brake,
+            ),
             dbw.ThrottleReport(0.15, 0.15, 0.15, self.enabled),
             dbw.SteeringReport(self.wheel_angle, self._angle_wish, abs(self.speed), 0.0, self.enabled),
             dbw.GearReport(self.gear, self._wanted),
@@ -149,12 +158,13 @@ class Rig:
         steering: float = 0.0,
         act: Act | None = None,
         extra: tuple[Frame, ...] = (),
+        found: tuple[str, ...] = (),
         **changes: object,
     ) -> Verdict:
         """One tick; acceleration None sends no setpoint."""
         self.tick += 1
         setpoint = None if acceleration is None else self.setpoint(acceleration, steering, **changes)
-        output = self.gateway.step(self.now, setpoint, [*self.car.reports(), *extra], act)
+        output = self.gateway.step(self.now, setpoint, [*self.car.reports(), *extra], act, found)
         self.frames = output.frames
         self.car.hear(output.frames)
         self.car.advance()
@@ -164,16 +174,23 @@ class Rig:
         """Ticks for `duration` seconds."""
         return [self.step(acceleration, **arguments) for _ in range(round(duration / PERIOD))]
 
-    def engage(self) -> None:
-        """Bring the car to "engaged, in drive, standing"."""
+    def stand_by(self) -> None:
+        """Bring the car to "engaged, in drive, held", or to where that fails."""
         self.step(act=Act.ENGAGE)
-        self.run(1.5)
+        for _ in range(200):
+            if self.step().reasons == ("waiting_for_go",):
+                return
+
+    def engage(self) -> None:
+        """Bring the car to "engaged, in drive, standing, free to go"."""
+        self.stand_by()
+        self.step(act=Act.GO)
 
     def cruise(self, speed: float = 10.0) -> None:
         """Engage, and accelerate to about `speed`."""
         self.engage()
         while self.car.speed < speed:
-            self.step(1.5)
+            assert self.step(1.5).state is ArmingState.ENGAGED
         self.run(1.0)
 
     def commands(self) -> list[dbw.Message]:

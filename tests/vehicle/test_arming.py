@@ -32,7 +32,7 @@ ARROWS = {
     (S.STOPPING, Event.OVERRIDE): S.FAULT,
     (S.STOPPING, Event.AT_REST): S.STOPPED,
     (S.STOPPED, Event.OVERRIDE): S.FAULT,
-    (S.STOPPED, Event.DISARM): S.DISARMED,
+    (S.STOPPED, Event.PARKED): S.DISARMED,
     (S.FAULT, Event.DISARM): S.DISARMED,
 }
 
@@ -51,17 +51,39 @@ def test_engaged_is_entered_by_the_operators_act_alone():
     assert [pair for pair in into if pair[0] is not S.ENGAGED] == [(S.READY, Event.ENGAGE)]
 
 
-def test_once_stopping_no_run_of_events_engages_without_disarming_and_engaging_anew():
-    reached, frontier = set(), {S.STOPPING}
+def reachable(start: ArmingState, events: set[Event]) -> set[ArmingState]:
+    reached, frontier = set(), {start}
     while frontier:
         reached |= frontier
-        frontier = {transition(s, e) for s in frontier for e in Event if e is not Event.DISARM} - reached
-    assert reached == {S.STOPPING, S.STOPPED, S.FAULT}
+        frontier = {transition(s, e) for s in frontier for e in events} - reached
+    return reached
+
+
+def test_once_stopping_no_run_of_events_engages_without_parking_or_disarming_and_engaging_anew():
+    assert reachable(S.STOPPING, set(Event) - {Event.DISARM, Event.PARKED}) == {S.STOPPING, S.STOPPED, S.FAULT}
+
+
+@pytest.mark.parametrize("start", [state for state in S if state is not S.ENGAGED])
+def test_no_cycle_engages_without_the_act(start):
+    assert S.ENGAGED not in reachable(start, set(Event) - {Event.ENGAGE})
+    assert S.ENGAGED in reachable(start, set(Event))
+
+
+@pytest.mark.parametrize("state", S)
+def test_from_every_state_every_fault_leads_to_rest(state):
+    for event in (Event.FAULT, Event.EXPIRED, Event.STOP):
+        after = transition(state, event)
+        assert after is not S.ENGAGED
+        assert transition(after, Event.AT_REST) not in (S.ENGAGED, S.STOPPING)
+
+
+def test_go_changes_no_state():
+    assert all(transition(state, Event.GO) is state for state in S)
 
 
 def test_a_commanded_car_is_let_go_only_by_the_driver_or_at_rest():
     let_go = {(s, e) for s, e in EVERY if s in COMMANDING and transition(s, e) not in COMMANDING}
-    assert let_go == {(s, Event.OVERRIDE) for s in COMMANDING} | {(S.STOPPED, Event.DISARM)}
+    assert let_go == {(s, Event.OVERRIDE) for s in COMMANDING} | {(S.STOPPED, Event.PARKED)}
 
 
 def test_reasons_are_codes_with_plain_words():

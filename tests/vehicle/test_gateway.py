@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig
-from vve_sumo.values import ArmingState, Frame, Setpoint
-from vve_sumo.vehicle import admission, dbw, gateway, reports
+from vve_sumo.values import ArmingState, Frame, Setpoint, StopProfile
+from vve_sumo.vehicle import admission, dbw, fusion, gateway, handover, reports
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, REASONS
 from vve_sumo.vehicle.dbw import Gear
 from vve_sumo.vehicle.gateway import Act, Gateway
@@ -49,19 +49,57 @@ def test_nothing_is_commanded_before_the_operator_acts():
 
 @pytest.mark.parametrize("variant", dbw.Variant)
 @pytest.mark.parametrize("gear", [Gear.PARK, Gear.DRIVE])
-def test_the_act_engages_waits_for_the_kit_and_the_gear_on_the_brakes_and_then_drives(gear, variant):
-    rig = Rig(Car(gear=gear, variant=variant))
-    verdict = rig.step(1.0, act=Act.ENGAGE)
+def test_two_acts_one_to_hold_the_car_and_one_to_let_it_go(gear, variant):
+    rig = Rig(Car(gear=gear, variant=variant, driver_brake=gear is Gear.DRIVE))
+    verdict = rig.step(1.0, 0.2, act=Act.ENGAGE)
     assert (verdict.state, verdict.reasons) == (S.ENGAGED, ("engaging",))
     assert all(command.clear for command in rig.commands())
-    while rig.car.gear is not Gear.DRIVE:
-        verdict = rig.step(1.0)
-        assert verdict.throttle == 0.0 < verdict.brake_torque
-        assert rig.commands()[3].gear is Gear.DRIVE or verdict.reasons == ("engaging",)
+    seen = []
+    while verdict.reasons != ("waiting_for_go",):
+        verdict = rig.step(1.0, 0.2)
+        seen += verdict.reasons
+        assert verdict.throttle == verdict.steering == 0.0 < verdict.brake_torque
+        assert rig.commands()[3].gear is (Gear.DRIVE if verdict.reasons == ("shifting",) else Gear.NONE)
         assert not any(command.clear for command in rig.commands())
+        rig.car.driver_brake &= len(seen) < 20
+    assert list(dict.fromkeys(seen)) == ["shifting" if gear is Gear.PARK else "driver_on_brake", "waiting_for_go"]
+    for verdict in rig.run(2.0, acceleration=2.0, steering=0.2):
+        assert (verdict.reasons, verdict.throttle, verdict.steering) == (("waiting_for_go",), 0.0, 0.0)
+        assert verdict.acceleration == rig.car.speed == 0.0
+    assert rig.step(1.0, act=Act.GO).reasons == ()
     rig.run(1.0, acceleration=1.0)
     assert rig.car.speed > 0.4
     assert enabled(rig) == {True}
+
+
+def test_go_counts_only_when_it_is_waited_for():
+    rig = Rig()
+    assert rig.step(1.0, act=Act.GO).reasons == ("go_too_early",)
+    assert rig.step(1.0, act=Act.ENGAGE).reasons == ("engaging",)
+    assert rig.step(1.0, act=Act.GO).reasons == ("go_too_early", "shifting")
+    while rig.step(1.0).reasons == ("shifting",):
+        pass
+    rig.car.driver_brake = True
+    assert rig.step(1.0, act=Act.GO).reasons == ("go_too_early", "driver_on_brake")
+    rig.car.driver_brake = False
+    rig.car.forged = forged(ENABLED_THROTTLE._replace(driver=True))
+    assert rig.step(1.0, act=Act.GO).reasons == ("go_too_early", "driver_on_throttle")
+    rig.car.forged = {}
+    assert {verdict.throttle for verdict in rig.run(1.0, acceleration=1.0)} == {0.0}
+    assert rig.step(1.0, act=Act.GO).reasons == ()
+    assert rig.step(1.0, act=Act.GO).reasons == ()
+    rig.step(act=Act.STOP)
+    assert "go_too_early" in rig.step(1.0, act=Act.GO).reasons
+
+
+def test_a_go_of_the_drive_before_does_not_count_for_the_next():
+    rig = Rig()
+    rig.engage()
+    rig.step(act=Act.STOP)
+    rig.run(4.0)
+    assert rig.step().state is S.READY
+    rig.stand_by()
+    assert {(v.reasons, v.throttle) for v in rig.run(1.0, acceleration=2.0)} == {(("waiting_for_go",), 0.0)}
 
 
 @pytest.mark.parametrize(
@@ -70,7 +108,11 @@ def test_the_act_engages_waits_for_the_kit_and_the_gear_on_the_brakes_and_then_d
         ("not_standing", {"speed": 0.3}, {}),
         ("gear_not_park_or_drive", {"gear": Gear.REVERSE}, {}),
         ("gear_not_park_or_drive", {"gear": Gear.NEUTRAL}, {}),
+        ("driver_not_on_brake", {"gear": Gear.DRIVE}, {}),
         ("kit_already_enabled", {"enabled": True}, {}),
+        ("profile_invalid", {}, {"profile": StopProfile(0.0, (0.0,))}),
+        ("bus_down", {}, {"found": ("bus_down",)}),
+        ("a_code_that_nobody_knows", {}, {"found": ("a_code_that_nobody_knows",)}),
         ("no_setpoint", {}, {"acceleration": None}),
         ("setpoint_lifetime", {}, {"expires": 0.2}),
         ("setpoint_not_finite", {}, {"acceleration": math.nan}),
@@ -116,15 +158,29 @@ def test_a_kit_that_does_not_confirm_in_time_is_given_up_at_rest():
     verdict = rig.step()
     assert (verdict.state, verdict.reasons) == (S.STOPPED, ("handshake_timeout",))
     assert rig.car.speed == 0.0
+    verdict = rig.run(1.1)[-1]
+    assert (verdict.state, verdict.reasons) == (S.READY, ("handshake_timeout",))
+    assert rig.gateway.done
 
 
 def test_a_gear_that_does_not_come_is_given_up_at_rest():
     rig = Rig(Car(shift_time=math.inf))
-    rig.engage()
-    verdicts = rig.run(4.0, acceleration=2.0)
+    rig.step(act=Act.ENGAGE)
+    verdicts = rig.run(3.2, acceleration=2.0, act=Act.GO)
     assert verdicts[-1].state is S.STOPPED
-    assert verdicts[-1].reasons == ("gear_not_confirmed",)
+    assert verdicts[-1].reasons == ("gear_not_confirmed", "go_too_early")
     assert {verdict.throttle for verdict in verdicts} == {0.0}
+
+
+def test_a_shift_that_comes_too_late_does_not_find_the_car_let_go():
+    """Given up in park while the gear box is on its way to drive: the car must be held until that has come out."""
+    rig = Rig(Car(shift_time=3.1))
+    rig.step(act=Act.ENGAGE)
+    while rig.step().state is S.ENGAGED:
+        pass
+    rig.car.gear, rig.car.shift_time = Gear.DRIVE, math.inf  # the shift comes out after all
+    assert {(v.state, rig.car.speed) for v in rig.run(20.0)} == {(S.STOPPED, 0.0)}
+    assert enabled(rig) == {True}
 
 
 # Driving.
@@ -235,6 +291,11 @@ FAULTS = [
     ("setpoint_not_finite", {}, {"speed": math.nan}),
     ("yaw_rate_mismatch", {}, {"yaw_rate": 0.15}),
     ("setpoint_not_finite", {}, {"yaw_rate": math.nan}),
+    ("profile_invalid", {}, {"profile": StopProfile(1.0, (0.0, math.nan))}),
+    ("bus_down", {}, {"found": ("bus_down",)}),
+    ("setpoint_corrupt", {}, {"found": ("setpoint_corrupt",)}),
+    ("operator_gone", {}, {"found": ("operator_gone",)}),
+    ("a_code_that_nobody_knows", {}, {"found": ("a_code_that_nobody_knows",)}),
     ("stop_asked", {}, {"act": Act.STOP}),
     ("disarm_asked", {}, {"act": Act.DISARM}),
 ]  # fmt: skip
@@ -249,6 +310,7 @@ def forged(message: object) -> dict[int, Frame]:
 def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, car, step):
     rig = Rig()
     rig.cruise(10.0)
+    rig.car.shift_time = math.inf  # and park is refused
     rig.car.silent = car.get("silent", set())
     rig.car.forged = forged(car["forged"]) if "forged" in car else {}
     arguments = {"acceleration": 1.0} | step
@@ -277,9 +339,11 @@ def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, c
     assert verdicts[-1].reasons[0] == reason
     assert enabled(rig) == {True}
     rig.car.forged, rig.car.silent = {}, set()
-    for _ in range(round(20.0 / PERIOD)):
-        assert rig.step(2.0, act=Act.ENGAGE).state is S.STOPPED, "no way from stopped to engaged"
+    for tick in range(round(20.0 / PERIOD)):
+        verdict = rig.step(2.0, act=(Act.ENGAGE, Act.GO, Act.DISARM)[tick % 3])
+        assert verdict.state is S.STOPPED, "no way from stopped to engaged, and none to a car that creeps"
         assert rig.car.speed == 0.0
+    assert not rig.gateway.done
 
 
 def test_without_wheel_speeds_the_car_is_stopped_blindly_and_held():
@@ -408,6 +472,7 @@ def test_a_fault_on_top_of_an_emergency_does_not_call_it_off(ticks):
     alone, both = Rig(), Rig()
     for rig in (alone, both):
         rig.cruise(12.0)
+        rig.car.shift_time = math.inf
         rig.run(ticks * PERIOD, acceleration=-9.0, emergency=True)
     way, way_alone = 0.0, 0.0
     for _ in range(250):
@@ -497,25 +562,82 @@ def test_at_rest_it_asks_for_park_and_lets_go_only_there():
     rig.cruise(5.0)
     rig.step(act=Act.STOP)
     while rig.step().state is not S.STOPPED:
-        pass
+        assert rig.commands()[3].gear is Gear.NONE
     assert rig.commands()[3].gear is Gear.PARK
     verdict = rig.step(act=Act.DISARM)
     assert (verdict.state, verdict.reasons) == (S.STOPPED, ("stop_asked", "not_in_park"))
-    rig.run(2.5)
-    assert rig.car.gear is Gear.PARK
-    assert rig.step(act=Act.DISARM).state is S.DISARMED
+    while rig.car.gear is not Gear.PARK:
+        assert rig.step().state is S.STOPPED
+        assert rig.commands()[3].gear is Gear.PARK
+        assert enabled(rig) == {True}
+        assert not rig.gateway.done
+    ticks = 0
+    while rig.step(faults=("pose_lost",)).state is S.STOPPED:
+        ticks += 1
+        assert enabled(rig) == {True}
+    assert ticks * PERIOD == pytest.approx(1.0, abs=0.05)
+    assert rig.gateway.done
+    verdict = rig.step()
+    assert (verdict.state, verdict.reasons) == (S.READY, ("stop_asked", "pose_lost")), "it still says how it ended"
     assert enabled(rig) == {False}
+    assert {(v.state, v.brake_torque) for v in rig.run(5.0, acceleration=2.0)} == {(S.READY, 0.0)}
 
 
-def test_after_disarming_another_controller_may_count_from_zero():
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        {"silent": {dbw.GEAR_REPORT}},
+        {"silent": {dbw.WHEEL_SPEEDS}},
+        {"forged": dbw.GearReport(Gear.PARK, fault_bus=True)},
+    ],
+)
+def test_a_park_that_nobody_can_be_sure_of_lets_nothing_go(trouble):
+    rig = Rig()
+    rig.cruise(5.0)
+    rig.step(act=Act.STOP)
+    while rig.step().state is not S.STOPPED:
+        pass
+    rig.car.silent = trouble.get("silent", set())
+    rig.car.forged = forged(trouble["forged"]) if "forged" in trouble else {}
+    assert {v.state for v in rig.run(10.0)} == {S.STOPPED}
+    assert rig.car.gear is Gear.PARK or dbw.WHEEL_SPEEDS in rig.car.silent
+    assert enabled(rig) == {True}
+    rig.car.silent, rig.car.forged = set(), {}
+    rig.run(2.0)
+    assert rig.gateway.done
+
+
+def test_no_gear_is_asked_for_while_the_wheels_turn():
+    rig = Rig(Car(shift_time=math.inf))
+    rig.step(act=Act.ENGAGE)
+    rig.run(1.0)
+    assert rig.commands()[3].gear is Gear.DRIVE
+    rig.car.speed = 0.5
+    rig.step()
+    assert rig.commands()[3].gear is Gear.NONE
+    rig.step(act=Act.STOP)
+    while rig.step().state is not S.STOPPED:
+        assert rig.commands()[3].gear is Gear.NONE
+    rig.step()
+    assert rig.commands()[3].gear is Gear.PARK
+    rig.car.speed = 0.5  # pushed from behind
+    rig.step()
+    assert rig.commands()[3].gear is Gear.NONE
+
+
+def test_after_parking_another_controller_may_count_from_zero():
     rig = Rig()
     rig.engage()
     rig.step(act=Act.STOP)
-    rig.run(2.0)
-    rig.step(act=Act.DISARM)
+    rig.run(3.0)
     rig.sequence = -1
+    assert rig.gateway.sequence > 100
+    rig.step(act=Act.DISARM)
+    assert rig.gateway.sequence == -1
     rig.run(0.1)
+    assert rig.gateway.sequence == rig.sequence
     rig.engage()
+    assert not rig.gateway.done
     rig.run(1.0, acceleration=1.0)
     assert rig.car.speed > 0.3
 
@@ -537,6 +659,7 @@ def test_the_driver_has_the_car_within_the_same_step_and_for_good(report, before
     rig = Rig()
     rig.cruise(10.0)
     if before != "driving":
+        rig.car.shift_time = math.inf
         rig.step(act=Act.STOP)
         rig.run(1.0 if before == "stopping" else 7.0)
     counter = rig.commands()[0].counter
@@ -552,6 +675,30 @@ def test_the_driver_has_the_car_within_the_same_step_and_for_good(report, before
         assert not any(command.clear for command in rig.commands())
 
 
+@pytest.mark.parametrize(
+    "report", [ENABLED_BRAKE._replace(driver=True), ENABLED_THROTTLE._replace(driver=True)], ids=["brake", "throttle"]
+)
+def test_a_driver_at_the_pedals_cuts_the_throttle_at_once_and_as_long(report):
+    rig = Rig()
+    rig.cruise(8.0)
+    before = rig.run(1.0, acceleration=1.0)[-1]
+    assert before.throttle > 0.0
+    rig.car.forged = forged(report)
+    name = "driver_on_brake" if isinstance(report, dbw.BrakeReport) else "driver_on_throttle"
+    for verdict in rig.run(1.0, acceleration=1.0):
+        assert (verdict.state, verdict.throttle) == (S.ENGAGED, 0.0)
+        assert verdict.brake_torque < 200.0, "no more than the push that still fades"
+        assert verdict.reasons == (name,)
+        assert verdict.limited[-1] == "driver"
+        assert enabled(rig) == {True}
+    assert rig.run(1.0, acceleration=-2.0)[-1].brake_torque > 500.0, "the brakes work on"
+    rig.run(1.0, acceleration=1.0)
+    rig.car.forged = {}
+    after = rig.run(0.5, acceleration=1.0)
+    assert after[0].throttle < 0.5 * before.throttle
+    assert 0.0 < after[-1].throttle < before.throttle + 0.05, "what was cut is not made up for"
+
+
 def test_a_driver_who_takes_over_again_after_the_act_cleared_the_old_override_has_the_car():
     rig = Rig(Car(override=True))
     rig.engage()
@@ -560,6 +707,15 @@ def test_a_driver_who_takes_over_again_after_the_act_cleared_the_old_override_ha
     verdict = rig.step(1.0)
     assert (verdict.state, verdict.reasons) == (S.FAULT, ("driver_override",))
     assert enabled(rig) == {False}
+
+
+def test_an_act_of_the_same_moment_does_not_wipe_away_that_the_driver_took_over():
+    rig = Rig()
+    rig.cruise(5.0)
+    rig.car.override = True
+    verdict = rig.step(1.0, act=Act.DISARM)
+    assert (verdict.state, verdict.reasons) == (S.FAULT, ("driver_override",))
+    assert rig.step(1.0, act=Act.DISARM).state is S.DISARMED
 
 
 def test_an_override_that_the_act_does_not_clear_is_not_fought():
@@ -603,7 +759,7 @@ ODD_FRAMES = st.builds(Frame, st.integers(0x060, 0x075), st.binary(max_size=8))
     ),
 )
 def test_whatever_comes_it_never_breaks_and_never_says_what_it_must_not(engaged, steps):
-    rig, state = Rig(), S.DISARMED
+    rig, state, going = Rig(), S.DISARMED, engaged
     if engaged:
         rig.cruise(8.0)
         state = rig.step().state
@@ -620,6 +776,8 @@ def test_whatever_comes_it_never_breaks_and_never_says_what_it_must_not(engaged,
         assert brake.value == 0.0 or throttle.value == 0.0
         assert brake.enable == throttle.enable == steering.enable == (verdict.state in COMMANDING)
         assert brake.clear == gear.clear == (state is not S.ENGAGED and verdict.state is S.ENGAGED)
+        going = verdict.state is S.ENGAGED and (going or (act is Act.GO and "go_too_early" not in verdict.reasons))
+        assert going or throttle.value == 0.0
         assert not brake.clear or act is Act.ENGAGE
         state = verdict.state
         assert all(map(math.isfinite, (verdict.steering, verdict.acceleration, verdict.brake_torque, verdict.throttle)))
@@ -644,17 +802,33 @@ def test_it_can_be_sent_to_a_process_of_its_own():
     assert (twin.step(-1.0, 0.1), twin.frames) == (rig.step(-1.0, 0.1), rig.frames)
 
 
+#: Given by those who run the gateway.
+OF_ITS_PROCESS = {"bus_down", "drive_gone", "operator_gone", "setpoint_corrupt", "stop_input"}
+
+
 def test_every_reason_it_can_give_has_plain_words():
     """All string literals in the modules that give reasons and look like codes."""
     given_codes = set()
-    for module in (gateway, admission, reports):
+    for module in (gateway, admission, handover, reports):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and "_" in node.value:
                 given_codes.add(node.value)
     codes = {code for code in given_codes if code.islower() and " " not in code and not code.startswith("_")}
     assert codes - set(REASONS) == set()
-    assert set(REASONS) - codes == {"engaging", "shifting"}
+    assert set(REASONS) - codes == {"engaging", "shifting", "shadow"} | OF_ITS_PROCESS
 
 
 def test_its_defaults_are_the_fusions():
     assert Gateway(FUSION).step(0.0, None, []).verdict.state is S.DISARMED
+
+
+def test_a_calibrated_wheel_bias_is_taken_off_the_report_and_put_onto_the_command() -> None:
+    """Commanded straight, the wheel is asked to the angle at which the wheels point straight, and reads as straight."""
+    bias = math.radians(3.0)
+    gateway = Gateway(fusion.vehicle(), wheel_bias=bias)
+    report = dbw.encode(dbw.SteeringReport(bias, math.nan, 0.0, 0.0, enabled=False))
+    output = gateway.step(0.0, None, [report])
+    assert gateway.measured_steering == pytest.approx(0.0, abs=math.radians(0.05) / fusion.STEERING_RATIO)
+    command = dbw.decode(output.frames[2], dbw.Variant.DBW1_2024)
+    assert isinstance(command, dbw.SteeringCommand)
+    assert command.wheel_angle == pytest.approx(bias, abs=math.radians(0.06))

@@ -1,35 +1,43 @@
-"""One tick of a drive: from pose bytes and car reports to CAN frames, and where the ego is to be placed.
+"""One tick of a drive: from pose bytes to a setpoint, where the ego is to be placed, and the way to rest.
 
-The order is sense and act first: nothing here waits for SUMO. No I/O, no clock; every shell drives this same object.
+The order is sense and act first: nothing here waits for SUMO, and what can be had ready before a tick is prepared in
+the slack before it. No I/O, no clock, no gateway; every shell drives this same object.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 from vve_sumo.controller import Guarded
 from vve_sumo.frames import Placement, move_point
+from vve_sumo.lot.profile import way_to_rest
+from vve_sumo.lot.stops import Fence
 from vve_sumo.path import Path
-from vve_sumo.pose.ncom import Decoder
+from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
-from vve_sumo.pose.trust import TrustGate
+from vve_sumo.pose.trust import LOCKED, TrustGate
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, Scan
-from vve_sumo.values import Actors, Detections, Fix, Frame, Point, Pose, Setpoint, Situation, Vehicle, Verdict
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.values import Actors, Detections, Fix, Point, Pose, Setpoint, Situation, StopProfile, Vehicle
 
 #: how long a setpoint may be acted on [s]; the drive-by-wire kit's own command time-out is the same 100 ms
 SETPOINT_LIFE = 0.1
 
 
+class Feed(Protocol):
+    """A decoder of pose bytes."""
+
+    def feed(self, data: bytes, time_received: float) -> list[Fix]:
+        """Return the fixes that these bytes complete."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
-class Acted:
+class Decided:
     """What one tick came to."""
 
-    frames: tuple[Frame, ...]  #: for the actuation bus, in order
-    verdict: Verdict  #: of the gateway
-    setpoint: Setpoint | None  #: that the gateway was handed
+    setpoint: Setpoint | None  #: for the gateway; None before the first trusted fix
     pose: Pose | None  #: of the rear axle at the tick; None before the first trusted fix
     station: float  #: distance along the path of the pose [m]
     deviation: float  #: of the pose from the path [m], left positive
@@ -37,48 +45,78 @@ class Acted:
     detections: Detections  #: the newest scan's
     pose_age: float  #: tick minus epoch of the newest trusted fix [s]
     pose_reasons: tuple[str, ...]  #: why the newest fix was not trusted
-    faults: tuple[str, ...]  #: found by the drive at this tick
+    found: tuple[str, ...]  #: faults that were handed in
+    faults: tuple[str, ...]  #: all faults of this tick
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What a tick sees before its controller is asked."""
+
+    pose: Pose | None
+    scan: Scan | None
+    faults: tuple[str, ...]
 
 
 class Chain:
-    """The road from pose bytes to frames, with all that it remembers between ticks."""
+    """The road from pose bytes to setpoints, with all that it remembers between ticks.
+
+    A tick is `receive` for each portion of bytes that came, `see`, `decide`, and in the slack after it `prepare`.
+    """
 
     def __init__(
         self,
         *,
-        decoder: Decoder,
+        decoder: Feed,
         gate: TrustGate,
         placement: Placement,
         predictor: Predictor,
         radar: Radar,
         controller: Guarded,
-        gateway: Gateway,
         vehicle: Vehicle,
         path: Path,
         desired_speed: float,
         deviation_limit: float = math.inf,
+        clock: Clock | None = None,
+        epoch: float = 0.0,
+        fence: Fence | None = None,
     ) -> None:
-        """Put the chain together; farther than `deviation_limit` [m] off its path, the car is stopped."""
+        """Put the chain together; farther than `deviation_limit` [m] off its path, the car is stopped.
+
+        `clock` brings the receiver's times to the drive's clock, on which GNSS second `epoch` is time 0; without one
+        both run alike. `fence` is the lot's; without one the car may stop anywhere.
+        """
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor
-        self._radar, self._controller, self._gateway = radar, controller, gateway
+        self._radar, self._controller = radar, controller
         self._vehicle, self._path, self._desired_speed = vehicle, path, desired_speed
         self._deviation_limit = deviation_limit
+        self._clock, self._epoch, self._fence = clock, epoch, fence
         self._sequence = 0
         self._station: float | None = None
         self._newest = -math.inf
         self._reasons: tuple[str, ...] = ()
         self._detections = BEFORE_FIRST_SCAN
+        self._seen = _Seen(None, None, ())
+        self._profile: StopProfile | None = None
+        self._edge: tuple[str, ...] = ()
+        self.heard = -math.inf  #: epoch of the newest fix, trusted or not, as drive time [s]
 
-    def receive(self, now: float, data: bytes) -> None:
-        """Take pose bytes that arrived at drive time `now`."""
-        for fix in self._decoder.feed(data, now):
-            self.accept(now, fix)
+    def receive(self, received: float, data: bytes) -> None:
+        """Take pose bytes that arrived at drive time `received` [s]."""
+        for fix in self._decoder.feed(data, received):
+            self.accept(received, fix if self._clock is None else self._timed(self._clock, received, fix))
+
+    def _timed(self, clock: Clock, received: float, fix: Fix) -> Fix:
+        """Date a fix on the drive's clock; one that the receiver calls late already teaches nothing of the clocks."""
+        made = clock.step(received, fix.time) if fix.status == LOCKED else clock.at(fix.time)
+        return replace(fix, time=self._epoch + made)
 
     def accept(self, now: float, fix: Fix) -> Pose | None:
         """Take one fix: judge it, and where it is trusted place it on the street and learn from it.
 
         Returns the rear axle's pose as measured, None where the fix is not trusted.
         """
+        self.heard = fix.time - self._epoch
         trust = self._gate.step(now, fix)
         self._reasons = trust.reasons
         if not trust.trusted:
@@ -88,68 +126,86 @@ class Chain:
         self._predictor.update(pose)
         return pose
 
-    def act(
-        self,
-        tick: int,
-        now: float,
-        actors: Actors,
-        reports: Sequence[Frame],
-        act: Act | None,
-        found: tuple[str, ...] = (),
-    ) -> Acted:
-        """Sense and act: return the frames that answer what is known at drive time `now`.
-
-        `actors` are those of this tick; `reports` are the car's frames since the last tick; `found` are reason codes
-        of faults that the shell saw. Faults travel to the gateway in the setpoint, which is then a reason to stop and
-        nothing else; without a pose there is no setpoint at all.
-        """
-        if act is Act.ENGAGE and not self._gate.profile.may_arm:
-            act, found = None, (*found, "profile_may_not_arm")
-        pose = self._predictor.at(now)
-        faults = found + (self._gate.stale(now) if self._newest > -math.inf else ())
-        scan, setpoint, station, deviation = None, None, math.nan, math.nan
+    def see(self, now: float, actors: Actors) -> None:
+        """Find the pose at drive time `now` [s] and look at the `actors` of this tick with the radar."""
+        faults = self._gate.stale(now) if self._newest > -math.inf else ()
+        if not self._gate.profile.may_arm:
+            faults += ("profile_may_not_arm",)
+        pose, scan = self._predictor.at(now), None
         if pose is not None:
             scan = self._radar.step(now, pose, actors)
             if scan is not None:
                 self._detections = scan.detections
                 faults += ("actors_not_finite",) if scan.refused else ()
+        self._seen = _Seen(pose, scan, faults)
+
+    def decide(self, tick: int, now: float, steering: float, found: tuple[str, ...] = ()) -> Decided:
+        """Ask the controller what to do at drive time `now` [s], after `see`.
+
+        `steering` is the road-wheel angle that the car reports [rad], NaN where it said none; `found` are reason codes
+        of faults that the shell saw. Faults travel to the gateway in the setpoint, which is then a reason to stop and
+        nothing else; without a pose there is no setpoint at all.
+        """
+        seen, pose = self._seen, self._seen.pose
+        faults = found + seen.faults
+        setpoint, station, deviation = None, math.nan, math.nan
+        if pose is not None:
             beside = self._path.project(pose.x, pose.y, self._station)
             self._station, station, deviation = beside.s, beside.s, beside.offset
             faults += ("off_path",) if not abs(deviation) <= self._deviation_limit else ()
-            answer, failures = self._controller.step(self._situation(tick, now, pose))
+            faults += self._edge
+            answer, failures = self._controller.step(self._situation(tick, now, pose, steering))
             faults += failures
-            setpoint = self._stamped(answer or self._nothing(), now, pose, faults)
-        output = self._gateway.step(now, setpoint, reports, act)
-        return Acted(
-            frames=output.frames,
-            verdict=output.verdict,
+            setpoint = self._stamped(answer or self._nothing(steering), now, pose, faults)
+        return Decided(
             setpoint=setpoint,
             pose=pose,
             station=station,
             deviation=deviation,
-            scan=scan,
+            scan=seen.scan,
             detections=self._detections,
             pose_age=now - self._newest if self._newest > -math.inf else math.nan,
             pose_reasons=self._reasons,
+            found=found,
             faults=faults,
         )
+
+    def prepare(self, time: float, steering: float) -> None:
+        """Find the way to rest from where the car will be at drive time `time` [s], and whether it stays in the lot.
+
+        `steering` is the road-wheel angle that the car reports [rad]; the next setpoint carries what is found.
+        """
+        pose = self._predictor.at(time)
+        self._profile, self._edge = None, ()
+        if pose is None or self._station is None:
+            return
+        self._profile = way_to_rest(pose, steering, self._path, self._station, self._vehicle)
+        if self._fence is not None:
+            self._edge = self._fence.check(pose, steering, self._profile)
 
     def front_bumper_at(self, time: float) -> Pose | None:
         """Return the pose to ask of SUMO for drive time `time`; None before the first trusted fix."""
         pose = self._predictor.at(time)
         return None if pose is None else move_point(pose, self._vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER)
 
+    def clock_report(self) -> dict[str, Any]:
+        """Return what is known of the receiver's clock against the drive's, to be told; empty where they are one."""
+        if self._clock is None:
+            return {}
+        report = self._clock.report()
+        return {
+            "age": report.age.value,
+            "drift_ppm": report.drift_ppm,
+            "jitter_p50_ms": 1000.0 * report.jitter_p50,
+            "jitter_p99_ms": 1000.0 * report.jitter_p99,
+        }
+
     @property
     def failure(self) -> str:
         """What the controller's last failure said; empty where it never failed."""
         return self._controller.text
 
-    @property
-    def measured_steering(self) -> float:
-        """Road-wheel angle that the car last reported [rad], left positive; NaN before the first report."""
-        return self._gateway.measured_steering
-
-    def _situation(self, tick: int, now: float, pose: Pose) -> Situation:
+    def _situation(self, tick: int, now: float, pose: Pose, steering: float) -> Situation:
         return Situation(
             tick=tick,
             time=now,
@@ -157,12 +213,11 @@ class Chain:
             path=self._path,
             desired_speed=self._desired_speed,
             detections=self._detections,
-            steering=self._gateway.measured_steering,
+            steering=steering,
         )
 
-    def _nothing(self) -> Setpoint:
+    def _nothing(self, steering: float) -> Setpoint:
         """Stand in for a controller that failed: the gateway stops for the faults that come with it."""
-        steering = self._gateway.measured_steering
         return Setpoint(steering if math.isfinite(steering) else 0.0, 0.0, note="failed")
 
     def _stamped(self, setpoint: Setpoint, now: float, pose: Pose, faults: tuple[str, ...]) -> Setpoint:
@@ -179,4 +234,5 @@ class Chain:
             yaw_rate=pose.yaw_rate,
             grade=pose.grade,
             faults=faults,
+            profile=self._profile,
         )

@@ -23,8 +23,8 @@ from vve_sumo.drive import figures
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import Lockstep, Run, Watch
 from vve_sumo.drive.playback import Playback
-from vve_sumo.drive.record import Record, claim, read_table, whole
-from vve_sumo.drive.setting import EPOCH, PERIOD, Setting, resolve, versions
+from vve_sumo.drive.record import Record, claim, hash_files, read_table, whole
+from vve_sumo.drive.setting import PERIOD, Setting, resolve, versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Band, Criteria
@@ -74,11 +74,8 @@ def choose(name: str, working: FilePath, *, seed: int | None = None, controller:
         if not 0 <= seed < 2**31:
             raise ConfigError(f"--seed: expected 0 to 2147483647, got {seed}")
         scenario = scenario.model_copy(update={"seed": seed})
-    if controller is not None:
-        tuning = scenario.controller.tuning if controller == scenario.controller.name else {}
-        control = scenario.controller.model_copy(update={"name": controller, "tuning": tuning})
-        scenario = scenario.model_copy(update={"controller": control})
-    return resolve(file.name.removesuffix(".toml"), scenario, file, working)
+    setting = resolve(file.name.removesuffix(".toml"), scenario, file, working)
+    return setting if controller is None else setting.driven_by(controller)
 
 
 def run(
@@ -155,7 +152,7 @@ def summarise(setting: Setting, done: Run, folder: FilePath, parts: dict[str, st
     }
     failed = judge(setting.scenario.criteria, summary)
     passed = None if done.outcome is Outcome.PLAYED else not failed
-    hashes = {"record_sha256": whole(parts), "record_parts_sha256": parts}
+    hashes = {"record_sha256": whole(parts), "record_parts_sha256": parts, "record_files_sha256": hash_files(folder)}
     return summary | {"passed": passed, "failed": failed} | hashes
 
 
@@ -253,13 +250,15 @@ def _progress(setting: Setting, quiet: bool) -> Iterator[Watch]:
         yield watch
 
 
-def _folder(setting: Setting, working: FilePath) -> FilePath:
+def folder_for(setting: Setting, working: FilePath) -> FilePath:
+    """Return a record folder that is not there yet, named by the time and the scenario."""
     stem = f"{time.strftime('%Y%m%d-%H%M%S')}_{setting.name}"
     names = (stem if number == 1 else f"{stem}_{number}" for number in range(1, 1000))
     return FilePath("runs") / next(name for name in names if not (working / "runs" / name).exists())
 
 
-def _show(drive: Drive, picture: FilePath | None) -> None:
+def show(drive: Drive, picture: FilePath | None) -> None:
+    """Print how a drive went, as a table."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -317,38 +316,17 @@ def drive(
     """Run the command: drive, draw, show; return the exit code."""
     working = FilePath.cwd()
     setting = choose(name, working, seed=seed, controller=controller)
-    folder = out if out is not None else _folder(setting, working)
+    folder = out if out is not None else folder_for(setting, working)
     with _progress(setting, quiet) as watch:
         done = run(setting, folder, working, pose=pose, watch=watch)
     picture = None
     with contextlib.suppress(VveError):
         picture = draw(setting, done) if done.summary["ticks"] else None
-    _show(done, picture)
+    show(done, picture)
     if done.summary["outcome"] == Outcome.BROKEN:
         print(f"vve-sumo: the simulation broke: {done.summary['text']}", file=sys.stderr)
         return SimulationError.exit_code
     return 0 if done.passed else 1
-
-
-def replayed(folder: FilePath) -> int:
-    """Run the command: replay a record, say where it first differs; return the exit code."""
-    from vve_sumo.drive.replay import altered_parts, read_inputs, replay, setting_of
-
-    working = FilePath.cwd()
-    setting, changed = setting_of(folder, working)
-    altered = altered_parts(folder)
-    for line in changed:
-        print(f"note: {line}", file=sys.stderr)
-    for part in altered:
-        print(f"{part} is not as the drive left it: its hash differs from summary.json's")
-    inputs = read_inputs(folder, EPOCH)
-    difference = replay(setting, inputs, working)
-    if difference is None:
-        print(f"{len(inputs.ticks)} ticks of {folder} replayed: every setpoint and every frame is the same")
-        return 1 if altered else 0
-    print(f"tick {difference.tick} ({difference.tick * PERIOD:.2f} s) differs in {difference.what}:")
-    print(f"  recorded {difference.recorded}\n  replayed {difference.replayed}")
-    return 1
 
 
 def design(name: str, latency: float) -> int:

@@ -16,13 +16,13 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from vve_sumo.controller import Controller, Guarded
-from vve_sumo.drive.chain import Acted, Chain
+from vve_sumo.drive.chain import Chain, Decided
 from vve_sumo.drive.ending import Ending, Outcome
 from vve_sumo.drive.record import Record
-from vve_sumo.drive.rows import tick_row
+from vve_sumo.drive.rows import Moment, keep_scan, tick_row
 from vve_sumo.drive.setting import EPOCH, PERIOD, Setting
-from vve_sumo.drive.street import Street, laid, lot_frame, open_world, standing
-from vve_sumo.frames import Alignment, MapFrame, Placement
+from vve_sumo.drive.street import Street, laid, open_world, standing
+from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
 from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.receiver import unaltered
@@ -30,11 +30,14 @@ from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.sensors.radar import Radar
-from vve_sumo.values import ArmingState, Fix, Pose
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.values import ArmingState, Fix, Pose, Verdict
+from vve_sumo.vehicle.gateway import Act, Gateway, GatewayOutput
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and station [m]
 Watch = Callable[[int, float, float, float], None]
+
+#: the gateway's word for a car that is enabled, in drive, and held until the operator says go
+WAITING = "waiting_for_go"
 
 CAR_BUS = "can0"  #: the car's bus as it is called in the record
 
@@ -67,9 +70,10 @@ def car_parameters(setting: Setting) -> CarParameters:
 
 @dataclass(frozen=True, slots=True)
 class Laid:
-    """The chain of a lockstep drive, and how the lot lies on the street."""
+    """The chain and the gateway of a lockstep drive, and how the lot lies on the street."""
 
     chain: Chain
+    gateway: Gateway
     lot: MapFrame
     alignment: Alignment
     start: Pose  #: of the rear axle in the lot
@@ -79,7 +83,7 @@ def chain_of(setting: Setting, controller: Controller) -> Laid:
     """Put the chain of a lockstep drive together; nothing in it knows whether a street runs or a record is replayed."""
     scenario = setting.scenario
     lot = scenario.ego.lot
-    frame = lot_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
+    frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
     start, begin = standing(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), setting.path.at(0.0)
     alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
     parameters = car_parameters(setting)
@@ -91,13 +95,13 @@ def chain_of(setting: Setting, controller: Controller) -> Laid:
         predictor=Predictor(),
         radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(radar_seeds)),
         controller=Guarded(controller),
-        gateway=Gateway(setting.vehicle, calibration=parameters.calibration, period=PERIOD),
         vehicle=setting.vehicle,
         path=setting.path,
         desired_speed=scenario.ego.speed_mps,
         deviation_limit=scenario.ego.deviation_limit_m,
     )
-    return Laid(chain, frame, alignment, start)
+    gateway = Gateway(setting.vehicle, calibration=parameters.calibration, period=PERIOD)
+    return Laid(chain, gateway, frame, alignment, start)
 
 
 def seeds_of(setting: Setting) -> list[np.random.SeedSequence]:
@@ -106,19 +110,39 @@ def seeds_of(setting: Setting) -> list[np.random.SeedSequence]:
 
 
 class Operator:
-    """Engages once, as soon as the gateway is ready, and never again."""
+    """Engages once, as soon as the gateway is ready, says go as soon as it waits for that, and never again.
+
+    A fault from before it ever engaged, when nothing was commanded, it acknowledges.
+    """
 
     def __init__(self) -> None:
-        self._engaged = self._ready = False
+        self._engaged = False
+        self._next: Act | None = None
 
     def act(self) -> Act | None:
         """Return what is done before a tick."""
-        return Act.ENGAGE if self._ready and not self._engaged else None
+        return self._next
 
-    def saw(self, state: ArmingState) -> None:
-        """Take note of the gateway's state after a tick."""
-        self._engaged |= state is ArmingState.ENGAGED
-        self._ready = state is ArmingState.READY
+    def saw(self, verdict: Verdict) -> None:
+        """Take note of what the gateway said at a tick."""
+        self._engaged |= verdict.state is ArmingState.ENGAGED
+        if verdict.state is ArmingState.READY and not self._engaged:
+            self._next = Act.ENGAGE
+        elif verdict.state is ArmingState.ENGAGED and WAITING in verdict.reasons:
+            self._next = Act.GO
+        elif verdict.state is ArmingState.FAULT and not self._engaged:
+            self._next = Act.DISARM
+        else:
+            self._next = None
+
+
+@dataclass(frozen=True, slots=True)
+class Ticked:
+    """One tick of a lockstep drive."""
+
+    decided: Decided
+    output: GatewayOutput
+    truth: Pose  #: where the car really was, on the street
 
 
 class Lockstep:
@@ -131,7 +155,7 @@ class Lockstep:
         """
         self.controller = setting.controller(working)
         put = chain_of(setting, self.controller)
-        self._chain, self._alignment, start = put.chain, put.alignment, put.start
+        self._chain, self._gateway, self._alignment, start = put.chain, put.gateway, put.alignment, put.start
         self.epoch, self.laid = EPOCH, laid(put.lot, put.alignment, EPOCH)
         begin = (start.x, start.y, start.heading)
         self._car = Car(car_parameters(setting), begin, put.lot, EPOCH, seeds_of(setting)[0], alter)
@@ -140,59 +164,64 @@ class Lockstep:
         self._street = Street(self._world)
         self._ending = Ending(setting.path.length, setting.scenario.after_stop_s)
         self._operator = Operator()
+        self._datagrams = 0
 
     def close(self) -> None:
         """End the simulation."""
         self._world.close()
 
-    def ticks(self, record: Record) -> Iterator[tuple[Acted, Pose]]:
-        """Tick after tick, for ever: what it came to and where the car really was, on the street."""
+    def ticks(self, record: Record) -> Iterator[Ticked]:
+        """Tick after tick, for ever."""
         heard = CarOutput([], [])
         for tick in count():
-            acted, truth = self._tick(tick, tick * PERIOD, heard, record)
-            heard = self._car.step((tick + 1) * PERIOD, acted.frames)
-            yield acted, truth
+            ticked = self._tick(tick, tick * PERIOD, heard, record)
+            heard = self._car.step((tick + 1) * PERIOD, ticked.output.frames)
+            yield ticked
 
     def run(self, record: Record, watch: Watch) -> Run:
         """Drive to the end and return how it went; everything else is in the record."""
         last = round(self._setting.scenario.duration_s / PERIOD) - 1
-        for tick, (acted, truth) in enumerate(self.ticks(record)):
+        for tick, ticked in enumerate(self.ticks(record)):
             now, contact = tick * PERIOD, bool(self._street.contacts)
-            watch(tick, now, truth.speed, acted.station)
-            outcome = self._ending.step(now, truth.speed, acted.station, acted.verdict.state, contact)
+            speed, station, verdict = ticked.truth.speed, ticked.decided.station, ticked.output.verdict
+            watch(tick, now, speed, station)
+            outcome = self._ending.step(now, speed, station, verdict.state, contact)
             if outcome is None and tick >= last:
                 outcome = Outcome.TIMEOUT
             if outcome is not None:
-                return self._run(outcome, acted)
+                return self._run(outcome, verdict)
         raise AssertionError("ticks never end by themselves")
 
-    def _run(self, outcome: Outcome, acted: Acted) -> Run:
+    def _run(self, outcome: Outcome, verdict: Verdict) -> Run:
         return Run(
             outcome=outcome,
-            reasons=acted.verdict.reasons,
+            reasons=verdict.reasons,
             cleared=self._world.cleared,
             warnings=self._world.warnings,
             text=self._chain.failure or self._street.detail,
         )
 
-    def _tick(self, tick: int, now: float, heard: CarOutput, record: Record) -> tuple[Acted, Pose]:
+    def _tick(self, tick: int, now: float, heard: CarOutput, record: Record) -> Ticked:
         for time, said in groupby(heard.reports, key=itemgetter(0)):
             record.saw_frames(time, CAR_BUS, [frame for _time, frame in said])
         for time, data in heard.ncom:
             record.received_pose(time, data)
             self._chain.receive(time, data)
+        self._datagrams += len(heard.ncom)
+        chain, street, steering = self._chain, self._street, self._gateway.measured_steering
+        chain.see(now, street.actors)
+        decided = chain.decide(tick, now, steering, street.found)
         reports = [frame for _time, frame in heard.reports]
-        street = self._street
-        acted = self._chain.act(tick, now, street.actors, reports, self._operator.act(), street.found)
-        record.saw_frames(now, CAR_BUS, acted.frames)
-        self._operator.saw(acted.verdict.state)
-        seen = street.actors.ids
-        if acted.scan is not None:
-            record.scanned(tick, acted.detections, [seen[row] for row in acted.scan.actor_rows])
+        output = self._gateway.step(now, decided.setpoint, reports, self._operator.act())
+        record.saw_frames(now, CAR_BUS, output.frames)
+        self._operator.saw(output.verdict)
+        keep_scan(record, tick, decided, street)
         truth = self._alignment.apply(self._car.truth())
-        asked = self._chain.front_bumper_at((tick + 1) * PERIOD)
+        chain.prepare(now + PERIOD, steering)
+        asked = chain.front_bumper_at((tick + 1) * PERIOD)
         report = street.advance(asked)
-        record.ticked(tick_row(tick, now, acted, self._chain, truth, self._setting.path, asked, report, street))
+        moment = Moment(tick, now, self._datagrams, steering, decided, output.verdict)
+        record.ticked(tick_row(moment, truth, self._setting.path, asked, report, street))
         if report is not None:
             record.snapshot(tick + 1, street.actors)
-        return acted, truth
+        return Ticked(decided, output, truth)

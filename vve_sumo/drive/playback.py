@@ -17,12 +17,12 @@ from vve_sumo.drive.chain import Chain
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import CAR_BUS, Run, Watch
 from vve_sumo.drive.record import Record
-from vve_sumo.drive.rows import tick_row
+from vve_sumo.drive.rows import Moment, keep_scan, tick_row
 from vve_sumo.drive.setting import PERIOD, Setting
 from vve_sumo.drive.staleness import Staleness
-from vve_sumo.drive.street import Street, laid, lot_frame, open_world, standing
+from vve_sumo.drive.street import Street, laid, open_world, standing
 from vve_sumo.errors import ConfigError
-from vve_sumo.frames import Alignment, Mounting, Placement
+from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose import recording
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
@@ -68,7 +68,7 @@ class Playback:
         """Match the recording's first usable fix with the start of the path; raises ConfigError where that fails."""
         self.epoch, first = _first_usable(file)
         self._fixes = recording.fixes(file)
-        frame = lot_frame(first.latitude, first.longitude)
+        frame = local_frame(first.latitude, first.longitude)
         begin = setting.path.at(0.0)
         there = Placement(frame, Alignment(), AT_REAR_AXLE, self.epoch).place(first)
         alignment = Alignment.from_matched_start(there, standing(begin.x, begin.y, begin.heading))
@@ -82,11 +82,12 @@ class Playback:
             predictor=Predictor(),
             radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(setting.scenario.seed)),
             controller=Guarded(self.controller),
-            gateway=Gateway(setting.vehicle, period=PERIOD),
             vehicle=setting.vehicle,
             path=setting.path,
             desired_speed=setting.scenario.ego.speed_mps,
         )
+        self._gateway = Gateway(setting.vehicle, period=PERIOD)
+        self._datagrams = 0
         self._world = open_world(setting)
         self._street = Street(self._world)
         self._staleness = Staleness()
@@ -104,6 +105,7 @@ class Playback:
             now = tick * PERIOD
             while coming is not None and coming.time - self.epoch <= now:
                 record.received_pose(coming.time_received, repr(astuple(coming)).encode() + b"\n")
+                self._datagrams += 1
                 pose = self._chain.accept(coming.time - self.epoch, coming)
                 if pose is not None:
                     self._staleness.step(pose)
@@ -124,15 +126,17 @@ class Playback:
 
     def _tick(self, tick: int, now: float, record: Record, watch: Watch) -> tuple[str, ...]:
         street, chain = self._street, self._chain
-        acted = chain.act(tick, now, street.actors, (), None, street.found)
-        record.saw_frames(now, CAR_BUS, acted.frames)
-        seen = street.actors.ids
-        if acted.scan is not None:
-            record.scanned(tick, acted.detections, [seen[row] for row in acted.scan.actor_rows])
+        chain.see(now, street.actors)
+        decided = chain.decide(tick, now, math.nan, street.found)
+        output = self._gateway.step(now, decided.setpoint, ())
+        record.saw_frames(now, CAR_BUS, output.frames)
+        keep_scan(record, tick, decided, street)
+        chain.prepare(now + PERIOD, math.nan)
         asked = chain.front_bumper_at((tick + 1) * PERIOD)
         report = street.advance(asked)
-        record.ticked(tick_row(tick, now, acted, chain, None, self._setting.path, asked, report, street))
+        moment = Moment(tick, now, self._datagrams, math.nan, decided, output.verdict)
+        record.ticked(tick_row(moment, None, self._setting.path, asked, report, street))
         if report is not None:
             record.snapshot(tick + 1, street.actors)
-        watch(tick, now, acted.pose.speed if acted.pose else 0.0, acted.station)
-        return acted.verdict.reasons
+        watch(tick, now, decided.pose.speed if decided.pose else 0.0, decided.station)
+        return output.verdict.reasons

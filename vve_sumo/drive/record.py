@@ -1,7 +1,8 @@
 """The record of a drive: one folder, appended as the drive goes, hashed over what was simulated.
 
 Knows rows and bytes; neither SUMO nor the wall clock. Tables grow as Arrow streams in batches of a few ticks, so a
-killed process leaves everything but the last batch readable; a finished drive holds Parquet files instead.
+killed process leaves everything but the last batch readable; a finished drive holds Parquet files instead. A live
+drive's record is the same with two tables more.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ import hashlib
 import json
 import operator
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyarrow as pa
@@ -22,21 +23,23 @@ from numpy.typing import NDArray
 
 from vve_sumo.bus import candump_lines
 from vve_sumo.errors import ConfigError
-from vve_sumo.values import Actors, Detections, Frame, TickRow
+from vve_sumo.values import Actors, Detections, Frame, GatewayRow, LatencyRow, TickRow
 
 #: ticks between two writes; 10 ticks of 20 ms are 0.2 s, the most that a kill may lose
 TICKS_PER_BATCH = 10
 
 #: numpy's kind of each numeric column; by way of numpy a short column becomes Arrow's five times faster
 _NUMPY = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
-_ARROW: dict[str, pa.DataType] = {"int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "str": pa.string()}
+_ARROW: dict[str, pa.DataType] = {
+    "int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "str": pa.string(), "bytes": pa.binary()
+}  # fmt: skip
 
 
-def _tick_schema() -> pa.Schema:
+def _row_schema(row: type[TickRow | GatewayRow | LatencyRow]) -> pa.Schema:
     return pa.schema(
         [
             pa.field(f.name, _ARROW[str(f.type)], metadata={"meaning": f.metadata["meaning"]})
-            for f in dataclasses.fields(TickRow)
+            for f in dataclasses.fields(row)
         ]
     )
 
@@ -48,7 +51,7 @@ def _schema(columns: Sequence[tuple[str, pa.DataType, str]]) -> pa.Schema:
 _TICK = ("tick", pa.int64(), "number of the tick")
 
 SCHEMAS: dict[str, pa.Schema] = {
-    "ticks": _tick_schema(),
+    "ticks": _row_schema(TickRow),
     "detections": _schema(
         [
             _TICK,
@@ -73,6 +76,12 @@ SCHEMAS: dict[str, pa.Schema] = {
         ]
     ),
 }
+
+#: tables that only a live drive has
+LIVE_SCHEMAS: dict[str, pa.Schema] = {"gateway": _row_schema(GatewayRow), "latency": _row_schema(LatencyRow)}
+
+#: tables that the hash leaves out: they tell how long things took, and no two drives take equally long
+UNHASHED = frozenset({"latency"})
 
 #: parts of a record that are hashed as they stand in their files
 RAW_PARTS = ("scenario.json", "pose.bin", "can.log")
@@ -103,20 +112,29 @@ def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
 def read_table(folder: Path, name: str) -> pa.Table:
     """Return one of the record's tables, finished or left open by a killed drive (up to its last whole batch).
 
-    Raises ConfigError where the folder holds neither form of it.
+    Raises ConfigError where the folder holds neither form of it, or one that can't be read.
     """
     closed, still_open = folder / f"{name}{CLOSED_ENDING}", folder / f"{name}{OPEN_ENDING}"
-    if closed.is_file():
-        return pq.read_table(closed)
-    if not still_open.is_file():
+    if not closed.is_file() and not still_open.is_file():
         raise ConfigError(f"{folder}: no {name}{CLOSED_ENDING} and no {name}{OPEN_ENDING}: not a drive's record")
+    file = closed if closed.is_file() else still_open
+    try:
+        table = pq.read_table(closed) if closed.is_file() else _read_open(still_open, (SCHEMAS | LIVE_SCHEMAS)[name])
+        table.validate(full=True)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise ConfigError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
+    return table
+
+
+def _read_open(file: Path, schema: pa.Schema) -> pa.Table:
+    """Return what a stream holds up to its last whole batch."""
     batches: list[pa.RecordBatch] = []
     try:
-        with pa.ipc.open_stream(still_open) as stream:
+        with pa.ipc.open_stream(file) as stream:
             batches.extend(iter(stream.read_next_batch, None))
-    except (StopIteration, pa.ArrowInvalid, OSError):
+    except (StopIteration, pa.ArrowException, OSError):
         pass
-    return pa.Table.from_batches(batches, schema=SCHEMAS[name])
+    return pa.Table.from_batches(batches, schema=schema)
 
 
 class _ColumnHashes:
@@ -127,8 +145,11 @@ class _ColumnHashes:
 
     def add_texts(self, column: int, texts: Iterable[str]) -> None:
         """Take in further texts of a column; each with its length, so that no two columns of texts look the same."""
-        coded = [text.encode() for text in texts]
-        self._hashes[column].update(b"".join(b"%d:%b" % (len(text), text) for text in coded))
+        self.add_bytes(column, [text.encode() for text in texts])
+
+    def add_bytes(self, column: int, pieces: Iterable[bytes]) -> None:
+        """Take in further byte strings of a column, each with its length."""
+        self._hashes[column].update(b"".join(b"%d:%b" % (len(piece), piece) for piece in pieces))
 
     def add_numbers(self, column: int, numbers: NDArray[Any]) -> None:
         """Take in further numbers of a column, of the column's own kind."""
@@ -144,7 +165,9 @@ def hash_table(table: pa.Table) -> str:
     hashes = _ColumnHashes(table.schema)
     for number, column in enumerate(table.columns):
         numeric = _NUMPY.get(column.type)
-        if numeric is None:
+        if column.type == pa.binary():
+            hashes.add_bytes(number, column.to_pylist())
+        elif numeric is None:
             hashes.add_texts(number, column.to_pylist())
         else:
             hashes.add_numbers(number, column.to_numpy().astype(numeric, copy=False))
@@ -152,22 +175,77 @@ def hash_table(table: pa.Table) -> str:
 
 
 def hash_parts(folder: Path) -> dict[str, str]:
-    """Return the hash of every part of a finished record, from its files (hexadecimal SHA-256).
+    """Return the hash of every part of a record, from its files (hexadecimal SHA-256); whether finished or left open.
 
     Raises ConfigError where a part is missing or unreadable.
     """
-    parts = {}
-    for name in RAW_PARTS:
-        try:
-            parts[name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
-        except OSError as error:
-            raise ConfigError(f"{folder / name}: cannot be read: {error.strerror}") from None
-    return parts | {name: hash_table(read_table(folder, name)) for name in SCHEMAS}
+    live = [name for name in LIVE_SCHEMAS if name not in UNHASHED and any(folder.glob(f"{name}.*"))]
+    return {name: hash_part(folder, name) for name in (*RAW_PARTS, *SCHEMAS, *live)}
+
+
+def hash_part(folder: Path, name: str) -> str:
+    """Return the hash of one part of a record; raises ConfigError as `hash_parts` does."""
+    return hash_file(folder / name) if name in RAW_PARTS else hash_table(read_table(folder, name))
+
+
+def hash_file(file: Path) -> str:
+    """Return the hash of a file's bytes (hexadecimal SHA-256); raises ConfigError where it can't be read."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
+
+
+def hash_files(folder: Path) -> dict[str, str]:
+    """Return the hash of the bytes of every finished table's file.
+
+    A byte of such a file may say nothing of what the table holds; so the hash of a record, which is to be the same
+    whoever writes the files, does not see it. This one does.
+    """
+    files = (folder / f"{name}{CLOSED_ENDING}" for name in SCHEMAS | LIVE_SCHEMAS)
+    return {file.name: hash_file(file) for file in files if file.is_file()}
 
 
 def whole(parts: dict[str, str]) -> str:
     """Return the hash of a record out of the hashes of its parts."""
     return hashlib.sha256("".join(f"{name} {parts[name]}\n" for name in sorted(parts)).encode()).hexdigest()
+
+
+class _Raw:
+    """One growing file of bytes, kept as they are: they wait, then go to the hash and to the file."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self.hash = hashlib.sha256()
+        self._sink = file.open("xb", buffering=0)
+        self._waiting: list[bytes] = []
+
+    def append(self, data: bytes) -> None:
+        self._waiting.append(data)
+
+    def flush(self) -> None:
+        rest = memoryview(b"".join(self._waiting))
+        self._waiting.clear()
+        begun = self._sink.tell()
+        self.hash.update(rest)
+        try:
+            while rest:
+                rest = rest[self._sink.write(rest) :]
+        except OSError:
+            # Half a line or half a chunk is no evidence.
+            self._sink.truncate(begun)
+            raise
+
+    def forget(self) -> None:
+        """Let go of what waits."""
+        self._waiting.clear()
+
+    def abandon(self) -> None:
+        """Let go of the file."""
+        self._sink.close()
+
+    def close(self) -> None:
+        self._sink.close()
 
 
 class _Table:
@@ -178,7 +256,7 @@ class _Table:
         self._schema = schema
         self._kinds = [(kind, _NUMPY.get(kind)) for kind in schema.types]
         self.hashes = _ColumnHashes(schema)
-        self._sink = file.open("wb")
+        self._sink = file.open("xb")
         self._stream = pa.ipc.new_stream(self._sink, schema)
         self._waiting: list[tuple[Any, ...]] = []
 
@@ -195,7 +273,10 @@ class _Table:
         for number, (column, (kind, numeric)) in enumerate(
             zip(zip(*self._waiting, strict=True), self._kinds, strict=True)
         ):
-            if numeric is None:
+            if kind == _ARROW["bytes"]:
+                self.hashes.add_bytes(number, column)
+                arrays.append(pa.array(column, kind))
+            elif numeric is None:
                 self.hashes.add_texts(number, column)
                 arrays.append(pa.array(column, kind))
             else:
@@ -204,6 +285,10 @@ class _Table:
                 arrays.append(pa.array(numbers, kind))
         self._stream.write_batch(pa.RecordBatch.from_arrays(arrays, schema=self._schema))
         self._sink.flush()
+        self._waiting.clear()
+
+    def forget(self) -> None:
+        """Let go of what waits."""
         self._waiting.clear()
 
     def abandon(self) -> None:
@@ -217,7 +302,11 @@ class _Table:
         with pa.ipc.open_stream(self.file) as stream:
             table = stream.read_all()
         half = self.file.with_suffix(".half")
-        pq.write_table(table, half, compression="zstd")
+        try:
+            pq.write_table(table, half, compression="zstd")
+        except OSError:
+            half.unlink(missing_ok=True)
+            raise
         half.replace(self.file.with_suffix(CLOSED_ENDING))
         self.file.unlink()
 
@@ -229,31 +318,30 @@ class Record:
     recorded column; never a wall-clock time and never the bytes of a table's file.
     """
 
+    schemas: ClassVar[Mapping[str, pa.Schema]] = SCHEMAS  #: of its tables
+
     def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
-        """Open the record in `folder`; raises ConfigError where that is not an empty or absent folder."""
-        claim(folder)
+        """Open the record in `folder`, which is `claim`ed; nothing that lies there already is written over."""
         self._made = [place for place in (folder, *folder.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self._epoch = epoch
         text = (json.dumps(resolved, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
-        (folder / "scenario.json").write_bytes(text)
-        self._raw_hashes = {name: hashlib.sha256() for name in RAW_PARTS}
-        self._raw_hashes["scenario.json"].update(text)
-        self._pose: IO[bytes] = (folder / "pose.bin").open("wb")
-        self._can: IO[bytes] = (folder / "can.log").open("wb")
-        self._pose_waiting: list[bytes] = []
-        self._can_waiting: list[str] = []
-        self._tables = {name: _Table(folder / f"{name}{OPEN_ENDING}", schema) for name, schema in SCHEMAS.items()}
+        self._raw = {name: _Raw(folder / name) for name in RAW_PARTS}
+        self._raw["scenario.json"].append(text)
+        self._raw["scenario.json"].flush()
+        self._pose, self._can = self._raw["pose.bin"], self._raw["can.log"]
+        self._tables = {name: _Table(folder / f"{name}{OPEN_ENDING}", self.schemas[name]) for name in self.schemas}
+        self._parts: dict[str, _Raw | _Table] = {**self._raw, **self._tables}
         self._ticks = 0
 
     def received_pose(self, time: float, data: bytes) -> None:
         """Keep pose bytes as they came, with their receive time."""
-        self._pose_waiting.append(_CHUNK_HEAD.pack(time, len(data)) + data)
+        self._pose.append(_CHUNK_HEAD.pack(time, len(data)) + data)
 
     def saw_frames(self, time: float, channel: str, frames: Iterable[Frame]) -> None:
         """Keep CAN frames heard or sent at one time, in candump form; `time` is drive time, written as GNSS time."""
-        self._can_waiting.append(candump_lines(self._epoch + time, channel, frames))
+        self._can.append(candump_lines(self._epoch + time, channel, frames).encode())
 
     def scanned(self, tick: int, detections: Detections, seen: Sequence[str]) -> None:
         """Keep one radar scan; `seen` names the actor behind each detection."""
@@ -284,32 +372,21 @@ class Record:
 
     def flush(self) -> None:
         """Bring everything kept so far to disk and into the hash."""
-        pose, can = b"".join(self._pose_waiting), "".join(self._can_waiting).encode()
-        for name, part, file in (("pose.bin", pose, self._pose), ("can.log", can, self._can)):
-            self._raw_hashes[name].update(part)
-            file.write(part)
-            file.flush()
-        self._pose_waiting.clear()
-        self._can_waiting.clear()
-        for table in self._tables.values():
-            table.flush()
+        for part in self._parts.values():
+            part.flush()
 
     def close(self) -> dict[str, str]:
         """Finish the record's files and return the hash of each of its parts (hexadecimal SHA-256)."""
         self.flush()
-        self._pose.close()
-        self._can.close()
-        for table in self._tables.values():
-            table.close()
-        tables = {name: table.hashes.hexdigest() for name, table in self._tables.items()}
-        return {name: raw.hexdigest() for name, raw in self._raw_hashes.items()} | tables
+        for part in self._parts.values():
+            part.close()
+        tables = {name: table.hashes.hexdigest() for name, table in self._tables.items() if name not in UNHASHED}
+        return {name: raw.hash.hexdigest() for name, raw in self._raw.items()} | tables
 
     def discard(self) -> None:
         """Take away everything that the record made: its files, and the folders that were not there before."""
-        self._pose.close()
-        self._can.close()
-        for table in self._tables.values():
-            table.abandon()
+        for part in self._parts.values():
+            part.abandon()
         for file in self.folder.iterdir():
             file.unlink()
         for place in self._made:
@@ -317,8 +394,60 @@ class Record:
 
     def summarise(self, summary: dict[str, Any]) -> None:
         """Write `summary.json`; not-a-number and infinity become null."""
-        text = json.dumps(_finite(summary), indent=1, allow_nan=False)
-        (self.folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+        write_summary(self.folder, summary)
+
+
+class LiveRecord(Record):
+    """The record of a live drive: two tables more, and a part that can't be written doesn't take the others with it.
+
+    Whoever claimed the folder may have put logs of processes into it.
+    """
+
+    schemas = SCHEMAS | LIVE_SCHEMAS
+
+    def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
+        """Open the record in `folder`, which is claimed."""
+        super().__init__(folder, resolved, epoch)
+        self.broken: set[str] = set()  #: parts that can't be written any more; what they hold already stays
+
+    def ticked(self, row: TickRow) -> None:
+        """Keep the row of a tick; when it goes to disk is its owner's business, who has a clock."""
+        self._tables["ticks"].append(_as_tuple(row))
+
+    def stepped(self, row: GatewayRow) -> None:
+        """Keep the row of a step of the gateway."""
+        self._tables["gateway"].append(_gateway_tuple(row))
+
+    def timed(self, row: LatencyRow) -> None:
+        """Keep a line of the latency ledger."""
+        self._tables["latency"].append(_latency_tuple(row))
+
+    def flush(self) -> None:
+        """Bring everything kept so far to disk and into the hash, or at least what can be."""
+        for name, part in self._parts.items():
+            if name in self.broken:
+                part.forget()
+                continue
+            try:
+                part.flush()
+            except OSError:
+                self.broken.add(name)
+
+    def close(self) -> dict[str, str]:
+        """Finish what can be finished and return the hash of each part; a broken one stays as far as it came."""
+        self.flush()
+        for name, part in self._parts.items():
+            try:
+                part.abandon() if name in self.broken else part.close()
+            except OSError:
+                self.broken.add(name)
+        return hash_parts(self.folder)
+
+
+def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    """Write a record's `summary.json`; not-a-number and infinity become null."""
+    text = json.dumps(_finite(summary), indent=1, allow_nan=False)
+    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
 
 
 def claim(folder: Path) -> None:
@@ -339,3 +468,5 @@ def _finite(value: Any) -> Any:
 
 #: A tick's row as the tuple of its fields, in their order.
 _as_tuple: Callable[[TickRow], tuple[Any, ...]] = operator.attrgetter(*TickRow.__slots__)
+_gateway_tuple: Callable[[GatewayRow], tuple[Any, ...]] = operator.attrgetter(*GatewayRow.__slots__)
+_latency_tuple: Callable[[LatencyRow], tuple[Any, ...]] = operator.attrgetter(*LatencyRow.__slots__)

@@ -1,7 +1,7 @@
 """The replay shell: a record's inputs through the same chain, and the first difference in what comes out.
 
-SUMO is not started: the recorded actors are fed. Lockstep records only; their pose bytes, the car's reports and the
-street's faults are all in the record, and so is everything that the chain answered.
+SUMO is not started: the recorded actors are fed. What the chain is told at a tick (bytes, actors, the steering that the
+car had reported, the shell's faults) is all in the record, and so is everything that it answered.
 """
 
 from __future__ import annotations
@@ -9,22 +9,31 @@ from __future__ import annotations
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
 from vve_sumo import bus
-from vve_sumo.drive.chain import Acted
+from vve_sumo.drive.chain import Chain, Decided
 from vve_sumo.drive.lockstep import Operator, chain_of
-from vve_sumo.drive.record import hash_parts, read_pose_chunks, read_table
+from vve_sumo.drive.record import (
+    CLOSED_ENDING,
+    LIVE_SCHEMAS,
+    SCHEMAS,
+    hash_file,
+    hash_part,
+    read_pose_chunks,
+    read_table,
+)
 from vve_sumo.drive.setting import PERIOD, Setting, resolve, versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.load import parse
-from vve_sumo.values import Actors, Frame
+from vve_sumo.values import Actors, Frame, Verdict
 from vve_sumo.vehicle.dbw import COMMAND_IDS
 
 #: a candump log has microseconds; what happens lies milliseconds apart [s]
@@ -35,21 +44,42 @@ SLACK = 1e-5
 class Difference:
     """Where a replay first departs from its record."""
 
-    tick: int
+    number: int  #: of the tick, or of the gateway's step
     what: str  #: column, or "frames"
     recorded: str
     replayed: str
 
 
-@dataclass(frozen=True, slots=True)
-class Inputs:
-    """What the chain was given and what it answered, by tick."""
+class Detection(NamedTuple):
+    """A row of the detections, as the record spells it."""
 
-    pose: dict[int, list[tuple[float, bytes]]]
+    range_m: float
+    azimuth_rad: float
+    range_rate_mps: float
+    mode: int
+    actor: str
+
+
+NOTHING = Actors(0.0, (), *(np.empty(0) for _ in range(7)))
+
+
+@dataclass(frozen=True, slots=True)
+class ChainInputs:
+    """What the chain was given and what it answered."""
+
+    pose: list[tuple[float, bytes]]  #: in the order taken in
+    actors: dict[int, Actors]  #: by tick
+    scans: dict[int, list[Detection]]  #: by tick
+    ticks: list[dict[str, Any]]  #: rows of the record, as far as all that went into them is there
+    torn: int  #: rows after those: their inputs did not come to the disk any more
+
+
+@dataclass(frozen=True, slots=True)
+class CarFrames:
+    """What was heard on the car's bus and what was sent, by tick of a lockstep drive."""
+
     reports: dict[int, list[Frame]]
     commands: dict[int, list[Frame]]
-    actors: dict[int, Actors]
-    ticks: list[dict[str, Any]]
 
 
 def setting_of(folder: FilePath, working: FilePath) -> tuple[Setting, list[str]]:
@@ -67,46 +97,90 @@ def setting_of(folder: FilePath, working: FilePath) -> tuple[Setting, list[str]]
     if "pose" in hashes:
         raise ConfigError(f"{folder}: a playback, expected a drive with the hardware-free car")
     setting = resolve(name, parse(settings, file), file, working)
+    return setting, changed_since(hashes, then, setting, working)
+
+
+def changed_since(hashes: dict[str, str], then: dict[str, str], setting: Setting, working: FilePath) -> list[str]:
+    """Return a line for every file and every version that is not what the record says of it."""
     now = setting.resolved(setting.controller(working))["files_sha256"]
     changed = [f"{role} has changed since" for role in sorted(now | hashes) if hashes.get(role) != now.get(role)]
     mine = versions()
-    changed += [f"{part} was {then.get(part)}, is {mine[part]}" for part in mine if then.get(part) != mine[part]]
-    return setting, changed
+    return changed + [f"{part} was {then.get(part)}, is {mine[part]}" for part in mine if then.get(part) != mine[part]]
 
 
-def altered_parts(folder: FilePath) -> list[str]:
-    """Return the parts of a finished record whose hash is not the one that the drive wrote.
+def altered_parts(folder: FilePath) -> list[str] | None:
+    """Return the parts of a record whose hash is not the one that the drive wrote; None where it never wrote any.
 
-    Raises ConfigError where a part or the summary is missing: such a record was never finished.
+    Raises ConfigError for a summary that can't be read.
     """
+    file = folder / "summary.json"
+    if not file.exists():
+        return None
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        then = summary["record_parts_sha256"]
-    except (OSError, ValueError, KeyError) as error:
-        raise ConfigError(f"{folder}: no finished record of a drive: summary.json: {error}") from None
-    now = hash_parts(folder)
-    return [part for part in now if now[part] != then.get(part)]
+        summary = json.loads(file.read_text(encoding="utf-8"))
+        parts, files = summary.get("record_parts_sha256", {}), summary.get("record_files_sha256", {})
+    except (OSError, ValueError, AttributeError) as error:
+        raise ConfigError(f"{file}: cannot be read: {error}") from None
+    if not parts:
+        return None
+    # The bytes of a table's file say more than its rows, and need no reading.
+    hashes = {name: (then, hash_part, (folder, name)) for name, then in parts.items()}
+    hashes |= {name.removesuffix(CLOSED_ENDING): (then, hash_file, (folder / name,)) for name, then in files.items()}
+    return [name for name, (then, hashed, of) in hashes.items() if not _is(then, hashed, *of)]
 
 
-def read_inputs(folder: FilePath, epoch: float) -> Inputs:
-    """Read a record's inputs and answers; raises ConfigError where one of its files is missing or torn."""
-    pose: dict[int, list[tuple[float, bytes]]] = defaultdict(list)
-    for time, data in read_pose_chunks(folder / "pose.bin"):
-        pose[_heard_at(time)].append((time, data))
-    reports: dict[int, list[Frame]] = defaultdict(list)
-    commands: dict[int, list[Frame]] = defaultdict(list)
+def _is(then: str, hashed: Callable[..., str], *of: Any) -> bool:
+    """Whether a hash is still the same; what can't be read any more is not what it was."""
+    try:
+        return hashed(*of) == then
+    except ConfigError:
+        return False
+
+
+def read_rows(folder: FilePath, name: str) -> pa.Table:
+    """Read a table of a record with all columns that a replay needs; raises ConfigError where one is missing."""
+    table = read_table(folder, name)
+    wanted = (SCHEMAS | LIVE_SCHEMAS)[name]
+    if (missing := next((column for column in wanted.names if column not in table.column_names), None)) is not None:
+        raise ConfigError(f"{folder}: {name} has no column {missing}: written by another version of vve-sumo")
+    return table
+
+
+def read_chain_inputs(folder: FilePath) -> ChainInputs:
+    """Read what went into the chain and what it answered, of a record that is finished or was cut off.
+
+    Raises ConfigError where one of the record's files is missing or unreadable.
+    """
+    ticks, actors, scans = (read_rows(folder, name) for name in ("ticks", "actors", "detections"))
+    pose = read_pose_chunks(folder / "pose.bin")
+    inputs = ChainInputs(pose, _snapshots(actors), _scans(scans), ticks.to_pylist(), 0)
+    whole = _whole_ticks(inputs)
+    return replace(inputs, ticks=inputs.ticks[:whole], torn=len(inputs.ticks) - whole)
+
+
+def _whole_ticks(inputs: ChainInputs) -> int:
+    """Return how many ticks from the first on have all that they say went into them."""
+    expected = 0
+    for number, row in enumerate(inputs.ticks):
+        tick = row["tick"]
+        heard = row["datagrams"] <= len(inputs.pose)
+        seen = len(inputs.actors.get(tick, NOTHING).ids) == expected
+        scanned = not row["scanned"] or len(inputs.scans.get(tick, ())) == row["detections"]
+        if not (heard and seen and scanned):
+            return number
+        expected = row["actors"]
+    return len(inputs.ticks)
+
+
+def read_car_frames(folder: FilePath, epoch: float) -> CarFrames:
+    """Read a lockstep drive's bus; raises ConfigError as `bus.read_log` does."""
+    frames = CarFrames(defaultdict(list), defaultdict(list))
     for time, _channel, frame in bus.read_log(folder / "can.log"):
         if frame.id in COMMAND_IDS:
-            commands[round((time - epoch) / PERIOD)].append(frame)
+            frames.commands[round((time - epoch) / PERIOD)].append(frame)
         else:
-            reports[_heard_at(time - epoch)].append(frame)
-    actors, ticks = read_table(folder, "actors"), read_table(folder, "ticks")
-    return Inputs(pose, reports, commands, _snapshots(actors), ticks.to_pylist())
-
-
-def _heard_at(time: float) -> int:
-    """Return the tick that is the first to know of something that happened at a drive time [s]."""
-    return math.ceil((time - SLACK) / PERIOD)
+            frames.reports[math.ceil((time - epoch - SLACK) / PERIOD)].append(frame)
+    return frames
 
 
 def _snapshots(table: pa.Table) -> dict[int, Actors]:
@@ -122,47 +196,111 @@ def _snapshots(table: pa.Table) -> dict[int, Actors]:
     return found
 
 
-def replay(setting: Setting, inputs: Inputs, working: FilePath) -> Difference | None:
-    """Run a record's inputs through the chain; return the first difference, None where all is bit for bit the same."""
-    chain, operator = chain_of(setting, setting.controller(working)).chain, Operator()
-    nothing = Actors(0.0, (), *(np.empty(0) for _ in range(7)))
-    found: tuple[str, ...] = ()
+def _scans(table: pa.Table) -> dict[int, list[Detection]]:
+    found: dict[int, list[Detection]] = defaultdict(list)
+    columns = (table[name].to_pylist() for name in Detection._fields)
+    for tick, *detection in zip(table["tick"].to_pylist(), *columns, strict=True):
+        found[tick].append(Detection(*detection))
+    return found
+
+
+def answers(chain: Chain, inputs: ChainInputs) -> Iterator[tuple[dict[str, Any], Decided]]:
+    """Ask the chain again, tick by tick: each recorded row with what comes out now."""
+    taken = 0
     for row in inputs.ticks:
-        tick = int(row["tick"])
-        for time, data in inputs.pose.get(tick, ()):
+        tick, now, steering = int(row["tick"]), row["time_s"], row["measured_steering_rad"]
+        for time, data in inputs.pose[taken : row["datagrams"]]:
             chain.receive(time, data)
-        actors, reports = inputs.actors.get(tick, nothing), inputs.reports.get(tick, [])
-        acted = chain.act(tick, tick * PERIOD, actors, reports, operator.act(), found)
-        operator.saw(acted.verdict.state)
-        if (difference := _compare(tick, row, inputs.commands.get(tick, []), acted)) is not None:
+        taken = row["datagrams"]
+        chain.see(now, inputs.actors.get(tick, NOTHING))
+        yield row, chain.decide(tick, now, steering, codes(row["found"]))
+        chain.prepare(now + PERIOD, steering)
+
+
+def codes(joined: str) -> tuple[str, ...]:
+    """Return the reason codes in a record's column."""
+    return tuple(code for code in joined.split("+") if code)
+
+
+def replay(setting: Setting, inputs: ChainInputs, frames: CarFrames, working: FilePath) -> Difference | None:
+    """Run a lockstep record through chain and gateway; return the first difference, None where all is the same."""
+    put, operator = chain_of(setting, setting.controller(working)), Operator()
+    for row, decided in answers(put.chain, inputs):
+        tick = int(row["tick"])
+        reports, commands = frames.reports.get(tick, []), frames.commands.get(tick, [])
+        output = put.gateway.step(row["time_s"], decided.setpoint, reports, operator.act())
+        operator.saw(output.verdict)
+        difference = (
+            compare_decided(inputs, row, decided)
+            or compare(tick, row, verdict_columns(output.verdict))
+            or compare_frames(tick, commands, output.frames)
+        )
+        if difference is not None:
             return difference
-        found = tuple(code for code in row["anchor_faults"].split("+") if code)
-        found += ("virtual_contact",) if row["contacts"] else ()
     return None
 
 
-def _compare(tick: int, row: dict[str, Any], commands: list[Frame], acted: Acted) -> Difference | None:
-    for what, mine in _decided(acted):
+def compare(number: int, row: dict[str, Any], mine: Iterable[tuple[str, Any]]) -> Difference | None:
+    """Return the first column that is not as it was recorded, NaN being like NaN."""
+    for what, value in mine:
         recorded = row[what]
-        if recorded != mine and not (recorded != recorded and mine != mine):
-            return Difference(tick, what, repr(recorded), repr(mine))
-    if list(acted.frames) != commands:
-        return Difference(tick, "frames", _spelt(commands), _spelt(acted.frames))
+        if recorded != value and not (recorded != recorded and value != value):
+            return Difference(number, what, repr(recorded), repr(value))
     return None
 
 
-def _decided(acted: Acted) -> Iterator[tuple[str, Any]]:
-    pose, setpoint, nan = acted.pose, acted.setpoint, math.nan
+def compare_decided(inputs: ChainInputs, row: dict[str, Any], decided: Decided) -> Difference | None:
+    """Return what the chain came to otherwise than its row and its scan say."""
+    tick = int(row["tick"])
+    difference = compare(tick, row, decided_columns(decided))
+    if difference is not None or decided.scan is None:
+        return difference
+    seen, names = decided.detections, inputs.actors.get(tick, NOTHING).ids
+    columns = (column.tolist() for column in (seen.range, seen.azimuth, seen.range_rate, seen.mode))
+    mine = list(map(Detection, *columns, [names[at] for at in decided.scan.actor_rows]))
+    for number, (then, now) in enumerate(zip_longest(inputs.scans.get(tick, []), mine)):
+        if then != now:
+            return Difference(tick, f"detection {number}", repr(then), repr(now))
+    return None
+
+
+def compare_frames(number: int, recorded: list[Frame], mine: tuple[Frame, ...]) -> Difference | None:
+    """Return what differs between frames as recorded and as sent now."""
+    return None if list(mine) == recorded else Difference(number, "frames", _spelt(recorded), _spelt(mine))
+
+
+def decided_columns(decided: Decided) -> Iterator[tuple[str, Any]]:
+    """Name what the chain came to by the record's columns."""
+    pose, setpoint, nan = decided.pose, decided.setpoint, math.nan
     yield "x_m", pose.x if pose else nan
     yield "y_m", pose.y if pose else nan
     yield "heading_rad", pose.heading if pose else nan
     yield "speed_mps", pose.speed if pose else nan
-    yield "detections", len(acted.detections.range)
+    yield "acceleration_mps2", pose.acceleration if pose else nan
+    yield "yaw_rate_radps", pose.yaw_rate if pose else nan
+    yield "station_m", decided.station
+    yield "estimated_deviation_m", decided.deviation
+    yield "pose_age_s", decided.pose_age
+    yield "pose_reasons", "+".join(decided.pose_reasons)
+    yield "scanned", decided.scan is not None
+    yield "detections", len(decided.detections.range)
     yield "steering_setpoint_rad", setpoint.steering if setpoint else nan
     yield "acceleration_setpoint_mps2", setpoint.acceleration if setpoint else nan
-    yield "state", acted.verdict.state.value
-    yield "reasons", "+".join(acted.verdict.reasons)
+    yield "emergency", setpoint is not None and setpoint.emergency
+    yield "note", setpoint.note if setpoint else ""
+    yield "faults", "+".join(decided.faults)
 
 
-def _spelt(frames: Any) -> str:
+def verdict_columns(verdict: Verdict) -> Iterator[tuple[str, Any]]:
+    """Name what the gateway came to by the record's columns."""
+    yield "state", verdict.state.value
+    yield "reasons", "+".join(verdict.reasons)
+    yield "limited", "+".join(verdict.limited)
+    yield "steering_rad", verdict.steering
+    yield "granted_acceleration_mps2", verdict.acceleration
+    yield "brake_torque_nm", verdict.brake_torque
+    yield "throttle_percent", 100.0 * verdict.throttle
+
+
+def _spelt(frames: Iterable[Frame]) -> str:
     return " ".join(f"{frame.id:03X}#{frame.data.hex().upper()}" for frame in frames)

@@ -3,59 +3,82 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
-from vve_sumo.drive.chain import Acted, Chain
+from vve_sumo.drive.chain import Decided
 from vve_sumo.drive.street import Street
 from vve_sumo.path import Path
-from vve_sumo.values import Pose, TickRow
+from vve_sumo.values import Detections, Pose, TickRow, Verdict
 from vve_sumo.world.anchor import AnchorReport
 
 
+class Scans(Protocol):
+    """What keeps radar scans: a record, or the way to one."""
+
+    def scanned(self, tick: int, detections: Detections, seen: Sequence[str]) -> None:
+        """Keep one radar scan; `seen` names the actor behind each detection."""
+        ...
+
+
+class Moment(NamedTuple):
+    """One tick: when it was, what it was told, and what was made of it."""
+
+    tick: int
+    now: float  #: drive time [s]
+    datagrams: int  #: portions of pose bytes taken in so far
+    steering: float  #: road-wheel angle that the car had reported [rad]
+    decided: Decided
+    verdict: Verdict  #: the gateway's newest
+
+
+def keep_scan(record: Scans, tick: int, decided: Decided, street: Street) -> None:
+    """Keep a tick's radar scan, where it had one, with the names behind its detections; before the street advances."""
+    if decided.scan is not None:
+        seen = street.actors.ids
+        record.scanned(tick, decided.detections, [seen[row] for row in decided.scan.actor_rows])
+
+
 def tick_row(
-    tick: int,
-    now: float,
-    acted: Acted,
-    chain: Chain,
-    truth: Pose | None,
-    path: Path,
-    asked: Pose | None,
-    report: AnchorReport | None,
-    street: Street,
+    moment: Moment, truth: Pose | None, path: Path, asked: Pose | None, report: AnchorReport | None, street: Street
 ) -> TickRow:
-    """Return what the record keeps of a tick."""
+    """Return what the record keeps of a tick, after the street has advanced."""
     nan = math.nan
-    pose, setpoint, verdict = acted.pose, acted.setpoint, acted.verdict
+    decided, verdict = moment.decided, moment.verdict
+    pose, setpoint = decided.pose, decided.setpoint
     beside = nan
     if truth is not None:
-        near = acted.station if math.isfinite(acted.station) else None
+        near = decided.station if math.isfinite(decided.station) else None
         beside = path.project(truth.x, truth.y, near).offset
     return TickRow(
-        tick=tick,
-        time_s=now,
-        pose_trusted=pose is not None and not acted.pose_reasons and "pose_stale" not in acted.faults,
-        pose_age_s=acted.pose_age,
-        pose_reasons="+".join(acted.pose_reasons),
+        tick=moment.tick,
+        time_s=moment.now,
+        datagrams=moment.datagrams,
+        pose_trusted=pose is not None and not decided.pose_reasons and "pose_stale" not in decided.faults,
+        pose_age_s=decided.pose_age,
+        pose_reasons="+".join(decided.pose_reasons),
         x_m=pose.x if pose else nan,
         y_m=pose.y if pose else nan,
         heading_rad=pose.heading if pose else nan,
         speed_mps=pose.speed if pose else nan,
         acceleration_mps2=pose.acceleration if pose else nan,
         yaw_rate_radps=pose.yaw_rate if pose else nan,
-        station_m=acted.station,
-        estimated_deviation_m=acted.deviation,
+        station_m=decided.station,
+        estimated_deviation_m=decided.deviation,
         true_x_m=truth.x if truth else nan,
         true_y_m=truth.y if truth else nan,
         true_heading_rad=truth.heading if truth else nan,
         true_speed_mps=truth.speed if truth else nan,
         true_acceleration_mps2=truth.acceleration if truth else nan,
         lateral_deviation_m=beside,
-        scanned=acted.scan is not None,
-        detections=len(acted.detections.range),
+        scanned=decided.scan is not None,
+        detections=len(decided.detections.range),
         steering_setpoint_rad=setpoint.steering if setpoint else nan,
         acceleration_setpoint_mps2=setpoint.acceleration if setpoint else nan,
         emergency=setpoint is not None and setpoint.emergency,
         note=setpoint.note if setpoint else "",
-        faults="+".join(acted.faults),
+        found="+".join(decided.found),
+        faults="+".join(decided.faults),
         state=verdict.state.value,
         reasons="+".join(verdict.reasons),
         limited="+".join(verdict.limited),
@@ -63,7 +86,7 @@ def tick_row(
         granted_acceleration_mps2=verdict.acceleration,
         brake_torque_nm=verdict.brake_torque,
         throttle_percent=100.0 * verdict.throttle,
-        measured_steering_rad=chain.measured_steering,
+        measured_steering_rad=moment.steering,
         asked_x_m=asked.x if asked else nan,
         asked_y_m=asked.y if asked else nan,
         asked_heading_rad=asked.heading if asked else nan,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path as FilePath
@@ -71,6 +71,14 @@ class Setting:
         """Make the system under test; raises ConfigError as `controller.load` does."""
         control = self.scenario.controller
         return load(control.name, self.vehicle, dict(control.tuning), workspace.controller_folders(working))
+
+    def driven_by(self, name: str) -> Setting:
+        """Return the same setting with another controller, and without its tuning, which would be no other's."""
+        control = self.scenario.controller
+        if name == control.name:
+            return self
+        other = control.model_copy(update={"name": name, "tuning": {}})
+        return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
 
     def radar(self) -> RadarConfig:
         """Return the radar's configuration."""

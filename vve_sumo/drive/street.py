@@ -6,6 +6,7 @@ Both lockstep and playback use it; it knows no car and no controller.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 from vve_sumo.drive.setting import PERIOD, Setting
@@ -29,19 +30,16 @@ def obstacles_of(setting: Setting) -> tuple[Obstacle, ...]:
     return tuple(placed)
 
 
-def lot_frame(latitude: float, longitude: float) -> MapFrame:
-    """Return a plane map of a lot, centred on a place in it [rad]."""
-    where = f"+lat_0={math.degrees(latitude):.9f} +lon_0={math.degrees(longitude):.9f}"
-    return MapFrame(f"+proj=tmerc {where} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
-
-
 def standing(x: float, y: float, heading: float) -> Pose:
     """Return the pose of a rear axle at rest."""
     return Pose(0.0, Point.REAR_AXLE, x, y, heading, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def open_world(setting: Setting) -> World:
-    """Start SUMO with the setting's street, traffic and obstacles; raises ConfigError as World does."""
+def open_world(setting: Setting, clock: Callable[[], float] | None = None) -> World:
+    """Start SUMO with the setting's street, traffic and obstacles; raises ConfigError as World does.
+
+    With a `clock` [s] the traffic is held within what a live tick has room for.
+    """
     return World(
         setting.network.path,
         demand=setting.demand,
@@ -51,6 +49,7 @@ def open_world(setting: Setting) -> World:
         obstacles=obstacles_of(setting),
         warm_up=setting.scenario.street.warm_up_s,
         route=setting.route,
+        clock=clock,
     )
 
 
@@ -72,6 +71,32 @@ class Street:
         self.contacts: tuple[str, ...] = ()  #: actors that the ego touches
         self.found: tuple[str, ...] = ()  #: reason codes for the next tick
         self.detail = ""  #: SUMO's words about its last breach of the anchor's contract
+
+    @property
+    def cleared(self) -> tuple[str, ...]:
+        """Vehicles taken off the street where the ego entered it."""
+        return self._world.cleared
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What SUMO complained about so far."""
+        return self._world.warnings
+
+    @property
+    def fits(self) -> bool:
+        """Whether the street's steps were measured and leave a live tick its time; true where nobody measures."""
+        headroom = self._world.headroom
+        return headroom is None or headroom.fits
+
+    @property
+    def load(self) -> dict[str, Any]:
+        """What the street's steps took and what was done about it, for the summary; empty where nobody measures."""
+        headroom = self._world.headroom
+        return {} if headroom is None else headroom.summary
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._world.close()
 
     def advance(self, asked: Pose | None) -> AnchorReport | None:
         """Place the ego, let SUMO step, look around; None while there is no pose, and then SUMO waits too."""

@@ -114,6 +114,16 @@ class Car:
         """The drive-by-wire kit, for looking at."""
         return self._kit
 
+    @property
+    def brake_torque(self) -> float:
+        """Brake torque that is really applied, by the car's own belief [N m]."""
+        return self._brakes.value
+
+    @property
+    def wheel_angle(self) -> float:
+        """Angle of the steering wheel [rad], left positive."""
+        return self._steering.angle
+
     def step(self, until: float, frames: Sequence[Frame], driver: DriverInputs = HANDS_OFF) -> CarOutput:
         """Hear `frames`, then advance to drive time `until` [s], a multiple of 5 ms, under the same `driver` inputs.
 

@@ -122,6 +122,7 @@ class Module:
     pressed: int = 0  #: steps beyond the override threshold
     touched: int = 0  #: steps beyond the activity threshold
     source: WatchdogSource = WatchdogSource.NONE
+    broken: bool = False  #: works no more, whatever it is told
 
     def hear(self, command: BrakeCommand | ThrottleCommand | SteeringCommand, step: int) -> None:
         """Take in a usable command."""
@@ -198,7 +199,12 @@ class Kit:
         for module in self.modules:
             command = module.command
             module.enabled = not (
-                module.timeout or module.override or self.fault or command is None or not command.enable
+                module.broken
+                or module.timeout
+                or module.override
+                or self.fault
+                or command is None
+                or not command.enable
             )
         if self._shift_ends is not None and self._step >= self._shift_ends:
             self.gear, self._shift_ends = self.gear_command, None

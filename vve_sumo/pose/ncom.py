@@ -109,6 +109,23 @@ _CHANNEL_ONLY: Final = {
 }
 
 
+class StatusChannels:
+    """What the status channels said last; one of them travels with each packet, in turn."""
+
+    def __init__(self) -> None:
+        self._heard: dict[int, tuple[int, float]] = {}  #: status channel to (clock when heard, value)
+
+    def hear(self, channel: int, payload: bytes, clock: int) -> None:
+        """Take the 8 bytes of a channel, heard at `clock` [ms], unless nobody needs it or it spoke later already."""
+        if channel in _READERS and clock >= self._heard.get(channel, (clock, 0.0))[0]:
+            self._heard[channel] = (clock, _READERS[channel](payload))
+
+    def value(self, channel: int, clock: int) -> float:
+        """Return what the channel said last, NaN if it said nothing lately."""
+        heard, value = self._heard.get(channel, (0, math.nan))
+        return value if abs(clock - heard) <= CHANNEL_LIFE else math.nan
+
+
 class Decoder:
     """Turns a byte stream, however it is cut, into fixes; never raises on any bytes.
 
@@ -130,7 +147,7 @@ class Decoder:
         self._clock: int | None = None  #: of the newest packet [ms since 1980-01-06 GPS]
         self._emitted = 0  #: time of the newest fix [ms]
         self._received = -math.inf
-        self._heard: dict[int, tuple[int, float]] = {}  #: status channel to (clock when heard, value)
+        self._channels = StatusChannels()
 
     @property
     def packets(self) -> int:
@@ -167,7 +184,7 @@ class Decoder:
         if status == STRUCTURE_B:
             return Outcome.STRUCTURE_B, None
         if status in _CHANNEL_ONLY and self._clock is not None:
-            self._listen(packet, self._clock)
+            self._channels.hear(packet[62], packet[63:71], self._clock)
         return _CHANNEL_ONLY.get(status, Outcome.NOT_NAVIGATION), None
 
     def _navigate(self, packet: bytes, time_received: float) -> tuple[Outcome, Fix | None]:
@@ -178,9 +195,11 @@ class Decoder:
         if clock is None:
             return Outcome.MINUTE_UNKNOWN, None
         self._clock = clock
+        # Of a packet that was overtaken, too: channels take turns, and where of every two packets the later one comes
+        # first, half of the channels travel in no other.
+        self._channels.hear(packet[62], packet[63:71], clock)
         if clock <= self._emitted:
             return Outcome.NOT_INCREASING, None
-        self._listen(packet, clock)
         latitude, longitude, altitude = _POSITION.unpack_from(packet, 23)
         if not (abs(latitude) <= math.pi / 2 and abs(longitude) <= math.tau):
             return Outcome.NO_POSITION, None
@@ -197,20 +216,11 @@ class Decoder:
         ahead = (milliseconds - self._clock) % MINUTE
         return self._clock + (ahead if ahead <= MINUTE // 2 else ahead - MINUTE)
 
-    def _listen(self, packet: bytes, clock: int) -> None:
-        channel = packet[62]
-        if channel in _READERS:
-            self._heard[channel] = (clock, _READERS[channel](packet[63:71]))
-
-    def _slow(self, channel: int, clock: int) -> float:
-        """What the channel said last, NaN if it said nothing lately."""
-        heard, value = self._heard.get(channel, (0, math.nan))
-        return value if abs(clock - heard) <= CHANNEL_LIFE else math.nan
-
     def _fix(
         self, packet: bytes, clock: int, time_received: float, latitude: float, longitude: float, altitude: float
     ) -> Fix:
-        mode = self._slow(0, clock)
+        slow = self._channels.value
+        mode = slow(0, clock)
         return Fix(
             time=clock / 1000.0,
             time_received=time_received,
@@ -227,10 +237,10 @@ class Decoder:
             acceleration=_signed(packet, 3, ACCELERATION),
             status=packet[21],
             position_mode=-1 if math.isnan(mode) else int(mode),
-            position_sigma=self._slow(3, clock),
-            velocity_sigma=self._slow(4, clock),
-            heading_sigma=self._slow(5, clock),
-            differential_age=self._slow(20, clock),
+            position_sigma=slow(3, clock),
+            velocity_sigma=slow(4, clock),
+            heading_sigma=slow(5, clock),
+            differential_age=slow(20, clock),
         )
 
 
@@ -297,7 +307,7 @@ def _differential(fix: Fix) -> bytes:
 
 
 #: Status channels in the order sent, with what writes each from a fix.
-_WRITERS: Final[tuple[tuple[int, Callable[[Fix], bytes]], ...]] = (
+WRITERS: Final[tuple[tuple[int, Callable[[Fix], bytes]], ...]] = (
     (0, _mode),
     (3, lambda fix: _accuracy(fix.position_sigma, 1e-3)),
     (4, lambda fix: _accuracy(fix.velocity_sigma, 1e-3)),
@@ -315,6 +325,6 @@ class Encoder:
 
     def encode(self, fix: Fix) -> bytes:
         """Return the packet for `fix` (finite time; see `pack`) with the status channel whose turn it is."""
-        channel, write = _WRITERS[self._turn]
-        self._turn = (self._turn + 1) % len(_WRITERS)
+        channel, write = WRITERS[self._turn]
+        self._turn = (self._turn + 1) % len(WRITERS)
         return pack(fix, channel, write(fix))

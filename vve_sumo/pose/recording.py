@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.pose.ncom import LENGTH, SYNC, Decoder
+from vve_sumo.pose.ncom import LENGTH, MINUTE, MINUTES_SET, SYNC, Decoder, Encoder
 from vve_sumo.values import Fix
 
 COLUMNS: Final = ("time_s", "latitude_deg", "longitude_deg", "heading_deg", "speed_mps")
@@ -34,6 +34,8 @@ VELOCITIES: Final = ("velocity_north_mps", "velocity_east_mps")
 RANGES: Final = {"latitude_deg": 90.0, "longitude_deg": 360.0, "heading_deg": 360.0, "speed_mps": 100.0}
 HEADING_HELD: Final = 1.5  #: below it a missing heading is the last one, for a course is noise there [m/s]
 RATE_WINDOW: Final = 0.3  #: over which acceleration and yaw rate are differenced, to keep noise down [s]
+LOCKED: Final = 4  #: the status that a played CSV is sent with; its position mode stays unknown
+TIMES_SENT: Final = (MINUTES_SET * MINUTE / 1000.0, 4e9)  #: what NCOM can say of a GNSS second
 CHUNK: Final = 65_536  #: [bytes]
 
 
@@ -59,15 +61,54 @@ def decode(path: Path, decoder: Decoder) -> Iterator[Fix]:
 
     Raises ConfigError when the file cannot be read or, at its end, held no packet.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
-    raw = _from_hex(data)
+    raw = _bytes(path)
     for start in range(0, len(raw), CHUNK):
         yield from decoder.feed(raw[start : start + CHUNK], 0.0)
     if decoder.packets == 0:
-        raise ConfigError(f"{path}: no NCOM packet ({LENGTH} bytes with three right checksums) in {len(data)} bytes")
+        raise _no_packet(path)
+
+
+def portions(path: Path) -> Iterator[tuple[float, bytes]]:
+    """Yield a recorded drive as NCOM bytes, in portions that complete a fix, with the second when each is due.
+
+    Seconds count from the first fix, by the fixes' own times. Raises ConfigError as `fixes` does.
+    """
+    return _csv_portions(path) if path.suffix.lower() == ".csv" else _ncom_portions(path)
+
+
+def _csv_portions(path: Path) -> Iterator[tuple[float, bytes]]:
+    """As a unit would have sent it. A file's own seconds are moved to where the unit's clock counts as set."""
+    encoder, first, moved = Encoder(), math.nan, 0.0
+    for fix in _csv_fixes(path):
+        if math.isnan(first):
+            first = fix.time
+            moved = 0.0 if TIMES_SENT[0] <= first <= TIMES_SENT[1] else TIMES_SENT[0] - math.floor(first)
+        yield fix.time - first, encoder.encode(replace(fix, time=fix.time + moved, status=LOCKED))
+
+
+def _ncom_portions(path: Path) -> Iterator[tuple[float, bytes]]:
+    raw, decoder = _bytes(path), Decoder()
+    first, begin = math.nan, 0
+    for end in range(LENGTH, len(raw) + LENGTH, LENGTH):
+        made = decoder.feed(raw[end - LENGTH : end], 0.0)
+        if made:
+            first = made[0].time if math.isnan(first) else first
+            yield made[-1].time - first, raw[begin:end]
+            begin = end
+    if math.isnan(first):
+        raise _no_packet(path)
+
+
+def _no_packet(path: Path) -> ConfigError:
+    size = path.stat().st_size
+    return ConfigError(f"{path}: no NCOM packet ({LENGTH} bytes with three right checksums) in {size} bytes")
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return _from_hex(path.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
 
 
 def _from_hex(data: bytes) -> bytes:

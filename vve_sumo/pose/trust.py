@@ -63,6 +63,7 @@ class TrustProfile:
     position_sigma_limit: float  #: 1 sigma [m]
     velocity_sigma_limit: float  #: 1 sigma [m/s]
     heading_sigma_limit: float  #: 1 sigma [rad]
+    pitch_needed: bool  #: refuses a fix whose gravity cannot be told from its acceleration
     corrections_age_limit: float  #: [s]
     age_limit: float  #: from the fix's own time to now [s]
     gap_limit: float  #: between fixes [s]
@@ -88,12 +89,38 @@ DRIVE: Final = TrustProfile(
     position_sigma_limit=0.10,
     velocity_sigma_limit=0.10,
     heading_sigma_limit=0.01,
+    pitch_needed=True,
     corrections_age_limit=10.0,
     age_limit=0.10,
     gap_limit=0.15,
     stale_limit=0.15,
     jump_limit=0.25,
     heading_jump_limit=0.05,
+    course_limit=0.20,
+    course_speed=3.0,
+    settling=0.5,
+)
+
+#: NMEA 0183: a car may drive on it, and it is the lower class. RTK-fixed (GGA), position accuracy (GST) and the age of
+#: corrections are demanded as of NCOM; accuracies of heading and velocity are what the rig declares (the decoder puts
+#: them in). Acceleration is differenced speed, free of gravity, so no pitch is needed. Slower: 10 fixes a second, one
+#: of which may be lost, and 50 ms on the wire; braking at 5 m/s2 that a prediction over 0.25 s knows nothing of makes
+#: it 0.16 m wrong. The yaw rate is differenced heading, late by 50 ms: a bend entered at 0.6 rad/s of yaw is 0.03 rad
+#: off it, and 0.01 rad are noise. In return a step of the heading shows by half: 0.16 rad is the least that is found.
+NMEA: Final = TrustProfile(
+    name="nmea",
+    may_arm=True,
+    live=True,
+    position_sigma_limit=0.10,
+    velocity_sigma_limit=0.10,
+    heading_sigma_limit=0.01,
+    pitch_needed=False,
+    corrections_age_limit=10.0,
+    age_limit=0.15,
+    gap_limit=0.25,
+    stale_limit=0.25,
+    jump_limit=0.25,
+    heading_jump_limit=0.08,
     course_limit=0.20,
     course_speed=3.0,
     settling=0.5,
@@ -107,6 +134,7 @@ PLAYBACK: Final = TrustProfile(
     position_sigma_limit=math.inf,
     velocity_sigma_limit=math.inf,
     heading_sigma_limit=math.inf,
+    pitch_needed=False,
     corrections_age_limit=math.inf,
     age_limit=math.inf,
     gap_limit=1.0,
@@ -155,7 +183,7 @@ def _off_course(fix: Fix, profile: TrustProfile) -> bool:
 def _of_the_receiver(fix: Fix, profile: TrustProfile) -> list[str]:
     """What the receiver itself says against the fix."""
     reasons = []
-    if not math.isfinite(fix.pitch):
+    if profile.pitch_needed and not math.isfinite(fix.pitch):
         reasons.append("pitch_invalid")
     if fix.status != LOCKED:
         reasons.append("status_not_locked")

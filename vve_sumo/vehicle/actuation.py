@@ -61,7 +61,7 @@ class Actuation:
     def step(self, acceleration: float, speed: float, grade: float, brakes_only: bool = False) -> Pedals:
         """Pedals for `acceleration` [m/s2] at the measured `speed` [m/s] on `grade` [rad, uphill positive].
 
-        A grade beyond a tenth is taken for a tenth.
+        A grade beyond a tenth is taken for a tenth. With `brakes_only` the throttle stays closed whatever it takes.
         """
         if self._stands(acceleration, speed):
             return self._hold(speed)
@@ -69,7 +69,7 @@ class Actuation:
         slope = min(max(math.sin(grade), -HOLD_GRADE), HOLD_GRADE)
         force = self._calibration.mass * (wish + GRAVITY * slope)
         force += self._calibration.drag(speed) - self._calibration.creep(speed)
-        return self._pedals(min(force, 0.0) if brakes_only else force, speed, brakes_only)
+        return self._pedals(force, speed, brakes_only)
 
     def without_speed(self, deceleration: float) -> Pedals:
         """Pedals for `deceleration` [m/s2] when nobody knows the speed: brakes alone, against full creep."""
@@ -132,5 +132,9 @@ class Actuation:
             self._saturation = 1 if throttle >= 1.0 else 0
             return Pedals(0.0, throttle)
         self._torque = self._calibration.brake_torque(-force)
-        self._saturation = -1 if self._torque >= self._calibration.brake_torque_limit else 0
+        if self._torque >= self._calibration.brake_torque_limit:
+            self._saturation = -1
+        else:
+            # A push that nobody may give is not to be made up for once the throttle works again.
+            self._saturation = 1 if brakes_only and force > 0.0 else 0
         return Pedals(self._torque, 0.0)

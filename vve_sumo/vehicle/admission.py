@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.values import Setpoint
+from vve_sumo.vehicle.profile import well_formed
 from vve_sumo.vehicle.reports import TOLERANCE
 
 MAX_LIFETIME: Final = 0.100  # of a setpoint [s]: the kit's own timeout for commands
@@ -97,6 +98,8 @@ class Admission:
             return Refusal("setpoint_not_finite", fatal=True)
         if setpoint.sequence < 0 or not math.isfinite(setpoint.time + setpoint.expires):
             return Refusal("setpoint_incomplete", fatal=True)
+        if setpoint.profile is not None and not well_formed(setpoint.profile):
+            return Refusal("profile_invalid", fatal=True)
         if setpoint.sequence <= self._sequence:
             return Refusal("setpoint_out_of_order", fatal=False)
         if setpoint.expires - setpoint.time > MAX_LIFETIME + TOLERANCE:

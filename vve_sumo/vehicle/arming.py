@@ -16,12 +16,14 @@ class Event(enum.StrEnum):
 
     CONDITIONS_MET = "conditions_met"  #: everything needed to engage is there
     CONDITIONS_LOST = "conditions_lost"  #: something needed to engage is missing
-    ENGAGE = "engage"  #: the operator's act
+    ENGAGE = "engage"  #: the operator's first act: the car is taken over, and held
+    GO = "go"  #: the operator's second act: the car may move
     EXPIRED = "expired"  #: no setpoint that is still good
     FAULT = "fault"  #: something is broken; the car can still be commanded
     OVERRIDE = "override"  #: the driver took over
     STOP = "stop"  #: the operator's act
     AT_REST = "at_rest"  #: the car stands and is held
+    PARKED = "parked"  #: the car stands in park
     DISARM = "disarm"  #: the operator's act
 
 
@@ -29,88 +31,107 @@ _DISARMED, _READY, _ENGAGED = ArmingState.DISARMED, ArmingState.READY, ArmingSta
 _STOPPING, _STOPPED, _FAULT = ArmingState.STOPPING, ArmingState.STOPPED, ArmingState.FAULT
 
 #: State to (event to next state); complete, so that nothing is left to a default.
-#: ENGAGED is entered by one arrow only, READY on ENGAGE. From ENGAGED every trouble leads to STOPPING and so to rest,
-#: except the driver's: whoever takes over has the car at once, and FAULT commands nothing.
+#: ENGAGED is entered by one arrow only, READY on ENGAGE, and GO changes no state: it lets an ENGAGED car move. From
+#: ENGAGED every trouble leads to STOPPING and so to rest, except the driver's: whoever takes over has the car at once,
+#: and FAULT commands nothing. From STOPPED the car is let go in park or to the driver; no operator can let it creep.
 TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
     _DISARMED: {
         Event.CONDITIONS_MET: _READY,
         Event.CONDITIONS_LOST: _DISARMED,
         Event.ENGAGE: _DISARMED,
+        Event.GO: _DISARMED,
         Event.EXPIRED: _DISARMED,
         Event.FAULT: _FAULT,
         Event.OVERRIDE: _DISARMED,
         Event.STOP: _DISARMED,
         Event.AT_REST: _DISARMED,
+        Event.PARKED: _DISARMED,
         Event.DISARM: _DISARMED,
     },
     _READY: {
         Event.CONDITIONS_MET: _READY,
         Event.CONDITIONS_LOST: _DISARMED,
         Event.ENGAGE: _ENGAGED,
+        Event.GO: _READY,
         Event.EXPIRED: _DISARMED,
         Event.FAULT: _FAULT,
         Event.OVERRIDE: _DISARMED,
         Event.STOP: _DISARMED,
         Event.AT_REST: _READY,
+        Event.PARKED: _READY,
         Event.DISARM: _DISARMED,
     },
     _ENGAGED: {
         Event.CONDITIONS_MET: _ENGAGED,
         Event.CONDITIONS_LOST: _ENGAGED,
         Event.ENGAGE: _ENGAGED,
+        Event.GO: _ENGAGED,
         Event.EXPIRED: _STOPPING,
         Event.FAULT: _STOPPING,
         Event.OVERRIDE: _FAULT,
         Event.STOP: _STOPPING,
         Event.AT_REST: _ENGAGED,
+        Event.PARKED: _ENGAGED,
         Event.DISARM: _STOPPING,
     },
     _STOPPING: {
         Event.CONDITIONS_MET: _STOPPING,
         Event.CONDITIONS_LOST: _STOPPING,
         Event.ENGAGE: _STOPPING,
+        Event.GO: _STOPPING,
         Event.EXPIRED: _STOPPING,
         Event.FAULT: _STOPPING,
         Event.OVERRIDE: _FAULT,
         Event.STOP: _STOPPING,
         Event.AT_REST: _STOPPED,
+        Event.PARKED: _STOPPING,
         Event.DISARM: _STOPPING,
     },
     _STOPPED: {
         Event.CONDITIONS_MET: _STOPPED,
         Event.CONDITIONS_LOST: _STOPPED,
         Event.ENGAGE: _STOPPED,
+        Event.GO: _STOPPED,
         Event.EXPIRED: _STOPPED,
         Event.FAULT: _STOPPED,
         Event.OVERRIDE: _FAULT,
         Event.STOP: _STOPPED,
         Event.AT_REST: _STOPPED,
-        Event.DISARM: _DISARMED,
+        Event.PARKED: _DISARMED,
+        Event.DISARM: _STOPPED,
     },
     _FAULT: {
         Event.CONDITIONS_MET: _FAULT,
         Event.CONDITIONS_LOST: _FAULT,
         Event.ENGAGE: _FAULT,
+        Event.GO: _FAULT,
         Event.EXPIRED: _FAULT,
         Event.FAULT: _FAULT,
         Event.OVERRIDE: _FAULT,
         Event.STOP: _FAULT,
         Event.AT_REST: _FAULT,
+        Event.PARKED: _FAULT,
         Event.DISARM: _DISARMED,
     },
 }
 
 #: States in which the kit is enabled and commanded.
 COMMANDING: Final = frozenset({_ENGAGED, _STOPPING, _STOPPED})
+#: States in which the gateway says why a drive has come to its end.
+ENDING: Final = frozenset({_STOPPING, _STOPPED, _FAULT})
 
-#: Reason code to plain words; every code that the gateway itself gives is here.
+#: Reason code to plain words; every code that the gateway itself or its process gives is here.
 REASONS: Final[dict[str, str]] = {
     "another_writer": "another node on the bus sends our command frames",
     "brake_disabled": "the brake module dropped out although it is told to work",
     "brake_fault": "the brake module reports a fault",
     "brake_report_stale": "no brake report for too long",
     "brake_timeout": "the brake module misses our commands",
+    "bus_down": "the car's bus takes no frames",
     "disarm_asked": "the operator asked to disarm; the car is stopped first",
+    "drive_gone": "the process that computes setpoints is gone",
+    "driver_not_on_brake": "in drive the driver's brake must hold the car until it is taken over",
+    "driver_on_brake": "the driver's foot is on the brake",
     "driver_on_throttle": "the driver's foot is on the throttle",
     "driver_override": "the driver has control",
     "engaging": "waiting for the kit to report that it is enabled",
@@ -119,6 +140,7 @@ REASONS: Final[dict[str, str]] = {
     "gear_not_confirmed": "the car did not confirm drive in time",
     "gear_not_park_or_drive": "the gear is neither park nor drive",
     "gear_report_stale": "no gear report for too long",
+    "go_too_early": "go counts only while the gateway waits for it",
     "handshake_timeout": "the kit did not report that it is enabled in time",
     "kit_already_enabled": "the kit is enabled although nobody asked it to be",
     "kit_braking": "the kit's own watchdog is braking the car",
@@ -126,14 +148,18 @@ REASONS: Final[dict[str, str]] = {
     "no_setpoint": "no setpoint that is still good",
     "not_in_park": "cannot disarm before the car is in park: it would creep away",
     "not_standing": "the car is moving",
+    "operator_gone": "nobody is at the controls any more",
+    "profile_invalid": "a setpoint's way to rest is no way and the setpoint was refused",
     "report_invalid": "the car reports one of its measurements as invalid",
     "report_malformed": "a report has the wrong length or an impossible value",
+    "setpoint_corrupt": "a setpoint arrived damaged",
     "setpoint_expired": "the last setpoint is too old to act on",
     "setpoint_from_future": "a setpoint is dated after now and was refused",
     "setpoint_incomplete": "a setpoint has no sequence number, time or expiry and was refused",
     "setpoint_lifetime": "a setpoint wants to live longer than allowed and was refused",
     "setpoint_not_finite": "a setpoint holds a number that is not one",
     "setpoint_out_of_order": "a setpoint does not count up and was refused",
+    "shadow": "this is a rehearsal: every enable bit stays off",
     "shifting": "waiting for the car to confirm drive",
     "speed_mismatch": "satellite speed and wheel speeds disagree",
     "steering_disabled": "the steering module dropped out although it is told to work",
@@ -142,11 +168,13 @@ REASONS: Final[dict[str, str]] = {
     "steering_report_stale": "no steering report for too long",
     "steering_timeout": "the steering module misses our commands",
     "stop_asked": "the operator asked to stop",
+    "stop_input": "the stop button on the bus was pressed",
     "throttle_disabled": "the throttle module dropped out although it is told to work",
     "throttle_fault": "the throttle module reports a fault",
     "throttle_report_stale": "no throttle report for too long",
     "throttle_timeout": "the throttle module misses our commands",
     "timer_gap": "the gateway's own clock jumped: it was not run in time",
+    "waiting_for_go": "the car is held until the operator says go",
     "wheel_speeds_stale": "no wheel-speed report for too long",
     "yaw_rate_mismatch": "satellite yaw rate and the car's gyroscope disagree",
     "yaw_rate_stale": "no gyroscope report for too long",
@@ -159,6 +187,7 @@ CRITICAL: Final = frozenset(
         "brake_disabled",
         "brake_fault",
         "brake_timeout",
+        "bus_down",
         "gear_lost",
         "kit_braking",
         "kit_watchdog",

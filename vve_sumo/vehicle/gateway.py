@@ -18,25 +18,37 @@ from vve_sumo.vehicle.admission import Admission, Persistence
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, Event, transition
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dbw import Gear
+from vve_sumo.vehicle.handover import Handover
 from vve_sumo.vehicle.limits import Limiter, Limits, approach
+from vve_sumo.vehicle.profile import Way
 from vve_sumo.vehicle.reports import TOLERANCE, CarReports
 
-HANDSHAKE_TIME: Final = 0.400  # from the act to all modules enabled [s], as Apollo's lincoln_controller waits
-SHIFT_TIME: Final = 3.0  # from asking for drive to drive confirmed [s]; a rotary shifter takes about one
 REST_TIME: Final = 0.3  # standing this long is rest [s]
-# Command and measurement differ by the rate times delay and lag while the steering moves; more than this beyond it, for
-# as long as this, is a steering that does not do as told.
-STEERING_DIFFERENCE: Final = 0.10  # road-wheel angle [rad]
-STEERING_DIFFERENCE_TIME: Final = 0.5  # [s]
+# Park reported this long without a break is park: a shift to drive that was under way would have come out by then.
+PARK_TIME: Final = 1.0  # [s]
 
 #: Faults that latch even while nothing is commanded: they tell of the gateway itself or of a second master.
 _LATCHING = frozenset({"another_writer", "timer_gap"})
+
+#: Faults that say that the car is not where the odometry believes it to be, or does not steer as it is told.
+_ASTRAY = frozenset(
+    {
+        "speed_mismatch",
+        "steering_disabled",
+        "steering_fault",
+        "steering_not_following",
+        "steering_report_stale",
+        "steering_timeout",
+        "yaw_rate_mismatch",
+    }
+)
 
 
 class Act(enum.StrEnum):
     """What an operator does, by a deliberate act."""
 
-    ENGAGE = "engage"
+    ENGAGE = "engage"  #: take the car over at rest, and hold it
+    GO = "go"  #: let it move
     STOP = "stop"
     DISARM = "disarm"
 
@@ -61,6 +73,9 @@ class Gateway:
     """Turns setpoints into command frames, once a `period` [s], as long as all is well; otherwise stops the car.
 
     The counter in the frames counts once a step, so the kit's own watchdog brakes when nobody steps the gateway.
+    `wheel_bias` is the steering-wheel angle at which the wheels point straight [rad], left positive, as calibrated.
+    With `shadow` all is worked out as ever while a driver drives: every enable bit stays off, no gear is asked for, and
+    neither the kit's confirmations nor the driver's doings count.
     """
 
     def __init__(
@@ -70,87 +85,143 @@ class Gateway:
         calibration: Calibration | None = None,
         period: float = 0.02,
         variant: dbw.Variant = dbw.Variant.DBW1_2024,
+        shadow: bool = False,
+        wheel_bias: float = 0.0,
     ) -> None:
         self._limits = limits or Limits()
         calibration = calibration or Calibration()
         self._period = period
         self._variant = variant
-        self._ratio = vehicle.steering_ratio
+        self._shadow = shadow
+        self._vehicle = vehicle
+        self._ratio, self._wheel_bias = vehicle.steering_ratio, wheel_bias
         steering_limit = min(vehicle.steering_limit, dbw.WHEEL_ANGLE_LIMIT[variant] / vehicle.steering_ratio)
         self._steering_limit = steering_limit
         self._wheel_rate = min(vehicle.steering_rate_limit * vehicle.steering_ratio, dbw.WHEEL_RATE_LIMIT[variant])
         self._torque_limit = min(
             vehicle.brake_torque_limit, calibration.brake_torque_limit, dbw.TORQUE_LIMIT[variant]
         )  # fmt: skip
-        self._steering_tolerance = STEERING_DIFFERENCE + vehicle.steering_rate_limit * (
-            vehicle.steering_delay + vehicle.steering_lag
-        )
         self._reports = CarReports(vehicle.wheel_radius, variant)
         self._admission = Admission()
+        self._way = Way(vehicle)
         self._limiter = Limiter(vehicle, self._limits, steering_limit, period)
         self._actuation = Actuation(calibration, vehicle.brake_delay, vehicle.brake_lag, period)
-        self._stands = Persistence(REST_TIME)
-        self._steering_differs = Persistence(STEERING_DIFFERENCE_TIME)
+        self._handover = Handover(
+            vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), rehearsal=shadow
+        )
+        self._standing_long = Persistence(REST_TIME)
+        self._parked_long = Persistence(PARK_TIME)
 
         self._state = ArmingState.DISARMED
         self._causes: list[str] = []  # why the car is being stopped or commanded no more, first cause first
         self._notes: list[str] = []  # what an operator should know of this step only
         self._last_now = math.nan
         self._counter = -1
-        self._engaged_at = math.nan
-        self._enabled = False  # the kit has confirmed
-        self._in_drive = False  # and the gear
-        self._shifting_since = math.nan
+        self._has_been_engaged = False
+        self._standing = False  # now, as the wheels say
+        self._at_rest = False  # standing for a while
+        self._driver: list[str] = []  # pedals that the driver touches
         self._old_overrides: frozenset[str] = frozenset()
         self._clear = False
         self._stop_deceleration = 0.0
         self._stop_jerk = 0.0
         self._followed: Setpoint | None = None  # the last setpoint that the car was given
+        self._held_steering: float | None = None  # where the wheels are held on the way to rest, having no way
 
     def step(
-        self, now: float, setpoint: Setpoint | None, reports: Sequence[Frame], act: Act | None = None
+        self,
+        now: float,
+        setpoint: Setpoint | None,
+        reports: Sequence[Frame],
+        act: Act | None = None,
+        found: Sequence[str] = (),
     ) -> GatewayOutput:
         """Verdict and frames at drive time `now` [s].
 
         `setpoint` is the newest one, or None where none came since the last step; `reports` are the frames heard on
-        the car's bus since the last step, in order; `act` is what the operator did since then.
+        the car's bus since the last step, in order; `act` is what the operator did since then; `found` are reason codes
+        of what the caller sees to be wrong, and each is a fault whether it is known here or not.
         """
-        self._notes.clear()
+        self._notes = ["shadow"] if self._shadow else []
         self._clear = False
         faults = self._watch(now, setpoint, reports)
+        faults += found
+        before = self._state
         if self._state in COMMANDING:
             self._judge_commanded(now, faults)
         else:
             self._judge_idle(now, faults)
-        if act is not None:
+        if act is not None and (self._state is before or self._state is not ArmingState.FAULT):
+            # What was meant for the state before does not acknowledge a fault that nobody has seen yet.
             self._obey(now, act)
         return self._speak(now)
 
     @property
     def measured_steering(self) -> float:
         """Road-wheel angle that the car last reported [rad], left positive; NaN before the first report."""
-        return self._reports.wheel_angle / self._ratio
+        return (self._reports.wheel_angle - self._wheel_bias) / self._ratio
+
+    @property
+    def wheel_speed(self) -> float:
+        """Speed of the rear axle that the wheels last reported [m/s], forward positive; NaN for none."""
+        return self._reports.speed
+
+    @property
+    def gear(self) -> str:
+        """Gear that the car last reported, in lower case; "none" before the first report."""
+        return self._reports.gear.gear.name.lower()
+
+    @property
+    def sequence(self) -> int:
+        """Sequence number of the newest setpoint taken; -1 before the first."""
+        return -1 if self._admission.setpoint is None else self._admission.setpoint.sequence
+
+    @property
+    def done(self) -> bool:
+        """Whether a drive is over: the car was engaged, is commanded no more, and stands.
+
+        Until it stands frames without enable bits go on, with their counter counting: a counter that stops under way
+        could make the kit's watchdog brake against the driver.
+        """
+        return self._has_been_engaged and self._state not in COMMANDING and self._at_rest
 
     # What is going on: everything here only looks.
 
-    def _watch(self, now: float, setpoint: Setpoint | None, reports: Sequence[Frame]) -> list[str]:
+    def _watch(self, now: float, setpoint: Setpoint | None, frames: Sequence[Frame]) -> list[str]:
         """Reason codes of what is wrong whatever the state is."""
-        faults = self._reports.take(now, reports)
+        reports = self._reports
+        faults = reports.take(now, frames)
         gap = now - self._last_now
         # Also when time stands still or runs backwards; the very first step has no gap, and NaN passes no comparison.
         if gap <= 0.0 or gap > 2.0 * self._period + TOLERANCE or not math.isfinite(now):
             faults.append("timer_gap")
         self._last_now = now
-        faults += self._reports.stale(now)
-        faults += self._reports.faults()
+        speed_known = reports.speed_known(now)
+        self._standing = speed_known and reports.fastest_wheel < REST
+        self._at_rest = self._standing_long.step(now, self._standing)
+        self._way.move(gap, reports.speed if speed_known else math.nan)
+        self._driver = [] if self._shadow else reports.driver()
+        faults += reports.stale(now)
+        faults += reports.faults()
         if setpoint is not None:
-            refusal = self._admission.take(now, setpoint)
-            if refusal is not None:
-                (faults if refusal.fatal else self._notes).append(refusal.reason)
-                # Refused as a command; what it says is wrong counts all the same.
-                faults += setpoint.faults
-        faults += self._admission.faults(now, self._reports.speed, self._reports.yaw_rate)
+            faults += self._take(now, setpoint)
+        faults += self._admission.faults(now, reports.speed, reports.yaw_rate)
         return faults
+
+    def _take(self, now: float, setpoint: Setpoint) -> list[str]:
+        """Take in a setpoint, and its way to rest; reason codes of what makes it useless for good."""
+        refusal = self._admission.take(now, setpoint)
+        if refusal is not None:
+            # Refused as a command; what it says is wrong counts all the same.
+            if refusal.fatal:
+                return [refusal.reason, *setpoint.faults]
+            self._notes.append(refusal.reason)
+            return list(setpoint.faults)
+        # One that came too late to be acted on begins nobody knows where. And a drive in trouble may know of no way:
+        # the one that it gave before is still better than none.
+        if self._admission.valid(now) and (setpoint.profile is not None or not setpoint.faults):
+            self._way.take(now - setpoint.time, setpoint.profile)
+        return []
 
     def _missing(self, now: float) -> list[str]:
         """Reason codes of what is missing for engaging, beside faults."""
@@ -166,29 +237,16 @@ class Gateway:
             missing.append("kit_already_enabled")
         if reports.throttle.driver:
             missing.append("driver_on_throttle")
+        if reports.gear.gear is Gear.DRIVE and not reports.brake.driver:
+            missing.append("driver_not_on_brake")
         return missing
 
     def _progress(self, now: float) -> list[str]:
-        """Follow the kit's confirmation, the gear and the steering; reason codes of what does not come about."""
-        reports = self._reports
+        """Reason codes of what the car was told to do and does not."""
         if self._state is not ArmingState.ENGAGED:
-            return reports.dropped_out() if self._enabled else []
-        if not self._enabled:
-            self._enabled = reports.all_enabled()
-            if not self._enabled:
-                return ["handshake_timeout"] if now - self._engaged_at > HANDSHAKE_TIME + TOLERANCE else []
-            self._shifting_since = now
-        troubles = reports.dropped_out()
-        in_drive = reports.gear.gear is Gear.DRIVE
-        if self._in_drive and not in_drive:
-            troubles.append("gear_lost")
-        elif not in_drive and now - self._shifting_since > SHIFT_TIME + TOLERANCE:
-            troubles.append("gear_not_confirmed")
-        self._in_drive = self._in_drive or in_drive
-        difference = abs(self._limiter.steering - reports.steering.wheel_angle / self._ratio)
-        if self._steering_differs.step(now, not difference <= self._steering_tolerance):
-            troubles.append("steering_not_following")
-        return troubles
+            return self._handover.dropped_out(self._reports)
+        measured = (self._reports.steering.wheel_angle - self._wheel_bias) / self._ratio
+        return self._handover.follow(now, self._reports, self._limiter.steering - measured)
 
     # What follows from it.
 
@@ -203,9 +261,10 @@ class Gateway:
         self._notes += missing
 
     def _judge_commanded(self, now: float, faults: list[str]) -> None:
-        overrides = self._reports.overrides()
-        # An override that was latched before engaging counts for nothing until the CLEAR of the act has reached it.
-        self._old_overrides &= overrides
+        overrides: frozenset[str] = frozenset() if self._shadow else self._reports.overrides()
+        # An override that was latched before engaging counts for nothing until the CLEAR of the act has reached it. One
+        # that is there when the kit has long been enabled is no old one, whatever it looks like.
+        self._old_overrides = frozenset() if self._handover.settled(now) else self._old_overrides & overrides
         if overrides - self._old_overrides:
             self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
             return
@@ -214,17 +273,26 @@ class Gateway:
             self._happen(now, Event.FAULT, faults)
         if self._state is ArmingState.ENGAGED and not self._admission.valid(now):
             self._happen(now, Event.EXPIRED, ["setpoint_expired"])
-        stands = self._reports.speed_known(now) and self._reports.fastest_wheel < REST
-        if self._stands.step(now, stands) and self._state is ArmingState.STOPPING:
+        if self._at_rest:
             self._happen(now, Event.AT_REST, [])
+        stopped = self._state is ArmingState.STOPPED
+        if self._parked_long.step(now, stopped and self._standing and self._reports.in_park(now)):
+            self._happen(now, Event.PARKED, [])
 
     def _obey(self, now: float, act: Act) -> None:
         match act:
             case Act.ENGAGE:
                 self._happen(now, Event.ENGAGE, [])
+            case Act.GO if self._state is ArmingState.ENGAGED and self._handover.going:
+                pass
+            case Act.GO if self._state is ArmingState.ENGAGED and self._handover.may_go(self._driver):
+                self._happen(now, Event.GO, [])
+                self._handover.going = True
+            case Act.GO:
+                self._notes.append("go_too_early")
             case Act.STOP:
                 self._happen(now, Event.STOP, ["stop_asked"])
-            case Act.DISARM if self._state is ArmingState.STOPPED and self._reports.gear.gear is not Gear.PARK:
+            case Act.DISARM if self._state is ArmingState.STOPPED:
                 # Without brakes a car in drive creeps away, and the kit's watchdog brakes when EN drops in gear.
                 self._notes.append("not_in_park")
             case Act.DISARM:
@@ -234,6 +302,8 @@ class Gateway:
         """Go where the table says, and keep the causes of whatever ends the drive."""
         before, after = self._state, transition(self._state, event)
         self._state = after
+        if after is ArmingState.FAULT and before not in COMMANDING and before is not after:
+            self._causes.clear()  # why the drive before ended is another story
         if before in COMMANDING or after is ArmingState.FAULT:
             self._causes += [code for code in dict.fromkeys(causes) if code not in self._causes]
         if after is before:
@@ -242,33 +312,33 @@ class Gateway:
             self._engage(now)
         elif after is ArmingState.STOPPING:
             self._begin_stop()
-        elif after is ArmingState.DISARMED:
-            self._causes.clear()
+        elif event is Event.DISARM or event is Event.PARKED:
+            # Whoever engages next may be another controller, which counts from zero again.
+            self._admission = Admission()
+            self._way = Way(self._vehicle)
             if event is Event.DISARM:
-                # Whoever engages next may be another controller, which counts from zero again.
-                self._admission = Admission()
+                self._causes.clear()
 
     def _engage(self, now: float) -> None:
         self._causes.clear()
-        self._engaged_at = now
-        self._enabled = self._in_drive = False
+        self._has_been_engaged = True
+        self._handover.begin(now)
+        self._parked_long.reset()
         self._followed = None
         self._clear = True
         self._old_overrides = self._reports.overrides()
         self._limiter.reset(0.0, self._measured_steering())
         self._actuation.reset()
-        self._stands.reset()
-        self._steering_differs.reset()
 
     def _begin_stop(self) -> None:
-        # The throttle goes at once; brakes that are on already are never released by stopping. The angle that the
-        # wheels have is the best guess of where the road goes, better than zero and better than a wish not reached.
+        # The throttle goes at once; brakes that are on already are never released by stopping.
         limits = self._limits
         self._stop_deceleration = max(-self._limiter.acceleration, limits.stop_deceleration)
         self._stop_jerk = limits.stop_jerk
         # An emergency that was asked for is not called off by the fault that comes on top of it.
         self._heed(self._followed)
-        self._limiter.reset(min(self._limiter.acceleration, 0.0), self._measured_steering())
+        self._limiter.acceleration = min(self._limiter.acceleration, 0.0)
+        self._held_steering = None
 
     def _heed(self, setpoint: Setpoint | None) -> None:
         """Stop at least as hard as an emergency asks; never softer than before."""
@@ -279,7 +349,7 @@ class Gateway:
             self._stop_jerk = max(self._stop_jerk, emergency.jerk)
 
     def _measured_steering(self) -> float:
-        angle = self._reports.wheel_angle / self._ratio
+        angle = self.measured_steering
         if angle != angle:
             return 0.0
         return min(max(angle, -self._steering_limit), self._steering_limit)
@@ -288,12 +358,12 @@ class Gateway:
 
     def _speak(self, now: float) -> GatewayOutput:
         command = self._command(now)
-        enable = self._state in COMMANDING
+        enable = self._state in COMMANDING and not self._shadow
         self._counter = (self._counter + 1) & 0xFF
         torque = min(command.pedals.brake_torque, self._torque_limit)
         wheel_limit = dbw.WHEEL_ANGLE_LIMIT[self._variant]
-        wheel_angle = min(max(command.steering * self._ratio, -wheel_limit), wheel_limit)
-        variant, counter, clear = self._variant, self._counter, self._clear
+        wheel_angle = min(max(command.steering * self._ratio + self._wheel_bias, -wheel_limit), wheel_limit)
+        variant, counter, clear = self._variant, self._counter, self._clear and not self._shadow
         frames = (
             dbw.encode(dbw.BrakeCommand(dbw.BrakeKind.TORQUE, torque, enable, counter, clear), variant),
             dbw.encode(
@@ -316,10 +386,10 @@ class Gateway:
     def _command(self, now: float) -> _Command:
         setpoint = self._admission.setpoint
         match self._state:
-            case ArmingState.ENGAGED if self._enabled and self._in_drive and setpoint is not None:
+            case ArmingState.ENGAGED if self._handover.going and setpoint is not None:
                 return self._follow(setpoint)
             case ArmingState.ENGAGED:
-                self._notes.append("shifting" if self._enabled else "engaging")
+                self._notes += self._handover.waits_for(self._driver)
                 return self._wait()
             case ArmingState.STOPPING | ArmingState.STOPPED:
                 return self._stop(now)
@@ -328,13 +398,19 @@ class Gateway:
 
     def _follow(self, setpoint: Setpoint) -> _Command:
         self._followed = setpoint
-        speed = self._reports.speed
-        granted = self._limiter.step(setpoint.acceleration, setpoint.steering, speed, setpoint.emergency)
-        pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade)
-        return _Command(pedals, granted.acceleration, granted.steering, granted.limited)
+        speed, limiter, wish = self._reports.speed, self._limiter, setpoint.acceleration
+        driver = bool(self._driver)
+        if driver:
+            # No throttle while the driver is at the pedals, and none made up for afterwards.
+            self._notes += self._driver
+            wish, limiter.acceleration = min(wish, 0.0), min(limiter.acceleration, 0.0)
+        granted = limiter.step(wish, setpoint.steering, speed, setpoint.emergency)
+        pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade, brakes_only=driver)
+        limited = granted.limited if wish == setpoint.acceleration else (*granted.limited, "driver")
+        return _Command(pedals, granted.acceleration, granted.steering, limited)
 
     def _wait(self) -> _Command:
-        """Stand on the brakes until the kit and the gear are there."""
+        """Stand on the brakes until kit and gear are there, the driver has let go and the operator has said go."""
         pedals = self._actuation.step(0.0, self._reports.speed, self._grade())
         return _Command(pedals, 0.0, self._limiter.steering)
 
@@ -352,14 +428,32 @@ class Gateway:
             )  # fmt: skip
         else:
             pedals = self._actuation.without_speed(-limiter.acceleration)
-        return _Command(pedals, limiter.acceleration, limiter.steering)
+        limited = self._steer_to_rest()
+        return _Command(pedals, limiter.acceleration, limiter.steering, limited)
+
+    def _steer_to_rest(self) -> tuple[str, ...]:
+        """Steer along the way to rest while there is one; names of the limits that changed it."""
+        angle = None
+        if self._state is ArmingState.STOPPING and not self._standing and _ASTRAY.isdisjoint(self._causes):
+            angle = self._way.steering()
+        if angle is not None:
+            self._held_steering = None
+            return self._limiter.steer(angle, self._reports.speed)
+        if self._held_steering is None:
+            # The angle that the wheels have is the best guess of where the road goes, better than zero and better than
+            # a wish not reached. At rest it leaves the wheels where they are.
+            self._held_steering = self._measured_steering()
+        self._limiter.steering = self._held_steering
+        return ()
 
     def _grade(self) -> float:
         return 0.0 if self._admission.setpoint is None else self._admission.setpoint.grade
 
     def _gear_wish(self) -> Gear:
+        if self._shadow or not self._standing:
+            return Gear.NONE
         if self._state is ArmingState.STOPPED:
             return Gear.PARK
-        if self._state is ArmingState.ENGAGED and self._enabled and not self._in_drive:
+        if self._state is ArmingState.ENGAGED and self._handover.enabled and not self._handover.in_drive:
             return Gear.DRIVE
         return Gear.NONE

@@ -109,6 +109,17 @@ class Limiter:
         self.steering = self._limit_steering(steering, speed, envelope, limited)
         return Granted(self.acceleration, self.steering, tuple(limited))
 
+    def steer(self, steering: float, speed: float) -> tuple[str, ...]:
+        """Move towards road-wheel angle `steering` [rad] alone; names of the limits that changed it.
+
+        As fast as in an emergency: where the car has to come to rest, staying on the way goes before comfort.
+        """
+        if not (math.isfinite(steering) and math.isfinite(speed)):
+            return ("not_finite",)
+        limited: list[str] = []
+        self.steering = self._limit_steering(steering, speed, self._limits.emergency, limited)
+        return tuple(limited)
+
     def steering_bound(self, speed: float) -> float:
         """Largest road-wheel angle [rad] at `speed` [m/s]: of the car, and of the lateral acceleration.
 

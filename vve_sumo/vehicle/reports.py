@@ -104,6 +104,13 @@ class CarReports:
         }
         return frozenset(name for name, override in latched.items() if override)
 
+    def driver(self) -> list[str]:
+        """Reason codes of the pedals that the driver touches; the steering module does not tell of hands."""
+        if not (self.brake.driver or self.throttle.driver):
+            return []
+        touched = (self.brake.driver, "driver_on_brake"), (self.throttle.driver, "driver_on_throttle")
+        return [code for active, code in touched if active]
+
     def all_enabled(self) -> bool:
         """Whether brake, throttle and steering all say that they are enabled."""
         return self.brake.enabled and self.throttle.enabled and self.steering.enabled
@@ -116,6 +123,11 @@ class CarReports:
         """Whether the speed is fresh and valid."""
         fresh = self._times.get(WheelSpeeds, -math.inf) >= now - MAX_AGE - TOLERANCE
         return fresh and math.isfinite(self.speed)
+
+    def in_park(self, now: float) -> bool:
+        """Whether the car says that it is in park, and has just said so."""
+        fresh = self._times.get(GearReport, -math.inf) >= now - MAX_GEAR_AGE - TOLERANCE
+        return fresh and self.gear.gear is Gear.PARK and not self.gear.fault_bus
 
     def _store(self, message: dbw.Message) -> None:
         match message:

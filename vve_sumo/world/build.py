@@ -69,14 +69,15 @@ def build_network(
     centre = origin if origin is not None else _middle(osm)
     with tempfile.TemporaryDirectory() as folder:
         raw = Path(folder) / "raw.net.xml"
-        warnings = _convert(osm, raw, speeds, _projection(centre), signals)
-        written = _tidy(raw)
+        warnings = _convert(osm, raw, speeds, projection(centre), signals)
+        written = tidy(raw, ATTRIBUTION)
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(written)
     return Built(read_network(out), warnings)
 
 
-def _projection(origin: tuple[float, float]) -> str:
+def projection(origin: tuple[float, float]) -> str:
+    """Return the PROJ string of a projection centred on latitude, longitude [deg]; raises ConfigError for no place."""
     latitude, longitude = origin
     if not (-80.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
         raise ConfigError(f"origin {latitude}, {longitude}: expected latitude, longitude in degrees")
@@ -104,26 +105,34 @@ def _sumo_home() -> Path:
     return home
 
 
-def _convert(osm: Path, out: Path, speeds: Path, projection: str, signals: Sequence[str]) -> tuple[str, ...]:
+def _convert(osm: Path, out: Path, speeds: Path, projected: str, signals: Sequence[str]) -> tuple[str, ...]:
+    types = f"{_sumo_home() / 'data' / 'typemap' / 'osmNetconvert.typ.xml'},{speeds}"
+    options = ["--osm-files", str(osm), "--type-files", types, "--proj", projected, *OPTIONS]
+    options += ["--tls.set", ",".join(signals)] if signals else []
+    return netconvert(options, osm, out)
+
+
+def netconvert(options: Sequence[str], source: Path, out: Path) -> tuple[str, ...]:
+    """Run netconvert with `options` and return its warnings; `source` is what a ConfigError of it names.
+
+    Raises ConfigError where netconvert is missing or refuses.
+    """
     home = _sumo_home()
-    types = f"{home / 'data' / 'typemap' / 'osmNetconvert.typ.xml'},{speeds}"
-    command = [str(home / "bin" / "netconvert"), "--osm-files", str(osm), "--type-files", types]
-    command += ["--output-file", str(out), "--proj", projection, *OPTIONS]
-    command += ["--tls.set", ",".join(signals)] if signals else []
+    command = [str(home / "bin" / "netconvert"), *options, "--output-file", str(out)]
     environment = os.environ | {"SUMO_HOME": str(home), "PROJ_LIB": str(home / "data" / "proj")}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     lines = done.stderr.splitlines()
     if done.returncode != 0 or not out.is_file():
         errors = [line for line in lines if line.startswith("Error")] or lines or ["no message"]
-        raise ConfigError(f"{osm}: netconvert refused it: {errors[0]}")
+        raise ConfigError(f"{source}: netconvert refused it: {errors[0]}")
     return tuple(line.removeprefix("Warning: ") for line in lines if line.startswith("Warning"))
 
 
-def _tidy(raw: Path) -> bytes:
-    """Return the network without netconvert's header (date, paths), with equal lengths of opposite lanes."""
+def tidy(raw: Path, note: str) -> bytes:
+    """Return a network under a `note`, without netconvert's header (date, paths), opposite lanes equally long."""
     root = ET.parse(raw).getroot()
     _equal_opposites(root)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n<!-- {ATTRIBUTION} -->\n'.encode() + ET.tostring(root) + b"\n"
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<!-- {note} -->\n'.encode() + ET.tostring(root) + b"\n"
 
 
 def _equal_opposites(root: ET.Element) -> None:

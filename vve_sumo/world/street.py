@@ -6,7 +6,7 @@ Puts the other modules of this room together; must not know controllers, wire fo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -17,6 +17,7 @@ from vve_sumo.values import Actors, Pose, Vehicle
 from vve_sumo.world.anchor import DECELERATION, EGO, Anchor, AnchorReport, heading_of, make_type
 from vve_sumo.world.footprint import Rectangle, behind_bumper, overlap
 from vve_sumo.world.ghosts import GHOST_TYPE, Ghosts
+from vve_sumo.world.headroom import Headroom
 from vve_sumo.world.lanes import Lanes, read_lanes
 from vve_sumo.world.obstacles import STAND_IN_TYPE, Obstacle, Obstacles
 from vve_sumo.world.simulation import SUMO_ERRORS, Simulation
@@ -45,16 +46,19 @@ class World:
         warm_up: float = 0.0,
         range_of_interest: float = 220.0,
         route: Sequence[str] = (),
+        clock: Callable[[], float] | None = None,
     ) -> None:
         """Start SUMO, let its traffic run for `warm_up` [s] without the ego, and wait for the first pose.
 
         `period` is the tick [s], a multiple of 1 ms; `route` the edges that the ego means to follow, if known;
-        `range_of_interest` [m] reaches from the ego's front bumper to an actor's centre. Raises ConfigError
-        where a file, an obstacle, the route or a number is not usable, SimulationError where SUMO breaks.
+        `range_of_interest` [m] reaches from the ego's front bumper to an actor's centre. With a `clock` [s] the
+        steps are timed and the traffic is held within what a live tick has room for. Raises ConfigError where a
+        file, an obstacle, the route or a number is not usable, SimulationError where SUMO breaks.
         """
         if not (math.isfinite(warm_up) and warm_up >= 0.0):
             raise ConfigError(f"warm_up: 0 s or more expected, got {warm_up}")
         self._vehicle, self._period = vehicle, period
+        self._clock, self._headroom = clock, Headroom() if clock else None
         self._simulation = Simulation(network, demand, seed, period)
         try:
             self._furnish(network, vehicle, obstacles, route, range_of_interest)
@@ -85,6 +89,11 @@ class World:
         """Lanes whose traffic sees the ego through a ghost now, because its body left its own line of lanes."""
         return self._ghosts.lanes
 
+    @property
+    def headroom(self) -> Headroom | None:
+        """What the steps took and what was done about it; None without a clock."""
+        return self._headroom
+
     def place(self, pose: Pose) -> None:
         """Have the ego's front bumper at `pose`, the pose it has at the next tick.
 
@@ -108,6 +117,7 @@ class World:
 
         Never raises: whatever SUMO says is a fault of the report.
         """
+        begun = self._clock() if self._clock else 0.0
         moving = self._anchor.ready()
         error = ""
         try:
@@ -121,6 +131,8 @@ class World:
         self._steps += 1
         try:
             self._snapshot = self._look()
+            if self._clock and self._headroom and self._pose:
+                self._headroom.step(self._clock() - begun, self._pose.x, self._pose.y, self._hidden())
         except SUMO_ERRORS as problem:
             # What was seen last is better than an empty street; the fault stops the car.
             error = error or str(problem)

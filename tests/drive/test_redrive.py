@@ -1,0 +1,144 @@
+"""Another controller on a record's inputs, against what its code says and against numpy over the record's own table."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+from tests.drive.street import REPOSITORY, drive_once
+from tests.isolated import isolated
+from vve_sumo import cli
+from vve_sumo.drive.lockstep import chain_of
+from vve_sumo.drive.record import read_table
+from vve_sumo.drive.redrive import BRAKES, compared, side_by_side
+from vve_sumo.drive.replay import answers, read_chain_inputs, setting_of
+
+#: steers by a constant, says what it sees, and knows the tick at which to fail
+OTHER = """
+from vve_sumo.values import Setpoint
+
+
+class Other:
+    def step(self, situation):
+        if situation.tick == 200:
+            raise ValueError("no idea")
+        near = situation.tick >= 150
+        return Setpoint(0.01, -2.0 if near else 0.25, emergency=situation.tick >= 180, note="near" if near else "free")
+
+
+def make(vehicle, tuning):
+    assert tuning == {}
+    return Other()
+"""
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A record of a drive that stops by its emergency layer, with tuning of its own."""
+    folder = tmp_path_factory.mktemp("redrive") / "r"
+    changes = {
+        "obstacles": [{"id": "parked_car", "at_m": 60.0}],
+        "radar.range_limit_m": 12.0,
+        "ego.speed_mps": 7.0,
+        "controller.tuning": {"gap_m": 4.0},
+        "street.demand": [],
+    }
+    isolated(drive_once, changes, str(folder))
+    return folder
+
+
+@pytest.fixture
+def other(tmp_path: Path) -> str:
+    """The name of a controller in a file of its own."""
+    (tmp_path / "other.py").write_text(OTHER, encoding="utf-8")
+    return f"{tmp_path / 'other.py'}:make"
+
+
+def redriven(record: Path, controller: str) -> pa.Table:
+    """Return both answers of every tick."""
+    setting, _changed = setting_of(record, REPOSITORY)
+    setting = setting.driven_by(controller)
+    return side_by_side(answers(chain_of(setting, setting.controller(REPOSITORY)).chain, read_chain_inputs(record)))
+
+
+def test_the_same_controller_answers_the_same(record: Path) -> None:
+    """With the tuning that it had."""
+    table = redriven(record, "follow_and_stop")
+    result = compared(table)
+    assert result.differs_at is None
+    assert set(result.greatest.values()) == set(result.rms.values()) == {0.0}
+    assert result.recorded == result.other
+    assert result.recorded.failed_at is None
+    assert result.ticks == np.isfinite(read_table(record, "ticks")["steering_setpoint_rad"].to_numpy()).sum()
+
+
+def test_another_answers_as_its_code_says(record: Path, other: str) -> None:
+    table, ticks = redriven(record, other), read_table(record, "ticks")
+    result = compared(table)
+    steering, asked = (ticks[f"{name}_setpoint_{unit}"].to_numpy() for name, unit in NAMES)
+    tick, time = ticks["tick"].to_numpy(), ticks["time_s"].to_numpy()
+    there = np.isfinite(steering) & (tick != 200)
+    acceleration = np.where(tick >= 150, -2.0, 0.25)
+    assert result.ticks == there.sum()
+    assert result.greatest["steering_rad"] == np.abs(0.01 - steering[there]).max()
+    assert result.greatest["acceleration_mps2"] == np.abs(acceleration - asked)[there].max()
+    assert result.rms["steering_rad"] == pytest.approx(np.sqrt(np.mean((0.01 - steering[there]) ** 2)))
+    assert result.rms["acceleration_mps2"] == pytest.approx(np.sqrt(np.mean((acceleration - asked)[there] ** 2)))
+    assert result.differs_at == tick[there][0]
+    assert (result.other.brakes_at, result.other.emergency_at) == (time[tick == 150][0], time[tick == 180][0])
+    assert (result.other.notes, result.other.failed_at) == (("free", "near"), 200)
+    assert result.recorded.brakes_at == time[asked < -BRAKES][0]
+    emergency = ticks["emergency"].to_numpy(zero_copy_only=False)
+    assert result.recorded.emergency_at == time[emergency][0]
+    assert set(result.recorded.notes) == set(ticks["note"].to_pylist()) - {""}
+
+
+NAMES = (("steering", "rad"), ("acceleration", "mps2"))
+
+
+def test_what_never_comes_is_never(record: Path) -> None:
+    result = compared(redriven(record, "follow_and_stop").slice(0, 2))
+    assert result.ticks == 0
+    assert math.isnan(result.other.brakes_at)
+    assert math.isnan(result.other.emergency_at)
+    assert result.greatest == result.rms == {"steering_rad": 0.0, "acceleration_mps2": 0.0}
+
+
+@pytest.mark.parametrize("ending", [".parquet", ".csv"])
+def test_the_command_says_draws_and_writes(
+    record: Path, other: str, tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / f"both{ending}"
+    assert cli.main(["redrive", str(record), "--controller", other, "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    for words in ("open loop", "3.00 s", "3.60 s", "free, near", "tick 200", "ValueError: no idea", str(out)):
+        assert words in said
+    table = pq.read_table(out) if ending == ".parquet" else pa.csv.read_csv(out)
+    assert table["tick"].to_pylist() == read_table(record, "ticks")["tick"].to_pylist()
+    assert (record / "redrive.png").read_bytes().startswith(b"\x89PNG")
+    (record / "redrive.png").unlink()
+    assert cli.main(["replay", str(record)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--controller", "no_such"], "no_such"),
+        (["--controller", "follow_and_stop", "--out", "table.txt"], "table.txt"),
+        (["--controller", "follow_and_stop", "--out", "gone/table.csv"], "gone"),
+    ],
+)
+def test_wrong_uses_are_one_line(
+    record: Path, arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["redrive", str(record), *arguments]) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert len(said.splitlines()) == 1
+    assert not (record / "redrive.png").exists()

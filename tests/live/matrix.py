@@ -1,0 +1,269 @@
+"""The fault matrix as a table: what breaks, how that is brought about, and what is right to happen then.
+
+Data alone; `stage` runs a row, `test_matrix` judges it, docs/faults.md shows it. Units are SI.
+"""
+
+from __future__ import annotations
+
+import enum
+import signal
+import tomllib
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from tests.conftest import REPOSITORY
+from vve_sumo.live.gateway import LATEST
+from vve_sumo.vehicle import fusion
+from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.limits import Limits
+
+PERIOD: Final = 0.020
+#: the rehearsed faults begin so long after the car first moves, at about 4.7 m/s; the others at this speed
+AT: Final = 3.0
+SPEED: Final = 4.4
+
+# From the fault to the moment at which whoever stops the car knows of it.
+STEP: Final = LATEST * PERIOD  # the gateway looks at what it was told
+EXPIRY: Final = 0.100 + STEP  # the last setpoint is acted on to its end
+FIX: Final = 0.150 + PERIOD + STEP  # a fix that counts is too old, a tick says so
+REPORT: Final = 0.100 + STEP  # a report is too old
+WRITE: Final = 0.200 + STEP  # the recorder tries to write, and says that it could not
+#: reports come every 20 ms, the truth every 10, the operator is heard within 50: nothing here is timed better [s]
+TOLERANCE: Final = 0.100
+
+
+class Right(enum.StrEnum):
+    """What is right to happen."""
+
+    RIDDEN = "ridden through"
+    DRIVER = "driver has control"
+    REST = "at rest"
+
+
+class Layer(NamedTuple):
+    """Who stops the car, and how it is known to do it."""
+
+    words: str
+    deceleration: float
+    rise: float  #: from the first deceleration to the full one, linearly [s]
+    lag: float  #: from knowing to the first deceleration [s]
+
+
+_LIMITS, _CAR = Limits(), fusion.vehicle()
+_LAG = _CAR.brake_delay + _CAR.brake_lag
+_TESTED = tomllib.loads((REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8"))["watchdog_test"]
+GATEWAY: Final = Layer("gateway", _LIMITS.stop_deceleration, _LIMITS.stop_deceleration / _LIMITS.stop_jerk, _LAG)
+HARD: Final = Layer(
+    "gateway, hard", _LIMITS.critical_deceleration, _LIMITS.critical_deceleration / _LIMITS.critical_jerk, _LAG
+)
+WATCHDOG: Final = Layer("the kit's watchdog", _TESTED["deceleration_mps2"], 0.0, PERIOD + _TESTED["delay_s"])
+
+
+class Fault(NamedTuple):
+    """A fault that the hardware-free car puts on (`plant.rehearsal`)."""
+
+    kind: str
+    duration: float = 3600.0
+    value: float | None = None
+    later: float = 0.0  #: than `AT`
+
+
+class Signal(NamedTuple):
+    """A signal to one of the processes, under way."""
+
+    process: str
+    number: signal.Signals
+    times: int = 1
+    continued: float | None = None  #: SIGCONT so much later [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One fault; exactly one of `faults`, `signal`, `controller` and `stage` brings it about."""
+
+    name: str
+    fault: str  #: in words
+    right: Right
+    reasons: tuple[str, ...] = ()  #: codes that must stand in the record
+    stops: Layer | None = None
+    notice: float = 0.0  #: from the fault to whoever stops knowing of it, at most
+    ending: str = "fault"  #: the outcome in summary.json
+    first: tuple[str, ...] = ()  #: other codes that the stop may begin with, where two are as good
+    fix: tuple[str, ...] = ()  #: why the fixes were refused: one of these stands with a tick
+    faults: tuple[Fault, ...] = ()
+    signal: Signal | None = None
+    controller: str = ""  #: function in tests/live/spoilt.py
+    stage: str = ""  #: stalled, full, hangup
+    pole: bool = False  #: the lot has a pole beside the way
+    budget_ms: float = 40.0  #: the rig's
+    by_reason: bool = False  #: the fault's moment is the one at which the gateway hears of it
+
+
+def _pose(name: str, fault: str, kind: str, *fix: str) -> Row:
+    return Row(name, fault, Right.REST, ("pose_stale",), GATEWAY, FIX, fix=fix, faults=(Fault(kind),))
+
+
+def _ridden(name: str, fault: str, kind: str) -> Row:
+    return Row(name, fault, Right.RIDDEN, ("stop_asked",), ending="interrupted", faults=(Fault(kind),))
+
+
+def _report(name: str, fault: str, fault_of: Fault, reasons: tuple[str, ...], stops: Layer) -> Row:
+    return Row(name, fault, Right.REST, reasons, stops, PERIOD + STEP, faults=(fault_of,))
+
+
+def _driver(name: str, fault: str, *faults: Fault, reasons: tuple[str, ...] = ("driver_override",)) -> Row:
+    return Row(name, fault, Right.DRIVER, reasons, ending="driver_has_control", faults=faults)
+
+
+#: the driver's foot, soon after: whoever has control of a car has to stop it
+_BRAKES = Fault("brake_override", later=0.9)
+
+MATRIX: Final = (
+    # The processes.
+    Row(
+        # The kernel frees a killed process's memory before it closes its sockets, and that takes its time.
+        "drive_killed", "the drive's process is killed", Right.REST, ("drive_gone",), GATEWAY, EXPIRY, "broken",
+        ("setpoint_expired",), signal=Signal("drive", signal.SIGKILL),
+    ),
+    Row(
+        "drive_frozen", "the drive's process is stopped for good (SIGSTOP)", Right.REST, ("setpoint_expired",),
+        GATEWAY, EXPIRY, "broken", signal=Signal("drive", signal.SIGSTOP),
+    ),
+    Row(
+        "sumo_stalled", "a step of SUMO takes 2 s and lets nothing else of its process run", Right.REST,
+        ("setpoint_expired",), GATEWAY, EXPIRY, stage="stalled",
+    ),
+    Row(
+        "gateway_killed", "the gateway's process is killed", Right.REST, ("gateway_gone",), WATCHDOG,
+        signal=Signal("gateway", signal.SIGKILL),
+    ),
+    Row(
+        "gateway_paused", "the gateway's process is stopped for 0.3 s, then goes on", Right.REST, ("timer_gap",),
+        WATCHDOG, signal=Signal("gateway", signal.SIGSTOP, continued=0.3),
+    ),
+    Row(
+        "recorder_killed", "the recorder's process is killed", Right.REST, ("record_lost",), GATEWAY, PERIOD + STEP,
+        signal=Signal("recorder", signal.SIGKILL),
+    ),
+    Row(
+        "disk_full", "the record cannot be written: no room", Right.REST, ("record_failed",), GATEWAY, WRITE,
+        stage="full",
+    ),
+    Row(
+        "console_killed", "the console's process is killed", Right.REST, ("operator_gone",), GATEWAY, STEP,
+        "interrupted", signal=Signal("console", signal.SIGKILL),
+    ),
+    Row(
+        "ctrl_c_hammered", "Ctrl-C, fifty times", Right.REST, ("stop_asked",), GATEWAY, STEP, "interrupted",
+        signal=Signal("console", signal.SIGINT, times=50),
+    ),
+    Row(
+        "terminal_closed", "the terminal is closed", Right.REST, ("stop_asked",), GATEWAY, STEP, "interrupted",
+        stage="hangup",
+    ),
+    # The controller, and how long a tick takes.
+    Row(
+        "controller_raises", "the controller raises an exception", Right.REST, ("controller_raised",), GATEWAY,
+        PERIOD + STEP, controller="raising",
+    ),
+    Row(
+        "controller_nan", "the controller asks for what is not a number", Right.REST, ("controller_not_finite",),
+        GATEWAY, PERIOD + STEP, controller="not_a_number",
+    ),
+    Row(
+        "controller_hangs", "the controller never returns", Right.REST, ("setpoint_expired",), GATEWAY, EXPIRY,
+        "broken", controller="hanging",
+    ),
+    Row(
+        "overrun", "the controller takes 30 ms of every tick of 20", Right.REST, ("overrun",), GATEWAY, 0.300 + STEP,
+        controller="slow",
+    ),
+    Row(
+        "latency_budget", "ticks keep their time, but take longer than the rig's budget", Right.REST,
+        ("latency_budget",), GATEWAY, 0.320 + STEP, controller="slowish", budget_ms=10.0,
+    ),
+    Row(
+        "lot_edge", "the controller steers off the path, towards a pole in the lot", Right.REST, ("lot_edge",),
+        GATEWAY, PERIOD + STEP, controller="wandering", pole=True, by_reason=True,
+    ),
+    # The pose.
+    _pose("pose_lost", "no fixes come any more", "pose_lost"),
+    _pose("pose_frozen", "the position stays what it was, while time goes on", "pose_frozen", "frozen_pose"),
+    # A tick sees every second fix, so it may see the jump or what is said of the fixes after it.
+    _pose("pose_jumps", "the position jumps by 5 m", "pose_jump", "pose_jump", "settling"),
+    _pose("rtk_lost", "the receiver loses RTK", "pose_rtk_lost", "not_rtk_fixed"),
+    _pose("pose_backwards", "the receiver's clock goes back by 1 s", "pose_backwards"),
+    _ridden("pose_bursts", "fixes come in bursts of 48 ms", "pose_bursts"),
+    _ridden("pose_garbage", "random bytes between the packets, and instead of every fifth", "pose_garbage"),
+    _ridden("pose_duplicates", "every packet comes twice", "pose_duplicates"),
+    _ridden("pose_reordered", "of every two packets the later one comes first", "pose_reordered"),
+    # The bus, and what the car says of itself.
+    Row(
+        "bus_dead", "the bus is dead for 4 s, both ways", Right.REST, ("steering_report_stale", "kit_watchdog"),
+        WATCHDOG, first=("brake_report_stale", "wheel_speeds_stale"), faults=(Fault("bus_silent", 4.0),),
+    ),
+    Row(
+        "reports_stale", "the car reports nothing for 4 s, but obeys", Right.REST,
+        ("steering_report_stale", "wheel_speeds_stale"), HARD, REPORT, first=("brake_report_stale",),
+        faults=(Fault("reports_stale", 4.0),),
+    ),
+    # Both are heard, so the bound is that of the weaker of the two; this torque is worth 2.4 m/s2.
+    _report(
+        "another_writer", "another node commands straight steering and weaker brakes, with our identifiers",
+        Fault("another_writer", 8.0, round(_LIMITS.stop_deceleration * Calibration().brake_gain)), ("another_writer",),
+        GATEWAY,
+    ),
+    _report("brake_fault", "the brake module reports a fault", Fault("brake_fault"), ("brake_fault",), HARD),
+    _report(
+        "throttle_fault", "the throttle module reports a fault", Fault("throttle_fault"), ("throttle_fault",), GATEWAY
+    ),
+    _report(
+        "steering_fault", "the steering module reports a fault", Fault("steering_fault"), ("steering_fault",), HARD
+    ),
+    _report(
+        "report_malformed", "steering reports come one byte short", Fault("report_malformed"), ("report_malformed",),
+        GATEWAY,
+    ),
+    _report(
+        "steering_drops_out", "the steering module works no more", Fault("kit_dropout", value=3.0),
+        ("steering_disabled",), HARD,
+    ),
+    _report(
+        "throttle_drops_out", "the throttle module works no more", Fault("kit_dropout", value=2.0),
+        ("throttle_disabled",), GATEWAY,
+    ),
+    # The driver.
+    _driver("brake_override", "the driver is on the brake", Fault("brake_override")),
+    _driver("throttle_override", "the driver is on the throttle, then on the brake",
+            Fault("throttle_override", 0.6), _BRAKES),
+    _driver("steering_override", "the driver turns the wheel, then brakes", Fault("steering_override", 0.6), _BRAKES),
+    _driver(
+        "brakes_drop_out", "the brake module works no more, and the driver brakes", Fault("kit_dropout", value=1.0),
+        Fault("brake_override", later=1.5), reasons=("brake_disabled", "driver_override"),
+    ),
+)  # fmt: skip
+
+
+def bound(row: Row, speed: float, acceleration: float) -> float:
+    """Most that the car may drive from the fault to rest [m], from a speed and an acceleration when it sets in.
+
+    The closed form of a delay and a linear rise to a constant deceleration. Until the brakes set in, the car gains what
+    it is gaining, and as much longer as the drive force takes to fade.
+    """
+    layer = row.stops
+    assert layer is not None
+    delay, a, rise = row.notice + layer.lag, layer.deceleration, layer.rise
+    v = speed + max(acceleration, 0.0) * (delay + Calibration().drive_lag)
+    assert v > a * rise / 2.0
+    closed = v * delay + v * rise - a * rise * rise / 6.0 + (v - a * rise / 2.0) ** 2 / (2.0 * a)
+    return closed + speed * TOLERANCE
+
+
+def table() -> str:
+    """The matrix as docs/faults.md shows it."""
+    lines = ["| fault | what is right | who stops the car | in the record |", "|---|---|---|---|"]
+    for row in MATRIX:
+        who = "the driver" if row.right is Right.DRIVER else row.stops.words if row.stops else ""
+        codes = list(row.fix[:1]) + list(row.reasons) * (row.right is not Right.RIDDEN)
+        lines.append(f"| {row.fault} | {row.right} | {who} | {', '.join(f'`{code}`' for code in codes)} |")
+    return "\n".join(lines)

@@ -1,0 +1,76 @@
+"""Controllers that go wrong under way: the shipped one, until the car is fast enough.
+
+When it goes wrong it says so once, as a monotonic second, in the file that the environment names.
+"""
+
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from vve_sumo.controller import Controller, Maker, Tuning, load
+from vve_sumo.values import Setpoint, Situation, Vehicle
+from vve_sumo.workspace import shipped_root
+
+MOMENT = "VVE_TEST_MOMENT"  # environment variable: name of the file
+SPEED = 4.4  # [m/s]
+WANDER = 0.04  # road-wheel angle [rad]: 1 m aside after 12 m
+
+Spoiling = Callable[[Setpoint], Setpoint]
+
+
+class Spoilt:
+    """Answers as the shipped controller does, and from some moment on what `spoil` makes of that."""
+
+    def __init__(self, inner: Controller, spoil: Spoiling, speed: float) -> None:
+        self._inner, self._spoil, self._speed = inner, spoil, speed
+        self._spoilt = False
+
+    def step(self, situation: Situation) -> Setpoint:
+        """Answer a situation."""
+        answer = self._inner.step(situation)
+        if not self._spoilt and situation.pose.speed > self._speed:
+            self._spoilt = True
+            say_when()
+        return self._spoil(answer) if self._spoilt else answer
+
+
+def say_when() -> None:
+    """Say that something goes wrong now."""
+    Path(os.environ[MOMENT]).write_text(f"{time.monotonic()}\n")
+
+
+def _maker(spoil: Spoiling, speed: float = SPEED) -> Maker:
+    def make(vehicle: Vehicle, tuning: Tuning) -> Controller:
+        return Spoilt(load("follow_and_stop", vehicle, tuning, [shipped_root() / "controllers"]), spoil, speed)
+
+    return make
+
+
+def _raise(answer: Setpoint) -> Setpoint:
+    raise RuntimeError("spoilt on purpose")
+
+
+def _hang(answer: Setpoint) -> Setpoint:
+    while True:
+        pass
+
+
+def _busy(duration: float) -> Spoiling:
+    def spoil(answer: Setpoint) -> Setpoint:
+        end = time.monotonic() + duration
+        while time.monotonic() < end:
+            pass
+        return answer
+
+    return spoil
+
+
+raising = _maker(_raise)
+not_a_number = _maker(lambda answer: replace(answer, acceleration=math.nan))
+hanging = _maker(_hang)
+slow = _maker(_busy(0.030))
+slowish = _maker(_busy(0.012))
+wandering = _maker(lambda answer: replace(answer, steering=-WANDER), 3.0)

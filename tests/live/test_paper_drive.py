@@ -1,0 +1,57 @@
+"""The paper's drive live: the whole stack in real time with 200 vehicles on the streets of Linden."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomlkit
+
+from benchmarks.tick import demand
+from tests.conftest import REPOSITORY
+from tests.live.command_line import own_rig, vve_sumo
+from tests.live.witness import stalls, witness
+from vve_sumo.drive.record import read_table
+
+pytestmark = pytest.mark.live
+
+VEHICLES = 200
+#: a machine that stands still for longer than the gateway's timer may is no machine for this test; so many may not
+TRIES = 3
+
+
+def scenario(folder: Path) -> Path:
+    """Write the shipped scenario with much more traffic."""
+    table: Any = tomlkit.parse((REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8"))
+    table["street"]["demand"] = [str(demand(folder, VEHICLES))]
+    file = folder / "paper.toml"
+    file.write_text(tomlkit.dumps(table), encoding="utf-8")
+    return file
+
+
+def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path) -> None:
+    for number in range(TRIES):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        record = folder / "record"
+        with witness(folder / "witness.txt"):
+            done = vve_sumo(
+                "drive", str(scenario(folder)), "--rig", str(own_rig(folder)), "--out", str(record), cwd=folder
+            )
+        summary = json.loads((record / "summary.json").read_text(encoding="utf-8"))
+        if summary["reasons"] != ["timer_gap"] or not stalls(folder / "witness.txt", 0.0, float("inf")):
+            break
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert summary["outcome"] == "stopped"
+    assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.7)
+    assert summary["duration_s"] > 60.0
+    assert not summary["collision"]
+    ledger = summary["latency"]
+    assert ledger["ticks"] == pytest.approx(summary["ticks"], abs=5)
+    assert 0.0 < ledger["legs_ms"]["total"]["p50"] < ledger["legs_ms"]["total"]["p99"] < 40.0
+    assert ledger["missed"] < 0.02 * ledger["ticks"]
+    assert summary["headroom"]["fits"]
+    speeds = read_table(record, "ticks")["speed_mps"].to_pylist()
+    assert max(speed for speed in speeds if speed == speed) == pytest.approx(11.176, abs=0.5)

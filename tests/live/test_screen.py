@@ -1,0 +1,199 @@
+"""The screen: its words, and what a real terminal and a real pipe get of it."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import select
+import time
+
+import pytest
+
+from vve_sumo.live.screen import CONTROL, Screen, phase, picture, rings, transition
+from vve_sumo.values import ArmingState
+from vve_sumo.vehicle.arming import REASONS
+
+DRIVING = {
+    "tick": 700,
+    "time_s": 14.0,
+    "state": "engaged",
+    "reasons": [],
+    "faults": [],
+    "pose_reasons": [],
+    "speed_mps": 8.25,
+    "to_go_m": 118.4,
+    "range_m": 31.27,
+    "note": "follow",
+    "latency": {"p50": 0.00123, "p99": 0.0042, "missed": 3.0},
+    "missed": 3,
+    "clock": {"age": "declared", "drift_ppm": 4.21},
+    "outcome": None,
+}
+
+
+def test_what_the_engineer_reads():
+    text = "\n".join(picture(DRIVING))
+    for words in ("DRIVING", "29.7 km/h", "118 m to go", "ahead 31.3 m", "follow", "latency 1.2, p99 4.2 ms"):
+        assert words in text
+    for words in ("missed 3", "recording", "clock declared, drift 4.2 ppm", "fix good"):
+        assert words in text
+
+
+def test_before_anything_is_known_there_are_dashes_and_no_errors():
+    text = "\n".join(picture({}))
+    assert "STARTING" in text
+    assert "no pose yet" in text
+    assert "nan" not in text.lower()
+
+
+@pytest.mark.parametrize("value", [None, float("nan"), float("inf"), "much"])
+def test_what_is_no_number_is_a_dash(value):
+    status = DRIVING | {"to_go_m": value, "range_m": value, "latency": {"p50": None, "p99": None}}
+    assert "- m to go" in picture(status)[0]
+    assert "ahead - m" in picture(status)[0]
+
+
+def test_why_not_ready_stands_in_plain_words_once():
+    status = DRIVING | {
+        "state": "disarmed",
+        "reasons": ["not_standing", "latency_budget"],
+        "faults": ["latency_budget"],
+    }
+    lines = picture(status)
+    assert lines[2:] == [
+        "  - the car is moving",
+        "  - too many ticks within a second took longer than the rig's budget",
+    ]
+
+
+def test_many_reasons_are_cut_short():
+    lines = picture(DRIVING | {"reasons": [f"code_{n}" for n in range(20)]})
+    assert lines[-1] == "  - and 12 more"
+
+
+def test_a_refused_fix_a_broken_record_and_a_silent_drive_are_seen():
+    lines = picture(DRIVING | {"pose_reasons": ["not_rtk_fixed"], "faults": ["record_full"]}, silent=1.25)
+    assert "FIX REFUSED" in lines[1]
+    assert any(line.startswith("  - fix: the position mode is not RTK") for line in lines)
+    assert "RECORD BROKEN" in lines[1]
+    assert "nothing for 1.2 s" in lines[2]
+
+
+@pytest.mark.parametrize("state", ArmingState)
+def test_every_state_has_words(state):
+    assert phase({"state": state.value})
+    assert phase({"state": state.value}).upper() in transition({"state": state.value})
+
+
+def test_engaging_is_told_apart_from_waiting_and_driving():
+    phases = [phase({"state": "engaged", "reasons": [code]}) for code in ("engaging", "shifting", "waiting_for_go")]
+    phases.append(phase({"state": "engaged", "reasons": []}))
+    assert len(set(phases)) == 4
+    assert {"engaging", "shifting", "waiting_for_go"} <= REASONS.keys()
+
+
+def test_the_driver_who_has_control_is_no_fault():
+    assert phase({"state": "fault", "reasons": ["driver_override"]}) == CONTROL
+    assert phase({"state": "fault", "reasons": ["kit_watchdog"]}) == "fault"
+
+
+def test_bells():
+    assert [rings({"state": state}) for state in ("engaged", "stopping", "fault")] == [1, 2, 3]
+
+
+def test_a_pipe_gets_a_line_for_every_transition_and_nothing_else():
+    reading, writing = os.pipe()
+    with os.fdopen(writing, "w") as stream:
+        screen = Screen(stream)
+        for state in ("disarmed", "disarmed", "ready", "engaged", "engaged", "stopping"):
+            screen.show(DRIVING | {"state": state, "reasons": ["stop_asked"] if state == "stopping" else []})
+        screen.close()
+    with os.fdopen(reading) as stream:
+        lines = stream.read().splitlines()
+    assert [line.split("s  ")[1].split(":")[0] for line in lines] == ["NOT READY", "READY", "DRIVING", "STOPPING"]
+    assert lines[-1].endswith(": the operator asked to stop")
+    assert all("\x1b" not in line and "\a" not in line for line in lines)
+
+
+def _shown(screen: Screen, reader: int, status: dict, lasting: float) -> str:
+    text, end = b"", time.monotonic() + lasting
+    while (now := time.monotonic()) < end:
+        screen.show(status | {"tick": now})
+        if select.select([reader], [], [], 0.02)[0]:
+            text += os.read(reader, 65536)
+    return text.decode()
+
+
+class Terminal:
+    """As much of a terminal as the screen uses: carriage return, line feed, cursor up, erase below."""
+
+    def __init__(self) -> None:
+        self.lines, self.row, self.column = [""], 0, 0
+
+    def take(self, text: str) -> None:
+        for piece in re.findall(r"\x1b\[\d*[A-Z]|\r|\n|\a|[^\x1b\r\n\a]+", text):
+            if piece == "\r":
+                self.column = 0
+            elif piece == "\n":
+                self.row += 1
+                self.lines += [""] * (self.row + 1 - len(self.lines))
+            elif piece.endswith("A") and piece.startswith("\x1b"):
+                self.row -= int(piece[2:-1])
+            elif piece == "\x1b[J":
+                del self.lines[self.row + 1 :]
+                self.lines[self.row] = self.lines[self.row][: self.column]
+            elif piece != "\a":
+                line = self.lines[self.row]
+                self.lines[self.row] = line[: self.column] + piece + line[self.column + len(piece) :]
+                self.column += len(piece)
+
+
+def test_a_terminal_shows_one_picture_below_the_transitions_and_rings():
+    reader, writer = pty.openpty()
+    with os.fdopen(writer, "w") as stream:
+        screen = Screen(stream)
+        terminal = Terminal()
+        first = _shown(screen, reader, DRIVING | {"state": "disarmed", "reasons": ["not_standing"]}, 0.5)
+        second = _shown(screen, reader, DRIVING | {"state": "stopping"}, 1.0)
+        screen.close()
+        terminal.take(first + second)
+        assert first.count("\a") == 1
+        assert second.count("\a") == 2
+        assert first.count("NOT READY") <= 1 + 6  # the transition, and ten pictures a second at most
+        shown = [line for line in terminal.lines if line]
+        assert len(shown) == 4
+        assert shown[0].endswith("NOT READY: the car is moving")
+        assert shown[1].endswith("STOPPING")
+        assert shown[2].startswith("STOPPING")
+        assert "latency" in shown[3]
+    os.close(reader)
+
+
+def test_a_terminal_that_nobody_reads_does_not_hold_the_drive_up():
+    reader, writer = pty.openpty()
+    with os.fdopen(writer, "w") as stream:
+        screen = Screen(stream)
+        assert os.get_blocking(stream.fileno())  # the shell's own description stays as it was
+        longest, states = 0.0, ("engaged", "stopping")
+        for k in range(3000):
+            begun = time.monotonic()
+            screen.show(DRIVING | {"state": states[k % 2], "tick": k, "reasons": [f"code_{n}" for n in range(9)]})
+            longest = max(longest, time.monotonic() - begun)
+        assert longest < 1.0
+        # Once somebody reads again, the picture comes back.
+        text = _shown(screen, reader, DRIVING | {"state": "stopped"}, 1.0)
+        assert "AT REST" in text
+        screen.close()
+    os.close(reader)
+
+
+def test_a_pipe_that_nobody_reads_or_holds_does_not_hold_the_drive_up():
+    reading, writing = os.pipe()
+    with os.fdopen(writing, "w") as stream:
+        screen = Screen(stream)
+        for k in range(2000):
+            screen.show(DRIVING | {"state": ("engaged", "stopping")[k % 2], "reasons": ["kit_watchdog"] * 3})
+        os.close(reading)
+        screen.show(DRIVING)
+        screen.close()

@@ -1,0 +1,167 @@
+"""The software adapter: python-can's own slcan driver, and a bare terminal, on the other side."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import time
+from collections.abc import Iterator
+
+import can
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vve_sumo.bus import Bus
+from vve_sumo.live.slcan import QUEUE, Adapter, Dialogue, line_of
+from vve_sumo.values import Frame
+
+FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8))
+OPENING = b"C\rS6\r\rO\r"  # what python-can sends
+
+
+@pytest.fixture
+def adapter() -> Iterator[Adapter]:
+    with Adapter() as made:
+        yield made
+
+
+def python_can(adapter: Adapter) -> can.BusABC:
+    bus = can.Bus(interface="slcan", channel=adapter.name, bitrate=500_000, sleep_after_open=0)
+    assert adapter.receive() == []
+    return bus
+
+
+def opened() -> Dialogue:
+    dialogue = Dialogue()
+    dialogue.take(OPENING)
+    return dialogue
+
+
+def heard(bus: can.BusABC) -> list[Frame]:
+    """All that python-can reads until nothing comes for a while."""
+    frames, until = [], time.monotonic() + 1.0
+    while time.monotonic() < until and (message := bus.recv(0.05)) is not None:
+        assert not message.is_extended_id
+        frames.append(Frame(message.arbitration_id, bytes(message.data)))
+    return frames
+
+
+def test_frames_cross_to_python_can_and_back_bit_identical(adapter):
+    frames = [Frame(0x7FF - 13 * n, bytes(range(n % 9))) for n in range(100)]
+    with python_can(adapter) as bus:
+        adapter.send(frames[:50])
+        assert heard(bus) == frames[:50]
+        for frame in frames[50:]:
+            bus.send(can.Message(arbitration_id=frame.id, data=frame.data, is_extended_id=False))
+        assert adapter.receive() == frames[50:]
+
+
+def test_our_own_bus_opens_it(adapter):
+    with Bus("slcan", adapter.name) as bus:
+        adapter.receive()
+        bus.send(Frame(0x60, b"\x01\x02"))
+        assert adapter.receive() == [Frame(0x60, b"\x01\x02")]
+        adapter.send([Frame(0x61, b""), Frame(0x65, bytes(8))])
+        assert bus.drain() == [Frame(0x61, b""), Frame(0x65, bytes(8))]
+
+
+def test_what_a_frame_cannot_hold_is_acknowledged_and_goes_nowhere(adapter):
+    with python_can(adapter) as bus:
+        for message in (
+            can.Message(arbitration_id=0x18DAF110, data=[1, 2], is_extended_id=True),
+            can.Message(arbitration_id=0x61, is_remote_frame=True, dlc=8, is_extended_id=False),
+            can.Message(arbitration_id=0x18DAF110, is_remote_frame=True, is_extended_id=True),
+            can.Message(arbitration_id=0x61, data=[7], is_extended_id=False),
+        ):
+            bus.send(message)
+        assert adapter.receive() == [Frame(0x61, b"\x07")]
+    assert opened().take(b"T18DAF11020102\rR18DAF1100\rr0618\r") == ([], b"Z\rZ\rz\r")
+
+
+def test_it_says_who_it_is():
+    dialogue = Dialogue()
+    assert re.fullmatch(rb"V\d{4}\rv\d{4}\rN\w{4}\rF[0-9A-F]{2}\r", dialogue.take(b"V\rv\rN\rF\r")[1])
+
+
+@pytest.mark.parametrize(
+    ("said", "answered"),
+    [
+        (b"O\r", b"\r"),
+        (b"C\r", b"\a"),
+        (b"O\rO\r", b"\r\a"),
+        (b"O\rC\rC\r", b"\r\r\a"),
+        (b"t0610\r", b"\a"),  # closed
+        (b"S6\rs031C\rZ0\rM00000000\rmFFFFFFFF\r\r", b"\r" * 6),
+        (b"Z1\rSX\rhello\rS\r", b"\a" * 4),
+    ],
+)
+def test_it_answers_as_lawicel_says(said, answered):
+    assert Dialogue().take(said) == ([], answered)
+
+
+@pytest.mark.parametrize(
+    "line", ["t06", "t061", "t0619" + "00" * 9, "t0612AA", "t0611AAB", "t8000", "t061 1AA", "t061_1AA", "T200000000"]
+)
+def test_a_line_that_is_no_frame_is_refused(line):
+    assert opened().take(line.encode() + b"\r") == ([], b"\a")
+
+
+@given(st.lists(FRAMES, max_size=20), st.lists(st.integers(1, 40), min_size=1, max_size=40))
+def test_however_the_stream_is_cut_the_frames_are_the_same(frames, cuts):
+    stream, dialogue, taken = OPENING + b"".join(map(line_of, frames)), Dialogue(), []
+    for number in range(len(stream)):
+        size = cuts[number % len(cuts)]
+        taken += dialogue.take(stream[:size])[0]
+        stream = stream[size:]
+    assert taken == frames
+
+
+@given(st.lists(st.binary(max_size=300), max_size=10), FRAMES)
+def test_no_bytes_confuse_it_beyond_the_next_line_end(garbage, frame):
+    dialogue = opened()
+    for piece in garbage:
+        dialogue.take(piece)
+    dialogue.take(b"\rO\r")
+    assert dialogue.take(line_of(frame)) == ([frame], b"z\r")
+
+
+def test_nobody_reading_costs_the_oldest_lines_and_never_time(adapter):
+    host = os.open(adapter.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    os.write(host, b"O\r")
+    adapter.receive()
+    total = 8 * QUEUE
+    for number in range(total):
+        adapter.send([Frame(number & 0x7FF, number.to_bytes(4, "big"))])
+    said = b""
+    while select.select([host], [], [], 0.1)[0]:
+        said += os.read(host, 65536)
+        adapter.receive()  # as the car does at every step, whether anything came or not
+    os.close(host)
+    lines = said.removeprefix(b"\r").split(b"\r")
+    assert lines.pop() == b""
+    numbers = [int(line[5:], 16) for line in lines]
+    assert all(re.fullmatch(rb"t[0-7][0-9A-F]{2}4[0-9A-F]{8}", line) for line in lines), "no line is cut"
+    assert numbers == sorted(set(numbers)), "in order"
+    assert numbers[-QUEUE:] == list(range(total - QUEUE, total)), "the newest are there"
+    assert adapter.dropped == total - len(numbers) > 0
+
+
+def test_a_host_that_died_leaves_nothing_to_the_next(adapter):
+    first = os.open(adapter.name, os.O_RDWR | os.O_NOCTTY)
+    os.write(first, OPENING)
+    adapter.receive()
+    adapter.send([Frame(1, b"old")] * 300)
+    os.close(first)  # dies without a word
+    adapter.send([Frame(1, b"old")] * 300)
+    with python_can(adapter) as second:
+        adapter.send([Frame(2, b"new")])
+        assert heard(second) == [Frame(2, b"new")]
+
+
+def test_frames_go_nowhere_before_a_host_opens_the_channel(adapter):
+    adapter.send([Frame(1, b"early")])
+    with python_can(adapter) as bus:
+        adapter.send([Frame(2, b"")])
+        assert heard(bus) == [Frame(2, b"")]

@@ -1,0 +1,128 @@
+"""Laying a path into a lot: known best places, brute force, and paths that must be cut."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import Alignment
+from vve_sumo.lot.fit import Fit, fit
+from vve_sumo.lot.polygon import Lot
+from vve_sumo.lot.stops import Fence, Stop
+from vve_sumo.path import Path
+from vve_sumo.vehicle import fusion
+
+VEHICLE = fusion.vehicle()
+GATEWAY, WATCHDOG = Stop(2.4, 0.16, 0.48, 0.25), Stop(2.5, 0.22, 0.0, 0.25)
+STRAIGHT = Path.from_points(np.arange(0.0, 61.0), np.zeros(61))
+
+
+def turned(points: list[tuple[float, float]], angle: float) -> list[tuple[float, float]]:
+    c, s = math.cos(angle), math.sin(angle)
+    return [(c * x - s * y + 300.0, s * x + c * y - 200.0) for x, y in points]
+
+
+def fence(lot: Lot) -> Fence:
+    return Fence(lot, VEHICLE, Alignment(), gateway=GATEWAY, watchdog=WATCHDOG)
+
+
+def bend(radius: float, before: int, after: int) -> Path:
+    angle = np.linspace(0.0, math.pi / 2.0, 24)[1:]
+    x = np.concatenate(
+        (np.arange(float(before) + 1.0), before + radius * np.sin(angle), np.full(after, before + radius))
+    )
+    y = np.concatenate((np.zeros(before + 1), radius - radius * np.cos(angle), radius + np.arange(1.0, after + 1.0)))
+    return Path.from_points(x, y)
+
+
+def proven(found: Fit, lot: Lot, path: Path, speed: float) -> None:
+    """What a fit says is so under its own alignment."""
+    first = fence(lot).laid(found.alignment).along(path, speed)
+    assert (first is None) == found.whole
+    if first is not None:
+        assert first > found.station
+    x, y, heading = found.start
+    back = found.alignment
+    street = back.rotation + heading
+    assert math.remainder(street - path.at(0.0).heading, math.tau) == pytest.approx(0.0, abs=1e-9)
+    placed_x = math.cos(back.rotation) * x - math.sin(back.rotation) * y + back.x
+    placed_y = math.sin(back.rotation) * x + math.cos(back.rotation) * y + back.y
+    assert (placed_x, placed_y) == pytest.approx((path.at(0.0).x, path.at(0.0).y), abs=1e-6)
+
+
+def test_a_straight_path_lies_in_the_middle_of_a_runway() -> None:
+    lot = Lot(turned([(0, 0), (140, 0), (140, 20), (0, 20)], 0.5), margin=1.0)
+    found = fit(STRAIGHT, fence(lot), 8.0)
+    proven(found, lot, STRAIGHT, 8.0)
+    assert found.whole
+    assert found.station >= STRAIGHT.length
+    assert found.clearance == pytest.approx(0.5 * (20.0 - VEHICLE.width) - 1.0, abs=0.05)
+    assert math.remainder(found.start[2] - 0.5, math.pi) == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_pole_in_the_middle_is_kept_clear_of() -> None:
+    corners, pole = [(0, 0), (140, 0), (140, 20), (0, 20)], [(70, 9.5), (71, 9.5), (71, 10.5), (70, 10.5)]
+    lot = Lot(turned(corners, 1.0), [turned(pole, 1.0)], margin=0.5)
+    found = fit(STRAIGHT, fence(lot), 8.0)
+    proven(found, lot, STRAIGHT, 8.0)
+    assert found.whole
+    # Beside the pole there are 9.5 m, and 8.5 m less a car's width are shared by both sides.
+    assert found.clearance > 0.5 * (9.5 - 1.0 - VEHICLE.width) - 0.1
+
+
+def test_a_lot_in_the_shape_of_the_path_leaves_one_place() -> None:
+    path = bend(15.0, 40, 30)
+    corners = [(0, 0), (80, 0), (80, 75), (64, 75), (64, 16), (0, 16)]
+    lot = Lot(turned(corners, -2.0), margin=0.2)
+    found = fit(path, fence(lot), 4.0)
+    proven(found, lot, path, 4.0)
+    assert found.whole
+    assert math.remainder(found.start[2] + 2.0, math.tau) == pytest.approx(0.0, abs=0.1)
+
+
+def test_it_is_as_good_as_brute_force() -> None:
+    path, corners = bend(12.0, 12, 8), [(0, 0), (52, -4), (60, 30), (38, 48), (4, 40)]
+    pole = [(20, 14), (21, 14), (21, 15), (20, 15)]
+    lot, speed = Lot(corners, [pole], margin=0.5), 4.0
+    found = fit(path, fence(lot), speed)
+    proven(found, lot, path, speed)
+    assert found.whole
+    places = fence(lot).driven(path, speed)
+    swept = shapely.union_all(
+        np.concatenate([shapely.polygons(fence(lot).sweep(p.pose, p.steering, p.profile)) for p in places])
+    )
+    middle = swept.centroid.coords[0]
+    allowed = shapely.Polygon(corners, [pole]).buffer(-0.5)
+    best = -math.inf
+    for angle in np.arange(0.0, math.tau, math.radians(6.0)):
+        c, s = math.cos(angle), math.sin(angle)
+        for x in np.arange(10.0, 50.0, 1.5):
+            for y in np.arange(8.0, 40.0, 1.5):
+                move = (c, -s, s, c, x - c * middle[0] + s * middle[1], y - s * middle[0] - c * middle[1])
+                laid = shapely.affinity.affine_transform(swept, move)
+                if allowed.contains(laid):
+                    best = max(best, allowed.boundary.distance(laid))
+    assert best > 0.0
+    assert found.clearance >= best - 0.05
+
+
+def test_a_path_too_long_is_cut_where_the_lot_ends() -> None:
+    # A lane 8 m wide leaves no way but along it.
+    lot = Lot(turned([(0, 0), (70, 0), (70, 8), (0, 8)], 0.3), margin=1.0)
+    found = fit(STRAIGHT, fence(lot), 6.0)
+    proven(found, lot, STRAIGHT, 6.0)
+    assert not found.whole
+    reserve = max(GATEWAY.distance(6.0), WATCHDOG.distance(6.0))
+    known = 70.0 - 2.0 - VEHICLE.length - reserve
+    assert found.station == pytest.approx(known, abs=3.0)
+    assert found.station <= known + 0.3
+
+
+def test_a_lot_without_room_for_a_start_says_so() -> None:
+    lot = Lot([(0, 0), (200, 0), (200, 3.0), (0, 3.0)], margin=1.0)
+    with pytest.raises(ConfigError, match="no place for the start"):
+        fit(STRAIGHT, fence(lot), 6.0)

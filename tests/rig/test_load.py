@@ -1,0 +1,281 @@
+"""Rig files: what they may say, and the one line that says what is wrong, before anything is opened."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.conftest import REPOSITORY
+from vve_sumo.errors import ConfigError
+from vve_sumo.rig.load import load, parse, parse_json
+from vve_sumo.rig.refusal import arming_refusal
+
+TWIN = REPOSITORY / "rigs" / "twin.toml"
+EXAMPLE = REPOSITORY / "rigs" / "fusion_example.toml"
+DAY = datetime.date(2026, 5, 1)
+WATCHDOG = {"date": DAY, "armed": True, "deceleration_mps2": 2.5, "delay_s": 0.2}
+NMEA_UDP = {"kind": "nmea_udp", "velocity_sigma_mps": 0.05, "heading_sigma_deg": 0.2, "minimum_delay_ms": 20.0}
+#: an approximate square of 220 m, one of its corners being the first
+CORNER = (40.003, -83.020)
+
+Change = Callable[[dict[str, Any]], object]
+
+
+def twin() -> dict[str, Any]:
+    return tomllib.loads(TWIN.read_text(encoding="utf-8"))
+
+
+def real() -> dict[str, Any]:
+    table = tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))
+    table["lot"]["surveyed"] = DAY
+    return table
+
+
+def said(table: dict[str, Any], change: Change) -> str:
+    """The one line that a changed rig is refused with."""
+    change(table)
+    with pytest.raises(ConfigError) as caught:
+        parse(table, Path("mine.toml"))
+    text = str(caught.value)
+    assert "\n" not in text
+    assert text.startswith("mine.toml: ")
+    assert len(text) < 300
+    return text.removeprefix("mine.toml: ")
+
+
+def put(place: str, value: object) -> Change:
+    """A change: the value at a dotted place."""
+
+    def change(table: dict[str, Any]) -> None:
+        *above, key = place.split(".")
+        for part in above:
+            table = table.setdefault(part, {})
+        table[key] = value
+
+    return change
+
+
+def test_the_twin_is_ready_and_commands_nothing_real() -> None:
+    rig = load(TWIN)
+    assert rig.car == "hardware_free"
+    assert arming_refusal(rig) is None
+    assert rig.operator.automatic
+
+
+def test_the_example_says_what_to_fill_in_first() -> None:
+    with pytest.raises(
+        ConfigError, match=r"fusion_example\.toml: key 'lot\.surveyed' is missing: .*survey it"
+    ) as caught:
+        load(EXAMPLE)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_example_with_a_survey_may_shadow_but_not_arm() -> None:
+    refusal = arming_refusal(parse(real(), EXAMPLE))
+    assert refusal is not None
+    assert refusal.startswith("watchdog_test is missing")
+    table = real() | {"watchdog_test": WATCHDOG}
+    assert arming_refusal(parse(table, EXAMPLE)) is None
+    table["watchdog_test"] = WATCHDOG | {"armed": False}
+    assert arming_refusal(parse(table, EXAMPLE)) is None, "armed or not, it was tried"
+    played = real() | {"watchdog_test": WATCHDOG, "pose": {"kind": "file", "file": "a.ncom"}}
+    assert "recording" in str(arming_refusal(parse(played, EXAMPLE)))
+
+
+def test_a_rig_survives_its_record() -> None:
+    for table in (twin(), real() | {"watchdog_test": WATCHDOG}):
+        rig = parse(table, TWIN)
+        kept = json.loads(json.dumps(rig.model_dump(mode="json", exclude_unset=True)))
+        assert parse_json(kept, TWIN) == rig
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (put("mounting.heading_misalignment_rad", 0.01), "did you mean 'heading_misalignment_deg'?"),
+        (put("mounting.foward_m", 0.3), "unknown key 'mounting.foward_m', did you mean 'forward_m'?"),
+        (put("limits.speed_kmh", 30.0), "did you mean 'speed_mps'?"),
+        (put("limits.speed", 8.0), "did you mean 'speed_mps'?"),
+        (put("lot.grade_deg", 1.0), "did you mean 'grade_percent'?"),
+        (put("vehicle.wheelbase", 2.8), "did you mean 'wheelbase_m'?"),
+        (put("colour", "red"), "unknown key 'colour'"),
+        (
+            put("watchdog_test", WATCHDOG | {"delay_ms": 200}),
+            "unknown key 'watchdog_test.delay_ms', did you mean 'delay_s'?",
+        ),
+        (put("others", [{"kind": "esr", "interfce": "a", "channel": "b"}]), "did you mean 'interface'?"),
+        (put("limits.speed_mps", float("nan")), "limits.speed_mps: "),
+        (put("limits.speed_mps", float("inf")), "limits.speed_mps: "),
+        (put("limits.speed_mps", "8"), "limits.speed_mps: "),
+        (put("limits.stop_deceleration_mps2", -2.4), "limits.stop_deceleration_mps2: "),
+        (put("limits.emergency_deceleration_mps2", 3.0), "limits: emergency deceleration must not be below"),
+        (put("bus.variant", "dbw2"), "bus.variant: "),
+        (put("pose.address", "localhost"), "pose.address: expected an IP address in numbers, got 'localhost'"),
+        (put("pose.device", "/dev/ttyS0"), "pose: device says nothing for kind 'ncom_udp'"),
+        (put("pose", {"kind": "nmea_serial"}), "pose: device is missing, kind 'nmea_serial' needs it"),
+        (put("pose", {"kind": "oxts_can", "interface": "pcan"}), "pose: channel is missing"),
+        (put("pose", {"kind": "nmea_udp"}), "pose: velocity_sigma_mps is missing, kind 'nmea_udp' needs it"),
+        (put("pose", {"kind": "ncom_udp"}), "pose: minimum_delay_ms is missing, clock 'arrival' needs it"),
+        (put("pose.rate_hz", 1000.0), "pose.rate_hz: "),
+        (put("mounting.forward_m", 300.0), "mounting.forward_m: "),
+        (put("vehicle.length_m", 3.0), "vehicle: length_m is less than wheelbase_m and front_overhang_m"),
+        (put("vehicle.front_axle_to_mass_m", 3.0), "vehicle: front_axle_to_mass_m is not less than"),
+        (put("calibration.brake_gain_kgm", 0.0), "calibration.brake_gain_kgm: "),
+        (put("latency.deadline_ms", 20.0), "latency.deadline_ms: "),
+        (put("lot.surveyed", "yesterday"), "lot.surveyed: "),
+        (put("operator.stop_can_id", 0x800), "operator.stop_can_id: "),
+        (put("operator.stop_can_id", 0x064), "operator.stop_can_id: the stop and the drive-by-wire kit (bus) share"),
+        (lambda t: t["lot"].pop("surveyed"), "key 'lot.surveyed' is missing: a lot that nobody has surveyed"),
+        (lambda t: t.pop("lot"), "key 'lot' is missing: a lot that nobody has surveyed"),
+        (lambda t: t.pop("mounting"), "key 'mounting' is missing"),
+    ],
+)
+@pytest.mark.parametrize("table", [twin, real])
+def test_wrong_keys_and_values(table: Callable[[], dict[str, Any]], change: Change, words: str) -> None:
+    text = said(table(), change)
+    assert words in text
+
+
+OUTLINE = [[40.003, -83.020], [40.003, -83.018], [40.005, -83.018], [40.005, -83.020]]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (put("lot.outline", [[lon, lat] for lat, lon in OUTLINE]), "are latitude and longitude swapped?"),
+        (put("lot.outline", [*OUTLINE[:3], [-75.0, 40.005]]), "lot.outline.3: lies "),
+        (put("lot.outline", [*OUTLINE[:3], [40.005, -283.0]]), "longitude -283 is no place on Earth"),
+        (put("lot.outline", OUTLINE[:2]), "lot.outline: "),
+        (put("lot.outline", []), "lot.outline: "),
+        (
+            put("lot.outline", [OUTLINE[0], OUTLINE[2], OUTLINE[1], OUTLINE[3]]),
+            "lot.outline: crosses or touches itself",
+        ),
+        (put("lot.outline", [[40.003, -83.02], [40.003, -83.0199], [40.0031, -83.0199]]), "lot.outline: encloses"),
+        (put("lot.outline", [[40.0, -83.1], [40.0, -83.0], [40.1, -83.0], [40.1, -83.1]]), "lot.outline: encloses"),
+        (put("lot.holes", [[[40.1, -83.02], [40.1, -83.019], [40.101, -83.019]]]), "lot.holes[0]: does not lie inside"),
+        (put("lot.holes", [[[48.1, 11.5], [48.1, 11.6], [48.2, 11.6]]]), "lot.holes.0.0: lies "),
+        (put("lot.holes", [[[40.0035, -83.019], [40.0036, -83.019]]]), "lot.holes.0: "),
+        (put("lot.margin_m", 50.0), None),
+        (put("lot.margin_m", -1.0), "lot.margin_m: "),
+    ],
+)
+def test_lots_that_are_none(change: Change, words: str | None) -> None:
+    table = real()
+    table["lot"]["outline"] = OUTLINE
+    if words is None:
+        change(table)
+        assert parse(table, EXAMPLE).lot.margin_m == 50.0
+    else:
+        assert words in said(table, change)
+
+
+def test_an_outline_may_go_either_way_round() -> None:
+    table = real()
+    table["lot"]["outline"].reverse()
+    assert parse(table, EXAMPLE)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (put("bus.interface", "udp_multicast"), "bus.interface: anyone on the network could command a real car"),
+        (put("bus.interface", "socketcand"), "bus.interface: anyone on the network could command a real car"),
+        (put("bus.interface", "virtual"), "bus: no real car is on virtual:can0"),
+        (put("bus.channel", "vcan0"), "bus: no real car is on socketcan:vcan0"),
+        (put("bus.channel", "pty"), "bus: no real car is on socketcan:pty"),
+        (put("operator.automatic", True), "operator.automatic: a real car is engaged by a person"),
+        (put("car_start", twin()["car_start"]), "car_start: "),
+        (put("rehearse", [{"kind": "pose_lost", "at_s": 1.0}]), "rehearse: faults are not put on with a real car"),
+    ],
+)
+def test_what_no_real_car_is_driven_with(change: Change, words: str) -> None:
+    assert words in said(real(), change)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.pop("car_start"), "key 'car_start' is missing"),
+        (put("bus.interface", "udp_multicast"), "bus: a hardware-free car is on"),
+        (put("bus.channel", "/dev/ttyUSB0"), "bus: a hardware-free car is on"),
+        (
+            put("bus", {"interface": "socketcan", "channel": "can0", "variant": "dbw1_2024"}),
+            "car_start.channel: 'can0'",
+        ),
+        (put("car_start.channel", "can1"), "car_start.channel: the car makes its own end"),
+        (put("pose.address", "0.0.0.0"), "pose.address: the hardware-free car is heard on a loopback address only"),
+        (put("pose", NMEA_UDP), "pose.kind: the hardware-free car speaks 'ncom_udp'"),
+        (put("car_start.latitude_deg", 40.0036), "car_start: the car does not stand inside the lot"),
+        (put("car_start.latitude_deg", 41.0), "car_start: lies 111 km from the lot"),
+        (
+            lambda t: t["car_start"].update(latitude_deg=-83.0186, longitude_deg=40.0041),
+            "(latitude and longitude are swapped)",
+        ),
+        (put("rehearse", [{"kind": "earthquake", "at_s": 1.0}]), "rehearse.0: rehearsal: kind must be one of"),
+        (
+            put("rehearse", [{"kind": "pose_lost", "at_s": 1.0, "value": 3.0}]),
+            "rehearse.0: rehearsal pose_lost: takes no",
+        ),
+        (put("rehearse", [{"kind": "pose_lost", "at_s": -1.0}]), "rehearse.0.at_s: "),
+    ],
+)
+def test_what_no_hardware_free_car_is_driven_with(change: Change, words: str) -> None:
+    change_and_see = twin()
+    change(change_and_see)
+    with pytest.raises(ConfigError) as caught:
+        parse(change_and_see, Path("mine.toml"))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("car_end", [None, "vcan1"])
+def test_a_hardware_free_car_may_be_on_vcan_or_on_a_card_of_its_own(car_end: str | None) -> None:
+    table = twin()
+    table["bus"].update(interface="socketcan", channel="vcan0" if car_end is None else "can0")
+    if car_end:
+        table["car_start"]["channel"] = car_end
+    assert parse(table, TWIN).bus.interface == "socketcan"
+
+
+CAN1 = {"interface": "socketcan", "channel": "can1"}
+
+
+@pytest.mark.parametrize(
+    ("pose", "others", "words"),
+    [
+        (CAN1, [{"kind": "esr", **CAN1}], "esr and oxts_can (pose) share identifiers 0x500 to 0x540 on socketcan:can1"),
+        (CAN1, [{"kind": "ars408", **CAN1}], "ars408 and oxts_can (pose) share identifiers 0x600 to 0x60E"),
+        (None, [{"kind": "oxts_can", **CAN1}, {"kind": "esr", **CAN1}], "others.1: esr and oxts_can (others.0) share"),
+        (None, [{"kind": "esr", **CAN1}, {"kind": "esr", **CAN1}], "others.1: esr and esr (others.0) share"),
+        (None, [{"kind": "esr", **CAN1}, {"kind": "ars408", **CAN1}], None),
+        (CAN1, [{"kind": "esr", "interface": "socketcan", "channel": "can2"}], None),
+    ],
+)
+def test_identifiers_that_collide_on_one_bus(pose: dict[str, str] | None, others: list, words: str | None) -> None:
+    table = real() | {"others": others}
+    if pose:
+        table["pose"] = {"kind": "oxts_can", "minimum_delay_ms": 5.0, **pose}
+    if words is None:
+        assert parse(table, EXAMPLE)
+    else:
+        assert words in said(table, lambda _table: None)
+
+
+@given(st.binary(max_size=200))
+def test_whatever_a_file_holds_it_is_a_rig_or_a_config_error(
+    tmp_path_factory: pytest.TempPathFactory, data: bytes
+) -> None:
+    file = tmp_path_factory.mktemp("rig") / "x.toml"
+    file.write_bytes(data)
+    with pytest.raises(ConfigError) as caught:
+        load(file)
+    assert "\n" not in str(caught.value)

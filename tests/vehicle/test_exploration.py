@@ -1,0 +1,232 @@
+"""The real gateway, explored: from every state that is found, whatever can happen, until nothing new is found.
+
+The car here is no car: its reports are made up, every combination of them, so that nothing physical stands in the way
+of a state. Time goes in steps of a tenth of a second; a state is what the gateway can do next, not its counters.
+"""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+from collections.abc import Iterator
+from functools import cache
+from typing import NamedTuple
+
+import pytest
+
+from tests.vehicle.car import FUSION
+from vve_sumo.values import ArmingState, Frame, Setpoint
+from vve_sumo.vehicle import dbw
+from vve_sumo.vehicle.arming import COMMANDING
+from vve_sumo.vehicle.dbw import Gear
+from vve_sumo.vehicle.gateway import Act, Gateway, GatewayOutput
+
+S = ArmingState
+PERIOD = 0.1
+LONG = 34  # steps: longer than anything that the gateway waits for
+
+
+class World(NamedTuple):
+    """What the gateway is told during a step."""
+
+    enabled: bool = True  #: the kit says so
+    gear: Gear = Gear.DRIVE
+    speed: float = 0.0
+    driver: str = ""  #: the pedal that the driver touches
+    override: bool = False
+    said: str = "good"  #: the setpoint: good, none, or one with a fault
+    found: tuple[str, ...] = ()
+
+
+#: Everything that shall bring an engaged car to rest.
+FAULTS = [
+    World(said="fault"),
+    World(said="none"),
+    World(found=("bus_down",)),
+    World(found=("unheard_of",)),
+    World(enabled=False),
+    World(gear=Gear.NEUTRAL),
+]
+WORLDS = [
+    World(*choice)
+    for choice in itertools.product(
+        (False, True), (Gear.PARK, Gear.DRIVE, Gear.NEUTRAL), (0.0, 5.0), ("", "brake", "throttle"), (False, True),
+        ("good", "none", "fault"),
+    )
+]  # fmt: skip
+
+
+@cache
+def reports(world: World) -> tuple[Frame, ...]:
+    wheel, on = world.speed / FUSION.wheel_radius, world.enabled
+    said = [
+        dbw.BrakeReport(
+            dbw.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, on, override=world.override, driver=world.driver == "brake"
+        ),
+        dbw.ThrottleReport(0.15, 0.15, 0.15, on, driver=world.driver == "throttle"),
+        dbw.SteeringReport(0.0, 0.0, world.speed, 0.0, on),
+        dbw.GearReport(world.gear),
+        dbw.WheelSpeeds(wheel, wheel, wheel, wheel),
+        dbw.YawRate(0.0, 0.0),
+    ]
+    return tuple(map(dbw.encode, said))
+
+
+class Explored:
+    """A gateway and its clock; a copy of it costs little."""
+
+    def __init__(self, gateway: Gateway, tick: int = 0) -> None:
+        self.gateway, self.tick = gateway, tick
+        self._pickled = b""
+
+    def copy(self) -> Explored:
+        self._pickled = self._pickled or pickle.dumps(self.gateway)
+        return Explored(pickle.loads(self._pickled), self.tick)
+
+    def step(self, world: World, act: Act | None = None) -> GatewayOutput:
+        self.tick += 1
+        now = self.tick * PERIOD
+        setpoint = None
+        if world.said != "none":
+            faults = ("pose_lost",) if world.said == "fault" else ()
+            setpoint = Setpoint(
+                0.0, 1.0, sequence=self.tick, time=now, expires=now + 0.5 * PERIOD, speed=world.speed, yaw_rate=0.0,
+                faults=faults,
+            )  # fmt: skip
+        return self.gateway.step(now, setpoint, reports(world), act, world.found)
+
+    @property
+    def state(self) -> ArmingState:
+        return self.gateway._state
+
+    @property
+    def going(self) -> bool:
+        return self.gateway._handover.going
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What decides what can happen next."""
+        gateway, handover = self.gateway, self.gateway._handover
+        in_command = self.state in COMMANDING
+        return (
+            self.state,
+            in_command and (handover.enabled, handover.in_drive, handover.going, bool(gateway._old_overrides)),
+            gateway._at_rest,
+            gateway.done,
+        )
+
+
+def watched(before: Explored, world: World, act: Act | None) -> None:
+    """One step, and all that must hold of any step whatever."""
+    was, going = before.state, before.going
+    verdict, frames = before.step(world, act)
+    brake, throttle, steering, gear = map(dbw.decode, frames)
+    state = verdict.state
+    assert brake.enable == throttle.enable == steering.enable == (state in COMMANDING)
+    if state is S.ENGAGED and was is not S.ENGAGED:
+        assert act is Act.ENGAGE
+        assert was in (S.DISARMED, S.READY)
+        assert (world.said, world.found, world.speed, world.driver) in (
+            ("good", (), 0.0, ""), ("good", (), 0.0, "brake")
+        )  # fmt: skip
+        assert not before.going
+    if was is S.ENGAGED and before.going and not going:
+        assert act is Act.GO
+        assert (world.enabled, world.gear, world.driver) == (True, Gear.DRIVE, "")
+    if throttle.value > 0.0:
+        assert state is S.ENGAGED
+        assert before.going
+        assert not world.driver
+    if state is S.ENGAGED:
+        assert not world.found
+        assert world.said != "fault"
+    if was in COMMANDING:
+        let_go = {S.FAULT} if world.override else set()
+        if was is S.STOPPED and world.gear is Gear.PARK and not world.speed:
+            let_go.add(S.DISARMED)
+        assert state in {S.STOPPING, S.STOPPED} | let_go | ({S.ENGAGED} if was is S.ENGAGED else set())
+    if state in COMMANDING and not before.going:
+        assert brake.value > 0.0 or verdict.acceleration < 0.0 or world.speed > 0.0
+    assert gear.gear is Gear.NONE or world.speed == 0.0
+    assert gear.gear is not Gear.PARK or state is S.STOPPED
+    assert gear.gear is not Gear.DRIVE or state is S.ENGAGED
+
+
+def successors(place: Explored) -> Iterator[Explored]:
+    """Where one gateway can get: by every act in every world, and by every world that goes on for long."""
+    for world in WORLDS:
+        for act in (None, *Act):
+            after = place.copy()
+            watched(after, world, act)
+            yield after
+        if not world.driver:
+            after = place.copy()
+            for _ in range(LONG):
+                watched(after, world, None)
+            yield after
+
+
+@pytest.fixture(scope="module")
+def reached() -> dict[tuple[object, ...], Explored]:
+    """Every state that there is, each with a gateway in it."""
+    first = Explored(Gateway(FUSION, period=PERIOD))
+    first.step(World(enabled=False, gear=Gear.PARK))
+    found, frontier = {first.key: first}, [first]
+    while frontier:
+        for after in successors(frontier.pop()):
+            if after.key not in found:
+                found[after.key] = after
+                frontier.append(after)
+    return found
+
+
+def test_every_state_and_every_stage_of_the_handover_is_reached(reached):
+    assert {key[0] for key in reached} == set(S)
+    stages = {key[1][:3] for key in reached if key[0] is S.ENGAGED}
+    assert stages == {(False, False, False), (True, False, False), (True, True, False), (True, True, True)}
+    assert len(reached) > 20
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_from_every_state_every_fault_leads_to_rest(reached, fault):
+    for place in reached.values():
+        after = place.copy()
+        commanded = after.state in COMMANDING
+        for _ in range(LONG):
+            if commanded:
+                watched(after, fault, None)
+            else:
+                after.step(fault)
+        assert after.state in ({S.STOPPED} if commanded else {S.DISARMED, S.READY, S.FAULT})
+        if commanded:
+            for _ in range(LONG):
+                watched(after, fault._replace(gear=Gear.PARK), None)
+            assert after.state in {S.DISARMED, S.READY}
+            assert after.gateway.done
+
+
+def test_from_every_state_the_driver_gets_the_car(reached):
+    for place in reached.values():
+        after = place.copy()
+        commanded = after.state in COMMANDING
+        # An override from before the act counts only once it has been seen to be gone.
+        after.step(World())
+        after.step(World(override=True))
+        if commanded and after.state is not S.DISARMED:
+            assert after.state is S.FAULT
+
+
+def test_no_run_without_the_act_of_engaging_ever_engages(reached):
+    """All that is reached from where nothing is commanded, leaving that act out, commands nothing."""
+    idle = [place for key, place in reached.items() if key[0] not in COMMANDING]
+    seen = {place.key for place in idle}
+    while idle:
+        place = idle.pop()
+        for world in WORLDS:
+            for act in (None, Act.GO, Act.STOP, Act.DISARM):
+                after = place.copy()
+                after.step(world, act)
+                assert after.state not in COMMANDING
+                if after.key not in seen:
+                    seen.add(after.key)
+                    idle.append(after)

@@ -1,0 +1,161 @@
+"""The link's codec: everything comes back to the bit, and no bytes break it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import struct
+import zlib
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from vve_sumo.values import ArmingState, Setpoint, StopProfile, Verdict
+from vve_sumo.vehicle import link
+from vve_sumo.vehicle.gateway import Act
+from vve_sumo.vehicle.profile import well_formed
+
+FLOATS = st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", struct.pack("<Q", bits))[0]) | st.floats()
+SHORT = st.text(st.characters(), max_size=60)  # surrogates too; at most four bytes each
+CODES = st.lists(SHORT, max_size=64).map(tuple)
+PROFILES = st.builds(StopProfile, FLOATS, st.lists(FLOATS, max_size=65).map(tuple))
+SETPOINTS = st.builds(
+    Setpoint,
+    steering=FLOATS,
+    acceleration=FLOATS,
+    emergency=st.booleans(),
+    note=SHORT,
+    sequence=st.integers(-1, 2**63 - 1),
+    time=FLOATS,
+    expires=FLOATS,
+    speed=FLOATS,
+    yaw_rate=FLOATS,
+    grade=FLOATS,
+    faults=CODES,
+    profile=st.none() | PROFILES,
+)
+VERDICTS = st.builds(Verdict, st.sampled_from(ArmingState), CODES, FLOATS, FLOATS, CODES, FLOATS, FLOATS)
+FEEDBACKS = st.builds(
+    link.Feedback,
+    FLOATS,
+    st.integers(-1, 2**63 - 1),
+    FLOATS,
+    VERDICTS,
+    FLOATS,
+    FLOATS,
+    SHORT,
+    st.integers(0, 2**63 - 1),
+)
+DECODERS = (link.decode_setpoint, link.decode_act, link.decode_feedback)
+
+
+def bits(value):
+    """The same thing with every float as its bytes, so that NaN equals itself and zeros differ by sign."""
+    if isinstance(value, float):
+        return struct.pack("<d", value)
+    if isinstance(value, tuple):
+        return tuple(map(bits, value))
+    if dataclasses.is_dataclass(value):
+        return tuple(bits(getattr(value, field.name)) for field in dataclasses.fields(value))
+    return value
+
+
+def sealed(message: bytes) -> bytes:
+    return message + struct.pack("<I", zlib.crc32(message))
+
+
+@given(SETPOINTS)
+def test_a_setpoint_comes_back_bit_for_bit(setpoint):
+    data = link.encode_setpoint(setpoint)
+    back = link.decode_setpoint(data)
+    assert isinstance(back, Setpoint)
+    assert bits(back) == bits(setpoint)
+    assert link.encode_setpoint(back) == data
+
+
+@given(FEEDBACKS)
+def test_a_feedback_comes_back_bit_for_bit(feedback):
+    back = link.decode_feedback(link.encode_feedback(feedback))
+    assert isinstance(back, link.Feedback)
+    assert bits(back) == bits(feedback)
+    assert isinstance(back.verdict.state, ArmingState)
+
+
+@pytest.mark.parametrize("act", Act)
+def test_an_act_comes_back(act):
+    assert link.decode_act(link.encode_act(act)) is act
+
+
+def test_the_layout_on_the_wire():
+    """Written down by hand, so that both ends may be built at different times."""
+    message = struct.pack("<2sBB", b"VV", 1, 1)
+    message += struct.pack("<ddqddddd", 0.1, -2.0, 7, 1.5, 1.6, 8.0, 0.2, 0.01) + b"\x01"
+    message += b"\x03why" + b"\x02\x01a\x02bb" + b"\x01" + struct.pack("<dB2d", 0.5, 2, 0.03, 0.04)
+    setpoint = Setpoint(
+        0.1, -2.0, True, "why", 7, 1.5, 1.6, 8.0, 0.2, 0.01, ("a", "bb"), StopProfile(0.5, (0.03, 0.04))
+    )  # fmt: skip
+    assert link.encode_setpoint(setpoint) == sealed(message)
+    assert link.decode_setpoint(sealed(message)) == setpoint
+    assert link.encode_act(Act.GO) == sealed(b"VV\x01\x02\x02go")
+
+
+@given(st.binary(max_size=300))
+@example(b"")
+@example(sealed(b"VV\x01"))
+def test_no_bytes_break_it(data):
+    for decode in DECODERS:
+        assert isinstance(decode(data), link.Malformed)
+
+
+@given(st.sampled_from([1, 2, 3]), st.binary(max_size=400))
+def test_no_body_breaks_it_even_under_a_right_sum(kind, body):
+    for decode, own in zip(DECODERS, (1, 2, 3), strict=True):
+        message = decode(sealed(b"VV\x01" + bytes((kind,)) + body))
+        if kind != own:
+            assert message == link.Malformed("wrong_kind")
+        else:
+            assert isinstance(message, (link.Malformed, Setpoint, link.Feedback, Act))
+
+
+@given(st.one_of(SETPOINTS.map(link.encode_setpoint), FEEDBACKS.map(link.encode_feedback)), st.data())
+def test_a_right_message_cut_short_or_made_longer_under_a_right_sum_is_none(data, draws):
+    body = data[:-4]
+    cut = draws.draw(st.integers(4, len(body) - 1))
+    for decode in DECODERS:
+        assert isinstance(decode(sealed(body[:cut])), link.Malformed)
+        assert isinstance(decode(sealed(body + b"\0")), link.Malformed)
+
+
+@given(SETPOINTS, st.data())
+def test_a_flipped_bit_is_found(setpoint, draws):
+    data = bytearray(link.encode_setpoint(setpoint))
+    place = draws.draw(st.integers(0, 8 * len(data) - 1))
+    data[place // 8] ^= 1 << place % 8
+    assert link.decode_setpoint(bytes(data)) == link.Malformed("wrong_crc")
+
+
+def test_what_is_wrong_is_said():
+    right = link.encode_act(Act.STOP)
+    assert link.decode_act(right[:7]) == link.Malformed("too_short")
+    assert link.decode_act(right[:-1]) == link.Malformed("wrong_crc")
+    assert link.decode_act(sealed(b"VX\x01\x02\x04stop")) == link.Malformed("wrong_magic")
+    assert link.decode_act(sealed(b"VV\x02\x02\x04stop")) == link.Malformed("wrong_version")
+    assert link.decode_act(sealed(b"VV\x01\x01\x04stop")) == link.Malformed("wrong_kind")
+    assert link.decode_act(sealed(b"VV\x01\x02\x04fly!")) == link.Malformed("wrong_content")
+    assert link.decode_act(sealed(b"VV\x01\x02\x04stop!")) == link.Malformed("wrong_content")
+
+
+def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so():
+    said = Setpoint(0.0, 0.0, note="ä" * 1000, faults=("x" * 300,) * 100, profile=StopProfile(1.0, (0.0,) * 10_000))
+    data = link.encode_setpoint(said)
+    assert len(data) < 20_000
+    back = link.decode_setpoint(data)
+    assert back.note == "ä" * 127
+    assert back.faults == ("x" * 255,) * 64
+    assert not well_formed(back.profile)
+    verdict = Verdict(ArmingState.FAULT, ("y",) * 1000, 0.0, 0.0, (), 0.0, 0.0)
+    feedback = link.decode_feedback(
+        link.encode_feedback(link.Feedback(0.0, 1 << 80, math.nan, verdict, 0.0, 0.0, "", 1))
+    )
+    assert (len(feedback.verdict.reasons), feedback.sequence) == (64, (1 << 63) - 1)

@@ -1,0 +1,171 @@
+"""Gateway, hardware-free car and sender as processes on a wire; the suite is their operator, recorder and saboteur."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import pickle
+import select
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.vm.sender import PERIOD, Sender
+from tests.vm.wires import Heard, Wire, Witness
+from vve_sumo.frames import MapFrame
+from vve_sumo.live.car import CarConfig
+from vve_sumo.live.channel import pair
+from vve_sumo.live.spawn import start
+from vve_sumo.plant import fusion
+from vve_sumo.values import ArmingState, Frame, GatewayRow
+from vve_sumo.vehicle import dbw, link
+from vve_sumo.vehicle.gateway import Act
+from vve_sumo.vehicle.limits import Limits
+
+LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
+EPOCH = 1_447_000_000.0
+LOOK = 0.02
+NOBODY = ("127.0.0.1", 9)  # listens to the car's NCOM
+
+
+class LiveCar:
+    """The car's process on a wire; it stands in park between two drives."""
+
+    def __init__(self, wire: Wire, folder: Path) -> None:
+        self.t0 = time.monotonic()
+        self.truth_file = folder / f"truth-{wire.car}.csv"
+        self.parameters = fusion.parameters(noise=False)
+        config = CarConfig(
+            self.parameters,
+            LOT,
+            40.0,
+            -82.98,
+            0.0,
+            EPOCH,
+            self.t0,
+            1,
+            NOBODY,
+            ("socketcan", wire.car),
+            (),
+            self.truth_file,
+        )
+        self.console, theirs = pair()
+        self._process = start("car", config.told(), {"console": theirs})
+        assert select.select([self.console], [], [], 30.0)[0], "the car says that it is ready"
+        said = json.loads(self.console.receive()[0])
+        assert said["kind"] == "car_ready", said
+
+    def truth(self, since: float) -> list[tuple[float, float, float]]:
+        """Drive time [s], x [m] along the start's heading and speed [m/s], since a drive time."""
+        with self.truth_file.open() as file:
+            rows = [(float(row["time_s"]), float(row["y_m"]), float(row["speed_mps"])) for row in csv.DictReader(file)]
+        return [row for row in rows if row[0] >= since]
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.wait()
+
+
+class Bench:
+    """One drive of one gateway process over a wire."""
+
+    def __init__(self, wire: Wire, car: LiveCar, *, cruise: bool) -> None:
+        self.car, self.t0 = car, car.t0
+        self.witness = Witness(wire.car, dbw.COMMAND_IDS | {dbw.GEAR_REPORT})
+        self.begun = self.now
+        self.rows: list[GatewayRow] = []
+        self.sent: list[Frame] = []
+        self.states: list[ArmingState] = []
+        self.reasons: tuple[str, ...] = ()
+        self.speed = 0.0
+        to_gateway, drive = pair()
+        self.sender = Sender(to_gateway, drive, self.t0, cruise)
+        self.console, console = pair()
+        self._recorder, recorder = pair()
+        channels = {"drive": drive, "console": console, "recorder": recorder}
+        self.gateway: subprocess.Popen[bytes] = start("gateway", self._config(wire), channels, own_session=True)
+
+    def _config(self, wire: Wire) -> dict[str, object]:
+        parameters = self.car.parameters
+        return {
+            "vehicle": dataclasses.asdict(parameters.vehicle),
+            "calibration": dataclasses.asdict(parameters.calibration),
+            "limits": dataclasses.asdict(Limits()),
+            "variant": parameters.kit.variant.name,
+            "period": PERIOD,
+            "bus": {"interface": "socketcan", "channel": wire.gateway, "bitrate": 500_000},
+            "t0": self.t0,
+            "epoch": EPOCH,
+            "shadow": False,
+            "wheel_bias": 0.0,
+            "stop_can_id": None,
+            "log": None,
+        }
+
+    @property
+    def now(self) -> float:
+        """Drive time [s]."""
+        return time.monotonic() - self.t0
+
+    def act(self, act: Act) -> None:
+        """Do what an operator does."""
+        assert self.console.send(link.encode_act(act))
+
+    def until(self, condition: Callable[[], bool], patience: float = 20.0) -> None:
+        """Let time pass until a condition holds."""
+        deadline = time.monotonic() + patience
+        while not condition():
+            there = self.gateway.poll() is None and time.monotonic() < deadline
+            self.run(LOOK)
+            assert there or condition(), f"waited in vain: {self.states}, {self.reasons}, {self.speed:.2f} m/s"
+
+    def run(self, duration: float) -> None:
+        """Let time pass, hearing everything."""
+        end = time.monotonic() + duration
+        while True:
+            self._listen()
+            if (left := end - time.monotonic()) <= 0.0:
+                return
+            time.sleep(min(left, LOOK))
+
+    def engage(self) -> None:
+        """Take the car over and let it go."""
+        # The first words come when Python has imported everything, some two seconds of the machine's clock.
+        self.until(lambda: ArmingState.READY in self.states, patience=30.0)
+        self.act(Act.ENGAGE)
+        self.until(lambda: "waiting_for_go" in self.reasons)
+        self.act(Act.GO)
+
+    def finish(self) -> None:
+        """Wait for the gateway's own end, and let everything be said."""
+        self.until(lambda: self.gateway.poll() is not None)
+        self._listen()
+
+    def _listen(self) -> None:
+        self.witness.listen()
+        for data in self.console.receive():
+            feedback = link.decode_feedback(data)
+            assert isinstance(feedback, link.Feedback)
+            if not self.states or feedback.verdict.state is not self.states[-1]:
+                self.states.append(feedback.verdict.state)
+            self.reasons, self.speed = feedback.verdict.reasons, feedback.wheel_speed
+        for data in self._recorder.receive():
+            for verb, said in pickle.loads(data):
+                if verb == "stepped":
+                    self.rows.append(said[0])
+                elif verb == "saw_frames":
+                    self.sent += [Frame(*frame) for frame in said[2] if frame[0] in dbw.COMMAND_IDS]
+
+    def commands(self, kind: int) -> list[Heard]:
+        """Everything that the wire carried of one kind, on drive time."""
+        return [Heard(heard.time - self.t0, heard.frame) for heard in self.witness.heard if heard.frame.id == kind]
+
+    def close(self) -> None:
+        """End everything."""
+        self.sender.end()
+        self.gateway.kill()
+        self.gateway.wait()
+        self.witness.close()

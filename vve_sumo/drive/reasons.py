@@ -1,0 +1,53 @@
+"""Reason codes in plain words: those that the drive, the street and the live processes give, and a lookup for all.
+
+Must not know who gives a code or what follows from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from vve_sumo.pose import trust
+from vve_sumo.vehicle import arming
+
+#: Codes that neither the gateway (`arming.REASONS`) nor the trust gate (`trust.REASONS`) gives.
+DRIVE_REASONS: Final[dict[str, str]] = {
+    "actors_not_finite": "the street holds an actor whose place or speed is not a number",
+    "anchor_heading": "SUMO turned the car away from the heading it was given",
+    "anchor_position": "SUMO moved the car away from the place it was given",
+    "anchor_speed": "SUMO gave the car another speed than it was told",
+    "car_moves": "the car moves by the receiver's word",
+    "controller_not_finite": "the controller asked for something that is not a number",
+    "controller_raised": "the controller raised an exception",
+    "controller_wrong_type": "the controller returned something that is no setpoint",
+    "drive_lost": "the drive's process ended before the drive did",
+    "ego_absent": "the car is not on the virtual street yet",
+    "ego_lost": "the car vanished from the virtual street",
+    "ego_not_placed": "the street was stepped without being told where the car is",
+    "gateway_gone": "the gateway's process is gone: the kit's watchdog brakes",
+    "internal_error": "a mistake in this program; the traceback lies in the record",
+    "latency_budget": "too many ticks within a second took longer than the rig's budget",
+    "lot_edge": "the car could not be sure to come to rest inside the lot",
+    "off_path": "the car is farther off its path than allowed",
+    "overrun": "the drive's loop was too late too often: its ticks were skipped",
+    "path_leaves_lot": "the path leads to where the car could not stop inside the lot",
+    "pose_not_finite": "the pose to be shown to the street is not a number",
+    "pose_not_front_bumper": "the pose to be shown to the street is of another point than the front bumper",
+    "pose_out_of_bounds": "the pose lies outside the virtual street, or is faster than any car",
+    "profile_may_not_arm": "this source of poses is good for looking on, not for driving a car",
+    "record_failed": "the record cannot be written any more",
+    "record_full": "the recorder does not keep up",
+    "record_lost": "the recorder's process is gone",
+    "simulation_error": "the simulation broke",
+    "street_not_measured": "the street's steps take too long, or too few of them were measured",
+    "sumo_error": "SUMO refused a call or a step",
+    "virtual_contact": "the car touches something on the virtual street",
+}
+
+ALL: Final[Mapping[str, str]] = {**trust.REASONS, **arming.REASONS, **DRIVE_REASONS}
+
+
+def in_words(code: str) -> str:
+    """Return the plain words of a reason code; the code itself where nobody has words for it."""
+    return ALL.get(code, code)

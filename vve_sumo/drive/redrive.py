@@ -1,0 +1,151 @@
+"""Another controller on a record's inputs: what it would have answered, tick by tick, beside what was answered then.
+
+Open loop: the car did what the recorded controller said, whatever this one would have said. Pure, but for the table
+that it writes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from pyarrow import csv
+
+from vve_sumo.drive.chain import Decided
+from vve_sumo.drive.replay import codes
+from vve_sumo.errors import ConfigError
+from vve_sumo.values import Floats, Setpoint
+
+#: a controller that asks for more than this deceleration brakes [m/s2]; less is coasting, or holding its speed
+BRAKES: Final = 0.5
+#: endings of a table's file
+ENDINGS: Final = (".parquet", ".csv")
+
+_WHOSE: Final = ("recorded", "other")
+_NUMBERS: Final = ("steering_rad", "acceleration_mps2")
+_ANSWER: Final = {
+    "steering_rad": pa.float64(),
+    "acceleration_mps2": pa.float64(),
+    "emergency": pa.bool_(),
+    "note": pa.string(),
+    "failure": pa.string(),
+}
+_SCHEMA: Final = pa.schema(
+    [("tick", pa.int64()), ("time_s", pa.float64())]
+    + [(f"{whose}_{name}", kind) for name, kind in _ANSWER.items() for whose in _WHOSE]
+)
+
+#: reason codes of a controller that gave no answer
+_FAILURES: Final = ("controller_raised", "controller_wrong_type", "controller_not_finite")
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """What one controller did over all its ticks; NaN for what never came."""
+
+    brakes_at: float  #: drive time of its first braking [s]
+    emergency_at: float  #: drive time at which it first asked for the emergency envelope [s]
+    notes: tuple[str, ...]  #: its words, in the order in which it first said them
+    failed_at: int | None  #: first tick at which it failed to answer; None where it never did
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two controllers on the same inputs."""
+
+    ticks: int  #: compared: both gave an answer
+    differs_at: int | None  #: first tick at which they differ in anything; None where they never do
+    greatest: dict[str, float]  #: difference, by "steering_rad" and "acceleration_mps2"
+    rms: dict[str, float]  #: likewise
+    recorded: Answers
+    other: Answers
+
+
+def side_by_side(pairs: Iterable[tuple[dict[str, Any], Decided]]) -> pa.Table:
+    """Return a row a tick of both answers, of recorded rows with what another controller came to.
+
+    Before the first trusted fix nobody is asked: NaN, no note. A controller that failed gave NaN and a reason code.
+    """
+    return pa.Table.from_pylist([_row(row, decided) for row, decided in pairs], schema=_SCHEMA)
+
+
+def _row(row: dict[str, Any], decided: Decided) -> dict[str, Any]:
+    setpoint = decided.setpoint or Setpoint(math.nan, math.nan)
+    recorded = (row["steering_setpoint_rad"], row["acceleration_setpoint_mps2"], row["emergency"], row["note"])
+    other = (setpoint.steering, setpoint.acceleration, setpoint.emergency, setpoint.note)
+    answers = (_answer(recorded, codes(row["faults"])), _answer(other, decided.faults))
+    spelt = {f"{whose}_{name}": answer[name] for whose, answer in zip(_WHOSE, answers, strict=True) for name in _ANSWER}
+    return {"tick": row["tick"], "time_s": row["time_s"]} | spelt
+
+
+def _answer(answer: tuple[float, float, bool, str], faults: Iterable[str]) -> dict[str, Any]:
+    failure = next((code for code in faults if code in _FAILURES), "")
+    # What stands in for an answer that never came is none to compare with.
+    return dict(zip(_ANSWER, (math.nan, math.nan, False, "", failure) if failure else (*answer, ""), strict=True))
+
+
+def compared(table: pa.Table) -> Comparison:
+    """Return what a table of `side_by_side` comes to."""
+    tick = table["tick"].to_numpy()
+    difference = {name: numbers(table, f"other_{name}") - numbers(table, f"recorded_{name}") for name in _NUMBERS}
+    both = np.logical_and.reduce([np.isfinite(values) for values in difference.values()])
+    differs = np.logical_or.reduce([values != 0.0 for values in difference.values()]) & both
+    for name in ("emergency", "note"):
+        one, two = (table[f"{whose}_{name}"].to_pylist() for whose in _WHOSE)
+        differs |= np.array([a != b for a, b in zip(one, two, strict=True)], bool) & both
+    known = {name: values[both] for name, values in difference.items()}
+    return Comparison(
+        ticks=int(both.sum()),
+        differs_at=_first(tick, differs),
+        greatest={name: float(np.abs(values).max(initial=0.0)) for name, values in known.items()},
+        rms={name: math.sqrt(float(values @ values) / max(len(values), 1)) for name, values in known.items()},
+        recorded=_answers(table, "recorded"),
+        other=_answers(table, "other"),
+    )
+
+
+def _answers(table: pa.Table, whose: str) -> Answers:
+    time, acceleration = numbers(table, "time_s"), numbers(table, f"{whose}_acceleration_mps2")
+    asked = table[f"{whose}_emergency"].to_numpy(zero_copy_only=False)
+    brakes, emergency = _first(time, acceleration < -BRAKES), _first(time, asked)
+    return Answers(
+        brakes_at=math.nan if brakes is None else float(brakes),
+        emergency_at=math.nan if emergency is None else float(emergency),
+        notes=tuple(note for note in dict.fromkeys(table[f"{whose}_note"].to_pylist()) if note),
+        failed_at=_first(table["tick"].to_numpy(), [code != "" for code in table[f"{whose}_failure"].to_pylist()]),
+    )
+
+
+def _first(values: NDArray[Any], where: Any) -> Any:
+    """Return the first of the values where a condition holds, None where it never does."""
+    at = np.flatnonzero(where)
+    return values[at[0]].item() if len(at) else None
+
+
+def numbers(table: pa.Table, name: str) -> Floats:
+    """Return a numeric column."""
+    values: Floats = table[name].to_numpy()
+    return values
+
+
+def writable(file: Path) -> None:
+    """Raise ConfigError for a place that `write` could not write a table to."""
+    if file.suffix not in ENDINGS:
+        raise ConfigError(f"{file}: expected a name that ends in {' or '.join(ENDINGS)}")
+    if not file.absolute().parent.is_dir():
+        raise ConfigError(f"{file}: its folder does not exist")
+
+
+def write(table: pa.Table, file: Path) -> None:
+    """Write a table of `side_by_side` as Parquet or CSV, as the file's ending says."""
+    if file.suffix == ".csv":
+        csv.write_csv(table, file)
+    else:
+        pq.write_table(table, file, compression="zstd")

@@ -1,0 +1,1 @@
+"""Live: real time, real buses, one process for each duty; the same core as in lockstep."""

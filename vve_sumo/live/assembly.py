@@ -1,0 +1,227 @@
+"""From a scenario and a rig to the parts of a live drive, the same for the drive and for its replay.
+
+Puts objects together; starts no process. What it takes is plain JSON, so that a record can be put together again.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+import numpy as np
+
+from vve_sumo.bus import Bus
+from vve_sumo.controller import Guarded
+from vve_sumo.drive.chain import Chain, Feed
+from vve_sumo.drive.setting import PERIOD, Setting, resolve
+from vve_sumo.errors import ConfigError, RigError
+from vve_sumo.frames import Placement
+from vve_sumo.live.ground import Ground, Stood, stand
+from vve_sumo.pose import ncom, nmea, oxts_can, receive
+from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.predict import Predictor
+from vve_sumo.pose.trust import DRIVE, NMEA, PLAYBACK, TrustGate, TrustProfile
+from vve_sumo.rig import load as rigs
+from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.schema import Rig
+from vve_sumo.scenario.load import parse
+from vve_sumo.sensors.radar import Radar
+from vve_sumo.values import Fix, Frame
+
+#: GNSS time minus this machine's wall clock where that is disciplined to UTC [s]: epoch of GPS, and 18 leap seconds
+GNSS_OF_UNIX: Final = -315_964_800.0 + 18.0
+#: a frame of a receiver's bus as a portion of pose bytes: identifier, length, payload
+_FRAME: Final = struct.Struct("<HB8s")
+
+_PROFILES: Final[dict[str, TrustProfile]] = {
+    "ncom_udp": DRIVE,
+    "oxts_can": DRIVE,
+    "nmea_udp": NMEA,
+    "nmea_tcp": NMEA,
+    "nmea_serial": NMEA,
+    "file": PLAYBACK,
+}
+
+
+def told(setting: Setting, scenario_file: FilePath, rig_name: str, rig: Rig) -> dict[str, Any]:
+    """Return what `restored` needs beside the record's own keys, as plain JSON."""
+    return {
+        "scenario_file": str(scenario_file),
+        "rig_name": rig_name,
+        "rig": rig.model_dump(mode="json", exclude_unset=True),
+        "gateway": gateway_config(rig, shadow=False),
+    }
+
+
+def restored(resolved: Mapping[str, Any], working: FilePath) -> tuple[Setting, Rig]:
+    """Return the setting and the rig of a live drive from what its record says.
+
+    Raises ConfigError where something that it names is not there any more.
+    """
+    file = FilePath(resolved["scenario_file"])
+    setting = resolve(resolved["scenario"], parse(resolved["settings"], file), file, working)
+    rig = rigs.parse_json(resolved["rig"], FilePath(resolved["rig_name"]))
+    return fitted(setting, rig), rig
+
+
+def fitted(setting: Setting, rig: Rig) -> Setting:
+    """Return a scenario's setting with the rig's car; raises ConfigError for a speed that the lot does not allow."""
+    wanted, allowed = setting.scenario.ego.speed_mps, rig.limits.speed_mps
+    if wanted > allowed:
+        raise ConfigError(
+            f"ego.speed_mps: {wanted:g} m/s is more than the rig's limits.speed_mps, {allowed:g} m/s; "
+            "lower the scenario's speed or take a larger lot"
+        )
+    return replace(setting, vehicle=meaning.vehicle_of(rig))
+
+
+def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
+    """Return what the gateway is made from, as plain JSON; bus and times come with the drive."""
+    return {
+        "vehicle": asdict(meaning.vehicle_of(rig)),
+        "calibration": asdict(meaning.calibration_of(rig)),
+        "limits": asdict(meaning.limits_of(rig)),
+        "variant": meaning.variant_of(rig).name,
+        "period": PERIOD,
+        "shadow": shadow,
+        "wheel_bias": meaning.steering_wheel_bias_of(rig),
+        "stop_can_id": rig.operator.stop_can_id,
+    }
+
+
+def chain_of(setting: Setting, rig: Rig, ground: Ground, working: FilePath) -> Chain:
+    """Put the chain of a live drive together; raises ConfigError as `Setting.controller` does."""
+    scenario, epoch = setting.scenario, ground.epoch
+    frame = meaning.frame_of(rig)
+    if frame.projection != ground.projection:
+        raise ConfigError("the rig's lot is not the one that the drive was laid out in")
+    radar_seeds = np.random.SeedSequence(scenario.seed).spawn(2)[1]
+    return Chain(
+        decoder=decoder_of(rig),
+        gate=TrustGate(profile_of(rig), epoch),
+        placement=Placement(frame, ground.alignment, meaning.mounting_of(rig), epoch),
+        predictor=Predictor(),
+        radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(radar_seeds)),
+        controller=Guarded(setting.controller(working)),
+        vehicle=setting.vehicle,
+        path=setting.path,
+        desired_speed=scenario.ego.speed_mps,
+        deviation_limit=scenario.ego.deviation_limit_m,
+        clock=Clock(epoch, minimum_delay_of(rig), absolute=rig.pose.clock == "absolute"),
+        epoch=epoch,
+        fence=meaning.fence_of(rig, ground.alignment),
+    )
+
+
+def minimum_delay_of(rig: Rig) -> float:
+    """Return what a fix takes to arrive at best [s]; 0 where nobody has to say it."""
+    return (rig.pose.minimum_delay_ms or 0.0) / 1000.0
+
+
+def profile_of(rig: Rig) -> TrustProfile:
+    """Return how strictly the rig's receiver is judged."""
+    return _PROFILES[rig.pose.kind]
+
+
+def decoder_of(rig: Rig) -> Feed:
+    """Return a fresh decoder for what the rig's receiver speaks."""
+    pose = rig.pose
+    match pose.kind:
+        case "ncom_udp" | "file":
+            return ncom.Decoder()
+        case "oxts_can":
+            return FrameFeed()
+        case _:
+            assert pose.velocity_sigma_mps is not None
+            assert pose.heading_sigma_deg is not None
+            return nmea.Decoder(
+                velocity_sigma=pose.velocity_sigma_mps, heading_sigma=math.radians(pose.heading_sigma_deg)
+            )
+
+
+def source_of(rig: Rig) -> receive.Source:
+    """Open the rig's receiver; raises RigError naming the rig's key."""
+    pose = rig.pose
+    match pose.kind:
+        case "ncom_udp" | "nmea_udp":
+            return receive.open_udp(pose.address, pose.port)
+        case "nmea_tcp":
+            return receive.open_tcp(pose.address, pose.port)
+        case "nmea_serial":
+            assert pose.device is not None
+            return receive.open_serial(pose.device, pose.baud)
+        case "oxts_can":
+            assert pose.interface is not None
+            assert pose.channel is not None
+            return FrameSource(Bus(pose.interface, pose.channel, pose.bitrate))
+        case _:
+            assert pose.file is not None
+            return receive.open_file(FilePath(pose.file))
+
+
+def wall_epoch(t0: float) -> float:
+    """Return the GNSS second of drive time 0, `t0` on the monotonic clock, by this machine's wall clock."""
+    return time.time() + GNSS_OF_UNIX - (time.monotonic() - t0)
+
+
+def absolute_epoch(rig: Rig, t0: float) -> float | None:
+    """Return the GNSS second of drive time 0, `t0` on the monotonic clock, where this machine's clock knows it."""
+    return wall_epoch(t0) if rig.pose.clock == "absolute" else None
+
+
+def stood(rig: Rig, source: receive.Source, t0: float) -> Stood:
+    """Wait for what the rig's receiver says of the standing car; raises RigError as `ground.stand`."""
+    delay = minimum_delay_of(rig)
+    return stand(source, decoder_of(rig), profile_of(rig), delay, t0, absolute_epoch(rig, t0))
+
+
+class FrameSource:
+    """A receiver on a CAN bus as a source of portions, each a frame; arrivals are when they are read."""
+
+    def __init__(self, bus: Bus) -> None:
+        number = bus.fileno()
+        if number is None:
+            bus.close()
+            raise RigError("pose.interface: this driver cannot be waited on, take socketcan or slcan")
+        self._bus, self._number = bus, number
+        self.lost = False
+
+    def fileno(self) -> int:
+        """Return what to wait on."""
+        return self._number
+
+    def next_due(self) -> float:
+        """Return inf: frames wake who waits."""
+        return math.inf
+
+    def receive(self) -> list[tuple[float, bytes]]:
+        """Return the frames that wait; a bus that is down gives none."""
+        try:
+            frames = self._bus.drain()
+        except RigError:
+            self.lost = True
+            return []
+        now = time.monotonic()
+        return [(now, _FRAME.pack(frame.id, len(frame.data), frame.data)) for frame in frames]
+
+    def close(self) -> None:
+        """Let go of the bus."""
+        self._bus.close()
+
+
+class FrameFeed:
+    """The decoder of what `FrameSource` gives."""
+
+    def __init__(self) -> None:
+        self._decoder = oxts_can.Decoder()
+
+    def feed(self, data: bytes, time_received: float) -> list[Fix]:
+        """Return the fixes that these frames complete; what is no whole frame is left out."""
+        whole = len(data) - len(data) % _FRAME.size
+        frames = [Frame(number, payload[:size]) for number, size, payload in _FRAME.iter_unpack(data[:whole])]
+        return self._decoder.feed_frames(frames, time_received)

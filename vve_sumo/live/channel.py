@@ -1,0 +1,87 @@
+"""Datagrams between two processes of a live drive, over a socket that only they have.
+
+Knows bytes and queues; not what a datagram says. Nothing here ever waits: whoever cannot be told now is not told.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+from typing import Final
+
+#: asked of the kernel for every queue [bytes]: what Linux allows everybody, and counts twice; so that whoever stops
+#: listening is found out equally soon on every machine
+QUEUE: Final = 212_992
+#: longest datagram [bytes]
+LONGEST: Final = 400_000
+
+
+class Channel:
+    """One end of a datagram channel; it keeps boundaries and order, and what it has accepted it delivers."""
+
+    def __init__(self, end: socket.socket) -> None:
+        end.setblocking(False)
+        for queue in (socket.SO_SNDBUF, socket.SO_RCVBUF):
+            end.setsockopt(socket.SOL_SOCKET, queue, QUEUE)
+        self._socket = end
+        self.closed = False  #: the other end is gone, as far as sending or receiving has shown
+
+    def send(self, data: bytes) -> bool:
+        """Hand over a datagram, not empty; False where the other end is gone or the queue has no room for it."""
+        if len(data) > LONGEST:
+            return False
+        try:
+            self._socket.send(data, socket.MSG_NOSIGNAL)
+        except (BlockingIOError, InterruptedError):
+            return False
+        except OSError as error:
+            # Longer than the whole queue is as good as a full queue; anything else is an end that is gone.
+            self.closed = self.closed or not _is_too_long(error)
+            return False
+        return True
+
+    def receive(self) -> list[bytes]:
+        """Return all datagrams that wait now, in order; what came before the other end went is still delivered."""
+        waiting: list[bytes] = []
+        while True:
+            try:
+                data = self._socket.recv(LONGEST)
+            except (BlockingIOError, InterruptedError):
+                return waiting
+            except ConnectionResetError:
+                # Said once, where the other end went without reading all; what it had sent comes after it.
+                self.closed = True
+                continue
+            except OSError:
+                self.closed = True
+                return waiting
+            if not data:
+                self.closed = True
+                return waiting
+            waiting.append(data)
+
+    def fileno(self) -> int:
+        """Return the file descriptor, for poll and select."""
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        """Let go of this end; the other end sees it as gone."""
+        self.closed = True
+        self._socket.close()
+
+
+def pair() -> tuple[Channel, Channel]:
+    """Return the two ends of a new channel."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    return Channel(ours), Channel(theirs)
+
+
+def adopt(descriptor: int) -> Channel:
+    """Return the channel whose end came to this process as file `descriptor`; its own children shall not have it."""
+    end = socket.socket(fileno=descriptor)
+    end.set_inheritable(False)
+    return Channel(end)
+
+
+def _is_too_long(error: OSError) -> bool:
+    return error.errno in (errno.EMSGSIZE, errno.ENOBUFS)

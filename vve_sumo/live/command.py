@@ -1,0 +1,268 @@
+"""`vve-sumo drive --rig` from names to record, picture and table: starts the crew, looks after it, says how it went.
+
+The only module of the room that looks at the wall clock or prints.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+from vve_sumo import workspace
+from vve_sumo.drive import command as drives
+from vve_sumo.drive.ending import Outcome
+from vve_sumo.drive.lockstep import Run
+from vve_sumo.drive.record import claim, read_table, write_summary
+from vve_sumo.drive.setting import Setting
+from vve_sumo.drive.street import standing
+from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
+from vve_sumo.live import assembly, spawn, stand_in
+from vve_sumo.live.channel import pair
+from vve_sumo.live.console import Console, Crew
+from vve_sumo.live.ground import Ground, lay
+from vve_sumo.live.keys import Keys
+from vve_sumo.live.priority import stand_back
+from vve_sumo.live.screen import Screen
+from vve_sumo.live.summary import summarise
+from vve_sumo.pose.receive import Source
+from vve_sumo.rig import load as rigs
+from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.lock import held
+from vve_sumo.rig.refusal import PTY, arming_refusal
+from vve_sumo.rig.schema import Rig
+
+#: for a process to end by itself once all is over [s]; the recorder writes its tables in this time
+LAST_PATIENCE: Final = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A live drive before anything of it runs."""
+
+    setting: Setting
+    scenario_file: FilePath
+    rig: Rig
+    rig_file: FilePath
+    folder: FilePath
+    working: FilePath
+    shadow: bool
+    t0: float  #: monotonic second of drive time 0
+
+    def clock(self) -> float:
+        """Drive time [s]."""
+        return time.monotonic() - self.t0
+
+
+def plan(
+    scenario: str,
+    rig: str,
+    working: FilePath,
+    *,
+    out: FilePath | None,
+    seed: int | None,
+    controller: str | None,
+    shadow: bool,
+) -> Plan:
+    """Find everything by name and refuse what nobody should drive with; nothing is opened, written or moved.
+
+    Raises ConfigError for what is wrong in a file, RigError for a rig that may not command a car.
+    """
+    rig_file = workspace.find("rig", rig, working)
+    loaded = rigs.load(rig_file)
+    if not shadow and (reason := arming_refusal(loaded)) is not None:
+        raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
+    setting = drives.choose(scenario, working, seed=seed, controller=controller)
+    try:
+        setting = assembly.fitted(setting, loaded)
+    except ConfigError as error:
+        raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
+    folder = (out if out is not None else drives.folder_for(setting, working)).absolute()
+    claim(folder)
+    scenario_file = workspace.find("scenario", scenario, working).absolute()
+    return Plan(setting, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic())
+
+
+def live(plan: Plan) -> dict[str, Any]:
+    """Drive a plan to its end and return its summary; raises VveError where it never began."""
+    controller = plan.setting.controller(plan.working)  # refuses what is wrong before anything is started
+    with (
+        held(plan.rig_file),
+        contextlib.ExitStack() as stack,
+        Keys(listen=not plan.rig.operator.automatic) as keys,
+    ):
+        # Before anything else: where another program has the receiver's port, no car of ours shall speak to it.
+        source = stack.enter_context(contextlib.closing(assembly.source_of(plan.rig)))
+        plan.folder.mkdir(parents=True, exist_ok=True)
+        car = None
+        if plan.rig.car == "hardware_free":
+            car = stand_in.start(plan.rig, plan.t0, plan.setting.scenario.seed, stack, plan.folder)
+        ground = _ground(plan, source)
+        resolved = plan.setting.resolved(controller) | ground.as_dict()
+        resolved |= assembly.told(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
+        resolved["gateway"]["shadow"] = plan.shadow
+        crew = _crew(plan, resolved, ground, car)
+        stand_back()
+        _note_processes(plan, crew)
+        screen = Screen(sys.stderr)
+        console = Console(crew, keys, screen, plan.rig.operator.automatic)
+        try:
+            console.run()
+        finally:
+            screen.close()
+            crew.dismiss(LAST_PATIENCE)
+            stack.pop_all()
+    if console.refusal is not None and not _drove(plan.folder):
+        text, exit_code = console.refusal
+        raise _ERRORS.get(exit_code, VveError)(text)
+    return _summary(plan, console.why)
+
+
+_ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
+
+
+def _ground(plan: Plan, source: Source) -> Ground:
+    """Find where the lot lies on the street, and GNSS time, while the car stands; the drive is to open the receiver."""
+    rig, setting = plan.rig, plan.setting
+    print("waiting for trusted fixes of the standing car", file=sys.stderr)
+    try:
+        stood = assembly.stood(rig, source, plan.t0)
+    finally:
+        source.close()
+    begin = setting.path.at(0.0)
+    stored = meaning.alignment_of(rig, setting.scenario.street.network)
+    start = standing(begin.x, begin.y, begin.heading)
+    return lay(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, stored)
+
+
+def not_ready(plan: Plan, ground: Ground) -> tuple[str, ...]:
+    """Reason codes of what stands against this drive from its beginning to its end."""
+    fence = meaning.fence_of(plan.rig, ground.alignment)
+    leaves = fence.along(plan.setting.path, plan.setting.scenario.ego.speed_mps)
+    if leaves is None:
+        return ()
+    print(
+        f"the path leaves the lot: from {leaves:.0f} m on, the car could not stop inside it; "
+        "vve-sumo align --fit proposes how to lay it",
+        file=sys.stderr,
+    )
+    return ("path_leaves_lot",)
+
+
+def _crew(plan: Plan, resolved: dict[str, Any], ground: Ground, car: stand_in.StandIn | None) -> Crew:
+    """Start recorder, gateway and drive, each with the ends that it needs and no others."""
+    console_gateway, gateway_console = pair()
+    console_drive, drive_console = pair()
+    drive_gateway, gateway_drive = pair()
+    drive_recorder, recorder_drive = pair()
+    gateway_recorder, recorder_gateway = pair()
+    folder, rig = plan.folder, plan.rig
+    common = {"folder": str(folder), "t0": plan.t0, "epoch": ground.epoch}
+    recorder = spawn.start(
+        "recorder",
+        common | {"resolved": resolved, "log": str(folder / "recorder.log")},
+        {"drive": recorder_drive, "gateway": recorder_gateway},
+        own_session=True,
+    )
+    interface, channel = car.bus if car is not None and rig.bus.channel == PTY else (rig.bus.interface, rig.bus.channel)
+    bus = {"interface": interface, "channel": channel, "bitrate": rig.bus.bitrate}
+    gateway = spawn.start(
+        "gateway",
+        common | resolved["gateway"] | {"bus": bus, "log": str(folder / "gateway.log")},
+        {"drive": gateway_drive, "console": gateway_console, "recorder": gateway_recorder},
+        own_session=True,
+    )
+    drive = spawn.start(
+        "drive",
+        common
+        | {
+            "resolved": resolved,
+            "working": str(plan.working),
+            "not_ready": not_ready(plan, ground),
+            "log": str(folder / "drive.log"),
+        },
+        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder},
+        own_session=True,
+    )
+    process, to_car = (car.process, car.channel) if car is not None else (None, None)
+    return Crew(gateway, drive, recorder, process, console_gateway, console_drive, to_car)
+
+
+def _note_processes(plan: Plan, crew: Crew) -> None:
+    """Write down who is who and when it began, for whoever has to look after a process by hand."""
+    numbers: dict[str, float] = {"gateway": crew.gateway.pid, "drive": crew.drive.pid, "recorder": crew.recorder.pid}
+    numbers |= {"car": crew.car.pid} if crew.car is not None else {}
+    numbers["t0_monotonic_s"] = plan.t0
+    (plan.folder / "processes.json").write_text(json.dumps(numbers) + "\n", encoding="utf-8")
+
+
+def _drove(folder: FilePath) -> bool:
+    """Whether the gateway ever commanded the car."""
+    try:
+        states = read_table(folder, "gateway")["state"].to_pylist()
+    except VveError:
+        return False
+    return any(state in ("engaged", "stopping", "stopped") for state in states)
+
+
+def _summary(plan: Plan, why: tuple[str, ...]) -> dict[str, Any]:
+    """Complete the recorder's summary by what the scenario asks for; `why` is what the gateway told the console."""
+    try:
+        told = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        # The recorder died, or found no room: this is what is left of the drive.
+        told = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": list(why)})
+    done = Run(
+        Outcome(told["outcome"]),
+        tuple(told["reasons"]),
+        tuple(told.get("cleared", ())),
+        tuple(told.get("warnings", ())),
+        told.get("text", ""),
+    )
+    full = drives.summarise(plan.setting, done, plan.folder, told.get("record_parts_sha256", {}))
+    extra = {key: told[key] for key in told if key not in full and key not in ("cleared", "warnings")}
+    summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow}
+    write_summary(plan.folder, summary)
+    return summary
+
+
+def drive_live(
+    scenario: str,
+    rig: str,
+    *,
+    out: FilePath | None,
+    seed: int | None,
+    controller: str | None,
+    shadow: bool,
+) -> int:
+    """Run the command: plan, drive, draw, show; return the exit code."""
+    made = plan(scenario, rig, FilePath.cwd(), out=out, seed=seed, controller=controller, shadow=shadow)
+    with _gone_when_empty(made.folder):
+        summary = live(made)
+    done = drives.Drive(made.folder, summary)
+    picture = None
+    with contextlib.suppress(VveError):
+        picture = drives.draw(made.setting, done) if summary["ticks"] else None
+    drives.show(done, picture)
+    if summary["outcome"] == Outcome.BROKEN:
+        return SimulationError.exit_code
+    return 0 if done.passed else 1
+
+
+@contextlib.contextmanager
+def _gone_when_empty(folder: FilePath) -> Iterator[None]:
+    """Take away the folder of a drive that never came to a record, with what its first processes left there."""
+    try:
+        yield
+    except VveError:
+        if not (folder / "scenario.json").exists():
+            with contextlib.suppress(OSError):
+                for name in ("truth.csv", "car.log"):
+                    (folder / name).unlink(missing_ok=True)
+                folder.rmdir()
+        raise

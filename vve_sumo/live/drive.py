@@ -1,0 +1,309 @@
+"""The process that drives: pose bytes and SUMO's street in, setpoints out, once a tick, phase-locked to the receiver.
+
+Sense and act first: the setpoint is on its way to the gateway before anything else is done. The way to rest, the record
+and SUMO's step come in the slack after it. Nothing here can reach the car's bus, and nothing here sends a setpoint but
+the tick that computed it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import math
+import select
+import sys
+import time
+import traceback
+from collections.abc import Mapping
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+from vve_sumo.drive.chain import Decided
+from vve_sumo.drive.ending import Ending, Outcome
+from vve_sumo.drive.ledger import Ledger
+from vve_sumo.drive.lockstep import WAITING
+from vve_sumo.drive.pacing import Begun, Pacer
+from vve_sumo.drive.rows import Moment, keep_scan, tick_row
+from vve_sumo.drive.setting import PERIOD
+from vve_sumo.drive.street import Street, open_world
+from vve_sumo.errors import VveError
+from vve_sumo.live import spawn
+from vve_sumo.live.assembly import chain_of, restored, source_of
+from vve_sumo.live.channel import Channel
+from vve_sumo.live.ground import Ground
+from vve_sumo.live.priority import DRIVE, prefer
+from vve_sumo.live.tap import Tap
+from vve_sumo.values import ArmingState, LatencyRow, Setpoint, Verdict
+from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming import COMMANDING, ENDING
+
+#: between two looks of the console at the drive [s]
+STATUS_PERIOD: Final = 0.1
+#: ticks between two small garbage collections, in the slack
+COLLECTION_TICKS: Final = 250
+#: on the sockets [s]
+LONGEST_WAIT: Final = 0.1
+#: what the last words to the recorder may take [s]
+PATIENCE: Final = 5.0
+
+_NOTHING: Final = Verdict(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
+
+
+class LiveDrive:
+    """One live drive's loop, with all that it holds open."""
+
+    def __init__(self, config: Mapping[str, Any], channels: Mapping[str, Channel]) -> None:
+        """Put everything together; raises VveError where something in the configuration is not usable."""
+        self._t0: float = config["t0"]
+        self._gateway, self._console = channels["gateway"], channels["console"]
+        self._tap = Tap(channels["recorder"])
+        working = FilePath(config["working"])
+        self._setting, self._rig = restored(config["resolved"], working)
+        ground = Ground.of(config["resolved"])
+        self._chain = chain_of(self._setting, self._rig, ground, working)
+        self._found: tuple[str, ...] = tuple(config["not_ready"])
+        self._street = Street(open_world(self._setting, time.perf_counter))
+        self._source = source_of(self._rig)
+        latency = self._rig.latency
+        self._ledger = Ledger(latency.budget_ms / 1000.0, latency.breaches)
+        self._pacer = Pacer(self._clock(), PERIOD, latency.deadline_ms / 1000.0)
+        self._ending = Ending(self._setting.path.length, self._setting.scenario.after_stop_s)
+        self._feedback: link.Feedback | None = None
+        self._late: tuple[str, ...] = ()
+        self._datagrams = 0
+        self._received = self._woken = math.nan
+        self._went_at: float | None = None
+        self._outcome: Outcome | None = None
+        self._why: tuple[str, ...] = ()  # the gateway's reasons for stopping, which it forgets once it has let go
+        self._told_at = -math.inf
+        self._ears: list[Any] = [self._source, self._gateway, self._console]
+
+    def run(self) -> None:
+        """Tick until the gateway is gone: while the car moves there is a way to rest to be told, console or none."""
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        # Not before: to load a street takes a second, in which nobody else would get this core.
+        prefer(DRIVE)
+        while not self._gateway.closed:
+            self._wait()
+            self._tick()
+        self._end()
+
+    def _clock(self) -> float:
+        """Drive time [s]."""
+        return time.monotonic() - self._t0
+
+    # Before a tick.
+
+    def _wait(self) -> None:
+        """Wait on the sockets until the next tick is to begin, and take in what has come."""
+        self._hear()
+        while (left := self._pacer.wait_until() - self._clock()) > 0.0:
+            left = min(left, self._source.next_due() - time.monotonic(), LONGEST_WAIT)
+            # select, not poll: a millisecond of rounding is a lot here.
+            select.select(self._ears, [], [], max(left, 0.0))
+            self._hear()
+
+    def _hear(self) -> None:
+        self._woken = self._clock()
+        self._take()
+
+    def _take(self) -> None:
+        """Take in what has come; the kernel's stamp tells when."""
+        for stamp, data in self._source.receive():
+            received = stamp - self._t0
+            self._chain.receive(received, data)
+            self._tap.received_pose(received, data)
+            self._datagrams += 1
+            self._received = received
+            self._pacer.arrived(received, self._chain.heard)
+        for data in self._gateway.receive():
+            feedback = link.decode_feedback(data)
+            if isinstance(feedback, link.Feedback):
+                self._feedback = feedback
+                self._ledger.framed(feedback.sequence, feedback.sent)
+        self._console.receive()
+        for ear, gone in ((self._source, self._source.lost), (self._console, self._console.closed)):
+            if gone and ear in self._ears:
+                # A dead connection is always ready, and would make the wait a busy one.
+                self._ears.remove(ear)
+
+    # A tick.
+
+    def _tick(self) -> None:
+        decoded = self._clock()
+        begun = self._pacer.begin(decoded)
+        feedback = self._feedback
+        steering = feedback.measured_steering if feedback else math.nan
+        self._chain.see(begun.due, self._street.actors)
+        seen = self._clock()
+        decided = self._chain.decide(begun.tick, begun.due, steering, self._faults(begun))
+        computed = self._clock()
+        handed = self._hand_over(decided.setpoint)
+        # All that follows happens in the slack.
+        self._keep(begun, decided, steering)
+        row = LatencyRow(
+            tick=begun.tick,
+            sequence=decided.setpoint.sequence if decided.setpoint else -1,
+            due_s=begun.due,
+            epoch_s=self._chain.heard,
+            received_s=self._received,
+            woken_s=self._woken,
+            decoded_s=decoded,
+            seen_s=seen,
+            decided_s=computed,
+            handed_s=handed,
+            framed_s=math.nan,
+            simulated_s=self._clock(),
+            woken_by=begun.woken_by,
+            missed=begun.missed,
+        )
+        self._late = self._ledger.step(row)
+        for done in self._ledger.completed():
+            self._tap.timed(done)
+        verdict = feedback.verdict if feedback else _NOTHING
+        self._watch_for_the_end(begun.due, decided, verdict)
+        self._tap.flush()
+        self._tell(begun, decided, verdict)
+        if begun.tick % COLLECTION_TICKS == 0:
+            gc.collect(0)
+
+    def _faults(self, begun: Begun) -> tuple[str, ...]:
+        recording = (self._tap.failure,) if self._tap.failure else ()
+        waits = () if self._street.fits or self._state in COMMANDING else ("street_not_measured",)
+        return self._found + waits + self._street.found + begun.faults + self._late + recording
+
+    @property
+    def _state(self) -> ArmingState:
+        return self._feedback.verdict.state if self._feedback else ArmingState.DISARMED
+
+    def _hand_over(self, setpoint: Setpoint | None) -> float:
+        """Send a setpoint to the gateway; a gateway that takes none hears of it by its lifetime."""
+        if setpoint is None or not self._gateway.send(link.encode_setpoint(setpoint)):
+            return math.nan
+        return self._clock()
+
+    def _keep(self, begun: Begun, decided: Decided, steering: float) -> None:
+        """Prepare the way to rest, let the street reach the next tick, and record this one."""
+        chain, street, tap = self._chain, self._street, self._tap
+        chain.prepare(begun.due + PERIOD, steering)
+        keep_scan(tap, begun.tick, decided, street)
+        tap.snapshot(begun.tick, street.actors)
+        asked = report = None
+        for step in range(begun.catch_up + 1):
+            asked = chain.front_bumper_at(self._pacer.next_due - (begun.catch_up - step) * PERIOD)
+            report = street.advance(asked)
+        verdict = self._feedback.verdict if self._feedback else _NOTHING
+        moment = Moment(begun.tick, begun.due, self._datagrams, steering, decided, verdict)
+        tap.ticked(tick_row(moment, None, self._setting.path, asked, report, street))
+
+    def _watch_for_the_end(self, now: float, decided: Decided, verdict: Verdict) -> None:
+        """Find how the drive ends; its time counts from the operator's go."""
+        if verdict.state in ENDING:
+            self._why = verdict.reasons
+        if self._outcome is not None or verdict.state not in COMMANDING | {ArmingState.FAULT}:
+            return
+        if self._feedback is None or (verdict.state is ArmingState.ENGAGED and WAITING in verdict.reasons):
+            return
+        if self._went_at is None:
+            if verdict.state is ArmingState.FAULT:
+                return
+            self._went_at = now
+        pose, contact = decided.pose, bool(self._street.contacts)
+        speed, driven = pose.speed if pose else math.nan, now - self._went_at
+        outcome = self._ending.step(driven, speed, decided.station, verdict.state, contact)
+        if outcome is None and driven > self._setting.scenario.duration_s:
+            outcome = Outcome.TIMEOUT
+        if outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.TIMEOUT):
+            self._close(outcome, verdict.reasons)
+
+    def _close(self, outcome: Outcome, reasons: tuple[str, ...]) -> None:
+        self._outcome = outcome
+        self._tap.ended(self._how(outcome, reasons))
+
+    def _close_by_the_gateway(self) -> None:
+        """Name the ending of a drive that the gateway has ended."""
+        if self._state in COMMANDING:
+            # It went without a word while the car was its own.
+            self._close(Outcome.FAULT, (*self._why, "gateway_gone"))
+        elif self._went_at is None:
+            self._close(Outcome.INTERRUPTED, self._why)
+        elif "driver_override" in self._why:
+            self._close(Outcome.DRIVER, self._why)
+        elif self._ending.collided:
+            self._close(Outcome.CONTACT, self._why)
+        elif set(self._why) <= {"stop_asked", "operator_gone"}:
+            self._close(Outcome.INTERRUPTED, self._why)
+        else:
+            self._close(Outcome.FAULT, self._why)
+
+    def _how(self, outcome: Outcome, reasons: tuple[str, ...]) -> dict[str, Any]:
+        street = self._street
+        return {
+            "outcome": outcome.value,
+            "reasons": list(reasons),
+            "cleared": list(street.cleared),
+            "warnings": list(street.warnings),
+            "text": self._chain.failure or street.detail,
+            "clock": self._chain.clock_report(),
+            "headroom": street.load,
+        }
+
+    def _tell(self, begun: Begun, decided: Decided, verdict: Verdict) -> None:
+        """Tell the console how it goes; it may be slow, and then it misses something."""
+        now = self._clock()
+        if now - self._told_at < STATUS_PERIOD and self._outcome is None:
+            return
+        self._told_at = now
+        pose = decided.pose
+        detections = decided.detections
+        status = {
+            "tick": begun.tick,
+            "time_s": now,
+            "faults": list(decided.faults),
+            "pose_reasons": list(decided.pose_reasons),
+            "speed_mps": pose.speed if pose else None,
+            "to_go_m": self._setting.path.length - decided.station if pose else None,
+            "deviation_m": decided.deviation if pose else None,
+            "range_m": float(detections.range.min()) if len(detections.range) else None,
+            "note": decided.setpoint.note if decided.setpoint else "",
+            "latency": self._ledger.screen(),
+            "missed": self._pacer.missed,
+            "clock": self._chain.clock_report(),
+            "outcome": None if self._outcome is None else self._outcome.value,
+        }
+        self._console.send(json.dumps(status).encode())
+
+    def _end(self) -> None:
+        """Leave everything as whole as it can be; the car stands or is the gateway's."""
+        self._take()  # that it is gone may have shown in sending, before all was read that it had said
+        if self._outcome is None:
+            self._close_by_the_gateway()
+        for row in self._ledger.close():
+            self._tap.timed(row)
+        self._tap.finish(PATIENCE)
+        self._source.close()
+        self._street.close()
+
+
+def main() -> int:
+    """Run the process; its exit code tells the console who is to blame."""
+    config, channels = spawn.begin()
+    folder = FilePath(config["folder"])
+    try:
+        LiveDrive(config, channels).run()
+    except VveError as error:
+        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        return error.exit_code
+    except Exception:
+        # A mistake of ours: the gateway stops the car as soon as this process is gone; the story lies in the record.
+        with contextlib.suppress(OSError):
+            (folder / "traceback.txt").write_text(traceback.format_exc(), encoding="utf-8")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,338 @@
+"""The gateway's process: sole owner of the car's bus. Setpoints and acts come in, frames go out, one thread, one loop.
+
+The core decides; here are its clock, its bus and its ears. A fresh setpoint becomes frames at once; where none comes,
+frames go out all the same, a little later. Whatever this process finds broken it hands to the core as a reason code.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import math
+import select
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+from vve_sumo.bus import Bus
+from vve_sumo.errors import RigError
+from vve_sumo.live.channel import Channel
+from vve_sumo.live.priority import GATEWAY, prefer
+from vve_sumo.live.spawn import begin
+from vve_sumo.live.tap import Tap
+from vve_sumo.values import ArmingState, Frame, GatewayRow, Setpoint, Vehicle, Verdict
+from vve_sumo.vehicle import dbw, link
+from vve_sumo.vehicle.arming import COMMANDING
+from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.gateway import Act, Gateway, GatewayOutput
+from vve_sumo.vehicle.limits import Envelope, Limits
+
+CAR_BUS: Final = "can0"  #: the car's bus as it is called in the record
+# Of a period. A setpoint comes once a period, give or take what the drive's loop and the scheduler do to it: one that
+# comes early waits, so that the kit never gets two commands at once; one that comes late is waited for a little.
+SOONEST: Final = 0.5
+LATEST: Final = 1.5
+ALONE: Final = 1.0  # once none came for the last step either: the core counts in periods, and this is its only clock
+#: between two looks at a bus whose driver has no file descriptor to wait on [s]
+LOOK: Final = 0.001
+#: between two words to the console while nothing changes [s]
+TELL_PERIOD: Final = 0.1
+#: what the last words to the recorder may take [s]
+PATIENCE: Final = 2.0
+
+
+def due(last: float, fresh: bool, alone: bool, period: float) -> float:
+    """When the step after the one at `last` is due; no step makes up for another.
+
+    `fresh`: a setpoint waits. `alone`: the last step had none.
+    """
+    return last + (SOONEST if fresh else ALONE if alone else LATEST) * period
+
+
+class Taken(NamedTuple):
+    """What goes into one step from the channels."""
+
+    setpoint: Setpoint | None
+    datagram: bytes  #: the setpoint's, as it came
+    act: Act | None
+    wrong: tuple[str, ...]  #: reason codes
+
+
+class Inbox:
+    """What came from drive and console since the last step: the newest setpoint, the next act, what was wrong."""
+
+    def __init__(self) -> None:
+        self.refused = 0  #: acts that came from the drive, which has no say in them
+        self._setpoint: Setpoint | None = None
+        self._datagram = b""
+        self._wrong: list[str] = []
+        self._acts: deque[Act] = deque()
+
+    @property
+    def fresh(self) -> bool:
+        """Whether something waits that a step should be made for."""
+        return self._setpoint is not None or Act.STOP in self._acts
+
+    def take_from_drive(self, datagram: bytes) -> None:
+        """Take in what the drive sent."""
+        setpoint = link.decode_setpoint(datagram)
+        if isinstance(setpoint, Setpoint):
+            if self._setpoint is not None:
+                # It is passed over for a newer one; what it said is wrong is not.
+                self._wrong += self._setpoint.faults
+            self._setpoint, self._datagram = setpoint, datagram
+        elif isinstance(link.decode_act(datagram), Act):
+            self.refused += 1
+        else:
+            self._wrong.append("setpoint_corrupt")
+
+    def take_from_console(self, datagram: bytes) -> None:
+        """Take in what the operator did; what can't be understood is taken for the act that is always right."""
+        act = link.decode_act(datagram)
+        if act is Act.STOP or not isinstance(act, Act):
+            self._acts.clear()
+            act = Act.STOP
+        if Act.STOP not in self._acts:
+            self._acts.append(act)
+
+    def empty(self) -> Taken:
+        """Return what goes into the next step, which is then taken."""
+        act = self._acts.popleft() if self._acts else None
+        taken = Taken(self._setpoint, self._datagram, act, tuple(self._wrong))
+        self._setpoint, self._datagram, self._wrong = None, b"", []
+        return taken
+
+
+class Process:
+    """The loop around a gateway, from its first step to the car at rest and let go."""
+
+    def __init__(self, config: Mapping[str, Any], channels: Mapping[str, Channel], bus: Bus) -> None:
+        self._gateway = gateway_of(config)
+        self._period: float = config["period"]
+        self._t0: float = config["t0"]
+        self._stop_id: int | None = config["stop_can_id"]
+        self._drive, self._console = channels["drive"], channels["console"]
+        self._recorder = channels["recorder"]
+        self._tap = Tap(self._recorder)
+        self._bus = bus
+        self._bus_number = bus.fileno()
+        self._inbox = Inbox()
+        self._heard: list[Frame] = []
+        self._deaf = self._dumb = False  # what the bus said when it was last asked to receive, to send
+        self._last = -math.inf
+        self._alone = True
+        self._steps = 0
+        self._has_engaged = False
+        self._told: tuple[ArmingState, tuple[str, ...]] | None = None
+        self._told_at = -math.inf
+
+    def run(self) -> None:
+        """Step until the drive is over, or was never begun and has nobody who could begin it."""
+        while True:
+            self._wait()
+            verdict = self._step()
+            self._has_engaged |= verdict.state in COMMANDING
+            if self._gateway.done or (self._console.closed and not self._has_engaged):
+                break
+        self._tap.finish(PATIENCE)
+
+    def report(self) -> str:
+        """What is worth a line in the log."""
+        return f"{self._steps} steps, {self._inbox.refused} acts refused that came from the drive"
+
+    def _clock(self) -> float:
+        """Drive time [s]."""
+        return time.monotonic() - self._t0
+
+    # Between two steps.
+
+    def _wait(self) -> None:
+        while (left := due(self._last, self._inbox.fresh, self._alone, self._period) - self._clock()) > 0.0:
+            # select, not poll: a millisecond of rounding is a lot here.
+            ready, _, _ = select.select(self._ears(), [], [], left if self._bus_number is not None else min(left, LOOK))
+            for ear in ready:
+                if ear is self._drive:
+                    self._hear_drive()
+                elif ear is self._console:
+                    self._hear_console()
+            if self._bus_number is None or self._bus_number in ready:
+                self._hear_bus()
+
+    def _ears(self) -> list[Channel | int]:
+        # What is gone or broken is always ready, and would make this loop a busy one.
+        ears: list[Channel | int] = [channel for channel in (self._drive, self._console) if not channel.closed]
+        if self._bus_number is not None and not self._deaf:
+            ears.append(self._bus_number)
+        return ears
+
+    def _hear_drive(self) -> None:
+        for datagram in self._drive.receive():
+            self._inbox.take_from_drive(datagram)
+
+    def _hear_console(self) -> None:
+        for datagram in self._console.receive():
+            self._inbox.take_from_console(datagram)
+
+    def _hear_bus(self) -> None:
+        try:
+            frames = self._bus.drain()
+        except RigError:
+            self._deaf = True
+            return
+        self._deaf = False
+        if frames:
+            self._tap.saw_frames(self._clock(), CAR_BUS, frames)
+            self._heard += frames
+
+    # A step.
+
+    def _step(self) -> Verdict:
+        self._hear_bus()
+        self._hear_drive()
+        self._hear_console()
+        taken = self._inbox.empty()
+        heard, self._heard = self._heard, []
+        found = tuple(dict.fromkeys([*taken.wrong, *self._find(heard)]))
+        now = self._clock()
+        output = self._gateway.step(now, taken.setpoint, heard, taken.act, found)
+        count = self._send(output.frames)
+        sent = self._clock() if count else math.nan
+        self._last, self._alone = now, taken.setpoint is None
+        self._steps += 1
+        self._tell(now, sent, output)
+        self._keep(now, taken, found, len(heard), count, output)
+        return output.verdict
+
+    def _find(self, heard: list[Frame]) -> list[str]:
+        """Reason codes of what is wrong around the core at this moment."""
+        found = []
+        if self._deaf or self._dumb:
+            found.append("bus_down")
+        if self._stop_id is not None and any(frame.id == self._stop_id for frame in heard):
+            found.append("stop_input")
+        if self._drive.closed:
+            found.append("drive_gone")
+        if self._console.closed:
+            found.append("operator_gone")
+        if self._tap.failure:
+            found.append(self._tap.failure)
+        return found
+
+    def _send(self, frames: tuple[Frame, ...]) -> int:
+        """Put the frames of a step on the bus, in order; how many it took. After one that it doesn't take none follows.
+
+        A brake command without its steering is better than none, a later one in an earlier one's place is not.
+        """
+        self._dumb = False
+        for count, frame in enumerate(frames):
+            try:
+                self._bus.send(frame)
+            except RigError:
+                self._dumb = True
+                return count
+        return len(frames)
+
+    def _tell(self, now: float, sent: float, output: GatewayOutput) -> None:
+        """Tell the drive of every step, the console of every change and now and then."""
+        gateway = self._gateway
+        word = link.encode_feedback(
+            link.Feedback(
+                time=now,
+                sequence=gateway.sequence,
+                sent=sent,
+                verdict=output.verdict,
+                measured_steering=gateway.measured_steering,
+                wheel_speed=gateway.wheel_speed,
+                gear=gateway.gear,
+                steps=self._steps,
+            )
+        )
+        self._drive.send(word)
+        news = (output.verdict.state, output.verdict.reasons)
+        if news != self._told or now - self._told_at >= TELL_PERIOD:
+            self._told, self._told_at = news, now
+            self._console.send(word)
+
+    def _keep(
+        self, now: float, taken: Taken, found: tuple[str, ...], heard: int, sent: int, output: GatewayOutput
+    ) -> None:  # fmt: skip
+        """Hand the step to the recorder."""
+        gateway, verdict = self._gateway, output.verdict
+        self._tap.saw_frames(now, CAR_BUS, output.frames[:sent])
+        self._tap.stepped(
+            GatewayRow(
+                step=self._steps - 1,
+                time_s=now,
+                setpoint=taken.datagram,
+                act="" if taken.act is None else taken.act.value,
+                found="+".join(found),
+                heard=heard,
+                sent=sent,
+                sequence=gateway.sequence,
+                state=verdict.state.value,
+                reasons="+".join(verdict.reasons),
+                limited="+".join(verdict.limited),
+                steering_rad=verdict.steering,
+                granted_acceleration_mps2=verdict.acceleration,
+                brake_torque_nm=verdict.brake_torque,
+                throttle_percent=100.0 * verdict.throttle,
+                measured_steering_rad=gateway.measured_steering,
+                wheel_speed_mps=gateway.wheel_speed,
+                gear=gateway.gear,
+            )
+        )
+        self._tap.flush()
+
+
+def gateway_of(config: Mapping[str, Any]) -> Gateway:
+    """Return the core that a configuration describes."""
+    limits = config["limits"]
+    envelopes = {name: Envelope(**limits[name]) for name in ("comfort", "emergency")}
+    return Gateway(
+        Vehicle(**config["vehicle"]),
+        Limits(**{**limits, **envelopes}),
+        Calibration(**config["calibration"]),
+        config["period"],
+        dbw.Variant[config["variant"]],
+        config["shadow"],
+        config["wheel_bias"],
+    )
+
+
+def _say(line: str) -> None:
+    """Write to the log; a log that can't be written is no reason for anything."""
+    with contextlib.suppress(OSError, ValueError):
+        print(f"gateway: {line}", file=sys.stderr, flush=True)
+
+
+def main() -> int:
+    """Guard one drive; the exit code is the rig's where its bus cannot be opened."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        # For good: this process ends by itself when the car is at rest and let go, or when its console goes before.
+        signal.signal(number, signal.SIG_IGN)
+    config, channels = begin()
+    bus_config = config["bus"]
+    _say(prefer(GATEWAY))  # before the bus is opened, whose thread shall come before others too
+    try:
+        bus = Bus(bus_config["interface"], bus_config["channel"], bus_config["bitrate"])
+    except RigError as error:
+        _say(str(error))
+        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        return error.exit_code
+    with bus:
+        process = Process(config, channels, bus)
+        # A collection takes milliseconds, and nothing here makes cycles by the step.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        process.run()
+    _say(process.report())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,118 @@
+"""What the operator wants: single keys on a terminal, words on a pipe, and the signals that all mean stop.
+
+Reads and names wishes; what follows from one is the console's business.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import os
+import signal
+import sys
+import termios
+import tty
+from types import TracebackType
+from typing import Any, Final, Self
+
+
+class Wish(enum.StrEnum):
+    """What an operator asks for."""
+
+    ENGAGE = "engage"
+    GO = "go"
+    RESET = "reset"  #: of a fault, before anything moved
+    STOP = "stop"
+
+
+#: keys of a terminal; everything else that is pressed in a hurry means stop
+KEYS: Final = {"e": Wish.ENGAGE, "g": Wish.GO, "r": Wish.RESET}
+#: pressed without a wish: Enter of the command line, and parts of the terminal's own sequences are not acts
+IGNORED: Final = frozenset("\r\n")
+#: signals that mean a controlled stop: Ctrl-C, a kill, a closed terminal
+STOPPING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Keys:
+    """Standard input and the signals as wishes; a with block, at whose end the terminal is as it was.
+
+    `listen=False` takes no wishes from standard input but on a terminal: a rig that drives by itself.
+    """
+
+    def __init__(self, listen: bool) -> None:
+        self._terminal = sys.stdin.isatty()
+        self._open = listen or self._terminal
+        self._text = ""
+        self._saved: list[Any] | None = None
+        self._handlers: dict[int, Any] = {}
+        self._signalled = False
+        self._wake, self._woken = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+
+    def __enter__(self) -> Self:
+        for number in STOPPING:
+            self._handlers[number] = signal.signal(number, self._note)
+        if self._terminal:
+            with contextlib.suppress(termios.error):
+                self._saved = termios.tcgetattr(sys.stdin)
+                tty.setcbreak(sys.stdin)
+        if self._open:
+            os.set_blocking(sys.stdin.fileno(), False)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+        if self._open:
+            with contextlib.suppress(OSError):
+                os.set_blocking(sys.stdin.fileno(), True)
+        if self._saved is not None:
+            with contextlib.suppress(termios.error):
+                termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._saved)
+        os.close(self._wake)
+        os.close(self._woken)
+
+    def filenos(self) -> list[int]:
+        """What to wait on."""
+        return [self._wake, sys.stdin.fileno()] if self._open else [self._wake]
+
+    def wishes(self) -> list[Wish]:
+        """Return what was asked for since the last call, in order; never blocks."""
+        found: list[Wish] = []
+        with contextlib.suppress(BlockingIOError):
+            os.read(self._wake, 4096)
+        if self._signalled:
+            self._signalled = False
+            found.append(Wish.STOP)
+        if self._open:
+            found += self._read()
+        return found
+
+    def _note(self, number: int, frame: object) -> None:
+        self._signalled = True
+        with contextlib.suppress(OSError):
+            os.write(self._woken, b"!")
+
+    def _read(self) -> list[Wish]:
+        try:
+            data = os.read(sys.stdin.fileno(), 4096)
+        except BlockingIOError:
+            return []
+        except OSError:  # the terminal is gone
+            data = b""
+        if not data:
+            # The end of what an operator can say: nobody could stop the car any more.
+            self._open = False
+            return [Wish.STOP]
+        text = data.decode(errors="replace")
+        return _of_keys(text) if self._terminal else self._of_words(text)
+
+    def _of_words(self, text: str) -> list[Wish]:
+        *lines, self._text = (self._text + text).split("\n")
+        words = [line.strip().lower() for line in lines if line.strip()]
+        return [Wish(word) if word in list(Wish) else Wish.STOP for word in words]
+
+
+def _of_keys(text: str) -> list[Wish]:
+    return [KEYS.get(key.lower(), Wish.STOP) for key in text if key not in IGNORED]

@@ -1,0 +1,93 @@
+"""The recorder's process: takes what drive and gateway say and writes the black box, whatever becomes of them.
+
+It outlives both, and neither waits for it. What cannot be written it says once, and goes on writing what can be.
+"""
+
+from __future__ import annotations
+
+import pickle
+import select
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from vve_sumo.drive.record import LiveRecord, write_summary
+from vve_sumo.live.channel import Channel
+from vve_sumo.live.priority import stand_back
+from vve_sumo.live.spawn import begin
+from vve_sumo.live.summary import summarise
+
+#: between two writes [s]; a kill, with what is still on its way, may cost at most 0.2 s
+FLUSH: Final = 0.1
+
+#: what a tap may ask for: the record's verbs
+VERBS: Final = frozenset({"received_pose", "saw_frames", "scanned", "snapshot", "ticked", "stepped", "timed"})
+
+#: what a summary is made from: the record's folder, and how the drive says that it ended (None where it never did)
+Summarise = Callable[[Path, dict[str, Any] | None], dict[str, Any]]
+
+
+class Recorder:
+    """Writes what comes through `channels` into `record`, until the other ends of all of them are gone."""
+
+    def __init__(self, record: LiveRecord, channels: list[Channel]) -> None:
+        self._record = record
+        self._channels = {channel.fileno(): channel for channel in channels}
+        self._told_failure = False
+        self.ended: dict[str, Any] | None = None  #: how the drive says that it ended
+
+    def run(self) -> None:
+        """Write to the end."""
+        poll = select.poll()
+        for descriptor in self._channels:
+            poll.register(descriptor, select.POLLIN)
+        due = time.monotonic() + FLUSH
+        while self._channels:
+            for descriptor, _event in poll.poll(max(1000.0 * (due - time.monotonic()), 0.0)):
+                self._take(self._channels[descriptor])
+                if self._channels[descriptor].closed:
+                    poll.unregister(descriptor)
+                    del self._channels[descriptor]
+            if time.monotonic() >= due:
+                self._flush()
+                due = time.monotonic() + FLUSH
+
+    def _take(self, channel: Channel) -> None:
+        for datagram in channel.receive():
+            # Only processes that this drive has started hold the other ends.
+            for verb, arguments in pickle.loads(datagram):
+                if verb == "ended":
+                    (self.ended,) = arguments
+                elif verb in VERBS:
+                    getattr(self._record, verb)(*arguments)
+
+    def _flush(self) -> None:
+        self._record.flush()
+        if self._record.broken and not self._told_failure:
+            self._told_failure = True
+            for channel in self._channels.values():
+                channel.send(b"record_failed")
+
+
+def finish(record: LiveRecord, ended: dict[str, Any] | None, summarise: Summarise) -> None:
+    """Finish a record's files and write its summary."""
+    record.close()
+    write_summary(record.folder, summarise(record.folder, ended) | {"record_broken": sorted(record.broken)})
+
+
+def main() -> None:
+    """Record one drive."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    stand_back()
+    config, channels = begin()
+    record = LiveRecord(Path(config["folder"]), config["resolved"], config["epoch"])
+    recorder = Recorder(record, list(channels.values()))
+    recorder.run()
+    finish(record, recorder.ended, summarise)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,156 @@
+"""A live record through the same core again: the drive's part tick by tick, the gateway's step by step.
+
+No process, no bus and no SUMO is started. Each side is fed what it was fed then, at the times that it was told then,
+and must answer bit for bit as it did; so it also says whether the setpoints that the gateway was handed are those that
+the drive computes from the recorded bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import accumulate, islice
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+from vve_sumo import bus
+from vve_sumo.drive.chain import Chain
+from vve_sumo.drive.replay import (
+    ChainInputs,
+    Difference,
+    answers,
+    changed_since,
+    codes,
+    compare,
+    compare_decided,
+    compare_frames,
+    read_chain_inputs,
+    read_rows,
+    verdict_columns,
+)
+from vve_sumo.errors import ConfigError
+from vve_sumo.live.assembly import chain_of, restored
+from vve_sumo.live.gateway import gateway_of
+from vve_sumo.live.ground import Ground
+from vve_sumo.values import Frame, Setpoint, Verdict
+from vve_sumo.vehicle import link
+from vve_sumo.vehicle.gateway import Act, Gateway
+
+#: what scenario.json must say for a live drive to be put together again
+KEYS: Final = frozenset(
+    {"scenario", "scenario_file", "settings", "rig", "rig_name", "gateway", "files_sha256", "versions"}
+    | {"epoch_gnss_s", "lot_projection", "lot_to_street"}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveInputs:
+    """What went into a live drive, as far as its record reaches."""
+
+    resolved: dict[str, Any]  #: scenario.json
+    chain: ChainInputs
+    steps: list[dict[str, Any]]  #: rows of the gateway's table, as far as none is missing and its frames are there
+    torn: int  #: rows after those
+    frames: list[Frame]  #: of can.log, in its order
+
+
+def is_live(folder: FilePath) -> bool:
+    """Whether a folder holds a live drive's record; raises ConfigError where it holds none at all."""
+    return "rig" in _resolved(folder)
+
+
+def _resolved(folder: FilePath) -> dict[str, Any]:
+    try:
+        resolved: dict[str, Any] = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
+        return dict(resolved)
+    except (OSError, ValueError, TypeError) as error:
+        raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
+
+
+def read_live_inputs(folder: FilePath) -> LiveInputs:
+    """Read a live record, finished or cut off; raises ConfigError where a part of it is missing or unreadable."""
+    resolved, chain = _resolved(folder), read_chain_inputs(folder)
+    if missing := sorted(KEYS - resolved.keys()):
+        raise ConfigError(f"{folder / 'scenario.json'}: key {missing[0]!r} is missing, a live drive writes it")
+    steps = read_rows(folder, "gateway").to_pylist()
+    frames = [frame for _time, _channel, frame in bus.read_log(folder / "can.log")]
+    whole = _whole_steps(steps, len(frames))
+    return LiveInputs(resolved, chain, steps[:whole], len(steps) - whole, frames)
+
+
+def _whole_steps(steps: list[dict[str, Any]], frames: int) -> int:
+    reach = accumulate(row["heard"] + row["sent"] for row in steps)
+    torn = (n for n, (row, needed) in enumerate(zip(steps, reach, strict=True)) if row["step"] != n or needed > frames)
+    return next(torn, len(steps))
+
+
+def chain_again(resolved: dict[str, Any], working: FilePath, controller: str | None = None) -> Chain:
+    """Put the chain of a live drive together again, with another `controller` if one is named.
+
+    Raises ConfigError where something that the record names is not there any more.
+    """
+    setting, rig = restored(resolved, working)
+    if controller is not None:
+        setting = setting.driven_by(controller)
+    return chain_of(setting, rig, Ground.of(resolved), working)
+
+
+def changed(resolved: dict[str, Any], working: FilePath) -> list[str]:
+    """Return a line for every file and version that is not what it was when a live drive was driven."""
+    setting, _rig = restored(resolved, working)
+    return changed_since(resolved["files_sha256"], resolved["versions"], setting, working)
+
+
+def replay_drive(inputs: LiveInputs, working: FilePath) -> Difference | None:
+    """Return the first tick at which the drive's part differs: in what it saw, decided, or sent to the gateway."""
+    sent = _setpoints(inputs.steps)
+    for row, decided in answers(chain_again(inputs.resolved, working), inputs.chain):
+        if (difference := compare_decided(inputs.chain, row, decided)) is not None:
+            return difference
+        setpoint = decided.setpoint
+        if setpoint is None or (then := sent.get(setpoint.sequence)) is None:
+            continue
+        if link.encode_setpoint(setpoint) != then:
+            return Difference(int(row["tick"]), "setpoint", repr(link.decode_setpoint(then)), repr(setpoint))
+    return None
+
+
+def _setpoints(steps: list[dict[str, Any]]) -> dict[int, bytes]:
+    """Return the setpoints' datagrams that the gateway was handed, by their sequence; a torn one has none."""
+    came = [(link.decode_setpoint(row["setpoint"]), row["setpoint"]) for row in steps if row["setpoint"]]
+    return {setpoint.sequence: data for setpoint, data in came if isinstance(setpoint, Setpoint)}
+
+
+def replay_gateway(inputs: LiveInputs) -> Difference | None:
+    """Return the first step at which the gateway's part differs: in its verdict or in the frames that it sent.
+
+    Raises ConfigError where the record says of the gateway what this version does not understand.
+    """
+    try:
+        gateway, frames = gateway_of(inputs.resolved["gateway"]), iter(inputs.frames)
+    except (KeyError, TypeError) as error:
+        raise ConfigError(f"scenario.json: gateway: {error}: written by another version of vve-sumo") from None
+    for step, row in enumerate(inputs.steps):
+        heard, sent = list(islice(frames, row["heard"])), list(islice(frames, row["sent"]))
+        setpoint = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
+        if isinstance(setpoint, link.Malformed):
+            return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
+        act = Act(row["act"]) if row["act"] else None
+        output = gateway.step(row["time_s"], setpoint, heard, act, codes(row["found"]))
+        difference = compare(step, row, _gateway_columns(step, gateway, output.verdict)) or compare_frames(
+            step, sent, output.frames[: row["sent"]]
+        )
+        if difference is not None:
+            return difference
+    return None
+
+
+def _gateway_columns(step: int, gateway: Gateway, verdict: Verdict) -> Iterator[tuple[str, Any]]:
+    """Name what the gateway came to by the record's columns."""
+    yield "step", step
+    yield from verdict_columns(verdict)
+    yield "sequence", gateway.sequence
+    yield "measured_steering_rad", gateway.measured_steering
+    yield "wheel_speed_mps", gateway.wheel_speed
+    yield "gear", gateway.gear

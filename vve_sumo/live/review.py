@@ -1,0 +1,159 @@
+"""`vve-sumo replay` and `vve-sumo redrive`: from a record's folder, of a lockstep or a live drive, to what is printed.
+
+Finds out of which kind the record is and says what came of it; compares nothing itself.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any
+
+from vve_sumo.drive import redrive
+from vve_sumo.drive import replay as lockstep
+from vve_sumo.drive.chain import Chain
+from vve_sumo.drive.lockstep import chain_of
+from vve_sumo.drive.redrive import BRAKES, Comparison
+from vve_sumo.drive.redrive_picture import draw
+from vve_sumo.drive.replay import ChainInputs, Difference, altered_parts, answers, read_chain_inputs
+from vve_sumo.drive.setting import EPOCH, Setting
+from vve_sumo.live import replay as live
+from vve_sumo.live.assembly import restored
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What came of a replay."""
+
+    what: str  #: was replayed
+    notes: list[str]  #: what has changed since, what could not be replayed
+    differences: list[str]  #: the first one of each part
+
+
+def replayed(folder: FilePath) -> int:
+    """Run the command: replay a record, say where it first differs; return the exit code."""
+    altered = altered_parts(folder)
+    for part in altered or ():
+        print(f"{part} is not as the drive left it: its hash differs from summary.json's")
+    try:
+        found = _live(folder) if live.is_live(folder) else _lockstep(folder)
+    except Exception as error:
+        # In what was altered anything may stand.
+        if not altered:
+            raise
+        print(f"not replayed, for what was altered cannot be read: {error}")
+        return 1
+    notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
+    for line in notes + found.notes:
+        print(f"note: {line}", file=sys.stderr)
+    for line in found.differences:
+        print(line)
+    if not found.differences:
+        print(f"{found.what} of {folder} replayed: every setpoint and every frame is the same")
+    return 1 if altered or found.differences else 0
+
+
+def _lockstep(folder: FilePath) -> Found:
+    working = FilePath.cwd()
+    setting, notes = lockstep.setting_of(folder, working)
+    inputs = read_chain_inputs(folder)
+    difference = lockstep.replay(setting, inputs, lockstep.read_car_frames(folder, EPOCH), working)
+    return Found(f"{len(inputs.ticks)} ticks", notes + _torn(inputs), _told("tick", inputs.ticks, difference))
+
+
+def _live(folder: FilePath) -> Found:
+    working = FilePath.cwd()
+    inputs = live.read_live_inputs(folder)
+    ticks, steps = inputs.chain.ticks, inputs.steps
+    notes = live.changed(inputs.resolved, working) + _torn(inputs.chain)
+    if inputs.torn:
+        notes.append(f"the last {inputs.torn} steps of the gateway come after a gap in gateway or can.log")
+    differences = _told("tick", ticks, live.replay_drive(inputs, working))
+    differences += _told("step", steps, live.replay_gateway(inputs))
+    return Found(f"{len(ticks)} ticks and {len(steps)} steps of the gateway", notes, differences)
+
+
+def _torn(inputs: ChainInputs) -> list[str]:
+    if not inputs.torn:
+        return []
+    return [f"the last {inputs.torn} ticks come after a gap in pose.bin, actors or detections"]
+
+
+def _told(kind: str, rows: list[dict[str, Any]], difference: Difference | None) -> list[str]:
+    """Say where something differs, and how."""
+    if difference is None:
+        return []
+    when = next((f" ({row['time_s']:.2f} s)" for row in rows if row[kind] == difference.number), "")
+    whose = "of the gateway " if kind == "step" else ""
+    return [
+        f"{kind} {difference.number}{when} {whose}differs in {difference.what}:",
+        f"  recorded {difference.recorded}",
+        f"  replayed {difference.replayed}",
+    ]
+
+
+def redriven(folder: FilePath, controller: str, out: FilePath | None) -> int:
+    """Run the command: ask another controller on a record's inputs, say and draw how it answers; the exit code."""
+    if out is not None:
+        redrive.writable(out)
+    setting, inputs, chain = _with(folder, controller)
+    table = redrive.side_by_side(answers(chain, inputs))
+    comparison = redrive.compared(table)
+    # Of a file.py:make the file's place would fill the screen.
+    names = (setting.scenario.controller.name.rpartition("/")[2], controller.rpartition("/")[2])
+    _show(comparison, names, chain.failure)
+    picture = folder / "redrive.png"
+    draw(table, comparison, f"{setting.scenario.title} (seed {setting.scenario.seed})", names, picture)
+    print(f"picture: {picture}")
+    if out is not None:
+        redrive.write(table, out)
+        print(f"table:   {out}")
+    return 0
+
+
+def _with(folder: FilePath, controller: str) -> tuple[Setting, ChainInputs, Chain]:
+    """Return a record's setting and inputs, and its chain with another controller in it."""
+    working = FilePath.cwd()
+    if live.is_live(folder):
+        inputs = live.read_live_inputs(folder)
+        setting, _rig = restored(inputs.resolved, working)
+        return setting, inputs.chain, live.chain_again(inputs.resolved, working, controller)
+    setting, _changed = lockstep.setting_of(folder, working)
+    other = setting.driven_by(controller)
+    return setting, read_chain_inputs(folder), chain_of(other, other.controller(working)).chain
+
+
+def _show(comparison: Comparison, names: tuple[str, str], failure: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    title = Text(f"open loop: the car did what {names[0]} said, whatever {names[1]} would have said")
+    table = Table(title=title, title_justify="left")
+    for head in ("", *names):
+        table.add_column(Text(head))
+    pair = (comparison.recorded, comparison.other)
+    table.add_row(f"first brakes (> {BRAKES:g} m/s²)", *(_at(one.brakes_at) for one in pair))
+    table.add_row("first asks for emergency", *(_at(one.emergency_at) for one in pair))
+    table.add_row("its words", *(Text(", ".join(one.notes)) for one in pair))
+    if any(one.failed_at is not None for one in pair):
+        table.add_row("first fails to answer", *(_tick(one.failed_at) for one in pair))
+    console = Console(soft_wrap=True)
+    console.print(table)
+    say: dict[str, Any] = {"highlight": False, "markup": False}
+    console.print(f"{comparison.ticks} ticks compared; first tick that differs: {_tick(comparison.differs_at)}", **say)
+    for what, of in (("greatest", comparison.greatest), ("rms", comparison.rms)):
+        steering, acceleration = math.degrees(of["steering_rad"]), of["acceleration_mps2"]
+        console.print(f"{what} difference: steering {steering:.3f}°, acceleration {acceleration:.3f} m/s²", **say)
+    if failure:
+        console.print(f"the last failure of {names[1]}, in its own words: {failure}", **say)
+
+
+def _at(time: float) -> str:
+    return "never" if math.isnan(time) else f"{time:.2f} s"
+
+
+def _tick(tick: int | None) -> str:
+    return "none" if tick is None else f"tick {tick}"

@@ -1,0 +1,168 @@
+"""A serial CAN adapter made of software: the device end of the LAWICEL protocol, on a pseudo-terminal.
+
+Whoever opens its `name` as a serial port meets an adapter as on a USB stick (python-can: interface "slcan"). It knows
+lines and frames, not what a frame means. Nothing here ever waits: what nobody reads in time is dropped, oldest first.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import termios
+import tty
+from collections import deque
+from collections.abc import Iterable
+from types import TracebackType
+from typing import Final, Self
+
+from vve_sumo.values import Frame
+
+# Commands and answers: LAWICEL, "CANUSB manual" and "CAN232 manual" (version 3), chapters on the available commands.
+OK: Final = b"\r"
+ERROR: Final = b"\a"
+LONGEST_LINE: Final = 32  # bytes; an extended frame with eight bytes takes 27
+QUEUE: Final = 512  # lines that wait for a slow reader; about a second of a car's reports
+CHUNK: Final = 4096  # bytes; what the kernel keeps for a terminal
+
+_HEX = rb"[0-9A-Fa-f]"
+_FRAME: Final = re.compile(rb"(?:[tr]([0-7]HH)|[TR]([01]H{7}))([0-8])((?:HH){0,8})".replace(b"H", _HEX))
+#: Settings that mean nothing without a wire; time stamps (Z1) are not among them: they would lengthen every line.
+_SETTING: Final = re.compile(rb"S[0-9]|sH{4}|Z0|[Mm]H{8}|[WXUQ][0-9]".replace(b"H", _HEX))
+_SAYINGS: Final = {b"": OK, b"V": b"V1013\r", b"v": b"v1013\r", b"N": b"NVVE0\r", b"F": b"F00\r"}
+
+
+class Dialogue:
+    """What an adapter answers to what it is told; no terminal, no time."""
+
+    def __init__(self) -> None:
+        self.open = False  #: the CAN channel: frames pass in both directions
+        self.closings = 0  #: how often the host has closed the open channel
+        self._line = b""
+
+    def take(self, data: bytes) -> tuple[list[Frame], bytes]:
+        """Return the classic 11-bit data frames that `data` completes, and the answers to be written back, in order.
+
+        Remote and extended frames are acknowledged and go nowhere: a `Frame` cannot hold them.
+        """
+        *lines, rest = (self._line + data).split(b"\r")
+        self._line = rest[: LONGEST_LINE + 1]  # one too long still is an error when its end comes
+        frames: list[Frame] = []
+        answers = b"".join([self._obey(line, frames) for line in lines])
+        return frames, answers
+
+    def _obey(self, line: bytes, frames: list[Frame]) -> bytes:
+        if (match := _FRAME.fullmatch(line)) is not None:
+            return self._pass_on(line, match, frames)
+        if line in (b"O", b"C"):
+            return self._switch(line == b"O")
+        if _SETTING.fullmatch(line):
+            return OK
+        return _SAYINGS.get(line, ERROR)
+
+    def _switch(self, on: bool) -> bytes:
+        if on is self.open:
+            return ERROR
+        self.open = on
+        self.closings += not on
+        return OK
+
+    def _pass_on(self, line: bytes, match: re.Match[bytes], frames: list[Frame]) -> bytes:
+        short, _long, length, digits = match.groups()
+        data = bytes.fromhex(digits.decode())
+        remote = line[:1] in b"rR"
+        if not self.open or len(data) != (0 if remote else int(length)):
+            return ERROR
+        if short and not remote:
+            frames.append(Frame(int(short, 16), data))
+        return b"z\r" if short else b"Z\r"
+
+
+def line_of(frame: Frame) -> bytes:
+    """Return the line that says `frame`."""
+    return b"t%03X%d%s\r" % (frame.id, len(frame.data), frame.data.hex().upper().encode())
+
+
+class Adapter:
+    """An adapter on a pseudo-terminal of this machine; closed by `close` or at the end of a with block.
+
+    The other side of the terminal is kept open here too, so that a host may come, die and come again.
+    """
+
+    def __init__(self) -> None:
+        self._ours, self._theirs = os.openpty()
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.name: Final = os.ttyname(self._theirs)  #: what a host opens as its serial port
+        self.dropped = 0  #: lines that nobody read in time
+        self._dialogue = Dialogue()
+        self._lines: deque[bytes] = deque()
+        self._begun = b""  # the rest of a line that is half written and has to be finished first
+
+    def fileno(self) -> int:
+        """Return the file descriptor, for poll and select."""
+        return self._ours
+
+    def receive(self) -> list[Frame]:
+        """Return all frames that the host has sent since, in order; answers go out at once."""
+        frames: list[Frame] = []
+        while data := self._read():
+            closings = self._dialogue.closings
+            taken, answers = self._dialogue.take(data)
+            frames += taken
+            if self._dialogue.closings != closings:
+                # What an earlier host never read is not for the next one.
+                self._lines.clear()
+                self._begun = b""
+                termios.tcflush(self._theirs, termios.TCIFLUSH)
+            self._put(answers)
+        self._write()
+        return frames
+
+    def send(self, frames: Iterable[Frame]) -> None:
+        """Pass frames to the host, as soon as it reads; they go nowhere while the host has not opened the channel."""
+        if self._dialogue.open:
+            for frame in frames:
+                self._put(line_of(frame))
+        self._write()
+
+    def close(self) -> None:
+        """Pull the adapter out."""
+        os.close(self._ours)
+        os.close(self._theirs)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _put(self, line: bytes) -> None:
+        if not line:
+            return
+        if len(self._lines) >= QUEUE:
+            self._lines.popleft()
+            self.dropped += 1
+        self._lines.append(line)
+
+    def _read(self) -> bytes:
+        try:
+            return os.read(self._ours, CHUNK)
+        except BlockingIOError:
+            return b""
+
+    def _write(self) -> None:
+        while waiting := self._begun + b"".join(self._lines):
+            try:
+                written = os.write(self._ours, waiting[:CHUNK])
+            except BlockingIOError:
+                return
+            left = waiting[written:]
+            end = 0 if waiting[written - 1 : written] in (OK, ERROR) else _end_of_line(left)
+            self._begun = left[:end]
+            self._lines = deque(left[end:].splitlines(keepends=True))
+
+
+def _end_of_line(data: bytes) -> int:
+    return data.find(OK) + 1

@@ -1,0 +1,57 @@
+"""What `summary.json` says of a live drive: from its record alone, however much of it there is.
+
+Knows tables; no process, no clock. A drive that was killed never said how it ended; then the gateway's last row does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from vve_sumo.drive.ending import Outcome
+from vve_sumo.drive.ledger import summarize
+from vve_sumo.drive.record import hash_files, hash_parts, read_table, whole
+from vve_sumo.errors import ConfigError
+from vve_sumo.vehicle.arming import ENDING
+
+
+def summarise(folder: Path, ended: dict[str, Any] | None) -> dict[str, Any]:
+    """Return the summary of the record in `folder`; `ended` is how the drive says that it ended, None if it did not."""
+    ticks, gateway, latency = (_table(folder, name) for name in ("ticks", "gateway", "latency"))
+    summary: dict[str, Any] = {"outcome": Outcome.BROKEN.value, "reasons": ["drive_lost"]}
+    if ended is None:
+        summary["reasons"] += [code for code in _last_reasons(gateway) if code not in summary["reasons"]]
+    summary |= ended or {}
+    summary |= {"ticks": _rows(ticks), "gateway_steps": _rows(gateway), "latency": _latency(latency)}
+    with contextlib.suppress(ConfigError):
+        parts = hash_parts(folder)
+        summary |= {"record_sha256": whole(parts), "record_parts_sha256": parts}
+        summary |= {"record_files_sha256": hash_files(folder)}
+    return summary
+
+
+def _table(folder: Path, name: str) -> pa.Table | None:
+    try:
+        return read_table(folder, name)
+    except (ConfigError, pa.ArrowException, OSError):
+        return None
+
+
+def _rows(table: pa.Table | None) -> int:
+    return 0 if table is None else int(table.num_rows)
+
+
+def _last_reasons(gateway: pa.Table | None) -> list[str]:
+    """Why the gateway stopped the car; once it has let go, it says nothing of that any more."""
+    if gateway is None:
+        return []
+    rows = zip(gateway["state"].to_pylist(), gateway["reasons"].to_pylist(), strict=True)
+    said = [reasons for state, reasons in rows if state in ENDING]
+    return said[-1].split("+") if said and said[-1] else []
+
+
+def _latency(table: pa.Table | None) -> dict[str, Any]:
+    return {} if table is None or table.num_rows == 0 else summarize(table)

@@ -1,0 +1,258 @@
+"""Lays a path into a lot: which turn and shift leave the most room, or how much of the path fits at all.
+
+A search at the desk, before anything drives; seconds long. It knows the fence and the path and no receiver.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.optimize import linprog
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import Alignment, wrap_angle
+from vve_sumo.lot.polygon import Raster
+from vve_sumo.lot.stops import Driven, Fence
+from vve_sumo.path import Path
+from vve_sumo.values import Floats
+
+EVERY: Final = 3  #: stations from one swept place to the next, in the search [m]
+COARSE_ROWS, FINE_ROWS = 120, 1600  #: of the lot's tables of clearances
+COARSEST_TURN: Final = math.radians(5.0)  #: between neighbouring rotations
+SLACK: Final = 3  #: cells by which a coarse placement may stick out
+CANDIDATES: Final = 10  #: coarse placements that are refined
+POINTS: Final = 400  #: the most pressed points, which decide where to move
+ROUNDS: Final = 40  #: of a refinement, at most
+STILL: Final = 0.01  #: a refinement that moves less is done [m]
+CUT_TO: Final = 2.0  #: the cut of a path that doesn't fit is found to this [m]
+SHORTEST: Final = 5.0  #: a path that is cut shorter is none [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """How a path lies in the lot."""
+
+    alignment: Alignment  #: lays the lot's map onto the street's
+    clearance: float  #: least distance of the swept ground from the lot's edge less its margin [m]
+    station: float  #: the drive can stop inside the lot from every place up to here [m]
+    whole: bool  #: that is all of the path
+    start: tuple[float, float, float]  #: rear axle at the path's start: lot x, y [m], heading [rad] in the lot's map
+
+
+@dataclass(frozen=True, slots=True)
+class _Placement:
+    """Turn about the swept ground's middle, then shift: from the street's map to the lot's."""
+
+    rotation: float
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Ground:
+    """Points that fill what a drive may cover, about their middle, and the station where each first counts."""
+
+    points: Floats  #: (n, 2) [m]
+    station: Floats  #: (n,) [m]
+    middle: tuple[float, float]  #: street's map [m]
+
+    def until(self, station: float) -> Floats:
+        return self.points[self.station <= station]
+
+    def alignment(self, placement: _Placement) -> Alignment:
+        cosine, sine = math.cos(placement.rotation), math.sin(placement.rotation)
+        x, y = self.middle
+        shift = placement.x - cosine * x + sine * y, placement.y - sine * x - cosine * y
+        return Alignment(wrap_angle(placement.rotation), *shift).inverse()
+
+
+def fit(path: Path, fence: Fence, speed: float) -> Fit:
+    """Return the alignment under which a drive of the path at `speed` [m/s] has most room in the fence's lot.
+
+    Where no placement takes the whole path, the one that takes most of it, to about `CUT_TO`. Raises ConfigError where
+    not even the start fits.
+    """
+    drive = fence.driven(path, speed)
+    ground = _ground(fence, drive)
+    tables = fence.lot.raster(COARSE_ROWS), fence.lot.raster(FINE_ROWS)
+
+    def tried(station: float) -> Fit | None:
+        placement = _best(ground.until(station), *tables)
+        return None if placement is None else _measured(fence, drive, ground.alignment(placement))
+
+    whole = drive[-1].station
+    best = tried(whole)
+    if best is not None and best.whole:
+        return best
+    low, high = best.station if best else 0.0, whole
+    while high - low > CUT_TO:
+        middle = 0.5 * (low + high)
+        found = tried(middle)
+        if found is not None and (best is None or found.station > best.station):
+            best = found
+        low, high = (max(middle, found.station), high) if found and found.station >= middle else (low, middle)
+    if best is None:
+        raise ConfigError("the lot has no place for the start of the path and the way to rest from there")
+    return best
+
+
+def measured(path: Path, fence: Fence, speed: float, alignment: Alignment) -> Fit | None:
+    """Return how a drive of the path at `speed` [m/s] lies in the lot under an alignment; None for an unfit start."""
+    return _measured(fence, fence.driven(path, speed), alignment)
+
+
+def shortened(path: Path, fence: Fence, speed: float, station: float) -> Path:
+    """Return the path up to about a station [m], such that a drive of it at `speed` [m/s] can always stop in the lot.
+
+    Beyond its new end the car is taken to go straight on, which may ask for a place to end a little sooner. Raises
+    ConfigError where less than `SHORTEST` is left.
+    """
+    while station >= SHORTEST:
+        points = [path.at(s) for s in np.linspace(0.0, station, round(station) + 1).tolist()]
+        cut = Path.from_points([point.x for point in points], [point.y for point in points])
+        leaves = fence.along(cut, speed)
+        if leaves is None:
+            return cut
+        station = min(leaves, station) - 1.0
+    raise ConfigError(f"the lot takes less than {SHORTEST:g} m of the path")
+
+
+def _ground(fence: Fence, drive: list[Driven]) -> _Ground:
+    """Fill what the drive may cover with points: corners, edges and middles of the rectangles that it sweeps."""
+    points, stations = [], []
+    for place in [*drive[::EVERY], drive[-1]]:
+        shapes = fence.sweep(place.pose, place.steering, place.profile)
+        if shapes is None:
+            raise ConfigError(
+                "the car does not come to rest: its lowest deceleration is less than the lot's slope takes"
+            )
+        sides = 0.5 * (shapes + np.roll(shapes, 1, axis=1))
+        filled = np.concatenate((shapes, sides, shapes.mean(axis=1, keepdims=True)), axis=1).reshape(-1, 2)
+        _, kept = np.unique(np.round(filled / 0.5), axis=0, return_index=True)
+        points.append(filled[kept])
+        stations.append(np.full(len(kept), place.station))
+    every, station = np.concatenate(points), np.concatenate(stations)
+    _, kept = np.unique(np.round(every / 0.25), axis=0, return_index=True)
+    middle = 0.5 * (every.min(axis=0) + every.max(axis=0))
+    return _Ground(every[kept] - middle, station[kept], (float(middle[0]), float(middle[1])))
+
+
+def _thinned(points: Floats, spacing: float) -> Floats:
+    """One point of each square of a grid."""
+    _, kept = np.unique(np.round(points / spacing), axis=0, return_index=True)
+    return points[kept]
+
+
+def _best(points: Floats, coarse: Raster, fine: Raster) -> _Placement | None:
+    """Return the placement with most room; None where none comes near to fitting."""
+    refined = [_refined(_thinned(points, 1.0), at, fine) for at in _candidates(points, coarse)]
+    if not refined:
+        return None
+    _room_there, placement = max(refined, key=lambda one: one[0])
+    return _refined(points, placement, fine)[1]
+
+
+def _candidates(points: Floats, table: Raster) -> list[_Placement]:
+    """The best placements on a coarse grid, one a rotation, no two of them neighbours."""
+    cell = table.cell
+    some = _thinned(points, cell)
+    radius = float(np.sqrt((some * some).sum(axis=1)).max())
+    count = math.ceil(math.tau / min(cell / radius, COARSEST_TURN))
+    scored = []
+    for rotation in math.tau / count * np.arange(count):
+        room = _coarse(_turned(some, rotation), table)
+        if room is not None:
+            scored.append((*room, rotation))
+    scored.sort(key=lambda one: -one[0])
+    chosen: list[_Placement] = []
+    for _room, x, y, rotation in scored:
+        near = (abs(wrap_angle(rotation - one.rotation)) < 2.5 * math.tau / count for one in chosen)
+        if not any(near):
+            chosen.append(_Placement(float(rotation), x, y))
+        if len(chosen) == CANDIDATES:
+            break
+    return chosen
+
+
+def _coarse(points: Floats, table: Raster) -> tuple[float, float, float] | None:
+    """Least clearance [m] of turned points at the best shift of whole cells, and that shift; None if they stick out."""
+    offsets = np.round(points / table.cell).astype(np.intp)
+    (left, down), (right, up) = offsets.min(axis=0), offsets.max(axis=0)
+    rows, columns = table.depth.shape
+    wide, high = columns - (right - left), rows - (up - down)
+    if min(wide, high) < 1:
+        return None
+    room = np.full((high, wide), np.inf)
+    for column, row in np.unique(offsets, axis=0):
+        np.minimum(room, table.depth[row - down : row - down + high, column - left : column - left + wide], out=room)
+    row, column = np.unravel_index(int(room.argmax()), room.shape)
+    if room[row, column] < -SLACK * table.cell:
+        return None
+    x, y = table.x + table.cell * float(column - left), table.y + table.cell * float(row - down)
+    return float(room[row, column]), x, y
+
+
+def _refined(points: Floats, at: _Placement, table: Raster) -> tuple[float, _Placement]:
+    """Move a placement to where the least clearance of its points is greatest nearby; return both.
+
+    Each round solves the linear programme "greatest c with c <= f + f' d for the most pressed points" inside a box,
+    which shrinks where the answer is worse than it promised.
+    """
+    radius = float(np.sqrt((points * points).sum(axis=1)).max())
+    room, step = _room(points, at, table), 2.0 * table.cell + 4.0
+    for _ in range(ROUNDS):
+        moved = _moved(points, at, table, radius, step)
+        there = _room(points, moved, table)
+        if there > room + 1e-6:
+            at, room = moved, there
+        else:
+            step *= 0.5
+        if step < STILL:
+            break
+    return room, at
+
+
+def _room(points: Floats, at: _Placement, table: Raster) -> float:
+    placed = _turned(points, at.rotation)
+    return float(table.at(placed[:, 0] + at.x, placed[:, 1] + at.y).min())
+
+
+def _moved(points: Floats, at: _Placement, table: Raster, radius: float, step: float) -> _Placement:
+    arms = _turned(points, at.rotation)
+    x, y = arms[:, 0] + at.x, arms[:, 1] + at.y
+    depth = table.at(x, y)
+    pressed = np.argsort(depth)[:POINTS]
+    x, y, arms, h = x[pressed], y[pressed], arms[pressed], table.cell
+    across = (table.at(x + h, y) - table.at(x - h, y)) / (2.0 * h)
+    along = (table.at(x, y + h) - table.at(x, y - h)) / (2.0 * h)
+    turning = (along * arms[:, 0] - across * arms[:, 1]) / radius
+    rows = np.column_stack((-across, -along, -turning, np.ones(len(pressed))))
+    answer = linprog((0.0, 0.0, 0.0, -1.0), A_ub=rows, b_ub=depth[pressed], bounds=[(-step, step)] * 3 + [(None, None)])
+    if answer.x is None:
+        return at
+    dx, dy, turn = (float(answer.x[i]) for i in range(3))
+    return _Placement(at.rotation + turn / radius, at.x + dx, at.y + dy)
+
+
+def _turned(points: Floats, angle: float) -> Floats:
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return np.asarray(points @ np.array([[cosine, sine], [-sine, cosine]]), dtype=np.float64)
+
+
+def _measured(fence: Fence, drive: list[Driven], alignment: Alignment) -> Fit | None:
+    """Follow the drive under an alignment, without tables; None where not even its start fits."""
+    laid, to_lot = fence.laid(alignment), alignment.inverse()
+    room, last = math.inf, None
+    for place in drive:
+        if laid.check(place.pose, place.steering, place.profile):
+            break
+        shapes = fence.sweep(to_lot.apply(place.pose), place.steering, place.profile)
+        assert shapes is not None
+        room, last = min(room, fence.lot.clearance(shapes)), place.station
+    if last is None:
+        return None
+    start = to_lot.apply(drive[0].pose)
+    return Fit(alignment, room, last, last == drive[-1].station, (start.x, start.y, start.heading))

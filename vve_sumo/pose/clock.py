@@ -1,0 +1,115 @@
+"""GNSS time against drive time: when, on the drive's own clock, was a fix made?
+
+Knows arrivals and the times that fixes carry; must not know sockets, receivers or what a fix says. A constant delay
+cannot be seen from arrivals: unless the host's clock is disciplined by PTP or PPS, the smallest delay is declared by
+the rig and every age that follows from it is "at least what was declared".
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import deque
+from dataclasses import dataclass
+from itertools import combinations
+from statistics import median
+from typing import Final
+
+LEAK: Final = 100e-6  #: how fast a larger delay is believed; twice the drift of a common quartz
+LEARNING: Final = 2.0  #: at first, a smaller delay is believed at once [s]
+LEARNING_SLEW: Final = 0.9  #: even then time goes on: below 1
+SLEW: Final = 0.01  #: later, how fast a smaller delay is believed; one early arrival moves next to nothing
+DRIFT_SECONDS: Final = 60  #: over which the drift is estimated
+DRIFT_KNOWN: Final = 10  #: seconds before which no drift is told
+SPREAD_ARRIVALS: Final = 2000  #: over which the spread is told
+
+
+class AgeKind(enum.StrEnum):
+    """What an age on this clock is worth."""
+
+    ABSOLUTE = "absolute"  #: host and receiver share a clock
+    DECLARED = "declared minimum"  #: a constant delay beyond the declared one would not be seen
+
+
+@dataclass(frozen=True, slots=True)
+class ClockReport:
+    """What the clock found out; NaN where it does not know yet."""
+
+    age: AgeKind
+    offset: float  #: drive time minus GNSS time since the epoch [s]
+    drift_ppm: float  #: of the drive's clock against GNSS, fast positive; median slope of the seconds' least delays
+    jitter_p50: float  #: of arrivals, above the least delay of the window [s]
+    jitter_p99: float  #: as jitter_p50
+
+
+class Clock:
+    """Maps the time of each fix to drive time; pure: all it knows are the arrivals it is handed.
+
+    `epoch` is the GNSS second that the drive calls 0 (any, where the offset is estimated; the true one where
+    `absolute`), `minimum_delay` the least time from a fix's epoch to its arrival that the rig declares [s]. The offset
+    falls quickly towards an arrival that was faster than thought and rises by at most `LEAK` towards slower ones, so it
+    stays at the fastest of the recent arrivals while the drift is below `LEAK`; a network that turns slow is told as
+    age. Give it fixes of status 4 only: a receiver that is catching up (NCOM status 2, 3) looks like a fast clock.
+    """
+
+    def __init__(self, epoch: float, minimum_delay: float, *, absolute: bool = False) -> None:
+        self._epoch, self._minimum_delay, self._absolute = epoch, minimum_delay, absolute
+        self._offset = 0.0 if absolute else math.nan
+        self._first = self._newest = -math.inf
+        self._excess: deque[float] = deque(maxlen=SPREAD_ARRIVALS)
+        self._seconds: deque[tuple[int, float]] = deque(maxlen=DRIFT_SECONDS)
+
+    def step(self, received: float, time: float) -> float:
+        """Return the drive time at which the fix of GNSS time `time` was made, given that it arrived at `received`.
+
+        Strictly increasing where `time` is. A fix that is not newer than the newest is mapped and teaches nothing; what
+        is not finite gives NaN.
+        """
+        made = time - self._epoch
+        if not math.isfinite(received + made):
+            return math.nan
+        if made > self._newest:
+            lag = received - made
+            if not self._absolute:
+                self._learn(made, lag - self._minimum_delay)
+            if self._first == -math.inf:
+                self._first = made
+            self._newest = made
+            self._note(made, lag)
+        return made + self._offset
+
+    def at(self, time: float) -> float:
+        """Return the drive time of GNSS time `time` by what was learnt so far, learning nothing; NaN before that."""
+        return time - self._epoch + self._offset
+
+    def report(self) -> ClockReport:
+        """Return what is known now; sorts a window, so not for every fix."""
+        jitter = sorted(self._excess)
+        p50, p99 = (
+            jitter[round(share * (len(jitter) - 1))] - jitter[0] if jitter else math.nan for share in (0.5, 0.99)
+        )
+        age = AgeKind.ABSOLUTE if self._absolute else AgeKind.DECLARED
+        return ClockReport(age, self._offset, self._drift_ppm(), p50, p99)
+
+    def _learn(self, made: float, offset: float) -> None:
+        """Go towards the `offset` that this arrival would mean had it been as fast as any."""
+        if math.isnan(self._offset):
+            self._offset = offset
+            return
+        step = made - self._newest
+        slew = LEARNING_SLEW if made - self._first < LEARNING else SLEW
+        self._offset += min(max(offset - self._offset, -slew * step), LEAK * step)
+
+    def _note(self, made: float, lag: float) -> None:
+        self._excess.append(lag - self._offset)
+        second = math.floor(made)
+        if self._seconds and self._seconds[-1][0] == second:
+            lag = min(lag, self._seconds.pop()[1])
+        self._seconds.append((second, lag))
+
+    def _drift_ppm(self) -> float:
+        """Theil and Sen's slope: a few slow seconds do not tilt it."""
+        if len(self._seconds) < DRIFT_KNOWN:
+            return math.nan
+        slopes = ((lag - past) / (second - then) for (then, past), (second, lag) in combinations(self._seconds, 2))
+        return 1e6 * median(slopes)

@@ -1,0 +1,399 @@
+"""NMEA 0183 sentences to fixes.
+
+Knows sentences, checksums and how receivers send them; must not know whether a fix is good enough to drive on
+(trust.py) or where the bytes come from. NMEA says less than NCOM: what only differences can give is differenced here,
+what nobody says is declared by the rig or stays NaN.
+"""
+
+from __future__ import annotations
+
+import datetime
+import enum
+import math
+import operator
+import re
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any, Final, NamedTuple
+
+import pynmea2
+
+from vve_sumo.frames import GRAVITY
+from vve_sumo.values import Fix
+
+GPS_MINUS_UTC: Final = 18_000  #: leap seconds since 2017-01-01 (IERS Bulletin C 52 and all since) [ms]
+GPS_EPOCH: Final = datetime.date(1980, 1, 6)
+DAY: Final = 86_400_000  #: [ms]
+SENTENCE: Final = re.compile(rb"\$([^$*\r\n]{1,250})\*([0-9A-Fa-f]{2})")
+BEGUN: Final = re.compile(rb"\$[^$*\r\n]{0,250}(?:\*[0-9A-Fa-f]?)?")  #: what may become a sentence yet
+SLOW_LIFE: Final = 2_500  #: accuracies are often sent once a second; one may be lost [ms]
+LATEST: Final = 0.7  #: share of a period after which a sentence without a time is not of the open epoch any more
+RATE_WINDOW: Final = 100  #: over which yaw rate and acceleration are differenced [ms]
+RATE_GAP: Final = 500  #: fixes further apart give no rate [ms]
+COURSE_LOST: Final = 0.2  #: receivers leave the course empty when slower than about this [m/s]
+KNOT: Final = 1852.0 / 3600.0  #: [m/s]
+
+#: GGA's quality to NCOM's position mode: SPS, differential, RTK fixed, RTK float; PPS, estimated and others are unknown
+MODES: Final = {1: 3, 2: 4, 4: 6, 5: 5}
+REAL_TIME: Final = (
+    4  #: NCOM's navigation status locked; NMEA has none, a receiver that says a mode above is in real time
+)
+NOT_MEASURED: Final = frozenset("NESM")  #: mode indicators: not valid, estimated, simulated, manual
+
+
+class Outcome(enum.StrEnum):
+    """What became of a sentence (first five) or of an epoch, which is all sentences of one time (the rest)."""
+
+    READ = "read"
+    OTHER = "other_sentence"  #: a kind that is not read
+    WRONG_CHECKSUM = "wrong_checksum"
+    MALFORMED = "malformed"  #: its checksum is right, its fields are not
+    STRAY = "stray"  #: its epoch is not open: already complete, over, or not begun
+    FIX = "fix"
+    INCOMPLETE = "incomplete"  #: another epoch began before position, heading and velocity were there
+    DATE_UNKNOWN = "date_unknown"  #: no RMC or ZDA yet
+    NOT_INCREASING = "time_not_increasing"
+    NO_POSITION = "no_position"  #: the receiver has none
+
+
+class _Position(NamedTuple):
+    latitude: float
+    longitude: float
+    altitude: float
+    quality: int
+    differential_age: float
+
+
+class _Attitude(NamedTuple):
+    heading: float  #: counter-clockwise from east
+    pitch: float = math.nan
+    roll: float = math.nan
+    heading_sigma: float = math.nan
+
+
+class _Motion(NamedTuple):
+    speed: float
+    course: float  #: counter-clockwise from east
+
+
+class _Past(NamedTuple):
+    clock: int
+    heading: float
+    speed: float
+
+
+@dataclass(slots=True)
+class _Epoch:
+    """The sentences of one time of day, as far as they came."""
+
+    time_of_day: int  #: UTC [ms]
+    received: float
+    open: bool = True
+    has_pashr: bool = False
+    position: _Position | None = None
+    attitude: _Attitude | None = None
+    motion: _Motion | None = None
+
+
+def _number(value: Any) -> float:
+    """A field as a number; empty, not a number and infinite are NaN (pynmea2 leaves what it cannot read as text)."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+    return number if math.isfinite(number) else math.nan
+
+
+def _from_compass(degrees: float) -> float:
+    return math.remainder(math.radians(90.0 - degrees), math.tau)
+
+
+def _time_of_day(sentence: Any) -> int:
+    """UTC time of day [ms]; raises ValueError where there is none."""
+    time = sentence.timestamp
+    if not isinstance(time, datetime.time):
+        raise ValueError("no time of day")
+    return (time.hour * 3600 + time.minute * 60 + time.second) * 1000 + round(time.microsecond / 1000)
+
+
+def _position(sentence: Any) -> _Position:
+    quality = sentence.gps_qual if isinstance(sentence.gps_qual, int) else 0
+    known = quality > 0 and sentence.lat_dir in ("N", "S") and sentence.lon_dir in ("E", "W")
+    latitude, longitude = (sentence.latitude, sentence.longitude) if known else (math.nan, math.nan)
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        latitude = longitude = math.nan
+    return _Position(
+        math.radians(latitude),
+        math.radians(longitude),
+        _number(sentence.altitude),
+        quality,
+        _number(sentence.age_gps_data),
+    )
+
+
+def _attitude(sentence: Any) -> _Attitude:
+    """Of PASHR: time, heading, T, roll, pitch, heave, three accuracies, quality of the aiding (0 is none)."""
+    if sentence.is_true_heading != "T" or _number(sentence.aiding_status) == 0.0:
+        return _Attitude(math.nan)
+    heading, pitch, roll, sigma = (
+        _number(value) for value in (sentence.true_heading, sentence.pitch, sentence.roll, sentence.heading_accuracy)
+    )
+    return _Attitude(_from_compass(heading), math.radians(pitch), math.radians(roll), math.radians(sigma))
+
+
+def _motion_of_vtg(sentence: Any) -> _Motion:
+    speed = _number(sentence.spd_over_grnd_kmph) / 3.6
+    if math.isnan(speed):
+        speed = _number(sentence.spd_over_grnd_kts) * KNOT
+    if sentence.faa_mode in NOT_MEASURED:
+        speed = math.nan
+    return _Motion(speed, _from_compass(_number(sentence.true_track)))
+
+
+def _motion_of_rmc(sentence: Any) -> _Motion:
+    measured = sentence.status == "A" and sentence.mode_indicator not in NOT_MEASURED
+    speed = _number(sentence.spd_over_grnd) * KNOT if measured else math.nan
+    return _Motion(speed, _from_compass(_number(sentence.true_course)))
+
+
+class Decoder:
+    """Turns a byte stream, however it is cut, into fixes; never raises on any bytes.
+
+    A fix is complete with GGA (position), HDT or PASHR (heading; PASHR also says pitch, roll and the heading's
+    accuracy, and is waited for where the epoch before had one) and VTG or RMC (velocity), and is emitted at once. GST
+    (accuracy) and the date (ZDA or RMC) may come less often, the date once before the first fix. Only sentences with a
+    right checksum count. Emitted times are strictly increasing; a receiver whose clock goes back for good needs a new
+    decoder.
+
+    HDT and VTG carry no time. They belong to the epoch that the last sentence with a new time opened (GGA, RMC, PASHR
+    or GST), if they arrive within `LATEST` of a period: so the receiver must send one of those first. One that sends
+    HDT first gives no fix at all rather than headings of the wrong epoch; `counts` then shows INCOMPLETE and STRAY.
+
+    What NMEA does not say: yaw rate and acceleration are differences of heading and of speed along it over the last
+    `RATE_WINDOW` (late by half of it, and blind where both are wrong together), NaN for the first fix and after a gap,
+    which the trust gate refuses; gravity's share of the acceleration is added where the pitch is known. The accuracies
+    of velocity and heading are those that the rig declares (1 sigma, [m/s] and [rad]; not declared is NaN and refused);
+    a heading accuracy said by PASHR counts where it is worse. Altitude is above mean sea level.
+    """
+
+    def __init__(self, *, velocity_sigma: float = math.nan, heading_sigma: float = math.nan) -> None:
+        self.counts: dict[Outcome, int] = dict.fromkeys(Outcome, 0)
+        self.discarded = 0  #: bytes that belonged to no sentence, line ends aside
+        self._velocity_sigma, self._heading_sigma = velocity_sigma, heading_sigma
+        self._buffer = b""
+        self._epoch: _Epoch | None = None
+        self._period = 0.0  #: from epoch to epoch [s]
+        self._await_pashr = False
+        self._dated: int | None = None  #: a UTC time that is known with its date [ms since 1980-01-06]
+        self._located = False  #: the newest GGA had a position; the dates of a receiver without are its own guess
+        self._emitted = 0  #: time of the newest fix [ms GPS]
+        self._accuracy = (-DAY, math.nan)  #: time of day [ms] and 1 sigma [m] of the last GST
+        self._past: deque[_Past] = deque()
+        self._readers: dict[bytes, Callable[[Any, float], bool]] = {
+            b"GGA": self._read_gga,
+            b"RMC": self._read_rmc,
+            b"VTG": self._read_vtg,
+            b"HDT": self._read_hdt,
+            b"GST": self._read_gst,
+            b"ZDA": self._read_zda,
+            b"PASHR": self._read_pashr,
+        }
+
+    @property
+    def sentences(self) -> int:
+        """How many sentences had a right checksum."""
+        return sum(self.counts[one] for one in (Outcome.READ, Outcome.OTHER, Outcome.MALFORMED, Outcome.STRAY))
+
+    def feed(self, data: bytes, time_received: float) -> list[Fix]:
+        """Return the fixes that `data` completes, all stamped with `time_received` [s, the drive's clock]."""
+        buffer, fixes, end = self._buffer + data, [], 0
+        for match in SENTENCE.finditer(buffer):
+            self._discard(buffer[end : match.start()])
+            end = match.end()
+            outcome = self._take(match[1], int(match[2], 16), time_received)
+            self.counts[outcome] += 1
+            fix = self._completed(time_received)
+            if fix is not None:
+                fixes.append(fix)
+        begin = buffer.rfind(b"$", end)
+        if begin < 0 or not BEGUN.fullmatch(buffer, begin):
+            begin = len(buffer)
+        self._discard(buffer[end:begin])
+        self._buffer = buffer[begin:]
+        return fixes
+
+    def _discard(self, garbage: bytes) -> None:
+        self.discarded += len(garbage.translate(None, b"\r\n"))
+
+    def _take(self, body: bytes, checksum: int, received: float) -> Outcome:
+        if reduce(operator.xor, body) != checksum:
+            return Outcome.WRONG_CHECKSUM
+        head = body.split(b",", 1)[0]
+        reader = self._readers.get(head if head.startswith(b"P") else head[2:])
+        if reader is None or (head == b"PASHR" and not body[6:7].isdigit()):  # Ashtech's own ones have a name there
+            return Outcome.OTHER
+        try:
+            sentence = pynmea2.parse(f"${body.decode('ascii')}*{checksum:02X}", check=True)
+            return Outcome.READ if reader(sentence, received) else Outcome.STRAY
+        except (ValueError, LookupError, AttributeError, TypeError, OverflowError):
+            return Outcome.MALFORMED  # pynmea2 raises any of these for one or another wrong field
+
+    # --- epochs ---------------------------------------------------------------------------------------------------
+
+    def _enter(self, time_of_day: int, received: float) -> _Epoch | None:
+        """The epoch of a sentence with a time, begun if it is a new one; None if it is over."""
+        epoch = self._epoch
+        if epoch is not None:
+            step = (time_of_day - epoch.time_of_day + DAY // 2) % DAY - DAY // 2
+            if step <= 0:
+                return epoch if step == 0 and epoch.open else None
+            self._period = step / 1000.0
+            self._await_pashr = epoch.has_pashr
+            if epoch.open:
+                self.counts[Outcome.INCOMPLETE] += 1
+        self._epoch = _Epoch(time_of_day, received)
+        return self._epoch
+
+    def _current(self, received: float) -> _Epoch | None:
+        """The epoch of a sentence without a time that arrived at `received`."""
+        epoch = self._epoch
+        if epoch is None or not epoch.open or not received - epoch.received <= LATEST * self._period:
+            return None
+        return epoch
+
+    # --- sentences: each says whether it found its epoch ----------------------------------------------------------
+
+    def _read_gga(self, sentence: Any, received: float) -> bool:
+        time_of_day, position = _time_of_day(sentence), _position(sentence)
+        self._located = math.isfinite(position.latitude)
+        epoch = self._enter(time_of_day, received)
+        if epoch is not None:
+            epoch.position = position
+        return epoch is not None
+
+    def _read_rmc(self, sentence: Any, received: float) -> bool:
+        time_of_day, motion = _time_of_day(sentence), _motion_of_rmc(sentence)
+        if sentence.status == "A" and isinstance(sentence.datestamp, datetime.date):
+            self._date(sentence.datestamp, time_of_day)
+        epoch = self._enter(time_of_day, received)
+        if epoch is not None and epoch.motion is None:
+            epoch.motion = motion
+        return epoch is not None
+
+    def _read_vtg(self, sentence: Any, received: float) -> bool:
+        motion, epoch = _motion_of_vtg(sentence), self._current(received)
+        if epoch is not None:
+            epoch.motion = motion
+        return epoch is not None
+
+    def _read_hdt(self, sentence: Any, received: float) -> bool:
+        heading = _number(sentence.heading) if sentence.hdg_true == "T" else math.nan
+        epoch = self._current(received)
+        if epoch is not None and not self._await_pashr and not epoch.has_pashr:
+            epoch.attitude = _Attitude(_from_compass(heading))
+        return epoch is not None
+
+    def _read_pashr(self, sentence: Any, received: float) -> bool:
+        time_of_day, attitude = _time_of_day(sentence), _attitude(sentence)
+        epoch = self._enter(time_of_day, received)
+        if self._epoch is not None and self._epoch.time_of_day == time_of_day:
+            self._epoch.has_pashr = True  # even where it came too late: the next epoch shall wait for its own
+        if epoch is not None:
+            epoch.attitude = attitude
+        return epoch is not None
+
+    def _read_gst(self, sentence: Any, received: float) -> bool:
+        time_of_day = _time_of_day(sentence)
+        north, east = _number(sentence.std_dev_latitude), _number(sentence.std_dev_longitude)
+        self._accuracy = (time_of_day, max(north, east) if math.isfinite(north + east) else math.nan)
+        self._enter(time_of_day, received)
+        return True
+
+    def _read_zda(self, sentence: Any, _received: float) -> bool:
+        if self._located:
+            self._date(sentence.datestamp, _time_of_day(sentence))
+        return True
+
+    # --- fixes ----------------------------------------------------------------------------------------------------
+
+    def _date(self, date: datetime.date, time_of_day: int) -> None:
+        self._dated = (date - GPS_EPOCH).days * DAY + time_of_day
+
+    def _completed(self, received: float) -> Fix | None:
+        """The fix of the open epoch if all of it is there; closes the epoch."""
+        epoch = self._epoch
+        if epoch is None or not epoch.open or epoch.position is None or epoch.attitude is None or epoch.motion is None:
+            return None
+        epoch.open = False
+        outcome, fix = self._close(epoch, epoch.position, epoch.attitude, epoch.motion, received)
+        self.counts[outcome] += 1
+        return fix
+
+    def _close(
+        self, epoch: _Epoch, position: _Position, attitude: _Attitude, motion: _Motion, received: float
+    ) -> tuple[Outcome, Fix | None]:
+        if self._dated is None:
+            return Outcome.DATE_UNKNOWN, None
+        # The day that puts it nearest to the last time known with its date: midnight needs no sentence of its own.
+        self._dated += (epoch.time_of_day - self._dated + DAY // 2) % DAY - DAY // 2
+        clock = self._dated + GPS_MINUS_UTC
+        if clock <= self._emitted:
+            return Outcome.NOT_INCREASING, None
+        if not math.isfinite(position.latitude + position.longitude):
+            return Outcome.NO_POSITION, None
+        self._emitted = clock
+        return Outcome.FIX, self._fix(clock, epoch.time_of_day, position, attitude, motion, received)
+
+    def _fix(
+        self, clock: int, time_of_day: int, position: _Position, attitude: _Attitude, motion: _Motion, received: float
+    ) -> Fix:
+        lost = math.isnan(motion.course) and motion.speed < COURSE_LOST
+        course = attitude.heading if lost else motion.course
+        ahead = motion.speed * math.cos(course - attitude.heading)
+        yaw_rate, acceleration = self._rates(_Past(clock, attitude.heading, ahead))
+        mode = MODES.get(position.quality, -1)
+        heard, position_sigma = self._accuracy
+        return Fix(
+            time=clock / 1000.0,
+            time_received=received,
+            latitude=position.latitude,
+            longitude=position.longitude,
+            altitude=position.altitude,
+            heading=attitude.heading,
+            pitch=attitude.pitch,
+            roll=attitude.roll,
+            velocity_north=motion.speed * math.sin(course),
+            velocity_east=motion.speed * math.cos(course),
+            velocity_down=math.nan,
+            yaw_rate=yaw_rate,
+            acceleration=acceleration + (0.0 if math.isnan(attitude.pitch) else GRAVITY * math.sin(attitude.pitch)),
+            status=REAL_TIME if mode >= 0 else 0,
+            position_mode=mode,
+            position_sigma=position_sigma if (time_of_day - heard) % DAY <= SLOW_LIFE else math.nan,
+            velocity_sigma=self._velocity_sigma,
+            heading_sigma=_worse(self._heading_sigma, attitude.heading_sigma),
+            differential_age=position.differential_age,
+        )
+
+    def _rates(self, now: _Past) -> tuple[float, float]:
+        """Yaw rate and acceleration since the oldest fix of the window, at least the one before."""
+        past = self._past
+        if past and now.clock - past[-1].clock > RATE_GAP:
+            past.clear()
+        while len(past) > 1 and past[0].clock < now.clock - RATE_WINDOW:
+            past.popleft()
+        then = past[0] if past else _Past(now.clock - 1, math.nan, math.nan)
+        past.append(now)
+        step = (now.clock - then.clock) / 1000.0
+        turned = now.heading - then.heading
+        yaw_rate = math.remainder(turned, math.tau) / step if math.isfinite(turned) else math.nan
+        return yaw_rate, (now.speed - then.speed) / step
+
+
+def _worse(declared: float, said: float) -> float:
+    """The larger accuracy; one that is not there does not count."""
+    if math.isnan(declared):
+        return said
+    return declared if math.isnan(said) else max(declared, said)

@@ -1,0 +1,259 @@
+"""Where pose bytes come from: UDP, TCP, a serial line, or a recording played in real time.
+
+Opens sockets and devices and knows when each portion arrived; must not know what the bytes mean. Whoever reads may be
+busy elsewhere (SUMO holds the interpreter while it steps): so arrivals are the kernel's own stamps where it gives them,
+and a portion read late is still told with the moment it came.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import math
+import socket
+import struct
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, Protocol
+
+import serial
+
+from vve_sumo.errors import RigError
+from vve_sumo.pose.recording import portions
+
+PORTION: Final = 4096  #: the most bytes taken as one portion; no pose message is as long
+PORTIONS: Final = 1024  #: the most portions taken at once, so that a flood cannot hold the caller
+RECEIVE_BUFFER: Final = 1 << 20  #: asked of the kernel [bytes]; it grants less where its own limit is lower
+CONNECT_PATIENCE: Final = 3.0  #: [s]
+WALL_STEP: Final = 0.02  #: a wall clock that moved by more against the monotonic one was set [s]; NTP's slew is less
+SO_TIMESTAMPNS: Final = 35  #: Linux, asm-generic/socket.h
+STAMP: Final = struct.Struct("@qq")
+
+REASONS: Final = {
+    errno.EADDRINUSE: "is in use by another program",
+    errno.EADDRNOTAVAIL: "is no address of this machine",
+    errno.EACCES: "may not be opened by this user",
+    errno.EPERM: "may not be opened by this user",
+    errno.ENOENT: "does not exist: is the receiver plugged in?",
+    errno.ENODEV: "does not exist: is the receiver plugged in?",
+    errno.EBUSY: "is in use by another program",
+    errno.EAGAIN: "is in use by another program",
+    errno.EWOULDBLOCK: "is in use by another program",
+    errno.ENOTTY: "is no serial line",
+    errno.ECONNREFUSED: "refuses the connection: does the receiver serve this port?",
+    errno.EHOSTUNREACH: "cannot be reached",
+    errno.ENETUNREACH: "cannot be reached",
+    errno.ETIMEDOUT: "does not answer",
+}
+
+
+class Source(Protocol):
+    """Where pose bytes come from."""
+
+    @property
+    def lost(self) -> bool:
+        """Whether nothing will come any more: the peer closed, the device is gone, the recording is over."""
+
+    def fileno(self) -> int:
+        """Return what to wait on; once `lost` it must not be waited on, for a dead one is always ready."""
+
+    def next_due(self) -> float:
+        """Return the monotonic second at which `receive` will have something without `fileno` saying so, or inf."""
+
+    def receive(self) -> list[tuple[float, bytes]]:
+        """Return all portions that wait, each with the monotonic second of its arrival; never blocks, never raises."""
+
+    def close(self) -> None:
+        """Let go of the socket or device."""
+
+
+def _refused(where: str, what: str, error: OSError) -> RigError:
+    reason = REASONS.get(error.errno or 0)
+    return RigError(f"{where}: {what} {reason}" if reason else f"{where}: {what} cannot be opened ({error})")
+
+
+class _Socket:
+    """A socket, read with the kernel's stamps."""
+
+    def __init__(self, opened: socket.socket, *, stream: bool) -> None:
+        self._socket, self._stream = opened, stream
+        self.lost = False
+        self._ahead = _wall_ahead()
+        opened.setblocking(False)
+        if sys.platform == "linux":
+            opened.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def next_due(self) -> float:
+        return math.inf
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def receive(self) -> list[tuple[float, bytes]]:
+        taken: list[tuple[float, bytes]] = []
+        while not self.lost and len(taken) < PORTIONS:
+            try:
+                data, ancillary, _, _ = self._socket.recvmsg(PORTION, socket.CMSG_SPACE(STAMP.size))
+            except BlockingIOError:
+                break
+            except OSError:
+                self.lost = self._stream  # of a datagram socket this is one datagram's mishap, or the link is down
+                break
+            if not data and self._stream:
+                self.lost = True
+            elif data:
+                taken.append((_stamp(ancillary), data))
+        return self._dated(taken) if taken else []
+
+    def _dated(self, stamped: list[tuple[float, bytes]]) -> list[tuple[float, bytes]]:
+        """The portions with their stamps carried over from the wall clock to the monotonic one.
+
+        The kernel stamps by the wall clock. Where that was set since the last look, and for a stamp from the future or
+        none, the portion is said to come now: later than it did, which is the safe side.
+        """
+        before, self._ahead = self._ahead, _wall_ahead()
+        now = time.monotonic()
+        was_set = not abs(self._ahead - before) <= WALL_STEP
+        moments = ((now if was_set else stamp - self._ahead, data) for stamp, data in stamped)
+        return [(moment if moment <= now else now, data) for moment, data in moments]
+
+
+def _stamp(ancillary: list[tuple[int, int, bytes]]) -> float:
+    """The kernel's stamp [s of its wall clock]; NaN where it gave none."""
+    for level, kind, data in ancillary:
+        if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(data) == STAMP.size:
+            seconds, nanoseconds = STAMP.unpack(data)
+            return float(seconds + nanoseconds * 1e-9)
+    return math.nan
+
+
+def _wall_ahead() -> float:
+    """Wall clock minus monotonic clock [s]: the closest of three looks, for one may be interrupted."""
+    looks = []
+    for _ in range(3):
+        before = time.monotonic()
+        wall = time.time()
+        after = time.monotonic()
+        looks.append((after - before, wall - 0.5 * (before + after)))
+    return min(looks)[1]
+
+
+class _Serial:
+    """A serial line; the kernel stamps nothing here, so a portion arrives when it is read."""
+
+    def __init__(self, opened: serial.Serial) -> None:
+        self._serial = opened
+        self.lost = False
+
+    def fileno(self) -> int:
+        return int(self._serial.fileno())
+
+    def next_due(self) -> float:
+        return math.inf
+
+    def close(self) -> None:
+        self._serial.close()
+
+    def receive(self) -> list[tuple[float, bytes]]:
+        if self.lost:
+            return []
+        try:
+            data = self._serial.read(PORTION)
+        except (OSError, TypeError):  # SerialException is an OSError; TypeError is what a closed descriptor gives
+            self.lost = True
+            return []
+        return [(time.monotonic(), data)] if data else []
+
+
+class _Playback:
+    """A recording, each portion released when it is due, as if it arrived right then."""
+
+    def __init__(self, path: Path, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._waiting = deque(portions(path))
+        self._start = clock()
+        self._silent = socket.socketpair()  # nothing is ever written to it: waiting on it is waiting in vain
+
+    @property
+    def lost(self) -> bool:
+        return not self._waiting
+
+    def fileno(self) -> int:
+        return self._silent[0].fileno()
+
+    def next_due(self) -> float:
+        return self._start + self._waiting[0][0] if self._waiting else math.inf
+
+    def close(self) -> None:
+        for end in self._silent:
+            end.close()
+
+    def receive(self) -> list[tuple[float, bytes]]:
+        now, released = self._clock(), []
+        while self.next_due() <= now:
+            due, data = self._waiting.popleft()
+            released.append((self._start + due, data))
+        return released
+
+
+def open_udp(address: str, port: int, where: str = "pose") -> Source:
+    """Listen to datagrams for `address`, `port` (IPv4; 0.0.0.0 hears broadcasts).
+
+    `where` names the rig's table in errors. Raises RigError naming the key.
+    """
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        # Several programs may listen to one broadcast. On loopback they would take each other's datagrams instead.
+        if not address.startswith("127."):
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        opened.bind((address, port))
+    except OSError as error:
+        opened.close()
+        key = "port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "address"
+        what = f"UDP port {port}" if key == "port" else repr(address)
+        raise _refused(f"{where}.{key}", what, error) from None
+    return _Socket(opened, stream=False)
+
+
+def open_tcp(address: str, port: int, where: str = "pose") -> Source:
+    """Connect to a server of pose bytes; a connection that it closes is `lost`. Raises RigError naming the key."""
+    try:
+        opened = socket.create_connection((address, port), CONNECT_PATIENCE)
+    except OSError as error:
+        key, reached = (
+            ("address", repr(address)) if isinstance(error, socket.gaierror) else ("port", f"{address}:{port}")
+        )
+        if isinstance(error, TimeoutError):
+            error = TimeoutError(errno.ETIMEDOUT, "no answer")
+        raise _refused(f"{where}.{key}", reached, error) from None
+    return _Socket(opened, stream=True)
+
+
+def open_serial(device: str, baud: int, where: str = "pose") -> Source:
+    """Open a serial line, 8N1, for this process alone. Raises RigError naming the key."""
+    try:
+        opened = serial.Serial(device, baud, timeout=0, exclusive=True)
+    except ValueError:
+        raise RigError(f"{where}.baud: {device} cannot do {baud} baud") from None
+    except OSError as error:
+        raise _refused(f"{where}.device", device, error) from None
+    with contextlib.suppress(OSError, ValueError, NotImplementedError):
+        opened.set_low_latency_mode(True)  # else USB converters hold bytes for up to 16 ms
+    return _Serial(opened)
+
+
+def open_file(path: Path, clock: Callable[[], float] = time.monotonic) -> Source:
+    """Play a recording (CSV, NCOM or its hexadecimal text) from now on by `clock`, as NCOM bytes.
+
+    Never a car: what arms on a recording drives blind, so its trust profile is `trust.PLAYBACK`. Raises ConfigError
+    naming the file, line and column.
+    """
+    return _Playback(path, clock)

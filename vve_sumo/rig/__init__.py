@@ -1,0 +1,1 @@
+"""Rig files: which car, bus, receiver and lot, as measured and dated."""

@@ -1,0 +1,60 @@
+"""Writes what was measured into a rig file; comments and everything else in it stay.
+
+Knows TOML and where a rig is judged; not what the numbers mean or who measured them.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tomllib
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.rig import load
+from vve_sumo.rig.schema import Rig
+
+#: table and key to value; a day is a `datetime.date`
+Values = Mapping[tuple[str, str], Any]
+
+
+def lay(document: Any, values: Values) -> None:
+    """Set keys of a tomlkit document, making tables that are missing; all else stays as it is."""
+    import tomlkit
+
+    for (table, key), value in values.items():
+        document.setdefault(table, tomlkit.table())[key] = value
+
+
+def put(file: Path, values: Values, emptied: Collection[str] = ()) -> Rig:
+    """Set keys of a rig file, in one step for whoever reads it meanwhile, and return the rig that it holds now.
+
+    Tables named in `emptied` lose all their other keys. Raises ConfigError, the file untouched, where it cannot be
+    written or where the result would not load.
+    """
+    import tomlkit
+
+    load.load(file)  # refuses what is wrong already, in its own words
+    document = tomlkit.parse(file.read_text(encoding="utf-8"))
+    for table in emptied:
+        for key in list(document.get(table, {})):
+            if (table, key) not in values:
+                document[table].remove(key)
+    lay(document, values)
+    text = tomlkit.dumps(document)
+    rig = load.parse(tomllib.loads(text), file)
+    _replace(file.resolve(), text)
+    return rig
+
+
+def _replace(file: Path, text: str) -> None:
+    half = file.with_name(f".{file.name}.half")
+    try:
+        half.write_text(text, encoding="utf-8")
+        shutil.copymode(file, half)
+        half.replace(file)
+    except OSError as error:
+        raise ConfigError(f"rig {file}: cannot be written: {error.strerror}") from None
+    finally:
+        half.unlink(missing_ok=True)

@@ -1,0 +1,24 @@
+"""One user of a rig at a time: two drives on one car's bus would be two masters."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+from collections.abc import Iterator
+from pathlib import Path
+
+from vve_sumo.errors import RigError
+
+
+@contextlib.contextmanager
+def held(rig_file: Path) -> Iterator[None]:
+    """Hold a rig while in the block; the system lets go of it when this process ends, however it ends.
+
+    Raises RigError where another process holds it.
+    """
+    with rig_file.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise RigError(f"{rig_file}: another drive, doctor or align is using this rig; wait for its end") from None
+        yield

@@ -1,0 +1,193 @@
+"""What a rig means to the rest: vehicle, limits, mounting, the lot and its fence, in SI units and CCW radians.
+
+Every function raises ConfigError, without the file's name, for what cannot be; none of them opens anything.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import Alignment, MapFrame, Mounting, local_frame
+from vve_sumo.lot.polygon import Lot
+from vve_sumo.lot.stops import Fence, Stop
+from vve_sumo.rig.schema import Rig
+from vve_sumo.scenario.schema import Table
+from vve_sumo.values import Vehicle
+from vve_sumo.vehicle import fusion
+from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.dbw import Variant
+from vve_sumo.vehicle.limits import Envelope, Limits
+
+if TYPE_CHECKING:
+    from vve_sumo.plant.rehearsal import Rehearsed
+
+EXPIRY: Final = 0.100  #: how long the last good setpoint is acted on [s]
+NOTICED: Final = 0.030  #: the gateway's timer sees an expired setpoint this much later at most [s]
+
+#: endings of keys and what they are in SI units
+UNITS: Final = {
+    "_deg": math.pi / 180.0,
+    "_degps": math.pi / 180.0,
+    "_m": 1.0,
+    "_m2": 1.0,
+    "_s": 1.0,
+    "_kg": 1.0,
+    "_kgm": 1.0,
+    "_kgm2": 1.0,
+    "_mps": 1.0,
+    "_mps2": 1.0,
+    "_mps3": 1.0,
+    "_n": 1.0,
+    "_nm": 1.0,
+    "_npr": 1.0,
+    "_w": 1.0,
+}
+
+
+def _in_si(table: Table, *left_out: str) -> dict[str, float]:
+    """Return what a table says, by names without units."""
+    said: dict[str, float] = {}
+    for key, value in table:
+        if value is not None and key not in left_out:
+            name, _, unit = key.rpartition("_")
+            factor = UNITS.get(f"_{unit}")
+            said[key if factor is None else name] = value * (factor or 1.0)
+    return said
+
+
+def vehicle_of(rig: Rig) -> Vehicle:
+    """Return the car as declared."""
+    vehicle = replace(fusion.vehicle(), **_in_si(rig.vehicle))
+    if not vehicle.rear_overhang >= 0.0:
+        raise ConfigError("vehicle: length_m is less than wheelbase_m and front_overhang_m together")
+    if not vehicle.front_axle_to_mass < vehicle.wheelbase:
+        raise ConfigError("vehicle: front_axle_to_mass_m is not less than wheelbase_m")
+    return vehicle
+
+
+def calibration_of(rig: Rig) -> Calibration:
+    """Return the car's longitudinal calibration; mass and torque limit are the vehicle's.
+
+    A brake gain that was not measured is the Fusion's, in proportion to mass times wheel radius.
+    """
+    vehicle, usual, default = vehicle_of(rig), fusion.vehicle(), Calibration()
+    share = vehicle.mass * vehicle.wheel_radius / (usual.mass * usual.wheel_radius)
+    said = {
+        "mass": vehicle.mass,
+        "brake_torque_limit": vehicle.brake_torque_limit,
+        "brake_gain": default.brake_gain * share,
+    } | _in_si(rig.calibration, "date", "steering_wheel_bias_deg")
+    return Calibration(**said)
+
+
+def steering_wheel_bias_of(rig: Rig) -> float:
+    """Return the steering-wheel angle at which the wheels point straight [rad], left positive."""
+    return math.radians(rig.calibration.steering_wheel_bias_deg)
+
+
+def limits_of(rig: Rig) -> Limits:
+    """Return what the gateway keeps to."""
+    said, usual = _in_si(rig.limits, "speed_mps"), Limits()
+
+    def envelope(prefix: str, default: Envelope) -> Envelope:
+        return replace(default, **{k.removeprefix(prefix): v for k, v in said.items() if k.startswith(prefix)})
+
+    rest = {key: value for key, value in said.items() if not key.startswith(("comfort_", "emergency_"))}
+    return Limits(envelope("comfort_", usual.comfort), envelope("emergency_", usual.emergency), **rest)
+
+
+def mounting_of(rig: Rig) -> Mounting:
+    """Return where the receiver's output point sits."""
+    mounting = rig.mounting
+    return Mounting(mounting.forward_m, mounting.left_m, -math.radians(mounting.heading_misalignment_deg))
+
+
+def variant_of(rig: Rig) -> Variant:
+    """Return the kit's generation."""
+    return Variant[rig.bus.variant.upper()]
+
+
+def frame_of(rig: Rig) -> MapFrame:
+    """Return the lot's map: about the stored alignment's origin, or else about the outline's first corner."""
+    latitude, longitude = rig.alignment.origin or rig.lot.outline[0]
+    return local_frame(math.radians(latitude), math.radians(longitude))
+
+
+def lot_of(rig: Rig) -> Lot:
+    """Return the ground that the car may cover, in the lot's map."""
+    frame = frame_of(rig)
+
+    def placed(corners: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:
+        return [frame.to_map(math.radians(latitude), math.radians(longitude)) for latitude, longitude in corners]
+
+    try:
+        return Lot(placed(rig.lot.outline), [placed(hole) for hole in rig.lot.holes], rig.lot.margin_m)
+    except ConfigError as error:
+        raise ConfigError(f"lot.{error}") from None
+
+
+def alignment_of(rig: Rig, network: str) -> Alignment | None:
+    """Return how the lot's map lies on the street's; None where it is matched at the start.
+
+    `network` is the name of the street's. Raises ConfigError for an alignment that was made for another one, and for
+    surveyed pairs that do not fit each other.
+    """
+    wanted = rig.alignment
+    if wanted.kind == "matched_start":
+        return None
+    if wanted.network != network:
+        raise ConfigError(f"alignment.network: made for {wanted.network!r}, but the drive is in {network!r}")
+    return _stored(rig) if wanted.kind == "stored" else _surveyed(rig)
+
+
+def _stored(rig: Rig) -> Alignment:
+    wanted = rig.alignment
+    rotation, x, y = wanted.rotation_deg, wanted.x_m, wanted.y_m
+    assert rotation is not None and x is not None and y is not None  # noqa: PT018
+    return Alignment(math.radians(rotation), x, y, (wanted.residual_m or 0.0,))
+
+
+def _surveyed(rig: Rig) -> Alignment:
+    wanted, frame = rig.alignment, frame_of(rig)
+    points, street, limit = wanted.lot_points, wanted.street_points_m, wanted.residual_m
+    assert points is not None and street is not None and limit is not None  # noqa: PT018
+    lot = [frame.to_map(math.radians(latitude), math.radians(longitude)) for latitude, longitude in points]
+    try:
+        return Alignment.from_surveyed_pairs(lot, street, limit)
+    except ConfigError as error:
+        raise ConfigError(f"alignment: {error}") from None
+
+
+def fence_of(rig: Rig, alignment: Alignment) -> Fence:
+    """Return the fence around the lot, which `alignment` lays onto the street.
+
+    Where the watchdog was never tried (then the car cannot be armed), the gateway's own stop stands for it.
+    """
+    vehicle, limits, lag = vehicle_of(rig), limits_of(rig), calibration_of(rig).drive_lag
+    gateway = Stop(
+        limits.stop_deceleration,
+        EXPIRY + NOTICED + vehicle.brake_delay + vehicle.brake_lag,
+        limits.stop_deceleration / limits.stop_jerk,
+        lag,
+    )
+    test = rig.watchdog_test
+    watchdog = gateway if test is None else Stop(test.deceleration_mps2, EXPIRY + test.delay_s, drive_lag=lag)
+    downhill = math.sin(math.atan(rig.lot.grade_percent / 100.0))
+    return Fence(lot_of(rig), vehicle, alignment, gateway=gateway, watchdog=watchdog, downhill=downhill)
+
+
+def rehearsed_of(rig: Rig) -> tuple[Rehearsed, ...]:
+    """Return the faults that the hardware-free car puts on."""
+    from vve_sumo.plant.rehearsal import Rehearsed
+
+    faults = []
+    for number, wanted in enumerate(rig.rehearse):
+        value = math.nan if wanted.value is None else wanted.value
+        try:
+            faults.append(Rehearsed(wanted.kind, wanted.at_s, wanted.for_s, value))
+        except ConfigError as error:
+            raise ConfigError(f"rehearse.{number}: {error}") from None
+    return tuple(faults)

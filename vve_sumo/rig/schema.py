@@ -1,0 +1,340 @@
+"""What a rig file may say: pydantic models, the edge where units are in the names.
+
+Knows nothing of files' places, buses or how a drive is run; what a rig means to the rest is `rig.resolve`.
+"""
+
+from __future__ import annotations
+
+import datetime
+import ipaddress
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from vve_sumo.scenario.schema import Car as TrueCar
+from vve_sumo.scenario.schema import Finite, Name, NotNegative, Positive, Table
+from vve_sumo.scenario.schema import Lot as Start
+
+Date = datetime.date
+Port = Annotated[int, Field(ge=1, le=65535)]
+Bitrate = Annotated[int, Field(ge=10_000, le=1_000_000)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Short = Annotated[float, Field(ge=0.0, le=2.0, allow_inf_nan=False)]
+Strength = Annotated[float, Field(gt=0.0, le=12.0, allow_inf_nan=False)]
+
+
+def _address(text: str) -> str:
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        raise ValueError("expected an IP address in numbers") from None
+    return text
+
+
+def _latitude_first(corner: tuple[float, float]) -> tuple[float, float]:
+    latitude, longitude = corner
+    if abs(latitude) > 75.0:
+        swapped = " (are latitude and longitude swapped?)" if abs(longitude) <= 75.0 else ""
+        raise ValueError(f"latitude {latitude:g} is where no lot is, expected -75 to 75 deg{swapped}")
+    if not abs(longitude) <= 180.0:
+        raise ValueError(f"longitude {longitude:g} is no place on Earth, expected -180 to 180 deg")
+    return corner
+
+
+#: one place: latitude and longitude [deg], WGS84
+Corner = Annotated[tuple[Finite, Finite], Field(strict=False), AfterValidator(_latitude_first)]
+Corners = Annotated[tuple[Corner, ...], Field(strict=False)]
+Outline = Annotated[tuple[Corner, ...], Field(strict=False, min_length=3)]
+MapPoint = Annotated[tuple[Finite, Finite], Field(strict=False)]
+
+
+def _only(table: Table, kind: str, keys: dict[str, tuple[str, ...]]) -> None:
+    """Refuse keys that say nothing for this kind, and miss those that it needs; `keys`: key to kinds it is for."""
+    for key, kinds in keys.items():
+        if key in table.model_fields_set and kind not in kinds:
+            raise ValueError(f"{key} says nothing for kind {kind!r}, it is for {' and '.join(kinds)}")
+        if kind in kinds and getattr(table, key) is None:
+            raise ValueError(f"{key} is missing, kind {kind!r} needs it")
+
+
+class Pose(Table):
+    """Where the pose comes from."""
+
+    kind: Literal["ncom_udp", "nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can", "file"] = Field(
+        description="`ncom_udp`, `nmea_udp`, `nmea_tcp`, `nmea_serial`, `oxts_can` or `file`"
+    )
+    address: Annotated[str, AfterValidator(_address)] = Field(
+        default="127.0.0.1",
+        description="UDP: address to listen on, this machine alone by default, `0.0.0.0` for a broadcast; TCP: server",
+    )
+    port: Port = Field(default=3000, description="UDP or TCP")
+    device: Name | None = Field(default=None, description="serial port of `nmea_serial`")
+    baud: Annotated[int, Field(ge=4800, le=921_600)] = Field(default=115_200, description="of the serial port")
+    interface: Name | None = Field(default=None, description="python-can's, of `oxts_can`")
+    channel: Name | None = Field(default=None, description="python-can's, of `oxts_can`")
+    bitrate: Bitrate = Field(default=500_000, description="of `oxts_can`, bit/s")
+    file: Name | None = Field(default=None, description="recording to be played by `file`; cannot arm anything")
+    rate_hz: Annotated[float, Field(ge=10.0, le=250.0)] = Field(default=100.0, description="fixes a second")
+    clock: Literal["arrival", "absolute"] = Field(
+        default="arrival",
+        description="`absolute`: this machine's clock is GNSS time by PTP or PPS; `arrival`: it is estimated",
+    )
+    minimum_delay_ms: Annotated[float, Field(ge=0.0, le=500.0)] | None = Field(
+        default=None,
+        description="what a fix takes to arrive at best, which arrivals alone cannot show; needed for `arrival`",
+    )
+    velocity_sigma_mps: Positive | None = Field(
+        default=None, description="NMEA, which does not say it: 1 sigma of the velocity, from the receiver's data sheet"
+    )
+    heading_sigma_deg: Positive | None = Field(
+        default=None, description="NMEA, which does not say it: 1 sigma of the heading, from the receiver's data sheet"
+    )
+
+    @model_validator(mode="after")
+    def _of_its_kind(self) -> Self:
+        network = ("ncom_udp", "nmea_udp", "nmea_tcp")
+        keys = {"address": network, "port": network, "device": ("nmea_serial",), "baud": ("nmea_serial",)}
+        keys |= dict.fromkeys(("interface", "channel", "bitrate"), ("oxts_can",)) | {"file": ("file",)}
+        keys |= dict.fromkeys(("velocity_sigma_mps", "heading_sigma_deg"), ("nmea_udp", "nmea_tcp", "nmea_serial"))
+        _only(self, self.kind, keys)
+        if self.clock == "arrival" and self.kind != "file" and self.minimum_delay_ms is None:
+            raise ValueError("minimum_delay_ms is missing, clock 'arrival' needs it")
+        return self
+
+
+class Mounting(Table):
+    """Where the receiver's output point sits on the car."""
+
+    forward_m: Annotated[float, Field(ge=-5.0, le=8.0)] = Field(description="output point ahead of the rear axle")
+    left_m: Annotated[float, Field(ge=-2.0, le=2.0)] = Field(description="output point left of the rear axle")
+    heading_misalignment_deg: Annotated[float, Field(ge=-10.0, le=10.0)] = Field(
+        default=0.0, description="receiver's heading minus the car's, clockwise positive"
+    )
+    calibrated: Date | None = Field(default=None, description="day of the calibration")
+
+
+class Bus(Table):
+    """The bus that the car is commanded over."""
+
+    interface: Name = Field(description="python-can's: `socketcan`, `pcan`, `kvaser`, `slcan`, …")
+    channel: Name = Field(description="python-can's: `can0`, …; `pty` is made by the hardware-free car")
+    bitrate: Bitrate = Field(default=500_000, description="bit/s")
+    variant: Literal["dbw1_2018", "dbw1_2024"] = Field(
+        description="the kit's generation, `dbw1_2018` or `dbw1_2024`: to be verified on the car"
+    )
+
+
+class Vehicle(Table):
+    """The car, where it differs from a 2018 Ford Fusion."""
+
+    length_m: Annotated[float, Field(gt=1.0, le=20.0)] | None = Field(default=None, description="bumper to bumper")
+    width_m: Annotated[float, Field(gt=0.5, le=3.0)] | None = Field(default=None, description="without mirrors")
+    wheelbase_m: Annotated[float, Field(gt=0.5, le=10.0)] | None = None
+    front_overhang_m: Annotated[float, Field(ge=0.0, le=3.0)] | None = Field(
+        default=None, description="front axle to front bumper"
+    )
+    mass_kg: Annotated[float, Field(ge=300.0, le=20_000.0)] | None = Field(default=None, description="with occupants")
+    yaw_inertia_kgm2: Annotated[float, Field(ge=100.0, le=1e5)] | None = Field(
+        default=None, description="about the centre of mass"
+    )
+    front_axle_to_mass_m: Annotated[float, Field(gt=0.0, le=10.0)] | None = Field(
+        default=None, description="front axle to centre of mass"
+    )
+    cornering_stiffness_front_npr: Annotated[float, Field(ge=1e4, le=1e6)] | None = Field(
+        default=None, description="whole axle, N/rad"
+    )
+    cornering_stiffness_rear_npr: Annotated[float, Field(ge=1e4, le=1e6)] | None = Field(
+        default=None, description="whole axle, N/rad"
+    )
+    wheel_radius_m: Annotated[float, Field(ge=0.1, le=1.0)] | None = Field(default=None, description="rolling")
+    steering_ratio: Annotated[float, Field(ge=5.0, le=40.0)] | None = Field(
+        default=None, description="steering-wheel angle over road-wheel angle"
+    )
+    steering_limit_deg: Annotated[float, Field(gt=0.0, le=60.0)] | None = Field(
+        default=None, description="road-wheel angle"
+    )
+    steering_rate_limit_degps: Annotated[float, Field(gt=0.0, le=120.0)] | None = Field(
+        default=None, description="road-wheel angle rate"
+    )
+    steering_delay_s: Short | None = Field(default=None, description="from frame to first movement")
+    steering_lag_s: Short | None = Field(default=None, description="first-order, after the delay")
+    brake_delay_s: Short | None = Field(default=None, description="from frame to first torque")
+    brake_lag_s: Short | None = Field(default=None, description="first-order, after the delay")
+    brake_torque_limit_nm: Annotated[float, Field(gt=0.0, le=20_000.0)] | None = Field(
+        default=None, description="all wheels together"
+    )
+    deceleration_limit_mps2: Strength | None = Field(default=None, description="reached at the torque limit, laden")
+
+
+class Calibration(Table):
+    """What was measured of the car's pedals and steering, where it differs from a 2018 Ford Fusion."""
+
+    date: Date | None = Field(default=None, description="day of the calibration")
+    steering_wheel_bias_deg: Annotated[float, Field(ge=-20.0, le=20.0)] = Field(
+        default=0.0, description="steering-wheel angle at which the wheels point straight, left positive"
+    )
+    brake_gain_kgm: Positive | None = Field(default=None, description="brake torque for each m/s2 of deceleration")
+    drive_force_limit_n: Positive | None = Field(default=None, description="at full throttle and low speed")
+    drive_power_limit_w: Positive | None = Field(default=None, description="at full throttle and high speed")
+    drive_lag_s: Short | None = Field(default=None, description="first-order, from throttle to drive force")
+    creep_force_n: NotNegative | None = Field(default=None, description="in drive at standstill with no pedal pressed")
+    creep_speed_mps: Positive | None = Field(default=None, description="where the creep force has fallen to zero")
+    rolling_resistance: Share | None = Field(default=None, description="rolling drag over weight")
+    drag_area_m2: Annotated[float, Field(ge=0.0, le=10.0)] | None = Field(
+        default=None, description="drag coefficient times frontal area"
+    )
+
+
+class Limits(Table):
+    """What the gateway keeps to, where it differs from its defaults, and the lot's speed limit."""
+
+    speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = Field(
+        description="no drive in this lot may ask for more than this"
+    )
+    comfort_deceleration_mps2: Positive | None = Field(default=None, description="largest, in every drive")
+    comfort_acceleration_mps2: Positive | None = Field(default=None, description="largest, in every drive")
+    comfort_jerk_mps3: Positive | None = Field(default=None, description="of a pedal pressed further")
+    comfort_release_jerk_mps3: Positive | None = Field(default=None, description="of a pedal released")
+    comfort_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering")
+    emergency_deceleration_mps2: Positive | None = Field(default=None, description="largest, where asked for")
+    emergency_acceleration_mps2: Positive | None = Field(default=None, description="largest, where asked for")
+    emergency_jerk_mps3: Positive | None = Field(default=None, description="of a pedal pressed further")
+    emergency_release_jerk_mps3: Positive | None = Field(default=None, description="of a pedal released")
+    emergency_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering")
+    lateral_acceleration_mps2: Positive | None = Field(default=None, description="largest that steering may cause")
+    stop_deceleration_mps2: Strength | None = Field(default=None, description="of the gateway's own stop")
+    stop_jerk_mps3: Positive | None = Field(default=None, description="with which it sets in")
+    critical_deceleration_mps2: Strength | None = Field(
+        default=None, description="of the gateway's own stop after a critical fault"
+    )
+    critical_jerk_mps3: Positive | None = Field(default=None, description="with which it sets in")
+
+
+class Lot(Table):
+    """The ground that the car may cover, as surveyed."""
+
+    surveyed: Date = Field(description="day of the survey; an unsurveyed lot is refused")
+    outline: Outline = Field(description="`[[latitude_deg, longitude_deg], …]`, three or more, either way round")
+    holes: Annotated[tuple[Outline, ...], Field(strict=False)] = Field(
+        default=(), description="poles, islands: outlines inside the outline"
+    )
+    margin_m: Annotated[float, Field(ge=0.0, le=50.0)] = Field(
+        default=1.0, description="kept free along every edge: mirrors, errors of pose, survey and stopping"
+    )
+    grade_percent: Annotated[float, Field(ge=0.0, le=15.0)] = Field(description="worst slope, taken as downhill")
+
+
+class Alignment(Table):
+    """How the lot lies on the virtual street."""
+
+    kind: Literal["matched_start", "stored", "surveyed_pairs"] = Field(
+        default="matched_start",
+        description="`matched_start`: where the car stands is the start of the path; `stored`; `surveyed_pairs`",
+    )
+    network: Name | None = Field(default=None, description="the network that it was made for; not for `matched_start`")
+    date: Date | None = Field(default=None, description="day it was made; not for `matched_start`")
+    origin: Corner | None = Field(default=None, description="`stored`: the lot's place that the turn is about")
+    rotation_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = Field(
+        default=None, description="`stored`: street heading minus lot heading, counter-clockwise"
+    )
+    x_m: Finite | None = Field(default=None, description="`stored`: of the origin on the street's map")
+    y_m: Finite | None = Field(default=None, description="`stored`: of the origin on the street's map")
+    residual_m: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
+        default=None, description="`stored`: worst error of its points; `surveyed_pairs`: the worst that is accepted"
+    )
+    lot_points: Corners | None = Field(
+        default=None, description="`surveyed_pairs`: `[[latitude_deg, longitude_deg], …]`, two or more"
+    )
+    street_points_m: Annotated[tuple[MapPoint, ...], Field(strict=False)] | None = Field(
+        default=None, description="`surveyed_pairs`: the same places on the street's map, `[[x, y], …]`"
+    )
+
+    @model_validator(mode="after")
+    def _of_its_kind(self) -> Self:
+        made, stored, pairs = ("stored", "surveyed_pairs"), ("stored",), ("surveyed_pairs",)
+        keys: dict[str, tuple[str, ...]] = dict.fromkeys(("network", "date", "residual_m"), made)
+        keys |= dict.fromkeys(("origin", "rotation_deg", "x_m", "y_m"), stored)
+        _only(self, self.kind, keys | dict.fromkeys(("lot_points", "street_points_m"), pairs))
+        return self
+
+
+class WatchdogTest(Table):
+    """What the kit's own watchdog did when the frames stopped, tried on this car."""
+
+    date: Date = Field(description="day of the test")
+    armed: bool = Field(description="whether the kit's watchdog is armed: it braked by itself")
+    deceleration_mps2: Strength = Field(
+        description="lowest measured, on the level; of a kit that did not brake, that of rolling"
+    )
+    delay_s: Short = Field(description="from the last frame to the full deceleration")
+
+
+class Latency(Table):
+    """How late a command may be."""
+
+    budget_ms: Annotated[float, Field(gt=0.0, le=100.0)] = Field(
+        default=40.0, description="from the arrival of a fix to the last command frame of its tick"
+    )
+    breaches: Annotated[int, Field(ge=1, le=50)] = Field(
+        default=10, description="ticks over the budget within a second that are a reason to stop"
+    )
+    deadline_ms: Annotated[float, Field(gt=0.0, lt=20.0)] = Field(
+        default=8.0, description="how long a tick waits for the datagram that is due"
+    )
+
+
+class Operator(Table):
+    """Who engages and stops."""
+
+    automatic: bool = Field(default=False, description="engages and goes by itself; hardware-free cars only")
+    stop_can_id: Annotated[int, Field(ge=0, le=0x7FF)] | None = Field(
+        default=None, description="a frame with this identifier on the car's bus asks for a stop"
+    )
+
+
+class Other(Table):
+    """Another device on a bus that the rig uses, so that identifiers cannot collide."""
+
+    kind: Literal["esr", "ars408", "oxts_can"] = Field(
+        description="`esr` or `ars408` (radars, real or emulated), `oxts_can` (the receiver's CAN output)"
+    )
+    interface: Name = Field(description="python-can's")
+    channel: Name = Field(description="python-can's")
+
+
+class CarStart(Start, TrueCar):
+    """The hardware-free car: where it stands and how it differs from what the rig declares."""
+
+    channel: Name | None = Field(
+        default=None, description="SocketCAN channel of the car's own end, where it is not the rig's (two cards)"
+    )
+
+
+class Rehearse(Table):
+    """A fault that the hardware-free car puts on."""
+
+    kind: Name = Field(description="see the fault matrix")
+    at_s: NotNegative = Field(description="after the car first moves")
+    for_s: Positive = Field(default=3600.0, description="how long it lasts")
+    value: Finite | None = Field(default=None, description="how strong it is, where the kind knows that")
+
+
+class Rig(Table):
+    """One car with its receiver, its bus and its lot."""
+
+    title: Name
+    car: Literal["real", "hardware_free"] = Field(description="`real` or `hardware_free`")
+    pose: Pose
+    mounting: Mounting
+    bus: Bus
+    vehicle: Vehicle = Vehicle()
+    calibration: Calibration = Calibration()
+    limits: Limits
+    lot: Lot
+    alignment: Alignment = Alignment()
+    watchdog_test: WatchdogTest | None = None
+    latency: Latency = Latency()
+    operator: Operator = Operator()
+    others: tuple[Other, ...] = Field(default=(), strict=False)
+    car_start: CarStart | None = None
+    rehearse: tuple[Rehearse, ...] = Field(default=(), strict=False)

@@ -1,0 +1,481 @@
+"""What a car does with its commands, from one recorded drive: the pure fits.
+
+Arrays in, numbers with their uncertainty out. Each fit is least squares on a model of a few parameters: dead time,
+first-order lag, forces along the car, a steered axle. It knows no file, no frame of a bus and no rig.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vve_sumo.values import Floats, Vehicle
+from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY, Calibration
+
+Mask = NDArray[np.bool_]
+Bounds = tuple[float, float]
+
+ROLLING = 0.15  #: slower than this, static friction has a say [m/s]
+LEAST_SPEED = 1.0  #: of fits whose noise divides by the speed [m/s]
+COURSE_SPEED = 3.0  #: from here on the direction of motion is one [m/s]
+GENTLE = 0.1  #: road-wheel angle up to which a car is a single track: angle, tangent and links agree [rad]
+STRAIGHT = 0.02  #: the car goes straight below this yaw rate [rad/s]
+LEAST_SAMPLES = 50  #: fewer teach nothing
+MEMORY = 1.0  #: residuals farther apart than this count as independent [s]
+BASE = 0.1  #: over which a wheel's acceleration is taken [s]
+SLEW_STEP = 0.005  #: of a command on its way at the kit's largest rate [s]
+AIR_KNOWN = 0.25  #: air drag known worse than to this share is left as declared
+MOST_STEPS = 20  #: of a fit; a good drive takes 7 at most, one that holds nothing would go on for long
+SHORTEST_LAG = 1e-3  #: an exponential needs one [s]
+
+UNBOUND: Final[Bounds] = (-math.inf, math.inf)
+DELAYS: Final[Bounds] = (-0.1, 0.5)  # negative where two clocks differ [s]
+LAGS: Final[Bounds] = (SHORTEST_LAG, 1.5)  # [s]
+
+
+class Series(NamedTuple):
+    """One quantity over time, in order of time, all numbers finite."""
+
+    time: Floats  #: [s]
+    value: Floats
+
+    def at(self, time: Floats) -> Floats:
+        """Linear between the samples, constant beyond them."""
+        return np.interp(time, self.time, self.value)
+
+    def where(self, keep: Mask) -> Series:
+        """The samples that a mask keeps."""
+        return Series(self.time[keep], self.value[keep])
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """What a record says, on one clock, as sent and as received."""
+
+    brake_torque: Series  #: commanded, all wheels [N m]
+    throttle: Series  #: commanded, 0 to 1
+    wheel_command: Series  #: steering-wheel angle commanded [rad], left positive
+    wheel_angle: Series  #: reported [rad], left positive
+    wheels: Series  #: mean of the rear wheels [rad/s], forward positive
+    speed: Series  #: of the rear axle along the receiver's heading [m/s], by GNSS
+    slip: Series  #: direction of the rear axle's motion less the receiver's heading [rad], counter-clockwise
+    yaw_rate: Series  #: by the receiver [rad/s], counter-clockwise
+    acceleration: Series  #: by the receiver, along the car, gravity's share by pitch taken out [m/s2]
+    grade: Series  #: the receiver's pitch, nose up positive [rad]
+    begin: float  #: the car is in drive and obeys commands from here ... [s]
+    end: float  #: ... to here [s]
+
+    def obedient(self, time: Floats, radius: float = 1.0, least: float = -math.inf) -> Mask:
+        """Which times lie in that part, the car moving forward at `least` [m/s] or more on wheels of `radius` [m]."""
+        return (time >= self.begin) & (time <= self.end) & (radius * self.wheels.at(time) >= least)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One number of the car."""
+
+    value: float
+    sigma: float  #: its standard deviation, by the fit's residuals
+    trouble: str = ""  #: why it should not be used; empty where it may be
+
+    @property
+    def good(self) -> bool:
+        """Whether it may be used."""
+        return not self.trouble
+
+
+class Curve(NamedTuple):
+    """What a fit was made on, for the eye."""
+
+    time: Floats  #: [s]
+    measured: Floats
+    fitted: Floats
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of what the model leaves."""
+        return float(np.sqrt(np.mean((self.measured - self.fitted) ** 2))) if len(self.time) else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """All that a drive tells of its car; names and units are those of `WANTED` and `TOLERATED`."""
+
+    estimates: dict[str, Estimate]
+    curves: dict[str, Curve]
+
+
+#: how well a number must be known (standard deviation) to be used: absolute, and as a share of its value
+WANTED: Final[dict[str, tuple[float, float]]] = {
+    "wheel_radius": (0.0, 0.005),  # [m]
+    "heading_misalignment": (math.radians(0.05), 0.0),  # receiver's heading minus the car's [rad], counter-clockwise
+    "acceleration_bias": (0.02, 0.0),  # [m/s2]
+    "steering_delay": (0.01, 0.0),  # [s]
+    "steering_lag": (0.015, 0.0),  # [s]
+    "steering_ratio": (0.0, 0.005),
+    "steering_wheel_bias": (math.radians(0.2), 0.0),  # reported angle that drives straight [rad], left positive
+    "brake_gain": (0.0, 0.02),  # torque for each m/s2 [kg m]
+    "brake_delay": (0.01, 0.0),  # [s]
+    "brake_lag": (0.015, 0.0),  # [s]
+    "drive_force_limit": (0.0, 0.03),  # at full throttle, for the declared mass [N]
+    "drive_delay": (0.02, 0.0),  # [s]
+    "drive_lag": (0.04, 0.0),  # [s]
+    "creep_force": (0.0, 0.1),  # for the declared mass [N]
+    "creep_speed": (0.2, 0.0),  # [m/s]
+    "rolling_resistance": (0.002, 0.0),
+    "drag_area": (0.0, AIR_KNOWN),  # for the declared mass [m2]
+}
+
+#: what may be below zero
+SIGNED: Final = frozenset({"heading_misalignment", "acceleration_bias", "steering_wheel_bias"})
+
+#: what each model may leave of its data, root mean square, before nothing is believed that it says
+TOLERATED: Final[dict[str, float]] = {
+    "wheel_radius": 0.15,  # [m/s]
+    "heading_misalignment": math.radians(2.0),  # [rad]
+    "acceleration": 0.5,  # [m/s2]
+    "steering_answer": math.radians(2.0),  # of the steering wheel [rad]
+    "steering_geometry": 0.01,  # [rad/s]
+    "pedals": 0.1,  # [m/s]
+}
+
+
+def identify(log: Log, vehicle: Vehicle, calibration: Calibration) -> Identified:
+    """Find the car's numbers; `vehicle` and `calibration` are the declared ones, where the search begins."""
+    radius, rolled = wheel_radius(log, vehicle.wheel_radius)
+    effective = radius.value if radius.good else vehicle.wheel_radius
+    misaligned, course = heading_misalignment(log, vehicle, effective)
+    bias, felt = acceleration_bias(log, effective)
+    answer, wheel = steering_answer(log, vehicle)
+    geometry, turned = steering_geometry(log, vehicle, effective)
+    forces, driven = pedals(log, vehicle, calibration, effective)
+    found = {"wheel_radius": radius, "heading_misalignment": misaligned, "acceleration_bias": bias}
+    curves = {
+        "wheel_radius": rolled,
+        "heading_misalignment": course,
+        "acceleration": felt,
+        "steering_answer": wheel,
+        "steering_geometry": turned,
+        "pedals": driven,
+    }
+    return Identified(found | answer | geometry | forces, curves)
+
+
+class Answer:
+    """The exact response of dead time and first-order lag to commands that each hold until the next.
+
+    Exact, so that a fit sees a smooth function of delay and lag, whatever the commands' period.
+    """
+
+    def __init__(self, commands: Series, delay: float, lag: float) -> None:
+        """`delay` and `lag` in [s]; up to its first command the actuator rests there."""
+        self._lag = max(lag, SHORTEST_LAG)
+        self._starts = commands.time + delay
+        self._targets = commands.value
+        spans = np.diff(self._starts)
+        decays = np.exp(-spans / self._lag)
+        states, state = [], float(commands.value[0])
+        for target, decay in zip(commands.value.tolist(), [*decays.tolist(), 0.0], strict=True):
+            states.append(state)
+            state = target + (state - target) * decay
+        self._away = np.array(states) - commands.value
+        parts = commands.value[:-1] * spans + self._away[:-1] * self._lag * (1.0 - decays)
+        self._sums = np.concatenate(([0.0], np.cumsum(parts)))
+
+    def at(self, time: Floats) -> Floats:
+        """The answer itself."""
+        row, since = self._rows(time)
+        return self._targets[row] + self._away[row] * np.exp(-since / self._lag)
+
+    def integral(self, time: Floats) -> Floats:
+        """Its integral over time, up to a constant."""
+        row, since = self._rows(time)
+        gone = -self._lag * np.expm1(-since / self._lag)
+        return self._sums[row] + self._targets[row] * since + self._away[row] * gone
+
+    def _rows(self, time: Floats) -> tuple[NDArray[np.intp], Floats]:
+        row = np.maximum(np.searchsorted(self._starts, time, side="right") - 1, 0)
+        return row, np.maximum(time - self._starts[row], 0.0)
+
+
+def slewed(commands: Series, rate: float) -> Series:
+    """Commands as the kit passes them on: towards each at `rate` [1/s] at most, every `SLEW_STEP`."""
+    time = np.arange(commands.time[0], commands.time[-1], SLEW_STEP)
+    wanted = commands.value[np.searchsorted(commands.time, time + 1e-9, side="right") - 1]
+    change, value, passed = rate * SLEW_STEP, float(wanted[0]), []
+    for target in wanted.tolist():
+        value += min(max(target - value, -change), change)
+        passed.append(value)
+    return Series(time, np.array(passed))
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Parameters of a model, by least squares."""
+
+    values: list[float]
+    sigmas: list[float]
+    curve: Curve
+    edges: list[bool]  #: which parameters ended at a limit
+
+
+Model = Callable[[Floats], Floats]
+
+
+def _fit(model: Model, measured: Series, start: Sequence[float], limits: Sequence[Bounds]) -> _Fit:
+    """Fit `model` (parameters to values at the measured times) by least squares, from `start` and within `limits`."""
+    from scipy.optimize import least_squares
+
+    low, high = (np.array(side) for side in zip(*limits, strict=True))
+    if len(measured.time) < LEAST_SAMPLES:
+        nothing, empty = [math.nan] * len(start), np.zeros(0)
+        return _Fit(nothing, nothing, Curve(empty, empty, empty), [False] * len(start))
+
+    def residual(guess: Floats) -> Floats:
+        return model(guess) - measured.value
+
+    found = least_squares(
+        residual,
+        np.clip(np.array(start, dtype=np.float64), low, high),
+        bounds=(low, high),
+        x_scale="jac",
+        jac="3-point",
+        max_nfev=MOST_STEPS,
+    )
+    memory = round(MEMORY / float(np.median(np.diff(measured.time))))
+    curve = Curve(measured.time, measured.value, found.fun + measured.value)
+    return _Fit(
+        found.x.tolist(),
+        _sigmas(np.asarray(found.jac), found.fun, memory).tolist(),
+        curve,
+        (found.active_mask != 0).tolist(),
+    )
+
+
+def _sigmas(jacobian: Floats, residual: Floats, memory: int) -> Floats:
+    """Standard deviations of least-squares parameters whose residuals hang together for `memory` samples.
+
+    Newey and West, Econometrica 55 (1987). A parameter that changes nothing has an infinite one.
+    """
+    scale = np.sqrt((jacobian**2).sum(axis=0))
+    known = scale > 0.0
+    columns = jacobian[:, known] / scale[known]
+    bread = np.linalg.pinv(columns.T @ columns)
+    scores = columns * residual[:, None]
+    meat = scores.T @ scores
+    for lag in range(1, min(memory, len(residual) - 1) + 1):
+        shifted = scores[lag:].T @ scores[:-lag]
+        meat += (1.0 - lag / (memory + 1.0)) * (shifted + shifted.T)
+    sigmas = np.full(len(scale), math.inf)
+    # These weights keep the variance from being negative, but for rounding.
+    sigmas[known] = np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0)) / scale[known]
+    return sigmas
+
+
+def _judged(name: str, model: str, value: float, sigma: float, fit: _Fit, edge: bool = False) -> Estimate:
+    """The estimate with its verdict; `model` names its line in `TOLERATED`. NaN fails every comparison."""
+    absolute, share = WANTED[name]
+    wanted = absolute + share * abs(value)
+    trouble = ""
+    if not math.isfinite(value + sigma):
+        trouble = "nothing in this drive to learn it from"
+    elif not fit.curve.misfit <= TOLERATED[model]:
+        trouble = f"its model leaves {fit.curve.misfit / TOLERATED[model]:.1f} times what is tolerated"
+    elif not sigma <= wanted:
+        trouble = f"uncertain by {sigma / wanted:.1f} times what is wanted"
+    elif edge:
+        trouble = "at the edge of what was searched"
+    elif name not in SIGNED and value < -2.0 * sigma:
+        trouble = "below zero, which no car has"
+    return Estimate(value if name in SIGNED else max(value, 0.0), sigma, trouble)
+
+
+def wheel_radius(log: Log, declared: float) -> tuple[Estimate, Curve]:
+    """Rolling radius [m]: GNSS speed over that of the rear wheels; what the two clocks differ is fitted and dropped."""
+    measured = log.speed.where(log.obedient(log.speed.time, declared, LEAST_SPEED))
+    fit = _fit(
+        lambda guess: guess[0] * log.wheels.at(measured.time - guess[1]),
+        measured,
+        (declared, 0.0),
+        (UNBOUND, (-0.3, 0.3)),
+    )
+    return _judged("wheel_radius", "wheel_radius", fit.values[0], fit.sigmas[0], fit), fit.curve
+
+
+def heading_misalignment(log: Log, vehicle: Vehicle, radius: float) -> tuple[Estimate, Curve]:
+    """Receiver's heading minus the car's [rad], counter-clockwise: on straights a car moves where it points.
+
+    The slip that the rear tyres need on what is left of a bend is taken out (single track, declared stiffness).
+    """
+    slip = log.slip
+    speed, yaw_rate = radius * log.wheels.at(slip.time), log.yaw_rate.at(slip.time)
+    straight = log.obedient(slip.time, radius, COURSE_SPEED) & (np.abs(yaw_rate) < STRAIGHT)
+    needed = -_rear_compliance(vehicle) * speed * yaw_rate
+    # As a lateral speed, whose noise does not depend on the speed.
+    measured, speed = Series(slip.time, (needed - slip.value) * speed).where(straight), speed[straight]
+    fit = _fit(lambda guess: guess[0] * speed, measured, (0.0,), (UNBOUND,))
+    curve = (
+        Curve(measured.time, fit.curve.measured / speed, fit.curve.fitted / speed) if len(fit.curve.time) else fit.curve
+    )
+    estimate = _judged(
+        "heading_misalignment", "heading_misalignment", fit.values[0], fit.sigmas[0], replace(fit, curve=curve)
+    )
+    return estimate, curve
+
+
+def _rear_compliance(vehicle: Vehicle) -> float:
+    """Slip of the rear axle for each m/s2 of lateral acceleration [rad s2/m] (Rajamani, Vehicle Dynamics, 3.3)."""
+    return vehicle.mass * vehicle.front_axle_to_mass / vehicle.wheelbase / vehicle.cornering_stiffness_rear
+
+
+def acceleration_bias(log: Log, radius: float) -> tuple[Estimate, Curve]:
+    """What the receiver's acceleration says too much [m/s2], against the wheels; its pitch's error is part of it."""
+    time = log.acceleration.time
+    gained = radius * (log.wheels.at(time + 0.5 * BASE) - log.wheels.at(time - 0.5 * BASE)) / BASE
+    fit = _fit(lambda guess: gained + guess[0], log.acceleration, (0.0,), (UNBOUND,))
+    return _judged("acceleration_bias", "acceleration", fit.values[0], fit.sigmas[0], fit), fit.curve
+
+
+def steering_answer(log: Log, vehicle: Vehicle) -> tuple[dict[str, Estimate], Curve]:
+    """Dead time and lag [s] from a commanded steering-wheel angle to the reported one, beyond the declared rate."""
+    measured = log.wheel_angle.where(log.obedient(log.wheel_angle.time))
+    passed = slewed(log.wheel_command, vehicle.steering_rate_limit * vehicle.steering_ratio)
+    fit = _fit(
+        lambda guess: Answer(passed, guess[0], guess[1]).at(measured.time) + guess[2],
+        measured,
+        (vehicle.steering_delay, vehicle.steering_lag, 0.0),
+        (DELAYS, LAGS, UNBOUND),
+    )
+    return {
+        name: _judged(name, "steering_answer", fit.values[row], fit.sigmas[row], fit, fit.edges[row])
+        for row, name in enumerate(("steering_delay", "steering_lag"))
+    }, fit.curve
+
+
+def steering_geometry(log: Log, vehicle: Vehicle, radius: float) -> tuple[dict[str, Estimate], Curve]:
+    """Steering ratio, and the reported wheel angle that drives straight [rad, left positive], against the yaw rate.
+
+    Single track with the declared wheelbase L and understeer K: yaw rate = v (angle - bias) / ratio / (L + K v^2),
+    later by a dead time and a lag, which stand for the tyres and for what the two clocks differ. Ratio and wheelbase
+    can't be told apart: an error of one shows in the other. Sharp bends are left out.
+    """
+    time = log.yaw_rate.time
+    angle, speed = log.wheel_angle.at(time), radius * log.wheels.at(time)
+    gentle = np.abs(angle) < GENTLE * vehicle.steering_ratio
+    measured = log.yaw_rate.where(gentle & log.obedient(time, radius, LEAST_SPEED))
+    length = vehicle.wheelbase + vehicle.understeer_gradient * speed * speed
+
+    def model(guess: Floats) -> Floats:
+        turn = speed * (angle - guess[1]) / (guess[0] * length)
+        return Answer(Series(time, turn), guess[2], guess[3]).at(measured.time)
+
+    fit = _fit(model, measured, (vehicle.steering_ratio, 0.0, 0.0, 0.05), ((5.0, 50.0), UNBOUND, DELAYS, LAGS))
+    return {
+        name: _judged(name, "steering_geometry", fit.values[row], fit.sigmas[row], fit, fit.edges[row])
+        for row, name in enumerate(("steering_ratio", "steering_wheel_bias"))
+    }, fit.curve
+
+
+#: parameters of the forces, over mass: brake torque [1/(kg m)], full throttle [m/s2], rolling [m/s2], air [1/m], creep
+#: [m/s2] and where it ends [m/s], dead time and lag [s] of brakes and of throttle
+_BRAKE, _THROTTLE, _ROLL, _AIR, _CREEP, _CREEP_SPEED, _BRAKE_DELAY, _BRAKE_LAG, _DRIVE_DELAY, _DRIVE_LAG = range(10)
+_NOT_LINEAR: Final = frozenset({_CREEP_SPEED, _BRAKE_DELAY, _BRAKE_LAG, _DRIVE_DELAY, _DRIVE_LAG})
+_FORCE_LIMITS: Final = (*(UNBOUND,) * 5, (0.5, 6.0), DELAYS, LAGS, DELAYS, LAGS)
+
+
+class _Forces:
+    """Speed over time as the integral of forces over mass, in pieces of driving without rest, each with its own start.
+
+    Good up to the speed at which the engine's power limits its force: a fit of what lies beyond needs more road.
+    """
+
+    def __init__(self, log: Log, calibration: Calibration, radius: float) -> None:
+        time, speed = log.wheels.time, radius * log.wheels.value
+        top = calibration.drive_power_limit / calibration.drive_force_limit
+        self._log, self._time, self._speed = log, time, speed
+        self._keep = log.obedient(time, radius, ROLLING) & (speed < top)
+        self.measured = Series(time, speed).where(self._keep)
+        rows = np.flatnonzero(self._keep)
+        self._piece = np.cumsum(np.diff(rows, prepend=rows[:1]) > 1)
+        self._begins = np.flatnonzero(np.diff(self._piece, prepend=-1))
+        self.starts: list[float] = self.measured.value[self._begins].tolist()
+        self._square = self._integrated(speed * np.abs(speed))
+        self._climbed = self._integrated(GRAVITY * np.sin(log.grade.at(time)))
+
+    def speed_of(self, guess: Floats, air: float | None = None) -> Floats:
+        """The model: `guess` holds the parameters, then a speed for the start of each piece; `air` replaces its own."""
+        log, time = self._log, self.measured.time
+        gained = guess[_THROTTLE] * Answer(log.throttle, guess[_DRIVE_DELAY], guess[_DRIVE_LAG]).integral(time)
+        gained -= guess[_BRAKE] * Answer(log.brake_torque, guess[_BRAKE_DELAY], guess[_BRAKE_LAG]).integral(time)
+        gained += guess[_CREEP] * self._integrated(np.maximum(1.0 - self._speed / guess[_CREEP_SPEED], 0.0))
+        gained -= guess[_ROLL] * time + (guess[_AIR] if air is None else air) * self._square + self._climbed
+        starts: Floats = guess[len(_FORCE_LIMITS) :] - gained[self._begins]
+        modelled: Floats = gained + starts[self._piece]
+        return modelled
+
+    def start(self, declared: Sequence[float]) -> list[float]:
+        """Where a search begins: `declared`, but what the model is linear in solved for with the rest as declared."""
+        guess = np.array([*declared, *self.starts])
+        linear = [row for row in range(len(guess)) if row not in _NOT_LINEAR]
+        guess[linear] = 0.0
+        without = self.speed_of(guess)
+        columns = []
+        for row in linear:
+            guess[row] = 1.0
+            columns.append(self.speed_of(guess) - without)
+            guess[row] = 0.0
+        guess[linear] = np.linalg.lstsq(np.array(columns).T, self.measured.value - without, rcond=None)[0]
+        return [float(value) for value in guess]
+
+    def _integrated(self, values: Floats) -> Floats:
+        steps = 0.5 * (values[1:] + values[:-1]) * np.diff(self._time)
+        return np.concatenate(([0.0], np.cumsum(steps)))[self._keep]
+
+
+def pedals(log: Log, vehicle: Vehicle, calibration: Calibration, radius: float) -> tuple[dict[str, Estimate], Curve]:
+    """What brake torque and throttle do, with their delays, drag and creep, against the rear wheels' speed.
+
+    Forces are for the declared mass, which can't be told from them: a car that is heavier shows weaker forces and a
+    greater brake gain, and that is what its commands need. Rolling resistance holds engine braking and what the
+    receiver's pitch says too little. Air drag that hardly shows is left as declared.
+    """
+    forces = _Forces(log, calibration, radius)
+    mass = calibration.mass
+    air = 0.5 * AIR_DENSITY * calibration.drag_area / mass
+    declared = [
+        1.0 / calibration.brake_gain, calibration.drive_force_limit / mass, calibration.rolling_resistance * GRAVITY,
+        air, calibration.creep_force / mass, calibration.creep_speed,
+        vehicle.brake_delay, vehicle.brake_lag, 0.0, calibration.drive_lag,
+    ]  # fmt: skip
+    start, limits = forces.start(declared), (*_FORCE_LIMITS, *(UNBOUND,) * len(forces.starts))
+    fit = free = _fit(forces.speed_of, forces.measured, start, limits)
+    if not free.sigmas[_AIR] <= AIR_KNOWN * abs(free.values[_AIR]):
+        fit = _fit(lambda guess: forces.speed_of(guess, air), forces.measured, start, limits)
+    return _force_estimates(fit, free, mass), fit.curve
+
+
+def _force_estimates(fit: _Fit, free: _Fit, mass: float) -> dict[str, Estimate]:
+    """The parameters in the calibration's own words; air drag is always that of the `free` fit."""
+
+    def judged(name: str, row: int, factor: float = 1.0, of: _Fit = fit) -> Estimate:
+        return _judged(name, "pedals", factor * of.values[row], factor * of.sigmas[row], of, of.edges[row])
+
+    brake = fit.values[_BRAKE]
+    gain = 1.0 / brake if brake else math.nan
+    return {
+        "brake_gain": _judged("brake_gain", "pedals", gain, gain * gain * fit.sigmas[_BRAKE], fit, gain < 0.0),
+        "brake_delay": judged("brake_delay", _BRAKE_DELAY),
+        "brake_lag": judged("brake_lag", _BRAKE_LAG),
+        "drive_force_limit": judged("drive_force_limit", _THROTTLE, mass),
+        "drive_delay": judged("drive_delay", _DRIVE_DELAY),
+        "drive_lag": judged("drive_lag", _DRIVE_LAG),
+        "creep_force": judged("creep_force", _CREEP, mass),
+        "creep_speed": judged("creep_speed", _CREEP_SPEED),
+        "rolling_resistance": judged("rolling_resistance", _ROLL, 1.0 / GRAVITY),
+        "drag_area": judged("drag_area", _AIR, mass / (0.5 * AIR_DENSITY), free),
+    }

@@ -1,0 +1,230 @@
+"""What the processes of a drive say to the gateway and it to them, as bytes and back.
+
+A pure codec: no socket, no clock, no opinion on what is said. Whatever bytes come in, the answer is a message or a
+reason why they are none; what is said too long goes out cut short.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import Any, Final, NamedTuple, TypeVar
+
+from vve_sumo.values import ArmingState, Setpoint, StopProfile, Verdict
+from vve_sumo.vehicle.gateway import Act
+from vve_sumo.vehicle.profile import MAX_KNOTS
+
+VERSION: Final = 1
+MAX_TEXT: Final = 255  # bytes of a string
+MAX_CODES: Final = 64  # strings in a list
+
+# Little endian throughout: magic, version, kind; then the body; then the CRC-32 (zlib's) of all that stands before it.
+_MAGIC: Final = b"VV"
+_HEAD: Final = struct.Struct("<2sBB")
+_CRC: Final = struct.Struct("<I")
+_SETPOINT: Final = struct.Struct("<ddqddddd")
+_PROFILE: Final = struct.Struct("<dB")
+_FEEDBACK: Final = struct.Struct("<dqdddq")
+_VERDICT: Final = struct.Struct("<dddd")
+_KIND_SETPOINT, _KIND_ACT, _KIND_FEEDBACK = 1, 2, 3
+# One knot more than a way may have still goes over, so that the gateway refuses what was too long.
+_KNOTS_SENT: Final = MAX_KNOTS + 1
+_LARGEST: Final = (1 << 63) - 1
+
+_Message = TypeVar("_Message")
+
+
+class Malformed(NamedTuple):
+    """Bytes that are no message."""
+
+    reason: str  #: too_short, wrong_crc, wrong_magic, wrong_version, wrong_kind or wrong_content
+
+
+class Feedback(NamedTuple):
+    """What the gateway's process says after each of its steps."""
+
+    time: float  #: drive time of the step [s]
+    sequence: int  #: of the newest setpoint taken; -1 before the first
+    sent: float  #: drive time at which the send of the last command frame returned [s]; NaN for none
+    verdict: Verdict  #: of the step
+    measured_steering: float  #: road-wheel angle that the car reports [rad], left positive; NaN not reported
+    wheel_speed: float  #: rear axle's speed from the wheels [m/s], forward positive; NaN not reported
+    gear: str  #: that the car reports
+    steps: int  #: steps so far
+
+
+def encode_setpoint(setpoint: Setpoint) -> bytes:
+    """Return the datagram of a setpoint; the note and the faults are cut at 255 bytes each and 64 faults."""
+    s, profile = setpoint, setpoint.profile
+    body = [
+        _SETPOINT.pack(s.steering, s.acceleration, _whole(s.sequence), s.time, s.expires, s.speed, s.yaw_rate, s.grade),
+        b"\1" if s.emergency else b"\0",
+        _text(s.note),
+        _texts(s.faults),
+        b"\0" if profile is None else b"\1" + _profile(profile),
+    ]
+    return _sealed(_KIND_SETPOINT, b"".join(body))
+
+
+def decode_setpoint(data: bytes) -> Setpoint | Malformed:
+    """Return the setpoint in a datagram, bit for bit as it was sent."""
+    body = _opened(_KIND_SETPOINT, data)
+    if isinstance(body, Malformed):
+        return body
+    try:
+        reader = _Reader(body)
+        steering, acceleration, sequence, time, expires, speed, yaw_rate, grade = reader.take(_SETPOINT)
+        setpoint = Setpoint(
+            steering=steering,
+            acceleration=acceleration,
+            emergency=reader.flag(),
+            note=reader.text(),
+            sequence=sequence,
+            time=time,
+            expires=expires,
+            speed=speed,
+            yaw_rate=yaw_rate,
+            grade=grade,
+            faults=reader.texts(),
+            profile=reader.profile() if reader.flag() else None,
+        )
+        return reader.finished(setpoint)
+    except (struct.error, ValueError, IndexError):
+        return Malformed("wrong_content")
+
+
+def encode_act(act: Act) -> bytes:
+    """Return the datagram of an act."""
+    return _sealed(_KIND_ACT, _text(act))
+
+
+def decode_act(data: bytes) -> Act | Malformed:
+    """Return the act in a datagram."""
+    body = _opened(_KIND_ACT, data)
+    if isinstance(body, Malformed):
+        return body
+    try:
+        reader = _Reader(body)
+        return reader.finished(Act(reader.text()))
+    except (ValueError, IndexError):
+        return Malformed("wrong_content")
+
+
+def encode_feedback(feedback: Feedback) -> bytes:
+    """Return the datagram of a feedback; lists of codes are cut at 64, each at 255 bytes."""
+    f, verdict = feedback, feedback.verdict
+    body = [
+        _FEEDBACK.pack(f.time, _whole(f.sequence), f.sent, f.measured_steering, f.wheel_speed, _whole(f.steps)),
+        _VERDICT.pack(verdict.steering, verdict.acceleration, verdict.brake_torque, verdict.throttle),
+        _text(verdict.state),
+        _text(f.gear),
+        _texts(verdict.reasons),
+        _texts(verdict.limited),
+    ]
+    return _sealed(_KIND_FEEDBACK, b"".join(body))
+
+
+def decode_feedback(data: bytes) -> Feedback | Malformed:
+    """Return the feedback in a datagram, bit for bit as it was sent."""
+    body = _opened(_KIND_FEEDBACK, data)
+    if isinstance(body, Malformed):
+        return body
+    try:
+        reader = _Reader(body)
+        time, sequence, sent, measured_steering, wheel_speed, steps = reader.take(_FEEDBACK)
+        steering, acceleration, brake_torque, throttle = reader.take(_VERDICT)
+        state, gear, reasons, limited = ArmingState(reader.text()), reader.text(), reader.texts(), reader.texts()
+        verdict = Verdict(state, reasons, steering, acceleration, limited, brake_torque, throttle)
+        return reader.finished(Feedback(time, sequence, sent, verdict, measured_steering, wheel_speed, gear, steps))
+    except (struct.error, ValueError, IndexError):
+        return Malformed("wrong_content")
+
+
+def _sealed(kind: int, body: bytes) -> bytes:
+    message = _HEAD.pack(_MAGIC, VERSION, kind) + body
+    return message + _CRC.pack(zlib.crc32(message))
+
+
+def _opened(kind: int, data: bytes) -> bytes | Malformed:
+    """Return the body of a message of that kind."""
+    if len(data) < _HEAD.size + _CRC.size:
+        return Malformed("too_short")
+    if _CRC.unpack(data[-_CRC.size :]) != (zlib.crc32(data[: -_CRC.size]),):
+        return Malformed("wrong_crc")
+    magic, version, said = _HEAD.unpack_from(data)
+    if magic != _MAGIC:
+        return Malformed("wrong_magic")
+    if version != VERSION:
+        return Malformed("wrong_version")
+    return data[_HEAD.size : -_CRC.size] if said == kind else Malformed("wrong_kind")
+
+
+def _whole(number: int) -> int:
+    return min(max(number, -_LARGEST), _LARGEST)
+
+
+def _text(text: str) -> bytes:
+    # Lone surrogates can't be written as UTF-8, and a controller's note is anything; they go over all the same.
+    data = text.encode("utf-8", "surrogatepass")
+    if len(data) > MAX_TEXT:
+        data = data[:MAX_TEXT].decode("utf-8", "ignore").encode()
+    return bytes((len(data),)) + data
+
+
+def _texts(texts: tuple[str, ...]) -> bytes:
+    kept = texts[:MAX_CODES]
+    return bytes((len(kept),)) + b"".join(map(_text, kept))
+
+
+def _profile(profile: StopProfile) -> bytes:
+    knots = profile.curvature[:_KNOTS_SENT]
+    return _PROFILE.pack(profile.spacing, len(knots)) + struct.pack(f"<{len(knots)}d", *knots)
+
+
+class _Reader:
+    """Takes one thing after the other from a body; raises struct.error, ValueError or IndexError where it is none."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def take(self, layout: struct.Struct) -> tuple[Any, ...]:
+        values = layout.unpack_from(self._data, self._at)
+        self._at += layout.size
+        return values
+
+    def byte(self) -> int:
+        self._at += 1
+        return self._data[self._at - 1]
+
+    def flag(self) -> bool:
+        value = self.byte()
+        if value > 1:
+            raise ValueError("neither yes nor no")
+        return value == 1
+
+    def text(self) -> str:
+        length = self.byte()
+        data = self._data[self._at : self._at + length]
+        if len(data) < length:
+            raise ValueError("text is cut short")
+        self._at += length
+        return data.decode("utf-8", "surrogatepass")
+
+    def texts(self) -> tuple[str, ...]:
+        number = self.byte()
+        if number > MAX_CODES:
+            raise ValueError("too many texts")
+        return tuple(self.text() for _ in range(number))
+
+    def profile(self) -> StopProfile:
+        spacing, number = self.take(_PROFILE)
+        if number > _KNOTS_SENT:
+            raise ValueError("too many knots")
+        return StopProfile(spacing, self.take(struct.Struct(f"<{number}d")))
+
+    def finished(self, message: _Message) -> _Message:
+        """`message`, if nothing is left over."""
+        if self._at != len(self._data):
+            raise ValueError("something is left over")
+        return message
