@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import fcntl
 import functools
 import json
 import math
@@ -18,7 +17,6 @@ import signal
 import socket
 import subprocess
 import sys
-import termios
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -64,13 +62,25 @@ heading_deg = 85.0
 
 #: the whole command, and what of it drives: pictures and tables after the drive take as long as the drive
 COMMAND = ["-m", "vve_sumo.cli", "drive"]
-DRIVES = """
+DRIVES = [
+    "-c",
+    """
 import sys
 from pathlib import Path
 from vve_sumo.live.command import live, plan
 scenario, _, rig, _, out, *controller = sys.argv[1:]
 live(plan(scenario, rig, Path.cwd(), out=Path(out), seed=None, controller=(None, *controller)[-1], shadow=False))
-"""
+""",
+]
+#: before one of them: standard input becomes the terminal of this session, whose closing is then heard
+TERMINAL = [
+    "-c",
+    """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
+""",
+]
 
 
 @dataclass(frozen=True)
@@ -163,14 +173,19 @@ class Stage:
         self._master = terminal
         with self._said.open("wb") as said:
             process = subprocess.Popen(
-                [sys.executable, *(COMMAND if whole else ["-c", DRIVES]), *names, *controller],
+                [
+                    sys.executable,
+                    *(TERMINAL if slave >= 0 else []),
+                    *(COMMAND if whole else DRIVES),
+                    *names,
+                    *controller,
+                ],
                 cwd=REPOSITORY,
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), MOMENT: str(self._moment)},
                 stdin=slave if slave >= 0 else subprocess.DEVNULL,
                 stdout=slave if slave >= 0 else said,
                 stderr=slave if slave >= 0 else said,
                 start_new_session=True,
-                preexec_fn=_take_terminal if slave >= 0 else None,  # noqa: PLW1509  # no threads here
             )
         if slave >= 0:
             os.close(slave)
@@ -275,11 +290,6 @@ class Stage:
         moving = truth["time_s"][np.flatnonzero(truth["speed_mps"] != 0.0)]
         first, last = (float(moving[0]), float(moving[-1])) if len(moving) else (0.0, math.inf)
         return self.t0 + first - 1.0, self.t0 + last
-
-
-def _take_terminal() -> None:
-    """Make standard input the terminal of this session, whose closing is then heard."""
-    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
 def running(pid: int) -> bool:

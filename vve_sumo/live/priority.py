@@ -27,7 +27,7 @@ def stand_back() -> None:
 
 
 def prefer(priority: int) -> str:
-    """Run this process with a SCHED_FIFO `priority`, or a nice value where it is negative, and keep its pages in memory.
+    """Run this process with a SCHED_FIFO `priority`, or a nice value where negative, and keep its pages in memory.
 
     Returns what was granted, in words. A page of code that the kernel took back is read from disk when it is needed
     next, which takes longer than a tick.
