@@ -295,9 +295,10 @@ class Stage:
 def running(pid: int) -> bool:
     """Whether a process is there and is no zombie."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[:1]
     except OSError:
         return False
+    return state not in ([], ["Z"])
 
 
 def free_port() -> int:

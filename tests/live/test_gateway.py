@@ -21,6 +21,7 @@ from tests.live.patience import until
 from tests.vehicle.car import PERIOD
 from vve_sumo.bus import read_log
 from vve_sumo.drive.record import read_table
+from vve_sumo.live.channel import ALIVE
 from vve_sumo.live.gateway import LATEST, SOONEST, Inbox, due
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import dbw, link
@@ -124,6 +125,17 @@ def test_acts_come_in_their_order_and_stop_before_all_others(acts):
     assert inbox.fresh is stops
     taken = [inbox.empty().act for _ in range(len(acts) + 1)]
     assert taken == ([Act.STOP] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
+
+
+def test_a_stop_asked_for_again_and_again_is_urgent_once():
+    inbox = Inbox()
+    inbox.take_from_console(link.encode_act(Act.STOP))
+    assert inbox.fresh
+    assert inbox.empty().act is Act.STOP
+    for _ in range(50):
+        inbox.take_from_console(link.encode_act(Act.STOP))
+        assert not inbox.fresh
+        assert inbox.empty().act is Act.STOP
 
 
 # The process.
@@ -235,7 +247,12 @@ def test_signals_hammered_at_a_moving_gateway_change_nothing(bench: Open) -> Non
 @pytest.mark.live
 @pytest.mark.parametrize(
     ("damage", "reason"),
-    [(lambda b: b.drive_end.send(b"prose"), "setpoint_corrupt"), (lambda b: b.console.close(), "operator_gone")],
+    [
+        (lambda b: b.drive_end.send(b"prose"), "setpoint_corrupt"),
+        (lambda b: b.console.close(), "operator_gone"),
+        # It showed itself alive once and never again: frozen, with its channel open.
+        (lambda b: b.console.send(ALIVE), "operator_gone"),
+    ],
 )
 def test_what_is_wrong_on_a_channel_stops_the_car(bench: Open, damage: Callable[[Bench], object], reason: str) -> None:
     b = bench(2.0, sender=False)

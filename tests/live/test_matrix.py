@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.live.matrix import MATRIX, SPEED, STEP, TOLERANCE, Layer, Right, Row, bound
+from tests.live.matrix import GATEWAY, MATRIX, SPEED, STEP, TOLERANCE, WATCHDOG, Layer, Right, Row, bound
 from tests.live.stage import Evidence, Stage
 from vve_sumo.bus import read_log
 from vve_sumo.drive import reasons
@@ -23,6 +23,7 @@ from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve
 from vve_sumo.values import Setpoint
 from vve_sumo.vehicle import dbw, fusion, link
+from vve_sumo.vehicle.arming import CRITICAL
 from vve_sumo.vehicle.dbw import Variant
 
 ATTEMPTS = 4
@@ -114,7 +115,9 @@ def assert_at_rest(row: Row, evidence: Evidence) -> None:
     stopped = [step for step in after if step["state"] != "engaged"]
     assert all(step["throttle_percent"] == 0.0 for step in stopped)
     assert after[len(after) - len(stopped) :] == stopped, "engaged again"
-    if row.stops is not None and row.stops.words.startswith("the kit"):
+    if row.stops is GATEWAY and CRITICAL.isdisjoint(evidence.summary["reasons"]):
+        assert hardest(evidence) < GATEWAY.deceleration + 0.5, "the gateway keeps its own pace"
+    if row.stops is WATCHDOG:
         assert truth["watchdog_braking"].any()
     begun = [step["reasons"].split("+") for step in stopped[:1]] or [evidence.summary["reasons"]]
     assert begun[0][0] in row.reasons + row.first, "the record, or what is left of it, says why it began to stop"
@@ -211,6 +214,12 @@ def way_to_rest(evidence: Evidence, when: float) -> float:
     truth = evidence.truth
     after = truth["time_s"] >= when
     return float(np.hypot(np.diff(truth["x_m"][after]), np.diff(truth["y_m"][after])).sum())
+
+
+def hardest(evidence: Evidence) -> float:
+    """Return the hardest deceleration over a tenth of a second [m/s2]."""
+    speed = evidence.truth["speed_mps"]
+    return float((speed[:-10] - speed[10:]).max()) / 0.1
 
 
 def allowed(row: Row, evidence: Evidence) -> float:

@@ -21,6 +21,8 @@ from vve_sumo.pose.trust import LOCKED, TrustGate
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, Scan
 from vve_sumo.values import Actors, Detections, Fix, Point, Pose, Setpoint, Situation, StopProfile, Vehicle
 
+#: a way to rest that was prepared for another moment than this far from the tick's is not the tick's [s]
+PREPARED = 0.01
 #: how long a setpoint may be acted on [s]; the drive-by-wire kit's own command time-out is the same 100 ms
 SETPOINT_LIFE = 0.1
 
@@ -98,6 +100,7 @@ class Chain:
         self._detections = BEFORE_FIRST_SCAN
         self._seen = _Seen(None, None, ())
         self._profile: StopProfile | None = None
+        self._prepared_for = -math.inf
         self._edge: tuple[str, ...] = ()
         self.heard = -math.inf  #: epoch of the newest fix, trusted or not, as drive time [s]
 
@@ -153,6 +156,9 @@ class Chain:
             beside = self._path.project(pose.x, pose.y, self._station)
             self._station, station, deviation = beside.s, beside.s, beside.offset
             faults += ("off_path",) if not abs(deviation) <= self._deviation_limit else ()
+            if not abs(now - self._prepared_for) <= PREPARED:
+                # Ticks were skipped: where the way was to begin, the car is no more.
+                self.prepare(now, steering)
             faults += self._edge
             answer, failures = self._controller.step(self._situation(tick, now, pose, steering))
             faults += failures
@@ -176,7 +182,7 @@ class Chain:
         `steering` is the road-wheel angle that the car reports [rad]; the next setpoint carries what is found.
         """
         pose = self._predictor.at(time)
-        self._profile, self._edge = None, ()
+        self._profile, self._edge, self._prepared_for = None, (), time
         if pose is None or self._station is None:
             return
         self._profile = way_to_rest(pose, steering, self._path, self._station, self._vehicle)

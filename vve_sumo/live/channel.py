@@ -12,6 +12,10 @@ from typing import Final
 #: asked of the kernel for every queue [bytes]: what Linux allows everybody, and counts twice; so that whoever stops
 #: listening is found out equally soon on every machine
 QUEUE: Final = 212_992
+#: datagrams taken at once, so that a flood cannot keep its reader from everything else
+MOST: Final = 500
+#: what a process says that has nothing to say but that it runs
+ALIVE: Final = b"alive"
 #: longest datagram [bytes]
 LONGEST: Final = 400_000
 
@@ -41,9 +45,9 @@ class Channel:
         return True
 
     def receive(self) -> list[bytes]:
-        """Return all datagrams that wait now, in order; what came before the other end went is still delivered."""
+        """Return the datagrams that wait now, at most MOST, in order; what came before the other end went comes too."""
         waiting: list[bytes] = []
-        while True:
+        while len(waiting) < MOST:
             try:
                 data = self._socket.recv(LONGEST)
             except (BlockingIOError, InterruptedError):
@@ -59,6 +63,7 @@ class Channel:
                 self.closed = True
                 return waiting
             waiting.append(data)
+        return waiting
 
     def fileno(self) -> int:
         """Return the file descriptor, for poll and select."""

@@ -107,11 +107,11 @@ def live(plan: Plan) -> dict[str, Any]:
         resolved |= assembly.told(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
         resolved["gateway"]["shadow"] = plan.shadow
         crew = _crew(plan, resolved, ground, car)
-        stand_back()
-        _note_processes(plan, crew)
         screen = Screen(sys.stderr)
         console = Console(crew, keys, screen, plan.rig.operator.automatic)
         try:
+            stand_back()
+            _note_processes(plan, crew)
             console.run()
         finally:
             screen.close()

@@ -6,6 +6,7 @@ moves the car, and nothing is done by itself but where the rig says that no pers
 
 from __future__ import annotations
 
+import contextlib
 import json
 import select
 import subprocess
@@ -13,8 +14,8 @@ import time
 from dataclasses import dataclass
 from typing import Any, Final
 
-from vve_sumo.drive.lockstep import Operator
-from vve_sumo.live.channel import Channel
+from vve_sumo.drive.lockstep import WAITING, Operator
+from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.keys import Keys, Wish
 from vve_sumo.live.screen import Screen
 from vve_sumo.values import ArmingState
@@ -29,7 +30,7 @@ DRIVE_PATIENCE: Final = 8.0
 #: a rig that drives by itself and is not ready by then never will be [s]
 READY_LIMIT: Final = 60.0
 
-_ACTS: Final = {Wish.ENGAGE: Act.ENGAGE, Wish.GO: Act.GO, Wish.STOP: Act.STOP, Wish.RESET: Act.DISARM}
+_ACTS: Final = {Wish.ENGAGE: Act.ENGAGE, Wish.GO: Act.GO, Wish.RESET: Act.DISARM}
 
 
 @dataclass(slots=True)
@@ -45,10 +46,13 @@ class Crew:
     to_car: Channel | None
 
     def dismiss(self, patience: float) -> None:
-        """Let every process end as it means to, drive before recorder before car; kill what hangs at rest."""
+        """Let every process end as it means to, drive before recorder before car; kill what hangs after the gateway.
+
+        The gateway is never killed: as long as it runs it holds the car, or still tries to.
+        """
         self.to_gateway.close()
         self.to_drive.close()
-        _end(self.gateway, patience)
+        self.gateway.wait()
         _end(self.drive, min(patience, DRIVE_PATIENCE))
         _end(self.recorder, patience)
         if self.car is not None and self.to_car is not None:
@@ -72,7 +76,7 @@ class Console:
         self._crew, self._keys, self._screen = crew, keys, screen
         self._operator = Operator() if automatic else None
         self._state = ArmingState.DISARMED
-        self._engaged = self._over = False
+        self._engaged = self._over = self._stops = False
         self._begun = time.monotonic()
         self._status: dict[str, Any] = {}
         self.why: tuple[str, ...] = ()  #: the gateway's last reasons for stopping the car, or for letting go of it
@@ -89,19 +93,34 @@ class Console:
             self._hear_drive()
             self._hear_gateway()
             self._judge()
+            self._speak()
             self._screen.show(self._status)
+        self._hear_gateway()
+        if not self._engaged and not self._over:
+            self._refuse("the gateway's process ended before anything moved; see gateway.log in the record", 3)
 
     @staticmethod
     def _alive(channel: Channel) -> list[int]:
         return [] if channel.closed else [channel.fileno()]
 
     def _obey(self, wish: Wish) -> None:
-        if wish is Wish.RESET and self._engaged:
+        if self._engaged and not (wish is Wish.GO and WAITING in self._status.get("reasons", ())):
             wish = Wish.STOP
-        self._crew.to_gateway.send(link.encode_act(_ACTS[wish]))
-        if wish is Wish.STOP and not self._engaged:
-            # Nothing moves yet: to stop is not to begin.
-            self._leave()
+        if wish is Wish.STOP:
+            self._stops = True
+            if not self._engaged:
+                # Nothing moves yet: to stop is not to begin.
+                self._leave()
+        elif wish is not Wish.NOTHING:
+            self._crew.to_gateway.send(link.encode_act(_ACTS[wish]))
+
+    def _speak(self) -> None:
+        """Show the gateway that somebody is there, and say stop until it is heard."""
+        if self._crew.to_gateway.closed:
+            return
+        self._crew.to_gateway.send(ALIVE)
+        if self._stops and self._state in (ArmingState.READY, ArmingState.ENGAGED):
+            self._crew.to_gateway.send(link.encode_act(Act.STOP))
 
     def _leave(self) -> None:
         self._over = True
@@ -123,6 +142,7 @@ class Console:
         for data in self._crew.to_gateway.receive():
             feedback = link.decode_feedback(data)
             if not isinstance(feedback, link.Feedback):
+                self._hear_refusal(data)
                 continue
             verdict = feedback.verdict
             self._state = verdict.state
@@ -141,13 +161,18 @@ class Console:
                 if act is not None:
                     self._crew.to_gateway.send(link.encode_act(act))
 
+    def _hear_refusal(self, data: bytes) -> None:
+        """Take what a gateway says whose bus cannot be opened."""
+        with contextlib.suppress(ValueError):
+            told = json.loads(data)
+            self.refusal = (told["refused"], told["exit_code"])
+
     def _judge(self) -> None:
         """End what has come to its end, and what never begins."""
         if self._over:
             return
         if self._status.get("outcome") is not None and self._state is ArmingState.ENGAGED:
-            self._over = True
-            self._crew.to_gateway.send(link.encode_act(Act.STOP))
+            self._over = self._stops = True
         elif not self._engaged and self._crew.drive.poll() is not None:
             self._refuse("the drive's process ended before anything moved", 4)
         elif not self._engaged and self._crew.recorder.poll() is not None:

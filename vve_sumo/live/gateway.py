@@ -19,8 +19,8 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from vve_sumo.bus import Bus
-from vve_sumo.errors import RigError
-from vve_sumo.live.channel import Channel
+from vve_sumo.errors import RigError, VveError
+from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.priority import GATEWAY, prefer
 from vve_sumo.live.spawn import begin
 from vve_sumo.live.tap import Tap
@@ -43,6 +43,10 @@ LOOK: Final = 0.001
 TELL_PERIOD: Final = 0.1
 #: what the last words to the recorder may take [s]
 PATIENCE: Final = 2.0
+#: a console that has shown itself alive and is silent for so long is as good as gone [s]
+SILENCE: Final = 1.0
+#: a bus that takes and gives nothing for so long is gone for good [s]: the kit has stopped the car, or nobody can
+GONE: Final = 15.0
 
 
 def due(last: float, fresh: bool, alone: bool, period: float) -> float:
@@ -71,11 +75,15 @@ class Inbox:
         self._datagram = b""
         self._wrong: list[str] = []
         self._acts: deque[Act] = deque()
+        self._stopped = False  # a stop has been handed on
 
     @property
     def fresh(self) -> bool:
-        """Whether something waits that a step should be made for."""
-        return self._setpoint is not None or Act.STOP in self._acts
+        """Whether something waits that a step should be made for; a stop that is asked for again can wait its turn.
+
+        The core counts in periods: whoever hammers a key must not make them shorter.
+        """
+        return self._setpoint is not None or (Act.STOP in self._acts and not self._stopped)
 
     def take_from_drive(self, datagram: bytes) -> None:
         """Take in what the drive sent."""
@@ -102,6 +110,7 @@ class Inbox:
     def empty(self) -> Taken:
         """Return what goes into the next step, which is then taken."""
         act = self._acts.popleft() if self._acts else None
+        self._stopped |= act is Act.STOP
         taken = Taken(self._setpoint, self._datagram, act, tuple(self._wrong))
         self._setpoint, self._datagram, self._wrong = None, b"", []
         return taken
@@ -122,6 +131,9 @@ class Process:
         self._bus_number = bus.fileno()
         self._inbox = Inbox()
         self._heard: list[Frame] = []
+        self._shown = math.inf  # when the console last showed itself alive; never yet
+        self._bus_lived = math.inf  # when the bus last took or gave a frame; never yet
+        self._unsaid = False  # telling or keeping a step went wrong
         self._deaf = self._dumb = False  # what the bus said when it was last asked to receive, to send
         self._last = -math.inf
         self._alone = True
@@ -136,9 +148,12 @@ class Process:
             self._wait()
             verdict = self._step()
             self._has_engaged |= verdict.state in COMMANDING
-            if self._gateway.done or (self._console.closed and not self._has_engaged):
+            if self._gateway.done or (self._console.closed and not self._has_engaged) or self._bus_is_gone():
                 break
         self._tap.finish(PATIENCE)
+
+    def _bus_is_gone(self) -> bool:
+        return self._dumb and self._last - self._bus_lived > GONE
 
     def report(self) -> str:
         """What is worth a line in the log."""
@@ -175,7 +190,10 @@ class Process:
 
     def _hear_console(self) -> None:
         for datagram in self._console.receive():
-            self._inbox.take_from_console(datagram)
+            if datagram == ALIVE:
+                self._shown = self._clock()
+            else:
+                self._inbox.take_from_console(datagram)
 
     def _hear_bus(self) -> None:
         try:
@@ -203,8 +221,15 @@ class Process:
         sent = self._clock() if count else math.nan
         self._last, self._alone = now, taken.setpoint is None
         self._steps += 1
-        self._tell(now, sent, output)
-        self._keep(now, taken, found, len(heard), count, output)
+        if count or heard:
+            self._bus_lived = now
+        try:
+            self._tell(now, sent, output)
+            self._keep(now, taken, found, len(heard), count, output)
+        except Exception as error:
+            # A mistake of ours beside what stops the car must not be what keeps it from being stopped.
+            self._unsaid = True
+            _say(f"a step could not be told or kept: {type(error).__name__}: {error}")
         return output.verdict
 
     def _find(self, heard: list[Frame]) -> list[str]:
@@ -216,10 +241,10 @@ class Process:
             found.append("stop_input")
         if self._drive.closed:
             found.append("drive_gone")
-        if self._console.closed:
+        if self._console.closed or self._clock() - self._shown > SILENCE:
             found.append("operator_gone")
-        if self._tap.failure:
-            found.append(self._tap.failure)
+        if self._tap.failure or self._unsaid:
+            found.append(self._tap.failure or "record_lost")
         return found
 
     def _send(self, frames: tuple[Frame, ...]) -> int:
@@ -319,7 +344,7 @@ def main() -> int:
     _say(prefer(GATEWAY))  # before the bus is opened, whose thread shall come before others too
     try:
         bus = Bus(bus_config["interface"], bus_config["channel"], bus_config["bitrate"])
-    except RigError as error:
+    except VveError as error:
         _say(str(error))
         channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
         return error.exit_code

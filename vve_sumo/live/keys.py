@@ -23,14 +23,23 @@ class Wish(enum.StrEnum):
     GO = "go"
     RESET = "reset"  #: of a fault, before anything moved
     STOP = "stop"
+    NOTHING = "nothing"  #: a key that is no act while the car stands, and a stop once it is engaged
 
 
 #: keys of a terminal; everything else that is pressed in a hurry means stop
 KEYS: Final = {"e": Wish.ENGAGE, "g": Wish.GO, "r": Wish.RESET}
-#: pressed without a wish: Enter of the command line, and parts of the terminal's own sequences are not acts
-IGNORED: Final = frozenset("\r\n")
-#: signals that mean a controlled stop: Ctrl-C, a kill, a closed terminal
-STOPPING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: Enter: of the command line before anything moves, a hand that hits the keyboard after
+ENTER: Final = frozenset("\r\n")
+#: signals that mean a controlled stop: Ctrl-C and the like, a kill, a closed terminal, and all that would freeze us
+STOPPING: Final = (
+    signal.SIGINT,
+    signal.SIGQUIT,
+    signal.SIGTERM,
+    signal.SIGHUP,
+    signal.SIGTSTP,
+    signal.SIGTTIN,
+    signal.SIGTTOU,
+)
 
 
 class Keys:
@@ -55,6 +64,9 @@ class Keys:
             with contextlib.suppress(termios.error):
                 self._saved = termios.tcgetattr(sys.stdin)
                 tty.setcbreak(sys.stdin)
+                modes = termios.tcgetattr(sys.stdin)
+                modes[0] &= ~termios.IXON  # else Ctrl-S would freeze the screen instead of stopping the car
+                termios.tcsetattr(sys.stdin, termios.TCSANOW, modes)
         if self._open:
             os.set_blocking(sys.stdin.fileno(), False)
         return self
@@ -115,4 +127,4 @@ class Keys:
 
 
 def _of_keys(text: str) -> list[Wish]:
-    return [KEYS.get(key.lower(), Wish.STOP) for key in text if key not in IGNORED]
+    return [Wish.NOTHING if key in ENTER else KEYS.get(key.lower(), Wish.STOP) for key in text]

@@ -8,8 +8,10 @@ below the gateway's priority delayed its steps by 0.1 to 2 s, the same loops at 
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
+import resource
 from typing import Final
 
 GATEWAY: Final = 30  #: SCHED_FIFO priority
@@ -23,7 +25,8 @@ MCL_CURRENT, MCL_FUTURE = 1, 2  # Linux, asm-generic/mman.h
 
 def stand_back() -> None:
     """Let this process wait for those that are in a hurry."""
-    os.setpriority(os.PRIO_PROCESS, 0, BEHIND)
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, max(os.getpriority(os.PRIO_PROCESS, 0), BEHIND))
 
 
 def prefer(priority: int) -> str:
@@ -40,5 +43,7 @@ def prefer(priority: int) -> str:
         granted = f"real-time priority {priority}" if priority > 0 else f"nice value {priority}"
     except OSError:
         granted = "no priority: the system does not allow it"
-    locked = ctypes.CDLL(None).mlockall(MCL_CURRENT | MCL_FUTURE) == 0
+    # Under a finite limit, memory asked for later would be refused instead of merely not locked.
+    endless = os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    locked = ctypes.CDLL(None).mlockall(MCL_CURRENT | MCL_FUTURE if endless else MCL_CURRENT) == 0
     return granted + (", memory locked" if locked else ", memory not locked: the system does not allow it")

@@ -1,0 +1,86 @@
+"""What an operator's keys, words and signals mean, on a real terminal and on a pipe."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import signal
+import subprocess
+import sys
+import termios
+from typing import IO
+
+import pytest
+
+from tests.conftest import REPOSITORY
+from vve_sumo.live.keys import STOPPING
+
+LISTENER = """
+import select
+from vve_sumo.live.keys import Keys
+with Keys(listen=True) as keys:
+    print("ready", flush=True)
+    while True:
+        select.select(keys.filenos(), [], [])
+        for wish in keys.wishes():
+            print(wish.value, flush=True)
+"""
+
+
+def listener(stdin: int, *, controlled: bool) -> tuple[subprocess.Popen[str], IO[str]]:
+    """Start a process that says what it is asked for; with `controlled` its standard input is its terminal."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", LISTENER],
+        cwd=REPOSITORY,
+        stdin=stdin,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=(lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0)) if controlled else None,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    return process, process.stdout
+
+
+def test_on_a_terminal_all_but_four_keys_stop_even_those_that_a_terminal_keeps_to_itself() -> None:
+    ours, theirs = pty.openpty()
+    process, said = listener(theirs, controlled=True)
+    os.close(theirs)
+    wanted = {b"e": "engage", b"G": "go", b"r": "reset", b"\r": "nothing", b" ": "stop", b"x": "stop"}
+    # Ctrl-C, Ctrl-Z, Ctrl-\ as signals; Ctrl-S and Ctrl-Q, which would freeze a terminal, as keys.
+    wanted |= dict.fromkeys((b"\x03", b"\x1a", b"\x1c", b"\x13", b"\x11"), "stop")
+    for key, wish in wanted.items():
+        os.write(ours, key)
+        assert said.readline() == f"{wish}\n", key
+    os.close(ours)
+    assert said.readline() == "stop\n", "the terminal was closed"
+    process.kill()
+    process.wait()
+
+
+@pytest.mark.parametrize("number", STOPPING)
+def test_every_signal_that_would_end_or_freeze_the_console_is_a_stop(number: signal.Signals) -> None:
+    reader, writer = os.pipe()
+    process, said = listener(reader, controlled=False)
+    process.send_signal(number)
+    assert said.readline() == "stop\n"
+    process.kill()
+    process.wait()
+    os.close(reader)
+    os.close(writer)
+
+
+def test_on_a_pipe_words_count_and_its_end_is_a_stop() -> None:
+    reader, writer = os.pipe()
+    process, said = listener(reader, controlled=False)
+    os.close(reader)
+    os.write(writer, b"engage\nGO\nwhat")
+    assert [said.readline() for _ in range(2)] == ["engage\n", "go\n"]
+    os.write(writer, b"ever\n")
+    assert said.readline() == "stop\n", "what is no word of ours is said in a hurry"
+    os.close(writer)
+    assert said.readline() == "stop\n"
+    process.kill()
+    process.wait()
