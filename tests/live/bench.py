@@ -35,6 +35,10 @@ LIFETIME = 0.1
 WAITING = "waiting_for_go"
 
 
+#: frames of one step, in order
+COMMANDS = [dbw.BRAKE_COMMAND, dbw.THROTTLE_COMMAND, dbw.STEERING_COMMAND, dbw.GEAR_COMMAND]
+
+
 class Heard(NamedTuple):
     """What the car was told in one step of the gateway."""
 
@@ -199,7 +203,9 @@ class Bench:
             if frame.id == FIRST_ID:
                 self._group.clear()  # of an earlier step that the bus did not take as a whole
             self._group.append(frame)
-            if len(self._group) == 4:
+            if len(self._group) == 4 and [frame.id for frame in self._group] != COMMANDS:
+                self._group.clear()  # the bus did not take all of this step
+            elif len(self._group) == 4:
                 self.heard.append(Heard(self.now, *(dbw.decode(f, self.car.variant) for f in self._group)))
                 self.car.hear(tuple(self._group))
                 self._group.clear()

@@ -35,6 +35,8 @@ from vve_sumo.plant.rehearsal import STARTED
 
 #: a drive that was ridden through goes on for so long, then the operator stops it [s]
 GOES_ON = 3.0
+#: from rest to the gateway's letting go [s]
+PARKING = 2.0
 #: for all processes to end, a frozen drive's among them [s]
 PATIENCE = 60.0
 #: where the pole of a row stands: ahead and to the right of the car at its start [m]
@@ -92,7 +94,7 @@ class Evidence:
     moment: float  #: drive time of the fault [s]; NaN where the car never came to it
     said: str  #: by the console and in the logs
     alive: tuple[str, ...]  #: processes that did not end
-    stalls: tuple[tuple[float, float], ...]  #: of the machine between engaging and rest, drive time [s]
+    stalls: tuple[tuple[float, float], ...]  #: of the machine while the car was commanded, drive time [s]
 
     @functools.cached_property
     def truth(self) -> dict[str, Any]:
@@ -122,9 +124,9 @@ def rows(folder: Path, table: str) -> list[dict[str, Any]]:
 
 
 def read_truth(folder: Path) -> dict[str, Any]:
-    """Return the columns of truth.csv."""
-    with (folder / "truth.csv").open(newline="") as file:
-        lines = list(csv.DictReader(file))
+    """Return the columns of truth.csv, as far as its lines are whole."""
+    text = (folder / "truth.csv").read_text()
+    lines = list(csv.DictReader(text[: text.rfind("\n") + 1].splitlines()))
     return {
         name: [line[name] for line in lines] if name == "gear" else np.array([float(line[name]) for line in lines])
         for name in lines[0]
@@ -285,11 +287,11 @@ class Stage:
                     said.write(os.read(self._master, 65536))
 
     def _span(self) -> tuple[float, float]:
-        """Return when the car was engaged and when it had come to rest."""
+        """Return when the car was engaged and when it had been let go."""
         truth = read_truth(self.record)
         moving = truth["time_s"][np.flatnonzero(truth["speed_mps"] != 0.0)]
         first, last = (float(moving[0]), float(moving[-1])) if len(moving) else (0.0, math.inf)
-        return self.t0 + first - 1.0, self.t0 + last
+        return self.t0 + first - 1.0, self.t0 + last + PARKING
 
 
 def running(pid: int) -> bool:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import pty
 import signal
 import subprocess
 import sys
-import termios
 from typing import IO
 
 import pytest
@@ -17,7 +15,9 @@ from tests.conftest import REPOSITORY
 from vve_sumo.live.keys import STOPPING
 
 LISTENER = """
-import select
+import fcntl, select, sys, termios
+if sys.argv[1:] == ["controlled"]:
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 from vve_sumo.live.keys import Keys
 with Keys(listen=True) as keys:
     print("ready", flush=True)
@@ -31,13 +31,12 @@ with Keys(listen=True) as keys:
 def listener(stdin: int, *, controlled: bool) -> tuple[subprocess.Popen[str], IO[str]]:
     """Start a process that says what it is asked for; with `controlled` its standard input is its terminal."""
     process = subprocess.Popen(
-        [sys.executable, "-c", LISTENER],
+        [sys.executable, "-c", LISTENER, *(["controlled"] if controlled else [])],
         cwd=REPOSITORY,
         stdin=stdin,
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=(lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0)) if controlled else None,
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"

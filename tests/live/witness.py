@@ -27,11 +27,9 @@ STALL = 0.015  # a sleep that ends so much too late is a stall [s]
 @contextlib.contextmanager
 def witness(file: Path) -> Iterator[None]:
     """Have the machine watched while the block runs."""
-    with subprocess.Popen([sys.executable, "-m", "tests.live.witness", str(file)], cwd=REPOSITORY) as process:
-        try:
-            yield
-        finally:
-            process.terminate()
+    command = [sys.executable, "-m", "tests.live.witness", str(file)]
+    with subprocess.Popen(command, cwd=REPOSITORY, stdin=subprocess.PIPE):
+        yield
 
 
 def stalls(file: Path, begin: float, end: float) -> list[tuple[float, float]]:
@@ -59,20 +57,16 @@ def _watch(core: int, file: Path) -> None:
 
 
 def main(file: Path) -> None:
-    """Watch every core that this process may use, until it is ended."""
+    """Watch every core that this process may use, until whoever started it closes its standard input, or ends."""
     cores = sorted(os.sched_getaffinity(0))
     children = []
     for core in cores:
         if (child := os.fork()) == 0:
             _watch(core, file)
         children.append(child)
-
-    def end(*_: object) -> None:
-        for child in children:
-            os.kill(child, signal.SIGKILL)
-
-    signal.signal(signal.SIGTERM, end)
+    sys.stdin.read()
     for child in children:
+        os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
 
 

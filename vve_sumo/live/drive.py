@@ -236,7 +236,8 @@ class LiveDrive:
             self._close(Outcome.DRIVER, self._why)
         elif self._ending.collided:
             self._close(Outcome.CONTACT, self._why)
-        elif set(self._why) <= {"stop_asked", "operator_gone"}:
+        elif set(self._why[:1]) <= {"stop_asked", "operator_gone"}:
+            # What was found on the way to rest stands with the reasons; the drive was over by then.
             self._close(Outcome.INTERRUPTED, self._why)
         else:
             self._close(Outcome.FAULT, self._why)

@@ -45,8 +45,8 @@ TELL_PERIOD: Final = 0.1
 PATIENCE: Final = 2.0
 #: a console that has shown itself alive and is silent for so long is as good as gone [s]
 SILENCE: Final = 1.0
-#: a bus that takes and gives nothing for so long is gone for good [s]: the kit has stopped the car, or nobody can
-GONE: Final = 15.0
+#: a bus on which nothing is heard for so long is gone for good [s]: the kit has stopped the car, or nobody can
+GONE: Final = 60.0
 
 
 def due(last: float, fresh: bool, alone: bool, period: float) -> float:
@@ -132,7 +132,7 @@ class Process:
         self._inbox = Inbox()
         self._heard: list[Frame] = []
         self._shown = math.inf  # when the console last showed itself alive; never yet
-        self._bus_lived = math.inf  # when the bus last took or gave a frame; never yet
+        self._bus_lived = math.inf  # when a frame was last heard; never yet
         self._unsaid = False  # telling or keeping a step went wrong
         self._deaf = self._dumb = False  # what the bus said when it was last asked to receive, to send
         self._last = -math.inf
@@ -153,7 +153,7 @@ class Process:
         self._tap.finish(PATIENCE)
 
     def _bus_is_gone(self) -> bool:
-        return self._dumb and self._last - self._bus_lived > GONE
+        return self._has_engaged and self._last - self._bus_lived > GONE
 
     def report(self) -> str:
         """What is worth a line in the log."""
@@ -221,7 +221,7 @@ class Process:
         sent = self._clock() if count else math.nan
         self._last, self._alone = now, taken.setpoint is None
         self._steps += 1
-        if count or heard:
+        if heard:
             self._bus_lived = now
         try:
             self._tell(now, sent, output)
