@@ -5,6 +5,8 @@ It knows the brakes as declared, and no comfort. Once begun it goes on until the
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from vve_sumo.laws import stopping_distance
 from vve_sumo.values import Vehicle
 
@@ -12,6 +14,7 @@ from .tracks import Target
 
 MARGIN = 2.0  #: rest of the gap that full braking shall leave [m]
 FULL = -9.0  #: asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
+JERK = 30.0  #: with which the gateway lets it build up [m/s3]
 REST_SPEED = 0.05  #: [m/s]
 FIRST_ORDER_RAMP = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T
 
@@ -23,17 +26,32 @@ class Emergency:
         """`period` of the tick [s], which the command waits on its way."""
         self._deceleration = vehicle.deceleration_limit
         self._delay = vehicle.brake_delay + period
-        self._build_up = FIRST_ORDER_RAMP * vehicle.brake_lag
+        self._build_up = FIRST_ORDER_RAMP * vehicle.brake_lag + vehicle.deceleration_limit / JERK
         self.braking = False  #: latched until standstill
 
-    def step(self, target: Target | None, speed: float) -> bool:
+    def step(self, targets: Iterable[Target], speed: float) -> bool:
         """Tell whether to brake fully now at a speed [m/s]."""
         if self.braking:
             self.braking = speed > REST_SPEED
-        elif target is not None and speed > REST_SPEED:
-            self.braking = self.way(speed - target.speed) + MARGIN >= target.gap and speed > target.speed
+        elif speed > REST_SPEED:
+            self.braking = any(
+                speed > target.speed and self.way(speed, target) + MARGIN >= target.gap for target in targets
+            )
         return self.braking
 
-    def way(self, closing_speed: float) -> float:
-        """Gap that full braking uses up [m] until nothing closes any more."""
-        return stopping_distance(closing_speed, self._deceleration, self._delay, self._build_up)
+    def way(self, speed: float, target: Target) -> float:
+        """Gap to a target that full braking from a speed [m/s] uses up [m] until nothing closes any more.
+
+        A target that brakes goes on braking to rest (the rule of RSS, Shalev-Shwartz, 2017, with its deceleration as
+        it is measured). What counts is when both are equally fast: after that the gap grows, or both stand.
+        """
+        closing = speed - target.speed
+        if not (target.braking > 0.0 and target.speed > 0.0):
+            return stopping_distance(closing, self._deceleration, self._delay, self._build_up)
+        late, surplus = self._delay + 0.5 * self._build_up, self._deceleration - target.braking
+        rest = target.speed / target.braking
+        if surplus <= 0.0 or closing + self._deceleration * late > surplus * rest:
+            stops = stopping_distance(speed, self._deceleration, self._delay, self._build_up)
+            return stops - 0.5 * target.speed * rest
+        grown = closing + target.braking * late
+        return late * (closing + 0.5 * target.braking * late) + max(grown, 0.0) ** 2 / (2.0 * surplus)

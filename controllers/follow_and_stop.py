@@ -40,6 +40,7 @@ TUNING: dict[str, float | str | bool] = {
     "stop_deceleration_m_s2": 2.0,  #: of a comfortable stop
     "lateral_acceleration_m_s2": 2.0,  #: that bends are driven with at most
     "emergency": True,  #: whether the emergency layer is there
+    "comfort": True,  #: whether it slows and stops comfortably for what is in the way, before that becomes urgent
 }
 
 
@@ -80,6 +81,8 @@ class FollowAndStop:
         self._approach = Approach(vehicle, tuning["stop_deceleration_m_s2"], PERIOD)
         self._standstill = Standstill(PERIOD)
         self._emergency = Emergency(vehicle, PERIOD) if tuning["emergency"] else None
+        self._comfort = bool(tuning["comfort"])
+        self._stopped = False
         self._profile: SpeedProfile | None = None
         self._station: float | None = None
         self._saturated = False
@@ -93,10 +96,17 @@ class FollowAndStop:
         self._station = station.s
         deviation = self._observer.step(pose, situation.path, station, PERIOD)
         target = self._tracker.step(situation, station)
-        if self._emergency is not None and self._emergency.step(target, pose.speed):
-            self._acceleration = HARDEST
+        dangers = self._tracker.dangers(situation.time, station.s)
+        if self._emergency is not None and self._emergency.step(dangers, pose.speed):
+            self._acceleration, self._stopped = HARDEST, True
             return Setpoint(self._steer(deviation, situation), FULL, emergency=True, note="emergency")
-        acceleration, note = self._accelerate(situation, station.s, target)
+        if self._comfort:
+            acceleration, note = self._accelerate(situation, station.s, target)
+        elif self._stopped:
+            # Nobody else stops for what is ahead: going on would be into it.
+            acceleration, note = Standstill.HOLD, "hold"
+        else:
+            acceleration, note = self._accelerate(situation, station.s, None)
         return Setpoint(self._steer(deviation, situation), acceleration, note=note)
 
     def _steer(self, deviation: Deviation, situation: Situation) -> float:

@@ -14,16 +14,31 @@ import numpy as np
 from vve_sumo.path import Corridor, Path, Station
 from vve_sumo.values import Pose, Situation, Vehicle
 
+from .crossing import COMES_OVER, CROSSES, comes_over, crosses, will_be_in, will_have_left
+from .trend import Trend
+
 RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
 AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
-DRIFT = 0.02  #: of a target across the path [m2/s]
+DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
+LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
+DRIVES = 3.0  #: what is faster than this along the path is a car that keeps its lane or changes it [m/s]
+CHANGE_AGILITY = 0.5  #: spectral density of its acceleration across the path [m2/s3]
+LENGTH = 9.0  #: of such a car and of the own, more than which it takes to get past it [m]
+INSIDE_CAR = 0.0
+SOON = 2.0  #: it is followed from so long before it is in the way [s]
+SURE, LIKELY, DOUBTED = 1.0, 0.5, -0.5  #: standard deviations to brake fully for it, to follow it, to go on following
+CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], its spectral density [m2/s5]
+BRAKES = 3.0  #: standard deviations of acceleration that tell braking from noise
+HARDER = 1.5  #: standard deviations by which one who brakes may do so harder than it seems
+ONCOMING = -2.0  #: what comes nearer than this along the path is judged by where it is, not by where it will be [m/s]
 GATE = 3.5  #: standard deviations within which a detection belongs to a track
-LANE = 5.0  #: detections farther beside the path are left alone [m]
+LANE = 8.0  #: detections farther beside the path are left alone [m]
 HORIZON = 150.0  #: detections farther along the path are left alone [m]
 CONFIRMED = 3  #: hits before a track counts
 COAST, COAST_TENTATIVE, COAST_AT_REST = 0.6, 0.2, 5.0  #: a track lives on unseen for so long [s]
 MARGIN = 0.3  #: kept on both sides of the swept body [m]
 HYSTERESIS = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
+INSIDE = 0.3  #: one who crosses must come this far into the band to count [m]: into the way of the body itself
 
 
 class Target(NamedTuple):
@@ -31,6 +46,7 @@ class Target(NamedTuple):
 
     gap: float  #: along the path from the front bumper to its nearest point [m]
     speed: float  #: along the path [m/s], oncoming negative
+    braking: float = 0.0  #: deceleration, where it surely brakes [m/s2]
 
 
 class Sighting(NamedTuple):
@@ -39,20 +55,29 @@ class Sighting(NamedTuple):
     s: float  #: [m]
     offset: float  #: [m], left positive
     offset_variance: float  #: [m2]
-    speed: float  #: along the path [m/s]; NaN where it moves across the line of sight
+    speed: float  #: along the path [m/s] of one that does not cross; NaN where the line of sight crosses the path
+    skew: float = 0.0  #: by how much a speed across the path adds to `speed`
 
 
 class Track:
-    """A Kalman filter on station and speed, another on the lateral offset."""
+    """Kalman filters: on station and speed, on the lateral offset of what keeps its place, and of what crosses.
 
-    __slots__ = ("hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "s", "seen", "speed", "time")
+    The last one is on the speed alone: it is what a target's acceleration is told from.
+    """
+
+    __slots__ = (
+        "across", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace", "s", "seen", "speed",
+        "time",
+    )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
         self.time = self.seen = time
         self.s, self.offset, self.offset_variance = sighting.s, sighting.offset, sighting.offset_variance
         self.speed = 0.0 if math.isnan(sighting.speed) else sighting.speed
+        self.across = Trend(sighting.offset, sighting.offset_variance, LATERAL_SPEED**2, LATERAL_AGILITY)
         self.p_s, self.p_sv = RANGE_SIGMA**2, 0.0
-        self.p_v = 4.0 if math.isnan(sighting.speed) else RATE_SIGMA**2
+        self.p_v = 4.0 if math.isnan(sighting.speed) else self._rate_variance(sighting)
+        self.pace = Trend(self.speed, self.p_v, CHANGE**2, JERK)
         self.hits, self.in_way = 1, False
 
     def predict(self, time: float) -> None:
@@ -64,14 +89,21 @@ class Track:
         self.p_sv += dt * self.p_v + AGILITY * dt * dt / 2.0
         self.p_v += AGILITY * dt
         self.offset_variance += DRIFT * dt
+        self.across.density = CHANGE_AGILITY if self.speed > DRIVES else LATERAL_AGILITY
+        self.across.predict(dt)
+        self.pace.predict(dt)
 
     def distance(self, sighting: Sighting) -> float:
-        """Return the greatest of the differences to a sighting, in standard deviations."""
+        """Return the greatest of the differences to a sighting, in standard deviations; the first beyond the gate."""
         off_s = abs(sighting.s - self.s) / math.sqrt(self.p_s + RANGE_SIGMA**2)
-        off_side = abs(sighting.offset - self.offset) / math.sqrt(self.offset_variance + sighting.offset_variance)
+        if not off_s < GATE:
+            return off_s
+        across = self.across
+        off_side = abs(sighting.offset - across.value) / math.sqrt(across.variance + sighting.offset_variance)
         if math.isnan(sighting.speed):
             return max(off_s, off_side)
-        return max(off_s, off_side, abs(sighting.speed - self.speed) / math.sqrt(self.p_v + RATE_SIGMA**2))
+        off_speed = abs(sighting.speed - sighting.skew * across.rate - self.speed)
+        return max(off_s, off_side, off_speed / math.sqrt(self.p_v + self._rate_variance(sighting)))
 
     def update(self, sighting: Sighting) -> None:
         """Take a sighting in."""
@@ -80,11 +112,24 @@ class Track:
         gain = self.offset_variance / (self.offset_variance + sighting.offset_variance)
         self.offset += gain * (sighting.offset - self.offset)
         self.offset_variance *= 1.0 - gain
+        self.across.update(sighting.offset, sighting.offset_variance)
         gain_s, gain_v = self.p_s / (self.p_s + RANGE_SIGMA**2), self.p_sv / (self.p_s + RANGE_SIGMA**2)
         self._correct(sighting.s - self.s, gain_s, gain_v, self.p_s, self.p_sv)
         if not math.isnan(sighting.speed):
-            gain_s, gain_v = self.p_sv / (self.p_v + RATE_SIGMA**2), self.p_v / (self.p_v + RATE_SIGMA**2)
-            self._correct(sighting.speed - self.speed, gain_s, gain_v, self.p_sv, self.p_v)
+            speed, variance = sighting.speed - sighting.skew * self.across.rate, self._rate_variance(sighting)
+            gain_s, gain_v = self.p_sv / (self.p_v + variance), self.p_v / (self.p_v + variance)
+            self._correct(speed - self.speed, gain_s, gain_v, self.p_sv, self.p_v)
+            self.pace.update(speed, variance)
+
+    @property
+    def braking(self) -> float:
+        """Deceleration [m/s2] that one who surely brakes may have, else 0."""
+        change, doubt = self.pace.rate, math.sqrt(self.pace.rate_variance)
+        return HARDER * doubt - change if -change > BRAKES * doubt else 0.0
+
+    def _rate_variance(self, sighting: Sighting) -> float:
+        """Of the speed along the path that a sighting stands for [m2/s2]: how fast it crosses is known only so well."""
+        return RATE_SIGMA**2 + sighting.skew**2 * self.across.rate_variance
 
     def _correct(self, error: float, gain_s: float, gain_v: float, seen_s: float, seen_v: float) -> None:
         """Kalman correction by a scalar whose covariances with station and speed are `seen_s` and `seen_v`."""
@@ -104,6 +149,7 @@ class Tracker:
         self._vehicle = vehicle
         self._corridor: Corridor | None = None
         self._tracks: list[Track] = []
+        self._dangers: list[Track] = []
         self._scanned = -math.inf
 
     def step(self, situation: Situation, station: Station) -> Target | None:
@@ -116,7 +162,24 @@ class Tracker:
             self._take_in(scan, _sightings(situation, station, self._vehicle.rear_axle_to_bumper))
             self._forget(scan, situation.pose)
             self._judge(self._corridor)
+            bumper = station.s + self._vehicle.rear_axle_to_bumper
+            self._dangers = [
+                track
+                for track in self._tracks
+                if track.hits >= CONFIRMED and _endangers(track, self._corridor, bumper, situation.pose.speed)
+            ]
         return self._nearest(situation.time, station.s + self._vehicle.rear_axle_to_bumper)
+
+    def dangers(self, time: float, station: float) -> list[Target]:
+        """Return all that the car would meet, or may, at a time [s] with its rear axle at a station [m].
+
+        Unlike the nearest in the way: who is about to cross is among them, who will have crossed is not.
+        """
+        bumper = station + self._vehicle.rear_axle_to_bumper
+        return [
+            Target(track.s + track.speed * (time - track.time) - bumper, track.pace.value, track.braking)
+            for track in self._dangers
+        ]
 
     def _take_in(self, time: float, sightings: list[Sighting]) -> None:
         for track in self._tracks:
@@ -147,7 +210,8 @@ class Tracker:
             # In: surely inside the band, by one standard deviation. Out: clear of it by the hysteresis.
             shift = -HYSTERESIS if track.in_way else math.sqrt(track.offset_variance)
             outward = max(abs(track.offset) + shift, 0.0)
-            track.in_way = corridor.contains(track.s, math.copysign(outward, track.offset))
+            is_in = corridor.contains(track.s, math.copysign(outward, track.offset))
+            track.in_way = is_in or (track.speed > DRIVES and _is_coming(track, corridor))
 
     def _nearest(self, time: float, bumper: float) -> Target | None:
         nearest = None
@@ -157,6 +221,32 @@ class Tracker:
                 if nearest is None or gap < nearest.gap:
                     nearest = Target(gap, track.speed)
         return nearest
+
+
+def _is_coming(track: Track, corridor: Corridor) -> bool:
+    """Tell whether a car that goes along is likely to be in the band soon."""
+    left, right = corridor.half_widths(track.s)
+    return comes_over(track.across, left, right, SOON, DOUBTED if track.in_way else LIKELY)
+
+
+def _endangers(track: Track, corridor: Corridor, bumper: float, speed: float) -> bool:
+    """Tell whether a track is in the band now, or will be when a car of this speed [m/s] gets there."""
+    across, drives = track.across, track.speed > DRIVES
+    if not crosses(across, COMES_OVER if drives else CROSSES):
+        return _is_inside(track, corridor, track.offset, track.offset_variance)
+    gap, closing, (left, right) = track.s - bumper, speed - track.speed, corridor.half_widths(track.s)
+    arrival = max(gap, 0.0) / closing if closing > 0.0 else math.inf
+    if _is_inside(track, corridor, across.value, across.variance):
+        return not will_have_left(across, left, right, arrival)
+    if drives:
+        past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
+        return gap > 0.0 and comes_over(across, left - INSIDE_CAR, right - INSIDE_CAR, min(past, SOON), SURE)
+    return gap > 0.0 and track.speed > ONCOMING and will_be_in(across, left - INSIDE, right - INSIDE, arrival)
+
+
+def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float) -> bool:
+    """Tell whether it is in the band by two standard deviations."""
+    return corridor.contains(track.s, math.copysign(abs(offset) + 2.0 * math.sqrt(variance), offset))
 
 
 def _sightings(situation: Situation, station: Station, front: float) -> list[Sighting]:
@@ -182,8 +272,12 @@ def _sightings(situation: Situation, station: Station, front: float) -> list[Sig
         if not abs(at_offset) < LANE:
             continue
         direction = situation.path.at(at_s).heading
-        along_sight = math.cos(direction) * sight_x + math.sin(direction) * sight_y
+        cos_path, sin_path = math.cos(direction), math.sin(direction)
+        along_sight = cos_path * sight_x + sin_path * sight_y
         radial = rate + pose.speed * math.cos(azimuth) + across * math.sin(azimuth)
-        speed = radial / along_sight if along_sight > 0.5 else math.nan
-        found.append(Sighting(at_s, at_offset, (AZIMUTH_SIGMA * reach) ** 2 + 0.1**2, speed))
+        speed, skew = math.nan, 0.0
+        if along_sight > 0.5:
+            speed, skew = radial / along_sight, (cos_path * sight_y - sin_path * sight_x) / along_sight
+        variance = (AZIMUTH_SIGMA * reach) ** 2 + (RANGE_SIGMA * math.sin(azimuth)) ** 2 + 0.1**2
+        found.append(Sighting(at_s, at_offset, variance, speed, skew))
     return found

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import isolated
 from tests.conftest import REPOSITORY
 
 SCENARIO = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
@@ -92,12 +93,19 @@ def test_a_wrong_scenario_is_one_line_exit_2_and_nothing_left(case: str, tmp_pat
 def refused(folder: Path, arguments: list[str], words: list[str]) -> None:
     """Assert that a command is refused in one line with these words, with exit code 2, and leaves nothing behind."""
     before = sorted(folder.rglob("*"))
-    run = vve_sumo(*arguments, cwd=folder)
+    run = isolated.vve_sumo(*arguments, cwd=folder)
     assert run.returncode == 2, run.stdout + run.stderr
     assert len(run.stderr.strip().splitlines()) == 1, run.stderr
     for word in words:
         assert word in run.stderr
     assert sorted(folder.rglob("*")) == before
+
+
+def test_a_refusal_is_one_line_exit_2_of_the_process(tmp_path: Path) -> None:
+    """Once with a Python of its own; the other refusals are in processes that have everything imported."""
+    run = vve_sumo("drive", "no_such_scenario", cwd=tmp_path)
+    assert (run.returncode, run.stdout, len(run.stderr.splitlines())) == (2, "", 1)
+    assert "no_such_scenario" in run.stderr
 
 
 def test_wrong_uses_are_one_line_exit_2(tmp_path: Path) -> None:

@@ -23,7 +23,8 @@ from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.rig.refusal import arming_refusal
 from vve_sumo.rig.schema import Rig
 from vve_sumo.scenario.load import parse
-from vve_sumo.scenario.schema import Scenario
+from vve_sumo.scenario.schema import Scenario, When
+from vve_sumo.sweep.spec import Boundary, Spec, Worst, parse_spec
 from vve_sumo.values import TickRow
 from vve_sumo.vehicle import arming, diagram
 
@@ -36,29 +37,34 @@ def columns() -> str:
     return "\n".join(["| column | type | meaning |", "|---|---|---|", *rows])
 
 
+#: tables that stand in many places, and what is said there in place of their keys
+EVERYWHERE = {"Band": "a band: `{ min = …, max = … }`", "When": "a trigger: see below"}
+
+
 def _keys(model: type[BaseModel], prefix: str) -> Iterator[str]:
     for name, field in model.model_fields.items():
         key, inner = f"{prefix}{name}", field.annotation
         arguments = getattr(inner, "__args__", ())
         nested = next((a for a in (inner, *arguments) if isinstance(a, type) and issubclass(a, BaseModel)), None)
-        if nested is not None and nested.__name__ != "Band":
-            many = get_origin(inner) is tuple
-            yield from _keys(nested, f"{key}[]." if many else f"{key}.")
+        if nested is not None and nested.__name__ not in EVERYWHERE:
+            if field.description:
+                yield f"| `{key}` |  | {field.description} |"
+            yield from _keys(nested, key + {tuple: "[].", dict: ".NAME."}.get(get_origin(inner) or inner, "."))
             continue
         default = "required" if field.is_required() else _said(field.default)
-        meaning = field.description or ("a band: `{ min = …, max = … }`" if nested else "")
-        yield f"| `{key}` | {default} | {meaning} |"
+        meanings = (EVERYWHERE[nested.__name__] if nested else "", field.description or "")
+        yield f"| `{key}` | {default} | {', '.join(filter(None, meanings))} |"
 
 
 def _said(value: Any) -> str:
-    if value in (None, "", (), {}):
+    if value in (None, "", (), {}) or isinstance(value, BaseModel):
         return ""
     return f"`{str(value).lower() if isinstance(value, bool) else value}`"
 
 
-def keys(model: type[BaseModel]) -> str:
+def keys(model: type[BaseModel], prefix: str = "") -> str:
     """The table of a file's keys."""
-    return "\n".join(["| key | default | meaning |", "|---|---|---|", *_keys(model, "")])
+    return "\n".join(["| key | default | meaning |", "|---|---|---|", *_keys(model, prefix)])
 
 
 def _codes(reasons: Mapping[str, str]) -> str:
@@ -79,7 +85,11 @@ GENERATED = {
     ("record.md", "latency columns"): lambda: _schema("latency"),
     ("record.md", "columns"): columns,
     ("scenarios.md", "keys"): lambda: keys(Scenario),
+    ("scenarios.md", "triggers"): lambda: keys(When),
     ("rigs.md", "keys"): lambda: keys(Rig),
+    ("sweeps.md", "keys"): lambda: keys(Spec),
+    ("sweeps.md", "boundary keys"): lambda: keys(Boundary, "search."),
+    ("sweeps.md", "worst keys"): lambda: keys(Worst, "search."),
     ("vehicle.md", "arming diagram"): lambda: f"```mermaid\n{diagram.mermaid()}\n```",
     ("vehicle.md", "gateway reasons"): lambda: _codes(arming.REASONS),
     ("vehicle.md", "trust reasons"): lambda: _codes(trust.REASONS),
@@ -103,11 +113,32 @@ def test_every_column_of_a_tick_says_what_it_means() -> None:
     assert all(f.metadata["meaning"] for f in dataclasses.fields(TickRow))
 
 
-def test_the_scenario_in_the_documentation_is_one() -> None:
+def test_the_scenarios_in_the_documentation_are_some() -> None:
     text = (DOCS / "scenarios.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    scenario = parse(tomllib.loads(block), DOCS / "scenarios.md")
-    assert len(scenario.obstacles) == 2
+    blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    standing, moving = (parse(tomllib.loads(block), DOCS / "scenarios.md") for block in blocks)
+    assert len(standing.obstacles) == 2
+    assert [len(actor.acts) for actor in moving.actors] == [2, 1]
+    for parameter in moving.parameters.values():
+        assert all(_held(tomllib.loads(blocks[1]), place) is not None for place in parameter.sets)
+
+
+def _held(table: Any, place: str) -> Any:
+    """What stands at a dotted place; actors go by their names, acts by their number."""
+    for key in place.split("."):
+        if isinstance(table, list):
+            table = next((one for one in table if one.get("id") == key), None) or table[int(key)]
+        else:
+            table = table[key]
+    return table
+
+
+def test_the_sweeps_in_the_documentation_are_some() -> None:
+    text = (DOCS / "sweeps.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    grid, *searches = (parse_spec(tomllib.loads(block), DOCS / "sweeps.md") for block in blocks)
+    assert list(grid.parameters) == ["ego.speed_mps", "ego.car.gnss_delay_s"]
+    assert [type(one.search) for one in searches] == [Boundary, Worst]
 
 
 def test_the_rig_in_the_documentation_is_one_that_may_be_armed() -> None:

@@ -44,6 +44,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"vve-sumo {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
     _add_drive(commands)
+    _add_scenarios(commands)
+    _add_suite(commands)
+    _add_sweep(commands)
     _add_doctor(commands)
     _add_align(commands)
     _add_calibrate(commands)
@@ -100,6 +103,89 @@ def _add_drive(commands: Commands) -> None:  # type: ignore[valid-type]
     drive.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
     drive.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     drive.set_defaults(run=_drive)
+
+
+def _add_suite(commands: Commands) -> None:  # type: ignore[valid-type]
+    suite = _add(
+        commands,
+        "suite",
+        "drive a standard's tests on the test track: a pass/fail table",
+        "Drive every row of a standard's table with the hardware-free car on a long straight track, and say which are\n"
+        "passed, which failed, and whether the brakes could have done it at all. Without a name: list the suites.\n"
+        "Exit code 1: a row failed that physics allowed, or was not driven as the standard wants it.\n\n"
+        "examples:\n"
+        "  vve-sumo suite                            the list\n"
+        "  vve-sumo suite r152 --out r152            the table, also as CSV, JSON and Markdown\n"
+        "  vve-sumo suite fmvss127 --out a --keep    with the full record of every row\n"
+        "  vve-sumo suite r152 --controller mine.py:make",
+    )
+    suite.add_argument("name", nargs="?", help="of the suite")
+    suite.add_argument("--out", type=Path, metavar="DIR", help="folder for the table, absent or empty")
+    suite.add_argument("--workers", type=int, metavar="N", help="rows at a time (default: as many as processors)")
+    suite.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point, untuned")
+    suite.add_argument("--keep", action="store_true", help="keep every row's record under DIR/records")
+    suite.set_defaults(run=_suite)
+
+
+def _add_sweep(commands: Commands) -> None:  # type: ignore[valid-type]
+    sweep = _add(
+        commands,
+        "sweep",
+        "drive a scenario many times, its parameters varied, into one dataset",
+        "Drive every run that a sweep's file asks for, each in a process of its own, and leave a row for each in a\n"
+        "Parquet dataset. A run that crashes, hangs or eats memory is a row with its reason. Ctrl-C, a kill or a full\n"
+        "disk lose nothing finished. Exit code 0: every run is a row, whether it passed or not.\n\n"
+        "examples:\n"
+        "  vve-sumo sweep parked_car_speeds --out speeds            a file under sweeps/\n"
+        "  vve-sumo sweep mine.toml --out mine --keep failed        with full records of what failed\n"
+        "  vve-sumo sweep mine.toml --out mine --resume             go on after a kill\n"
+        "  vve-sumo sweep seen_late_speed --search --out found      where a criterion flips, or the worst case\n"
+        "  vve-sumo sweep --rerun mine 0f3a9c1b5d7e2a48             one run again: is its record the same?",
+    )
+    sweep.add_argument("spec", nargs="?", help="name or .toml file")
+    sweep.add_argument("--out", type=Path, metavar="DIR", help="folder of the dataset; of --rerun: of the record")
+    sweep.add_argument("--workers", type=int, metavar="N", help="runs at a time (default: as many as processors)")
+    sweep.add_argument("--resume", action="store_true", help="go on with the sweep in DIR; finished runs stay")
+    sweep.add_argument("--search", action="store_true", help="insist that the file has a [search], and look for that")
+    sweep.add_argument("--yes", action="store_true", help="drive 100,000 runs or more")
+    sweep.add_argument(
+        "--keep", metavar="WHOSE", help="full records: none, failed, all or KEY,KEY (default: the file's)"
+    )
+    sweep.add_argument("--cluster", metavar="ADDRESS", help="drive on the workers of a Dask scheduler")
+    sweep.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
+    sweep.add_argument("--rerun", nargs=2, metavar=("DIR", "KEY"), help="drive one run of a dataset again and compare")
+    sweep.set_defaults(run=_sweep)
+
+
+def _add_scenarios(commands: Commands) -> None:  # type: ignore[valid-type]
+    scenarios = _add(
+        commands,
+        "scenarios",
+        "list the scenarios, draw one as a picture, write their schema",
+        "List every scenario with a line: what it is, who is there, what a drive must come to.\n\n"
+        "examples:\n"
+        "  vve-sumo scenarios                            the list\n"
+        "  vve-sumo scenarios show cut_in --out cut.png  a picture: the street, who moves how, what fires when\n"
+        "  vve-sumo scenarios schema --out scenario.schema.json   for editors that complete and check",
+    )
+    scenarios.set_defaults(run=_scenarios_listed)
+    inner = scenarios.add_subparsers(dest="what", metavar="WHAT", required=False, parser_class=_Parser)
+    show = _add(
+        inner,
+        "show",
+        "draw a scenario as a PNG file",
+        "Draw the street from above, the ego's path, everybody's line of motion, and where and when triggers fire if\n"
+        "the ego never braked. Nothing is driven.",
+    )
+    show.add_argument("scenario", nargs="?", help="name or .toml file")
+    show.add_argument("--out", type=Path, metavar="PNG", help="picture to write (default: NAME.png here)")
+    show.add_argument("--all", dest="every", type=Path, metavar="DIR", help="draw every scenario into a folder")
+    show.set_defaults(run=_scenarios_shown)
+    schema = _add(
+        inner, "schema", "print the JSON Schema of a scenario file", "Print the JSON Schema of a scenario file."
+    )
+    schema.add_argument("--out", type=Path, metavar="FILE", help="write it into a file instead")
+    schema.set_defaults(run=_scenarios_schema)
 
 
 def _add_doctor(commands: Commands) -> None:  # type: ignore[valid-type]
@@ -371,6 +457,58 @@ def _drive_live(arguments: argparse.Namespace) -> int:
         controller=arguments.controller,
         shadow=arguments.shadow,
     )
+
+
+def _suite(arguments: argparse.Namespace) -> int:
+    from vve_sumo.suite.command import suite
+
+    return suite(
+        arguments.name,
+        out=arguments.out,
+        workers=arguments.workers,
+        controller=arguments.controller,
+        keep=arguments.keep,
+    )
+
+
+def _sweep(arguments: argparse.Namespace) -> int:
+    from vve_sumo.sweep.command import rerun, sweep
+
+    if arguments.rerun is not None:
+        if arguments.spec is not None:
+            raise ConfigError("--rerun: its folder knows what was driven; leave out the sweep's name")
+        return rerun(Path(arguments.rerun[0]), arguments.rerun[1], arguments.out)
+    if arguments.spec is None or arguments.out is None:
+        raise ConfigError("sweep: expected a sweep's name or file and --out DIR (see vve-sumo sweep --help)")
+    return sweep(
+        arguments.spec,
+        out=arguments.out,
+        workers=arguments.workers,
+        resume=arguments.resume,
+        yes=arguments.yes,
+        keep=arguments.keep,
+        cluster=arguments.cluster,
+        quiet=arguments.quiet,
+        search=arguments.search,
+    )
+
+
+def _scenarios_listed(arguments: argparse.Namespace) -> int:
+    from vve_sumo.drive.library import listed
+
+    return listed()
+
+
+def _scenarios_shown(arguments: argparse.Namespace) -> int:
+    from vve_sumo.drive.library import shown
+
+    return shown(arguments.scenario, arguments.out, arguments.every)
+
+
+def _scenarios_schema(arguments: argparse.Namespace) -> int:
+    from vve_sumo.drive.library import schema
+
+    return schema(arguments.out)
 
 
 def _doctor(arguments: argparse.Namespace) -> int:

@@ -91,6 +91,19 @@ class Actors:
     radar_cross_section: Floats  #: at 77 GHz [m2]
 
 
+class Player(NamedTuple):
+    """An actor that the scenario moves, at one time; its box is what radar and contact tests see."""
+
+    id: str  #: unlike any other actor's
+    kind: str  #: as in a scenario file: car, van, truck, bus, motorcycle, bicycle, pedestrian, child
+    x: float  #: centre of the box, map [m]
+    y: float  #: centre of the box, map [m]
+    heading: float  #: it faces [rad], counter-clockwise from the map's +x
+    speed: float  #: along the heading [m/s], never negative
+    length: float  #: of the box, along the heading [m]
+    width: float  #: of the box [m]
+
+
 @dataclass(frozen=True, slots=True)
 class Detections:
     """One radar scan as a controller sees it: a column per quantity, one row per detection."""

@@ -15,12 +15,14 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "network": ("networks", (".net.xml", ".net.xml.gz")),
     "demand": ("routes", (".rou.xml", ".rou.xml.gz")),
     "path": ("routes", (".csv",)),
+    "speeds": ("routes", (".csv",)),
     "scenario": ("scenarios", (".toml",)),
     "rig": ("rigs", (".toml",)),
+    "sweep": ("sweeps", (".toml",)),
 }
 
 #: folders that `vve-sumo init` lays out
-LAID_OUT = ("controllers", "networks", "rigs", "routes", "scenarios")
+LAID_OUT = ("controllers", "networks", "rigs", "routes", "scenarios", "sweeps")
 
 
 def shipped_root() -> Path:

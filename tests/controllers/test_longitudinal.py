@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controllers.approach import Approach, Goal, Standstill
-from controllers.emergency import MARGIN, Emergency
 from controllers.radar_stop import RadarStop
 from controllers.speed import SpeedProfile
 from controllers.tracks import RANGE_SIGMA, RATE_SIGMA, Sighting, Target, Track, Tracker
@@ -70,32 +69,6 @@ def test_the_goal_is_the_gap_and_the_headway():
     assert stop.goal(None).distance == math.inf
     assert stop.goal(Target(25.0, 8.0)) == Goal(25.0 - 5.0 - 12.0, 8.0)
     assert stop.goal(Target(25.0, -3.0)) == Goal(20.0, 0.0)
-
-
-def test_the_emergency_way_is_that_of_the_declared_brakes():
-    """Delay, then a first-order build-up to the limit, integrated: the ramp stands for it to a decimetre."""
-    emergency = Emergency(FUSION, 0.02)
-    for speed in (5.0, 11.2, 20.1):
-        way, v, a, dt = 0.05 * speed, speed, 0.0, 1e-4
-        while v > 0.0:
-            a += (5.9 - a) / FUSION.brake_lag * dt
-            way, v = way + v * dt, v - a * dt
-        assert emergency.way(speed) == pytest.approx(way, abs=0.1)
-
-
-@given(st.floats(0.5, 25.0), st.floats(0.1, 80.0), st.floats(-5.0, 25.0))
-def test_the_emergency_layer_fires_when_the_way_reaches_the_gap(speed, gap, lead):
-    emergency = Emergency(FUSION, 0.02)
-    wanted = speed > lead and emergency.way(speed - lead) + MARGIN >= gap
-    assert emergency.step(Target(gap, lead), speed) is wanted
-    assert emergency.step(None, 0.3) is wanted  # latched, whatever is seen
-    assert emergency.step(None, 0.0) is False
-
-
-def test_nothing_in_the_way_is_no_emergency():
-    emergency = Emergency(FUSION, 0.02)
-    assert not emergency.step(None, 20.0)
-    assert not emergency.step(Target(0.5, 0.0), 0.0)
 
 
 def test_a_track_is_a_kalman_filter():

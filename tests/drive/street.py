@@ -43,6 +43,6 @@ def altered(changes: dict[str, Any]) -> Any:
 LAST_BEND = 300.0
 
 
-def obstacle_station(speed: float) -> float:
-    """Return where on the default path an obstacle must stand to reach `speed` [m/s] after the bends [m]."""
-    return LAST_BEND + 40.0 + speed * speed / 2.0 / 1.3 + speed * speed / 2.0 / 1.8 + 6.0 * speed
+def obstacle_station(speed: float, begin: float = LAST_BEND + 40.0) -> float:
+    """Return where on the default path an obstacle must stand to reach `speed` [m/s] after station `begin` [m]."""
+    return begin + speed * speed / 2.0 / 1.3 + speed * speed / 2.0 / 1.8 + 6.0 * speed

@@ -80,6 +80,42 @@ def test_nothing_ahead_meets_a_limit_on_the_time_to_collision_only_from_below() 
     assert judged(Criteria(min_ttc_s=Band(min=1.5)), min_ttc_s=1.2)
 
 
+@pytest.mark.parametrize(
+    ("name", "met", "missed"),
+    [
+        ("max_drac_mps2", Band(max=3.0), Band(min=0.5)),
+        ("min_gap_m", Band(min=1.0), Band(max=20.0)),
+        ("min_ttc_s", Band(min=1.0), Band(max=5.0)),
+        ("stop_gap_m", None, Band(min=1.0)),
+        ("impact_speed_mps", None, Band(max=9.0)),
+    ],
+)
+def test_what_nothing_ahead_is_as_good_as(name: str, met: Band | None, missed: Band) -> None:
+    """No need to brake, an endless gap, an endless time; a figure that is missing for another reason fails."""
+    if met is not None:
+        assert judged(Criteria(**{name: met}), **{name: math.nan}) == []
+    assert judged(Criteria(**{name: missed}), **{name: math.nan})
+
+
+def test_the_figures_of_conflicts_are_judged() -> None:
+    wanted = Criteria(
+        outcome="aborted",
+        collision=True,
+        impact_speed_mps=Band(max=5.0),
+        emergency_used=True,
+        max_drac_mps2=Band(max=4),
+    )
+    good = {"outcome": "aborted", "collision": True, "impact_speed_mps": 4.9, "emergency_used": True}
+    assert judged(wanted, **good, max_drac_mps2=3.0) == []
+    assert judged(wanted, **good | {"impact_speed_mps": 5.1}, max_drac_mps2=3.0) == [
+        "impact_speed_mps is 5.100, expected at most 5"
+    ]
+    assert judged(wanted, **good | {"emergency_used": False}, max_drac_mps2=3.0) == [
+        "emergency_used is False, expected True"
+    ]
+    assert len(judged(wanted, **good, max_drac_mps2=4.1)) == 1
+
+
 def test_a_broken_drive_never_passes() -> None:
     for outcome in ("broken", "interrupted"):
         assert judged(Criteria(), outcome=outcome)

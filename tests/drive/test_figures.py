@@ -147,3 +147,53 @@ def test_what_stands_beside_the_bumper_is_not_ahead() -> None:
     middle = 10.0 + CAR.rear_axle_to_bumper - CAR.length / 2.0
     for x, names in ((middle + 0.5, ["lead"]), (middle - 0.5, [""])):
         assert figures.ahead(ticks, actors_of([{"tick": 0, "actor": "lead", "x_m": x}]), straight(), CAR).actor == names
+
+
+def test_the_deceleration_needed_is_what_stops_at_the_last_moment() -> None:
+    """Braked with it from now on, a follower comes to the leader's speed just where the gap ends: integrated."""
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    seen = figures.ahead(
+        ticks, actors_of([{"tick": 0, "actor": "lead", "x_m": 60.0, "speed_mps": 3.0}]), straight(), CAR
+    )
+    needed = figures.deceleration_to_avoid(seen)[0]
+    time = np.linspace(0.0, 5.0 / needed, 100_001)
+    closed = np.trapezoid(5.0 - needed * time, time)
+    assert closed == pytest.approx(seen.gap[0], rel=1e-9)
+
+
+def test_least_gap_and_greatest_deceleration_needed_are_those_of_the_whole_drive() -> None:
+    """Closing at 5, then 2 m/s, then falling back, then overlapping: only what closes counts, overlap is a gap."""
+    gaps, speeds = (20.0, 1.0, 0.5, -0.4), (8.0, 5.0, 2.0, 9.0)
+    rows = [{"true_x_m": 10.0, "true_speed_mps": speed, "station_m": 10.0} for speed in speeds]
+    at = [10.0 + CAR.rear_axle_to_bumper + gap + 2.0 for gap in gaps]
+    boxes = [{"tick": tick, "actor": "lead", "x_m": x, "speed_mps": 3.0} for tick, x in enumerate(at)]
+    measured = figures.measure(ticks_of(rows), actors_of(boxes), straight(), CAR)
+    assert measured.max_drac_mps2 == pytest.approx(2.0**2 / (2.0 * 1.0), abs=1e-9)
+    assert measured.min_gap_m == pytest.approx(-0.4, abs=1e-9)
+    nothing = figures.measure(ticks_of(rows), actors_of([]), straight(), CAR)
+    assert math.isnan(nothing.max_drac_mps2)
+    assert math.isnan(nothing.min_gap_m)
+    assert nothing.impact_speed_mps == 0.0
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.1])
+def test_impact_speed_is_that_at_the_first_contact_along_the_egos_heading(heading: float) -> None:
+    """Against vectors: the street found the contact with what it held for the next tick, and after that others."""
+    asked = {"asked_speed_mps": 7.0, "asked_heading_rad": heading}
+    rows = [asked | {"contacts": ""}, asked | {"contacts": "a+b"}, asked | {"contacts": "c", "asked_speed_mps": 1.0}]
+    turns = {"a": (math.pi / 2, 4.0), "b": (2.5, 3.0), "c": (0.0, 0.0), "beside": (math.pi, 30.0)}
+    boxes = [
+        {"tick": tick, "actor": name, "x_m": 0.0, "heading_rad": heading + turn, "speed_mps": speed if tick == 2 else 9}
+        for tick in (0, 1, 2, 3)
+        for name, (turn, speed) in turns.items()
+    ]
+    ego = 7.0 * np.array([math.cos(heading), math.sin(heading)])
+    against = [
+        ego - speed * np.array([math.cos(heading + turn), math.sin(heading + turn)])
+        for turn, speed in (turns["a"], turns["b"])
+    ]
+    expected = max(abs(float(one @ ego)) / 7.0 for one in against)
+    ticks, actors = ticks_of(rows), actors_of(boxes)
+    assert figures.impact_speed(ticks, actors) == pytest.approx(expected, abs=1e-9)
+    assert figures.impact_speed(ticks.slice(0, 1), actors) == 0.0
+    assert math.isnan(figures.impact_speed(ticks, actors.slice(0, 8)))

@@ -18,7 +18,7 @@ import pytest
 
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
-from vve_sumo.drive.record import TICKS_PER_BATCH, Record, hash_parts, read_pose_chunks, read_table, whole
+from vve_sumo.drive.record import TICKS_PER_BATCH, Record, Tape, hash_parts, read_pose_chunks, read_table, whole
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Actors, Detections, Frame, TickRow
 
@@ -37,7 +37,7 @@ def actors(count: int) -> Actors:
     return Actors(0.0, tuple(f"car{i}" for i in range(count)), *[column] * 7)
 
 
-def fill(record: Record, ticks: int, **changes: object) -> None:
+def fill(record: Tape, ticks: int, **changes: object) -> None:
     """Record some ticks of everything."""
     detections = Detections(0.0, np.array([9.0]), np.array([0.1]), np.array([-2.0]), np.array([1], np.int8))
     for tick in range(ticks):
@@ -68,6 +68,18 @@ def test_a_finished_record_reads_back_what_was_kept(tmp_path: Path) -> None:
     assert boxes.num_rows == 75
     chunks = read_pose_chunks(tmp_path / "r" / "pose.bin")
     assert chunks[7] == (0.02 * 7, bytes([7] * 72))
+
+
+def test_what_nobody_keeps_has_the_same_hash_and_tables(tmp_path: Path) -> None:
+    kept, unkept = Record(tmp_path / "r", {"a": 1}, 1000.0), Tape({"a": 1}, 1000.0)
+    for record in (kept, unkept):
+        fill(record, 25, note="brake", lateral_deviation_m=math.nan)
+        record.scanned(25, Detections(0.5, *[np.zeros(0)] * 3, np.zeros(0, np.int8)), [])
+    assert unkept.close() == kept.close() == hash_parts(tmp_path / "r")
+    for name, table in unkept.tables.items():
+        table.validate(full=True)
+        assert repr(table.to_pylist()) == repr(read_table(tmp_path / "r", name).to_pylist())  # NaN is like NaN
+        assert table.schema.equals(kept.tables[name].schema, check_metadata=True)
 
 
 def test_other_tools_read_the_can_log(tmp_path: Path) -> None:

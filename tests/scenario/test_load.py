@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.conftest import REPOSITORY
@@ -62,6 +64,133 @@ def test_two_obstacles_of_one_name_are_refused() -> None:
     changed["obstacles"] = [{"id": "a", "at_m": 100.0}, {"id": "a", "at_m": 200.0}]
     with pytest.raises(ConfigError, match="'a' stands twice"):
         parse(changed, FILE)
+
+
+#: one of everything that a scenario can hold
+FULL = """
+[[obstacles]]
+id = "parked"
+at_m = 300.0
+[[actors]]
+id = "lead"
+ahead_m = 30.0
+speed_mps = 8.0
+[[actors.acts]]
+when = { ego_within_m = 20.0, ttc_s = 3.0 }
+speed_mps = 0.0
+acceleration_mps2 = 6.0
+[[actors.acts]]
+when = { after_s = 2.0 }
+leaves = true
+[abort]
+ttc_s = 0.5
+[weather]
+friction = 0.6
+[parameters.gap]
+sets = ["actors.lead.ahead_m"]
+min = 10.0
+"""
+
+
+def full() -> dict[str, Any]:
+    base = tomllib.loads(TEXT)
+    return (
+        base | tomllib.loads(FULL) | {"controller": {"tuning": {"gap_m": 5.0}}, "criteria": {"min_ttc_s": {"min": 1}}}
+    )
+
+
+NEAR_MISSES = [
+    ("actors.0.acts.0.when.ttc", 1.0, "unknown key 'actors.0.acts.0.when.ttc', did you mean 'ttc_s'?"),
+    ("actors.0.acts.0.when.ttc_s", "x", "actors.0.acts.0.when.ttc_s: expected a number, got 'x'"),
+    ("actors.0.acts.0.speed", 1.0, "unknown key 'actors.0.acts.0.speed', did you mean 'speed_mps'?"),
+    ("actors.0.acts.1.when", 3, "actors.0.acts.1.when: expected a table, got 3"),
+    ("actors.0.kind", "lorry", "actors.0.kind: expected 'car', 'van', 'truck', "),
+    ("actors.0.at_m", 5.0, "actors.0: actor lead: expected one of at_m and ahead_m"),
+    ("actors.0.id", "parked", "id 'parked' stands twice"),
+    ("actors", {"id": "lead"}, "actors: expected an array, got a table"),
+    ("parameters.gap.set", ["x"], "unknown key 'parameters.gap.set', did you mean 'sets'?"),
+    ("parameters.gap.sets", "x", "parameters.gap.sets: expected an array, got 'x'"),
+    ("parameters.gap.min", True, "parameters.gap.min: expected a number, got True"),
+    ("parameters.Gap", {"sets": ["x"]}, "parameters.Gap: string should match pattern"),
+    (
+        "controller.tuning.gap_m",
+        [1],
+        "controller.tuning.gap_m: expected true or false or a number or a whole number or a text in quotes, got [1]",
+    ),
+    ("controller.tuning.a\nb", [1], r"controller.tuning.'a\nb': expected"),
+    ("weather.friktion", 0.3, "unknown key 'weather.friktion', did you mean 'friction'?"),
+    ("abort.ttc_ms", 3.0, "unknown key 'abort.ttc_ms', did you mean 'ttc_s'?"),
+    ("criteria.min_ttc_s.maxi", 3.0, "unknown key 'criteria.min_ttc_s.maxi', did you mean 'max'?"),
+    ("seed", 16**5000, "seed: expected less than or equal to 2147483647, got int beyond all bounds"),
+]
+
+
+def put(table: Any, place: tuple[Any, ...], value: object) -> None:
+    for key in place[:-1]:
+        table = table[key]
+    if isinstance(table, list):
+        table[int(place[-1])] = value
+    else:
+        table[place[-1]] = value
+
+
+@pytest.mark.parametrize(("key", "value", "said"), NEAR_MISSES, ids=[repr(key) for key, _, _ in NEAR_MISSES])
+def test_a_near_miss_deep_inside_is_named_with_what_was_meant(key: str, value: object, said: str) -> None:
+    changed = full()
+    put(changed, tuple(int(part) if part.isdigit() else part for part in key.split(".")), value)
+    with pytest.raises(ConfigError) as caught:
+        parse(changed, Path("mine.toml"))
+    text = str(caught.value)
+    assert text.startswith("mine.toml: ")
+    assert said in text
+    assert "\n" not in text
+
+
+def places(value: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Every place of a table, and in each table inside it one for a key that is not there."""
+    if isinstance(value, dict):
+        return [at, (*at, "other"), (*at, "max_s")] + [p for key, one in value.items() for p in places(one, (*at, key))]
+    if isinstance(value, list):
+        return [at] + [place for number, one in enumerate(value) for place in places(one, (*at, number))]
+    return [at]
+
+
+PLACES = [place for place in places(full()) if place]
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.dates() | st.times()
+VALUES = st.recursive(
+    SCALARS | st.sampled_from(["car", 10**400, "a\nb"]),
+    lambda one: st.lists(one, max_size=3) | st.dictionaries(st.text(max_size=8), one, max_size=3),
+    max_leaves=6,
+)
+
+
+def complaint_of(table: Any) -> str:
+    try:
+        parse(table, Path("mine.toml"))
+    except ConfigError as error:
+        return str(error)
+    return ""
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=3))
+def test_a_wrong_table_is_one_line_and_never_another_exception(changes: list[tuple[tuple[Any, ...], object]]) -> None:
+    changed: Any = full()
+    for place, value in changes:
+        with contextlib.suppress(KeyError, IndexError, TypeError, ValueError):  # what an earlier change took away
+            put(changed, place, value)
+    text = complaint_of(changed)
+    assert text.isprintable()
+    assert text == "" or text.startswith("mine.toml: ")
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 20_000, "seed = " + "9" * 5000, "seed = 0x" + "f" * 9000])
+def test_what_the_reader_of_toml_chokes_on_is_one_line_too(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "x.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load(file)
+    assert str(caught.value).isprintable()
 
 
 @given(st.binary(max_size=200))

@@ -111,7 +111,7 @@ def _map(axes: Axes, sheet: Sheet, view: View, edge: str) -> None:
     """Draw lanes, path and trace in a turned window; `edge` is the colour between two lanes."""
     from matplotlib.collections import PolyCollection
 
-    roads = [view.place(*_ribbon(line, width).T) for line, width in sheet.lanes if len(line) > 1]
+    roads = [view.place(*ribbon(line, width).T) for line, width in sheet.lanes if len(line) > 1]
     axes.add_collection(PolyCollection(roads, facecolor=ROAD, edgecolor=edge, linewidth=0.7, zorder=1))
     points = np.array([sheet.path.at(float(s))[:2] for s in np.arange(0.0, sheet.path.length, 2.0)])
     axes.plot(*view.place(*points.T).T, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=2, label="path")
@@ -119,10 +119,11 @@ def _map(axes: Axes, sheet: Sheet, view: View, edge: str) -> None:
     axes.plot(*view.place(x, y).T, color=EGO, linewidth=2.2, zorder=3, label="ego, rear axle")
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
     axes.set(xticks=(), yticks=())
-    _compass(axes, view)
+    compass(axes, view, LEFT_WIDTH)
 
 
-def _ribbon(line: Floats, width: float) -> Floats:
+def ribbon(line: Floats, width: float) -> Floats:
+    """Return the outline (m x 2) of a band of a width [m] along a line (n x 2) [m]."""
     step = np.gradient(line, axis=0)
     size = np.hypot(step[:, 0], step[:, 1])
     size[size == 0.0] = 1.0
@@ -136,9 +137,9 @@ def _scale(width: float) -> float:
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= width / 4.0)
 
 
-def _compass(axes: Axes, view: View) -> None:
-    """Write scale and north into the line above a window, where they can cover nothing."""
-    across, above = axes.get_xaxis_transform(), 1.0 + ABOVE / (LEFT_WIDTH * view.height / view.width)
+def compass(axes: Axes, view: View, wide: float) -> None:
+    """Write scale and north into the line above a window that is so `wide` on the page [inch]: they cover nothing."""
+    across, above = axes.get_xaxis_transform(), 1.0 + ABOVE / (wide * view.height / view.width)
     scale, end, north = _scale(view.width), 0.43 * view.width, 0.488 * view.width
     axes.plot((end - scale, end), (above, above), "|-", color=INK, linewidth=1.4, transform=across, clip_on=False)
     needle = rotated(np.array([-0.4, 0.0, 0.4, 0.0]), np.array([-1.0, 1.0, -1.0, -0.6]), -view.heading)
@@ -147,7 +148,8 @@ def _compass(axes: Axes, view: View) -> None:
         axes.text(before - 0.01 * view.width, above, words, transform=across, ha="right", va="center")
 
 
-def _car(axes: Axes, view: View, box: Box) -> None:
+def draw_car(axes: Axes, view: View, box: Box) -> None:
+    """Draw a car as large as it is."""
     right, up = np.array([1.0, 1.0, -1.0, -1.0]), np.array([1.0, -1.0, -1.0, 1.0])
     corners = rotated(right * box.length / 2.0, up * box.width / 2.0, box.heading)
     placed = view.place(box.x + corners[:, 0], box.y + corners[:, 1])
@@ -175,7 +177,7 @@ def _mark(axes: Axes, view: View, box: Box) -> None:
     """Draw a car as it is if that is large enough to be seen, else as a square."""
     ((x, y),) = view.place(np.array([box.x]), np.array([box.y]))
     if box.length / view.width * LEFT_WIDTH * POINTS_PER_INCH > MARK:
-        _car(axes, view, box)
+        draw_car(axes, view, box)
         x, y = math.nan, math.nan
     style: dict[str, Any] = {"markersize": MARK, "markeredgecolor": INK, "markeredgewidth": 0.8, "zorder": 6}
     axes.plot(x, y, "s", color=box.colour, label=box.name, **style)

@@ -23,13 +23,15 @@ from vve_sumo.drive import figures
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import Lockstep, Run, Watch
 from vve_sumo.drive.playback import Playback
-from vve_sumo.drive.record import Record, claim, hash_files, read_table, whole
+from vve_sumo.drive.record import Record, Tape, claim, hash_files, read_table, whole
 from vve_sumo.drive.setting import PERIOD, Setting, resolve, versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Band, Criteria
 from vve_sumo.values import ArmingState
 
+#: what a figure that is missing because nothing was ever ahead is as good as; every other one that is missing fails
+NOTHING_AHEAD = {"min_ttc_s": math.inf, "min_gap_m": math.inf, "max_drac_mps2": 0.0}
 #: ticks between two looks at the progress bar
 PROGRESS_TICKS = 25
 
@@ -41,7 +43,7 @@ class Shell(Protocol):
     controller: Controller  #: the system under test
     laid: dict[str, Any]  #: what ties the drive to time and earth
 
-    def run(self, record: Record, watch: Watch) -> Run:
+    def run(self, record: Tape, watch: Watch) -> Run:
         """Drive to the end."""
         ...
 
@@ -84,19 +86,23 @@ def run(
     working: FilePath,
     *,
     pose: FilePath | None = None,
+    kept: bool = True,
     watch: Watch = lambda tick, now, speed, station: None,
 ) -> Drive:
     """Drive a setting, or play the recording `pose` in it, into a new record folder.
 
     Raises ConfigError before anything is written. What breaks later is recorded as the outcome `broken`, and the
-    keyboard's interrupt as `interrupted`.
+    keyboard's interrupt as `interrupted`. With `kept` false nothing is written at all: there is a summary, which lacks
+    only the hashes of the record's files, and no folder.
     """
-    claim(folder)
+    if kept:
+        claim(folder)
     shell: Shell = Lockstep(setting, working) if pose is None else Playback(setting, pose, working)
     try:
         if pose is not None:
             setting = replace(setting, files={**setting.files, "pose": pose})
-        record = Record(folder, setting.resolved(shell.controller) | shell.laid, shell.epoch)
+        resolved = setting.resolved(shell.controller) | shell.laid
+        record = Record(folder, resolved, shell.epoch) if kept else Tape(resolved, shell.epoch)
         try:
             done = guarded(shell, record, watch)
         except ConfigError:
@@ -104,12 +110,15 @@ def run(
             raise
     finally:
         shell.close()
-    summary = summarise(setting, done, folder, record.close())
-    record.summarise(summary)
+    parts = record.close()
+    summary = summary_of(setting, done, record.tables["ticks"], record.tables["actors"], parts)
+    if isinstance(record, Record):
+        summary |= {"record_files_sha256": hash_files(folder)}
+        record.summarise(summary)
     return Drive(folder, summary)
 
 
-def guarded(shell: Shell, record: Record, watch: Watch) -> Run:
+def guarded(shell: Shell, record: Tape, watch: Watch) -> Run:
     """Drive to the end; whatever breaks under way is how the drive ended, but for a wrong input."""
     broken = Run(Outcome.BROKEN, ())
     try:
@@ -122,13 +131,18 @@ def guarded(shell: Shell, record: Record, watch: Watch) -> Run:
         return replace(broken, reasons=("simulation_error",), text=str(error))
     except Exception as error:
         # A mistake of ours: the drive is over, its record is not lost, and the whole story lies in it.
-        (record.folder / "traceback.txt").write_text(traceback.format_exc(), encoding="utf-8")
+        record.attach("traceback.txt", traceback.format_exc())
         return replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
 
 
 def summarise(setting: Setting, done: Run, folder: FilePath, parts: dict[str, str]) -> dict[str, Any]:
-    """Return what `summary.json` says of a drive; `parts` are the hashes of its record."""
-    ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
+    """Return what `summary.json` says of the drive whose record lies in `folder`; `parts` are its hashes."""
+    told = summary_of(setting, done, read_table(folder, "ticks"), read_table(folder, "actors"), parts)
+    return told | {"record_files_sha256": hash_files(folder)}
+
+
+def summary_of(setting: Setting, done: Run, ticks: pa.Table, actors: pa.Table, parts: dict[str, str]) -> dict[str, Any]:
+    """Return what a summary says of a drive, but for the hashes of files; `parts` are those of its record."""
     measured = figures.measure(ticks, actors, setting.path, setting.vehicle)
     summary: dict[str, Any] = {
         "scenario": setting.name,
@@ -152,7 +166,7 @@ def summarise(setting: Setting, done: Run, folder: FilePath, parts: dict[str, st
     }
     failed = judge(setting.scenario.criteria, summary)
     passed = None if done.outcome is Outcome.PLAYED else not failed
-    hashes = {"record_sha256": whole(parts), "record_parts_sha256": parts, "record_files_sha256": hash_files(folder)}
+    hashes = {"record_sha256": whole(parts), "record_parts_sha256": parts}
     return summary | {"passed": passed, "failed": failed} | hashes
 
 
@@ -181,8 +195,7 @@ def judge(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
             continue
         got = summary[name]
         if isinstance(wanted, Band):
-            # No time to collision at all is as good as an endless one; every other figure that is missing fails.
-            got = math.inf if name == "min_ttc_s" and math.isnan(got) else got
+            got = NOTHING_AHEAD.get(name, got) if math.isnan(got) else got
             good = (wanted.min is None or got >= wanted.min) and (wanted.max is None or got <= wanted.max)
             if not good:
                 failed.append(f"{name} is {got:.3f}, expected {_band(wanted)}")
@@ -268,9 +281,11 @@ def show(drive: Drive, picture: FilePath | None) -> None:
     table = Table(title=title, title_justify="left", show_header=False)
     rows = {
         "outcome": summary["outcome"],
-        "collision": "yes" if summary["collision"] else "no",
+        "collision": f"yes, at {_say(summary['impact_speed_mps'], 'm/s')}" if summary["collision"] else "no",
         "gap at rest": _say(summary["stop_gap_m"], "m"),
+        "least gap": _say(summary["min_gap_m"], "m"),
         "least time to collision": _say(summary["min_ttc_s"], "s"),
+        "greatest deceleration needed": _say(summary["max_drac_mps2"], "m/s²"),
         "greatest lateral deviation": _say(summary["max_lateral_deviation_m"], "m"),
         "greatest deceleration": _say(summary["max_deceleration_mps2"], "m/s²"),
         "emergency layer": "braked" if summary["emergency_used"] else "not needed",

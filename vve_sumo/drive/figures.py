@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from vve_sumo.path import Path
-from vve_sumo.values import Floats, Vehicle
+from vve_sumo.values import Actors, Floats, Pose, Vehicle
 
 Indices = NDArray[np.int64]
 
@@ -37,12 +39,27 @@ class Ahead:
     actor: list[str]  #: its name, empty where there is nothing
 
 
+class Boxes(NamedTuple):
+    """Actors' boxes, a row each."""
+
+    at: Indices  #: index of the tick that the box was seen at
+    x: Floats  #: centre, map [m]
+    y: Floats  #: centre, map [m]
+    heading: Floats  #: [rad] counter-clockwise from the map's +x
+    speed: Floats  #: along the heading [m/s]
+    length: Floats  #: [m]
+    width: Floats  #: [m]
+
+
 @dataclass(frozen=True, slots=True)
 class Figures:
     """What a drive comes to; NaN where the drive held nothing to measure."""
 
     stop_gap_m: float
     min_ttc_s: float
+    max_drac_mps2: float
+    min_gap_m: float
+    impact_speed_mps: float
     max_lateral_deviation_m: float
     max_deceleration_mps2: float
     max_speed_mps: float
@@ -84,26 +101,56 @@ def ahead(ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle) -> Ah
     The strip follows the path; the gap counts along it from the ego's front bumper to the nearest corner of the box.
     """
     x, y, _heading, speed, _acceleration = _ego(ticks)
-    count = ticks.num_rows
-    gap, closing, names = np.full(count, np.nan), np.full(count, np.nan), [""] * count
+    station = ticks["station_m"].to_numpy()
+    own = np.full(ticks.num_rows, np.nan)
+    placed = np.flatnonzero(np.isfinite(x) & np.isfinite(station))
+    own[placed], _, _ = locate(path, x[placed], y[placed], station[placed], 10.0)
+    rows, at = _rows_near(ticks, actors, own, path)
+    columns = ("x_m", "y_m", "heading_rad", "speed_mps", "length_m", "width_m")
+    boxes = Boxes(at, *(actors[name].to_numpy()[rows] for name in columns))
+    gap, closing, nearest = _nearest(boxes, own, speed, path, vehicle)
+    names, found = [""] * ticks.num_rows, np.flatnonzero(nearest >= 0)
+    for tick, name in zip(found.tolist(), actors["actor"].take(rows[nearest[found]]).to_pylist(), strict=True):
+        names[tick] = name
+    return Ahead(gap, closing, names)
+
+
+def ahead_now(ego: Pose, station: float, actors: Actors, path: Path, vehicle: Vehicle) -> Ahead:
+    """Return what `ahead` says of one tick while the drive goes on: one entry.
+
+    `ego` is the rear axle's pose on the street, `station` [m] near its own, NaN where nobody knows it yet.
+    """
+    if not math.isfinite(station):
+        return Ahead(np.full(1, np.nan), np.full(1, np.nan), [""])
+    own, _, _ = locate(path, np.array([ego.x]), np.array([ego.y]), np.array([station]), 10.0)
+    columns = (actors.x, actors.y, actors.heading, actors.speed, actors.length, actors.width)
+    boxes = Boxes(np.zeros(len(actors.ids), np.int64), *columns)
+    gap, closing, nearest = _nearest(boxes, own, np.array([ego.speed]), path, vehicle)
+    return Ahead(gap, closing, [actors.ids[nearest[0]] if nearest[0] >= 0 else ""])
+
+
+def _nearest(boxes: Boxes, own: Floats, speed: Floats, path: Path, vehicle: Vehicle) -> tuple[Floats, Floats, Indices]:
+    """Return gap [m], closing speed [m/s] and row of the nearest box ahead for every tick; NaN and -1 for none.
+
+    `own` [m] and `speed` [m/s] are the ego's rear axle's, tick by tick.
+    """
     # What lies beside or behind the middle of the ego is not ahead of it.
     middle = vehicle.rear_axle_to_bumper - vehicle.length / 2.0
-    own = np.full(count, np.nan)
-    placed = np.flatnonzero(np.isfinite(x) & np.isfinite(ticks["station_m"].to_numpy()))
-    own[placed], _, _ = locate(path, x[placed], y[placed], ticks["station_m"].to_numpy()[placed], 10.0)
-    rows, at = _rows_near(ticks, actors, own, path)
+    at, half = boxes.at, vehicle.width / 2.0
     bumper = own[at] + vehicle.rear_axle_to_bumper
-    centre, stations, offsets, along = _corners(actors, rows, path, bumper)
-    half = vehicle.width / 2.0
+    centre, stations, offsets, along = _corners(boxes, path, bumper)
     in_strip = (offsets.min(axis=0) < half) & (offsets.max(axis=0) > -half)
     row_gap = stations.min(axis=0) - bumper
     counted = np.flatnonzero(in_strip & (centre > own[at] + middle) & (row_gap < HORIZON))
-    actor_speed = actors["speed_mps"].to_numpy()[rows] * along
-    for row in counted[np.argsort(-row_gap[counted], kind="stable")].tolist():
-        tick = int(at[row])
-        gap[tick], closing[tick] = row_gap[row], speed[tick] - actor_speed[row]
-        names[tick] = actors["actor"][int(rows[row])].as_py()
-    return Ahead(gap, closing, names)
+    # The farthest first: of several boxes at one tick the last one written stays.
+    order = counted[np.argsort(-row_gap[counted], kind="stable")]
+    nearest = np.full(len(own), -1, np.int64)
+    nearest[at[order]] = order
+    gap, closing = np.full(len(own), np.nan), np.full(len(own), np.nan)
+    found = np.flatnonzero(nearest >= 0)
+    row = nearest[found]
+    gap[found], closing[found] = row_gap[row], speed[found] - boxes.speed[row] * along[row]
+    return gap, closing, nearest
 
 
 def _rows_near(ticks: pa.Table, actors: pa.Table, own: Floats, path: Path) -> tuple[Indices, Indices]:
@@ -120,12 +167,12 @@ def _rows_near(ticks: pa.Table, actors: pa.Table, own: Floats, path: Path) -> tu
     return rows, at[rows]
 
 
-def _corners(actors: pa.Table, rows: Indices, path: Path, bumper: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _corners(boxes: Boxes, path: Path, bumper: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return stations of the boxes' centres (n), stations and offsets of their corners (4 x n), and the cosine of each
     heading against the path's (n).
     """
-    x, y, heading = (actors[name].to_numpy()[rows] for name in ("x_m", "y_m", "heading_rad"))
-    length, width = (actors[name].to_numpy()[rows] / 2.0 for name in ("length_m", "width_m"))
+    x, y, heading = boxes.x, boxes.y, boxes.heading
+    length, width = boxes.length / 2.0, boxes.width / 2.0
     cos, sin = np.cos(heading), np.sin(heading)
     centre, _, path_heading = locate(path, x, y, bumper + HORIZON / 2.0, HORIZON / 2.0 + 30.0)
     stations, offsets = [], []
@@ -140,9 +187,46 @@ def _corners(actors: pa.Table, rows: Indices, path: Path, bumper: Floats) -> tup
 
 def time_to_collision(seen: Ahead) -> Floats:
     """Return gap over closing speed [s] for every tick; NaN where nothing is ahead or the gap does not close."""
-    closes = (seen.closing_speed > CLOSING_FLOOR) & (seen.gap > 0.0)
+    closes = _closes(seen)
     safe = np.where(closes, seen.closing_speed, 1.0)
     return np.where(closes, seen.gap / safe, np.nan)
+
+
+def deceleration_to_avoid(seen: Ahead) -> Floats:
+    """Return the deceleration rate to avoid a crash, closing speed squared over twice the gap [m/s2], for every tick.
+
+    NaN where `time_to_collision` is; both count nothing once the boxes overlap.
+    """
+    closes = _closes(seen)
+    safe = np.where(closes, seen.gap, 1.0)
+    return np.where(closes, 0.5 * seen.closing_speed * seen.closing_speed / safe, np.nan)
+
+
+def _closes(seen: Ahead) -> NDArray[np.bool_]:
+    closes: NDArray[np.bool_] = (seen.closing_speed > CLOSING_FLOOR) & (seen.gap > 0.0)
+    return closes
+
+
+def impact_speed(ticks: pa.Table, actors: pa.Table) -> float:
+    """Return the relative speed at the first contact [m/s]; 0 where nothing was touched.
+
+    It is |v - w|: v the ego's speed, w the velocity of what it touched, laid along the ego's heading, both as the
+    street had them at the step that found their boxes overlapping; of several touched at once the greatest. NaN where
+    the record ends before it holds what was touched.
+    """
+    first = pc.index(pc.not_equal(ticks["contacts"], ""), True).as_py()
+    if first < 0:
+        return 0.0
+    # A tick's row tells of the step that it ended with; what the street then held stands under the next tick.
+    tick = actors["tick"].to_numpy()
+    later = tick[tick > ticks["tick"][first].as_py()]
+    rows = np.flatnonzero(tick == later.min()) if len(later) else np.zeros(0, np.int64)
+    touched = np.isin(actors["actor"].take(rows).to_pylist(), ticks["contacts"][first].as_py().split("+"))
+    heading, speed = (actors[name].to_numpy()[rows[touched]] for name in ("heading_rad", "speed_mps"))
+    relative = ticks["asked_speed_mps"][first].as_py() - speed * np.cos(
+        heading - ticks["asked_heading_rad"][first].as_py()
+    )
+    return -_least(-np.abs(relative))
 
 
 def measure(ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle) -> Figures:
@@ -155,6 +239,9 @@ def measure(ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle) -> 
     return Figures(
         stop_gap_m=float(seen.gap[-1]) if len(speed) and abs(speed[-1]) < AT_REST else math.nan,
         min_ttc_s=_least(time_to_collision(seen)),
+        max_drac_mps2=-_least(-deceleration_to_avoid(seen)),
+        min_gap_m=_least(seen.gap),
+        impact_speed_mps=impact_speed(ticks, actors),
         max_lateral_deviation_m=-_least(-np.abs(deviation)),
         max_deceleration_mps2=max(0.0, -_least(acceleration)),
         max_speed_mps=-_least(-speed),

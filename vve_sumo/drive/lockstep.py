@@ -16,12 +16,13 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from vve_sumo.controller import Controller, Guarded
+from vve_sumo.drive import figures
 from vve_sumo.drive.chain import Chain, Decided
-from vve_sumo.drive.ending import Ending, Outcome
-from vve_sumo.drive.record import Record
+from vve_sumo.drive.ending import Ending, Outcome, abort_reason
+from vve_sumo.drive.record import Tape
 from vve_sumo.drive.rows import Moment, keep_scan, tick_row
 from vve_sumo.drive.setting import EPOCH, PERIOD, Setting
-from vve_sumo.drive.street import Street, laid, open_world, standing
+from vve_sumo.drive.street import Street, cast_of, laid, open_world, standing
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
 from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
@@ -29,8 +30,9 @@ from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
+from vve_sumo.scenario.schema import Abort
 from vve_sumo.sensors.radar import Radar
-from vve_sumo.values import ArmingState, Fix, Pose, Verdict
+from vve_sumo.values import Actors, ArmingState, Fix, Pose, Verdict
 from vve_sumo.vehicle.gateway import Act, Gateway, GatewayOutput
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and station [m]
@@ -47,7 +49,7 @@ class Run:
     """How a drive went, beside what its record holds."""
 
     outcome: Outcome
-    reasons: tuple[str, ...]  #: the gateway's, at the end
+    reasons: tuple[str, ...]  #: the gateway's, at the end; before them what the drive was ended for, if it was
     cleared: tuple[str, ...] = ()  #: vehicles taken off the street where the ego entered it
     warnings: tuple[str, ...] = ()  #: SUMO's
     text: str = ""  #: what an exception said, where one ended the drive
@@ -62,6 +64,7 @@ def car_parameters(setting: Setting) -> CarParameters:
         delay=wanted.gnss_delay_s,
         mass_factor=wanted.mass_factor,
         brake_gain_factor=wanted.brake_gain_factor,
+        friction=setting.scenario.weather.friction,
         grade=math.atan(wanted.grade_percent / 100.0),
         steering_wheel_bias=math.radians(wanted.steering_wheel_bias_deg),
         heading_misalignment=-math.radians(wanted.heading_misalignment_deg),
@@ -143,6 +146,7 @@ class Ticked:
     decided: Decided
     output: GatewayOutput
     truth: Pose  #: where the car really was, on the street
+    around: Actors  #: what was on the street then
 
 
 class Lockstep:
@@ -161,8 +165,9 @@ class Lockstep:
         self._car = Car(car_parameters(setting), begin, put.lot, EPOCH, seeds_of(setting)[0], alter)
         self._setting = setting
         self._world = open_world(setting)
-        self._street = Street(self._world)
+        self._street = Street(self._world, cast_of(setting))
         self._ending = Ending(setting.path.length, setting.scenario.after_stop_s)
+        self._abort = None if setting.scenario.abort == Abort() else setting.scenario.abort
         self._operator = Operator()
         self._datagrams = 0
 
@@ -170,7 +175,7 @@ class Lockstep:
         """End the simulation."""
         self._world.close()
 
-    def ticks(self, record: Record) -> Iterator[Ticked]:
+    def ticks(self, record: Tape) -> Iterator[Ticked]:
         """Tick after tick, for ever."""
         heard = CarOutput([], [])
         for tick in count():
@@ -178,30 +183,45 @@ class Lockstep:
             heard = self._car.step((tick + 1) * PERIOD, ticked.output.frames)
             yield ticked
 
-    def run(self, record: Record, watch: Watch) -> Run:
+    def run(self, record: Tape, watch: Watch) -> Run:
         """Drive to the end and return how it went; everything else is in the record."""
         last = round(self._setting.scenario.duration_s / PERIOD) - 1
         for tick, ticked in enumerate(self.ticks(record)):
             now, contact = tick * PERIOD, bool(self._street.contacts)
             speed, station, verdict = ticked.truth.speed, ticked.decided.station, ticked.output.verdict
             watch(tick, now, speed, station)
+            if self._abort is not None and (why := self._abort_reason(self._abort, ticked)):
+                return self._run(Outcome.ABORTED, (why, *verdict.reasons))
             outcome = self._ending.step(now, speed, station, verdict.state, contact)
             if outcome is None and tick >= last:
                 outcome = Outcome.TIMEOUT
             if outcome is not None:
-                return self._run(outcome, verdict)
+                return self._run(outcome, verdict.reasons)
         raise AssertionError("ticks never end by themselves")
 
-    def _run(self, outcome: Outcome, verdict: Verdict) -> Run:
+    def _abort_reason(self, wanted: Abort, ticked: Ticked) -> str:
+        """Return why the scenario ends the drive at this tick, by the truth as the figures see it; empty for not."""
+        truth, station = ticked.truth, ticked.decided.station
+        path, vehicle = self._setting.path, self._setting.vehicle
+        bumper = deviation = ttc = math.nan
+        if math.isfinite(station):
+            place = path.project(truth.x, truth.y, station)
+            bumper, deviation = place.s + vehicle.rear_axle_to_bumper, place.offset
+        if wanted.ttc_s is not None:
+            seen = figures.ahead_now(truth, station, ticked.around, path, vehicle)
+            ttc = float(figures.time_to_collision(seen)[0])
+        return abort_reason(wanted, bool(self._street.contacts), bumper, deviation, ttc)
+
+    def _run(self, outcome: Outcome, reasons: tuple[str, ...]) -> Run:
         return Run(
             outcome=outcome,
-            reasons=verdict.reasons,
+            reasons=reasons,
             cleared=self._world.cleared,
             warnings=self._world.warnings,
             text=self._chain.failure or self._street.detail,
         )
 
-    def _tick(self, tick: int, now: float, heard: CarOutput, record: Record) -> Ticked:
+    def _tick(self, tick: int, now: float, heard: CarOutput, record: Tape) -> Ticked:
         for time, said in groupby(heard.reports, key=itemgetter(0)):
             record.saw_frames(time, CAR_BUS, [frame for _time, frame in said])
         for time, data in heard.ncom:
@@ -209,7 +229,8 @@ class Lockstep:
             self._chain.receive(time, data)
         self._datagrams += len(heard.ncom)
         chain, street, steering = self._chain, self._street, self._gateway.measured_steering
-        chain.see(now, street.actors)
+        around = street.actors
+        chain.see(now, around)
         decided = chain.decide(tick, now, steering, street.found)
         reports = [frame for _time, frame in heard.reports]
         output = self._gateway.step(now, decided.setpoint, reports, self._operator.act())
@@ -224,4 +245,4 @@ class Lockstep:
         record.ticked(tick_row(moment, truth, self._setting.path, asked, report, street))
         if report is not None:
             record.snapshot(tick + 1, street.actors)
-        return Ticked(decided, output, truth)
+        return Ticked(decided, output, truth, around)

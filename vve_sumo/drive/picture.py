@@ -56,7 +56,7 @@ def bounds(ticks: pa.Table) -> tuple[float, float, float, float]:
     return (float(left), float(low), float(right), float(high))
 
 
-def _long_axis(x: Floats, y: Floats, heading: float) -> float:
+def long_axis(x: Floats, y: Floats, heading: float) -> float:
     """Return along what the smallest box around points is long, to a degree, north not downwards.
 
     Points that hardly spread have no such direction; then it is `heading`.
@@ -73,7 +73,7 @@ def _long_axis(x: Floats, y: Floats, heading: float) -> float:
 def _overview(ticks: pa.Table) -> View:
     """Return the window on the whole trace: its long axis to the right, its shape between FLATTEST and TALLEST."""
     x, y, heading = trace(ticks)
-    angle = _long_axis(x, y, float(heading[-1]))
+    angle = long_axis(x, y, float(heading[-1]))
     turned = rotated(x, y, -angle)
     least, greatest = turned.min(axis=0), turned.max(axis=0)
     width, height = greatest - least + 2.0 * MARGIN

@@ -16,11 +16,11 @@ from vve_sumo.controller import Guarded
 from vve_sumo.drive.chain import Chain
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import CAR_BUS, Run, Watch
-from vve_sumo.drive.record import Record
+from vve_sumo.drive.record import Tape
 from vve_sumo.drive.rows import Moment, keep_scan, tick_row
 from vve_sumo.drive.setting import PERIOD, Setting
 from vve_sumo.drive.staleness import Staleness
-from vve_sumo.drive.street import Street, laid, open_world, standing
+from vve_sumo.drive.street import Street, cast_of, laid, open_world, standing
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose import recording
@@ -89,14 +89,14 @@ class Playback:
         self._gateway = Gateway(setting.vehicle, period=PERIOD)
         self._datagrams = 0
         self._world = open_world(setting)
-        self._street = Street(self._world)
+        self._street = Street(self._world, cast_of(setting))
         self._staleness = Staleness()
 
     def close(self) -> None:
         """End the simulation."""
         self._world.close()
 
-    def run(self, record: Record, watch: Watch) -> Run:
+    def run(self, record: Tape, watch: Watch) -> Run:
         """Play to the end of the recording and return how it went; everything else is in the record."""
         tick = math.ceil(self._begin / PERIOD)
         coming = next(self._fixes, None)
@@ -124,7 +124,7 @@ class Playback:
             },
         )
 
-    def _tick(self, tick: int, now: float, record: Record, watch: Watch) -> tuple[str, ...]:
+    def _tick(self, tick: int, now: float, record: Tape, watch: Watch) -> tuple[str, ...]:
         street, chain = self._street, self._chain
         chain.see(now, street.actors)
         decided = chain.decide(tick, now, math.nan, street.found)

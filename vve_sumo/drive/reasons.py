@@ -13,6 +13,10 @@ from vve_sumo.vehicle import arming
 
 #: Codes that neither the gateway (`arming.REASONS`) nor the trust gate (`trust.REASONS`) gives.
 DRIVE_REASONS: Final[dict[str, str]] = {
+    "abort_contact": "the car touched something, and the scenario ends the drive for that",
+    "abort_deviation": "the car was farther off its path than the scenario goes on with",
+    "abort_ego_at": "the car has come as far as the scenario lets it",
+    "abort_ttc": "the time to collision fell below what the scenario goes on with",
     "actors_not_finite": "the street holds an actor whose place or speed is not a number",
     "anchor_heading": "SUMO turned the car away from the heading it was given",
     "anchor_position": "SUMO moved the car away from the place it was given",

@@ -2,7 +2,7 @@
 
 Knows rows and bytes; neither SUMO nor the wall clock. Tables grow as Arrow streams in batches of a few ticks, so a
 killed process leaves everything but the last batch readable; a finished drive holds Parquet files instead. A live
-drive's record is the same with two tables more.
+drive's record is the same with two tables more; one that nobody keeps is the same without its files.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import json
 import operator
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -28,7 +29,10 @@ from vve_sumo.values import Actors, Detections, Frame, GatewayRow, LatencyRow, T
 #: ticks between two writes; 10 ticks of 20 ms are 0.2 s, the most that a kill may lose
 TICKS_PER_BATCH = 10
 
-#: numpy's kind of each numeric column; by way of numpy a short column becomes Arrow's five times faster
+#: of a record that nobody keeps there is nothing to lose, and longer batches are quicker
+UNKEPT_TICKS_PER_BATCH = 250
+
+#: numpy's kind of each numeric column
 _NUMPY = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
 _ARROW: dict[str, pa.DataType] = {
     "int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "str": pa.string(), "bytes": pa.binary()
@@ -91,6 +95,8 @@ OPEN_ENDING, CLOSED_ENDING = ".arrows", ".parquet"
 
 _CHUNK_HEAD = struct.Struct("<dI")
 
+Column = Sequence[Any] | NDArray[Any]
+
 
 def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
     """Return (receive time [s], bytes) of every complete chunk in a `pose.bin`; a torn last one is left out."""
@@ -143,13 +149,9 @@ class _ColumnHashes:
     def __init__(self, schema: pa.Schema) -> None:
         self._hashes = [hashlib.sha256(name.encode()) for name in schema.names]
 
-    def add_texts(self, column: int, texts: Iterable[str]) -> None:
-        """Take in further texts of a column; each with its length, so that no two columns of texts look the same."""
-        self.add_bytes(column, [text.encode() for text in texts])
-
     def add_bytes(self, column: int, pieces: Iterable[bytes]) -> None:
-        """Take in further byte strings of a column, each with its length."""
-        self._hashes[column].update(b"".join(b"%d:%b" % (len(piece), piece) for piece in pieces))
+        """Take in further byte strings of a column; each with its length, so that no two such columns look the same."""
+        self._hashes[column].update(b"".join([b"%d:%b" % (len(piece), piece) for piece in pieces]))
 
     def add_numbers(self, column: int, numbers: NDArray[Any]) -> None:
         """Take in further numbers of a column, of the column's own kind."""
@@ -165,10 +167,8 @@ def hash_table(table: pa.Table) -> str:
     hashes = _ColumnHashes(table.schema)
     for number, column in enumerate(table.columns):
         numeric = _NUMPY.get(column.type)
-        if column.type == pa.binary():
-            hashes.add_bytes(number, column.to_pylist())
-        elif numeric is None:
-            hashes.add_texts(number, column.to_pylist())
+        if numeric is None:
+            hashes.add_bytes(number, column.cast(pa.binary()).to_pylist())
         else:
             hashes.add_numbers(number, column.to_numpy().astype(numeric, copy=False))
     return hashes.hexdigest()
@@ -211,23 +211,51 @@ def whole(parts: dict[str, str]) -> str:
     return hashlib.sha256("".join(f"{name} {parts[name]}\n" for name in sorted(parts)).encode()).hexdigest()
 
 
-class _Raw:
-    """One growing file of bytes, kept as they are: they wait, then go to the hash and to the file."""
+class _Bytes:
+    """Growing bytes, kept as they are: they wait, then go to the hash."""
 
-    def __init__(self, file: Path) -> None:
-        self.file = file
+    def __init__(self) -> None:
         self.hash = hashlib.sha256()
-        self._sink = file.open("xb", buffering=0)
         self._waiting: list[bytes] = []
 
     def append(self, data: bytes) -> None:
         self._waiting.append(data)
 
     def flush(self) -> None:
-        rest = memoryview(b"".join(self._waiting))
+        rest = b"".join(self._waiting)
         self._waiting.clear()
-        begun = self._sink.tell()
         self.hash.update(rest)
+        self._keep(rest)
+
+    def forget(self) -> None:
+        """Let go of what waits."""
+        self._waiting.clear()
+
+    def abandon(self) -> None:
+        """Let go of what is kept."""
+
+    def close(self) -> None:
+        """Finish what is kept."""
+
+    def _keep(self, data: bytes) -> None:
+        """Keep what has been hashed: nowhere."""
+
+
+class _BytesFile(_Bytes):
+    """The same, in a file."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self._sink = file.open("xb", buffering=0)
+
+    def abandon(self) -> None:
+        self._sink.close()
+
+    def close(self) -> None:
+        self._sink.close()
+
+    def _keep(self, data: bytes) -> None:
+        rest, begun = memoryview(data), self._sink.tell()
         try:
             while rest:
                 rest = rest[self._sink.write(rest) :]
@@ -236,103 +264,129 @@ class _Raw:
             self._sink.truncate(begun)
             raise
 
-    def forget(self) -> None:
-        """Let go of what waits."""
-        self._waiting.clear()
-
-    def abandon(self) -> None:
-        """Let go of the file."""
-        self._sink.close()
-
-    def close(self) -> None:
-        self._sink.close()
-
 
 class _Table:
-    """One growing table: rows wait in columns, a batch at a time goes to the hash and to the file."""
+    """A growing table: rows wait, a batch at a time goes to the hash and is kept in memory."""
 
-    def __init__(self, file: Path, schema: pa.Schema) -> None:
-        self.file = file
-        self._schema = schema
-        self._kinds = [(kind, _NUMPY.get(kind)) for kind in schema.types]
+    def __init__(self, schema: pa.Schema) -> None:
+        self.schema = schema
         self.hashes = _ColumnHashes(schema)
-        self._sink = file.open("xb")
-        self._stream = pa.ipc.new_stream(self._sink, schema)
-        self._waiting: list[tuple[Any, ...]] = []
+        self._kinds = [(kind, _NUMPY.get(kind)) for kind in schema.types]
+        self._rows: list[tuple[Any, ...]] = []
+        self._portions: list[tuple[Column, ...]] = []
+        self._batches: list[pa.RecordBatch] = []
 
     def append(self, row: tuple[Any, ...]) -> None:
-        self._waiting.append(row)
+        """Take in a row."""
+        self._rows.append(row)
 
-    def extend(self, rows: Iterable[tuple[Any, ...]]) -> None:
-        self._waiting.extend(rows)
+    def extend(self, portion: tuple[Column, ...]) -> None:
+        """Take in rows as columns: texts as sequences, numbers as arrays. A table gets either these or rows."""
+        self._portions.append(portion)
 
     def flush(self) -> None:
-        if not self._waiting:
+        if not self._rows and not self._portions:
             return
-        arrays = []
-        for number, (column, (kind, numeric)) in enumerate(
-            zip(zip(*self._waiting, strict=True), self._kinds, strict=True)
-        ):
-            if kind == _ARROW["bytes"]:
-                self.hashes.add_bytes(number, column)
-                arrays.append(pa.array(column, kind))
-            elif numeric is None:
-                self.hashes.add_texts(number, column)
-                arrays.append(pa.array(column, kind))
-            else:
-                numbers: NDArray[Any] = np.array(column, numeric)
-                self.hashes.add_numbers(number, numbers)
-                arrays.append(pa.array(numbers, kind))
-        self._stream.write_batch(pa.RecordBatch.from_arrays(arrays, schema=self._schema))
-        self._sink.flush()
-        self._waiting.clear()
+        columns: list[Any] = list(zip(*self._rows, strict=True)) if self._rows else self._joined()
+        arrays = [
+            self._strings(number, column, kind) if numeric is None else self._numbers(number, column, kind, numeric)
+            for number, (column, (kind, numeric)) in enumerate(zip(columns, self._kinds, strict=True))
+        ]
+        self.forget()
+        self._keep(pa.RecordBatch.from_arrays(arrays, schema=self.schema))
 
     def forget(self) -> None:
         """Let go of what waits."""
-        self._waiting.clear()
+        self._rows.clear()
+        self._portions.clear()
 
     def abandon(self) -> None:
-        """Let go of the file, unfinished."""
+        """Let go of what is kept."""
+
+    def close(self) -> pa.Table:
+        """Finish the table and return it."""
+        return pa.Table.from_batches(self._batches, self.schema)
+
+    def _joined(self) -> list[Column]:
+        return [
+            list(chain.from_iterable(parts)) if numeric is None else np.concatenate(parts)
+            for parts, (_kind, numeric) in zip(zip(*self._portions, strict=True), self._kinds, strict=True)
+        ]
+
+    # Arrow's own `array` takes five times as long for a short column, and imports pandas wherever there is one.
+
+    def _strings(self, number: int, column: Column, kind: pa.DataType) -> pa.Array:
+        pieces = column if kind == pa.binary() else [text.encode() for text in column]
+        self.hashes.add_bytes(number, pieces)
+        ends = np.zeros(len(pieces) + 1, np.int32)
+        np.cumsum([len(piece) for piece in pieces], out=ends[1:])
+        return pa.Array.from_buffers(kind, len(pieces), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(pieces))])
+
+    def _numbers(self, number: int, column: Column, kind: pa.DataType, numeric: Any) -> pa.Array:
+        numbers: NDArray[Any] = np.asarray(column, numeric)
+        self.hashes.add_numbers(number, numbers)
+        kept = np.packbits(numbers, bitorder="little") if kind == pa.bool_() else numbers
+        return pa.Array.from_buffers(kind, len(numbers), [None, pa.py_buffer(kept)])
+
+    def _keep(self, batch: pa.RecordBatch) -> None:
+        """Keep what has been hashed."""
+        self._batches.append(batch)
+
+
+class _TableFile(_Table):
+    """The same, in a file: a stream of batches that becomes a Parquet file."""
+
+    def __init__(self, file: Path, schema: pa.Schema) -> None:
+        super().__init__(schema)
+        self._file = file
+        self._sink = file.open("xb")
+        self._stream = pa.ipc.new_stream(self._sink, schema)
+
+    def abandon(self) -> None:
         self._sink.close()
 
-    def close(self) -> None:
+    def close(self) -> pa.Table:
         """Turn the stream into a Parquet file and take the stream away; a kill in between leaves one of them whole."""
         self._stream.close()
         self._sink.close()
-        with pa.ipc.open_stream(self.file) as stream:
+        with pa.ipc.open_stream(self._file) as stream:
             table = stream.read_all()
-        half = self.file.with_suffix(".half")
+        half = self._file.with_suffix(".half")
         try:
             pq.write_table(table, half, compression="zstd")
         except OSError:
             half.unlink(missing_ok=True)
             raise
-        half.replace(self.file.with_suffix(CLOSED_ENDING))
-        self.file.unlink()
+        half.replace(self._file.with_suffix(CLOSED_ENDING))
+        self._file.unlink()
+        return table
+
+    def _keep(self, batch: pa.RecordBatch) -> None:
+        self._stream.write_batch(batch)
+        self._sink.flush()
 
 
-class Record:
-    """The folder of one drive while it is being driven.
+class Tape:
+    """What is kept of one drive while it is being driven: in memory, until nobody needs it any more.
 
     The hash covers the resolved scenario with its versions, the raw inputs with their drive times and every
     recorded column; never a wall-clock time and never the bytes of a table's file.
     """
 
     schemas: ClassVar[Mapping[str, pa.Schema]] = SCHEMAS  #: of its tables
+    ticks_per_batch: ClassVar[int] = UNKEPT_TICKS_PER_BATCH
 
-    def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
-        """Open the record in `folder`, which is `claim`ed; nothing that lies there already is written over."""
-        self._made = [place for place in (folder, *folder.parents) if not place.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
+    def __init__(self, resolved: dict[str, Any], epoch: float) -> None:
+        """Begin with the scenario as it was resolved; `epoch` is the GNSS second of drive time 0."""
         self._epoch = epoch
+        self.tables: dict[str, pa.Table] = {}  #: once it is closed
         text = (json.dumps(resolved, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
-        self._raw = {name: _Raw(folder / name) for name in RAW_PARTS}
+        self._raw = {name: self._bytes(name) for name in RAW_PARTS}
         self._raw["scenario.json"].append(text)
         self._raw["scenario.json"].flush()
         self._pose, self._can = self._raw["pose.bin"], self._raw["can.log"]
-        self._tables = {name: _Table(folder / f"{name}{OPEN_ENDING}", self.schemas[name]) for name in self.schemas}
-        self._parts: dict[str, _Raw | _Table] = {**self._raw, **self._tables}
+        self._tables = {name: self._table(name, schema) for name, schema in self.schemas.items()}
+        self._parts: dict[str, _Bytes | _Table] = {**self._raw, **self._tables}
         self._ticks = 0
 
     def received_pose(self, time: float, data: bytes) -> None:
@@ -345,12 +399,15 @@ class Record:
 
     def scanned(self, tick: int, detections: Detections, seen: Sequence[str]) -> None:
         """Keep one radar scan; `seen` names the actor behind each detection."""
+        if not seen:
+            return
         columns = (detections.range, detections.azimuth, detections.range_rate, detections.mode)
-        lists = [column.tolist() for column in columns]
-        self._tables["detections"].extend(zip([tick] * len(seen), *lists, seen, strict=True))
+        self._tables["detections"].extend((np.full(len(seen), tick), *columns, seen))
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Keep the actors that tick `tick` looks at."""
+        if not actors.ids:
+            return
         columns = (
             actors.x,
             actors.y,
@@ -360,33 +417,63 @@ class Record:
             actors.width,
             actors.radar_cross_section,
         )
-        lists = [column.tolist() for column in columns]
-        self._tables["actors"].extend(zip([tick] * len(actors.ids), actors.ids, *lists, strict=True))
+        self._tables["actors"].extend((np.full(len(actors.ids), tick), actors.ids, *columns))
 
     def ticked(self, row: TickRow) -> None:
-        """Keep the row of a tick; every TICKS_PER_BATCH-th brings everything kept so far to disk."""
+        """Keep the row of a tick; every `ticks_per_batch`-th takes everything kept so far away."""
         self._tables["ticks"].append(_as_tuple(row))
         self._ticks += 1
-        if self._ticks % TICKS_PER_BATCH == 0:
+        if self._ticks % self.ticks_per_batch == 0:
             self.flush()
 
+    def attach(self, name: str, text: str) -> None:
+        """Keep a text that belongs to the drive and not to its hash."""
+
     def flush(self) -> None:
-        """Bring everything kept so far to disk and into the hash."""
+        """Bring everything kept so far to where it stays, and into the hash."""
         for part in self._parts.values():
             part.flush()
 
     def close(self) -> dict[str, str]:
-        """Finish the record's files and return the hash of each of its parts (hexadecimal SHA-256)."""
+        """Finish everything and return the hash of each part (hexadecimal SHA-256)."""
         self.flush()
-        for part in self._parts.values():
-            part.close()
+        for raw in self._raw.values():
+            raw.close()
+        self.tables = {name: table.close() for name, table in self._tables.items()}
         tables = {name: table.hashes.hexdigest() for name, table in self._tables.items() if name not in UNHASHED}
         return {name: raw.hash.hexdigest() for name, raw in self._raw.items()} | tables
 
     def discard(self) -> None:
-        """Take away everything that the record made: its files, and the folders that were not there before."""
+        """Let go of everything: the drive never was."""
         for part in self._parts.values():
             part.abandon()
+
+    def _bytes(self, _name: str) -> _Bytes:
+        return _Bytes()
+
+    def _table(self, _name: str, schema: pa.Schema) -> _Table:
+        return _Table(schema)
+
+
+class Record(Tape):
+    """The folder of one drive while it is being driven; every TICKS_PER_BATCH-th tick brings it to disk."""
+
+    ticks_per_batch = TICKS_PER_BATCH
+
+    def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
+        """Open the record in `folder`, which is `claim`ed; nothing that lies there already is written over."""
+        self._made = [place for place in (folder, *folder.parents) if not place.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        super().__init__(resolved, epoch)
+
+    def attach(self, name: str, text: str) -> None:
+        """Keep a text in a file of that name."""
+        (self.folder / name).write_text(text, encoding="utf-8")
+
+    def discard(self) -> None:
+        """Take away everything that the record made: its files, and the folders that were not there before."""
+        super().discard()
         for file in self.folder.iterdir():
             file.unlink()
         for place in self._made:
@@ -395,6 +482,12 @@ class Record:
     def summarise(self, summary: dict[str, Any]) -> None:
         """Write `summary.json`; not-a-number and infinity become null."""
         write_summary(self.folder, summary)
+
+    def _bytes(self, name: str) -> _Bytes:
+        return _BytesFile(self.folder / name)
+
+    def _table(self, name: str, schema: pa.Schema) -> _Table:
+        return _TableFile(self.folder / f"{name}{OPEN_ENDING}", schema)
 
 
 class LiveRecord(Record):

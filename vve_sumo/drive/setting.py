@@ -8,7 +8,9 @@ from __future__ import annotations
 import csv
 import hashlib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path as FilePath
@@ -19,6 +21,7 @@ from scipy.spatial import KDTree
 
 from vve_sumo import __version__, workspace
 from vve_sumo.controller import Controller, load, sources
+from vve_sumo.drive.casting import Speeds, followed
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
@@ -42,6 +45,10 @@ SPACING = 10.0
 EDGES = "# edges:"
 
 
+ReadNetwork = Callable[[FilePath], Network]
+ReadPath = Callable[[FilePath, MapFrame, Network], tuple[Path, tuple[str, ...]]]
+
+
 @dataclass(frozen=True, slots=True)
 class Setting:
     """A scenario with all its names resolved."""
@@ -55,6 +62,8 @@ class Setting:
     route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
     vehicle: Vehicle  #: as declared
     files: dict[str, FilePath]  #: what was read, by role
+    lines: dict[str, Path]  #: paths of actors, by the names that they use, in the street's map
+    recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
 
     def resolved(self, controller: Controller) -> dict[str, Any]:
         """Return what the record keeps: the scenario, the content of its files as hashes, and the versions."""
@@ -91,6 +100,7 @@ class Setting:
         return config.ideal() if wanted.ideal else config
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return the versions of what decides how a drive goes."""
     return {"vve-sumo": __version__} | {name: version(name) for name in PARTS_THAT_DECIDE}
@@ -100,9 +110,18 @@ def _digest(file: FilePath) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def resolve(name: str, scenario: Scenario, file: FilePath, working: FilePath) -> Setting:
+def resolve(
+    name: str,
+    scenario: Scenario,
+    file: FilePath,
+    working: FilePath,
+    *,
+    network_in: ReadNetwork | None = None,
+    path_in: ReadPath | None = None,
+) -> Setting:
     """Find what a scenario names; `file` is the scenario's own, whose folder relative names count from.
 
+    Who has read the same files before hands in what gives them back instead of reading.
     Raises ConfigError naming what is missing or wrong.
     """
 
@@ -112,22 +131,29 @@ def resolve(name: str, scenario: Scenario, file: FilePath, working: FilePath) ->
         except ConfigError as error:
             raise ConfigError(f"{file}: {key}: {error}") from None
 
-    network = read_network(find("network", scenario.street.network, "street.network"))
+    network = (network_in or read_network)(find("network", scenario.street.network, "street.network"))
     demand = tuple(find("demand", wanted, "street.demand") for wanted in scenario.street.demand)
     path_file = find("path", scenario.ego.path, "ego.path")
     try:
         street = network.frame()
     except ConfigError as error:
         raise ConfigError(f"{network.path}: {error}") from None
-    path, route = read_path(path_file, street, network)
+    path, route = (path_in or read_path)(path_file, street, network)
     for obstacle in scenario.obstacles:
         if obstacle.at_m > path.length:
             raise ConfigError(
                 f"{file}: obstacles: {obstacle.id}: at_m {obstacle.at_m:g} lies beyond the path's {path.length:.1f} m"
             )
-    files = {"network": network.path, "path": path_file}
+
+    def read(of: FilePath) -> Path:
+        return (path_in or read_path)(of, street, network)[0]
+
+    cast = followed(scenario.actors, file, path, find, read)
+    files = {"network": network.path, "path": path_file, **cast.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
-    return Setting(name, scenario, network, demand, street, path, route, fusion.vehicle(), files)
+    return Setting(
+        name, scenario, network, demand, street, path, route, fusion.vehicle(), files, cast.lines, cast.recordings
+    )
 
 
 def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:

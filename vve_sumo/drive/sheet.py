@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # Colours after Okabe and Ito, Color Universal Design (2008): told apart by the colour-blind, and by lightness in grey.
 INK, QUIET, ROAD, PAPER = "#1b1b1b", "#767676", "#dcdcd8", "#ffffff"
-EGO, EGO_PALE, OBSTACLE, ALARM = "#0072b2", "#56b4e9", "#d55e00", "#e69f00"
+EGO, EGO_PALE, OBSTACLE, ALARM, ACTOR = "#0072b2", "#56b4e9", "#d55e00", "#e69f00", "#009e73"
 
 #: of the page; at half of it, a paper's column pair, the letters are still 5 points high [inch]
 SIZE = (13.0, 8.0)

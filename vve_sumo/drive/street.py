@@ -11,11 +11,15 @@ from typing import Any
 
 from vve_sumo.drive.setting import PERIOD, Setting
 from vve_sumo.frames import Alignment, MapFrame
+from vve_sumo.scenario.cast import Cast
 from vve_sumo.values import Actors, Point, Pose
 from vve_sumo.world.anchor import AnchorReport
 from vve_sumo.world.obstacles import MapSpot, Obstacle
 from vve_sumo.world.street import World
 from vve_sumo.world.surroundings import table
+
+#: A car that is faster has been driven off [m/s].
+MOVING = 0.5
 
 
 def obstacles_of(setting: Setting) -> tuple[Obstacle, ...]:
@@ -28,6 +32,12 @@ def obstacles_of(setting: Setting) -> tuple[Obstacle, ...]:
         spot = MapSpot(x, y, at.heading + math.radians(wanted.turned_deg))
         placed.append(Obstacle(wanted.id, spot, wanted.length_m, wanted.width_m))
     return tuple(placed)
+
+
+def cast_of(setting: Setting) -> Cast:
+    """Return the scenario's actors, none of them on the street yet."""
+    scenario = setting.scenario
+    return Cast(scenario.actors, setting.path, setting.lines, setting.recordings, setting.vehicle)
 
 
 def standing(x: float, y: float, heading: float) -> Pose:
@@ -65,8 +75,9 @@ def laid(frame: MapFrame, alignment: Alignment, epoch: float) -> dict[str, Any]:
 class Street:
     """The world as a shell drives it: waits for the first pose, remembers what the next tick is to know."""
 
-    def __init__(self, world: World) -> None:
-        self._world = world
+    def __init__(self, world: World, cast: Cast) -> None:
+        self._world, self._cast = world, cast
+        self._began: float | None = None
         self.actors: Actors = table(0.0, ())
         self.contacts: tuple[str, ...] = ()  #: actors that the ego touches
         self.found: tuple[str, ...] = ()  #: reason codes for the next tick
@@ -74,7 +85,7 @@ class Street:
 
     @property
     def cleared(self) -> tuple[str, ...]:
-        """Vehicles taken off the street where the ego entered it."""
+        """Vehicles taken off the street where the ego, or an actor of the scenario, entered it."""
         return self._world.cleared
 
     @property
@@ -98,11 +109,19 @@ class Street:
         """End the simulation."""
         self._world.close()
 
-    def advance(self, asked: Pose | None) -> AnchorReport | None:
-        """Place the ego, let SUMO step, look around; None while there is no pose, and then SUMO waits too."""
+    def advance(self, asked: Pose | None, *, waits: bool = False) -> AnchorReport | None:
+        """Place the ego and the actors, let SUMO step, look around; None while there is no pose: then SUMO waits too.
+
+        The scenario's actors begin with the first pose; where the drive `waits` for the operator's go, with that, or
+        as soon as the car moves.
+        """
         if asked is None:
             return None
         self._world.place(asked)
+        if self._began is None and (not waits or asked.speed > MOVING):
+            self._began = asked.time
+        if self._began is not None:
+            self._world.play(self._cast.step(asked.time - self._began, asked))
         report = self._world.step()
         self.actors = self._world.actors()
         self.contacts = self._world.contacts()

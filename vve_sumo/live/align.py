@@ -225,9 +225,12 @@ def cut(site: Site, laid: Laid, out: FilePath) -> Path:
     ]
     out.write_text("\n".join(lines) + "\n", encoding="utf-8")
     print(f"the first {short.length:.0f} m of the path written to {out}")
-    for obstacle in site.setting.scenario.obstacles:
-        if obstacle.at_m > short.length:
-            print(f"obstacle {obstacle.id} at {obstacle.at_m:g} m lies beyond it: give the scenario another place")
+    scenario = site.setting.scenario
+    places = [("obstacle", one.id, one.at_m) for one in scenario.obstacles]
+    places += [("actor", one.id, one.at_m) for one in scenario.actors if one.path is None and one.at_m is not None]
+    for kind, name, at in places:
+        if at > short.length:
+            print(f"{kind} {name} at {at:g} m lies beyond it: give the scenario another place")
     return short
 
 

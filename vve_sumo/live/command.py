@@ -36,6 +36,7 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import held
 from vve_sumo.rig.refusal import PTY, arming_refusal
 from vve_sumo.rig.schema import Rig
+from vve_sumo.scenario.schema import Abort
 
 #: for a process to end by itself once all is over [s]; the recorder writes its tables in this time
 LAST_PATIENCE: Final = 60.0
@@ -91,6 +92,8 @@ def plan(
 def live(plan: Plan) -> dict[str, Any]:
     """Drive a plan to its end and return its summary; raises VveError where it never began."""
     controller = plan.setting.controller(plan.working)  # refuses what is wrong before anything is started
+    if plan.setting.scenario.abort != Abort():
+        print("the scenario's [abort] does not apply to a live drive: nothing lets go of a moving car", file=sys.stderr)
     with (
         held(plan.rig_file),
         contextlib.ExitStack() as stack,
@@ -101,7 +104,9 @@ def live(plan: Plan) -> dict[str, Any]:
         plan.folder.mkdir(parents=True, exist_ok=True)
         car = None
         if plan.rig.car == "hardware_free":
-            car = stand_in.start(plan.rig, plan.t0, plan.setting.scenario.seed, stack, plan.folder)
+            scenario = plan.setting.scenario
+            friction = scenario.weather.friction
+            car = stand_in.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
         ground = _ground(plan, source)
         resolved = plan.setting.resolved(controller) | ground.as_dict()
         resolved |= assembly.told(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)

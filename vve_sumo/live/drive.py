@@ -26,7 +26,7 @@ from vve_sumo.drive.lockstep import WAITING
 from vve_sumo.drive.pacing import Begun, Pacer
 from vve_sumo.drive.rows import Moment, keep_scan, tick_row
 from vve_sumo.drive.setting import PERIOD
-from vve_sumo.drive.street import Street, open_world
+from vve_sumo.drive.street import Street, cast_of, open_world
 from vve_sumo.errors import VveError
 from vve_sumo.live import spawn
 from vve_sumo.live.assembly import chain_of, restored, source_of
@@ -63,7 +63,7 @@ class LiveDrive:
         ground = Ground.of(config["resolved"])
         self._chain = chain_of(self._setting, self._rig, ground, working)
         self._found: tuple[str, ...] = tuple(config["not_ready"])
-        self._street = Street(open_world(self._setting, time.perf_counter))
+        self._street = Street(open_world(self._setting, time.perf_counter), cast_of(self._setting))
         self._source = source_of(self._rig)
         latency = self._rig.latency
         self._ledger = Ledger(latency.budget_ms / 1000.0, latency.breaches)
@@ -196,7 +196,7 @@ class LiveDrive:
         asked = report = None
         for step in range(begun.catch_up + 1):
             asked = chain.front_bumper_at(self._pacer.next_due - (begun.catch_up - step) * PERIOD)
-            report = street.advance(asked)
+            report = street.advance(asked, waits=self._went_at is None)
         verdict = self._feedback.verdict if self._feedback else _NOTHING
         moment = Moment(begun.tick, begun.due, self._datagrams, steering, decided, verdict)
         tap.ticked(tick_row(moment, None, self._setting.path, asked, report, street))

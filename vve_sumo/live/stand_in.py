@@ -37,13 +37,20 @@ class StandIn:
     bus: tuple[str, str]  #: interface and channel that others open
 
 
-def start(rig: Rig, t0: float, seed: int, stack: contextlib.ExitStack, folder: FilePath | None) -> StandIn:
+def start(
+    rig: Rig,
+    t0: float,
+    seed: int,
+    stack: contextlib.ExitStack,
+    folder: FilePath | None,
+    friction: float = plant.FRICTION,
+) -> StandIn:
     """Start the car and wait until it is there; it is ended where `stack` is left.
 
-    `t0` is the monotonic second of drive time 0, `seed` the scenario's. Truth and log go into `folder`, where there is
-    one. Raises RigError with the car's words where it does not come up.
+    `t0` is the monotonic second of drive time 0, `seed` and `friction` are the scenario's. Truth and log go into
+    `folder`, where there is one. Raises RigError with the car's words where it does not come up.
     """
-    told = _config(rig, t0, seed, folder).told()
+    told = _config(rig, t0, seed, folder, friction).told()
     ours, theirs = pair()
     log = {} if folder is None else {"log": str(folder / "car.log")}
     process = spawn.start("car", told | log, {"console": theirs}, own_session=True)
@@ -64,7 +71,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None) -> CarConfig:
+def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: float) -> CarConfig:
     start = rig.car_start
     assert start is not None  # the rig's refusals see to it
     wire = rig.bus.interface, start.channel or rig.bus.channel
@@ -74,6 +81,7 @@ def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None) -> CarConfi
             delay=start.gnss_delay_s,
             mass_factor=start.mass_factor,
             brake_gain_factor=start.brake_gain_factor,
+            friction=friction,
             grade=math.atan(start.grade_percent / 100.0),
             steering_wheel_bias=math.radians(start.steering_wheel_bias_deg),
             heading_misalignment=-math.radians(start.heading_misalignment_deg),

@@ -24,6 +24,7 @@ LEAST_RETURN: Final = 3.0  #: or in this way, where the car is slow [m]
 FARTHEST: Final = 5.0  #: from a deviation beyond this there is no smooth way back [m]
 MOST_TURNED: Final = 1.0  #: nor from a heading that is off by more [rad]
 LEAST_SPEED: Final = 0.5  #: slower counts as this where a rate in time becomes one along the way [m/s]
+SQUARE_OF_LEAST_SPEED: Final = LEAST_SPEED * LEAST_SPEED
 
 
 def way_to_rest(
@@ -52,6 +53,8 @@ def _follow(
     pose: Pose, speed: float, steering: float, path: Path, s: float, vehicle: Vehicle, spacing: float, count: int
 ) -> tuple[float, ...] | None:
     """Curvature at `count` + 1 knots; the simulation advances from one to the next with their mean."""
+    # A good part of what a tick costs is this loop: plain names and no calls that can be had without.
+    cos, sin, sqrt, beside = math.cos, math.sin, math.sqrt, path.beside
     x, y, heading = pose.x, pose.y, pose.heading
     tightest = math.tan(vehicle.steering_limit) / vehicle.wheelbase
     answer = vehicle.steering_rate_limit / vehicle.wheelbase
@@ -60,40 +63,25 @@ def _follow(
     bend = clamp(bend, -tightest, tightest)
     knots = [bend]
     for _ in range(count):
-        v = max(math.sqrt(square), LEAST_SPEED)
+        v = sqrt(square) if square > SQUARE_OF_LEAST_SPEED else LEAST_SPEED
         # Where the present curvature leads, and what would be right there.
         ahead = heading + 0.5 * bend * spacing
-        s, offset, turned, path_bend = _beside(
-            path, s + spacing, x + spacing * math.cos(ahead), y + spacing * math.sin(ahead), heading + bend * spacing
+        s, offset, turned, path_bend = beside(
+            s + spacing, x + spacing * cos(ahead), y + spacing * sin(ahead), heading + bend * spacing
         )
-        if not (abs(offset) < FARTHEST and abs(turned) < MOST_TURNED):
+        if not (-FARTHEST < offset < FARTHEST and -MOST_TURNED < turned < MOST_TURNED):
             return None
         length = max(RETURN_TIME * v, LEAST_RETURN)
-        cosine = math.cos(turned)
+        cosine = cos(turned)
         wish = path_bend * cosine / (1.0 - path_bend * offset)
-        wish -= (2.0 * math.sin(turned) / length + offset / (length * length)) / cosine
+        wish -= (2.0 * sin(turned) / length + offset / (length * length)) / cosine
         most = min(tightest, LATERAL_ACCELERATION / (v * v))
         change = spacing * min(answer / v, LATERAL_JERK / (v * v * v))
         wish = clamp(clamp(wish, -most, most), bend - change, bend + change)
         ahead = heading + 0.25 * (bend + wish) * spacing
-        x, y = x + spacing * math.cos(ahead), y + spacing * math.sin(ahead)
+        x, y = x + spacing * cos(ahead), y + spacing * sin(ahead)
         heading += 0.5 * (bend + wish) * spacing
         bend = wish
         knots.append(bend)
-        square = max(square - loss, 0.0)
+        square = square - loss if square > loss else 0.0
     return tuple(knots)
-
-
-def _beside(path: Path, s: float, x: float, y: float, heading: float) -> tuple[float, float, float, float]:
-    """Station, offset and heading error of a place beside the path near station `s`, and the path's curvature there.
-
-    One step of Newton's is enough: `s` is off by centimetres.
-    """
-    at = path.at(s)
-    cosine, sine = math.cos(at.heading), math.sin(at.heading)
-    dx, dy = x - at.x, y - at.y
-    along, across = dx * cosine + dy * sine, dy * cosine - dx * sine
-    arc = along / max(1.0 - at.curvature * across, 0.5)
-    offset = across - 0.5 * at.curvature * along * arc
-    turned = math.remainder(heading - at.heading - at.curvature * arc, math.tau)
-    return s + arc, offset, turned, at.curvature

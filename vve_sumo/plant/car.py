@@ -107,6 +107,8 @@ class Car:
         self._reports = Reports(axles, gyro_noise, White(gyro_seeds))
         self._receiver = Receiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)
         self._brake_force = parameters.brake_gain_factor * calibration.brake_force(1.0)
+        self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias
+        self._steering_ratio = vehicle.steering_ratio
         self._steps = 0
 
     @property
@@ -162,22 +164,22 @@ class Car:
         return self._steps / STEPS_A_SECOND
 
     def _advance(self, driver: DriverInputs) -> None:
-        motion = self._motion
-        request = self._kit.step(driver, motion.speed, self._steering.angle)
-        torque = self._brakes.step(request.brake_torque)
-        throttle = self._engine.step(request.throttle)
-        self._steering.step(request.wheel_angle, motion.speed != 0.0)
-        held = math.inf if self._kit.gear is Gear.PARK else torque * self._brake_force
+        motion, kit = self._motion, self._kit
+        brake_torque, opening, wheel_angle = kit.step(driver, motion.speed, self._steering.angle)
+        torque = self._brakes.step(brake_torque)
+        throttle = self._engine.step(opening)
+        self._steering.step(wheel_angle, motion.speed != 0.0)
+        held = math.inf if kit.gear is Gear.PARK else torque * self._brake_force
         motion.advance(STEP, self._road_angle(), self._drive_force(throttle), held)
         self._steps += 1
 
     def _road_angle(self) -> float:
-        return (self._steering.angle - self._parameters.steering_wheel_bias) / self._parameters.vehicle.steering_ratio
+        return (self._steering.angle - self._wheel_bias) / self._steering_ratio
 
     def _drive_force(self, throttle: float) -> float:
         """Force at the wheels [N]: throttle and idle creep, the way the gear points."""
         sign = drive_sign(self._kit.gear)
-        calibration, speed = self._parameters.calibration, sign * self._motion.speed
+        calibration, speed = self._calibration, sign * self._motion.speed
         return sign * (calibration.drive_force(throttle, max(speed, 0.0)) + calibration.creep(speed))
 
     def _speak(self, reports: list[tuple[float, Frame]]) -> None:

@@ -190,22 +190,17 @@ class Kit:
 
     def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
         """Advance by one step; `speed` [m/s] and steering `wheel_angle` [rad] are the car's own measurements."""
+        if driver is not HANDS_OFF or self.driver is not HANDS_OFF:  # nobody there leaves nothing to feel
+            self._feel(driver)
         self.driver = driver
-        self._feel(driver)
+        oldest = self._step - self._timeout_steps
         for module in self.modules:
-            module.timeout = self._step - module.heard >= self._timeout_steps
+            module.timeout = module.heard <= oldest
         if self.parameters.watchdog:
             self._watch(speed)
         for module in self.modules:
-            command = module.command
-            module.enabled = not (
-                module.broken
-                or module.timeout
-                or module.override
-                or self.fault
-                or command is None
-                or not command.enable
-            )
+            command, refused = module.command, module.broken or module.timeout or module.override or self.fault
+            module.enabled = not refused and command is not None and command.enable
         if self._shift_ends is not None and self._step >= self._shift_ends:
             self.gear, self._shift_ends = self.gear_command, None
         self._step += 1

@@ -13,6 +13,7 @@ Name = Annotated[str, Field(min_length=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+RoadSpeed = Annotated[float, Field(ge=0.0, le=100.0)]
 
 
 class Table(BaseModel):
@@ -98,6 +99,105 @@ class Obstacle(Table):
     width_m: Annotated[float, Field(gt=0.2, le=4.0)] = 1.8
 
 
+class When(Table):
+    """A trigger: it fires at the first tick at which every condition that it states holds; none stated: at once.
+
+    Distances are along the ego's path, from the ego's front bumper. The gap is that between the nearest faces of ego
+    and actor, ahead or behind; it is 0 beside the ego, where nothing closes in. Before an actor enters it counts as
+    standing where it would enter, at the speed it would enter with.
+    """
+
+    drive_s: NotNegative | None = Field(
+        default=None, description="the drive has lasted so long; a live one from the operator's go on"
+    )
+    after_s: NotNegative | None = Field(
+        default=None,
+        description="so long after the act before this one began, or after the actor entered; of `enters`: as drive_s",
+    )
+    ego_at_m: NotNegative | None = Field(default=None, description="the ego's front bumper has come so far on its path")
+    ego_within_m: NotNegative | None = Field(default=None, description="the gap from the ego to the actor is no longer")
+    ttc_s: NotNegative | None = Field(
+        default=None, description="the gap over the speed at which it closes is no longer"
+    )
+    ego_arrives_in_s: NotNegative | None = Field(
+        default=None, description="the ego, at its present speed, is so far from the actor's centre, or nearer"
+    )
+    ego_speed_mps: NotNegative | None = Field(default=None, description="the ego is at least so fast")
+
+
+class Act(Table):
+    """What an actor does once its trigger fires; acts follow one another, each waits for the one before it to begin."""
+
+    when: When = When()
+    speed_mps: RoadSpeed | None = Field(default=None, description="changes its speed to this")
+    acceleration_mps2: Positive | None = Field(
+        default=None, description="how fast its speed changes, up or down; left out: at once"
+    )
+    build_up_s: NotNegative = Field(default=0.0, description="time in which that acceleration builds up, linearly")
+    offset_m: Annotated[float, Field(ge=-50.0, le=50.0)] | None = Field(
+        default=None,
+        description="goes over to this distance: from the path, left of the path positive, or where it goes straight "
+        "on, from the line it entered on, to its own left positive",
+    )
+    over_s: Positive | None = Field(default=None, description="time it takes for that, smoothly; left out: at once")
+    speeds: Name | None = Field(
+        default=None,
+        description="replays a recorded speed from its first row on: CSV of time_s,speed_mps, a name under routes/ or "
+        "a file; its last speed holds",
+    )
+    leaves: bool = Field(default=False, description="is taken off the street, for good")
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if self.speed_mps is not None and self.speeds is not None:
+            raise ValueError("expected one of speed_mps and speeds")
+        needs = {"acceleration_mps2": "speed_mps", "build_up_s": "acceleration_mps2", "over_s": "offset_m"}
+        for key, beside in needs.items():
+            if getattr(self, key) and getattr(self, beside) is None:
+                raise ValueError(f"{key} says how {beside} is reached, expected {beside} beside it")
+        return self
+
+
+Kind = Literal["car", "van", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "child"]
+
+
+class Actor(Table):
+    """A road user that moves as the scenario says; SUMO's traffic sees it and reacts to it."""
+
+    id: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
+    kind: Kind = Field(default="car", description="decides its size, how radar sees it and what SUMO takes it for")
+    length_m: Annotated[float, Field(gt=0.1, le=25.0)] | None = Field(default=None, description="instead of its kind's")
+    width_m: Annotated[float, Field(gt=0.1, le=4.0)] | None = Field(default=None, description="instead of its kind's")
+    path: Name | None = Field(
+        default=None, description="moves along this path instead of the ego's: a name under routes/ or a CSV file"
+    )
+    at_m: NotNegative | None = Field(default=None, description="where its centre enters, along its path")
+    ahead_m: Finite | None = Field(
+        default=None,
+        description="instead of at_m: where it enters, clear distance from the ego's front bumper to the actor's "
+        "nearest face at that moment, along the ego's path; behind the ego negative, to the actor's front",
+    )
+    offset_m: Annotated[float, Field(ge=-50.0, le=50.0)] = Field(
+        default=0.0, description="where it enters, left of the path positive"
+    )
+    turned_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = Field(
+        default=0.0,
+        description="where it goes: 0 along the path, 180 or -180 against it, anything else straight on at this angle "
+        "to the path, counter-clockwise; at the end of a path it leaves the street",
+    )
+    speed_mps: RoadSpeed = Field(default=0.0, description="at which it enters")
+    enters: When = Field(default=When(), description="it is on the street from then on; left out: from the start")
+    acts: tuple[Act, ...] = Field(default=(), strict=False)
+
+    @model_validator(mode="after")
+    def _placed_once(self) -> Self:
+        if (self.at_m is None) == (self.ahead_m is None):
+            raise ValueError(f"actor {self.id}: expected one of at_m and ahead_m")
+        if self.path is not None and self.ahead_m is not None:
+            raise ValueError(f"actor {self.id}: ahead_m counts along the ego's path, expected at_m beside path")
+        return self
+
+
 class Band(Table):
     """An interval that a figure of the drive must lie in; either side may be open."""
 
@@ -114,13 +214,47 @@ class Band(Table):
 class Criteria(Table):
     """What makes the drive pass; a criterion that is left out is not judged."""
 
-    outcome: Literal["stopped", "arrived"] | None = Field(default=None, description="how the drive must end")
+    outcome: Literal["stopped", "arrived", "aborted"] | None = Field(default=None, description="how the drive must end")
     collision: bool | None = Field(default=False, description="whether a contact may, or must not, happen")
     stop_gap_m: Band | None = None
     min_ttc_s: Band | None = None
     max_lateral_deviation_m: Band | None = None
     max_deceleration_mps2: Band | None = None
+    max_drac_mps2: Band | None = Field(default=None, description="deceleration rate to avoid a crash, the greatest")
+    min_gap_m: Band | None = Field(default=None, description="to what was ahead in the ego's way, the least")
+    impact_speed_mps: Band | None = Field(default=None, description="relative, at the first contact; 0 without one")
+    emergency_used: bool | None = Field(
+        default=None, description="whether the emergency layer must, or must not, brake"
+    )
     duration_s: Band | None = None
+
+
+class Abort(Table):
+    """What ends the drive before its time, with the outcome `aborted`; the criteria judge it as they do every other."""
+
+    contact: bool = Field(default=False, description="at the first contact, instead of when the car is at rest")
+    ego_at_m: NotNegative | None = Field(default=None, description="the ego's front bumper has come so far on its path")
+    lateral_deviation_m: Positive | None = Field(default=None, description="the ego is farther off its path")
+    ttc_s: Positive | None = Field(default=None, description="the time to collision has fallen below this")
+
+
+class Weather(Table):
+    """What of the weather changes how the car drives."""
+
+    friction: Annotated[float, Field(ge=0.05, le=1.2)] = Field(
+        default=0.9, description="of tyre on road: about 0.9 dry, 0.6 wet, 0.3 snow, 0.1 ice"
+    )
+
+
+class Parameter(Table):
+    """A figure of the scenario with a name of its own, that a sweep may vary within bounds."""
+
+    sets: Annotated[tuple[Name, ...], Field(min_length=1)] = Field(
+        strict=False, description="keys that take the value, such as ego.speed_mps or actors.lead.ahead_m"
+    )
+    min: Finite | None = Field(default=None, description="no sweep goes below")
+    max: Finite | None = Field(default=None, description="no sweep goes above")
+    meaning: str = ""
 
 
 class Scenario(Table):
@@ -139,5 +273,11 @@ class Scenario(Table):
     ego: Ego
     radar: Radar = Radar()
     controller: Control = Control()
+    weather: Weather = Weather()
     obstacles: tuple[Obstacle, ...] = Field(default=(), strict=False)
+    actors: tuple[Actor, ...] = Field(default=(), strict=False)
     criteria: Criteria = Criteria()
+    abort: Abort = Abort()
+    parameters: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")], Parameter] = Field(
+        default={}, description="what a sweep may vary by name, besides every key by its place"
+    )

@@ -80,7 +80,10 @@ def _in_view(antenna: Antenna, actors: Actors, sectors: Sequence[Sector]) -> tup
     cos, sin = math.cos(own_heading), math.sin(own_heading)
     slope = max(sector.slope_max for sector in sectors)
     farthest, secant = max(sector.range_max for sector in sectors), math.sqrt(1.0 + slope * slope)
-    found, refused = [], 0
+    found: list[tuple[int, float, Box]] = []
+    if not actors.ids:
+        return found, 0
+    refused = 0
     columns = zip(*(getattr(actors, name).tolist() for name in _COLUMNS), strict=True)
     for row, (x, y, heading, length, width, speed, cross_section) in enumerate(columns):
         if not math.isfinite(x + y + heading + length + width + speed + cross_section):

@@ -63,8 +63,16 @@ TYPES = {
 }
 
 #: Attributes common to all types. Drivers act every 0.1 s (a step of 0.02 s costs a fraction then). They pass a stopped
-#: car through the opposite lane, but seldom a moving one: with SUMO's eagerness of 1 a few touched in crossings.
-DRIVER = {"sigma": "0.5", "speedFactor": "normc(1.0,0.1,0.8,1.3)", "actionStepLength": "0.1", "lcOpposite": "0.2"}
+#: car through the opposite lane, but seldom a moving one: with SUMO's eagerness of 1 a few touched in crossings. The
+#: headway they wish for is calibrated: with it queues discharge as the Highway Capacity Manual says of this mix
+#: (`benchmarks/strings.py`); in all levels alike, for the manual's saturation flow knows no level.
+DRIVER = {
+    "sigma": "0.5",
+    "tau": "1.1",
+    "speedFactor": "normc(1.0,0.1,0.8,1.3)",
+    "actionStepLength": "0.1",
+    "lcOpposite": "0.2",
+}
 
 
 class Trip(NamedTuple):

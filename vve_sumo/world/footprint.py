@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 Corners = list[tuple[float, float]]
 
@@ -47,9 +48,8 @@ class Rectangle:
         return Rectangle(x, y, self.heading, self.length + ahead, self.width)
 
 
-@dataclass(frozen=True, slots=True)
-class Band:
-    """A straight strip of ground, such as one piece of a lane."""
+class Band(NamedTuple):
+    """A straight strip of ground, such as one piece of a lane; a tuple, for a town has ten thousand."""
 
     x: float  #: start of its centre line [m]
     y: float  #: start of its centre line [m]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import libsumo
 
@@ -38,10 +38,11 @@ MATCH_THRESHOLD = 5.0
 
 
 class Ghosts:
-    """The ghosts of one ego; empty while the ego lies within its own line of lanes."""
+    """The ghosts of one body; empty while an ego lies within its own line of lanes."""
 
-    def __init__(self, lanes: Lanes) -> None:
-        self._lanes = lanes
+    def __init__(self, lanes: Lanes, name: str = GHOST_TYPE) -> None:
+        """Ghosts are named after `name`, unlike any other body's."""
+        self._lanes, self._name = lanes, name
         self._line: deque[Lane] = deque(maxlen=LANES_BEHIND)
         self._by_lane: dict[str, str] = {}
         self._lengths: dict[str, float] = {}
@@ -49,7 +50,7 @@ class Ghosts:
 
     @property
     def ids(self) -> frozenset[str]:
-        """Names of the vehicles that stand for the ego and are no actors."""
+        """Names of the vehicles that stand for the body and are no actors."""
         return frozenset(self._by_lane.values())
 
     @property
@@ -68,13 +69,24 @@ class Ghosts:
             if self._by_lane:
                 self._keep({})
             return
-        cuts = self._lanes.cut(body)
+        self.cover(body, speed, self._lanes.cut)
+
+    def cover(self, body: Rectangle, speed: float, cut: Callable[[Rectangle], dict[str, Cut]]) -> None:
+        """Put a ghost on each lane that a body cuts, for the coming step, whether it lies within one or not.
+
+        `speed` [m/s] is the body's at the coming step, `cut` tells what a box cuts. Raises SUMO's errors.
+        """
+        cuts = cut(body)
         if cuts.keys() - self._by_lane.keys():
-            firm = self._lanes.cut(body.grown(-CUT_DEPTH))
-            cuts = {name: cut for name, cut in cuts.items() if name in self._by_lane or name in firm}
+            firm = cut(body.grown(-CUT_DEPTH))
+            cuts = {name: part for name, part in cuts.items() if name in self._by_lane or name in firm}
         self._keep(cuts)
-        for cut in cuts.values():
-            self._show(cut, body.heading, speed)
+        for part in cuts.values():
+            self._show(part, body.heading, speed)
+
+    def leave(self) -> None:
+        """Take every ghost off the street; raises SUMO's errors."""
+        self._keep({})
 
     def _remember(self, name: str) -> None:
         """Keep the lanes that the ego came along, newest first."""
@@ -105,7 +117,7 @@ class Ghosts:
         libsumo.vehicle.setSpeed(ghost, seen_speed)
 
     def _add(self, lane: Lane, speed: float) -> str:
-        ghost = f"{GHOST_TYPE}.{self._born}"
+        ghost = f"{self._name}.{self._born}"
         self._born += 1
         libsumo.vehicle.add(ghost, self._lanes.route(lane.id), GHOST_TYPE, departSpeed=f"{speed}")
         libsumo.vehicle.setSpeedMode(ghost, 32)

@@ -29,6 +29,9 @@ ONWARD_DISTANCE = 400.0
 #: The pieces of lanes near the box are looked up anew after it moved so far [m].
 NEARBY_MOVE = 10.0
 
+#: The few pieces close to a body are chosen anew after a corner of it may have moved so far [m].
+CLOSE_MOVE = 2.0
+
 #: A corner may lie so far before or past a piece [m] and still count as in its lane: lanes of one road are not
 #: drawn gapless.
 END_PLAY = 0.3
@@ -102,19 +105,14 @@ class Lanes:
     def __init__(self, lanes: Iterable[Lane], reach: float) -> None:
         """Index the lanes for boxes of a radius up to `reach` [m]."""
         self.by_id = {lane.id: lane for lane in lanes if lane.bands}
-        self._reach = reach
         self._lane_of: dict[str, str] = {}
         for lane in self.by_id.values():
             self._lane_of.setdefault(lane.edge, lane.id)
-        pieces = [(lane, i, band) for lane in self.by_id.values() for i, band in enumerate(lane.bands)]
-        self._pieces = [(lane, i) for lane, i, _ in pieces]
-        self._table: Floats = np.array(
-            [(b.x, b.y, b.cos, b.sin, b.length, b.half_width) for _, _, b in pieces], dtype=np.float64
-        ).T.copy()
+        self._pieces = [(lane, i) for lane in self.by_id.values() for i in range(len(lane.bands))]
+        bands = [band for lane in self.by_id.values() for band in lane.bands]
+        self._table: Floats = np.array(bands, dtype=np.float64).T.copy()
         self._widest = float(self._table[5].max())
-        self._centre = (math.inf, math.inf)
-        self._near: NDArray[np.intp] = np.empty(0, dtype=np.intp)
-        self._near_table = self._table[:, :0]
+        self._nearby = Nearby(self, reach)
         self._links: dict[str, tuple[tuple[str, str, str], ...]] = {}
         self._onward: dict[str, tuple[str, ...]] = {}
         self._routes: set[str] = set()
@@ -124,19 +122,23 @@ class Lanes:
 
     def cut(self, box: Rectangle) -> dict[str, Cut]:
         """Return the covered part of every lane that a box cuts, by lane."""
-        self._look_around(box.x, box.y)
-        corners = box.corners()
-        found: dict[str, Cut] = {}
-        for piece in self._touched(box):
-            lane, i = self._pieces[piece]
-            part = covered(corners, lane.bands[i])
-            if part is None:
-                continue
-            start, end = lane.starts[i] + part[0], lane.starts[i] + part[1]
-            if lane.id in found:
-                start, end = min(start, found[lane.id].start), max(end, found[lane.id].end)
-            found[lane.id] = Cut(lane, start, end)
-        return found
+        return cuts(box, self._nearby.touched(box))
+
+    def nearby(self, reach: float) -> Nearby:
+        """Return what to ask about boxes of one more body, of a radius up to `reach` [m]."""
+        return Nearby(self, reach + 2.0 * CLOSE_MOVE)
+
+    def around(self, x: float, y: float, distance: float) -> NDArray[np.intp]:
+        """Return the pieces whose ground begins within a distance [m] of a point, in the order of the network."""
+        return np.flatnonzero(self._distances(x, y) < distance + self._widest)
+
+    def rows(self, pieces: NDArray[np.intp]) -> Floats:
+        """Return x, y [m], cosine, sine, length and half width [m] of pieces, a row per quantity."""
+        return self._table[:, pieces].copy()
+
+    def piece(self, number: int) -> tuple[Lane, int]:
+        """Return the lane of a piece, and which of the lane's it is."""
+        return self._pieces[number]
 
     def nearest(self, x: float, y: float) -> tuple[Lane, float]:
         """Return the lane whose centre line is nearest to a point, and how far it is [m]; junctions are left out."""
@@ -222,15 +224,42 @@ class Lanes:
         distances: Floats = np.sqrt(ex * ex + ey * ey)
         return distances
 
-    def _look_around(self, x: float, y: float) -> None:
-        if abs(x - self._centre[0]) + abs(y - self._centre[1]) > NEARBY_MOVE:
-            self._centre = (x, y)
-            self._near = np.flatnonzero(self._distances(x, y) < NEARBY_MOVE + self._reach + self._widest)
-            self._near_table = self._table[:, self._near].copy()
 
-    def _touched(self, box: Rectangle) -> list[int]:
+class Nearby:
+    """The pieces of lanes around one body: looked up anew only after it moved, so each body has its own."""
+
+    def __init__(self, lanes: Lanes, reach: float) -> None:
+        self._lanes, self._reach = lanes, reach
+        self._centre = (math.inf, math.inf)
+        self._near: NDArray[np.intp] = np.empty(0, dtype=np.intp)
+        self._table: Floats = np.empty((6, 0))
+        self._box: Rectangle | None = None
+        self._close: list[tuple[Lane, int]] = []
+
+    def touched(self, box: Rectangle) -> list[tuple[Lane, int]]:
+        """Return the pieces that a box shares ground with."""
+        self._look_around(box.x, box.y)
+        return self._touched(box)
+
+    def close(self, box: Rectangle) -> list[tuple[Lane, int]]:
+        """Return the pieces that a box may share ground with: for a small one that moves by little, far cheaper."""
+        last = self._box
+        if last is not None:
+            turned = abs(math.remainder(box.heading - last.heading, math.tau)) * self._reach
+            if abs(box.x - last.x) + abs(box.y - last.y) + turned < CLOSE_MOVE:
+                return self._close
+        self._box, self._close = box, self.touched(box.grown(CLOSE_MOVE))
+        return self._close
+
+    def _look_around(self, x: float, y: float) -> None:
+        if not abs(x - self._centre[0]) + abs(y - self._centre[1]) <= NEARBY_MOVE:
+            self._centre = (x, y)
+            self._near = self._lanes.around(x, y, NEARBY_MOVE + self._reach)
+            self._table = self._lanes.rows(self._near)
+
+    def _touched(self, box: Rectangle) -> list[tuple[Lane, int]]:
         """Separating axes of a box and every piece nearby at once; in the order of the network."""
-        px, py, cos, sin, length, half_width = self._near_table
+        px, py, cos, sin, length, half_width = self._table
         ahead, across = 0.5 * box.length, 0.5 * box.width
         box_cos, box_sin = math.cos(box.heading), math.sin(box.heading)
         dx, dy = box.x - px, box.y - py
@@ -243,7 +272,37 @@ class Lanes:
             | (np.abs(mid_x * box_cos + mid_y * box_sin) >= ahead + half * along + half_width * skew)
             | (np.abs(mid_y * box_cos - mid_x * box_sin) >= across + half * skew + half_width * along)
         )
-        return [int(i) for i in self._near[~apart]]
+        return [self._lanes.piece(number) for number in self._near[~apart].tolist()]
+
+
+def cuts(box: Rectangle, pieces: Iterable[tuple[Lane, int]]) -> dict[str, Cut]:
+    """Return the covered part of every lane of which a box cuts a piece, by lane."""
+    corners, cos, sin = box.corners(), math.cos(box.heading), math.sin(box.heading)
+    found: dict[str, Cut] = {}
+    for lane, i in pieces:
+        part = _part(box, corners, cos, sin, lane.bands[i])
+        if part is None:
+            continue
+        start, end = lane.starts[i] + part[0], lane.starts[i] + part[1]
+        if lane.id in found:
+            start, end = min(start, found[lane.id].start), max(end, found[lane.id].end)
+        found[lane.id] = Cut(lane, start, end)
+    return found
+
+
+def _part(box: Rectangle, corners: Corners, cos: float, sin: float, band: Band) -> tuple[float, float] | None:
+    """What `covered` says, without clipping where the box lies wholly on the band or clear of it along its axes."""
+    dx, dy = box.x - band.x, box.y - band.y
+    middle, across = dx * band.cos + dy * band.sin, abs(dy * band.cos - dx * band.sin)
+    along, skew = abs(cos * band.cos + sin * band.sin), abs(sin * band.cos - cos * band.sin)
+    reach = 0.5 * (box.length * along + box.width * skew)
+    breadth = 0.5 * (box.length * skew + box.width * along)
+    start, end = middle - reach, middle + reach
+    if end <= 0.0 or start >= band.length or across - breadth >= band.half_width:
+        return None
+    if start >= 0.0 and end <= band.length and across + breadth <= band.half_width:
+        return start, end
+    return covered(corners, band)
 
 
 def in_line(line: Sequence[Lane], corners: Corners) -> bool:

@@ -13,13 +13,14 @@ from types import TracebackType
 import libsumo
 
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.values import Actors, Pose, Vehicle
+from vve_sumo.values import Actors, Player, Pose, Vehicle
 from vve_sumo.world.anchor import DECELERATION, EGO, Anchor, AnchorReport, heading_of, make_type
 from vve_sumo.world.footprint import Rectangle, behind_bumper, overlap
 from vve_sumo.world.ghosts import GHOST_TYPE, Ghosts
 from vve_sumo.world.headroom import Headroom
 from vve_sumo.world.lanes import Lanes, read_lanes
 from vve_sumo.world.obstacles import STAND_IN_TYPE, Obstacle, Obstacles
+from vve_sumo.world.players import Players, box_of
 from vve_sumo.world.simulation import SUMO_ERRORS, Simulation
 from vve_sumo.world.surroundings import Surroundings, table
 
@@ -28,7 +29,7 @@ ENTRY_GAP = 2.5
 
 
 class World:
-    """A SUMO street with one external ego. Per tick: `place`, `step`, then read.
+    """A SUMO street with one external ego. Per tick: `place`, `play`, `step`, then read.
 
     The drive places the ego and steps once before its first tick; from then on `actors` is what the ego has
     around it at the time of the pose placed last.
@@ -73,6 +74,7 @@ class World:
         self._start, self._steps = 0.0, 0
         self._snapshot: Actors | None = None
         self._cleared: tuple[str, ...] = ()
+        self._playing: Sequence[Player] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -81,7 +83,7 @@ class World:
 
     @property
     def cleared(self) -> tuple[str, ...]:
-        """Vehicles taken off the street when the ego entered because they could not have avoided it."""
+        """Vehicles taken off the street because they could not have avoided the ego, or a player, that entered."""
         return self._cleared
 
     @property
@@ -112,6 +114,14 @@ class World:
                 raise SimulationError(f"SUMO does not let the ego in: {problem}") from problem
         self._pose = pose
 
+    def play(self, players: Sequence[Player]) -> None:
+        """Have exactly these actors of the scenario on the street at the next tick, beside all others.
+
+        They go wherever they are put; of traffic that is in the way where one appears, or could not stop behind it,
+        the street is cleared. One whose numbers are not finite is left out.
+        """
+        self._playing = players
+
     def step(self) -> AnchorReport:
         """Let the street reach the next tick and compare SUMO's ego with the one asked for.
 
@@ -123,6 +133,9 @@ class World:
         try:
             if self._body is not None and self._pose is not None:
                 self._ghosts.place(self._body, self._pose.speed if moving else 0.0, self._anchor.lane)
+            for entered in self._players.place(self._playing):
+                self._cleared += _clear(box_of(entered), entered.speed, self._hidden())
+            self._players.show()
             if self._anchor.entered():
                 self._surroundings.watch()
             self._simulation.step()
@@ -141,8 +154,8 @@ class World:
     def actors(self) -> Actors:
         """Return everything with a body near the ego, without the ego; the same table until the next step.
 
-        Vehicles by name (lying on a lane or not, parked ones too), persons on foot, obstacles. Empty before the
-        ego entered.
+        Vehicles by name (lying on a lane or not, parked ones too), persons on foot, obstacles, players. Empty before
+        the ego entered.
         """
         if self._snapshot is None:
             self._snapshot = self._look()
@@ -153,6 +166,8 @@ class World:
         if self._body is None:
             return ()
         seen, body = self.actors(), self._body
+        if not seen.ids:
+            return ()
         columns = (seen.x, seen.y, seen.heading, seen.length, seen.width)
         rows = zip(seen.ids, *(column.tolist() for column in columns), strict=True)
         # What is farther off than both boxes are long and wide needs no closer look.
@@ -189,6 +204,7 @@ class World:
         self._anchor = Anchor(lanes, vehicle, route)
         self._ghosts = Ghosts(lanes)
         self._obstacles = Obstacles(obstacles, lanes)
+        self._players = Players(lanes)
         self._surroundings = Surroundings(reach, self._obstacles.declared)
 
     def _warm_up(self, duration: float) -> None:
@@ -205,7 +221,7 @@ class World:
                 raise ConfigError(f"obstacle {declared.id}: it stands where the ego starts")
 
     def _hidden(self) -> frozenset[str]:
-        return self._ghosts.ids | self._obstacles.stand_ins | {EGO}
+        return self._ghosts.ids | self._players.ids | self._obstacles.stand_ins | {EGO}
 
     def _time(self) -> float:
         return self._start + (self._steps - 1) * self._period
@@ -213,7 +229,8 @@ class World:
     def _look(self) -> Actors:
         if self._pose is None:
             return table(self._start, ())
-        return self._surroundings.snapshot(self._time(), self._pose.x, self._pose.y, self._hidden())
+        x, y, players = self._pose.x, self._pose.y, self._players.seen()
+        return self._surroundings.snapshot(self._time(), x, y, self._hidden(), players)
 
 
 def _clear(body: Rectangle, speed: float, keep: frozenset[str]) -> tuple[str, ...]:

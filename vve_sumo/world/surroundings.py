@@ -6,13 +6,13 @@ Must not know what looks at them; radar, contact tests and the record take the t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence, Set
 from typing import NamedTuple
 
 import libsumo
 import numpy as np
 
-from vve_sumo.values import Actors
+from vve_sumo.values import Actors, Player
 from vve_sumo.world.anchor import EGO
 from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.obstacles import Obstacle
@@ -37,6 +37,7 @@ RADAR_CROSS_SECTIONS = {
     "scooter": 1.0,
     "wheelchair": 1.0,
     "pedestrian": 0.5,
+    "child": 0.25,  # no class of SUMO's, but a kind of player: half the surface of an adult
 }
 OTHER_CROSS_SECTION = 10.0
 
@@ -49,6 +50,9 @@ VARIABLES = (libsumo.VAR_POSITION, libsumo.VAR_SPEED, libsumo.VAR_ANGLE)
 
 #: Bodies of vehicles that left are forgotten when so many more are known than seen.
 FORGET_ABOVE = 256
+
+
+NO_COLUMNS = (np.empty(0),) * 7
 
 
 class Body(NamedTuple):
@@ -83,13 +87,20 @@ class Surroundings:
         reach = self._reach + LONGEST_HALF
         libsumo.vehicle.subscribeContext(EGO, libsumo.CMD_GET_VEHICLE_VARIABLE, reach, VARIABLES)
 
-    def snapshot(self, time: float, x: float, y: float, hidden: Set[str]) -> Actors:
+    def snapshot(
+        self, time: float, x: float, y: float, hidden: Set[str], players: Iterable[tuple[Player, float]] = ()
+    ) -> Actors:
         """Return the actors around x, y [m] at a drive time [s], without the vehicles in `hidden`.
 
-        Vehicles by name, then persons on foot, then obstacles. Raises SUMO's errors.
+        Vehicles by name, then persons on foot, then obstacles, then players, each with its radar cross section [m2].
+        Raises SUMO's errors.
         """
         found = [*self._vehicles(hidden), *_persons()]
         found += [(name, box.x, box.y, box.heading, 0.0, body) for name, box, body in self._obstacles]
+        found += [
+            (one.id, one.x, one.y, one.heading, one.speed, Body(one.length, one.width, section))
+            for one, section in players
+        ]
         limit = self._reach * self._reach
         return table(time, [row for row in found if (row[1] - x) ** 2 + (row[2] - y) ** 2 <= limit])
 
@@ -131,7 +142,7 @@ def _row(name: str, front_x: float, front_y: float, angle: float, speed: float, 
 def table(time: float, rows: Sequence[Row]) -> Actors:
     """Return rows as a table of actors at a drive time [s]."""
     if not rows:
-        return Actors(time, (), *(np.empty(0) for _ in range(7)))
+        return Actors(time, (), *NO_COLUMNS)
     names, x, y, heading, speed, bodies = zip(*rows, strict=True)
     length, width, section = zip(*bodies, strict=True)
     return Actors(time, names, *(np.array(column) for column in (x, y, heading, speed, length, width, section)))

@@ -1,0 +1,196 @@
+"""What a run of a sweep costs: beside SUMO's bare steps, with two workers, and over thousands of runs.
+
+python benchmarks/sweep.py [--rounds N] [--jobs N] [--runs N]
+A drive of 60 s (3000 ticks) among 50 vehicles of Linden past a car parked far on, noise on, with the shipped
+controller. **Whole** is a run as the sweep's server drives it: fork of a process that has Python and SUMO imported,
+scenario, street, car and controller set up, drive, record hashed (nobody keeps it), figures, result. **Bare** is SUMO
+alone in a fork of a process that has it imported: the same network, demand, options and step length, loaded, stepped
+3000 times and closed; no ego, no reading. Both alternate, each in a process of its own; medians of processor and wall
+time. The traffic is the shipped one, whose drivers act every 0.1 s, and the same one acting at every tick.
+With --runs, that many short runs instead, and whether the memory of the last 500 is that of the first.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import select
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+REPOSITORY = Path(__file__).parent.parent
+sys.path.insert(0, str(REPOSITORY))
+
+os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
+
+from vve_sumo.sweep.engine import Local  # noqa: E402
+from vve_sumo.sweep.job import Job, Result  # noqa: E402
+from vve_sumo.sweep.worker import Worker  # noqa: E402
+
+TICKS, PERIOD = 3000, 0.02
+SCENARIO = REPOSITORY / "scenarios" / "parked_car.toml"
+DEMAND = REPOSITORY / "routes" / "linden_moderate.rou.xml"
+NETWORK = REPOSITORY / "networks" / "linden.net.xml"
+ACTING = ' actionStepLength="0.1"'  #: of the shipped traffic's vehicle types
+FRESH = """
+import sys
+from pathlib import Path
+from vve_sumo.sweep.job import Job
+from vve_sumo.sweep.readings import Readings
+from vve_sumo.sweep.run import run_job
+print(run_job(Job.from_json(sys.stdin.read()), Path(sys.argv[1]), Readings()).to_json())
+"""
+
+
+class Cost(NamedTuple):
+    """What a process took."""
+
+    cpu: float  #: [s]
+    wall: float  #: [s]
+
+
+def job(key: str, demand: Path, seconds: float = TICKS * PERIOD, seed: int = 1) -> Job:
+    """Return the drive of this benchmark."""
+    table: dict[str, Any] = tomllib.loads(SCENARIO.read_text(encoding="utf-8"))
+    table |= {"duration_s": seconds, "seed": seed}
+    table["street"]["demand"] = [str(demand)]
+    table["obstacles"][0]["at_m"] = 760.0
+    table.pop("criteria", None)
+    return Job(key, SCENARIO.stem, table, SCENARIO, REPOSITORY)
+
+
+def bare(demand: Path) -> Cost:
+    """Let a child start SUMO, step it and close it."""
+    import libsumo
+
+    from vve_sumo.world.simulation import OPTIONS
+
+    arguments = ["sumo", "--net-file", str(NETWORK), "--seed", "1", "--step-length", f"{PERIOD:.3f}"]
+    arguments += ["--route-files", str(demand), *(word for option in OPTIONS for word in option)]
+    begun, pid = time.monotonic(), os.fork()
+    if pid == 0:
+        libsumo.start(arguments)
+        for _ in range(TICKS):
+            libsumo.simulationStep()
+        libsumo.close()
+        os._exit(0)
+    _pid, status, usage = os.wait4(pid, 0)
+    if status:
+        sys.exit(f"SUMO alone ended with status {status}")
+    return Cost(usage.ru_utime + usage.ru_stime, time.monotonic() - begun)
+
+
+def driven(engine: Local, jobs: list[Job]) -> list[Result]:
+    """Drive jobs and return their results; end the benchmark at the first that has a fault."""
+    results: list[Result] = []
+
+    def done(_job: Job, result: Result) -> None:
+        if result.fault:
+            sys.exit(f"run {result.key}: {result.fault} {result.said}")
+        results.append(result)
+
+    engine.run(jobs, done)
+    return results
+
+
+def whole(worker: Worker, one: Job) -> Cost:
+    """Let a sweep's server drive a job."""
+    worker.submit(one)
+    while (result := worker.result()) is None:
+        select.select([worker], [], [])
+    if result.fault or result.figures["ticks"] != TICKS:
+        sys.exit(f"the drive did not last: {result}")
+    return Cost(result.cpu_s, result.wall_s)
+
+
+def compare(name: str, demand: Path, rounds: int) -> None:
+    """Alternate whole drives and bare steps; print medians and their ratio."""
+    worker, one, wholes, bares = Worker(), job("one", demand), [], []
+    try:
+        whole(worker, one)  # a server reads network and path once, not at every run
+        for _ in range(rounds):
+            wholes.append(whole(worker, one))
+            bares.append(bare(demand))
+    finally:
+        worker.kill()
+    print(f"\n{name}: medians of {rounds}")
+    for kind in Cost._fields:
+        drive, alone = (statistics.median(getattr(cost, kind) for cost in costs) for costs in (wholes, bares))
+        print(f"  {kind:4}  whole {drive:6.3f} s  bare {alone:6.3f} s  ratio {drive / alone:5.2f}")
+
+
+def hourly(count: int, drive: Callable[[], object]) -> float:
+    """Return how many runs an hour a call makes that drives `count` of them."""
+    begun = time.monotonic()
+    drive()
+    return 3600.0 * count / (time.monotonic() - begun)
+
+
+def workers(count: int) -> None:
+    """Print runs an hour of one worker, two, and a fresh process for each run."""
+    jobs = [job(f"{seed}", DEMAND, seed=seed) for seed in range(1, count + 1)]
+    few = jobs[: max(1, count // 8)]
+    rates: dict[str, list[float]] = {"one worker": [], "two workers": [], "fresh process a run": []}
+    for _ in range(3):
+        rates["one worker"].append(hourly(count, lambda: driven(Local(1), jobs)))
+        rates["two workers"].append(hourly(count, lambda: driven(Local(2), jobs)))
+        rates["fresh process a run"].append(hourly(len(few), lambda: fresh(few)))
+    medians = {name: statistics.median(found) for name, found in rates.items()}
+    print(f"\nruns an hour, {count} runs of 60 s each time, start of the server included: medians of 3")
+    for name, rate in medians.items():
+        print(f"  {name:20} {rate:7.0f}")
+    print(f"  two workers over one: {medians['two workers'] / medians['one worker']:.2f}")
+
+
+def fresh(jobs: list[Job]) -> None:
+    """Drive each job in a new interpreter, one after another."""
+    for one in jobs:
+        with tempfile.TemporaryDirectory() as scratch:
+            command = [sys.executable, "-c", FRESH, scratch]
+            done = subprocess.run(
+                command, input=one.to_json(), capture_output=True, text=True, cwd=REPOSITORY, check=False
+            )
+        if done.returncode != 0 or Result.from_json(done.stdout.splitlines()[-1]).fault:
+            sys.exit(f"a fresh process failed: {done.stdout[-300:]} {done.stderr[-300:]}")
+
+
+def memory(runs: int) -> None:
+    """Drive many short runs and print the greatest memory of the first 500 and of the last."""
+    jobs = [job(f"{seed}", DEMAND, seconds=2.0, seed=seed) for seed in range(1, runs + 1)]
+    begun = time.monotonic()
+    results = driven(Local(2), jobs)
+    assert len({result.key for result in results}) == runs
+    part = min(500, runs // 2)
+    first, last = (max(r.peak_mb for r in some) for some in (results[:part], results[-part:]))
+    print(f"\n{runs} runs of 2 s with two workers in {time.monotonic() - begun:.0f} s, every one there once")
+    print(f"  greatest memory: first {part} {first:.1f} MB, last {part} {last:.1f} MB, {last / first - 1:+.1%}")
+
+
+def main() -> None:
+    """Print the ratios, or the memory of many runs."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=7, help="of whole drive and bare steps (default: 7)")
+    parser.add_argument("--jobs", type=int, default=24, help="driven for runs an hour; 0 for none (default: 24)")
+    parser.add_argument("--runs", type=int, help="short runs for the memory, instead of everything else")
+    arguments = parser.parse_args()
+    if arguments.runs:
+        memory(arguments.runs)
+        return
+    with tempfile.TemporaryDirectory() as scratch:
+        every = Path(scratch) / "acting_at_every_tick.rou.xml"
+        every.write_text(DEMAND.read_text(encoding="utf-8").replace(ACTING, ""), encoding="utf-8")
+        compare("shipped traffic: drivers act every 0.1 s", DEMAND, arguments.rounds)
+        compare("the same vehicles, drivers act at every tick", every, arguments.rounds)
+    if arguments.jobs:
+        workers(arguments.jobs)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""Foresees who will be in the swept band when the car gets there, and who will have left it.
+
+It knows places and speeds across the path, and no tracks, no brakes. Whatever it says must hold by several standard
+deviations: full braking hangs on it, and somebody may follow close behind.
+"""
+
+from __future__ import annotations
+
+import math
+
+from .trend import Trend
+
+CROSSES = 4.0  #: standard deviations of speed across the path that tell crossing from noise
+IN, LEFT = 2.5, 1.0  #: standard deviations by which one must be foreseen to be in the band, or beyond it
+COMES_OVER = 2.5  #: standard deviations of speed across the path that tell changing lanes from keeping one
+FORESIGHT = 3.0  #: nothing is foretold farther ahead than this [s]
+ON_FOOT = 3.0  #: who crosses faster than this is not walking [m/s]
+WALKER, VEHICLE = 0.5, 4.0  #: way across the path that at least follows the edge that comes first [m]
+
+
+def crosses(across: Trend, surely: float = CROSSES) -> bool:
+    """Tell whether something moves across the path by so many standard deviations."""
+    return across.rate * across.rate > surely * surely * across.rate_variance
+
+
+def will_be_in(across: Trend, left: float, right: float, arrival: float) -> bool:
+    """Tell whether a crossing thing is surely within `left` and `right` of the path [m] after `arrival` [s].
+
+    What is seen of one who comes nearer is the edge that enters first; the body follows it.
+    """
+    if not arrival <= FORESIGHT:
+        return False
+    now, then, sigma, enters, leaves = _forecast(across, left, right, arrival)
+    follows = 0.0 if now > 0.0 else WALKER if abs(across.rate) < ON_FOOT else VEHICLE
+    return enters + IN * sigma <= then <= leaves + follows - IN * sigma
+
+
+def comes_over(across: Trend, left: float, right: float, within: float, surely: float) -> bool:
+    """Tell whether what goes along with the car comes into the band within a time [s], by so many standard deviations.
+
+    Unlike one who crosses it stays there: the edge that is seen first counts, and not where it would be later.
+    """
+    now, then, sigma, enters, leaves = _forecast(across, left, right, min(within, FORESIGHT))
+    return crosses(across, COMES_OVER) and now <= leaves and then - surely * sigma >= enters
+
+
+def will_have_left(across: Trend, left: float, right: float, arrival: float) -> bool:
+    """Tell whether a crossing thing is surely beyond the far side after `arrival` [s].
+
+    It must be past the middle: only then is the edge that is seen the last one.
+    """
+    now, then, sigma, _, leaves = _forecast(across, left, right, min(arrival, FORESIGHT))
+    return now > 0.0 and then - LEFT * sigma > leaves
+
+
+def _forecast(across: Trend, left: float, right: float, arrival: float) -> tuple[float, float, float, float, float]:
+    """Place now, place then, its standard deviation, where the band begins and ends: all counted in the way it goes."""
+    then, variance = across.ahead(arrival)
+    sigma = math.sqrt(variance)
+    if across.rate > 0.0:
+        return across.value, then, sigma, -right, left
+    return -across.value, -then, sigma, -left, right

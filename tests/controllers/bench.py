@@ -1,0 +1,156 @@
+"""A straight road for matrices of emergency braking: the package's radar, boxes that move as told, a car that brakes.
+
+No SUMO and no steering: a second of drive takes milliseconds. The controllers on trial are the shipped ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from vve_sumo.controller import Controller
+from vve_sumo.laws import Box, time_to_collision_of_boxes
+from vve_sumo.path import Path
+from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, RadarConfig
+from vve_sumo.values import Actors, Detections, Point, Pose, Setpoint, Situation
+from vve_sumo.vehicle import fusion
+
+PERIOD, SUBSTEPS = 0.02, 4
+EMERGENCY_JERK = 30.0  # of the gateway [m/s3]
+KMH, G = 1.0 / 3.6, 9.81
+ROAD = Path.from_points([0.0, 1000.0], [0.0, 0.0])
+CAR = fusion.vehicle()
+
+
+class Body(NamedTuple):
+    """Something on the street: where the middle of its box is at a time [s], and its sizes [m]."""
+
+    place: Callable[[float], tuple[float, float, float, float]]  #: x, y, heading, speed
+    length: float = 4.5
+    width: float = 1.8
+    cross_section: float = 10.0
+
+
+def steady(x: float, y: float, speed: float = 0.0, heading: float = 0.0, **sizes: float) -> Body:
+    """A body that keeps its speed; x and y of its middle at time 0."""
+    vx, vy = speed * math.cos(heading), speed * math.sin(heading)
+    return Body(lambda time: (x + vx * time, y + vy * time, heading, speed), **sizes)
+
+
+def walker(ego_speed: float, arrives: float, at_offset: float, speed: float, from_right: bool = True,
+           size: tuple[float, float] = (0.5, 0.6)) -> Body:  # fmt: skip
+    """One who crosses so that an unbraked ego's bumper meets its middle at `at_offset` [m] after `arrives` [s]."""
+    side = 1.0 if from_right else -1.0
+    x = CAR.rear_axle_to_bumper + ego_speed * arrives + 0.5 * size[1]
+    return steady(x, at_offset - side * speed * arrives, speed, side * 0.5 * math.pi,
+                  length=size[0], width=size[1], cross_section=0.5)  # fmt: skip
+
+
+def braking_lead(gap: float, speed: float, deceleration: float, build_up: float, since: float) -> Body:
+    """A car ahead that brakes to rest from a time [s] on, its deceleration building up linearly [s]."""
+    step, ahead = 0.005, [(CAR.rear_axle_to_bumper + gap + 2.25, speed)]
+    while len(ahead) < 12000:
+        x, v = ahead[-1]
+        late = step * len(ahead) - since
+        share = 0.0 if late <= 0.0 else min(late / build_up, 1.0) if build_up else 1.0
+        slower = max(v - deceleration * share * step, 0.0)
+        ahead.append((x + 0.5 * (v + slower) * step, slower))
+
+    def place(time: float) -> tuple[float, float, float, float]:
+        x, v = ahead[min(round(time / step), len(ahead) - 1)]
+        return x, 0.0, 0.0, v
+
+    return Body(place)
+
+
+class Ride(NamedTuple):
+    """What came of a ride."""
+
+    impact: float  #: relative speed at contact [m/s]; 0 without one
+    least_gap: float  #: along the road to what was ahead in the car's width; inf where nothing was [m]
+    hardest: float  #: acceleration [m/s2]
+    began: float  #: when the emergency did [s]; NaN never
+    speed: float  #: at the end [m/s]
+
+
+class Brakes:
+    """Gateway's jerk, dead time, torque ceiling, first-order lag; a heavier car gets less of the same torque."""
+
+    def __init__(self, mass_factor: float) -> None:
+        steps = round((PERIOD + CAR.brake_delay) / PERIOD * SUBSTEPS)
+        self._way = deque([0.0] * steps)
+        self._mass_factor, self._granted, self.acceleration = mass_factor, 0.0, 0.0
+
+    def step(self, setpoint: Setpoint) -> list[float]:
+        """Go on by one period; return the acceleration of each substep."""
+        jerk, least = (EMERGENCY_JERK, -9.0) if setpoint.emergency else (5.0, -3.5)
+        wanted = min(max(setpoint.acceleration, least), 2.0)
+        self._granted += min(max(wanted - self._granted, -jerk * PERIOD), jerk * PERIOD)
+        share = 1.0 - math.exp(-PERIOD / SUBSTEPS / CAR.brake_lag)
+        course = []
+        for _ in range(SUBSTEPS):
+            self._way.append(max(self._granted, -CAR.deceleration_limit))
+            self.acceleration += share * (self._way.popleft() / self._mass_factor - self.acceleration)
+            course.append(self.acceleration)
+        return course
+
+
+def ride(controller: Controller, speed: float, bodies: Sequence[Body], seconds: float, *, seed: int = 0,
+         ideal: bool = False, mass_factor: float = 1.0, begins: float = 0.0, stays: bool = False) -> Ride:  # fmt: skip
+    """Drive straight ahead from a speed [m/s] for some seconds, or to contact, or to rest unless it `stays`.
+
+    `ideal` takes noise and misses from the radar, `begins` shifts its scans against the ticks [s].
+    """
+    generator = np.random.default_rng(seed)
+    config = RadarConfig().ideal() if ideal else RadarConfig()
+    radar, brakes = Radar(config, CAR, generator), Brakes(mass_factor)
+    s, v, newest, began, least_gap, hardest = 0.0, speed, BEFORE_FIRST_SCAN, math.nan, math.inf, 0.0
+    for tick in range(round(seconds / PERIOD)):
+        time = tick * PERIOD
+        places = [body.place(time) for body in bodies]
+        impact, gap = _contact(s, v, bodies, places)
+        least_gap = min(least_gap, gap)
+        if impact is not None or (v <= 0.0 and not stays):
+            return Ride(impact or 0.0, least_gap, hardest, began, v)
+        pose = Pose(time, Point.REAR_AXLE, s, 0.0, 0.0, v, 0.0, 0.0, brakes.acceleration, 0.0)
+        newest = _scanned(radar, time + begins, pose, bodies, places, newest)
+        setpoint = controller.step(Situation(tick, time, pose, ROAD, speed, newest, 0.0))
+        if setpoint.emergency and math.isnan(began):
+            began = time
+        for acceleration in brakes.step(setpoint):
+            slower = max(v + acceleration * PERIOD / SUBSTEPS, 0.0)
+            s, v = s + 0.5 * (v + slower) * PERIOD / SUBSTEPS, slower
+        hardest = min(hardest, brakes.acceleration)
+    return Ride(0.0, least_gap, hardest, began, v)
+
+
+def _scanned(radar: Radar, due: float, pose: Pose, bodies: Sequence[Body],
+             places: Sequence[tuple[float, float, float, float]], newest: Detections) -> Detections:  # fmt: skip
+    if not radar.due(due):
+        return newest
+    columns = np.array(places, dtype=float).reshape(-1, 4).T.copy()
+    sizes = np.array([body[1:] for body in bodies], dtype=float).reshape(-1, 3).T.copy()
+    scan = radar.step(due, pose, Actors(due, tuple(f"body{i}" for i in range(len(bodies))), *columns, *sizes))
+    return newest if scan is None else replace(scan.detections, time=pose.time)
+
+
+def _contact(s: float, v: float, bodies: Sequence[Body], places: Sequence[tuple[float, float, float, float]]
+             ) -> tuple[float | None, float]:  # fmt: skip
+    own = Box(s + CAR.rear_axle_to_bumper - 0.5 * CAR.length, 0.0, 0.0, CAR.length, CAR.width)
+    least_gap = math.inf
+    for body, (x, y, heading, speed) in zip(bodies, places, strict=True):
+        cos, sin = math.cos(heading), math.sin(heading)
+        half_x = 0.5 * (body.length * abs(cos) + body.width * abs(sin))
+        half_y = 0.5 * (body.length * abs(sin) + body.width * abs(cos))
+        if abs(y) > half_y + 0.5 * CAR.width or x + half_x < own.x - 0.5 * CAR.length:
+            continue
+        least_gap = min(least_gap, x - half_x - s - CAR.rear_axle_to_bumper)
+        other = Box(x, y, heading, body.length, body.width)
+        if least_gap < 1.0 and time_to_collision_of_boxes(own, other) == 0.0:
+            return abs(v - speed * cos), least_gap
+    return None, least_gap

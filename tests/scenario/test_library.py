@@ -1,0 +1,97 @@
+"""The shipped scenarios: what they say hangs together, conflicts are real, and driving them meets their criteria."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import REPOSITORY
+from tests.isolated import isolated
+from vve_sumo.scenario.load import load, parse
+from vve_sumo.sweep.vary import laid
+
+FOLDER = REPOSITORY / "scenarios"
+NAMES = sorted(file.stem for file in FOLDER.glob("*.toml"))
+#: nobody stands or moves in the ego's way in these: there is nothing to run into
+WITHOUT_CONFLICT = {"calibration", "leap_hard_stop", "leap_loop", "rush_hour"}
+#: tests of their own (calibration, parked car), and minutes of driving (`benchmarks/library.py` drives these too)
+LEFT_OUT = {"calibration", "parked_car", "seen_late", "leap_loop", "rush_hour"}
+DRIVEN = sorted(set(NAMES) - LEFT_OUT)
+
+
+def at(table: Any, place: str) -> Any:
+    """Return the value at a dotted key of a scenario with all its defaults, rows of lists by their ids."""
+    for part in place.split("."):
+        if isinstance(table, (list, tuple)):
+            by_id = {row.get("id", str(number)): row for number, row in enumerate(table)}
+            table = by_id[part]
+        else:
+            table = table[part]
+    return table
+
+
+def table_of(name: str) -> dict[str, Any]:
+    return tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_parameters_keys_are_there_agree_and_lie_within_its_bounds(name: str) -> None:
+    full = load(FOLDER / f"{name}.toml").model_dump(mode="python")
+    for parameter in full["parameters"].values():
+        values = {at(full, place) for place in parameter["sets"]}
+        assert len(values) == 1
+        assert parameter["min"] <= values.pop() <= parameter["max"]
+        assert parameter["meaning"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_bound_of_a_parameter_is_a_scenario_too(name: str) -> None:
+    table = table_of(name)
+    for parameter, stated in table.get("parameters", {}).items():
+        for value in (stated["min"], stated["max"]):
+            varied = parse(laid(table, {parameter: value}), FOLDER / f"{name}.toml").model_dump(mode="python")
+            assert {at(varied, place) for place in stated["sets"]} == {value}
+
+
+def test_every_scenario_but_the_calibration_has_parameters_to_vary() -> None:
+    assert [name for name in NAMES if "parameters" not in table_of(name)] == ["calibration"]
+
+
+def _foreseen() -> dict[str, str | None]:
+    from vve_sumo.drive.command import choose
+    from vve_sumo.drive.foreseen import foresee
+
+    found = {name: foresee(choose(name, REPOSITORY)).contact for name in NAMES if name not in WITHOUT_CONFLICT}
+    return {name: None if contact is None else contact.id for name, contact in found.items()}
+
+
+def test_an_ego_that_never_brakes_touches_who_the_scenario_is_about() -> None:
+    met = isolated(_foreseen)
+    assert None not in met.values()
+    for name, touched in met.items():
+        scenario = load(FOLDER / f"{name}.toml")
+        # Where there are actors one of them is the conflict, but for the car that one of them reveals.
+        expected = {one.id for one in scenario.actors} or {one.id for one in scenario.obstacles}
+        assert touched in (expected if name != "cut_out" else {"stopped_car"}), name
+
+
+def _driven(names: list[str]) -> dict[str, dict[str, Any]]:
+    import tempfile
+
+    from vve_sumo.drive import command
+
+    with tempfile.TemporaryDirectory() as scratch:
+        return {
+            name: command.run(command.choose(name, REPOSITORY), Path(scratch) / name, REPOSITORY).summary
+            for name in names
+        }
+
+
+@pytest.mark.parametrize("part", range(3))
+def test_driving_a_scenario_meets_its_criteria(part: int) -> None:
+    for name, summary in isolated(_driven, DRIVEN[part::3]).items():
+        assert summary["passed"] is True, (name, summary["failed"], summary["text"])
+        assert not summary["removed_at_entry"], name

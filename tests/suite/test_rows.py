@@ -1,0 +1,179 @@
+"""Rows are laid out as the standards say, by closed forms of our own; what the brakes need agrees with other sums."""
+
+from __future__ import annotations
+
+import math
+from itertools import count
+
+import numpy as np
+import pytest
+
+from vve_sumo import laws
+from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.cast import SIZES
+from vve_sumo.scenario.schema import Actor, Scenario
+from vve_sumo.suite import catalogue, tables
+from vve_sumo.suite.physics import DETECTION, TICK, Course, full_braking, gap_used
+from vve_sumo.suite.row import Row
+from vve_sumo.suite.track import CAR, LOADS
+from vve_sumo.world.proving_ground import TEST_TRACK
+
+KMH = 1.0 / 3.6
+ALL = {name: {row.id: row for row in catalogue.rows(name)} for name in catalogue.names()}
+DRIVEN = [row for rows in ALL.values() for row in rows.values() if row.scenario is not None]
+
+
+def scene(row: Row) -> tuple[Scenario, Actor]:
+    assert row.scenario is not None
+    return row.scenario, row.scenario.actors[0]
+
+
+def named(name: str, *starts: str) -> list[Row]:
+    rows = [row for row in ALL[name].values() if row.id.startswith(starts or ("",)) and row.scenario is not None]
+    assert rows
+    return rows
+
+
+def test_every_row_of_the_tables_is_there():
+    r152 = [*tables.R152_STATIONARY, *tables.R152_MOVING, *tables.R152_PEDESTRIAN]
+    assert len(ALL["r152"]) == sum((row.laden is not None) + (row.unladen is not None) for row in r152)
+    euro = len(tables.EURO_NCAP_OVERLAPS) * (len(tables.EURO_NCAP_CCRS) + len(tables.EURO_NCAP_CCRM)) + 4
+    assert len(ALL["euroncap"]) == euro + 1
+    assert sum(row.scenario is None for row in ALL["fmvss127"].values()) == 4
+    assert all(row.not_applicable for rows in ALL.values() for row in rows.values() if row.scenario is None)
+    with pytest.raises(ConfigError, match="no suite named 'r153'"):
+        catalogue.rows("r153")
+
+
+@pytest.mark.parametrize("row", DRIVEN, ids=lambda row: row.id)
+def test_a_row_fits_the_track_and_its_target_enters_when_the_car_is_steady(row):
+    scenario, actor = scene(row)
+    speed, entry = scenario.ego.speed_mps, actor.enters.ego_at_m
+    assert actor.ahead_m is not None
+    assert entry is not None
+    # The shipped controller speeds up at 1.5 m/s2 and needs 3 s more to come within 0.1 km/h.
+    assert entry > speed * speed / 3.0 + 3.0 * speed
+    lead = actor.speed_mps if abs(actor.turned_deg) < 1.0 else 0.0
+    ends = entry + max(actor.ahead_m, 0.0) + (lead + 5.0) * (scenario.duration_s - speed / 1.5) + 60.0
+    assert min(ends, entry + speed * scenario.duration_s) < TEST_TRACK.path_length - 50.0
+
+
+def test_r152_begins_four_seconds_before_contact():
+    for row in named("r152"):
+        scenario, actor = scene(row)
+        lead = actor.speed_mps if actor.kind == "car" else 0.0
+        assert actor.ahead_m / (scenario.ego.speed_mps - lead) >= tables.R152_LEAST_TTC
+        assert row.approach.above == 0.0
+        assert row.approach.speed - row.approach.below < scenario.ego.speed_mps < row.approach.speed
+        assert scenario.ego.car.mass_factor == LOADS[row.id.rsplit("_", 1)[1]]
+
+
+def test_r152_allows_what_the_table_says():
+    for entry in (*tables.R152_STATIONARY, *tables.R152_PEDESTRIAN):
+        kind = "child" if entry in tables.R152_PEDESTRIAN else "stationary"
+        for load, allowed in (("laden", entry.laden), ("unladen", entry.unladen)):
+            criteria = scene(ALL["r152"][f"{kind}_{entry.speed:g}_{load}"])[0].criteria
+            assert criteria.impact_speed_mps.max == pytest.approx(allowed * KMH)
+            assert criteria.collision is (None if allowed else False)
+
+
+def test_a_child_would_be_in_the_middle_of_the_way_when_the_car_comes():
+    for row in named("r152", "child"):
+        scenario, actor = scene(row)
+        arrives = actor.ahead_m / scenario.ego.speed_mps
+        assert actor.offset_m + arrives * actor.speed_mps == pytest.approx(0.0, abs=0.1)
+        assert (actor.turned_deg, actor.speed_mps) == (90.0, pytest.approx(5.0 * KMH))
+
+
+def test_fmvss_127_begins_five_seconds_of_relative_speed_ahead():
+    for row in named("fmvss127", "stopped", "slower"):
+        scenario, actor = scene(row)
+        assert actor.ahead_m == pytest.approx(5.0 * (scenario.ego.speed_mps - actor.speed_mps))
+    for row in named("fmvss127", "decelerating"):
+        scenario, actor = scene(row)
+        kmh, headway, share = (part.rstrip("mg") for part in row.id.split("_")[1:])
+        (act,) = actor.acts
+        assert scenario.ego.speed_mps == actor.speed_mps == pytest.approx(float(kmh) * KMH)
+        assert actor.ahead_m == float(headway)
+        assert act.acceleration_mps2 == pytest.approx(float(share) * 9.80665)
+        assert 0.0 < act.build_up_s <= tables.FMVSS_127_LEAD_RAMP
+        assert act.speed_mps == 0.0
+
+
+def test_the_two_cars_leave_a_gap_of_four_and_a_half_metres():
+    for row in named("pass_through", "between"):
+        left, right = sorted(row.scenario.actors, key=lambda actor: -actor.offset_m)
+        gap = (left.offset_m - 0.5 * left.width_m) - (right.offset_m + 0.5 * right.width_m)
+        assert gap == pytest.approx(tables.FMVSS_127_PASS_GAP)
+        assert row.scenario.criteria.max_deceleration_mps2.max == pytest.approx(0.25 * 9.80665)
+
+
+def test_a_cut_in_comes_over_the_edge_of_the_lane_just_before_the_rule_ends():
+    """Corner by corner, the heading from differences of places."""
+    for row in named("r157", "cut_in"):
+        scenario, actor = scene(row)
+        (act,) = actor.acts
+        ego, other, half = scenario.ego.speed_mps, actor.speed_mps, (0.5 * actor.length_m, 0.5 * actor.width_m)
+
+        def aside(time, start=act.when.after_s, over=act.over_s):
+            share = min(max((time - start) / over, 0.0), 1.0)
+            return 4.0 * (1.0 - share**3 * (10.0 - 15.0 * share + 6.0 * share * share))
+
+        for tick in count():
+            time = tick * 0.001
+            turned = math.atan2(aside(time + 1e-4) - aside(time), 1e-4 * other)
+            signs = [(ahead, left) for ahead in (-1.0, 1.0) for left in (-1.0, 1.0)]
+            corners = [
+                complex(a * half[0], b * half[1]) * complex(math.cos(turned), math.sin(turned)) for a, b in signs
+            ]
+            if aside(time) + min(corner.imag for corner in corners) < 2.0:
+                break
+        gap = actor.ahead_m + half[0] + (other - ego) * time + min(corner.real for corner in corners)
+        assert gap / (ego - other) == pytest.approx(row.cut_in.ttc, abs=0.005)
+        assert row.cut_in.ttc - row.cut_in.tolerance == pytest.approx(tables.cut_in_time(ego - other))
+
+
+def test_targets_are_as_wide_as_cars():
+    widths = {actor.width_m or SIZES[actor.kind].width for row in DRIVEN for actor in row.scenario.actors}
+    assert widths == {1.8, tables.EURO_NCAP_TARGET_WIDTH, SIZES["child"].width}
+
+
+@pytest.mark.parametrize("speed", [2.0, 5.6, 11.1, 22.2])
+@pytest.mark.parametrize("lead", [0.0, 1.5])
+def test_what_braking_for_a_steady_car_needs_is_the_stopping_distance(speed, lead):
+    needed = gap_used(full_braking(CAR, speed), Course(lead))
+    delay = DETECTION + TICK + CAR.brake_delay
+    closed = laws.stopping_distance(speed - lead, CAR.deceleration_limit, delay, 2.0 * CAR.brake_lag)
+    assert needed == pytest.approx(closed, abs=1e-3)
+
+
+def test_an_impact_that_is_allowed_needs_less_way():
+    speed, allowed = 16.7, 9.7
+    ego = full_braking(CAR, speed)._replace(build_up=0.0)
+    needed = gap_used(ego, Course(0.0), allowed)
+    assert laws.impact_speed(speed, needed, ego.deceleration, ego.delay) == pytest.approx(allowed, abs=0.01)
+
+
+@pytest.mark.parametrize("deceleration", [2.0, 4.9, 6.0])
+@pytest.mark.parametrize("last", [0.0, 2.0 * KMH])
+def test_a_course_agrees_with_small_steps(deceleration, last):
+    course = Course(13.9, deceleration, delay=0.3, build_up=0.5, last_speed=last)
+    speed, way, step = 13.9, 0.0, 1e-5
+    for number in range(round(9.0 / step)):
+        pull = deceleration * min(max((number * step - 0.3) / 0.5, 0.0), 1.0)
+        slower = max(speed - pull * step, last)
+        way, speed = way + 0.5 * (speed + slower) * step, slower
+    ways, speeds = course.at(np.array([9.0]))
+    assert (ways[0], speeds[0]) == (pytest.approx(way, abs=0.01), pytest.approx(last, abs=1e-6))
+
+
+def test_a_heavier_car_needs_more():
+    light, heavy = (gap_used(full_braking(CAR, 15.0, mass), Course(0.0)) for mass in (1.0, 1.15))
+    assert heavy - light == pytest.approx(0.15 * 15.0**2 / (2.0 * CAR.deceleration_limit), rel=0.01)
+
+
+def test_a_car_ahead_that_is_already_at_rest_is_as_one_that_never_moved():
+    ego = full_braking(CAR, 13.9)
+    stops_at_once = Course(0.1, 100.0)
+    assert gap_used(ego, stops_at_once) == pytest.approx(gap_used(ego, Course(0.0)), abs=0.01)
+    assert math.isclose(gap_used(ego, Course(30.0)), 0.0)

@@ -1,0 +1,283 @@
+"""A sweep's folder: nothing finished is lost, whenever the process is killed, and the rows are the same bytes."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow.dataset
+import pytest
+
+from tests.isolated import isolated
+from vve_sumo.errors import ConfigError, SimulationError
+from vve_sumo.sweep.cells import Cell
+from vve_sumo.sweep.dataset import MACHINE, Dataset, Plan, load_rows, refuse_mixed
+from vve_sumo.sweep.job import Result
+
+COUNT, PER_PART = 5, 2
+#: the order in which runs finish: the second part is whole before the first, and one is long in coming
+ORDER = (2, 0, 3, 4, 1)
+
+PLAN = Plan(
+    spec={"scenario": "s", "parameters": {"speed": [1.0, 2.0]}},
+    scenario="s",
+    table={"title": "t"},
+    file="/nowhere/s.toml",
+    working="/nowhere",
+    cells=COUNT,
+    parameters={"speed": "float", "kind": "str"},
+    criteria=["stop_gap_m"],
+    files_sha256={"network": ["0"]},
+    versions={"vve-sumo": "1", "libsumo": "2"},
+)
+
+
+def cell(number: int) -> Cell:
+    return Cell(number, f"{number:016x}", {"speed": 0.1 * number, "kind": "a"}, 1 + number)
+
+
+def result(number: int) -> Result:
+    if number == 3:
+        return Result(cell(number).key, fault="crashed: SIGSEGV", said="…")
+    figures = {"outcome": "stopped", "passed": number % 2 == 0, "stop_gap_m": 5.0 / (1 + number), "min_ttc_s": None}
+    return Result(cell(number).key, {**figures, "ticks": number, "record_sha256": f"{number}"}, wall_s=1.5)
+
+
+def begun(folder: Path, **changes: Any) -> Dataset:
+    return Dataset(folder, replace(PLAN, **changes), resume=True, rows_per_part=PER_PART)
+
+
+def fill(folder: Path, told: Callable[[int], None] = lambda number: None, most: int = COUNT) -> Dataset:
+    dataset = begun(folder)
+    for number in ORDER[:most]:
+        if not dataset.holds(number):
+            dataset.add(cell(number), result(number))
+            told(number)
+    return dataset
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(file.relative_to(folder)): file.read_bytes() for file in sorted(folder.rglob("*")) if file.is_file()}
+
+
+SYSTEM_CALLS = {
+    os.open, os.write, os.fsync, os.fdatasync, os.replace, os.rename, os.unlink, os.close, os.mkdir, os.ftruncate
+}  # fmt: skip
+
+
+def _killed_at(folder: Path, instant: int, pipe: int) -> None:
+    """Fill a folder, and be killed at one instant: before one of the calls that touch the disk."""
+    left = instant
+
+    def look(_frame: object, event: str, called: object) -> None:
+        nonlocal left
+        if event == "c_call" and called in SYSTEM_CALLS:
+            left -= 1
+            if left == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    def told(number: int) -> None:
+        sys.setprofile(None)
+        os.write(pipe, bytes([number]))
+        sys.setprofile(look)
+
+    sys.setprofile(look)
+    fill(folder, told).close()
+    sys.setprofile(None)
+
+
+def _forked(folder: Path, instant: int) -> tuple[bool, set[int]]:
+    """Return whether the child was killed, and the runs that it was told are finished."""
+    here, there = os.pipe()
+    child = os.fork()
+    if child == 0:
+        _killed_at(folder, instant, there)
+        os._exit(0)
+    os.close(there)
+    with os.fdopen(here, "rb") as pipe:
+        finished = set(pipe.read())
+    _pid, status = os.waitpid(child, 0)
+    assert status in (0, signal.SIGKILL)
+    return status != 0, finished
+
+
+def _every_instant() -> int:
+    memory = "/dev/shm" if Path("/dev/shm").is_dir() else None  # where nothing waits for a disk
+    with tempfile.TemporaryDirectory(dir=memory) as scratch:
+        return _killed_at_each(Path(scratch))
+
+
+def _killed_at_each(scratch: Path) -> int:
+    fill(scratch / "whole").close()
+    whole = content(scratch / "whole")
+    for instant in range(1, 1000):
+        folder = scratch / str(instant)
+        killed, finished = _forked(folder, instant)
+        if killed and (folder / "sweep.json").exists():
+            assert finished <= set(load_rows(folder)["number"]), f"instant {instant}"
+        dataset = begun(folder)
+        assert all(map(dataset.holds, finished)), f"instant {instant}: a finished run is lost"
+        dataset.close()
+        fill(folder).close()
+        assert content(folder) == whole, f"instant {instant}"
+        if not killed:
+            return instant
+    raise AssertionError("it never came to an end")
+
+
+def test_a_kill_at_any_instant_loses_nothing_and_the_bytes_are_the_same() -> None:
+    """Brute force: before every call that touches the disk a process is really killed."""
+    assert isolated(_every_instant) > 80
+
+
+def test_rows_come_back_in_cell_order(tmp_path: Path) -> None:
+    fill(tmp_path / "a").close()
+    rows = load_rows(tmp_path / "a")
+    assert list(rows["number"]) == list(range(COUNT))
+    assert list(rows["speed"]) == [0.1 * number for number in range(COUNT)]
+    assert list(rows["seed"]) == [1 + number for number in range(COUNT)]
+    assert rows["fault"][3] == "crashed: SIGSEGV"
+    assert rows["passed"].isna().tolist() == [number == 3 for number in range(COUNT)]
+    table = pyarrow.dataset.dataset(tmp_path / "a" / "rows").to_table()
+    assert table.num_rows == COUNT
+    assert table.schema.names == list(PLAN.columns())
+    machine = pyarrow.dataset.dataset(tmp_path / "a" / "machine").to_table()
+    assert machine.schema.names == list(MACHINE)
+    assert not (tmp_path / "a" / "journal.jsonl").exists()
+
+
+def test_an_unfinished_sweep_can_be_read(tmp_path: Path) -> None:
+    dataset = fill(tmp_path / "a", most=3)  # 2, 0, 3: the second part is sealed
+    assert list(load_rows(tmp_path / "a")["number"]) == [0, 2, 3]
+    assert [file.name for file in (tmp_path / "a" / "rows").glob("*")] == ["part-00001.parquet"]
+    assert dataset.finished == 3
+    dataset.close()
+    assert (tmp_path / "a" / "journal.jsonl").read_text(encoding="utf-8").count("\n") == 1
+
+
+@pytest.mark.parametrize("torn", [b"{", b'{"number":1,"key":"x"}', b"\0\0\0\0"])
+def test_a_torn_last_line_is_dropped(tmp_path: Path, torn: bytes) -> None:
+    fill(tmp_path / "a", most=2).close()
+    with (tmp_path / "a" / "journal.jsonl").open("ab") as journal:
+        journal.write(torn)
+    dataset = begun(tmp_path / "a")
+    assert (dataset.finished, dataset.holds(1)) == (2, False)
+    dataset.close()
+    fill(tmp_path / "a").close()
+    fill(tmp_path / "whole").close()
+    assert content(tmp_path / "a") == content(tmp_path / "whole")
+
+
+def test_a_damaged_line_is_named(tmp_path: Path) -> None:
+    fill(tmp_path / "a", most=2).close()
+    journal = tmp_path / "a" / "journal.jsonl"
+    journal.write_bytes(b"what\n" + journal.read_bytes())
+    with pytest.raises(ConfigError, match=r"journal\.jsonl: line 1 is no finished run"):
+        begun(tmp_path / "a")
+
+
+def test_no_run_counts_twice(tmp_path: Path) -> None:
+    dataset = fill(tmp_path / "a", most=3)
+    for number in (0, 2):  # in the journal, in a part
+        with pytest.raises(ValueError, match="finished already"):
+            dataset.add(cell(number), result(number))
+    dataset.close()
+
+
+def test_one_sweep_at_a_time(tmp_path: Path) -> None:
+    dataset = fill(tmp_path / "a", most=2)
+    with pytest.raises(ConfigError, match="another sweep is at work"):
+        begun(tmp_path / "a")
+    dataset.close()
+    begun(tmp_path / "a").close()
+
+
+OTHERS: dict[str, dict[str, Any]] = {
+    "its parameters differs": {"spec": PLAN.spec | {"parameters": {"speed": [1.0]}}},
+    "its seeds differs": {"spec": PLAN.spec | {"seeds": 2}},
+    "scenario s has changed": {"table": {"title": "u"}},
+    "file of network has changed": {"files_sha256": {"network": ["1"]}},
+    "mixed versions: its rows are of libsumo 2, and this is 3": {"versions": {"vve-sumo": "1", "libsumo": "3"}},
+    "its columns or its number of runs differ": {"cells": 6},
+}
+
+
+@pytest.mark.parametrize("why", OTHERS)
+def test_the_folder_of_another_sweep_is_refused(tmp_path: Path, why: str) -> None:
+    fill(tmp_path / "a", most=2).close()
+    before = content(tmp_path / "a")
+    with pytest.raises(ConfigError, match=why) as found:
+        begun(tmp_path / "a", **OTHERS[why])
+    assert "\n" not in str(found.value)
+    assert content(tmp_path / "a") == before
+
+
+def test_a_title_and_what_is_kept_may_change(tmp_path: Path) -> None:
+    fill(tmp_path / "a", most=2).close()
+    begun(tmp_path / "a", spec=PLAN.spec | {"title": "x", "keep": "all"}, working="/elsewhere").close()
+
+
+def test_going_on_has_to_be_asked_for(tmp_path: Path) -> None:
+    fill(tmp_path / "a", most=2).close()
+    with pytest.raises(ConfigError, match="--resume goes on"):
+        Dataset(tmp_path / "a", PLAN, resume=False)
+
+
+def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("x", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"something else \(thesis\.tex\)"):
+        begun(tmp_path)
+    with pytest.raises(ConfigError, match="is a file"):
+        begun(tmp_path / "thesis.tex")
+    assert list(content(tmp_path)) == ["thesis.tex"]
+
+
+def test_another_layout_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "sweep.json").write_text(json.dumps({"version": 0}), encoding="utf-8")
+    with pytest.raises(ConfigError, match="another vve-sumo wrote it"):
+        Plan.of(tmp_path)
+    (tmp_path / "sweep.json").write_text("[", encoding="utf-8")
+    with pytest.raises(ConfigError, match="not what a sweep writes"):
+        Plan.of(tmp_path)
+    with pytest.raises(ConfigError, match="not a sweep's folder"):
+        load_rows(tmp_path / "absent")
+
+
+def test_versions_that_came_or_went_are_mixed(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="scipy none, and this is 1"):
+        refuse_mixed(tmp_path, PLAN, PLAN.versions | {"scipy": "1"})
+
+
+def _until_full(folder: Path) -> str:
+    """Fill a folder whose files cannot grow beyond a limit; say what stopped it."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    dataset = begun(folder)
+    dataset.add(cell(0), result(0))
+    room = (folder / "journal.jsonl").stat().st_size + 40
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
+    try:
+        dataset.add(cell(1), result(1))
+    except SimulationError as error:
+        assert dataset.finished == 1
+        assert not dataset.holds(1)
+        return str(error)
+    return "nothing"
+
+
+def test_a_full_disk_is_one_line_and_the_sweep_goes_on_later(tmp_path: Path) -> None:
+    said = isolated(_until_full, tmp_path / "a")
+    assert "cannot be written" in said
+    assert "--resume" in said
+    assert "\n" not in said
+    assert list(load_rows(tmp_path / "a")["number"]) == [0]
+    fill(tmp_path / "a").close()
+    fill(tmp_path / "whole").close()
+    assert content(tmp_path / "a") == content(tmp_path / "whole")

@@ -1,0 +1,59 @@
+"""What rows come to: intervals against closed forms and scipy's own."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from vve_sumo.sweep.statistics import Mean, outcome, wilson
+
+
+@given(st.integers(1, 500), st.data())
+def test_wilsons_interval_is_the_closed_form(judged: int, data: st.DataObject) -> None:
+    passed = data.draw(st.integers(0, judged))
+    z, share = 1.959963984540054, passed / judged
+    middle = (share + z * z / (2 * judged)) / (1 + z * z / judged)
+    half = z / (1 + z * z / judged) * math.sqrt(share * (1 - share) / judged + z * z / (4 * judged * judged))
+    assert wilson(passed, judged) == pytest.approx((middle - half, middle + half), abs=1e-9)
+
+
+def test_nothing_judged_says_nothing() -> None:
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30))
+def test_a_mean_and_its_interval_are_scipys(values: list[float]) -> None:
+    mean = Mean()
+    for value in values:
+        mean.add(value)
+    assert mean.mean == pytest.approx(np.mean(values), abs=1e-9)
+    assert mean.half == pytest.approx(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1), rel=1e-6, abs=1e-9)
+
+
+def test_a_single_number_has_no_interval() -> None:
+    mean = Mean()
+    assert math.isnan(mean.mean)
+    mean.add(4.0)
+    assert mean.mean == 4.0
+    assert math.isnan(mean.half)
+
+
+def row(speed: float, passed: bool | None, gap: float | None, fault: str = "") -> dict[str, Any]:
+    return {"speed": speed, "passed": passed, "gap": gap, "fault": fault}
+
+
+def test_runs_are_grouped_and_faults_stand_beside() -> None:
+    rows = [row(1.0, True, 5.0), row(2.0, False, None), row(1.0, None, None, "timed_out"), row(1.0, True, 6.0)]
+    came = outcome(rows, ["speed"], ["gap"])
+    first, second = came.groups[(1.0,)], came.groups[(2.0,)]
+    assert list(came.groups) == [(1.0,), (2.0,)]
+    assert (first.runs, first.judged, first.passed, first.means["gap"].mean) == (3, 2, 2, 5.5)
+    assert (second.runs, second.judged, second.passed, second.means["gap"].count) == (1, 1, 0, 0)
+    assert (came.all.runs, came.all.judged, came.all.passed) == (4, 3, 2)
+    assert list(came.told()) == ["1 x timed_out"]

@@ -1,0 +1,104 @@
+"""Finds what a scenario's actors are told to follow, paths and recorded speeds, and puts their cast together.
+
+Reads files and moves nobody; must not know SUMO.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Final
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.path import Path
+from vve_sumo.scenario.schema import Actor
+
+SPEED_COLUMNS: Final = ("time_s", "speed_mps")
+
+#: No road user is faster; what is, is no recorded speed in metres per second.
+FASTEST: Final = 100.0
+
+#: From a kind of file, a name and the key that names it to the file.
+Find = Callable[[str, str, str], FilePath]
+
+Speeds = tuple[tuple[float, ...], tuple[float, ...]]  #: times [s], speeds [m/s]
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """What the actors follow, by the names that the scenario uses."""
+
+    lines: dict[str, Path]  #: in the street's map
+    recordings: dict[str, Speeds]
+    files: dict[str, FilePath]  #: what was read, by role
+
+
+def followed(
+    actors: tuple[Actor, ...], file: FilePath, ego_path: Path, find: Find, read: Callable[[FilePath], Path]
+) -> Followed:
+    """Find and read what the actors follow; `read` reads a path's file.
+
+    Raises ConfigError naming the scenario's `file` and the key of what is missing or lies beyond its path, or the line
+    of what is wrong inside a file.
+    """
+    found = Followed({}, {}, {})
+    for actor in actors:
+        where = f"actors.{actor.id}"
+        if actor.path is not None:
+            found.files[f"{where}.path"] = source = find("path", actor.path, f"{where}.path")
+            if actor.path not in found.lines:
+                found.lines[actor.path] = read(source)
+        path = ego_path if actor.path is None else found.lines[actor.path]
+        if actor.at_m is not None and actor.at_m > path.length:
+            raise ConfigError(f"{file}: {where}: at_m {actor.at_m:g} lies beyond the path's {path.length:.1f} m")
+        for number, act in enumerate(actor.acts):
+            if act.speeds is not None:
+                key = f"{where}.acts.{number}.speeds"
+                found.files[key] = source = find("speeds", act.speeds, key)
+                found.recordings[act.speeds] = read_speeds(source)
+    return found
+
+
+def read_speeds(file: FilePath) -> Speeds:
+    """Return times [s] and speeds [m/s] of a CSV file whose header names them, lines from `#` on left out.
+
+    Raises ConfigError naming file and line for what is no number, a speed no road user drives, or a time not later than
+    the one before it.
+    """
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"speeds {file}: cannot be read: {error}") from None
+    if "\0" in text:
+        raise ConfigError(f"speeds {file}: expected a CSV file, got binary data")
+    rows = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    header = [cell.strip() for cell in rows[0][1].split(",")] if rows else []
+    missing = [column for column in SPEED_COLUMNS if column not in header]
+    if missing:
+        raise ConfigError(f"speeds {file}: no column {missing[0]}, expected a header with {', '.join(SPEED_COLUMNS)}")
+    if len(rows) < 2:
+        raise ConfigError(f"speeds {file}: expected at least one row of {', '.join(SPEED_COLUMNS)}, got none")
+    times, speeds = [-math.inf], [0.0]
+    for number, line in rows[1:]:
+        time, speed = _row(file, number, line, [header.index(column) for column in SPEED_COLUMNS])
+        if not time > times[-1]:
+            raise ConfigError(f"speeds {file}, line {number}: expected a time after {times[-1]:g} s, got {time:g}")
+        times.append(time)
+        speeds.append(speed)
+    return tuple(times[1:]), tuple(speeds[1:])
+
+
+def _row(file: FilePath, number: int, line: str, columns: list[int]) -> tuple[float, float]:
+    try:
+        cells = next(csv.reader([line]))
+        time, speed = (float(cells[column]) for column in columns)
+    except (ValueError, IndexError, csv.Error):
+        raise ConfigError(f"speeds {file}, line {number}: expected two numbers, got {line[:60]!r}") from None
+    if not (math.isfinite(time) and 0.0 <= speed <= FASTEST):
+        raise ConfigError(
+            f"speeds {file}, line {number}: expected a time and a speed of 0 to {FASTEST:g} m/s, got {line[:60]!r}"
+        )
+    return time, speed

@@ -1,0 +1,42 @@
+"""The suites by name; what each is, in a line, and its rows.
+
+Builds scenarios; runs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.suite import euroncap, fmvss127, r152, r157
+from vve_sumo.suite.row import Row
+
+
+class Suite(NamedTuple):
+    """A suite before its rows are built."""
+
+    title: str
+    rows: Callable[[], Iterator[Row]]
+
+
+SUITES = {
+    "r152": Suite("UN R152 (M1): cars that stand or move, a child that crosses, laden and unladen", r152.rows),
+    "fmvss127": Suite("FMVSS 127: a car ahead that stands, drives slower, brakes", fmvss127.lead_rows),
+    "pass_through": Suite("FMVSS 127: no braking between two cars beside the way", fmvss127.pass_through_rows),
+    "euroncap": Suite("Euro NCAP 2023 CCRs, CCRm, CCRb, with overlaps; passed where nothing is touched", euroncap.rows),
+    "r157": Suite("UN R157: a car cuts in as late as has to be avoided", r157.cut_in_rows),
+    "following": Suite("UN R157: the distance kept behind a steady car", r157.following_rows),
+}
+
+
+def names() -> tuple[str, ...]:
+    """Return the suites' names."""
+    return tuple(SUITES)
+
+
+def rows(name: str) -> list[Row]:
+    """Return a suite's rows; raises ConfigError where there is no such suite."""
+    if name not in SUITES:
+        raise ConfigError(f"no suite named {name!r}; known: {', '.join(SUITES)}")
+    return list(SUITES[name].rows())

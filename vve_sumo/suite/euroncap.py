@@ -1,0 +1,88 @@
+"""Euro NCAP AEB car-to-car rear of 2023: a car that stands (CCRs), moves (CCRm) or brakes (CCRb), at five overlaps.
+
+The protocol gives points, which none of our sources tells; here a row is passed where nothing is touched.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from vve_sumo.suite import tables
+from vve_sumo.suite.fmvss127 import braking_lead, braking_need
+from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
+from vve_sumo.suite.row import Approach, Row
+from vve_sumo.suite.track import AEB, CAR, KMH, TARGET, impact_at_most, said, scenario, target, time_to_brake
+
+START = 4.0  #: time to collision at which the target enters [s]; ours
+TOLERANCE = 1.0 * KMH  #: of the test speed [m/s]; ours
+LENGTH = 4.0  #: of the target [m]; ours
+
+
+def rows() -> Iterator[Row]:
+    """Return the suite's rows."""
+    for kmh in tables.EURO_NCAP_CCRS:
+        for overlap in tables.EURO_NCAP_OVERLAPS:
+            yield _closing("CCRs", kmh, 0.0, overlap)
+    for kmh in tables.EURO_NCAP_CCRM:
+        for overlap in tables.EURO_NCAP_OVERLAPS:
+            yield _closing("CCRm", kmh, tables.EURO_NCAP_CCRM_TARGET, overlap)
+    yield from _braking()
+    low, high = tables.EURO_NCAP_CCRS_FCW[0], tables.EURO_NCAP_CCRS_FCW[-1]
+    why = "the warning is judged by a driver who brakes on it: an override hands over"
+    yield Row("CCRs_FCW", f"CCRs with warning, {low:g} to {high:g} km/h", "a warning", None, not_applicable=why)
+
+
+def lateral_offset(overlap: float, width: float) -> float:
+    """Return how far the target stands beside the way [m] of a car of a width [m] at an overlap [%].
+
+    sign(overlap) (w_target / 2 - w_car (|overlap| - 50) / 100), and 0 at 100 % [S] vectorgrp/OSC-NCAP-scenarios.
+    """
+    if overlap == 100.0:
+        return 0.0
+    aside = 0.5 * tables.EURO_NCAP_TARGET_WIDTH - width * (abs(overlap) - 50.0) / 100.0
+    return math.copysign(aside, overlap)
+
+
+def _closing(kind: str, kmh: float, target_kmh: float, overlap: float) -> Row:
+    speed, lead = kmh * KMH, target_kmh * KMH
+    ahead = START * (speed - lead)
+    what = f"{kind}, {kmh:g} km/h, overlap {overlap:g} %"
+    keys = {
+        "speed_mps": lead,
+        "offset_m": lateral_offset(overlap, CAR.width),
+        "width_m": tables.EURO_NCAP_TARGET_WIDTH,
+        "length_m": LENGTH,
+    }
+    return Row(
+        id=f"{kind}_{kmh:g}_{overlap:g}",
+        what=what,
+        required=said(0.0),
+        scenario=scenario(
+            f"Euro NCAP: {what}",
+            speed,
+            lasts=START + time_to_brake(speed),
+            controller={"tuning": AEB},
+            actors=[target(speed, ahead, **keys)],
+            criteria=impact_at_most(0.0),
+            abort={"contact": True},
+        ),
+        approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+        need=Need(gap_used(full_braking(CAR, speed), Course(lead)), ahead),
+    )
+
+
+def _braking() -> Iterator[Row]:
+    kmh = tables.EURO_NCAP_CCRB
+    speed, last = kmh * KMH, tables.EURO_NCAP_CCRB_END * KMH
+    for headway in tables.EURO_NCAP_CCRB_HEADWAY:
+        for deceleration in tables.EURO_NCAP_CCRB_DECELERATION:
+            what = f"CCRb, {kmh:g} km/h, headway {headway:g} m, -{deceleration:g} m/s2"
+            yield Row(
+                id=f"CCRb_{headway:g}m_{deceleration:g}",
+                what=what,
+                required=said(0.0),
+                scenario=braking_lead(f"Euro NCAP: {what}", speed, headway, deceleration, last),
+                approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+                need=braking_need(speed, headway, deceleration, last),
+            )

@@ -1,0 +1,135 @@
+"""FMVSS 127: braking for a vehicle ahead, and not braking between two cars that stand beside the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from vve_sumo.scenario.schema import Scenario
+from vve_sumo.suite import tables
+from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
+from vve_sumo.suite.row import Approach, Row
+from vve_sumo.suite.track import (
+    AEB,
+    CAR,
+    GRAVITY,
+    KMH,
+    TARGET,
+    gone_by,
+    impact_at_most,
+    said,
+    scenario,
+    target,
+    time_to_brake,
+)
+
+STEP = 10.0  #: between the speeds of a range [km/h]; the standard allows any in it
+STEADY = 3.0  #: the car ahead keeps its speed so long, then brakes [s]
+RAMP = 0.5  #: in which its braking builds up, within the standard's 1.5 s [s]
+WIDTH = 1.8  #: of the cars beside the way [m]
+NO_OVERRIDE = "a driver who brakes takes over: the override hands the car to him"
+TOLERANCE = tables.FMVSS_127_SPEED_TOLERANCE * KMH
+
+
+def lead_rows() -> Iterator[Row]:
+    """Return the rows with a vehicle ahead."""
+    for entry in tables.FMVSS_127_LEAD:
+        if entry.manual_brake:
+            low, high = entry.subject
+            speeds = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+            id = f"{entry.kind}_{low:g}_manual_brake"
+            what = f"lead {entry.kind}, {speeds} km/h, driver brakes"
+            yield Row(id, what, said(0.0), None, not_applicable=NO_OVERRIDE)
+        elif entry.headway is None or entry.deceleration is None:
+            yield from _closing(entry)
+        else:
+            yield from _decelerating(entry.lead, entry.headway, entry.deceleration)
+
+
+def _closing(entry: tables.Lead) -> Iterator[Row]:
+    low, high = entry.subject
+    for number in range(round((high - low) / STEP) + 1):
+        kmh = low + number * STEP
+        speed, lead = kmh * KMH, entry.lead * KMH
+        ahead = tables.FMVSS_127_START * (speed - lead)
+        what = f"lead {entry.kind}, {kmh:g} km/h" + (f" against {entry.lead:g}" if lead else "")
+        yield Row(
+            id=f"{entry.kind}_{kmh:g}",
+            what=what,
+            required=said(0.0),
+            scenario=scenario(
+                f"FMVSS 127: {what}",
+                speed,
+                lasts=tables.FMVSS_127_START + time_to_brake(speed),
+                controller={"tuning": AEB},
+                actors=[target(speed, ahead, speed_mps=lead)],
+                criteria=impact_at_most(0.0),
+                abort={"contact": True},
+            ),
+            approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+            need=Need(gap_used(full_braking(CAR, speed), Course(lead)), ahead),
+        )
+
+
+def _decelerating(kmh: float, headways: tuple[float, ...], decelerations: tuple[float, ...]) -> Iterator[Row]:
+    speed = kmh * KMH
+    for headway in headways:
+        for share in decelerations:
+            what = f"lead decelerating at {share:g} g, {kmh:g} km/h, headway {headway:g} m"
+            yield Row(
+                id=f"decelerating_{kmh:g}_{headway:g}m_{share:g}g",
+                what=what,
+                required=said(0.0),
+                scenario=braking_lead(f"FMVSS 127: {what}", speed, headway, share * GRAVITY, 0.0),
+                approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+                need=braking_need(speed, headway, share * GRAVITY, 0.0),
+            )
+
+
+def braking_lead(title: str, speed: float, headway: float, deceleration: float, last: float) -> Scenario:
+    """Return the scenario of a car ahead that brakes down to a `last` speed; SI units."""
+    act = {"when": {"after_s": STEADY}, "speed_mps": last, "acceleration_mps2": deceleration, "build_up_s": RAMP}
+    return scenario(
+        title,
+        speed,
+        lasts=STEADY + speed / deceleration + headway / speed + time_to_brake(speed),
+        controller={"tuning": AEB},
+        actors=[target(speed, headway, speed_mps=speed, acts=[act])],
+        criteria=impact_at_most(0.0),
+        abort={"contact": True},
+    )
+
+
+def braking_need(speed: float, headway: float, deceleration: float, last: float) -> Need:
+    """Return what `braking_lead` demands; to see the car ahead brake takes the time of a detection."""
+    lead = Course(speed, deceleration, build_up=RAMP, last_speed=last)
+    return Need(gap_used(full_braking(CAR, speed), lead), headway)
+
+
+def pass_through_rows() -> Iterator[Row]:
+    """Return the rows of the tests for false activation."""
+    speed, limit = tables.FMVSS_127_PASS_SPEED * KMH, tables.FMVSS_127_FALSE_ACTIVATION * GRAVITY
+    ahead = tables.FMVSS_127_START * speed
+    aside = 0.5 * (tables.FMVSS_127_PASS_GAP + WIDTH)
+    pair = [
+        target(speed, ahead, width_m=WIDTH, offset_m=aside),
+        target(speed, ahead, width_m=WIDTH, offset_m=-aside) | {"id": "other"},
+    ]
+    required = f"deceleration <= {tables.FMVSS_127_FALSE_ACTIVATION:g} g"
+    for id, what, tuning in (("aeb", "emergency braking alone", AEB), ("whole", "the whole controller", {})):
+        yield Row(
+            id=f"between_two_cars_{id}",
+            what=f"between two cars {tables.FMVSS_127_PASS_GAP:g} m apart, 80 km/h, {what}",
+            required=required,
+            scenario=scenario(
+                f"FMVSS 127: between two cars, {what}",
+                speed,
+                lasts=tables.FMVSS_127_START + time_to_brake(speed),
+                controller={"tuning": tuning},
+                actors=pair,
+                criteria={"max_deceleration_mps2": {"max": limit}},
+                abort=gone_by(speed, ahead),
+            ),
+            approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+        )
+    plate = "the radar is geometric: it sees boxes of road users, and a plate in the road is none"
+    yield Row("steel_plate", "over a steel plate in the road, 80 km/h", required, None, not_applicable=plate)

@@ -1,0 +1,81 @@
+"""What a row's record says of how the test was driven: the approach, and how the target came into the lane.
+
+Reads records of drives; judges nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from vve_sumo.drive.record import read_table
+from vve_sumo.suite.row import CutIn, Row
+from vve_sumo.suite.track import CAR, GRAVITY
+from vve_sumo.values import Floats
+
+BRAKING = 0.15 * GRAVITY  #: the car brakes when it decelerates by more [m/s2]; FMVSS 127, S4 [P]
+
+#: columns of the ego's truth and of an actor's row
+EGO = ("x_m", "y_m", "heading_rad", "speed_mps")
+
+
+def measure(row: Row, record: Path) -> tuple[tuple[float, float] | None, float | None]:
+    """Return least and greatest speed of the approach [m/s] and the time to collision of a cut-in [s].
+
+    None for what the row does not ask for, and where its target never entered.
+    """
+    if row.approach is None:
+        return None, None
+    ticks, actors = read_table(record, "ticks"), read_table(record, "actors")
+    seen = actors.filter(pc.equal(actors["actor"], row.approach.target))
+    if not seen.num_rows:
+        return None, None
+    entry = int(seen["tick"][0].as_py()) - int(ticks["tick"][0].as_py())
+    cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, seen)
+    return _speeds(ticks, entry, cut), ttc
+
+
+def _speeds(ticks: pa.Table, entry: int, cut: int | None) -> tuple[float, float]:
+    """Least and greatest speed from the tick of the entry to the braking, the contact or the cut-in."""
+    speed = ticks["true_speed_mps"].to_numpy()
+    over = ticks["emergency"].to_numpy() | (ticks["true_acceleration_mps2"].to_numpy() < -BRAKING)
+    over |= pc.not_equal(ticks["contacts"], "").to_numpy()
+    if cut is not None:
+        over[cut] = True
+    ends = np.flatnonzero(over[entry:])
+    approach = speed[entry : entry + max(int(ends[0]), 1)] if len(ends) else speed[entry:]
+    return float(approach.min()), float(approach.max())
+
+
+def _cut_in(wanted: CutIn, ticks: pa.Table, seen: pa.Table) -> tuple[int | None, float | None]:
+    """Return the tick at which the target's near side has come over the lane's edge, and the time to collision."""
+    at = seen["tick"].to_numpy() - int(ticks["tick"][0].as_py())
+    known = at < ticks.num_rows
+    rows, at = seen.filter(pa.array(known)), at[known]
+    back, side, closing = _from_ego(rows, {name: ticks[f"true_{name}"].to_numpy()[at] for name in EGO})
+    inside = np.flatnonzero(side + ticks["lateral_deviation_m"].to_numpy()[at] < wanted.lane_edge)
+    if not len(inside):
+        return None, None
+    first = int(inside[0])
+    if not closing[first] > 0.0:
+        return int(at[first]), math.inf
+    return int(at[first]), float((back[first] - CAR.rear_axle_to_bumper) / closing[first])
+
+
+def _from_ego(rows: pa.Table, ego: dict[str, Floats]) -> tuple[Floats, Floats, Floats]:
+    """Return how far ahead of the ego's rear axle the boxes' hindmost corners are, how far to the left their rightmost
+    ones [m], and how fast the ego closes in [m/s].
+    """
+    x, y, heading, speed = (rows[name].to_numpy() for name in EGO)
+    dx, dy = x - ego["x_m"], y - ego["y_m"]
+    cos, sin = np.cos(ego["heading_rad"]), np.sin(ego["heading_rad"])
+    turned = heading - ego["heading_rad"]
+    along, across = np.abs(np.cos(turned)), np.abs(np.sin(turned))
+    length, width = (0.5 * rows[name].to_numpy() for name in ("length_m", "width_m"))
+    ahead = dx * cos + dy * sin - length * along - width * across
+    left = dy * cos - dx * sin - length * across - width * along
+    return ahead, left, ego["speed_mps"] - speed * np.cos(turned)

@@ -1,0 +1,77 @@
+"""How much way the car's brakes need in a test, by closed form, against how much there is.
+
+Speeds, times and the declared car in, metres out. Knows no controller: what is said here binds every one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vve_sumo.values import Floats, Vehicle
+
+DETECTION = 0.2  #: from where a target can be seen, or brakes, to a confirmed track: three scans of 50 ms and more [s]
+TICK = 0.02  #: that a command waits on its way [s]
+FIRST_ORDER_RAMP = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T
+STEP = 0.001  #: of time, at which courses are compared [s]
+ROUNDING = 1e-9  #: two cars at rest may differ by so much [m/s]
+
+
+class Course(NamedTuple):
+    """A motion: steady speed, after a delay a deceleration that builds up linearly, down to a last speed."""
+
+    speed: float  #: at first [m/s]
+    deceleration: float = 0.0  #: [m/s2]
+    delay: float = 0.0  #: [s]
+    build_up: float = 0.0  #: [s]
+    last_speed: float = 0.0  #: [m/s]
+
+    def duration(self) -> float:
+        """Time until its last speed [s]; its delay where it keeps its speed."""
+        lost = self.speed - self.last_speed
+        if lost <= 0.0 or self.deceleration <= 0.0:
+            return self.delay
+        if lost <= 0.5 * self.deceleration * self.build_up:
+            return self.delay + math.sqrt(2.0 * lost * self.build_up / self.deceleration)
+        return self.delay + lost / self.deceleration + 0.5 * self.build_up
+
+    def at(self, times: Floats) -> tuple[Floats, Floats]:
+        """Return way [m] and speed [m/s] at times [s]."""
+        end = self.duration()
+        braked = np.clip(times, None, end) - self.delay
+        ramp = np.clip(braked, 0.0, self.build_up)
+        full = np.clip(braked - self.build_up, 0.0, None)
+        jerk = self.deceleration / self.build_up if self.build_up > 0.0 else 0.0
+        way = self.speed * np.minimum(times, end) - jerk * ramp**3 / 6.0
+        way -= 0.5 * jerk * ramp**2 * full + 0.5 * self.deceleration * full**2
+        speed = self.speed - 0.5 * jerk * ramp**2 - self.deceleration * full
+        return way + np.clip(times - end, 0.0, None) * speed, speed
+
+
+class Need(NamedTuple):
+    """Whether physics allows a row to be passed."""
+
+    way: float  #: that full braking takes off the gap [m]
+    there: float  #: gap when there is something to brake for [m]
+
+    @property
+    def avoidable(self) -> bool:
+        """Whether there is more way than needed."""
+        return self.there > self.way
+
+
+def full_braking(vehicle: Vehicle, speed: float, mass_factor: float = 1.0, detection: float = DETECTION) -> Course:
+    """Return the hardest braking of the car: its declared delay, lag and ceiling, and a time [s] to see why."""
+    delay = detection + TICK + vehicle.brake_delay
+    ceiling = vehicle.deceleration_limit / mass_factor
+    return Course(speed, ceiling, delay, FIRST_ORDER_RAMP * vehicle.brake_lag)
+
+
+def gap_used(ego: Course, lead: Course, allowed: float = 0.0) -> float:
+    """Return the most that is gone of the gap [m] while it closes faster than `allowed` [m/s]."""
+    times = np.arange(0.0, max(ego.duration(), lead.duration()) + 1.0, STEP)
+    (own, speed), (others, other) = ego.at(times), lead.at(times)
+    closing = speed - other > allowed + ROUNDING
+    return max(0.0, float((own - others)[closing].max(initial=0.0)))

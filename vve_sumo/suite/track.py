@@ -1,0 +1,79 @@
+"""The stage of every suite: the test track, the run-up to a steady speed, where targets enter, the car's two loads.
+
+Knows no standard's table. The controller under test is the shipped one; with `comfort` off the driver does nothing
+about what is ahead, and what brakes is the emergency layer alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vve_sumo.scenario.schema import Scenario
+from vve_sumo.vehicle import fusion
+
+KMH = 1.0 / 3.6  #: a km/h [m/s]
+GRAVITY = 9.80665  #: standard [m/s2]
+LANE_WIDTH = 4.0  #: of the test track [m]
+CAR = fusion.vehicle()
+
+#: true mass over declared. Declared is what the recorded car weighed with its occupants: this is the car unladen. Laden
+#: it carries 250 kg more, an assumption: its maximum mass is in none of our sources.
+LOADS = {"laden": 1.15, "unladen": 1.0}
+#: what the driver of an emergency-braking test does: nothing
+AEB = {"comfort": False}
+
+TARGET = "target"  #: the actor of a row that has one
+SPEEDING_UP = 1.5  #: of the shipped controller [m/s2]
+SETTLING = 4.0  #: of steady driving beyond the run-up before a target enters, and what the run-up takes more [s]
+FOREMOST = 6.0  #: station of the front bumper at the start, or a little more [m]
+#: at rest so long, a row is over [s]
+AT_REST = 0.3
+
+
+def entry_station(speed: float) -> float:
+    """Where the front bumper is when the car has been steady at `speed` [m/s] for two seconds or more [m]."""
+    return speed * speed / (2.0 * SPEEDING_UP) + SETTLING * speed + FOREMOST
+
+
+def scenario(title: str, speed: float, *, lasts: float, **tables: Any) -> Scenario:
+    """Return a scenario on the test track at `speed` [m/s] that ends `lasts` [s] after its target enters at most."""
+    run_up = speed / SPEEDING_UP + SETTLING + 3.0
+    ego = {
+        "path": "test_track",
+        "speed_mps": speed,
+        "lot": {"latitude_deg": 40.0041, "longitude_deg": -83.0186, "heading_deg": 85.0},
+        "car": tables.pop("car", {}),
+    }
+    table: dict[str, Any] = {
+        "title": title,
+        "duration_s": run_up + lasts,
+        "after_stop_s": AT_REST,
+        "street": {"network": "test_track"},
+        "ego": ego,
+    }
+    return Scenario.model_validate(table | tables)
+
+
+def target(speed: float, ahead: float, **keys: Any) -> dict[str, Any]:
+    """Return an actor that enters `ahead` [m] of the car once the car is steady at `speed` [m/s]."""
+    return {"id": TARGET, "ahead_m": ahead, "enters": {"ego_at_m": entry_station(speed)}} | keys
+
+
+def gone_by(speed: float, ahead: float) -> dict[str, Any]:
+    """Return what ends a row early: a contact, or the car past where its target was, `ahead` [m] at entry."""
+    return {"contact": True, "ego_at_m": entry_station(speed) + ahead + 20.0}
+
+
+def impact_at_most(limit: float) -> dict[str, Any]:
+    """Return the criteria of a row that allows an impact speed [m/s]; 0 allows no contact."""
+    return {"impact_speed_mps": {"max": limit}, "collision": None if limit > 0.0 else False}
+
+
+def time_to_brake(speed: float) -> float:
+    """Time that a drive may take from full speed to rest, and some more [s]."""
+    return speed / 3.0 + 6.0
+
+
+def said(limit_kmh: float) -> str:
+    """Say what impact a row allows."""
+    return f"impact <= {limit_kmh:g} km/h" if limit_kmh > 0.0 else "no contact"

@@ -1,0 +1,199 @@
+"""What one parameter of a sweep goes through: values, steps between two ends, or a stretch to draw from.
+
+Knows numbers; nothing of scenarios, files or designs. Steps are counted in fractions, so that 0.1, 0.2, 0.3 are those
+very numbers, and no list of them is ever held.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any, Literal
+
+from vve_sumo.sweep.vary import Value
+
+#: of a column of a dataset that holds the values of an axis
+Kind = Literal["bool", "int", "float", "str"]
+
+#: keys of a table that says an axis, by what they say
+STEPS, BETWEEN = ("from", "to", "step", "count"), ("min", "max", "log")
+
+EXPECTED = "expected a list, { from, to, step }, { from, to, count } or { min, max }"
+
+_LARGEST = 2**63
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One of several values."""
+
+    values: tuple[Value, ...]
+    kind: Kind
+
+    @property
+    def count(self) -> int:
+        """How many values there are."""
+        return len(self.values)
+
+    def __getitem__(self, number: int) -> Value:
+        return self.values[number]
+
+    def ends(self) -> tuple[Value, ...]:
+        """Return the values to try before a sweep: the outermost numbers, or every text."""
+        if self.kind in ("bool", "str"):
+            return self.values
+        numbers = [value for value in self.values if not isinstance(value, str)]
+        return (min(numbers), max(numbers))
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """Numbers at equal distances."""
+
+    start: Fraction
+    step: Fraction
+    count: int  #: which may be more than a list could hold
+    kind: Kind
+
+    def __getitem__(self, number: int) -> Value:
+        exact = self.start + number * self.step
+        return int(exact) if self.kind == "int" else float(exact)
+
+    def ends(self) -> tuple[Value, ...]:
+        """Return the values to try before a sweep."""
+        return (self[0], self[self.count - 1])
+
+
+@dataclass(frozen=True, slots=True)
+class Between:
+    """A stretch of numbers to draw from; `log` draws evenly in the logarithm."""
+
+    low: float
+    high: float
+    log: bool
+    kind: Kind = "float"
+
+    def at(self, share: float) -> float:
+        """Return the number at a share of the stretch, 0 to 1; the same bits on every processor."""
+        if self.log:
+            # Decimal arithmetic is done in whole numbers: no mathematics library that differs in its last bit.
+            value = float(Decimal(self.low) * (Decimal(self.high) / Decimal(self.low)) ** Decimal(share))
+        else:
+            value = self.low + share * (self.high - self.low)
+        return min(max(value, self.low), self.high)
+
+    def ends(self) -> tuple[Value, ...]:
+        """Return the values to try before a sweep."""
+        return (self.low, self.high)
+
+
+Axis = Choice | Steps | Between
+
+
+def axes(raw: object) -> dict[str, Axis]:
+    """Return the axes that a `[parameters]` table says, by dotted key, in its order.
+
+    Keys may be quoted or not: `"ego.speed_mps" = …` is the same as `ego.speed_mps = …`. Raises ValueError naming the
+    key.
+    """
+    if not isinstance(raw, dict):
+        raise ValueError(f"expected a table, got {raw!r}")
+    found: dict[str, Axis] = {}
+    for key, said in _flat(raw, ""):
+        if key in found:
+            raise ValueError(f"{key}: stands twice")
+        found[key] = _axis(key, said)
+    return found
+
+
+def _flat(table: Mapping[str, Any], before: str) -> Iterator[tuple[str, object]]:
+    for key, said in table.items():
+        if isinstance(said, dict) and (not said or any(isinstance(one, (dict, list)) for one in said.values())):
+            if not said:
+                raise ValueError(f"{before}{key}: is empty, {EXPECTED}")
+            yield from _flat(said, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", said
+
+
+def _axis(key: str, said: object) -> Axis:
+    if isinstance(said, list):
+        return _choice(key, said)
+    if not isinstance(said, dict):
+        raise ValueError(f"{key}: {EXPECTED}, got {said!r}")
+    unknown = next((one for one in said if one not in (*STEPS, *BETWEEN)), None)
+    if unknown is not None:
+        raise ValueError(f"{key}: unknown key {unknown!r}, {EXPECTED}")
+    return _steps(key, said) if "from" in said or "to" in said else _between(key, said)
+
+
+def _choice(key: str, said: list[Any]) -> Choice:
+    if not said:
+        raise ValueError(f"{key}: the list is empty, expected at least one value")
+    kinds = {type(value) for value in said}
+    if kinds == {int, float}:
+        said, kinds = [float(value) for value in said], {float}
+    if len(kinds) != 1 or not kinds <= {bool, int, float, str}:
+        raise ValueError(f"{key}: expected numbers, texts or true and false, one kind of them, got {said!r}")
+    for value in said:
+        _good(key, value)
+    kind: Kind = {bool: "bool", int: "int", float: "float", str: "str"}[kinds.pop()]  # type: ignore[assignment]
+    return Choice(tuple(said), kind)
+
+
+def _good(key: str, value: Value) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{key}: expected finite numbers, got {value!r}")
+    if isinstance(value, int) and not -_LARGEST <= value < _LARGEST:
+        raise ValueError(f"{key}: {value} is too great a number")
+
+
+def _numbers(key: str, said: Mapping[str, Any], names: tuple[str, ...], where: str) -> list[int | float]:
+    if set(said) - {"log"} != set(names):
+        raise ValueError(f"{key}: {where}, got {', '.join(said)}")
+    for name in names:
+        if isinstance(said[name], bool) or not isinstance(said[name], (int, float)):
+            raise ValueError(f"{key}: {name}: expected a number, got {said[name]!r}")
+        _good(key, said[name])
+    return [said[name] for name in names]
+
+
+def _steps(key: str, said: Mapping[str, Any]) -> Steps:
+    third = "count" if "count" in said else "step"
+    start, end, last = _numbers(key, said, ("from", "to", third), "expected from, to and one of step and count")
+    if "log" in said:
+        raise ValueError(f"{key}: log: goes with min and max")
+    first, reach = _exact(start), _exact(end) - _exact(start)
+    if reach < 0:
+        raise ValueError(f"{key}: from {start:g} is above to {end:g}")
+    if third == "step":
+        step = _exact(last)
+        if step <= 0:
+            raise ValueError(f"{key}: step: expected a number above 0, got {last!r}")
+        count = reach // step + 1
+    else:
+        if not isinstance(last, int) or last < 2 or reach == 0:
+            raise ValueError(f"{key}: count: expected 2 or more values between two different ends, got {last!r}")
+        count, step = last, reach / (last - 1)
+    whole = isinstance(start, int) and isinstance(end, int) and step.denominator == 1 and not isinstance(last, float)
+    return Steps(first, step, count, "int" if whole else "float")
+
+
+def _exact(number: int | float) -> Fraction:
+    """Return a number as it was written: 0.1 is a tenth."""
+    return Fraction(repr(number))
+
+
+def _between(key: str, said: Mapping[str, Any]) -> Between:
+    low, high = _numbers(key, said, ("min", "max"), EXPECTED)
+    log = said.get("log", False)
+    if not isinstance(log, bool):
+        raise ValueError(f"{key}: log: expected true or false, got {log!r}")
+    if not low < high:
+        raise ValueError(f"{key}: min {low:g} is not below max {high:g}")
+    if log and not low > 0:
+        raise ValueError(f"{key}: min: expected a number above 0 for log, got {low:g}")
+    return Between(float(low), float(high), log)

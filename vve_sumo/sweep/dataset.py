@@ -1,0 +1,410 @@
+"""The folder of a sweep: what was asked for, a row for every finished run, and how it survives being killed.
+
+    sweep.json               the spec, the scenario, hashes of what they name, versions; written first, never changed
+    journal.jsonl            a line for every finished run that is in no part yet; on the disk before a run counts
+    search.json              of a search: what it found; written once it is over
+    rows/part-00000.parquet  1000 cells each, in their order; written once all of them are finished, never changed
+    machine/part-*.parquet   beside each: wall time, memory; not the same from one sweep to the next
+    records/KEY              full records, where they are kept
+    .lock                    held by the sweep that is at work
+
+A finished run is at every instant in the journal or in a part. A part is written beside its place, synced, and renamed
+into it, first the machine's, then the rows'; only then the journal is written anew without its lines, the same way. A
+kill before the second rename leaves the journal whole, and the part is written again, with the same bytes; a kill after
+it leaves lines that are in the part as well, which are dropped when the sweep goes on. A line that a kill tore has no
+end; it is cut off, and that run, which never counted, is run again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vve_sumo.drive.figures import Figures
+from vve_sumo.errors import ConfigError, SimulationError
+from vve_sumo.sweep.axes import Kind
+from vve_sumo.sweep.cells import Cell
+from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.spec import Spec, parse_spec
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+VERSION = 1  #: of this layout
+ROWS_PER_PART = 1000
+
+#: of a spec, what no row depends on; it may change while a sweep waits
+NO_MATTER = frozenset({"title", "keep"})
+
+_ARROW: dict[str, pa.DataType] = {"bool": pa.bool_(), "int": pa.int64(), "float": pa.float64(), "str": pa.string()}
+
+#: figures of every drive, by their place in its summary
+FIGURES: dict[str, Kind] = {
+    "outcome": "str",
+    "passed": "bool",
+    "failed": "str",
+    "reasons": "str",
+    "collision": "bool",
+    **{field.name: "float" for field in fields(Figures)},
+    "emergency_used": "bool",
+    "duration_s": "float",
+    "ticks": "int",
+    "anchor_position_error_m": "float",
+    "anchor_speed_error_mps": "float",
+    "removed_at_entry": "int",
+    "sumo_warnings": "int",
+    "text": "str",
+    "record_sha256": "str",
+}
+#: what a run took of the machine, and the last that a run with a fault printed
+MACHINE: dict[str, Kind] = {
+    "number": "int",
+    "key": "str",
+    "wall_s": "float",
+    "cpu_s": "float",
+    "peak_mb": "float",
+    "said": "str",
+}
+#: columns that no parameter may be called by
+TAKEN = frozenset({"seed", "fault", *FIGURES, *MACHINE})
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What `sweep.json` says."""
+
+    spec: dict[str, Any]  #: as in its file
+    scenario: str  #: its name
+    table: dict[str, Any]  #: the scenario as in its file
+    file: str  #: the scenario's; names in it are looked up beside it
+    working: str  #: folder in which the sweep was begun
+    cells: int  #: how many runs there are; of a search, at most
+    parameters: dict[str, Kind]
+    criteria: list[str]  #: that the scenario states or a parameter sets
+    files_sha256: dict[str, list[str]]  #: of what the first cells read, by role
+    versions: dict[str, str]
+
+    def said(self) -> Spec:
+        """Return the spec; raises ConfigError where another version of the program understood it otherwise."""
+        return parse_spec(self.spec, Path("sweep.json"))
+
+    def columns(self) -> dict[str, Kind]:
+        """Return the columns of a row in their order."""
+        met: dict[str, Kind] = {f"meets_{name}": "bool" for name in self.criteria}
+        return {"number": "int", "key": "str", **self.parameters, "seed": "int", "fault": "str", **FIGURES, **met}
+
+    def text(self) -> str:
+        """Return the content of the file."""
+        return json.dumps({"version": VERSION} | asdict(self), indent=1) + "\n"
+
+    @classmethod
+    def of(cls, folder: Path) -> Self:
+        """Return the plan of a sweep's folder; raises ConfigError where there is none, or one of another layout."""
+        file = folder / "sweep.json"
+        try:
+            told = json.loads(file.read_text(encoding="utf-8"))
+            version = told.pop("version")
+        except OSError:
+            raise ConfigError(f"{folder}: no sweep.json: not a sweep's folder") from None
+        except (ValueError, KeyError, AttributeError) as error:
+            raise ConfigError(f"{file}: not what a sweep writes: {error}") from None
+        wanted = {field.name for field in fields(cls)}
+        if version != VERSION or set(told) != wanted:
+            raise ConfigError(f"{file}: layout {version}, expected {VERSION}: another vve-sumo wrote it")
+        return cls(**told)
+
+
+def refuse_mixed(folder: Path, there: Plan, versions: Mapping[str, str]) -> None:
+    """Raise ConfigError unless a sweep began with these versions of what decides how a drive goes."""
+    for name in sorted({*there.versions, *versions}):
+        began, now = there.versions.get(name, "none"), versions.get(name, "none")
+        if began != now:
+            raise ConfigError(f"{folder}: mixed versions: its rows are of {name} {began}, and this is {now}")
+
+
+def refuse_other(folder: Path, there: Plan, here: Plan) -> None:
+    """Raise ConfigError, saying what differs, unless the sweep in a folder is the same as this one."""
+    refuse_mixed(folder, there, here.versions)
+    spec_there, spec_here = ({k: v for k, v in plan.spec.items() if k not in NO_MATTER} for plan in (there, here))
+    for key in sorted({*spec_there, *spec_here}):
+        if spec_there.get(key) != spec_here.get(key):
+            raise ConfigError(f"{folder}: holds another sweep: its {key} differs; choose another --out")
+    if there.table != here.table:
+        raise ConfigError(f"{folder}: the scenario {there.scenario} has changed since that sweep began; another --out?")
+    for role in sorted({*there.files_sha256, *here.files_sha256}):
+        if there.files_sha256.get(role) != here.files_sha256.get(role):
+            raise ConfigError(f"{folder}: the file of {role} has changed since that sweep began; another --out?")
+    if there != here and (there.cells, there.columns()) != (here.cells, here.columns()):
+        raise ConfigError(f"{folder}: holds another sweep: its columns or its number of runs differ")
+
+
+class Dataset:
+    """A sweep's folder, held by one sweep at a time; opening it mends what a kill left."""
+
+    def __init__(self, folder: Path, plan: Plan, *, resume: bool, rows_per_part: int = ROWS_PER_PART) -> None:
+        """Open a folder for a plan.
+
+        Raises ConfigError, and leaves everything as it is, where the folder is held, holds another sweep or something
+        else, or holds this one and `resume` was not asked for.
+        """
+        self.folder, self.plan, self._per_part = folder, plan, rows_per_part
+        self._cells = plan.cells
+        _claim(folder, plan, resume=resume)
+        with self._writing():
+            folder.mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(folder)
+            try:
+                _claim(folder, plan, resume=resume)
+                self._begin()
+            except BaseException:
+                os.close(self._lock)
+                raise
+
+    def _begin(self) -> None:
+        if not (self.folder / "sweep.json").exists():
+            _put(self.folder / "sweep.json", self.plan.text().encode())
+        for place in (self.folder, self.folder / "rows", self.folder / "machine"):
+            place.mkdir(exist_ok=True)
+            for left in place.glob(".*.tmp"):
+                left.unlink()
+        self._sealed = {int(file.stem.removeprefix("part-")): _rows_in(file) for file in _parts(self.folder)}
+        self._open: dict[int, Row] = {}
+        self._finished_in: Counter[int] = Counter()
+        for row in _journal(self.folder):
+            if row["number"] // self._per_part not in self._sealed and row["number"] not in self._open:
+                self._take(row)
+        self._journal = -1
+        self._rewrite()
+        for part in [part for part in self._finished_in if self._whole(part)]:
+            self._seal(part)
+
+    def close(self) -> None:
+        """Let go of the folder; a journal that holds nothing any more is taken away."""
+        os.close(self._journal)
+        if self.whole:
+            (self.folder / "journal.jsonl").unlink()
+        os.close(self._lock)
+
+    @property
+    def finished(self) -> int:
+        """How many runs are finished."""
+        return sum(self._sealed.values()) + len(self._open)
+
+    @property
+    def whole(self) -> bool:
+        """Whether all runs are finished."""
+        return self.finished == self._cells
+
+    def holds(self, number: int) -> bool:
+        """Whether the cell with this number is finished."""
+        return number in self._open or number // self._per_part in self._sealed
+
+    def settle(self, cells: int) -> None:
+        """Say how many runs there are, all of them finished, of a sweep that did not know before."""
+        self._cells = cells
+        with self._writing():
+            for part in [part for part in self._finished_in if self._whole(part)]:
+                self._seal(part)
+
+    def add(self, cell: Cell, result: Result) -> Row:
+        """Take in a finished run and return its row; when this returns, no kill loses it.
+
+        Raises SimulationError where nothing can be written; what was finished before stays so.
+        """
+        if self.holds(cell.number):
+            raise ValueError(f"cell {cell.number} is finished already")
+        row = row_of(self.plan, cell, result)
+        line = _line(row)
+        with self._writing():
+            try:
+                _write_all(self._journal, line)
+                os.fdatasync(self._journal)
+            except OSError:
+                os.ftruncate(self._journal, self._length)
+                raise
+            self._length += len(line)
+            self._take(row)
+            if self._whole(part := cell.number // self._per_part):
+                self._seal(part)
+        return row
+
+    def _take(self, row: Row) -> None:
+        self._open[row["number"]] = row
+        self._finished_in[row["number"] // self._per_part] += 1
+
+    def _size(self, part: int) -> int:
+        return min(self._per_part, self._cells - part * self._per_part)
+
+    def _whole(self, part: int) -> bool:
+        return self._finished_in[part] == self._size(part)
+
+    def _seal(self, part: int) -> None:
+        """Write a part and, once it is in its place, the journal without it."""
+        first = part * self._per_part
+        rows = [self._open[number] for number in range(first, first + self._size(part))]
+        name = f"part-{part:05d}.parquet"
+        _put(self.folder / "machine" / name, _parquet(rows, MACHINE))
+        _put(self.folder / "rows" / name, _parquet(rows, self.plan.columns()))
+        self._sealed[part] = len(rows)
+        del self._finished_in[part]
+        for row in rows:
+            del self._open[row["number"]]
+        self._rewrite()
+
+    def _rewrite(self) -> None:
+        """Put a journal that holds the open rows alone in the place of the one there."""
+        data = b"".join(map(_line, self._open.values()))
+        _put(self.folder / "journal.jsonl", data)
+        if self._journal >= 0:
+            os.close(self._journal)
+        self._journal = os.open(self.folder / "journal.jsonl", os.O_WRONLY | os.O_APPEND)
+        self._length = len(data)
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise SimulationError(
+                f"{self.folder}: cannot be written: {error.strerror or error}; "
+                "finished runs are safe, make room and go on with --resume"
+            ) from None
+
+
+def row_of(plan: Plan, cell: Cell, result: Result) -> Row:
+    """Return the row of a finished run; a figure that it has not is None."""
+    machine = {"wall_s": result.wall_s, "cpu_s": result.cpu_s, "peak_mb": result.peak_mb, "said": result.said}
+    said = {"number": cell.number, "key": cell.key, "seed": cell.seed, "fault": result.fault, **cell.values, **machine}
+    return dict.fromkeys(plan.columns()) | {k: v for k, v in result.figures.items() if k in plan.columns()} | said
+
+
+def _rows_in(file: Path) -> int:
+    try:
+        return int(pq.read_metadata(file).num_rows)
+    except (pa.ArrowException, OSError) as error:
+        raise ConfigError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
+
+
+def read_tables(folder: Path) -> Iterator[pa.Table]:
+    """Return the rows of a sweep, finished or not, in portions; those of one portion in cell order.
+
+    Raises ConfigError where the folder holds no sweep, or one that cannot be read.
+    """
+    columns = Plan.of(folder).columns()
+    numbers: set[int] = set()
+    for file in _parts(folder):
+        try:
+            table = pq.ParquetFile(file).read()
+        except (pa.ArrowException, OSError) as error:
+            raise ConfigError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
+        numbers.update(table["number"].to_pylist())
+        yield table
+    rest = sorted((row for row in _journal(folder) if row["number"] not in numbers), key=lambda row: row["number"])
+    yield _table(rest, columns)
+
+
+def load_rows(folder: Path | str) -> pd.DataFrame:
+    """Return every finished run of a sweep, one row each, in cell order; of a sweep that is not finished, too."""
+    table: pa.Table = pa.concat_tables(list(read_tables(Path(folder)))).sort_by("number")
+    frame: pd.DataFrame = table.to_pandas()
+    return frame
+
+
+def _claim(folder: Path, plan: Plan, *, resume: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"{folder} is a file, expected a folder for the sweep")
+    if (folder / "sweep.json").is_file():
+        refuse_other(folder, Plan.of(folder), plan)
+        if not resume:
+            raise ConfigError(f"{folder}: holds this sweep already; --resume goes on with it")
+        return
+    began = {".lock", ".sweep.json.tmp"}  # by a sweep that was killed before it wrote its plan
+    other = next((file for file in sorted(folder.glob("*")) if file.name not in began), None)
+    if other is not None:
+        raise ConfigError(f"{folder}: holds something else ({other.name}), expected an empty or absent folder")
+
+
+def _locked(folder: Path) -> int:
+    lock = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        raise ConfigError(f"{folder}: another sweep is at work in it") from None
+    return lock
+
+
+def _parts(folder: Path) -> list[Path]:
+    return sorted((folder / "rows").glob("part-*.parquet"))
+
+
+def _journal(folder: Path) -> list[Row]:
+    """Return the rows of a journal up to its last whole line; raises ConfigError where one before that is none."""
+    file = folder / "journal.jsonl"
+    if not file.exists():
+        return []
+    lines = file.read_bytes().split(b"\n")[:-1]  # what follows the last end of a line was torn
+    rows: list[Row] = []
+    for number, line in enumerate(lines, 1):
+        try:
+            row = json.loads(line)
+        except ValueError:
+            row = None
+        if not (isinstance(row, dict) and isinstance(row.get("number"), int)):
+            raise ConfigError(f"{file}: line {number} is no finished run: the file was damaged")
+        rows.append(row)
+    return rows
+
+
+def _line(row: Row) -> bytes:
+    return json.dumps(row, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+
+
+def _table(rows: Iterable[Row], columns: Mapping[str, Kind]) -> pa.Table:
+    return pa.Table.from_pylist(list(rows), schema=pa.schema([(name, _ARROW[kind]) for name, kind in columns.items()]))
+
+
+def _parquet(rows: list[Row], columns: Mapping[str, Kind]) -> bytes:
+    """Return the bytes of a Parquet file; the same for the same rows."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(_table(rows, columns), sink, use_dictionary=False, compression="zstd")
+    data: bytes = sink.getvalue().to_pybytes()
+    return data
+
+
+def _put(file: Path, data: bytes) -> None:
+    """Write a file so that, whenever the process or the machine stops, the file is there whole or as it was before."""
+    beside = file.with_name(f".{file.name}.tmp")
+    try:
+        out = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+        try:
+            _write_all(out, data)
+            os.fsync(out)
+        finally:
+            os.close(out)
+        beside.replace(file)
+    except OSError:
+        beside.unlink(missing_ok=True)
+        raise
+    folder = os.open(file.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _write_all(out: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(out, data) :]

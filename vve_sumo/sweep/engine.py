@@ -1,0 +1,97 @@
+"""What drives the jobs of a sweep: the protocol of an engine, and the one that uses this machine.
+
+Hands each result on as it comes, in no order; knows neither the sweep's cells nor where results are kept.
+"""
+
+from __future__ import annotations
+
+import select
+from collections.abc import Callable, Iterable, Iterator
+from typing import Protocol
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.sweep.job import DISK_FULL, Job, Result
+from vve_sumo.sweep.worker import Worker
+
+Done = Callable[[Job, Result], None]
+
+
+class Engine(Protocol):
+    """Drives jobs somewhere."""
+
+    def run(self, jobs: Iterable[Job | None], done: Done) -> None:
+        """Drive every job and call `done` once for each, in any order, from the caller's thread.
+
+        Jobs are taken as they are needed, so there may be millions; None says that there is no other until one that
+        is being driven is done. Raises ConfigError where the disk is full, SimulationError where runs can't be
+        started. However it ends, nothing is left running.
+        """
+        ...
+
+
+class Local:
+    """Drives jobs on this machine, several at a time."""
+
+    def __init__(self, workers: int) -> None:
+        """`workers` runs go on at the same time; raises ConfigError unless there is at least one."""
+        if workers < 1:
+            raise ConfigError(f"workers: expected 1 or more, got {workers}")
+        self._workers = workers
+
+    def run(self, jobs: Iterable[Job | None], done: Done) -> None:
+        """Drive every job; see `Engine.run`."""
+        crew = [Worker() for _ in range(self._workers)]
+        try:
+            self._drive(crew, iter(jobs), done)
+        finally:
+            for worker in crew:
+                worker.dismiss()
+            for worker in crew:
+                worker.kill()
+
+    def _drive(self, crew: list[Worker], jobs: Iterator[Job | None], done: Done) -> None:
+        driven: dict[Worker, Job] = {}
+        for worker in crew:
+            _give(worker, driven, jobs, done)
+        while driven:
+            for worker in _spoken(driven):
+                result = worker.result()
+                if result is None:
+                    continue
+                check_room(result)
+                job = driven.pop(worker)
+                _give(worker, driven, jobs, done)
+                done(job, result)
+            for worker in crew:
+                if worker not in driven:
+                    _give(worker, driven, jobs, done)
+
+
+def _give(worker: Worker, driven: dict[Worker, Job], jobs: Iterator[Job | None], done: Done) -> None:
+    """Give a worker the next job that can be told at all; the others are done before they began."""
+    for job in jobs:
+        if job is None:
+            return
+        try:
+            worker.submit(job)
+        except ConfigError as error:
+            done(job, Result(job.key, fault=f"config: {error}"))
+        else:
+            driven[worker] = job
+            return
+
+
+def _spoken(driven: Iterable[Worker]) -> list[Worker]:
+    """Return the workers that have something to say, having waited for one."""
+    by_descriptor = {worker.fileno(): worker for worker in driven}
+    poll = select.poll()
+    for descriptor in by_descriptor:
+        poll.register(descriptor, select.POLLIN)
+    return [by_descriptor[descriptor] for descriptor, _event in poll.poll()]
+
+
+def check_room(result: Result) -> None:
+    """Raise ConfigError for a result that says that there is no room left, as every further one would."""
+    if result.fault.startswith(DISK_FULL):
+        folder = result.fault.removeprefix(f"{DISK_FULL}: ")
+        raise ConfigError(f"no space left on the disk of {folder}: make room, then resume")

@@ -1,0 +1,126 @@
+"""One run of a sweep as plain data: what it needs and what came of it, each a line of JSON.
+
+Knows neither how a run is driven nor the sweep that it belongs to.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from vve_sumo.errors import ConfigError
+
+VERSION = 1  #: of the lines that jobs and results travel as
+
+READY = "ready"  #: the line by which a server says that it may be given jobs
+CHUNK = 65536  #: what is read from a pipe at once [bytes]
+
+#: how a fault begins that every further run would meet as well
+DISK_FULL = "disk_full"
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT)  #: what a full disk and a full quota say
+
+Figure = float | int | str | bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What a run needs."""
+
+    key: str  #: of the run within its sweep
+    name: str  #: of the scenario
+    table: dict[str, Any]  #: the scenario as in a TOML file, all values laid in
+    file: Path  #: the scenario's, named in complaints; relative names are looked up beside it
+    working: Path  #: folder in which names are looked up first
+    keep: Path | None = None  #: where the record goes; None: it is thrown away
+    time_limit_s: float = 3600.0  #: wall time that the run may take
+    memory_limit_mb: float = 4096.0  #: resident, 10^6 bytes, with everything that the run starts
+
+    def to_json(self) -> str:
+        """Return the job as one line of JSON; raises ConfigError where the table holds what JSON has no word for."""
+        try:
+            return _line(asdict(self))
+        except (TypeError, ValueError) as error:
+            raise ConfigError(
+                f"{self.file}: expected texts, finite numbers, truth values, lists and tables: {error}"
+            ) from None
+
+    @classmethod
+    def from_json(cls, line: str) -> Self:
+        """Return the job that a line holds; raises ConfigError where it is none of this version."""
+        known = _known(line, "job", _JOB)
+        keep = known["keep"]
+        paths = {"file": Path(known["file"]), "working": Path(known["working"])}
+        return cls(**known | paths | {"keep": None if keep is None else Path(keep)})
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What came of a run."""
+
+    key: str  #: the job's
+    figures: dict[str, Figure] = field(default_factory=dict)  #: what is the same whenever and wherever it is driven
+    fault: str = ""  #: why there are no figures
+    wall_s: float = 0.0  #: that the run took
+    cpu_s: float = 0.0  #: of its process and those that it waited for
+    peak_mb: float = 0.0  #: its process' greatest resident memory, 10^6 bytes, shared pages included
+    said: str = ""  #: the last that a run with a fault printed
+
+    def to_json(self) -> str:
+        """Return the result as one line of JSON; not-a-number and infinity become null."""
+        return _line(asdict(self) | {"figures": {name: finite(value) for name, value in self.figures.items()}})
+
+    @classmethod
+    def from_json(cls, line: str) -> Self:
+        """Return the result that a line holds; raises ConfigError where it is none of this version."""
+        return cls(**_known(line, "result", _RESULT))
+
+
+_NUMBER = (float, int)
+_JOB: dict[str, tuple[type, ...]] = {
+    "key": (str,), "name": (str,), "table": (dict,), "file": (str,), "working": (str,), "keep": (str, type(None)),
+    "time_limit_s": _NUMBER, "memory_limit_mb": _NUMBER,
+}  # fmt: skip
+_RESULT: dict[str, tuple[type, ...]] = {
+    "key": (str,), "figures": (dict,), "fault": (str,), "wall_s": _NUMBER, "cpu_s": _NUMBER, "peak_mb": _NUMBER,
+    "said": (str,),
+}  # fmt: skip
+
+
+def _line(fields: dict[str, Any]) -> str:
+    return json.dumps({"version": VERSION} | fields, allow_nan=False, default=_place)
+
+
+def _place(value: object) -> str:
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"got a {type(value).__name__}")
+
+
+def _known(line: str, kind: str, fields: dict[str, tuple[type, ...]]) -> dict[str, Any]:
+    """Return the fields in a line; raises ConfigError unless they are the ones wanted, each of its type."""
+    try:
+        told: Any = json.loads(line, parse_constant=_refuse)
+    except ValueError as error:
+        raise ConfigError(f"{kind}: expected a line of JSON, {error}: {line[:80]!r}") from None
+    version = told.pop("version", None) if isinstance(told, dict) else None
+    if version != VERSION:
+        raise ConfigError(f"{kind}: expected version {VERSION}, got {version!r}: another vve-sumo wrote it")
+    if told.keys() != fields.keys():
+        raise ConfigError(f"{kind}: expected the keys {', '.join(fields)}, got {', '.join(told)}")
+    for name, types in fields.items():
+        if type(told[name]) not in types:
+            raise ConfigError(f"{kind}: {name}: expected a {types[0].__name__}, got {told[name]!r}")
+    return dict(told)
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no number of JSON")
+
+
+def finite(value: Figure) -> Figure:
+    """Return a figure, or None for one that is no number."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

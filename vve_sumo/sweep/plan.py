@@ -1,0 +1,169 @@
+"""From a sweep's file to what its dataset begins with; whatever is wrong with it is found here, before anything runs.
+
+Reads files and tries the outermost runs; drives nothing and writes nothing.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from vve_sumo import workspace
+from vve_sumo.drive.setting import versions
+from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.load import parse, read
+from vve_sumo.scenario.schema import Criteria, Scenario
+from vve_sumo.sweep import worst
+from vve_sumo.sweep.cells import Cell, Cells, cells_of
+from vve_sumo.sweep.dataset import FIGURES, TAKEN, Plan
+from vve_sumo.sweep.job import Job
+from vve_sumo.sweep.preflight import Look, look
+from vve_sumo.sweep.search import least_runs
+from vve_sumo.sweep.spec import Boundary, Spec, Worst, fit, parse_spec
+from vve_sumo.sweep.vary import Value, laid, places
+
+#: runs that nobody starts by mistake
+MANY = 100_000
+#: rows of a list that are tried before it is driven
+TRIED = 32
+
+Values = Mapping[str, Value]
+Judge = Callable[[Sequence[Values]], list[Look]]
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A sweep that was asked for, found to be in order."""
+
+    spec: Spec
+    plan: Plan
+    cells: Cells
+
+
+def asked(name: str, working: Path, *, yes: bool, search: bool = False) -> Asked:
+    """Return the sweep that a name or file says; `search` insists that it is one.
+
+    Raises ConfigError, naming file and key, for whatever is wrong, and for very many runs unless `yes`.
+    """
+    file = workspace.find("sweep", name, working)
+    said = read(file, "sweep")
+    spec = parse_spec(said, file)
+    if search and spec.search is None:
+        raise ConfigError(f"{file}: --search: expected a table [search] that says what to look for")
+    try:
+        scenario_file = workspace.find("scenario", spec.scenario, working, beside=file.parent)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: scenario: {error}") from None
+    table = read(scenario_file, "scenario")
+    scenario = parse(table, scenario_file)
+    fit(spec, file, table, TAKEN | {f"meets_{name}" for name in Criteria.model_fields})
+    cells = cells_of(spec, scenario_file.name.removesuffix(".toml"), scenario)
+    count, criteria = least_runs(cells), _criteria(spec, scenario, table)
+    if count >= MANY and not yes:
+        raise ConfigError(f"{file}: {count:,} runs; --yes drives that many")
+    _sought(spec.search, criteria, file)
+    plan = Plan(
+        spec=said,
+        scenario=cells.name,
+        table=table,
+        file=str(scenario_file.absolute()),
+        working=str(working.absolute()),
+        cells=cells.count,
+        parameters={name: axis.kind for name, axis in spec.parameters.items()},
+        criteria=criteria,
+        files_sha256={},
+        versions=versions(),
+    )
+    return Asked(spec, _looked_at(plan, spec, cells, file), cells)
+
+
+def job_of(plan: Plan, spec: Spec, cell: Cell, keep: Path | None) -> Job:
+    """Return what a cell's run needs."""
+    return Job(
+        key=cell.key,
+        name=plan.scenario,
+        table=laid(plan.table, cell.values) | {"seed": cell.seed},
+        file=Path(plan.file),
+        working=Path(plan.working),
+        keep=keep,
+        time_limit_s=spec.time_limit_s,
+        memory_limit_mb=spec.memory_limit_mb,
+    )
+
+
+def _sought(search: Boundary | Worst | None, criteria: list[str], file: Path) -> None:
+    """Raise ConfigError where a search looks for what no row says, or what it needs is not installed."""
+    if isinstance(search, Boundary):
+        known = dict.fromkeys(["passed", "collision", *criteria])
+        if search.criterion not in known:
+            raise ConfigError(f"{file}: search.criterion: expected {', '.join(known)}, got {search.criterion!r}")
+    elif search is not None:
+        numbers = [name for name, kind in FIGURES.items() if kind == "float"]
+        if search.figure not in numbers:
+            goal = "highest" if search.highest else "lowest"
+            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(numbers)}, got {search.figure!r}")
+        worst.need()
+
+
+def _criteria(spec: Spec, scenario: Scenario, table: Mapping[str, Any]) -> list[str]:
+    """Return the criteria that a run may be judged by."""
+    set_by_key = {place.split(".")[1] for name in spec.parameters for place in places(table, name) if _judges(place)}
+    return [name for name, wanted in scenario.criteria if wanted is not None or name in set_by_key]
+
+
+def _judges(place: str) -> bool:
+    return place.startswith("criteria.")
+
+
+def _looked_at(plan: Plan, spec: Spec, cells: Cells, file: Path) -> Plan:
+    """Return the plan with the hashes of what its outermost runs read; raises ConfigError where one is in no order."""
+
+    def read_only(runs: Sequence[Values]) -> list[Look]:
+        return [_read(plan, values) for values in runs]
+
+    def made(runs: Sequence[Values]) -> list[Look]:
+        return look([job_of(plan, spec, Cell(0, "trial", dict(values), cells.seeds[0]), None) for values in runs])
+
+    trials, files = list(_trials(spec, cells)), dict[str, set[str]]()
+    for judge in (read_only, made):
+        for values, seen in zip(trials, judge(trials), strict=False):
+            if seen.complaint:
+                raise ConfigError(_blame(judge, values, seen.complaint, plan, file))
+            for role, digest in seen.files_sha256.items():
+                files.setdefault(role, set()).add(digest)
+    return replace(plan, files_sha256={role: sorted(digests) for role, digests in sorted(files.items())})
+
+
+def _read(plan: Plan, values: Values) -> Look:
+    """Return what is wrong with a run's table, whatever the files that it names are like."""
+    try:
+        parse(laid(plan.table, values), Path(plan.file))
+    except ConfigError as error:
+        return Look(str(error), {})
+    return Look("", {})
+
+
+def _trials(spec: Spec, cells: Cells) -> Iterator[Values]:
+    """Return the runs to look at: the first rows of a list, else the corner and what lies at the end of each axis."""
+    if spec.design == "list":
+        yield from (cell.values for cell in itertools.islice(cells, 0, TRIED * len(cells.seeds), len(cells.seeds)))
+        return
+    corner = {name: axis.ends()[0] for name, axis in spec.parameters.items()}
+    yield corner
+    for name, axis in spec.parameters.items():
+        yield from (corner | {name: value} for value in axis.ends()[1:])
+
+
+def _blame(judge: Judge, values: Values, complaint: str, plan: Plan, file: Path) -> str:
+    """Return what is wrong with a run, naming the parameter that it is wrong by, or the scenario if it is so itself."""
+    alone: list[Values] = [{}, *({name: value} for name, value in values.items())]
+    itself, *each = judge(alone)
+    if itself.complaint:
+        return itself.complaint
+    for name, seen in zip(values, each, strict=False):
+        if seen.complaint:
+            return f"{file}: parameters.{name}: {seen.complaint.removeprefix(f'{plan.file}: ')}"
+    return f"{file}: parameters, taken together: {complaint.removeprefix(f'{plan.file}: ')}"

@@ -1,0 +1,85 @@
+"""How far a sweep has come, told while it goes on: a bar on a terminal, else a line every few seconds.
+
+Counts runs and looks at the clock; nothing else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+#: between two lines where there is no terminal [s]
+LINE_EVERY = 10.0
+
+
+@dataclass(slots=True)
+class Tally:
+    """What is finished."""
+
+    total: int | None  #: None for a search, which does not know
+    finished: int
+    failed: int  #: of the finished ones, those that ended and did not pass
+    faults: int  #: of the finished ones, those that came to no end
+    search: str = ""  #: how far it has come
+    before: int = field(init=False)  #: were finished when this session began
+    begun: float = field(init=False)  #: when that was [s]
+
+    def __post_init__(self) -> None:
+        self.before, self.begun = self.finished, time.monotonic()
+
+    def count(self, passed: bool | None, fault: str) -> None:
+        """Take in a finished run."""
+        self.finished += 1
+        self.failed += passed is False
+        self.faults += bool(fault)
+
+    def say(self) -> str:
+        """Return how far it has come, at what rate, and how long it will take, on one line."""
+        here = self.finished - self.before
+        rate = here / max(time.monotonic() - self.begun, 1e-3)
+        speed, of = f"{60.0 * rate:.1f} a minute" if here else "starting", ""
+        if self.total is not None:
+            of = f" of {self.total}"
+            speed += f", {_span((self.total - self.finished) / rate)} left" if here else ""
+        counts = f"{self.failed} failed, {self.faults} with a fault"
+        return ", ".join(filter(None, (f"{self.finished}{of} runs", speed, self.search, counts)))
+
+
+def _span(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s"
+
+
+@contextlib.contextmanager
+def telling(tally: Tally, *, quiet: bool) -> Iterator[Callable[[], None]]:
+    """Give what is to be called after every run; it tells the tally on stderr, but not too often."""
+    if quiet:
+        yield lambda: None
+    elif sys.stderr.isatty():
+        with _bar(tally) as told:
+            yield told
+    else:
+        told_at = time.monotonic()
+
+        def line() -> None:
+            nonlocal told_at
+            if time.monotonic() - told_at >= LINE_EVERY:
+                told_at = time.monotonic()
+                print(tally.say(), file=sys.stderr, flush=True)
+
+        yield line
+
+
+@contextlib.contextmanager
+def _bar(tally: Tally) -> Iterator[Callable[[], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (BarColumn(bar_width=20), TextColumn("{task.fields[say]}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=tally.total, completed=tally.finished, say=tally.say())
+        yield lambda: bar.update(task, completed=tally.finished, say=tally.say())

@@ -1,0 +1,106 @@
+"""A job driven: its figures, or the fault that kept it from any, and where its record lies meanwhile.
+
+A run is a drive like any other; knows nothing of processes and their limits, or of the sweep that it belongs to.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from pathlib import Path as FilePath
+from typing import Any
+
+from vve_sumo.drive import command, record
+from vve_sumo.drive.ending import Outcome
+from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.schema import Criteria, Scenario
+from vve_sumo.sweep.job import DISK_FULL, NO_ROOM, Figure, Job, Result, finite
+from vve_sumo.sweep.readings import Readings, setting_of
+
+#: of a summary, what says which drive it was, not how it went, or differs with the place where it was driven
+NOT_FIGURES = frozenset(
+    {"scenario", "title", "seed", "controller", "versions", "record_parts_sha256", "record_files_sha256"}
+)
+LONGEST_TEXT = 500  #: characters of what went wrong, in its own words
+#: an object's place in memory, which is another in every process
+ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
+
+
+def run_job(job: Job, scratch: FilePath, readings: Readings) -> Result:
+    """Drive a job in this process, which SUMO allows once, and return its figures, or the fault that kept it from any.
+
+    `scratch` is a folder of nobody else's for temporary files; `tidy` is to be called with it afterwards in any case.
+    """
+    try:
+        setting = setting_of(job, readings)
+        claim(job)
+        folder, kept = growing(job, scratch), job.keep is not None
+        summary = command.run(setting, folder, job.working, kept=kept).summary
+    except ConfigError as error:
+        return Result(job.key, fault=f"config: {error}")
+    except Exception as error:
+        return _broken(job, scratch, f"{type(error).__name__}: {error}")
+    text = _told(summary["text"], scratch)
+    if summary["outcome"] == Outcome.BROKEN:
+        return _broken(job, scratch, text)
+    if summary["outcome"] == Outcome.INTERRUPTED:
+        return Result(job.key, fault="interrupted")
+    return Result(job.key, figures_of(setting.scenario, summary | {"text": text}))
+
+
+def _broken(job: Job, scratch: FilePath, text: str) -> Result:
+    if any(f"[Errno {number}]" in text for number in NO_ROOM):
+        return Result(job.key, fault=f"{DISK_FULL}: {scratch.parent if job.keep is None else job.keep.parent}")
+    return Result(job.key, fault=f"broken: {_told(text, scratch)}")
+
+
+def figures_of(scenario: Scenario, summary: dict[str, Any]) -> dict[str, Figure]:
+    """Return what a summary holds that is the same whenever and wherever the drive is driven, and what it met.
+
+    Lists of what failed and why are one text each; of other lists and tables only the length counts.
+    """
+    figures: dict[str, Figure] = {}
+    for name, value in summary.items():
+        if name in ("failed", "reasons"):
+            figures[name] = "; ".join(value)
+        elif name not in NOT_FIGURES:
+            figures[name] = len(value) if isinstance(value, (list, tuple, dict)) else finite(value)
+    return figures | {f"meets_{name}": met for name, met in meets(scenario.criteria, summary).items()}
+
+
+def meets(criteria: Criteria, summary: dict[str, Any]) -> dict[str, bool]:
+    """Return for every criterion that is stated whether the drive met it."""
+    none = dict.fromkeys(Criteria.model_fields)
+    stated = {name: wanted for name, wanted in criteria if wanted is not None}
+    return {
+        name: not command.judge(Criteria.model_construct(**none | {name: wanted}), summary)
+        for name, wanted in stated.items()
+    }
+
+
+def _told(text: str, scratch: FilePath) -> str:
+    """Return what a drive said as one line that does not depend on where it was driven."""
+    return ADDRESS.sub("0x...", " ".join(text.split()).replace(str(scratch), "record"))[:LONGEST_TEXT]
+
+
+def growing(job: Job, scratch: FilePath) -> FilePath:
+    """Return where a run's record grows: beside its later place, so that it can be moved there whole."""
+    return scratch / "record" if job.keep is None else job.keep.with_name(f"{job.keep.name}.part")
+
+
+def claim(job: Job) -> None:
+    """Raise ConfigError where something that is no record lies in the way of the one to keep."""
+    if job.keep is not None and job.keep.exists() and not (job.keep / "scenario.json").is_file():
+        record.claim(job.keep)
+
+
+def tidy(job: Job, scratch: FilePath, *, keep: bool) -> None:
+    """Put a run's record, whole or torn, where it is to be kept; take away everything else that a run has left."""
+    left = growing(job, scratch)
+    if keep and job.keep is not None and left.is_dir():
+        shutil.rmtree(job.keep, ignore_errors=True)
+        os.replace(left, job.keep)  # noqa: PTH105 - onto an empty folder too
+    shutil.rmtree(left, ignore_errors=True)
+    for place in scratch.iterdir():
+        shutil.rmtree(place, ignore_errors=True) if place.is_dir() else place.unlink(missing_ok=True)

@@ -1,0 +1,243 @@
+"""A search as a course of questions: which runs are asked for next, given what came of those before; and what it found.
+
+Knows specs, cells and rows; drives nothing. What is asked depends on the rows alone, never on which of them came
+first, so that a search that goes on after a kill asks for the same runs under the same numbers.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.sweep import boundary, worst
+from vve_sumo.sweep.axes import Axis, Between, Steps
+from vve_sumo.sweep.cells import Cell, Cells, drawn, key_of
+from vve_sumo.sweep.spec import Boundary, Spec, Worst
+from vve_sumo.sweep.vary import Value
+
+Row = Mapping[str, Any]
+Found = dict[str, Any]  #: what `search.json` holds
+
+
+class Point(NamedTuple):
+    """A run that is wanted."""
+
+    values: dict[str, Value]
+    seed: int
+
+
+class Asked(NamedTuple):
+    """What a search wants next, and how far it has come, in a few words."""
+
+    points: list[Point]
+    said: str
+
+
+Course = Generator[Asked, list[Row], Found]
+
+
+def least_runs(cells: Cells) -> int:
+    """Return how many runs a sweep drives, or a search for boundaries at least."""
+    search = cells.spec.search
+    if not isinstance(search, Boundary):
+        return cells.count
+    count = _along(cells.spec, search).count
+    return cells.count // count * min(search.scan, count)
+
+
+def course_of(cells: Cells) -> Course:
+    """Return the search that a spec states."""
+    search = cells.spec.search
+    assert search is not None
+    return _boundary(cells, search) if isinstance(search, Boundary) else _worst(cells, search)
+
+
+class Hunt:
+    """A search under way: gives the cells that are to be driven and takes their rows."""
+
+    def __init__(self, cells: Cells, held: Mapping[int, Row], folder: object) -> None:
+        """`held` are the rows of runs that are finished, by number; `folder` is named where they are of others."""
+        self._course, self._name, self._held, self._folder = course_of(cells), cells.name, held, folder
+        self._rows: dict[str, Row] = {}
+        self._asked: dict[str, Cell] = {}
+        self._missing: set[str] = set()
+        self.said = "starting"  #: how far it has come
+        self.found: Found | None = None  #: once it is over
+
+    @property
+    def runs(self) -> int:
+        """How many different runs were asked for."""
+        return len(self._asked)
+
+    def cells(self) -> Iterator[Cell | None]:
+        """Give every cell that is to be driven; None while there is nothing more to say until rows have come."""
+        try:
+            asked = next(self._course)
+            while True:
+                self.said = asked.said
+                cells = [self._cell(point) for point in asked.points]
+                yield from (cell for key, cell in {one.key: one for one in cells}.items() if key in self._missing)
+                while self._missing:
+                    yield None
+                asked = self._course.send([self._rows[cell.key] for cell in cells])
+        except StopIteration as end:
+            self.found = end.value
+
+    def take(self, row: Row) -> None:
+        """Take in the row of a run."""
+        self._rows[row["key"]] = row
+        self._missing.discard(row["key"])
+
+    def _cell(self, point: Point) -> Cell:
+        """Return the cell of a point: one that was asked for before, one that was driven, or a new one."""
+        key = key_of(self._name, *point)
+        if key in self._asked:
+            return self._asked[key]
+        cell = self._asked[key] = Cell(len(self._asked), key, *point)
+        row = self._held.get(cell.number)
+        if row is None:
+            self._missing.add(key)
+        elif row["key"] != key:
+            raise ConfigError(f"{self._folder}: run {cell.number} is not the one that this search asks for: was it "
+                              "begun with another Optuna? choose another --out")  # fmt: skip
+        else:
+            self.take(row)
+        return cell
+
+
+def _boundary(cells: Cells, search: Boundary) -> Course:
+    axis, others = _along(cells.spec, search), _others(cells.spec, search)
+    lines = [(values, seed) for values in others for seed in cells.seeds]
+
+    def point(ask: boundary.Ask) -> Point:
+        values, seed = lines[ask.row]
+        along = values | {search.along: axis[ask.place]}
+        return Point({name: along[name] for name in cells.spec.parameters}, seed)
+
+    rows: dict[boundary.Ask, Row] = {}
+    known: list[dict[int, bool]] = [{} for _ in lines]
+    asked = boundary.first(len(lines), axis.count, search.scan)
+    while asked:
+        came = yield Asked(list(map(point, asked)), _brackets(axis, known))
+        for ask, row in zip(asked, came, strict=True):
+            rows[ask], known[ask.row][ask.place] = row, met(row, search.criterion)
+        asked = boundary.closer(known, search.batch)
+    return _boundaries(cells, search, others, known, rows)
+
+
+def _brackets(axis: Steps, known: Sequence[boundary.Known]) -> str:
+    if not any(known):
+        return "scanning"
+    open_ones = [high - low for _row, low, high in boundary.unsettled(known)]
+    return f"{len(open_ones)} bracket{'s' * (len(open_ones) > 1)}, the widest {float(max(open_ones) * axis.step):g}"
+
+
+def met(row: Row, criterion: str) -> bool:
+    """Return whether a run is known to have met a criterion; one with a fault is not."""
+    if criterion == "passed":
+        return row["passed"] is True
+    stated: bool | None = row.get(f"meets_{criterion}")
+    return stated is True if f"meets_{criterion}" in row else row[criterion] is False
+
+
+def _boundaries(
+    cells: Cells,
+    search: Boundary,
+    others: Sequence[dict[str, Value]],
+    known: Sequence[boundary.Known],
+    rows: Mapping[boundary.Ask, Row],
+) -> Found:
+    """Return what a finished search for boundaries found."""
+    axis, repeats = _along(cells.spec, search), len(cells.seeds)
+    lines = []
+    for number, values in enumerate(others):
+        seeds = range(number * repeats, (number + 1) * repeats)
+        alone = []
+        for seed, row in zip(cells.seeds, seeds, strict=True):
+            flips = [_flip(axis, flip, row, rows) for flip in boundary.flips_of(known[row])]
+            alone.append({"seed": seed, "meets_first": known[row][0], "flips": flips})
+        together = [known[row] for row in seeds]
+        flips = [_ends(axis, flip) for flip in boundary.pooled(together)]
+        first = 2 * sum(one[0] for one in together) > repeats
+        lines.append({"values": values, "meets_first": first, "flips": flips, "seeds": alone})
+    faults = sum(bool(row["fault"]) for row in rows.values())
+    what = {"along": search.along, "criterion": search.criterion, "step": float(axis.step)}
+    return {"search": "boundary", **what, "runs": len(rows), "faults": faults, "boundaries": lines}
+
+
+def _ends(axis: Steps, flip: boundary.Flip) -> Found:
+    good, bad = (flip.below, flip.above) if flip.good_below else (flip.above, flip.below)
+    return {"meets": axis[good], "fails": axis[bad]}
+
+
+def _flip(axis: Steps, flip: boundary.Flip, row: int, rows: Mapping[boundary.Ask, Row]) -> Found:
+    good, bad = (flip.below, flip.above) if flip.good_below else (flip.above, flip.below)
+    there, beyond = rows[boundary.Ask(row, good)], rows[boundary.Ask(row, bad)]
+    why = beyond["fault"] or beyond["failed"]
+    return _ends(axis, flip) | {"key_meets": there["key"], "key_fails": beyond["key"], "why": why}
+
+
+def _along(spec: Spec, search: Boundary) -> Steps:
+    axis = spec.parameters[search.along]
+    assert isinstance(axis, Steps)
+    return axis
+
+
+def _others(spec: Spec, search: Boundary) -> list[dict[str, Value]]:
+    """Return every combination of the values of the other parameters; the last goes round fastest."""
+    names = [name for name in spec.parameters if name != search.along]
+    values = itertools.product(*(_every(spec.parameters[name]) for name in names))
+    return [dict(zip(names, one, strict=True)) for one in values]
+
+
+def _every(axis: Axis) -> Iterator[Value]:
+    assert not isinstance(axis, Between)
+    return (axis[number] for number in range(axis.count))
+
+
+def _worst(cells: Cells, search: Worst) -> Course:
+    axes, sign = cells.spec.parameters, 1.0 if search.highest is None else -1.0
+    every: dict[str, Row] = {}
+    choosing = worst.search(len(axes), search.points, search.batch, cells.spec.design_seed)
+    shares = next(choosing)
+    while True:
+        chosen = [{name: drawn(axis, at) for (name, axis), at in zip(axes.items(), one, strict=True)} for one in shares]
+        best = min((_cost(row, search.figure, sign) for row in every.values()), default=math.inf)
+        so_far = f"{search.figure} {sign * best:.3g} so far" if best < math.inf else "starting"
+        rows = yield Asked([Point(values, seed) for values in chosen for seed in cells.seeds], so_far)
+        every.update((row["key"], row) for row in rows)
+        costs = [_cost(row, search.figure, sign) for row in rows]
+        repeats = len(cells.seeds)
+        try:
+            shares = choosing.send([min(costs[at : at + repeats]) for at in range(0, len(costs), repeats)])
+        except StopIteration:
+            return _case(cells, search, sign, list(every.values()))
+
+
+def _cost(row: Row, figure: str, sign: float) -> float:
+    """Return what is to be made small; a run that has not the figure is as good as none."""
+    value = row[figure]
+    return math.inf if value is None else sign * float(value)
+
+
+def _case(cells: Cells, search: Worst, sign: float, rows: list[Row]) -> Found:
+    """Return what a finished search for the worst case found."""
+    least = min(rows, key=lambda row: _cost(row, search.figure, sign))
+    with_it = [row for row in rows if row[search.figure] is not None]
+    case = None
+    if with_it:
+        values = {name: least[name] for name in cells.spec.parameters}
+        why = {"outcome": least["outcome"], "passed": least["passed"], "failed": least["failed"]}
+        case = {
+            "values": values,
+            "seed": least["seed"],
+            search.figure: least[search.figure],
+            **why,
+            "key": least["key"],
+        }
+    goal = "highest" if search.highest else "lowest"
+    counts = {"runs": len(rows), "without": len(rows) - len(with_it), "faults": sum(bool(row["fault"]) for row in rows)}
+    return {"search": "worst", goal: search.figure, **counts, "worst": case}

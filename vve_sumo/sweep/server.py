@@ -1,0 +1,278 @@
+"""The process that forks runs: it imports everything once, then drives each job in a child of its own, one at a time.
+
+`python -m vve_sumo.sweep.server PARENT SCRATCH`: a job a line on stdin, a result a line on stdout, in the same order.
+It ends with its stdin or its parent, and whatever it started ends with it. It has one thread, or no fork were safe.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import gc
+import os
+import re
+import resource
+import select
+import shutil
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import NoReturn
+
+import pandas  # noqa: F401 - pyarrow imports it as soon as a table becomes numbers: here once, not in every run
+
+from vve_sumo.drive.setting import versions
+from vve_sumo.errors import ConfigError
+from vve_sumo.sweep import kin
+from vve_sumo.sweep.job import CHUNK, READY, Job, Result
+from vve_sumo.sweep.readings import Readings, setting_of
+from vve_sumo.sweep.run import run_job, tidy
+
+LOOK = 0.05  #: between two looks at a run's time and memory [s], in which a run may take some 100 MB more
+LOOK_AROUND = 1.0  #: between two looks at what a run has started, which costs a millisecond or more [s]
+IDLE = 1.0  #: between two looks whether the parent is still there, while there is nothing to do [s]
+KEPT = 8192  #: bytes of what a run prints last that are kept while it runs
+TOLD = 2000  #: characters of them that are told of a run with a fault
+
+#: signals by which a process says that it broke; by any other it was ended from outside
+OWN_FAULT = frozenset({"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGSYS", "SIGTRAP"})
+
+
+class OrphanedError(Exception):
+    """The parent is gone or has closed our stdin."""
+
+
+@dataclass(slots=True)
+class Child:
+    """A run in its process, as the server sees it."""
+
+    pid: int
+    handle: int  #: pidfd: readable once the process has ended
+    answer: int  #: pipe on which its result comes
+    voice: int  #: pipe on which its prints come
+    begun: float  #: monotonic [s]
+    looked_around: float  #: when what it has started was last looked for, monotonic [s]
+    told: bytes = b""  #: of its result
+    said: bytes = b""  #: the last of its prints
+    others_mb: float = 0.0  #: memory of what it has started, at the last look around [10^6 bytes]
+
+    def listen(self) -> None:
+        """Take in what the pipes hold, without waiting for more."""
+        self.told += _drain(self.answer)
+        self.said = (self.said + _drain(self.voice))[-KEPT:]
+
+    def close(self) -> None:
+        """Let go of the descriptors."""
+        for descriptor in (self.handle, self.answer, self.voice):
+            os.close(descriptor)
+
+
+def _drain(descriptor: int) -> bytes:
+    """Return what a pipe holds now; one chunk at most, or a run that prints for ever would keep us."""
+    try:
+        return os.read(descriptor, CHUNK)
+    except BlockingIOError:
+        return b""
+
+
+class Server:
+    """Forks a run for each job, watches its limits, and says what came of it."""
+
+    def __init__(self, parent: int, scratch: Path, jobs: int, results: int) -> None:
+        self._parent, self._scratch = parent, scratch
+        self._jobs, self._results = jobs, results
+        self._waiting = b""  #: of the jobs' pipe, what was read but not yet done
+        self._readings = Readings()
+        self._warmed: tuple[object, ...] = ()
+
+    def serve(self) -> None:
+        """Run job after job until the parent is gone or says no more."""
+        versions()
+        gc.collect()
+        self._say(READY)
+        while True:
+            self._say(self.run(Job.from_json(self._next())).to_json())
+
+    def run(self, job: Job) -> Result:
+        """Drive one job in a child and return what came of it; raises OrphanedError when the parent went away."""
+        tidy(job, self._scratch, keep=False)
+        gc.freeze()
+        child = self._fork(job)
+        try:
+            limit = self._watch(child, job)
+        finally:
+            kin.kill([child.pid])
+            _pid, status, usage = os.wait4(child.pid, 0)
+            child.listen()
+            child.close()
+            kin.end_descendants()
+        wall = time.monotonic() - child.begun
+        result = _result(job, child, status, limit)
+        tidy(job, self._scratch, keep=True)
+        if not result.fault:
+            self._warm(job)
+        peak = usage.ru_maxrss * 1024 / 1e6
+        return replace(result, wall_s=wall, cpu_s=usage.ru_utime + usage.ru_stime, peak_mb=peak)
+
+    def _fork(self, job: Job) -> Child:
+        (answer, answers), (voice, voices) = os.pipe(), os.pipe()
+        server, begun = os.getpid(), time.monotonic()
+        pid = os.fork()
+        if pid == 0:
+            os.close(self._jobs)
+            os.close(self._results)
+            _live(partial(run_job, job, self._scratch, self._readings), server, answers, voices)
+        os.close(answers)
+        os.close(voices)
+        for pipe in (answer, voice):
+            os.set_blocking(pipe, False)
+        return Child(pid, os.pidfd_open(pid), answer, voice, begun, begun)
+
+    def _watch(self, child: Child, job: Job) -> str:
+        """Wait for a child's end; return the fault if it went beyond a limit, else nothing."""
+        poll = select.poll()
+        for descriptor in (child.handle, child.voice, child.answer, self._jobs):
+            poll.register(descriptor, select.POLLIN)
+        while True:
+            events = dict(poll.poll(1000.0 * LOOK))
+            child.listen()
+            for pipe in (child.voice, child.answer):
+                if events.get(pipe, 0) & select.POLLHUP:
+                    poll.unregister(pipe)
+            if child.handle in events:
+                return ""
+            if self._jobs in events:
+                self._hear()
+            self._look_up()
+            if not time.monotonic() - child.begun <= job.time_limit_s:
+                return "timed_out"
+            if not _held(child) <= job.memory_limit_mb:
+                return "memory"
+
+    def _warm(self, job: Job) -> None:
+        """Read a job's files for those that come; its own run came to an end with them, so they are fit to be read."""
+        actors = [actor.get("path") for actor in job.table.get("actors", ())]
+        files = (job.file, job.working, job.table["street"], job.table["ego"]["path"], actors)
+        if files != self._warmed:
+            self._warmed = files
+            with contextlib.suppress(Exception):
+                setting_of(job, self._readings)
+
+    def _next(self) -> str:
+        """Return the next job's line."""
+        while b"\n" not in self._waiting:
+            if select.select([self._jobs], [], [], IDLE)[0]:
+                self._hear()
+            self._look_up()
+        line, _newline, self._waiting = self._waiting.partition(b"\n")
+        return line.decode()
+
+    def _hear(self) -> None:
+        heard = os.read(self._jobs, CHUNK)
+        if not heard:
+            raise OrphanedError
+        self._waiting += heard
+
+    def _look_up(self) -> None:
+        if os.getppid() != self._parent:
+            raise OrphanedError
+
+    def _say(self, line: str) -> None:
+        rest = memoryview(line.encode() + b"\n")
+        try:
+            while rest:
+                rest = rest[os.write(self._results, rest) :]
+        except BrokenPipeError:
+            raise OrphanedError from None
+
+
+def _held(child: Child) -> float:
+    """Return the memory of a run and of what it has started [10^6 bytes]."""
+    now = time.monotonic()
+    if now - child.looked_around >= LOOK_AROUND:
+        child.looked_around = now
+        others = (one for one in kin.descendants(os.getpid(), kin.everyone()) if one != child.pid)
+        child.others_mb = sum(map(kin.resident, others)) / 1e6
+    return kin.resident(child.pid) / 1e6 + child.others_mb
+
+
+def _result(job: Job, child: Child, status: int, limit: str) -> Result:
+    """Return what a child that has ended came to."""
+    if limit:
+        fault = limit
+    elif os.WIFSIGNALED(status):
+        name = _signal_name(os.WTERMSIG(status))
+        fault = f"{'crashed' if name in OWN_FAULT else 'killed'}: {name}"
+    else:
+        with contextlib.suppress(ConfigError, UnicodeDecodeError):
+            result = Result.from_json(child.told.decode())
+            return result if not result.fault else replace(result, said=_text(child.said))
+        fault = f"exited: {os.WEXITSTATUS(status)}"
+    return Result(job.key, fault=fault, said=_text(child.said))
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
+def _text(said: bytes) -> str:
+    # A crash ends with the names of a hundred extension modules, which tell nobody where it happened.
+    text = re.sub(r"(?m)^Extension modules: .*$", "", said.decode(errors="replace"))
+    return text.strip()[-TOLD:]
+
+
+def _live(drive: Callable[[], Result], server: int, answers: int, voices: int) -> NoReturn:
+    """Be the child: drive, say what came of it, and end without a word to what the server left open."""
+    code = 1
+    try:
+        kin.die_with(server)
+        os.setpgid(0, 0)
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        nothing = os.open(os.devnull, os.O_RDONLY)
+        for descriptor, number in ((nothing, 0), (voices, 1), (voices, 2)):
+            os.dup2(descriptor, number)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        faulthandler.enable(file=2)
+        line = memoryview(drive().to_json().encode())
+        while line:
+            line = line[os.write(answers, line) :]
+        code = 0
+    except SystemExit as error:
+        code = error.code if isinstance(error.code, int) else 1
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        with contextlib.suppress(Exception):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
+
+
+def main() -> None:
+    """Serve until the parent is gone; leave neither process nor file behind."""
+    parent, scratch = int(sys.argv[1]), Path(sys.argv[2])
+    kin.adopt_orphans()
+    # What anything prints in this process must not come between the lines of results.
+    results = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        Server(parent, scratch, os.dup(0), results).serve()
+    except OrphanedError:
+        pass
+    finally:
+        kin.end_descendants()
+        shutil.rmtree(scratch, ignore_errors=True)
+    # Half a second of taking modules apart is of no use to anybody.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,237 @@
+"""What a sweep's file may say, and whether it goes with its scenario.
+
+Knows keys, counts and names; nothing of drives, processes or datasets.
+"""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationError, model_validator
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.load import complaint, read
+from vve_sumo.scenario.schema import Name, Positive, Scenario, Table
+from vve_sumo.sweep.axes import Axis, Between, Choice, Steps, axes
+from vve_sumo.sweep.vary import places
+
+#: designs that draw `samples` points, and those that take every value that is listed
+SAMPLED, LISTED = ("latin_hypercube", "sobol", "random"), ("grid", "list")
+
+GREATEST_SEED = 2**31 - 1
+KEY = re.compile("[0-9a-f]{16}")
+
+Keep = Literal["none", "failed", "all"] | tuple[str, ...]
+
+
+def _seeds(said: object) -> int | tuple[int, ...]:
+    if isinstance(said, int) and not isinstance(said, bool) and 1 <= said <= GREATEST_SEED:
+        return said
+    if not isinstance(said, (list, tuple)) or not said:
+        raise ValueError("expected how many, 1 or more, or a list of seeds")
+    if not all(type(seed) is int and 0 <= seed <= GREATEST_SEED for seed in said):
+        raise ValueError(f"expected seeds from 0 to {GREATEST_SEED}")
+    if len(set(said)) < len(said):
+        raise ValueError("expected each seed once")
+    return tuple(said)
+
+
+def kept(said: object) -> Keep:
+    """Return whose records are kept; raises ValueError where that is not said."""
+    if said == "none" or said == "failed" or said == "all":
+        return said
+    if isinstance(said, (list, tuple)) and said and all(KEY.fullmatch(str(key)) for key in said):
+        return tuple(said)
+    raise ValueError("expected 'none', 'failed', 'all' or a list of runs' keys of 16 digits")
+
+
+class Boundary(Table):
+    """Where, along one parameter, a criterion flips: for every combination of the others, and every seed."""
+
+    along: Name = Field(description="of [parameters], { from, to, step }: the flip is found to one step")
+    criterion: Name = Field(default="passed", description="passed, collision or a criterion that the scenario states")
+    scan: Annotated[int, Field(ge=2)] = Field(
+        default=5, description="values that are driven first, evenly spread; what flips twice between two is not seen"
+    )
+    batch: Annotated[int, Field(ge=1)] = Field(
+        default=4, description="runs that are asked for at a time, where one for each flip would be fewer"
+    )
+
+
+class Worst(Table):
+    """Which values, of those that parameters may have, make a figure lowest or highest, of any seed."""
+
+    lowest: Name | None = Field(default=None, description="the figure that is to be as low as can be")
+    highest: Name | None = Field(default=None, description="the figure that is to be as high as can be")
+    points: Annotated[int, Field(ge=1, le=100_000)] = Field(
+        default=160, description="combinations of values that are tried"
+    )
+    batch: Annotated[int, Field(ge=1)] = Field(default=8, description="of them, how many are chosen at a time")
+
+    @model_validator(mode="after")
+    def _one_figure(self) -> Self:
+        if (self.lowest is None) == (self.highest is None):
+            raise ValueError("expected one of lowest and highest (or along, for a boundary)")
+        return self
+
+    @property
+    def figure(self) -> str:
+        """The figure that is sought."""
+        return self.lowest or self.highest or ""
+
+
+def _kind_of_search(said: object) -> str:
+    """Return which search a table asks for: one along a parameter, or for the worst case."""
+    return "boundary" if isinstance(said, dict) and {"along", "criterion"} & said.keys() else "worst"
+
+
+Search = Annotated[
+    Annotated[Boundary, Tag("boundary")] | Annotated[Worst, Tag("worst")], Discriminator(_kind_of_search)
+]
+
+
+class Spec(Table):
+    """A sweep: one scenario, what of it is varied, and how often each is driven."""
+
+    title: str = ""
+    scenario: Name = Field(description="a name under scenarios/ or a file")
+    design: Literal["grid", "list", "latin_hypercube", "sobol", "random"] = Field(
+        default="grid",
+        description="grid: every value with every other; list: the lists side by side; else drawn points",
+    )
+    samples: Annotated[int, Field(ge=1, le=2**30)] | None = Field(
+        default=None, description="how many points a drawn design has"
+    )
+    design_seed: Annotated[int, Field(ge=0)] = Field(default=1, description="of the drawing")
+    seeds: Annotated[int | tuple[int, ...], PlainValidator(_seeds)] = Field(
+        default=1, description="how often each point is driven, from the scenario's seed on; or a list of seeds"
+    )
+    keep: Annotated[Keep, PlainValidator(kept)] = Field(
+        default="none", description="whose full records are kept: none, failed, all, or a list of runs' keys"
+    )
+    time_limit_s: Positive = Field(default=3600.0, description="wall time that a run may take")
+    memory_limit_mb: Positive = Field(default=4096.0, description="memory that a run may take, in 10^6 bytes")
+    parameters: Annotated[Mapping[str, Axis], PlainValidator(axes)] = Field(
+        default={}, description="what is varied: dotted keys of the scenario, or parameters that it declares"
+    )
+    search: Search | None = Field(default=None, description="what is looked for, instead of driving every combination")
+
+    @model_validator(mode="after")
+    def _designed(self) -> Self:
+        if self.search is not None:
+            self._sought(self.search)
+        elif self.design in SAMPLED:
+            self._drawable()
+        else:
+            self._listed()
+        self._distinct()
+        return self
+
+    def _sought(self, search: Search) -> None:
+        if {"design", "samples"} & self.model_fields_set:
+            raise ValueError("design, samples: a search chooses its runs itself, leave them out")
+        if isinstance(search, Boundary):
+            if not isinstance(self.parameters.get(search.along), Steps):
+                raise ValueError(f"search.along: expected a parameter with {{ from, to, step }}, got {search.along!r}")
+            self._listed()
+        elif not any(isinstance(axis, Between) for axis in self.parameters.values()):
+            raise ValueError("search: expected a parameter with { min, max } to choose from")
+
+    def _drawable(self) -> None:
+        if self.samples is None:
+            raise ValueError(f"design {self.design}: key 'samples' is missing")
+        if not any(isinstance(axis, Between) for axis in self.parameters.values()):
+            raise ValueError(f"design {self.design}: expected a parameter with {{ min, max }} to draw from")
+
+    def _listed(self) -> None:
+        if self.samples is not None:
+            raise ValueError(f"design {self.design}: samples: goes with {', '.join(SAMPLED)}")
+        if not self.parameters and self.repeats < 2:
+            raise ValueError(f"an empty {self.design}: nothing is varied, expected [parameters] or seeds")
+        for key, axis in self.parameters.items():
+            if isinstance(axis, Between):
+                raise ValueError(f"parameters.{key}: min and max go with design {', '.join(SAMPLED)}")
+        counts = {key: axis.count for key, axis in self.parameters.items() if not isinstance(axis, Between)}
+        if self.design == "list" and len(set(counts.values())) > 1:
+            raise ValueError(f"design list: expected lists of one length, got {_said(counts)}")
+
+    def _distinct(self) -> None:
+        """Refuse points that are there twice; numbers at equal distances, and those drawn, are never the same."""
+        choices = {key: axis.values for key, axis in self.parameters.items() if isinstance(axis, Choice)}
+        if self.design == "list":
+            rows = list(zip(*choices.values(), strict=True))
+            if len(choices) == len(self.parameters) and len(set(rows)) < len(rows):
+                raise ValueError(f"design list: row {_twice(rows)} stands twice, expected each once")
+            return
+        for key, values in choices.items():
+            if len(set(values)) < len(values):
+                raise ValueError(f"parameters.{key}: {_twice(values)} stands twice, expected each value once")
+
+    @property
+    def repeats(self) -> int:
+        """How often each point is driven."""
+        return self.seeds if isinstance(self.seeds, int) else len(self.seeds)
+
+
+def _twice(values: Sequence[object]) -> str:
+    return repr(next(value for at, value in enumerate(values) if value in values[:at]))
+
+
+def _said(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{key} {count}" for key, count in counts.items())
+
+
+def parse_spec(table: Mapping[str, Any], file: Path) -> Spec:
+    """Return the spec that a parsed table holds; `file` is named in the ConfigError of a wrong one."""
+    try:
+        return Spec.model_validate(table)
+    except ValidationError as error:
+        raise ConfigError(complaint(file, error, Spec)) from None
+
+
+def read_spec(file: Path) -> Spec:
+    """Return the spec in a TOML file; raises ConfigError naming the file and what is wrong with it."""
+    return parse_spec(read(file, "sweep"), file)
+
+
+def fit(spec: Spec, file: Path, table: Mapping[str, Any], taken: frozenset[str]) -> None:
+    """Raise ConfigError, naming the spec's file and the key, unless its parameters go with a scenario's valid table.
+
+    `taken` are columns of a row that no parameter may be called by. Values are judged against the bounds that the
+    scenario declares; what else a scenario refuses, it refuses when the values are laid in.
+    """
+    setters: dict[str, str] = {}
+    for name, axis in spec.parameters.items():
+        key = f"{file}: parameters.{name}"
+        _known(key, name, table)
+        for place in places(table, name):
+            if place == "seed":
+                raise ConfigError(f"{key}: seeds have a key of their own, expected seeds = [ … ]")
+            if place in setters:
+                raise ConfigError(f"{key}: sets {place}, and so does {setters[place]}")
+            setters[place] = name
+        if name in taken:
+            raise ConfigError(f"{key}: every row has a column of that name; declare it in the scenario by another")
+        _within(key, axis, table.get("parameters", {}).get(name, {}))
+
+
+def _known(key: str, name: str, table: Mapping[str, Any]) -> None:
+    declared, first = table.get("parameters", {}), name.partition(".")[0]
+    if name in declared or first in Scenario.model_fields:
+        return
+    near = get_close_matches(first, [*declared, *(field for field in Scenario.model_fields if field != "seed")], 1, 0.6)
+    has = f"it declares {', '.join(declared)}" if declared else "it declares no parameters"
+    raise ConfigError(f"{key}: unknown to the scenario; " + (f"did you mean {near[0]!r}?" if near else has))
+
+
+def _within(key: str, axis: Axis, declared: Mapping[str, Any]) -> None:
+    for value in axis.ends():
+        for bound, good in (("min", operator.ge), ("max", operator.le)):
+            limit = declared.get(bound)
+            if limit is not None and not (isinstance(value, (int, float)) and good(value, limit)):
+                raise ConfigError(f"{key}: the scenario declares {bound} {limit:g}, got {value!r}")
