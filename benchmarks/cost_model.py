@@ -2,10 +2,11 @@
 
 python benchmarks/cost_model.py [--runs N] [--ticks N] [--cores N [N ...]] [--tasks N]
 **Measured**, on this machine: the processor time of drives of several lengths as the sweep's server drives them, to
-which a + b x ticks is fitted by least squares, and what the server itself takes; what the client takes to keep a row;
-the bytes of a row in a part of 1000, of its machine's side, of its line in the journal, and of a full record. The 1000
-rows are those of the drives, each number changed a little and each hash made up, or they would compress too well. Of
-Dask: the processor time of client and scheduler for a task that carries a job's line and does nothing.
+which a + b x ticks is fitted by least squares (to the least of each length: a busy neighbour only ever adds), and what
+the server itself takes; what the client takes to keep a row; the bytes of a row in a part of 1000, of its machine's
+side, of its line in the journal, and of a full record. The 1000 rows are those of the drives, each number changed a
+little, each hash made up and no figure left out, or they would compress too well. Of Dask: the processor time of client
+and scheduler for a task that carries a job's line and does nothing.
 **Extrapolated**: all that is said of a million runs, as products of these. Processor time is used throughout, so a busy
 machine spoils little; wall times are of cores that do nothing else.
 """
@@ -18,7 +19,6 @@ import json
 import os
 import random
 import resource
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -36,13 +36,13 @@ os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 
 from vve_sumo.drive.setting import versions  # noqa: E402
 from vve_sumo.sweep.cells import Cell  # noqa: E402
-from vve_sumo.sweep.dataset import Dataset, Plan  # noqa: E402
+from vve_sumo.sweep.dataset import FIGURES, Dataset, Plan  # noqa: E402
 from vve_sumo.sweep.engine import Local  # noqa: E402
 from vve_sumo.sweep.job import Job, Result  # noqa: E402
 
 MILLION = 1_000_000
 PERIOD = 0.02
-LENGTHS = (5.0, 20.0, 40.0, 60.0)  #: of the drives [s]
+LENGTHS = (5.0, 30.0, 60.0)  #: of the drives [s]
 TRAFFIC = {"no traffic": [], "light traffic": ["linden_light"], "about 50 vehicles": ["linden_moderate"]}
 SCENARIO = REPOSITORY / "scenarios" / "parked_car.toml"
 PARAMETERS = ("ego.speed_mps", "ego.car.gnss_delay_s", "obstacles.parked_car.offset_m")
@@ -102,9 +102,7 @@ def fitted(demand: list[str], runs: int) -> tuple[Model, float, list[Result]]:
     came = driven([job(demand, seconds, seed) for seed in range(1, runs + 1) for seconds in LENGTHS])
     total = spent(resource.RUSAGE_CHILDREN) - before
     ticks = np.array([seconds / PERIOD for seconds in LENGTHS])
-    cost = np.array(
-        [statistics.median(r.cpu_s for one, r in came if one.table["duration_s"] == length) for length in LENGTHS]
-    )
+    cost = np.array([min(r.cpu_s for one, r in came if one.table["duration_s"] == length) for length in LENGTHS])
     b, a = np.polyfit(ticks, cost, 1)
     server = (total - sum(result.cpu_s for _one, result in came)) / len(came)
     return Model(a, b, server), float(np.max(np.abs(a + b * ticks - cost))), [result for _one, result in came]
@@ -114,7 +112,7 @@ def changed(result: Result, seed: int) -> Result:
     """Return a result as another run's might be."""
     chance = random.Random(seed)
     figures = {
-        name: value * (1.0 + 0.01 * chance.gauss()) if isinstance(value, float) else value
+        name: (value or 1.0) * (1.0 + 0.01 * chance.gauss()) if FIGURES.get(name) == "float" else value  # type: ignore[operator]
         for name, value in result.figures.items()
     }
     machine = {name: getattr(result, name) * (1.0 + 0.01 * chance.gauss()) for name in ("wall_s", "cpu_s", "peak_mb")}

@@ -16,6 +16,7 @@ import os
 import random
 import statistics
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
@@ -33,8 +34,8 @@ FOLLOWERS = 8
 SATURATION_FLOW, HEAVY_AS = 1900.0, 2.0
 HEAVY = ("truck", "bus")
 
-NODES = """<nodes><node id="a" x="0" y="0"/><node id="b" x="800" y="0" type="traffic_light"/><node id="c" x="6000" y="0"/>
-<node id="d" x="800" y="-300"/><node id="e" x="800" y="300"/></nodes>"""
+NODES = """<nodes><node id="a" x="0" y="0"/><node id="b" x="800" y="0" type="traffic_light"/>
+<node id="c" x="6000" y="0"/><node id="d" x="800" y="-300"/><node id="e" x="800" y="300"/></nodes>"""
 EDGES = """<edges><edge id="ab" from="a" to="b" speed="{limit}"/><edge id="bc" from="b" to="c" speed="{limit}"/>
 <edge id="db" from="d" to="b" speed="13.9"/><edge id="be" from="b" to="e" speed="13.9"/></edges>"""
 
@@ -96,7 +97,7 @@ def saturation(tau: float, seed: int) -> float:
                 libsumo.trafficlight.setRedYellowGreenState(signal, state)
                 crossed = crossings(duration)
             settled = crossed[SETTLED - 1 : SETTLED + COUNTED]
-            found += [later - sooner for sooner, later in zip(settled, settled[1:], strict=False)]
+            found += [later - sooner for sooner, later in pairwise(settled)]
         libsumo.close()
     return statistics.fmean(found)
 

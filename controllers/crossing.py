@@ -1,7 +1,7 @@
 """Foresees who will be in the swept band when the car gets there, and who will have left it.
 
-It knows places and speeds across the path, and no tracks, no brakes. Whatever it says must hold by several standard
-deviations: full braking hangs on it, and somebody may follow close behind.
+It knows places and speeds across the path, and no tracks, no brakes. That something crosses must hold by several
+standard deviations: full braking hangs on it, and somebody may follow close behind.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from .trend import Trend
 
 CROSSES = 4.0  #: standard deviations of speed across the path that tell crossing from noise
 IN, LEFT = 2.5, 1.0  #: standard deviations by which one must be foreseen to be in the band, or beyond it
-COMES_OVER = 2.5  #: standard deviations of speed across the path that tell changing lanes from keeping one
+COMES_OVER = 2.0  #: standard deviations of speed across the path that tell changing lanes from keeping one
 FORESIGHT = 3.0  #: nothing is foretold farther ahead than this [s]
+KNOWN = 0.5  #: its standard deviation must be less than this: one seen for the first time changes no lane yet [m/s]
 ON_FOOT = 3.0  #: who crosses faster than this is not walking [m/s]
 WALKER, VEHICLE = 0.5, 4.0  #: way across the path that at least follows the edge that comes first [m]
 
@@ -40,8 +41,9 @@ def comes_over(across: Trend, left: float, right: float, within: float, surely: 
 
     Unlike one who crosses it stays there: the edge that is seen first counts, and not where it would be later.
     """
-    now, then, sigma, enters, leaves = _forecast(across, left, right, min(within, FORESIGHT))
-    return crosses(across, COMES_OVER) and now <= leaves and then - surely * sigma >= enters
+    now, then, sigma, enters, leaves = _forecast(across, left, right, within)
+    is_known = across.rate_variance < KNOWN * KNOWN
+    return is_known and crosses(across, COMES_OVER) and now <= leaves and then - surely * sigma >= enters
 
 
 def will_have_left(across: Trend, left: float, right: float, arrival: float) -> bool:

@@ -22,11 +22,12 @@ AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
 DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
 DRIVES = 3.0  #: what is faster than this along the path is a car that keeps its lane or changes it [m/s]
-CHANGE_AGILITY = 0.5  #: spectral density of its acceleration across the path [m2/s3]
+CHANGE_AGILITY = 0.2  #: spectral density of its acceleration across the path [m2/s3]
 LENGTH = 9.0  #: of such a car and of the own, more than which it takes to get past it [m]
-INSIDE_CAR = 0.0
-SOON = 2.0  #: it is followed from so long before it is in the way [s]
-SURE, LIKELY, DOUBTED = 1.0, 0.5, -0.5  #: standard deviations to brake fully for it, to follow it, to go on following
+FRESH = 0.13  #: who was seen longer ago than this may have gone straight on since [s]
+SOON = 2.0  #: it counts from so long before it is in the way [s]
+LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen there to be followed, and on followed
+EVEN = 0.0  #: the same for full braking, where it is too near for waiting
 CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], its spectral density [m2/s5]
 BRAKES = 3.0  #: standard deviations of acceleration that tell braking from noise
 HARDER = 1.5  #: standard deviations by which one who brakes may do so harder than it seems
@@ -89,7 +90,7 @@ class Track:
         self.p_sv += dt * self.p_v + AGILITY * dt * dt / 2.0
         self.p_v += AGILITY * dt
         self.offset_variance += DRIFT * dt
-        self.across.density = CHANGE_AGILITY if self.speed > DRIVES else LATERAL_AGILITY
+        self.across.density = CHANGE_AGILITY if self.drives else LATERAL_AGILITY
         self.across.predict(dt)
         self.pace.predict(dt)
 
@@ -126,6 +127,11 @@ class Track:
         """Deceleration [m/s2] that one who surely brakes may have, else 0."""
         change, doubt = self.pace.rate, math.sqrt(self.pace.rate_variance)
         return HARDER * doubt - change if -change > BRAKES * doubt else 0.0
+
+    @property
+    def drives(self) -> bool:
+        """Whether it surely goes along with the car, faster than who is on foot."""
+        return self.speed > DRIVES and (self.speed - DRIVES) ** 2 > 4.0 * self.p_v
 
     def _rate_variance(self, sighting: Sighting) -> float:
         """Of the speed along the path that a sighting stands for [m2/s2]: how fast it crosses is known only so well."""
@@ -211,7 +217,7 @@ class Tracker:
             shift = -HYSTERESIS if track.in_way else math.sqrt(track.offset_variance)
             outward = max(abs(track.offset) + shift, 0.0)
             is_in = corridor.contains(track.s, math.copysign(outward, track.offset))
-            track.in_way = is_in or (track.speed > DRIVES and _is_coming(track, corridor))
+            track.in_way = is_in or (track.drives and _is_coming(track, corridor))
 
     def _nearest(self, time: float, bumper: float) -> Target | None:
         nearest = None
@@ -225,13 +231,17 @@ class Tracker:
 
 def _is_coming(track: Track, corridor: Corridor) -> bool:
     """Tell whether a car that goes along is likely to be in the band soon."""
+    return _comes_over(track, corridor, SOON, DOUBTED if track.in_way else LIKELY)
+
+
+def _comes_over(track: Track, corridor: Corridor, within: float, surely: float) -> bool:
     left, right = corridor.half_widths(track.s)
-    return comes_over(track.across, left, right, SOON, DOUBTED if track.in_way else LIKELY)
+    return track.time - track.seen < FRESH and comes_over(track.across, left, right, within, surely)
 
 
 def _endangers(track: Track, corridor: Corridor, bumper: float, speed: float) -> bool:
     """Tell whether a track is in the band now, or will be when a car of this speed [m/s] gets there."""
-    across, drives = track.across, track.speed > DRIVES
+    across, drives = track.across, track.drives
     if not crosses(across, COMES_OVER if drives else CROSSES):
         return _is_inside(track, corridor, track.offset, track.offset_variance)
     gap, closing, (left, right) = track.s - bumper, speed - track.speed, corridor.half_widths(track.s)
@@ -240,7 +250,7 @@ def _endangers(track: Track, corridor: Corridor, bumper: float, speed: float) ->
         return not will_have_left(across, left, right, arrival)
     if drives:
         past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
-        return gap > 0.0 and comes_over(across, left - INSIDE_CAR, right - INSIDE_CAR, min(past, SOON), SURE)
+        return gap > 0.0 and _comes_over(track, corridor, min(past, SOON), EVEN)
     return gap > 0.0 and track.speed > ONCOMING and will_be_in(across, left - INSIDE, right - INSIDE, arrival)
 
 

@@ -70,14 +70,15 @@ def isolated(function: Callable[..., Result], *arguments: Any, timeout: float = 
     return answer  # type: ignore[no-any-return]
 
 
-def _be_vve_sumo(arguments: tuple[str, ...], folder: str) -> tuple[int, str, str]:
+def _be_the_command(arguments: tuple[str, ...], folder: str) -> tuple[int, str, str]:
     from vve_sumo.cli import main
 
     os.chdir(folder)
     os.environ.clear()
-    os.environ.update({"PATH": "/usr/bin:/bin", "HOME": folder})
+    os.environ.update({"PATH": "/usr/bin:/bin", "PYTHONPATH": str(REPOSITORY), "HOME": folder})
     sys.argv = ["vve-sumo", *arguments]
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
+        os.dup2(sys.stdin.fileno(), 0)
         os.dup2(out.fileno(), 1)
         os.dup2(err.fileno(), 2)
         try:
@@ -91,6 +92,6 @@ def _be_vve_sumo(arguments: tuple[str, ...], folder: str) -> tuple[int, str, str
         return int(code or 0), out.read(), err.read()
 
 
-def vve_sumo(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run the command in a folder, in a process that need not import anything first."""
-    return subprocess.CompletedProcess(arguments, *isolated(_be_vve_sumo, arguments, str(cwd)))
+def command(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run `vve-sumo` in a folder; nobody is at its keyboard, and it need not import anything first."""
+    return subprocess.CompletedProcess(arguments, *isolated(_be_the_command, arguments, str(cwd)))

@@ -93,7 +93,7 @@ def test_a_wrong_scenario_is_one_line_exit_2_and_nothing_left(case: str, tmp_pat
 def refused(folder: Path, arguments: list[str], words: list[str]) -> None:
     """Assert that a command is refused in one line with these words, with exit code 2, and leaves nothing behind."""
     before = sorted(folder.rglob("*"))
-    run = isolated.vve_sumo(*arguments, cwd=folder)
+    run = isolated.command(*arguments, cwd=folder)
     assert run.returncode == 2, run.stdout + run.stderr
     assert len(run.stderr.strip().splitlines()) == 1, run.stderr
     for word in words:

@@ -51,6 +51,30 @@ def walker(ego_speed: float, arrives: float, at_offset: float, speed: float, fro
                   length=size[0], width=size[1], cross_section=0.5)  # fmt: skip
 
 
+def changes_lane(x: float, y: float, speed: float, begins: float, lasts: float) -> Body:
+    """A car that comes over from `y` to the middle of the road, with the least jerk; x and y of its middle."""
+
+    def place(time: float) -> tuple[float, float, float, float]:
+        share = min(max((time - begins) / lasts, 0.0), 1.0)
+        rate = -y * 30.0 * share**2 * (1.0 - share) ** 2 / lasts
+        aside = y * (1.0 - share**3 * (10.0 - 15.0 * share + 6.0 * share * share))
+        return x + speed * time, aside, math.atan2(rate, speed), math.hypot(rate, speed)
+
+    return Body(place)
+
+
+def weaves(x: float, y: float, speed: float, swing: float, period: float, phase: float) -> Body:
+    """A car that swings [m] to both sides of `y` in a period [s]; x and y of its middle, phase [rad]."""
+    pace = math.tau / period
+
+    def place(time: float) -> tuple[float, float, float, float]:
+        rate = swing * pace * math.cos(pace * time + phase)
+        aside = y + swing * math.sin(pace * time + phase)
+        return x + speed * time, aside, math.atan2(rate, speed), math.hypot(rate, speed)
+
+    return Body(place)
+
+
 def braking_lead(gap: float, speed: float, deceleration: float, build_up: float, since: float) -> Body:
     """A car ahead that brakes to rest from a time [s] on, its deceleration building up linearly [s]."""
     step, ahead = 0.005, [(CAR.rear_axle_to_bumper + gap + 2.25, speed)]

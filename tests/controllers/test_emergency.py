@@ -9,12 +9,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from controllers.crossing import will_be_in, will_have_left
+from controllers.crossing import comes_over, will_be_in, will_have_left
 from controllers.emergency import JERK, MARGIN, Emergency
 from controllers.follow_and_stop import FollowAndStop, make
 from controllers.tracks import Target
 from controllers.trend import Trend
-from tests.controllers.bench import CAR, KMH, Body, G, braking_lead, ride, steady, walker
+from tests.controllers.bench import CAR, KMH, Body, G, braking_lead, changes_lane, ride, steady, walker, weaves
 from tests.controllers.street import FUSION
 from vve_sumo.laws import impact_speed, stopping_distance
 
@@ -155,6 +155,34 @@ def test_a_child_that_crosses(speed, allowed, seed):
     assert done.began == pytest.approx(4.0 - time_to_brake(speed * KMH), abs=0.1 if speed <= 40 else 0.6)
 
 
+@pytest.mark.parametrize(("slower", "allowed"), [(10, 5), (20, 5), (30, 5), (40, 10), (60, 30)])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_car_that_cuts_in(slower, allowed, seed):
+    """UN R157: into the car's lane, 4 m wide, 0.05 s before nobody need avoid it; impact speeds that we allow in km/h.
+
+    The whole controller. It comes over in 5 s, and 1.69 s later touches the edge, hindmost corner 2.35 m behind its middle.
+    """
+    v, u = slower * KMH, 40.0 * KMH
+    before = v / (2.0 * 6.0) + 0.35 + 0.05
+    other = changes_lane(NOSE + v * (before + 1.5 + 1.69) + 2.35, 4.0, u, 1.5, 5.0)
+    assert ride(make(CAR, {}), v + u, [other], 6.5, seed=seed, stays=True).impact <= allowed * KMH
+
+
+def test_a_car_that_is_only_beside_it_cuts_in_nowhere():
+    """Along the path it is there at once, across it nobody knows yet: the rate must be known first."""
+    across = Trend(2.0, 0.04, 16.0, 0.2)
+    across.rate = -10.0
+    assert not comes_over(across, 1.2, 1.2, 2.0, 0.0)
+    across.rate_variance, across.rate = 0.04, -0.3
+    assert not comes_over(across, 1.2, 1.2, 2.0, 0.0)  # no more than the noise
+    across.rate = -0.45
+    assert comes_over(across, 1.2, 1.2, 2.0, 0.0)
+    assert not comes_over(across, 1.2, 1.2, 1.7, 0.0)  # it is not there yet
+    assert not comes_over(across, 1.2, 1.2, 2.0, 0.4)
+    across.rate = 0.45
+    assert not comes_over(across, 1.2, 1.2, 2.0, 0.0)  # it goes away
+
+
 def parked(first, clear, pitch=8.0):
     """Cars at the kerb, so far clear of the ego's side [m]."""
     return [steady(NOSE + first + pitch * i, -(0.5 * CAR.width + clear + 0.9)) for i in range(4)]
@@ -175,7 +203,13 @@ def along_the_kerb(pace):
     return [steady(NOSE + 15.0 + 9.0 * i, -(0.5 * CAR.width + 0.9), pace, 0.0, **PERSON) for i in range(6)]
 
 
+def beside(speed, aside):
+    return [weaves(NOSE + 20.0 + 35.0 * i, aside, speed * KMH, 0.3, 6.0, 1.7 * i) for i in range(4)]
+
+
 BYSTANDERS = {
+    "weaves in the next lane": (50.0, beside(40.0, 3.5)),
+    "weaves in the next lane, much slower": (80.0, beside(40.0, 3.5)),
     "FMVSS 127 pass-through": (80.0, pair(100.0, 4.5)),
     "the same, narrower": (80.0, pair(100.0, 4.3)),
     "the same, seen late": (80.0, pair(50.0, 4.3)),

@@ -92,8 +92,7 @@ def truth(parameters: CarParameters) -> dict[str, float]:
     }
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("geometry", [{}, OTHER], ids=["declared", "other"])
+@pytest.mark.parametrize(("geometry", "seed"), [({}, 1), (OTHER, 2)], ids=["declared", "other"])
 def test_finds_the_parameters_that_the_car_was_given(geometry: dict[str, float], seed: int, tmp_path: Path) -> None:
     parameters = car(**geometry)
     drive = CalibrationDrive(parameters, seed)

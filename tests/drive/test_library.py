@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from benchmarks import library
+from tests import isolated
 from tests.conftest import REPOSITORY
 
 DOCS = REPOSITORY / "docs"
 
 
 def said(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "vve_sumo.cli", "scenarios", *arguments],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    return isolated.command("scenarios", *arguments, cwd=folder)
 
 
 def test_every_scenario_is_one_line_with_its_title(tmp_path: Path) -> None:

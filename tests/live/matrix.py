@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 import signal
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from tests.conftest import REPOSITORY
@@ -28,6 +28,8 @@ EXPIRY: Final = 0.100 + STEP  # the last setpoint is acted on to its end
 FIX: Final = 0.150 + PERIOD + STEP  # a fix that counts is too old, a tick says so
 REPORT: Final = 0.100 + STEP  # a report is too old
 WRITE: Final = 0.200 + STEP  # the recorder tries to write, and says that it could not
+#: faults that are ridden through in one drive come one after the other, so long each [s]
+EACH: Final = 3.0
 #: reports come every 20 ms, the truth every 10, the operator is heard within 50: nothing here is timed better [s]
 TOLERANCE: Final = 0.100
 
@@ -242,6 +244,16 @@ MATRIX: Final = (
         Fault("brake_override", later=1.5), reasons=("brake_disabled", "driver_override"),
     ),
 )  # fmt: skip
+
+
+def in_turn(rows: tuple[Row, ...]) -> Row:
+    """Return the row that puts the faults of rows on in one drive, one after the other; a single row is itself."""
+    if len(rows) == 1:
+        return rows[0]
+    faults = tuple(
+        fault._replace(duration=EACH, later=turn * EACH) for turn, row in enumerate(rows) for fault in row.faults
+    )
+    return replace(rows[0], name="+".join(row.name for row in rows), faults=faults)
 
 
 def bound(row: Row, speed: float, acceleration: float) -> float:

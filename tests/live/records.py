@@ -1,4 +1,4 @@
-"""Live drives for tests: the whole command in a process of its own, on the shipped rig with faults put on."""
+"""Live drives for tests: what of the command drives, in processes of its own, on the shipped rig with faults put on."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.conftest import REPOSITORY
+from tests.live.stage import DRIVES
 from vve_sumo.drive.record import read_table
 from vve_sumo.errors import ConfigError
 
@@ -100,7 +101,7 @@ def begin(folder: Path, *faults: str) -> Drive:
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
     with (folder / "said.txt").open("wb") as said:
         console = subprocess.Popen(
-            [sys.executable, "-m", "vve_sumo.cli", "drive", "short.toml", "--rig", "rig.toml", "--out", "record"],
+            [sys.executable, *DRIVES, "short.toml", "--rig", "rig.toml", "--out", "record"],
             cwd=folder,
             env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
             stdin=subprocess.DEVNULL,

@@ -33,7 +33,7 @@ from tests.live.witness import stalls, witness
 from vve_sumo.drive.record import read_table
 from vve_sumo.plant.rehearsal import STARTED
 
-#: a drive that was ridden through goes on for so long, then the operator stops it [s]
+#: a drive that was ridden through goes on for so long after its last fault, then the operator stops it [s]
 GOES_ON = 3.0
 #: from rest to the gateway's letting go [s]
 PARKING = 2.0
@@ -155,7 +155,8 @@ class Stage:
         with witness(file), self._console() as console:
             moment = self._break(console) if self._under_way(console) else math.nan
             if self.row.right is Right.RIDDEN:
-                time.sleep(max(moment + GOES_ON - time.monotonic(), 0.0) if moment == moment else 0.0)
+                last = moment + max(fault.later for fault in self.row.faults) + GOES_ON
+                time.sleep(max(last - time.monotonic(), 0.0) if moment == moment else 0.0)
                 console.send_signal(signal.SIGINT)
             alive = self._wait_for_the_end(console)
         logs = [self._said, self.record / "traceback.txt", *(self.record / f"{name}.log" for name in self.pids)]

@@ -14,6 +14,7 @@ import pyproj
 import pytest
 import shapely
 
+from tests import isolated
 from tests.conftest import REPOSITORY
 from tests.live.command_line import outline, own_rig, vve_sumo
 from vve_sumo.drive.setting import read_path
@@ -162,7 +163,7 @@ def test_bad_surveys_are_refused_in_one_line(change, words: str, tmp_path: Path)
     rig = own_rig(tmp_path)
     before = rig.read_text(encoding="utf-8")
     file = pairs_file(tmp_path, change(true_places()))
-    run = vve_sumo("align", "seen_late", "--rig", str(rig), "--pairs", str(file), "--yes", cwd=tmp_path)
+    run = isolated.command("align", "seen_late", "--rig", str(rig), "--pairs", str(file), "--yes", cwd=tmp_path)
     assert run.returncode == 2
     assert len(run.stderr.strip().splitlines()) == 1
     assert words in run.stderr
@@ -188,7 +189,9 @@ def test_files_of_pairs_that_are_none_are_refused(text: str, words: str, tmp_pat
 
 def test_a_search_in_the_twins_lot_fits_the_path(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
-    run = vve_sumo("align", "seen_late", "--rig", str(rig), "--fit", "--store", "--picture", "lot.png", cwd=tmp_path)
+    run = isolated.command(
+        "align", "seen_late", "--rig", str(rig), "--fit", "--store", "--picture", "lot.png", cwd=tmp_path
+    )
     assert run.returncode == 0, run.stderr
     loaded = rigs.load(rig)
     site = align.site_of("seen_late", str(rig), tmp_path)
@@ -231,7 +234,7 @@ def runway(length: float, width: float = 24.0) -> tuple[str, str]:
 def test_a_path_too_long_is_cut_where_it_still_fits(tmp_path: Path) -> None:
     rig = own_rig(tmp_path, runway(160.0))
     options = ("--fit", "--picture", "lot.png", "--cut", "short.csv", "--store")
-    run = vve_sumo("align", "calibration", "--rig", str(rig), *options, cwd=tmp_path)
+    run = isolated.command("align", "calibration", "--rig", str(rig), *options, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert shows(tmp_path / "lot.png", ALARM)
     station = float(re.search(r"from (\S+) m on, the car could not stop", run.stdout)[1])
@@ -273,13 +276,13 @@ def test_a_shipped_rig_is_not_written_from_elsewhere(tmp_path: Path, monkeypatch
 
 def test_a_scenario_too_fast_for_the_lot_names_both(tmp_path: Path) -> None:
     rig = own_rig(tmp_path, ("speed_mps = 12.0", "speed_mps = 5.0"))
-    run = vve_sumo("align", "seen_late", "--rig", str(rig), "--fit", cwd=tmp_path)
+    run = isolated.command("align", "seen_late", "--rig", str(rig), "--fit", cwd=tmp_path)
     assert run.returncode == 2
     assert "seen_late.toml: ego.speed_mps" in run.stderr
     assert "limits.speed_mps" in run.stderr
 
 
 def test_a_cut_without_a_search_is_refused(tmp_path: Path) -> None:
-    run = vve_sumo("align", "--rig", str(own_rig(tmp_path)), "--cut", "short.csv", cwd=tmp_path)
+    run = isolated.command("align", "--rig", str(own_rig(tmp_path)), "--cut", "short.csv", cwd=tmp_path)
     assert run.returncode == 2
     assert "--fit" in run.stderr

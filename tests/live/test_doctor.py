@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import isolated
 from tests.conftest import REPOSITORY
 from tests.live.bench import LiveCar
 from tests.live.command_line import WATCHDOG, begun, outline, own_rig, vve_sumo
@@ -87,7 +88,7 @@ def test_a_port_that_another_program_has_is_no_go_and_no_car_is_started(tmp_path
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", port))
         other.settimeout(0.0)
-        run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
+        run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
         with pytest.raises(BlockingIOError):
             other.recv(100)
     assert run.returncode == 3
@@ -109,7 +110,7 @@ def real_rig(folder: Path, channel: str, *changes: tuple[str, str]) -> Path:
 
 def test_a_bus_and_a_receiver_that_are_not_there_are_no_go(tmp_path: Path) -> None:
     rig = real_rig(tmp_path, "/dev/nobody")
-    run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
+    run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     assert run.returncode == 3
     finding, text = told(run, "bus")
     assert finding == "NO-GO"
@@ -276,7 +277,7 @@ def test_an_echo_is_heard_on_the_same_bus_only() -> None:
 
 
 def test_what_is_named_wrongly_is_no_go_and_the_rest_is_told(tmp_path: Path) -> None:
-    run = vve_sumo("doctor", "no_such", "--rig", "nobody", cwd=tmp_path)
+    run = isolated.command("doctor", "no_such", "--rig", "nobody", cwd=tmp_path)
     assert run.returncode == 3
     assert run.stderr == ""
     assert "parked_car" in told(run, "scenario")[1]
@@ -286,7 +287,7 @@ def test_what_is_named_wrongly_is_no_go_and_the_rest_is_told(tmp_path: Path) -> 
 
 
 def test_the_scenario_alone_is_examined_without_a_rig(tmp_path: Path) -> None:
-    run = vve_sumo("doctor", "seen_late", cwd=tmp_path)
+    run = isolated.command("doctor", "seen_late", cwd=tmp_path)
     assert (run.returncode, run.stdout.splitlines()[-1]) == (0, "GO")
     assert "200 steps" in told(run, "street")[1]
     assert "there and back" in told(run, "network")[1]
@@ -295,7 +296,7 @@ def test_the_scenario_alone_is_examined_without_a_rig(tmp_path: Path) -> None:
 
 def test_a_speed_that_the_lot_does_not_allow_is_no_go(tmp_path: Path) -> None:
     rig = real_rig(tmp_path, "/dev/nobody", ("speed_mps = 12.0", "speed_mps = 5.0"))
-    run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
+    run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     assert told(run, "speed")[0] == "NO-GO"
 
 

@@ -6,16 +6,18 @@ was seen to stand still says nothing of the drive and is repeated; one that fail
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 import pytest
 import shapely
 
-from tests.live.matrix import GATEWAY, MATRIX, SPEED, STEP, TOLERANCE, WATCHDOG, Layer, Right, Row, bound
+from tests.live.matrix import EACH, GATEWAY, MATRIX, SPEED, STEP, TOLERANCE, WATCHDOG, Layer, Right, Row, bound, in_turn
 from tests.live.stage import Evidence, Stage
 from vve_sumo.bus import read_log
 from vve_sumo.drive import reasons
@@ -28,14 +30,15 @@ from vve_sumo.vehicle.dbw import Variant
 
 ATTEMPTS = 4
 #: two drives of four real-time processes each leave two cores half idle, a third would not; the other live tests, which
-#: run beside these, are the second
-TOGETHER = 1
+#: run beside these, are the second: so one row drives while the one before it is judged
+TOGETHER = 2
+DRIVING = Lock()
 VARIANT = Variant.DBW1_2024
 
 
 @pytest.fixture(scope="module")
 def tried(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future[str]]]:
-    """What came of every row that was asked for, by name; as many drives at once as the timing bears."""
+    """What came of every row that was asked for, by name; those that are ridden through share a drive."""
     params = (
         item.callspec.params
         for item in request.session.items
@@ -43,7 +46,10 @@ def tried(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     )
     chosen = [param["row"] for param in params if isinstance(param.get("row"), Row)]
     crew = ThreadPoolExecutor(TOGETHER)
-    yield {row.name: crew.submit(attempt, row, tmp_path_factory.mktemp(row.name)) for row in chosen}
+    ridden = tuple(row for row in chosen if row.right is Right.RIDDEN)
+    tries = [ridden] * bool(ridden) + [(row,) for row in chosen if row not in ridden]
+    came = [(rows, crew.submit(attempt, rows, tmp_path_factory.mktemp(rows[0].name))) for rows in tries]
+    yield {row.name: future for rows, future in came for row in rows}
     crew.shutdown(cancel_futures=True)
 
 
@@ -53,13 +59,15 @@ def test_a_fault_has_its_right_outcome(row: Row, tried: dict[str, Future[str]]) 
     print(tried[row.name].result())
 
 
-def attempt(row: Row, folder: Path) -> str:
-    """Run a row and judge it, again where the machine stood still; return what was measured, and why again."""
-    words = ""
+def attempt(rows: tuple[Row, ...], folder: Path) -> str:
+    """Run rows in one drive and judge each, again where the machine stood still; return what was found in words."""
+    words, row = "", in_turn(rows)
     for number in range(1, ATTEMPTS + 1):
-        evidence = Stage(row, folder / str(number)).run()
+        with DRIVING:
+            evidence = Stage(row, folder / str(number)).run()
         try:
-            judge(row, evidence)
+            for turn, each in enumerate(rows):
+                judge(each, dataclasses.replace(evidence, moment=evidence.moment + turn * EACH))
         except AssertionError:
             if not evidence.stalls or number == ATTEMPTS:
                 raise

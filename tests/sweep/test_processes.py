@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import multiprocessing.util
 import os
 import signal
 import subprocess
@@ -104,6 +105,7 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A place for temporary files, in which no test may leave any."""
     place = tmp_path / "scratch"
     place.mkdir()
+    multiprocessing.util.get_temp_dir()  # of tests/isolated.py, which keeps it as long as this process lives
     monkeypatch.setattr("tempfile.tempdir", str(place))
     yield place
     assert list(place.iterdir()) == []

@@ -124,7 +124,7 @@ def _flow(network: str, seed: int, log: str) -> tuple[int, int, int, int, int, s
     edges = [edge.getID() for edge in sumolib.net.readNet(network).getEdges() if edge.allows("passenger")]
     drawn = random.Random(seed)
     rules = ["--time-to-teleport", "-1", "--collision.action", "warn", "--collision.check-junctions", "true"]
-    steps = ["--step-length", "0.2", "--no-step-log", "true", "--collision.mingap-factor", "0", "--seed", "1"]
+    steps = ["--step-length", "0.5", "--no-step-log", "true", "--collision.mingap-factor", "0", "--seed", "1"]
     libsumo.start(["sumo", "-n", network, "--error-log", log, *rules, *steps])
     start_warnings = Path(log).read_text()
     loaded = inserted = arrived = teleported = 0

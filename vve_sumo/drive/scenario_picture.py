@@ -37,6 +37,7 @@ from vve_sumo.drive.sheet import (
     TOP,
     panel,
 )
+from vve_sumo.errors import ConfigError
 from vve_sumo.scenario import words
 from vve_sumo.values import Floats, Player
 from vve_sumo.world.footprint import Rectangle
@@ -105,7 +106,7 @@ class Page:
 
 
 def draw(setting: Setting, file: FilePath) -> None:
-    """Write the picture of a scenario as a PNG file."""
+    """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -131,7 +132,10 @@ def _save(figure: Figure, file: FilePath) -> None:
     with io.BytesIO() as page:
         figure.savefig(page, format="png")
         image = Image.open(page).convert("RGB")
-    image.quantize(palette=palette, dither=Image.Dither.NONE).save(file, optimize=True)
+    try:
+        image.quantize(palette=palette, dither=Image.Dither.NONE).save(file, format="PNG", optimize=True)
+    except OSError as error:
+        raise ConfigError(f"picture {file}: cannot be written: {error.strerror}") from None
 
 
 def _colours() -> list[tuple[int, int, int]]:

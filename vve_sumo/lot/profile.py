@@ -42,7 +42,7 @@ def way_to_rest(
     speed = max(pose.speed, 0.0)
     if distance is None:
         distance = speed * DELAY + speed * speed / (2.0 * DECELERATION) + RESERVE
-    if not math.isfinite(pose.x + pose.y + pose.heading + steering + station + distance):
+    if not math.isfinite(pose.x + pose.y + pose.heading + speed + steering + station + distance):
         return None
     spacing = max(distance / INTERVALS, FINEST)
     knots = _follow(pose, speed, steering, path, station, vehicle, spacing, math.ceil(distance / spacing - 1e-9))

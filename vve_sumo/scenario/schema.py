@@ -198,6 +198,11 @@ class Actor(Table):
         return self
 
 
+def _ordered(least: float | None, greatest: float | None) -> None:
+    if least is not None and greatest is not None and least > greatest:
+        raise ValueError(f"least {least:g} is above greatest {greatest:g}")
+
+
 class Band(Table):
     """An interval that a figure of the drive must lie in; either side may be open."""
 
@@ -206,15 +211,16 @@ class Band(Table):
 
     @model_validator(mode="after")
     def _not_empty(self) -> Self:
-        if self.min is not None and self.max is not None and self.min > self.max:
-            raise ValueError(f"least {self.min:g} is above greatest {self.max:g}")
+        _ordered(self.min, self.max)
         return self
 
 
 class Criteria(Table):
     """What makes the drive pass; a criterion that is left out is not judged."""
 
-    outcome: Literal["stopped", "arrived", "aborted"] | None = Field(default=None, description="how the drive must end")
+    outcome: Literal["stopped", "arrived", "aborted", "fault"] | None = Field(
+        default=None, description="how the drive must end; fault: stopped by the gateway"
+    )
     collision: bool | None = Field(default=False, description="whether a contact may, or must not, happen")
     stop_gap_m: Band | None = None
     min_ttc_s: Band | None = None
@@ -255,6 +261,11 @@ class Parameter(Table):
     min: Finite | None = Field(default=None, description="no sweep goes below")
     max: Finite | None = Field(default=None, description="no sweep goes above")
     meaning: str = ""
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> Self:
+        _ordered(self.min, self.max)
+        return self
 
 
 class Scenario(Table):

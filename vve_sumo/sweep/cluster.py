@@ -102,9 +102,8 @@ class _Shift:
         """Drive every job."""
         self._fill(jobs, done)
         while self._under_way:
-            with contextlib.suppress(Empty):
-                future = self._finished.get(timeout=LOOK)
-                job, _ = self._under_way.pop(future.key)
+            for future in self._ended():
+                job, _future = self._under_way.pop(future.key)
                 result = self._result(job, future)
                 check_room(result)
                 done(job, result)
@@ -115,6 +114,13 @@ class _Shift:
         futures = [future for _job, future in self._under_way.values()]
         _within(ASK, lambda: self._client.cancel(futures))
         _everyone(self._client, remote.dismiss)
+
+    def _ended(self) -> list[Future[remote.Came]]:
+        """Return the next task that came to an end; none where that takes so long that workers are to be counted."""
+        try:
+            return [self._finished.get(timeout=LOOK)]
+        except Empty:
+            return []
 
     def _fill(self, jobs: Iterator[Job | None], done: Done) -> None:
         """Begin jobs until every worker has enough; those that can't be told are done before they began."""

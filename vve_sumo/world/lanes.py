@@ -204,7 +204,9 @@ class Lanes:
     def _through(self, lane: str) -> tuple[str, ...]:
         """Edges of a way through a junction that uses the lane inside it."""
         if lane not in self._entries:
-            before = [other for other in self.by_id if other.startswith(":") and self.follows(other, lane)]
+            # Of the same junction: to ask SUMO for the links of every junction's lanes takes longer than a tick.
+            junction = f"{lane.rsplit('_', 2)[0]}_"
+            before = [other for other in self.by_id if other.startswith(junction) and self.follows(other, lane)]
             return self._through(before[0]) if before else (self.exit_edge(lane),)
         links = self._links_of(self._entries[lane])
         beyond = next(beyond for beyond, inside, _ in links if inside == lane)
