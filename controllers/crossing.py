@@ -41,9 +41,10 @@ def comes_over(across: Trend, left: float, right: float, within: float, surely: 
 
     Unlike one who crosses it stays there: the edge that is seen first counts, and not where it would be later.
     """
+    if not (across.rate_variance < KNOWN * KNOWN and crosses(across, COMES_OVER)):
+        return False
     now, then, sigma, enters, leaves = _forecast(across, left, right, within)
-    is_known = across.rate_variance < KNOWN * KNOWN
-    return is_known and crosses(across, COMES_OVER) and now <= leaves and then - surely * sigma >= enters
+    return now <= leaves and then - surely * sigma >= enters
 
 
 def will_have_left(across: Trend, left: float, right: float, arrival: float) -> bool:

@@ -6,7 +6,6 @@ second to import is imported once. What must differ between processes (hash seed
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
 import subprocess
@@ -20,8 +19,17 @@ from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from typing import Any, TypeVar
 
+import pytest
+
 Result = TypeVar("Result")
 REPOSITORY = Path(__file__).parent.parent
+#: of the server, or forking would not be safe
+ONE_THREAD = {
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "JE_ARROW_MALLOC_CONF": "background_thread:false",
+}
 WARM = ("vve_sumo.cli", "vve_sumo.drive.command", "libsumo", "pandas", "pytest")
 
 
@@ -40,7 +48,10 @@ def _server() -> ForkServerContext:
     """Return the context whose processes are forked from the warm server, which is started on first use."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(WARM))
-    with contextlib.chdir(REPOSITORY):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(REPOSITORY)
+        for name, value in ONE_THREAD.items():
+            patch.setenv(name, value)
         forkserver.ensure_running()
     return context
 

@@ -21,6 +21,21 @@ EXIT_CODES = """exit codes:
   130  interrupted from the keyboard before the drive began
 """
 
+SUITE_CODES = """exit codes:
+  0  no row failed that physics allowed
+  1  one did, or was not driven as the standard wants it
+  2  wrong use or configuration; nothing was written
+  130  interrupted from the keyboard; there is no table then
+"""
+
+SWEEP_CODES = """exit codes:
+  0  every run is a row, passed or not; of --rerun: the record is the same
+  1  of --rerun: it is not
+  2  wrong use or configuration; nothing was driven
+  4  every run broke, or the disk is full
+  130  interrupted from the keyboard; --resume goes on
+"""
+
 
 #: curvature of the shipped car's tightest circle, at its steering limit and wheelbase [1/m]
 TIGHTEST = 0.21
@@ -63,9 +78,15 @@ def _parser() -> argparse.ArgumentParser:
 Commands = "argparse._SubParsersAction[_Parser]"
 
 
-def _add(commands: Commands, name: str, summary: str, text: str) -> argparse.ArgumentParser:  # type: ignore[valid-type]
+def _add(
+    commands: Commands,  # type: ignore[valid-type]
+    name: str,
+    summary: str,
+    text: str,
+    codes: str = EXIT_CODES,
+) -> argparse.ArgumentParser:
     added: argparse.ArgumentParser = commands.add_parser(  # type: ignore[attr-defined]
-        name, help=summary, description=text, epilog=EXIT_CODES, formatter_class=argparse.RawDescriptionHelpFormatter
+        name, help=summary, description=text, epilog=codes, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     return added
 
@@ -111,13 +132,13 @@ def _add_suite(commands: Commands) -> None:  # type: ignore[valid-type]
         "suite",
         "drive a standard's tests on the test track: a pass/fail table",
         "Drive every row of a standard's table with the hardware-free car on a long straight track, and say which are\n"
-        "passed, which failed, and whether the brakes could have done it at all. Without a name: list the suites.\n"
-        "Exit code 1: a row failed that physics allowed, or was not driven as the standard wants it.\n\n"
+        "passed, which failed, and whether the brakes could have done it at all. Without a name: list the suites.\n\n"
         "examples:\n"
         "  vve-sumo suite                            the list\n"
         "  vve-sumo suite r152 --out r152            the table, also as CSV, JSON and Markdown\n"
         "  vve-sumo suite fmvss127 --out a --keep    with the full record of every row\n"
         "  vve-sumo suite r152 --controller mine.py:make",
+        SUITE_CODES,
     )
     suite.add_argument("name", nargs="?", help="of the suite")
     suite.add_argument("--out", type=Path, metavar="DIR", help="folder for the table, absent or empty")
@@ -134,13 +155,14 @@ def _add_sweep(commands: Commands) -> None:  # type: ignore[valid-type]
         "drive a scenario many times, its parameters varied, into one dataset",
         "Drive every run that a sweep's file asks for, each in a process of its own, and leave a row for each in a\n"
         "Parquet dataset. A run that crashes, hangs or eats memory is a row with its reason. Ctrl-C, a kill or a full\n"
-        "disk lose nothing finished. Exit code 0: every run is a row, whether it passed or not.\n\n"
+        "disk lose nothing finished.\n\n"
         "examples:\n"
         "  vve-sumo sweep parked_car_speeds --out speeds            a file under sweeps/\n"
         "  vve-sumo sweep mine.toml --out mine --keep failed        with full records of what failed\n"
         "  vve-sumo sweep mine.toml --out mine --resume             go on after a kill\n"
         "  vve-sumo sweep seen_late_speed --search --out found      where a criterion flips, or the worst case\n"
         "  vve-sumo sweep --rerun mine 0f3a9c1b5d7e2a48             one run again: is its record the same?",
+        SWEEP_CODES,
     )
     sweep.add_argument("spec", nargs="?", help="name or .toml file")
     sweep.add_argument("--out", type=Path, metavar="DIR", help="folder of the dataset; of --rerun: of the record")
@@ -420,8 +442,8 @@ def _add_init(commands: Commands) -> None:  # type: ignore[valid-type]
         commands,
         "init",
         "lay out a workspace of your own",
-        "Copy the shipped controllers, networks, routes and scenarios into a folder. Run vve-sumo from there:\n"
-        "your files win over shipped ones of the same name.",
+        "Copy the shipped controllers, networks, rigs, routes, scenarios and sweeps into a folder. Run vve-sumo from\n"
+        "there: your files win over shipped ones of the same name.",
     )
     init.add_argument("folder", type=Path, metavar="DIR", help="folder to lay out; existing files are never replaced")
     init.set_defaults(run=_init)
@@ -479,7 +501,12 @@ def _sweep(arguments: argparse.Namespace) -> int:
             raise ConfigError("--rerun: its folder knows what was driven; leave out the sweep's name")
         return rerun(Path(arguments.rerun[0]), arguments.rerun[1], arguments.out)
     if arguments.spec is None or arguments.out is None:
-        raise ConfigError("sweep: expected a sweep's name or file and --out DIR (see vve-sumo sweep --help)")
+        from vve_sumo.workspace import known
+
+        there = ", ".join(known("sweep", Path.cwd()))
+        raise ConfigError(
+            f"sweep: expected a sweep's name or file and --out DIR (see vve-sumo sweep --help); known: {there}"
+        )
     return sweep(
         arguments.spec,
         out=arguments.out,

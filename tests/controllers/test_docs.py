@@ -37,11 +37,10 @@ def example(page, tmp_path):
 
 
 def test_the_example_passes_the_shipped_scenario(page, example):
-    """The car with all its flaws, radar noise and traffic; what the page says of the drive."""
+    """The car with all its flaws, radar noise and traffic; what the page says of the drive, and of a shorter one."""
     within, least, most = told(page, r"within (\S+) m of the path and stops (\S+) to (\S+) m before")
-    for seed in (1, 2):
-        changes = {"seed": seed, "controller": {"name": f"{example}:make"}}
-        summary = isolated(drive_once, changes)
+    for changes in ({"seed": 1}, {"seed": 2, "obstacles.0.at_m": 400.0, "street.demand": []}):
+        summary = isolated(drive_once, changes | {"controller": {"name": f"{example}:make"}})
         assert summary["outcome"] == "stopped", summary
         assert summary["collision"] is False
         assert least <= summary["stop_gap_m"] <= most
@@ -50,7 +49,8 @@ def test_the_example_passes_the_shipped_scenario(page, example):
 
 
 def test_the_example_stops_at_the_end_of_the_path(example):
-    summary = isolated(drive_once, {"obstacles": [], "controller": {"name": f"{example}:make"}})
+    changes = {"obstacles": [], "street.demand": [], "controller": {"name": f"{example}:make"}}
+    summary = isolated(drive_once, changes)
     assert summary["outcome"] == "arrived", summary
     assert summary["collision"] is False
 

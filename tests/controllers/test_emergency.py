@@ -160,11 +160,11 @@ def test_a_child_that_crosses(speed, allowed, seed):
 def test_a_car_that_cuts_in(slower, allowed, seed):
     """UN R157: into the car's lane, 4 m wide, 0.05 s before nobody need avoid it; impact speeds that we allow in km/h.
 
-    The whole controller. It comes over in 5 s, and 1.69 s later touches the edge, hindmost corner 2.35 m behind its middle.
+    The whole controller. It comes over in 5 s and touches the edge after 1.69 s, 2.33 m from middle to hindmost corner.
     """
     v, u = slower * KMH, 40.0 * KMH
     before = v / (2.0 * 6.0) + 0.35 + 0.05
-    other = changes_lane(NOSE + v * (before + 1.5 + 1.69) + 2.35, 4.0, u, 1.5, 5.0)
+    other = changes_lane(NOSE + v * (before + 1.5 + 1.69) + 2.33, 4.0, u, 1.5, 5.0)
     assert ride(make(CAR, {}), v + u, [other], 6.5, seed=seed, stays=True).impact <= allowed * KMH
 
 

@@ -29,7 +29,7 @@ def at_speed(mph: float, seed: int) -> dict[str, Any]:
 
 def slowly(mph: float, seed: int, *, bend: bool) -> dict[str, Any]:
     """Return the changes for a slow drive on the path's first straight, or on that and through its first bend."""
-    at = obstacle_station(mph * MPH, begin=FIRST_BEND[1] + 20.0 if bend else 0.0)
+    at = obstacle_station(mph * MPH, begin=(FIRST_BEND[1] if bend else 0.0) + 20.0)
     assert at < (NEXT_BEND if bend else FIRST_BEND[0])
     return at_speed(mph, seed) | {"obstacles": [{"id": "parked_car", "at_m": at}]}
 

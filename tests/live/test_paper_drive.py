@@ -1,7 +1,4 @@
-"""The paper's drive live: the whole stack in real time with 200 vehicles on the streets of Linden.
-
-The parked car is nearer than in the shipped scenario, yet behind both bends and far enough to be driven up to at speed.
-"""
+"""The paper's drive live: the whole stack in real time with 200 vehicles on the streets of Linden."""
 
 from __future__ import annotations
 
@@ -21,7 +18,6 @@ from vve_sumo.drive.record import read_table
 pytestmark = pytest.mark.live
 
 VEHICLES = 200
-AT = 400.0  #: station of the parked car [m]
 #: a machine that stands still for longer than the gateway's timer may is no machine for this test; so many may not
 TRIES = 3
 
@@ -30,8 +26,6 @@ def scenario(folder: Path) -> Path:
     """Write the shipped scenario with much more traffic."""
     table: Any = tomlkit.parse((REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8"))
     table["street"]["demand"] = [str(demand(folder, VEHICLES))]
-    (parked,) = table["obstacles"]
-    parked["at_m"] = AT
     file = folder / "paper.toml"
     file.write_text(tomlkit.dumps(table), encoding="utf-8")
     return file
@@ -52,7 +46,7 @@ def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path) -> Non
     assert done.returncode == 0, done.stdout + done.stderr
     assert summary["outcome"] == "stopped"
     assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.7)
-    assert summary["duration_s"] > 40.0
+    assert summary["duration_s"] > 60.0
     assert not summary["collision"]
     ledger = summary["latency"]
     assert ledger["ticks"] == pytest.approx(summary["ticks"], abs=5)

@@ -113,9 +113,10 @@ def test_it_asks_for_no_more_than_tyres_and_comfort_give() -> None:
 
 @pytest.mark.parametrize("field", ["x", "y", "heading", "speed"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_there_is_none_from_nowhere(field: str, bad: float) -> None:
+@pytest.mark.parametrize("distance", [None, 10.0])
+def test_there_is_none_from_nowhere(field: str, bad: float, distance: float | None) -> None:
     start = replace(beside(CIRCLE, 10.0, 0.0, 0.0, 5.0), **{field: bad})
-    assert way_to_rest(start, 0.0, CIRCLE, 10.0, VEHICLE) is None
+    assert way_to_rest(start, 0.0, CIRCLE, 10.0, VEHICLE, distance) is None
 
 
 @pytest.mark.parametrize(

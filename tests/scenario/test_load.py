@@ -111,6 +111,7 @@ NEAR_MISSES = [
     ("parameters.gap.set", ["x"], "unknown key 'parameters.gap.set', did you mean 'sets'?"),
     ("parameters.gap.sets", "x", "parameters.gap.sets: expected an array, got 'x'"),
     ("parameters.gap.min", True, "parameters.gap.min: expected a number, got True"),
+    ("parameters.gap.max", 9.0, "parameters.gap: least 10 is above greatest 9"),
     ("parameters.Gap", {"sets": ["x"]}, "parameters.Gap: string should match pattern"),
     (
         "controller.tuning.gap_m",
@@ -144,6 +145,42 @@ def test_a_near_miss_deep_inside_is_named_with_what_was_meant(key: str, value: o
     assert text.startswith("mine.toml: ")
     assert said in text
     assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("place", "good"),
+    [
+        ("ego.speed_mps", True),
+        ("seed", True),
+        ("actors.0.speed_mps", True),
+        ("actors.lead.acts.1.when.after_s", True),
+        ("actors.lead.enters.drive_s", True),  # no table of that name in the file
+        ("obstacles.parked.at_m", True),
+        ("criteria.stop_gap_m.min", True),
+        ("controller.tuning.anything", True),
+        ("ego.sped_mps", False),
+        ("ego", False),
+        ("ego.", False),
+        ("ego.speed_mps.x", False),
+        ("actors.lead", False),
+        ("actors.1.speed_mps", False),
+        ("actors.follower.speed_mps", False),
+        ("actors.lead.acts", False),
+        ("actors.lead.acts.2.speed_mps", False),
+        ("street.demand.9", False),
+        ("parameters.gap.min", False),
+        ("9" * 5000, False),
+    ],
+)
+def test_a_parameter_sets_what_takes_a_value(place: str, good: bool) -> None:
+    changed = full()
+    changed["parameters"]["gap"]["sets"] = ["actors.lead.ahead_m", place]
+    if good:
+        parse(changed, FILE)
+        return
+    with pytest.raises(ConfigError, match=r"parameters\.gap\.sets: no key .* that takes a value") as caught:
+        parse(changed, FILE)
+    assert len(str(caught.value)) < 200
 
 
 def places(value: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

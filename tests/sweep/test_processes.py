@@ -167,7 +167,7 @@ def test_each_end_has_its_reason_and_neighbours_are_right() -> None:
         "prints": "",
         "after": "",
     }
-    assert faults["bad"].startswith(f"config: {REPOSITORY / 'straight_on.toml'}: after_stop_s: ")
+    assert faults["bad"].startswith("config: straight_on.toml: after_stop_s: ")
     assert "duration_s" in faults["unspeakable"] or "finite" in faults["unspeakable"]
     assert "no such day" in faults["stillborn"]
     for key, text in (

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from vve_sumo.drive.setting import PERIOD, Setting
-from vve_sumo.drive.street import cast_of
+from vve_sumo.drive.street import cast_of, spot_of
 from vve_sumo.path import SAMPLE_SPACING, Path
 from vve_sumo.values import Player, Point, Pose
 from vve_sumo.world.footprint import Rectangle, behind_bumper, overlap
@@ -86,9 +86,8 @@ def standing_boxes(setting: Setting) -> dict[str, Rectangle]:
     """Return the ground that each of the scenario's obstacles covers."""
     placed = {}
     for one in setting.scenario.obstacles:
-        at = setting.path.at(one.at_m)
-        x, y = at.x - one.offset_m * math.sin(at.heading), at.y + one.offset_m * math.cos(at.heading)
-        placed[one.id] = Rectangle(x, y, at.heading + math.radians(one.turned_deg), one.length_m, one.width_m)
+        at = spot_of(one, setting.path)
+        placed[one.id] = Rectangle(at.x, at.y, at.heading, one.length_m, one.width_m)
     return placed
 
 

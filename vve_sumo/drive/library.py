@@ -33,13 +33,17 @@ def listed() -> int:
     table = Table(*columns, box=None, pad_edge=False)
     for column in table.columns:
         column.no_wrap, column.overflow = True, "ellipsis"
+    known = workspace.known("scenario", FilePath.cwd())
+    table.columns[0].min_width = max(map(len, known), default=0)  # a name is there to be copied
     wrong: list[str] = []
-    for name, file in workspace.known("scenario", FilePath.cwd()).items():
+    for name, file in known.items():
         try:
             table.add_row(*(Text(cell) for cell in _row(name, load(file))[: len(columns)]))
         except ConfigError as error:
             wrong.append(str(error))
     console.print(table)
+    if len(columns) < len(COLUMNS):
+        console.print(f"{WIDE_ENOUGH} columns show also the network, who else is there, and what passes")
     for line in wrong:
         print(f"vve-sumo scenarios: {line}", file=sys.stderr)
     return ConfigError.exit_code if wrong else 0
@@ -73,6 +77,8 @@ def _draw(name: str, file: FilePath) -> None:
 
     if not file.parent.is_dir():
         raise ConfigError(f"--out: there is no folder {file.parent}")
+    if file.suffix.lower() != ".png":
+        raise ConfigError(f"--out: expected the name of a PNG file, got {file}")
     draw(choose(name, FilePath.cwd()), file)
     print(f"{name}: drawn into {file}")
 

@@ -44,6 +44,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "record_full": "the recorder does not keep up",
     "record_lost": "the recorder's process is gone",
     "simulation_error": "the simulation broke",
+    "street_failed": "the street or an actor on it met a mistake of the program and stands still",
     "street_not_measured": "the street's steps take too long, or too few of them were measured",
     "sumo_error": "SUMO refused a call or a step",
     "virtual_contact": "the car touches something on the virtual street",

@@ -39,6 +39,7 @@ from vve_sumo.drive.sheet import (
 )
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario import words
+from vve_sumo.scenario.schema import Actor
 from vve_sumo.values import Floats, Player
 from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.network import lane_shapes
@@ -400,10 +401,7 @@ def _list(figure: Figure, page: Page) -> None:
     """Write what happens, numbered as in the street, and what makes the drive pass."""
     actors = page.setting.scenario.actors
     lines = [
-        line
-        for actor in actors
-        if not _enters_later(page, actor.id)
-        for line in _wrapped(f"{words.name(actor)} {words.entrance(actor)}", "-")
+        line for actor in actors if not _enters_later(page, actor.id) for line in _wrapped(_entering(page, actor), "-")
     ]
     for number, event in enumerate(page.seen.events, 1):
         lines += _wrapped(_happening(page, event), str(number))
@@ -427,6 +425,13 @@ def _still_to_come(page: Page) -> list[str]:
         for order, act in enumerate(actor.acts)
         if (number, order) not in begun
     ]
+
+
+def _entering(page: Page, actor: Actor) -> str:
+    """Return how an actor enters that is there from the start, or that an ego which never braked would not see."""
+    enters = f"{words.name(actor)} {words.entrance(actor)}"
+    seen = any(player.id == actor.id for moment in page.seen.moments for player in moment.players)
+    return enters if seen else f"later, if at all: {words.condition(actor.enters)}; {enters}"
 
 
 def _enters_later(page: Page, actor: str) -> bool:

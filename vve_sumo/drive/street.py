@@ -1,6 +1,6 @@
 """The street as a shell drives it: starts the world from a setting, places the ego, remembers what the next tick sees.
 
-Both lockstep and playback use it; it knows no car and no controller.
+Every shell uses it, lockstep, playback and live; it knows no car and no controller.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from typing import Any
 
 from vve_sumo.drive.setting import PERIOD, Setting
 from vve_sumo.frames import Alignment, MapFrame
+from vve_sumo.path import Path
+from vve_sumo.scenario import schema
 from vve_sumo.scenario.cast import Cast
 from vve_sumo.values import Actors, Point, Pose
 from vve_sumo.world.anchor import AnchorReport
@@ -24,14 +26,15 @@ MOVING = 0.5
 
 def obstacles_of(setting: Setting) -> tuple[Obstacle, ...]:
     """Return the scenario's obstacles, laid beside the path."""
-    placed = []
-    for wanted in setting.scenario.obstacles:
-        at = setting.path.at(wanted.at_m)
-        x = at.x - wanted.offset_m * math.sin(at.heading)
-        y = at.y + wanted.offset_m * math.cos(at.heading)
-        spot = MapSpot(x, y, at.heading + math.radians(wanted.turned_deg))
-        placed.append(Obstacle(wanted.id, spot, wanted.length_m, wanted.width_m))
-    return tuple(placed)
+    wanted = setting.scenario.obstacles
+    return tuple(Obstacle(one.id, spot_of(one, setting.path), one.length_m, one.width_m) for one in wanted)
+
+
+def spot_of(wanted: schema.Obstacle, path: Path) -> MapSpot:
+    """Return where the middle of an obstacle lies that the scenario places beside a path."""
+    at = path.at(wanted.at_m)
+    x, y = at.x - wanted.offset_m * math.sin(at.heading), at.y + wanted.offset_m * math.cos(at.heading)
+    return MapSpot(x, y, at.heading + math.radians(wanted.turned_deg))
 
 
 def cast_of(setting: Setting) -> Cast:

@@ -24,11 +24,12 @@ import numpy as np
 
 from vve_sumo import bus
 from vve_sumo.drive.setting import PERIOD, Setting
-from vve_sumo.drive.street import open_world, standing
+from vve_sumo.drive.street import cast_of, open_world, standing
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
 from vve_sumo.live.findings import Check, Finding, judged
 from vve_sumo.live.priority import GATEWAY
+from vve_sumo.scenario.schema import When
 from vve_sumo.values import Point
 from vve_sumo.vehicle import dbw
 from vve_sumo.world.headroom import LIMIT
@@ -183,17 +184,20 @@ def network(setting: Setting) -> Iterator[Check]:
 def street(setting: Setting) -> Iterator[Check]:
     """Step the street with its traffic at the pace of a drive, the ego standing at its start, and time the steps.
 
+    The scenario's actors are on it from the first step on, all at once: what they cost shall show here, not under way.
     Raises ConfigError and SimulationError as `World` does.
     """
     begin, took = setting.path.at(0.0), []
     ego = move_point(
         standing(begin.x, begin.y, begin.heading), setting.vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER
     )
+    cast = cast_of(_all_at_once(setting))
     with open_world(setting, time.perf_counter) as world:
         begun = time.monotonic()
         for step in range(STEPS):
             before = time.perf_counter()
             world.place(replace(ego, time=step * PERIOD))
+            world.play(cast.step(step * PERIOD, ego))
             faults = world.step().faults
             took.append(time.perf_counter() - before)
             if faults:
@@ -202,6 +206,14 @@ def street(setting: Setting) -> Iterator[Check]:
         headroom = world.headroom
     assert headroom is not None  # for there is a clock
     yield _judged_street(took, headroom.fits, headroom.summary)
+    if actors := setting.scenario.actors:
+        yield Check("actors", f"{len(actors)}, all at once on the street whose steps were timed")
+
+
+def _all_at_once(setting: Setting) -> Setting:
+    """The setting with actors that wait for nothing and do nothing but go on."""
+    actors = tuple(one.model_copy(update={"enters": When(), "acts": ()}) for one in setting.scenario.actors)
+    return replace(setting, scenario=setting.scenario.model_copy(update={"actors": actors}))
 
 
 def _judged_street(took: list[float], fits: bool, load: dict[str, float]) -> Check:
@@ -210,7 +222,7 @@ def _judged_street(took: list[float], fits: bool, load: dict[str, float]) -> Che
     kept_out = int(load["refused"] + load["removed"])
     if kept_out:
         found += f"; {kept_out} vehicles kept off the street"
-    advice = "take lighter traffic, let nothing else run, or take a faster machine"
+    advice = "take lighter traffic or fewer actors, let nothing else run, or take a faster machine"
     if not fits:
         return Check("street", found, Finding.NO_GO, advice)
     return judged("street", found, not kept_out and p99 <= 1e3 * LIMIT, advice, otherwise=Finding.NOTE)

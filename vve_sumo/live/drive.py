@@ -34,9 +34,10 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.ground import Ground
 from vve_sumo.live.priority import DRIVE, prefer
 from vve_sumo.live.tap import Tap
-from vve_sumo.values import ArmingState, LatencyRow, Setpoint, Verdict
+from vve_sumo.values import ArmingState, LatencyRow, Pose, Setpoint, Verdict
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING
+from vve_sumo.world.anchor import AnchorReport
 
 #: between two looks of the console at the drive [s]
 STATUS_PERIOD: Final = 0.1
@@ -63,6 +64,7 @@ class LiveDrive:
         ground = Ground.of(config["resolved"])
         self._chain = chain_of(self._setting, self._rig, ground, working)
         self._found: tuple[str, ...] = tuple(config["not_ready"])
+        self._broken = ""  # the story of a mistake of ours that the street ended with
         self._street = Street(open_world(self._setting, time.perf_counter), cast_of(self._setting))
         self._source = source_of(self._rig)
         latency = self._rig.latency
@@ -193,13 +195,28 @@ class LiveDrive:
         chain.prepare(begun.due + PERIOD, steering)
         keep_scan(tap, begun.tick, decided, street)
         tap.snapshot(begun.tick, street.actors)
-        asked = report = None
-        for step in range(begun.catch_up + 1):
-            asked = chain.front_bumper_at(self._pacer.next_due - (begun.catch_up - step) * PERIOD)
-            report = street.advance(asked, waits=self._went_at is None)
+        asked, report = self._advance(begun)
         verdict = self._feedback.verdict if self._feedback else _NOTHING
         moment = Moment(begun.tick, begun.due, self._datagrams, steering, decided, verdict)
         tap.ticked(tick_row(moment, None, self._setting.path, asked, report, street))
+
+    def _advance(self, begun: Begun) -> tuple[Pose | None, AnchorReport | None]:
+        """Have the street reach the next tick and return what it was asked and says; nothing once it broke.
+
+        What breaks in it, SUMO, traffic or the scenario's actors, stops the car by this process, which goes on: the
+        gateway has the newest way to rest, and the record its end.
+        """
+        asked = report = None
+        try:
+            for step in range(0 if self._broken else begun.catch_up + 1):
+                asked = self._chain.front_bumper_at(self._pacer.next_due - (begun.catch_up - step) * PERIOD)
+                report = self._street.advance(asked, waits=self._went_at is None)
+        except VveError:
+            raise  # of the first pose alone, before which nothing is armed: the drive is refused
+        except Exception:
+            self._broken = traceback.format_exc()
+            self._found += ("street_failed",)
+        return asked, report
 
     def _watch_for_the_end(self, now: float, decided: Decided, verdict: Verdict) -> None:
         """Find how the drive ends; its time counts from the operator's go."""
@@ -249,7 +266,7 @@ class LiveDrive:
             "reasons": list(reasons),
             "cleared": list(street.cleared),
             "warnings": list(street.warnings),
-            "text": self._chain.failure or street.detail,
+            "text": self._chain.failure or self._broken or street.detail,
             "clock": self._chain.clock_report(),
             "headroom": street.load,
         }

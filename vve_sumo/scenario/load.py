@@ -153,7 +153,29 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
     if twice is not None:
         where = "obstacles" if twice in (one.id for one in scenario.obstacles) else "actors"
         raise ConfigError(f"{file}: {where}: id {twice!r} stands twice, expected each once")
+    for name, parameter in scenario.parameters.items():
+        for place in parameter.sets:
+            if not _takes_a_value(scenario, place):
+                raise ConfigError(f"{file}: parameters.{name}.sets: no key {_spelt(place)} that takes a value")
     return scenario
+
+
+def _takes_a_value(scenario: Scenario, place: str) -> bool:
+    """Whether a dotted key, in which tables of an array go by their id or number, leads to one value of a scenario."""
+    kinds: list[Any] = [] if place.startswith("parameters.") else [Scenario]
+    here: Any = scenario
+    for part in place.split("."):
+        key: int | str = part
+        if isinstance(here, tuple):
+            names = [getattr(one, "id", None) for one in here] + [str(number) for number in range(len(here))]
+            if part not in names:
+                return False
+            key = names.index(part) % len(here)
+            here = here[key]
+        else:
+            here = here.get(part) if isinstance(here, dict) else getattr(here, part, None)
+        kinds = list(_alternatives(one for kind in kinds for one in _inside(kind, key)))
+    return bool(kinds) and not any(_is_table(kind) or get_origin(kind) in (dict, tuple) for kind in kinds)
 
 
 def load(file: Path) -> Scenario:

@@ -236,6 +236,9 @@ def _scan(time: float, measured: Sequence[_Measurement], refused: int) -> Scan:
         np.array(range_rates, np.float64),
         np.array(modes, np.int8),
     )
+    # The record holds the arrays that the controller is given.
+    for column in (detections.range, detections.azimuth, detections.range_rate, detections.mode):
+        column.setflags(write=False)
     return Scan(detections, np.array(rows, np.intp), refused)
 
 

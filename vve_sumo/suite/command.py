@@ -18,6 +18,7 @@ from vve_sumo.suite import catalogue, sheet
 from vve_sumo.suite.row import Outcome, Row, Verdict
 from vve_sumo.suite.run import Done, run
 from vve_sumo.sweep.engine import Local
+from vve_sumo.sweep.progress import Tally, telling
 
 #: verdicts that make the command fail
 BAD = (Verdict.FAILED, Verdict.INVALID)
@@ -40,10 +41,10 @@ def suite(name: str | None, *, out: Path | None, workers: int | None, controller
     if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ConfigError(f"--out: {out} is not empty, expected an empty or absent folder")
     records = out / "records" if keep and out is not None else None
-    count = workers if workers is not None else os.cpu_count() or 1
+    count = workers if workers is not None else len(os.sched_getaffinity(0))
     if count < 1:
         raise ConfigError(f"--workers: expected 1 or more, got {count}")
-    with _progress(name, sum(row.scenario is not None for row in rows)) as done:
+    with _progress(sum(row.scenario is not None for row in rows)) as done:
         outcomes = run(name, rows, Local(count), working, records, done)
     _show(catalogue.SUITES[name].title, outcomes)
     if out is not None:
@@ -67,17 +68,15 @@ def check(name: str, rows: Sequence[Row], working: Path) -> None:
 
 
 @contextlib.contextmanager
-def _progress(name: str, total: int) -> Iterator[Done]:
-    if not sys.stderr.isatty():
-        yield lambda outcome: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+def _progress(total: int) -> Iterator[Done]:
+    tally = Tally(total, finished=0, failed=0, faults=0)
+    with telling(tally, quiet=False) as told:
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(name, total=total)
-        yield lambda outcome: bar.advance(task)
+        def done(outcome: Outcome) -> None:
+            tally.count(outcome.verdict not in BAD, "")
+            told()
+
+        yield done
 
 
 def _show(title: str, outcomes: Sequence[Outcome]) -> None:

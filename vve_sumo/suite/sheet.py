@@ -17,7 +17,7 @@ from rich.text import Text
 
 from vve_sumo.suite.row import Outcome, Verdict
 
-KMH = 3.6  #: km/h in a m/s
+IN_KMH = 3.6  #: km/h in a m/s
 
 COLOURS = {
     Verdict.PASSED: "green",
@@ -52,7 +52,7 @@ def record_of(outcome: Outcome) -> dict[str, Any]:
 
 
 def _scaled(speed: float | None) -> float | None:
-    return None if speed is None else _rounded(KMH * speed)
+    return None if speed is None else _rounded(IN_KMH * speed)
 
 
 def _rounded(value: float | None) -> float | None:
@@ -62,7 +62,7 @@ def _rounded(value: float | None) -> float | None:
 def cells(outcome: Outcome) -> tuple[str, ...]:
     """Return an outcome's cells, in the order of HEADINGS."""
     row, need = outcome.row, outcome.row.need
-    impact = None if outcome.impact_mps is None else KMH * outcome.impact_mps
+    impact = None if outcome.impact_mps is None else IN_KMH * outcome.impact_mps
     numbers = (impact, outcome.least_gap_m, outcome.deceleration_mps2)
     way = ("", "") if need is None else (f"{need.way:.1f}", f"{need.there:.1f}")
     return (row.what, row.required, *(_cell(number) for number in numbers), *way, outcome.verdict.value)

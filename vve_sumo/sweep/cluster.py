@@ -23,7 +23,7 @@ from vve_sumo.drive.setting import versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.sweep import remote
 from vve_sumo.sweep.engine import Done, check_room
-from vve_sumo.sweep.job import Job, Result
+from vve_sumo.sweep.job import Job, Result, refused
 from vve_sumo.sweep.preflight import look
 from vve_sumo.sweep.remote import Site, refuse_mixed
 
@@ -129,7 +129,7 @@ class _Shift:
             try:
                 self._begin(job)
             except ConfigError as error:
-                done(job, Result(job.key, fault=f"config: {error}"))
+                done(job, refused(job, error))
 
     def _count(self) -> None:
         if time.monotonic() - self._counted >= LOOK:

@@ -58,7 +58,10 @@ def sweep(
     wanted = asked(name, Path.cwd(), yes=yes, search=search)
     keeping = wanted.spec.keep if keep is None else _keeping(keep)
     engine = _engine(workers, cluster)
+    begun = (out / "sweep.json").exists()
     dataset = Dataset(out, wanted.plan, resume=resume)
+    if resume and not begun:
+        print(f"vve-sumo: {out}: no sweep has begun there; this one does", file=sys.stderr)
     again = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
     try:
         hunt = _hunt(wanted, dataset)
@@ -272,7 +275,10 @@ def rerun(folder: Path, key: str, out: Path | None) -> int:
     if not Path(plan.working).is_dir():
         plan = replace(plan, working=str(Path.cwd()))
     keep = (out or folder / "records" / key).absolute()
-    claim(keep)
+    try:
+        claim(keep)
+    except ConfigError as error:
+        raise ConfigError(f"{error}; name another with --out DIR") from None
     cell = Cell(row["number"], key, {name: row[name] for name in plan.parameters}, row["seed"])
     job = job_of(plan, plan.said(), cell, keep)
     _warn_of_changes(plan, job)

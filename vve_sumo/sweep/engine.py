@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.sweep.job import DISK_FULL, Job, Result
+from vve_sumo.sweep.job import DISK_FULL, Job, Result, refused
 from vve_sumo.sweep.worker import Worker
 
 Done = Callable[[Job, Result], None]
@@ -75,7 +75,7 @@ def _give(worker: Worker, driven: dict[Worker, Job], jobs: Iterator[Job | None],
         try:
             worker.submit(job)
         except ConfigError as error:
-            done(job, Result(job.key, fault=f"config: {error}"))
+            done(job, refused(job, error))
         else:
             driven[worker] = job
             return

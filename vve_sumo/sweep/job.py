@@ -90,6 +90,14 @@ _RESULT: dict[str, tuple[type, ...]] = {
 }  # fmt: skip
 
 
+def refused(job: Job, error: ConfigError) -> Result:
+    """Return the result of a job that cannot be driven, in words that do not tell in which folder it was tried."""
+    said = str(error)
+    for folder in (job.file.parent, job.working):
+        said = said.replace(f"{folder}/", "")
+    return Result(job.key, fault=f"config: {said}")
+
+
 def _line(fields: dict[str, Any]) -> str:
     return json.dumps({"version": VERSION} | fields, allow_nan=False, default=_place)
 

@@ -15,7 +15,7 @@ from vve_sumo.drive import command, record
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.schema import Criteria, Scenario
-from vve_sumo.sweep.job import DISK_FULL, NO_ROOM, Figure, Job, Result, finite
+from vve_sumo.sweep.job import DISK_FULL, NO_ROOM, Figure, Job, Result, finite, refused
 from vve_sumo.sweep.readings import Readings, setting_of
 
 #: of a summary, what says which drive it was, not how it went, or differs with the place where it was driven
@@ -38,7 +38,7 @@ def run_job(job: Job, scratch: FilePath, readings: Readings) -> Result:
         folder, kept = growing(job, scratch), job.keep is not None
         summary = command.run(setting, folder, job.working, kept=kept).summary
     except ConfigError as error:
-        return Result(job.key, fault=f"config: {error}")
+        return refused(job, error)
     except Exception as error:
         return _broken(job, scratch, f"{type(error).__name__}: {error}")
     text = _told(summary["text"], scratch)
