@@ -131,6 +131,7 @@ def test_a_run_is_the_same_when_it_is_driven_alone(
     assert f"the same as in the sweep: record {row['record_sha256']}" in capsys.readouterr().out
     summary = json.loads(Path(f"whole/records/{row['key']}/summary.json").read_text(encoding="utf-8"))
     assert summary["record_sha256"] == row["record_sha256"]
+    assert Path(f"whole/records/{row['key']}/drive.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(ConfigError, match="not empty"):
         rerun(Path("whole"), row["key"], None)
     with pytest.raises(ConfigError, match="no finished run has the key 'abc'"):

@@ -223,7 +223,19 @@ def _show(out: Path, wanted: Asked, came: Outcome) -> None:
             console.print(f"  … and {len(came.faults) - FAULTS_SHOWN} other faults")
             break
         console.print(f"  {line}")
+    key = _one_that_failed(out)
+    if key is not None:
+        console.print(f"one that failed, again: vve-sumo sweep --rerun {out} {key}")
     console.print(f"rows: {out / 'rows'}")
+
+
+def _one_that_failed(out: Path) -> str | None:
+    """Return the key of the first run that did not pass; None where all did."""
+    for table in read_tables(out):
+        passed = table["passed"].to_pylist()
+        if False in passed:
+            return str(table["key"][passed.index(False)].as_py())
+    return None
 
 
 def _table(wanted: Asked, came: Outcome) -> Table:
@@ -284,7 +296,21 @@ def rerun(folder: Path, key: str, out: Path | None) -> int:
     _warn_of_changes(plan, job)
     results: list[Result] = []
     Local(1).run([job], lambda _job, result: results.append(result))
-    return _compare(row, results[0], keep)
+    code = _compare(row, results[0], keep)
+    if results[0].figures:
+        print(f"picture: {_picture(job, keep)}")
+    return code
+
+
+def _picture(job: Job, keep: Path) -> Path:
+    """Draw `drive.png` into a kept record, as `vve-sumo drive` does, and return its place."""
+    from vve_sumo.drive.command import Drive, draw
+    from vve_sumo.sweep.readings import Readings, setting_of
+
+    summary = json.loads((keep / "summary.json").read_text(encoding="utf-8"))
+    # JSON has no word for a figure that is not there.
+    summary |= {name: math.nan for name in _numbers() if summary[name] is None}
+    return draw(setting_of(job, Readings()), Drive(keep, summary))
 
 
 def _row(folder: Path, key: str) -> Row:
