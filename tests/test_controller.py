@@ -183,7 +183,7 @@ def test_a_good_setpoint_passes_untouched():
 def test_the_shipped_controller_has_its_name_and_says_what_it_cannot_take(repository):
     search = [repository / "controllers"]
     assert "follow_and_stop" in known(search)
-    with pytest.raises(ConfigError, match="controller follow_and_stop: tuning key .gap. is unknown; allowed are comfort"):
+    with pytest.raises(ConfigError, match="follow_and_stop: tuning key 'gap' is unknown; allowed are comfort, emerg"):
         load("follow_and_stop", FUSION, {"gap": 4.0}, search)
     with pytest.raises(ConfigError, match="'steering' must be preview, pure_pursuit, stanley or lqr, got 'mpc'"):
         load("follow_and_stop", FUSION, {"steering": "mpc"}, search)
