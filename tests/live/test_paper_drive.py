@@ -15,7 +15,7 @@ from tests.live.command_line import own_rig, vve_sumo
 from tests.live.witness import stalls, witness
 from vve_sumo.drive.record import read_table
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.alone]
 
 VEHICLES = 200
 #: a machine that stands still for longer than the gateway's timer may is no machine for this test; so many may not
@@ -51,7 +51,10 @@ def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path) -> Non
     ledger = summary["latency"]
     assert ledger["ticks"] == pytest.approx(summary["ticks"], abs=5)
     assert 0.0 < ledger["legs_ms"]["total"]["p50"] < ledger["legs_ms"]["total"]["p99"] < 40.0
-    assert ledger["missed"] < 0.02 * ledger["ticks"]
+    # The first row counts the ticks that went by while the street was still being loaded: nobody drove yet.
+    missed = read_table(record, "latency")["missed"].to_pylist()
+    assert sum(missed) == ledger["missed"]
+    assert sum(missed[1:]) < 0.02 * ledger["ticks"]
     assert summary["headroom"]["fits"]
     speeds = read_table(record, "ticks")["speed_mps"].to_pylist()
     assert max(speed for speed in speeds if speed == speed) == pytest.approx(11.176, abs=0.5)
