@@ -132,6 +132,12 @@ class Path:
         """The path as a table of arrays."""
         return self._samples
 
+    @property
+    def points(self) -> list[tuple[float, float]]:
+        """The points that the path was laid through, map [m]."""
+        last = self.at(self.length)
+        return [(piece.x0, piece.y0) for piece in self.segments] + [(last.x, last.y)]
+
     def at(self, s: float) -> PathPoint:
         """Return the path's point at arc length s [m]."""
         start, x0, x1, x2, x3, y0, y1, y2, y3 = self._pieces[bisect_right(self._knots, s)]

@@ -39,7 +39,7 @@ PERIOD = 0.02
 
 def configuration(truth: Path | None, port: int, **changes: Any) -> CarConfig:
     config = CarConfig(
-        parameters=fusion.parameters(noise=False),
+        parameters=fusion.parameters(noise=0.0),
         lot=LOT,
         latitude_deg=40.002,
         longitude_deg=-82.98,
@@ -157,7 +157,7 @@ def gateway_of(car: Running) -> Gateway:
 
 def test_what_is_told_is_heard(tmp_path):
     parameters = fusion.parameters(
-        fusion.MOUNTING, kit=KitParameters(variant=dbw.Variant.DBW1_2018), noise=True, mass_factor=1.1, grade=0.02
+        fusion.MOUNTING, kit=KitParameters(variant=dbw.Variant.DBW1_2018), noise=1.0, mass_factor=1.1, grade=0.02
     )
     config = configuration(
         tmp_path / "truth.csv",

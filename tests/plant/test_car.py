@@ -83,7 +83,7 @@ def test_two_rides_with_one_seed_are_the_same_to_the_bit() -> None:
 
 
 def test_truth_does_not_depend_on_the_noise() -> None:
-    noisy, quiet = make(), make(fusion.parameters(noise=False))
+    noisy, quiet = make(), make(fusion.parameters(noise=0.0))
     for _ in zip(ride(noisy, 12.0, town), ride(quiet, 12.0, town), strict=True):
         assert noisy.truth() == quiet.truth()
 
@@ -106,7 +106,7 @@ def test_what_is_said_is_said_in_order_and_within_its_step() -> None:
 
 @pytest.mark.parametrize("variant", list(dbw.Variant))
 def test_sensors_report_the_motion(variant: dbw.Variant) -> None:
-    parameters = fusion.parameters(noise=False, kit=KitParameters(variant=variant))
+    parameters = fusion.parameters(noise=0.0, kit=KitParameters(variant=variant))
     car, radius = make(parameters), parameters.vehicle.wheel_radius
     for output in ride(car, 9.0, town):
         truth = car.truth()
@@ -128,7 +128,7 @@ def test_sensors_report_the_motion(variant: dbw.Variant) -> None:
 
 def test_ncom_placed_with_the_declared_mounting_is_the_truth() -> None:
     mounting = Mounting(0.9, -0.3, 0.01)
-    car = make(fusion.parameters(mounting, noise=False, delay=0.0, grade=0.02))
+    car = make(fusion.parameters(mounting, noise=0.0, delay=0.0, grade=0.02))
     decoder, placement = Decoder(), Placement(LOT, Alignment(), mounting, EPOCH)
     for output in ride(car, 10.0, town):
         fixes = [fix for time, data in output.ncom for fix in decoder.feed(data, time)]

@@ -53,7 +53,7 @@ def decode(packets: list[tuple[float, bytes]]) -> list[Fix]:
 
 def test_without_noise_the_decoded_pose_is_the_truth() -> None:
     """To the wire's resolution: 1e-6 rad, 1e-4 m/s, 1e-5 rad/s; over a minute's end."""
-    fixes = decode(record(ReceiverParameters(MOUNTING, delay=0.0, noise=False), 20.0))
+    fixes = decode(record(ReceiverParameters(MOUNTING, delay=0.0, noise=0.0), 20.0))
     placement = Placement(LOT, Alignment(), MOUNTING, EPOCH)
     assert len(fixes) == 2000
     for number, fix in enumerate(fixes, start=1):
@@ -71,7 +71,7 @@ def test_without_noise_the_decoded_pose_is_the_truth() -> None:
 def test_an_undeclared_misalignment_turns_the_heading_and_moves_the_axle_by_the_lever_arm() -> None:
     extra = math.radians(0.5)
     mounted = replace(MOUNTING, heading_misalignment=MOUNTING.heading_misalignment + extra)
-    fixes = decode(record(ReceiverParameters(mounted, delay=0.0, noise=False), 1.0))
+    fixes = decode(record(ReceiverParameters(mounted, delay=0.0, noise=0.0), 1.0))
     placement = Placement(LOT, Alignment(), MOUNTING, EPOCH)
     for number, fix in enumerate(fixes, start=1):
         pose, expected = placement.place(fix), truth(number / 100)
@@ -83,7 +83,7 @@ def test_an_undeclared_misalignment_turns_the_heading_and_moves_the_axle_by_the_
 def test_noise_has_the_declared_size() -> None:
     parameters = ReceiverParameters(MOUNTING, position_wander=0.0)
     noisy = decode(record(parameters, 40.0))
-    exact = decode(record(replace(parameters, noise=False), 40.0))
+    exact = decode(record(replace(parameters, noise=0.0), 40.0))
     pairs = list(zip(noisy, exact, strict=True))
     north = np.array([(a.latitude - b.latitude) * 6_356_000.0 for a, b in pairs])
     east = np.array([(a.longitude - b.longitude) * 6_387_000.0 * math.cos(b.latitude) for a, b in pairs])

@@ -26,7 +26,7 @@ from vve_sumo.vehicle import dbw
 from vve_sumo.vehicle.messages import BrakeReport, SteeringReport, ThrottleReport, WheelSpeeds
 
 AT, DURATION = 1.0, 0.5  # of the fault, from the first motion
-PARAMETERS = fusion.parameters(noise=False)
+PARAMETERS = fusion.parameters(noise=0.0)
 Packets = list[tuple[float, bytes]]
 
 

@@ -17,7 +17,7 @@ from vve_sumo.vehicle.gateway import Act, Gateway
 
 PERIOD = 0.02
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
-PARAMETERS = fusion.parameters(noise=False)
+PARAMETERS = fusion.parameters(noise=0.0)
 VEHICLE = PARAMETERS.vehicle
 
 

@@ -36,7 +36,7 @@ class LiveCar:
     def __init__(self, wire: Wire, folder: Path) -> None:
         self.t0 = time.monotonic()
         self.truth_file = folder / f"truth-{wire.car}.csv"
-        self.parameters = fusion.parameters(noise=False)
+        self.parameters = fusion.parameters(noise=0.0)
         config = CarConfig(
             self.parameters,
             LOT,

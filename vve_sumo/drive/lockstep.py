@@ -60,8 +60,9 @@ def car_parameters(setting: Setting) -> CarParameters:
     """Return the hardware-free car as the scenario perturbs it."""
     wanted = setting.scenario.ego.car
     return plant.parameters(
-        noise=wanted.noise,
+        noise=wanted.noise_factor if wanted.noise else 0.0,
         delay=wanted.gnss_delay_s,
+        hidden_delay=wanted.gnss_hidden_delay_s,
         mass_factor=wanted.mass_factor,
         brake_gain_factor=wanted.brake_gain_factor,
         friction=setting.scenario.weather.friction,

@@ -9,7 +9,7 @@ import csv
 import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
@@ -31,6 +31,7 @@ from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle import fusion
 from vve_sumo.world.network import Network, lane_shapes, read_network
 
+LAYOUT = 2  #: of what a record holds; the first had neither path nor car
 PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
 EPOCH = 1_451_260_818.0
@@ -66,12 +67,15 @@ class Setting:
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
 
     def resolved(self, controller: Controller) -> dict[str, Any]:
-        """Return what the record keeps: the scenario, the content of its files as hashes, and the versions."""
+        """Return what the record keeps: scenario, path and car, the content of files as hashes, and the versions."""
         files = self.files | {f"controller_{file.stem}": file for file in sources(controller)}
         return {
+            "layout": LAYOUT,
             "scenario": self.name,
             "settings": self.scenario.model_dump(mode="json"),
             "period_s": PERIOD,
+            "path_m": [f"{x} {y}" for x, y in self.path.points],
+            "vehicle": asdict(self.vehicle),
             "files_sha256": {role: _digest(file) for role, file in sorted(files.items())},
             "versions": versions(),
         }

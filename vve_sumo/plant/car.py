@@ -102,7 +102,7 @@ class Car:
             STEP,
         )
         gyro_seeds, receiver_seeds = seeds.spawn(2)
-        gyro_noise = parameters.gyro_noise if parameters.receiver.noise else 0.0
+        gyro_noise = parameters.receiver.noise * parameters.gyro_noise
         axles = Axles(vehicle.wheelbase, parameters.track, vehicle.wheel_radius)
         self._reports = Reports(axles, gyro_noise, White(gyro_seeds))
         self._receiver = Receiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)

@@ -28,8 +28,9 @@ def parameters(
     *,
     calibration: Calibration | None = None,
     kit: KitParameters | None = None,
-    noise: bool = True,
+    noise: float = 1.0,
     delay: float = 0.01,
+    hidden_delay: float = 0.0,
     mass_factor: float = 1.0,
     brake_gain_factor: float = 1.0,
     friction: float = FRICTION,
@@ -39,13 +40,13 @@ def parameters(
 ) -> CarParameters:
     """A Fusion as declared, but for the perturbations given; their meanings and units are those of `CarParameters`.
 
-    `noise` turns the receiver's and the gyroscope's errors on, `delay` is the receiver's [s].
+    `noise` scales the receiver's and the gyroscope's errors, 0 is none; both delays are the receiver's [s].
     """
     return CarParameters(
         vehicle=fusion.vehicle(),
         calibration=calibration or Calibration(),
         kit=kit or KitParameters(),
-        receiver=ReceiverParameters(mounting, delay=delay, noise=noise),
+        receiver=ReceiverParameters(mounting, delay=delay, hidden_delay=hidden_delay, noise=noise),
         track=TRACK,
         mass_height=MASS_HEIGHT,
         friction=friction,

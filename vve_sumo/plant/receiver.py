@@ -30,7 +30,8 @@ class ReceiverParameters:
 
     mounting: Mounting  #: of the output point
     delay: float = 0.01  #: from a fix's epoch to the arrival of its bytes [s]
-    noise: bool = True  #: the errors below happen; the accuracies are reported either way
+    hidden_delay: float = 0.0  #: by which a fix is older than its epoch says [s]
+    noise: float = 1.0  #: factor on the errors below; the accuracies are reported as they stand
     position_white: float = 0.01  #: north and east each, independent from fix to fix, 1 sigma [m]
     position_wander: float = 0.01  #: north and east each, slow, 1 sigma [m]
     wander_time: float = 30.0  #: correlation time of the slow part [s]
@@ -79,7 +80,8 @@ class Receiver:
         """Measure the rear axle at lot pose `truth`, `climbed` metres above the start, and send the bytes off."""
         fix = self._alter(self._observe(truth, climbed))
         if fix is not None:
-            self._under_way.append((truth.time + self._parameters.delay, self._encoder.encode(fix)))
+            late = self._parameters.hidden_delay + self._parameters.delay
+            self._under_way.append((truth.time + late, self._encoder.encode(fix)))
 
     def arrived(self, until: float) -> list[tuple[float, bytes]]:
         """Take out what has arrived by drive time `until` [s], with its times of arrival."""
@@ -90,12 +92,12 @@ class Receiver:
 
     def _observe(self, truth: Pose, climbed: float) -> Fix:
         exact, parameters = self._placement.unplace(truth), self._parameters
-        size = 1.0 if parameters.noise else 0.0
+        size = parameters.noise
         north = size * (self._north_wander.draw() + parameters.position_white * self._position.draw())
         east = size * (self._east_wander.draw() + parameters.position_white * self._position.draw())
         velocity = size * parameters.velocity
         return Fix(
-            time=exact.time,
+            time=exact.time + parameters.hidden_delay,
             time_received=truth.time,
             latitude=exact.latitude + north / EARTH_RADIUS,
             longitude=exact.longitude + east / (EARTH_RADIUS * math.cos(exact.latitude)),

@@ -44,6 +44,9 @@ class Car(Table):
     """How the hardware-free car differs from the car that is declared."""
 
     noise: bool = Field(default=True, description="RTK and gyro noise on or off")
+    noise_factor: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
+        default=1.0, description="size of that noise over what the receiver says of itself"
+    )
     mass_factor: Annotated[float, Field(ge=0.5, le=2.0)] = Field(default=1.0, description="true mass over declared")
     brake_gain_factor: Annotated[float, Field(ge=0.3, le=2.0)] = Field(
         default=1.0, description="true brake torque over commanded"
@@ -56,7 +59,10 @@ class Car(Table):
         default=0.0, description="receiver's heading minus the car's, clockwise positive"
     )
     gnss_delay_s: Annotated[float, Field(ge=0.0, le=0.5)] = Field(
-        default=0.01, description="from the epoch of a fix to the arrival of its bytes"
+        default=0.01, description="from the epoch of a fix to the arrival of its bytes; the chain predicts it away"
+    )
+    gnss_hidden_delay_s: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
+        default=0.0, description="by which a fix is older than its epoch says; nothing in the chain can know of it"
     )
 
 

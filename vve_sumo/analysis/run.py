@@ -1,0 +1,196 @@
+"""One drive as its record tells it: tables with units, the path, the car, what was ahead.
+
+Reads a record's folder, whole or left open by a kill, and nothing else; a table is read when it is first asked for. It
+must not know how a drive is run, nor what anybody makes of it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from vve_sumo.analysis.units import described
+from vve_sumo.drive import figures
+from vve_sumo.drive.figures import Ahead
+from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS, read_table
+from vve_sumo.drive.setting import LAYOUT
+from vve_sumo.errors import ConfigError
+from vve_sumo.path import Path
+from vve_sumo.values import Floats, Vehicle
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """How the rear axle moved: one entry a tick, NaN where nobody knows."""
+
+    true: bool  #: whether this is the truth, which only a hardware-free car has; else the chain's estimate
+    time: Floats  #: drive time [s]
+    x: Floats  #: map [m]
+    y: Floats  #: map [m]
+    heading: Floats  #: [rad] counter-clockwise from the map's +x
+    speed: Floats  #: along the heading, forward positive [m/s]
+    acceleration: Floats  #: rate of change of speed [m/s2]
+
+
+class Run:
+    """A drive's record, read as it is needed; `load` opens one."""
+
+    def __init__(self, folder: FilePath) -> None:
+        """Open the record in a folder.
+
+        Raises ConfigError in one line where there is none, or one of another layout, or where it holds no tick.
+        """
+        self.folder = folder
+        self.resolved = _resolved(folder)  #: content of `scenario.json`
+        self.summary = _summary(folder)  #: content of `summary.json`; None of a drive that was killed
+        if self.arrow("ticks").num_rows == 0:
+            raise ConfigError(f"{folder}: the record holds no tick: the drive ended before its first")
+
+    @property
+    def name(self) -> str:
+        """Name of the scenario."""
+        return str(self.resolved["scenario"])
+
+    @property
+    def title(self) -> str:
+        """Title of the scenario."""
+        return str(self.resolved["settings"]["title"])
+
+    @property
+    def live(self) -> bool:
+        """Whether it was driven in real time, on a rig."""
+        return "rig" in self.resolved
+
+    @property
+    def complete(self) -> bool:
+        """Whether the drive came to its end; else it was killed, and the record ends at its last whole batch."""
+        return self.summary is not None
+
+    @property
+    def period(self) -> float:
+        """Period of a tick [s]."""
+        return float(self.resolved["period_s"])
+
+    @cached_property
+    def path(self) -> Path:
+        """Where the rear axle was to go, in the street's map."""
+        points = np.array([point.split() for point in self.resolved["path_m"]], np.float64)
+        return Path.from_points(points[:, 0], points[:, 1])
+
+    @cached_property
+    def vehicle(self) -> Vehicle:
+        """The car as it was declared."""
+        return Vehicle(**{field.name: float(self.resolved["vehicle"][field.name]) for field in fields(Vehicle)})
+
+    def holds(self, name: str) -> bool:
+        """Whether the record has a table of that name; `gateway` and `latency` are of live drives alone."""
+        return any(self.folder.glob(f"{name}.parquet")) or any(self.folder.glob(f"{name}.arrows"))
+
+    def arrow(self, name: str) -> pa.Table:
+        """Return a table of the record, read once: ticks, detections, actors, and of a live drive gateway, latency.
+
+        Raises ConfigError where it is not there or cannot be read.
+        """
+        known: dict[str, pa.Table] = self.__dict__.setdefault("_tables", {})
+        if name not in known:
+            known[name] = self._read(name)
+        return known[name]
+
+    def table(self, name: str) -> pd.DataFrame:
+        """Return a table of the record for pandas; `attrs` hold the unit and the meaning of every column."""
+        arrow = self.arrow(name)
+        meanings = {field.name: (field.metadata or {}).get(b"meaning", b"").decode() for field in arrow.schema}
+        return described(arrow.to_pandas(), meanings)
+
+    @cached_property
+    def ticks(self) -> pd.DataFrame:
+        """A row a tick."""
+        return self.table("ticks")
+
+    @cached_property
+    def detections(self) -> pd.DataFrame:
+        """A row a radar detection."""
+        return self.table("detections")
+
+    @cached_property
+    def actors(self) -> pd.DataFrame:
+        """A row an actor and tick."""
+        return self.table("actors")
+
+    @cached_property
+    def motion(self) -> Motion:
+        """How the rear axle moved: the truth where there is one, else the estimate."""
+        ticks = self.arrow("ticks")
+        true = bool(np.isfinite(ticks["true_x_m"].to_numpy()).any())
+        prefix = "true_" if true else ""
+        names = ("x_m", "y_m", "heading_rad", "speed_mps", "acceleration_mps2")
+        return Motion(true, self.time, *(ticks[f"{prefix}{name}"].to_numpy() for name in names))
+
+    @cached_property
+    def time(self) -> Floats:
+        """Drive time of every tick [s]."""
+        time: Floats = self.arrow("ticks")["time_s"].to_numpy()
+        return time
+
+    @cached_property
+    def ahead(self) -> Ahead:
+        """What stood ahead in the ego's way, and its gap, tick by tick."""
+        return figures.ahead(self.arrow("ticks"), self.arrow("actors"), self.path, self.vehicle)
+
+    def engaged(self) -> NDArray[np.bool_]:
+        """Whether the gateway obeyed the controller, tick by tick."""
+        return np.array([state == "engaged" for state in self.arrow("ticks")["state"].to_pylist()], bool)
+
+    def _read(self, name: str) -> pa.Table:
+        wanted = (SCHEMAS | LIVE_SCHEMAS)[name]
+        table = read_table(self.folder, name)
+        missing = [column for column in wanted.names if column not in table.schema.names]
+        if missing:
+            raise ConfigError(f"{self.folder}: its table {name} has no column {missing[0]}: another vve-sumo wrote it")
+        return table
+
+
+def _resolved(folder: FilePath) -> dict[str, Any]:
+    file = folder / "scenario.json"
+    try:
+        resolved = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"{file}: not what a drive writes: {error}") from None
+    if not isinstance(resolved, dict) or "settings" not in resolved:
+        raise ConfigError(f"{file}: not what a drive writes: no settings in it")
+    layout = resolved.get("layout", 1)
+    if layout != LAYOUT:
+        raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")
+    return resolved
+
+
+def _summary(folder: FilePath) -> dict[str, Any] | None:
+    file = folder / "summary.json"
+    try:
+        summary = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{file}: cannot be read: {error}") from None
+    if not isinstance(summary, dict) or "outcome" not in summary:
+        raise ConfigError(f"{file}: not what a drive writes: no outcome in it")
+    return summary
+
+
+def number(summary: dict[str, Any] | None, name: str) -> float:
+    """Return a figure of a summary; NaN where it has none, which JSON calls null."""
+    value = None if summary is None else summary.get(name)
+    return math.nan if value is None else float(value)
