@@ -35,8 +35,9 @@ sys.path.insert(0, str(REPOSITORY))
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 
 from vve_sumo.drive.setting import versions  # noqa: E402
+from vve_sumo.rows import FIGURES, Plan  # noqa: E402
 from vve_sumo.sweep.cells import Cell  # noqa: E402
-from vve_sumo.sweep.dataset import FIGURES, Dataset, Plan  # noqa: E402
+from vve_sumo.sweep.dataset import Dataset  # noqa: E402
 from vve_sumo.sweep.engine import Local  # noqa: E402
 from vve_sumo.sweep.job import Job, Result  # noqa: E402
 

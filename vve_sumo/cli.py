@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,6 +37,11 @@ SWEEP_CODES = """exit codes:
   130  interrupted from the keyboard; --resume goes on
 """
 
+REPORT_CODES = """exit codes:
+  0  the report was written, also of a drive that failed
+  2  wrong use, or no record and no sweep; nothing was written
+"""
+
 
 #: curvature of the shipped car's tightest circle, at its steering limit and wheelbase [1/m]
 TIGHTEST = 0.21
@@ -62,16 +68,20 @@ def _parser() -> argparse.ArgumentParser:
     _add_scenarios(commands)
     _add_suite(commands)
     _add_sweep(commands)
+    _add_study(commands)
     _add_doctor(commands)
     _add_align(commands)
     _add_calibrate(commands)
     _add_replay(commands)
     _add_redrive(commands)
+    _add_report(commands)
+    _add_compare(commands)
     _add_pose(commands)
     _add_path(commands)
     _add_network(commands)
     _add_design(commands)
     _add_init(commands)
+    _add_notebooks(commands)
     return parser
 
 
@@ -177,6 +187,47 @@ def _add_sweep(commands: Commands) -> None:  # type: ignore[valid-type]
     sweep.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     sweep.add_argument("--rerun", nargs=2, metavar=("DIR", "KEY"), help="drive one run of a dataset again and compare")
     sweep.set_defaults(run=_sweep)
+
+
+def _add_study(commands: Commands) -> None:  # type: ignore[valid-type]
+    study = _add(commands, "study", "standard studies of a scenario", "Standard studies of a scenario.", SWEEP_CODES)
+    inner = study.add_subparsers(dest="what", metavar="WHAT", required=True, parser_class=_Parser)
+    cliff = _add(
+        inner,
+        "cliff",
+        "how much delay and noise a scenario bears before its margin is gone",
+        "Drive a scenario again and again while the pose gets later and noisier, step by step, and say where its\n"
+        "margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict\n"
+        "it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is\n"
+        "what an open-loop brake loses, and the delay that the steering bears by its design. The folder is a sweep's\n"
+        "dataset with the picture cliff.png.\n\n"
+        "The margin is the gap at rest, the least gap of a drive that goes on, zero or less after a contact. A car\n"
+        "that its gateway stopped far off (unstable steering, wheels and pose at odds) has none.\n\n"
+        "examples:\n"
+        "  vve-sumo study cliff parked_car --out cliff               0 to 500 ms, noise x 0, 1, 4, three seeds\n"
+        "  vve-sumo study cliff seen_late --out late --delays-ms 0,100,200,300 --noise 1 --seeds 5\n"
+        "  vve-sumo study cliff delay_probe --out probe              nothing regulates: speed times delay, exactly\n"
+        "  vve-sumo study cliff parked_car --out cliff --resume      go on after a kill",
+        SWEEP_CODES,
+    )
+    cliff.add_argument("scenario", help="name or .toml file")
+    cliff.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the dataset, absent or empty")
+    cliff.add_argument(
+        "--delays-ms", type=_numbers, metavar="MS,MS", help="hidden delays, 0 to 1000 (default: 0 to 500 by 50)"
+    )
+    cliff.add_argument(
+        "--noise",
+        type=_numbers,
+        metavar="X,X",
+        help="factors on the receiver's noise (default: 0,1,4; 0 where the scenario turns it off)",
+    )
+    cliff.add_argument(
+        "--seeds", type=int, metavar="N", help="drives of each step (default: 3; 1 where nothing is left to chance)"
+    )
+    cliff.add_argument("--workers", type=int, metavar="N", help="runs at a time (default: as many as processors)")
+    cliff.add_argument("--resume", action="store_true", help="go on with the study in DIR; finished runs stay")
+    cliff.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
+    cliff.set_defaults(run=_study_cliff)
 
 
 def _add_scenarios(commands: Commands) -> None:  # type: ignore[valid-type]
@@ -312,6 +363,40 @@ def _add_redrive(commands: Commands) -> None:  # type: ignore[valid-type]
     redrive.set_defaults(run=_redrive)
 
 
+def _add_compare(commands: Commands) -> None:  # type: ignore[valid-type]
+    compare = _add(
+        commands,
+        "compare",
+        "compare two records: a real drive and its virtual twin, or any two",
+        "Lay two records together at first motion and say how far apart they are: RMSE, correlation, Theil's U and\n"
+        "time shift of each signal, and what each drive came to.\n\n"
+        "examples:\n"
+        "  vve-sumo compare runs/lot runs/lockstep               a live drive and its twin in lockstep\n"
+        "  vve-sumo compare runs/a runs/b --out difference.png   two of anything, and a picture",
+    )
+    compare.add_argument("one", type=Path, metavar="ONE", help="folder of a drive")
+    compare.add_argument("other", type=Path, metavar="OTHER", help="folder of another; differences are other minus one")
+    compare.add_argument("--out", type=Path, metavar="PNG", help="picture to write")
+    compare.set_defaults(run=_compare)
+
+
+def _add_report(commands: Commands) -> None:  # type: ignore[valid-type]
+    report = _add(
+        commands,
+        "report",
+        "one page on a drive or a sweep that anybody can read",
+        "Write report.html into a record's or a sweep's folder: what was asked, what happened, passed or failed, plots,\n"
+        "versions, hashes, how to do it again. The page is one file that opens offline; its plots lie in report/ too. An\n"
+        "earlier report is replaced. A drive that was killed and a sweep that goes on are told as far as they came.\n\n"
+        "examples:\n"
+        "  vve-sumo report runs/mine      of a drive's record\n"
+        "  vve-sumo report speeds         of a sweep's, a search's or a study's folder",
+        REPORT_CODES,
+    )
+    report.add_argument("folder", type=Path, metavar="DIR", help="folder of the record or of the sweep")
+    report.set_defaults(run=_report)
+
+
 def _add_pose(commands: Commands) -> None:  # type: ignore[valid-type]
     pose = _add(commands, "pose", "look into pose recordings", "Look into what a positioning receiver said.")
     inner = pose.add_subparsers(dest="what", metavar="WHAT", required=True, parser_class=_Parser)
@@ -416,6 +501,13 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(name for name in text.split(",") if name)
 
 
+def _numbers(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected numbers such as 0,100,200, got {text!r}") from None
+
+
 def _latitude_longitude(text: str) -> tuple[float, float]:
     try:
         latitude, longitude = (float(part) for part in text.split(","))
@@ -442,11 +534,25 @@ def _add_init(commands: Commands) -> None:  # type: ignore[valid-type]
         commands,
         "init",
         "lay out a workspace of your own",
-        "Copy the shipped controllers, networks, rigs, routes, scenarios and sweeps into a folder. Run vve-sumo from\n"
-        "there: your files win over shipped ones of the same name.",
+        "Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios and sweeps into a folder. Run\n"
+        "vve-sumo from there: your files win over shipped ones of the same name.",
     )
     init.add_argument("folder", type=Path, metavar="DIR", help="folder to lay out; existing files are never replaced")
     init.set_defaults(run=_init)
+
+
+def _add_notebooks(commands: Commands) -> None:  # type: ignore[valid-type]
+    notebooks = _add(
+        commands,
+        "notebooks",
+        "copy out four Jupyter notebooks to begin an analysis with",
+        "Copy four notebooks into a folder: the paper's drive, stopping over a sweep of speeds, the latency cliff, a\n"
+        "recording through the chain. Each makes its own records, under runs/ beside it, and explains what it shows.",
+    )
+    notebooks.add_argument(
+        "folder", type=Path, metavar="DIR", help="folder for them; existing files are never replaced"
+    )
+    notebooks.set_defaults(run=_notebooks)
 
 
 def _drive(arguments: argparse.Namespace) -> int:
@@ -520,6 +626,21 @@ def _sweep(arguments: argparse.Namespace) -> int:
     )
 
 
+def _study_cliff(arguments: argparse.Namespace) -> int:
+    from vve_sumo.study import cliff
+
+    return cliff(
+        arguments.scenario,
+        out=arguments.out,
+        delays_ms=arguments.delays_ms,
+        factors=arguments.noise,
+        seeds=arguments.seeds,
+        workers=arguments.workers,
+        resume=arguments.resume,
+        quiet=arguments.quiet,
+    )
+
+
 def _scenarios_listed(arguments: argparse.Namespace) -> int:
     from vve_sumo.drive.library import listed
 
@@ -576,6 +697,12 @@ def _redrive(arguments: argparse.Namespace) -> int:
     from vve_sumo.live.review import redriven
 
     return redriven(arguments.record, arguments.controller, arguments.out)
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    from vve_sumo.analysis.report.command import report
+
+    return report(arguments.folder)
 
 
 def _pose_decode(arguments: argparse.Namespace) -> int:
@@ -681,11 +808,26 @@ def _design(arguments: argparse.Namespace) -> int:
     return design(arguments.scenario, arguments.latency_ms / 1000.0)
 
 
+def _compare(arguments: argparse.Namespace) -> int:
+    from vve_sumo.analysis.command import compare
+
+    return compare(arguments.one, arguments.other, arguments.out)
+
+
 def _init(arguments: argparse.Namespace) -> int:
     from vve_sumo.workspace import lay_out
 
     written = lay_out(arguments.folder)
     print(f"{len(written)} files laid out in {arguments.folder}; next: cd {arguments.folder} && vve-sumo drive")
+    return 0
+
+
+def _notebooks(arguments: argparse.Namespace) -> int:
+    from vve_sumo.workspace import lay_out_notebooks
+
+    written = lay_out_notebooks(arguments.folder)
+    print(f"{len(written)} notebooks in {arguments.folder}; next:")
+    print(f"  pip install 'vve-sumo[notebooks]' && jupyter lab {shlex.quote(str(arguments.folder))}")
     return 0
 
 

@@ -22,7 +22,9 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 #: folders that `vve-sumo init` lays out
-LAID_OUT = ("controllers", "networks", "rigs", "routes", "scenarios", "sweeps")
+LAID_OUT = ("controllers", "networks", "notebooks", "rigs", "routes", "scenarios", "sweeps")
+#: of them, the one that may be had by itself
+NOTEBOOKS = "notebooks"
 
 
 def shipped_root() -> Path:
@@ -89,19 +91,33 @@ def lay_out(target: Path) -> list[Path]:
     Raises ConfigError, before anything is written, when a file of the same name stands there already.
     """
     root = shipped_root()
-    sources = [file for folder in LAID_OUT for file in sorted((root / folder).rglob("*")) if _belongs(file)]
+    return _copied(root, [file for folder in LAID_OUT for file in _shipped(folder)], target)
+
+
+def lay_out_notebooks(target: Path) -> list[Path]:
+    """Copy the shipped notebooks right into `target` and return the files written; raises as `lay_out` does."""
+    return _copied(shipped_root() / NOTEBOOKS, _shipped(NOTEBOOKS), target)
+
+
+def _shipped(folder: str) -> list[Path]:
+    """Files of a shipped folder; of notebooks themselves alone, not what they have made where they were run."""
+    inside = shipped_root() / folder
+    files = inside.glob("*.ipynb") if folder == NOTEBOOKS else inside.rglob("*")
+    return [file for file in sorted(files) if _belongs(file)]
+
+
+def _copied(root: Path, sources: list[Path], target: Path) -> list[Path]:
+    """Copy files from under `root` to the same places under `target`, all or none of them."""
     if target.exists() and not target.is_dir():
-        raise ConfigError(f"{target} is a file, expected a folder to lay the workspace out in")
-    taken = [file for file in sources if (target / file.relative_to(root)).exists()]
-    if taken:
-        raise ConfigError(f"{target / taken[0].relative_to(root)} is there already; choose an empty folder")
-    written = []
-    for file in sources:
-        copy = target / file.relative_to(root)
+        raise ConfigError(f"{target} is a file, expected a folder to lay files out in")
+    copies = [target / file.relative_to(root) for file in sources]
+    taken = next((copy for copy in copies if copy.exists()), None)
+    if taken is not None:
+        raise ConfigError(f"{taken} is there already; choose an empty folder")
+    for file, copy in zip(sources, copies, strict=True):
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, copy)
-        written.append(copy)
-    return written
+    return copies
 
 
 def _belongs(file: Path) -> bool:

@@ -1,9 +1,14 @@
-"""Time to collision and deceleration needed, as the figures have them, against SUMO's own safety device on the ego."""
+"""Gap, headway, time to collision, deceleration needed: figures and analysis against SUMO's own safety device.
+
+The device sits on the ego; it is driven once, and both tests read what it wrote.
+"""
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -12,13 +17,15 @@ import pytest
 from tests.drive.test_figures import ticks_of
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, demand, pose, street
+from vve_sumo.analysis import following
 from vve_sumo.drive import figures
 from vve_sumo.drive.record import SCHEMAS
 from vve_sumo.path import Path as Curve
-from vve_sumo.values import Actors
+from vve_sumo.values import Actors, Floats
 
 LANE = -1.6  #: y of the one lane to the east [m]
 TICKS = 500
+REACTION = 0.5  #: before the ego would brake [s]
 #: A SUMO-driven car of 7 m/s, 60 m before an ego that comes with 15 m/s, brakes late and then falls back.
 LEADER = (
     '<vType id="slow" length="4.3" width="1.8" maxSpeed="7" sigma="0.7" speedDev="0" actionStepLength="0.02"/>'
@@ -27,8 +34,9 @@ LEADER = (
 )
 DEVICE = {
     "has.ssm.device": "true",
-    "device.ssm.measures": "TTC DRAC",
-    "device.ssm.thresholds": "1000 0.0001",
+    "device.ssm.measures": "TTC DRAC MDRAC SGAP TGAP",
+    "device.ssm.thresholds": "1000 0.0001 0.0001 1000 1000",
+    "device.ssm.mdrac.prt": str(REACTION),
     "device.ssm.range": "150",
     "device.ssm.trajectories": "true",
 }
@@ -48,8 +56,16 @@ def rows_of(tick: int, seen: Actors) -> list[dict[str, object]]:
     ]
 
 
-def closing_in(folder: str) -> tuple[list[dict[str, float]], list[dict[str, object]], dict[float, tuple[str, str]]]:
-    """Drive; return what a record holds of ego and actors, and what the device wrote, by time."""
+class Driven(NamedTuple):
+    """What a record holds of ego and actors, and what the device wrote."""
+
+    ego: list[dict[str, float]]
+    actors: list[dict[str, object]]
+    told: dict[float, dict[str, float]]  #: by time [s], by name; NaN where it has none
+
+
+def closing_in(folder: str) -> Driven:
+    """Drive."""
     import libsumo
 
     from vve_sumo.world.anchor import EGO_TYPE
@@ -73,32 +89,66 @@ def closing_in(folder: str) -> tuple[list[dict[str, float]], list[dict[str, obje
             ego.append(now | {"time_s": libsumo.simulation.getTime() - PERIOD})
             actors += rows_of(tick, world.actors())
             x += PERIOD * speed_at((tick + 1) * PERIOD)
-    told: dict[float, tuple[str, str]] = {}
-    for conflict in ElementTree.parse(root / "ssm.xml").iter("conflict"):
-        assert conflict.attrib["foe"] == "leader"
-        series = [conflict.find(name) for name in ("timeSpan", "TTCSpan", "DRACSpan")]
-        columns = [part.attrib["values"].split() for part in series if part is not None]
-        told |= {round(float(time), 2): (ttc, drac) for time, ttc, drac in zip(*columns, strict=True)}
-    return ego, actors, told
+    return Driven(ego, actors, read(root / "ssm.xml"))
 
 
-def test_sumos_safety_device_on_the_ego_sees_what_the_figures_say(tmp_path: Path) -> None:
-    """Tick for tick; the device writes two decimals."""
-    ego, boxes, told = isolated(closing_in, str(tmp_path))
-    ticks, actors = ticks_of(ego), pa.Table.from_pylist(boxes, SCHEMAS["actors"])
+def read(file: Path) -> dict[float, dict[str, float]]:
+    told: dict[float, dict[str, float]] = {}
+    for part in ElementTree.parse(file).getroot():
+        assert part.attrib.get("foe", "leader") == "leader"
+        series = {child.tag: child.attrib["values"].split() for child in part if "values" in child.attrib}
+        for name in ("TTC", "DRAC", "MDRAC", "SGAP", "TGAP"):
+            for time, value in zip(series["timeSpan"], series.get(f"{name}Span", ()), strict=False):
+                told.setdefault(round(float(time), 2), {})[name] = math.nan if value == "NA" else float(value)
+    return told
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
+    return isolated(closing_in, str(tmp_path_factory.mktemp("ssm")))
+
+
+def seen_by(driven: Driven) -> figures.Ahead:
+    ticks, actors = ticks_of(driven.ego), pa.Table.from_pylist(driven.actors, SCHEMAS["actors"])
     line = np.arange(0.0, 1000.0, 5.0)
-    seen = figures.ahead(ticks, actors, Curve.from_points(line, np.full_like(line, LANE)), FUSION)
+    return figures.ahead(ticks, actors, Curve.from_points(line, np.full_like(line, LANE)), FUSION)
+
+
+def device(driven: Driven, name: str) -> Floats:
+    """What the device wrote of a measure, tick by tick; NaN where it wrote nothing."""
+    return np.array([driven.told.get(round(row["time_s"], 2), {}).get(name, math.nan) for row in driven.ego])
+
+
+def test_sumos_safety_device_on_the_ego_sees_what_the_figures_say(driven: Driven) -> None:
+    """Tick for tick; the device writes two decimals."""
+    seen = seen_by(driven)
     ttc, drac = figures.time_to_collision(seen), figures.deceleration_to_avoid(seen)
-    compared = 0
-    for tick, row in enumerate(ego):
-        theirs = told.get(round(row["time_s"], 2), ("NA", "NA"))
-        if np.isnan(ttc[tick]) or theirs[0] == "NA":
-            # Where the two do not agree on whether the gap closes, it hardly does.
-            assert np.isnan(ttc[tick]) == (theirs[0] == "NA") or abs(seen.closing_speed[tick]) < 0.06
-            continue
-        assert ttc[tick] == pytest.approx(float(theirs[0]), abs=0.006, rel=1e-4)
-        assert drac[tick] == pytest.approx(float(theirs[1]), abs=0.006)
-        compared += 1
-    assert compared > 200
+    their_ttc, their_drac = device(driven, "TTC"), device(driven, "DRAC")
+    # Where the two do not agree on whether the gap closes, it hardly does.
+    differ = np.isnan(ttc) != np.isnan(their_ttc)
+    assert (np.abs(seen.closing_speed[differ]) < 0.06).all()
+    both = ~np.isnan(ttc) & ~np.isnan(their_ttc)
+    np.testing.assert_allclose(ttc[both], their_ttc[both], atol=0.006, rtol=1e-4)
+    np.testing.assert_allclose(drac[both], their_drac[both], atol=0.006)
+    assert np.count_nonzero(both) > 200
     assert np.nanmax(drac) > 1.9
     assert np.nanmin(ttc) < 2.5
+
+
+def test_sumos_safety_device_sees_what_the_measures_of_the_analysis_say(driven: Driven) -> None:
+    seen, speed = seen_by(driven), np.array([row["true_speed_mps"] for row in driven.ego])
+    gap, closing = seen.gap, seen.closing_speed
+    measures = {
+        "SGAP": gap,
+        "TGAP": following.headway(gap, speed),
+        "TTC": following.time_to_collision(gap, closing),
+        "DRAC": following.deceleration_to_avoid(gap, closing),
+        "MDRAC": following.deceleration_to_avoid(gap, closing, REACTION),
+    }
+    closes = closing > 0.06
+    for name, ours in measures.items():
+        theirs = device(driven, name)
+        both = np.isfinite(theirs) & np.isfinite(ours) & (closes | (name in ("SGAP", "TGAP")))
+        assert np.count_nonzero(both) > (480 if name in ("SGAP", "TGAP") else 200), name
+        np.testing.assert_allclose(ours[both], theirs[both], atol=0.0061, rtol=1e-4, err_msg=name)
+    assert np.nanmax(device(driven, "MDRAC")) > 2.5

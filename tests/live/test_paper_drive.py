@@ -13,6 +13,7 @@ from benchmarks.tick import demand
 from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig, vve_sumo
 from tests.live.witness import stalls, witness
+from vve_sumo.analysis import Run, latency_breakdown
 from vve_sumo.drive.record import read_table
 
 pytestmark = [pytest.mark.live, pytest.mark.alone]
@@ -51,6 +52,9 @@ def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path) -> Non
     ledger = summary["latency"]
     assert ledger["ticks"] == pytest.approx(summary["ticks"], abs=5)
     assert 0.0 < ledger["legs_ms"]["total"]["p50"] < ledger["legs_ms"]["total"]["p99"] < 40.0
+    breakdown = latency_breakdown(Run(record))
+    for leg, figures in ledger["legs_ms"].items():
+        assert {name: breakdown.loc[leg, f"{name}_ms"] for name in figures} == figures
     # The first row counts the ticks that went by while the street was still being loaded: nobody drove yet.
     missed = read_table(record, "latency")["missed"].to_pylist()
     assert sum(missed) == ledger["missed"]

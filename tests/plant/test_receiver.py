@@ -102,6 +102,25 @@ def test_noise_has_the_declared_size() -> None:
     assert abs(np.corrcoef(north, east)[0, 1]) < 0.08
 
 
+def test_a_hidden_delay_dates_what_was_measured_later_than_it_was() -> None:
+    parameters = ReceiverParameters(MOUNTING, noise=0.0)
+    told, hidden = record(parameters, 4.0), record(replace(parameters, hidden_delay=0.1), 4.0)
+    arrivals = [(late - early) for (early, _), (late, _) in zip(told, hidden, strict=False)]
+    assert arrivals == pytest.approx([0.1] * len(arrivals))
+    for honest, dated_late in zip(decode(told), decode(hidden), strict=False):
+        assert dated_late.time - honest.time == pytest.approx(0.1, abs=1e-6)
+        assert (dated_late.latitude, dated_late.longitude) == (honest.latitude, honest.longitude)
+
+
+def test_a_factor_on_the_noise_makes_each_error_as_many_times_as_large() -> None:
+    parameters = ReceiverParameters(MOUNTING)
+    exact, once, thrice = (decode(record(replace(parameters, noise=factor), 5.0)) for factor in (0.0, 1.0, 3.0))
+    for none, one, three in zip(exact, once, thrice, strict=True):
+        assert three.latitude - none.latitude == pytest.approx(3.0 * (one.latitude - none.latitude), abs=1e-15)
+        error = math.remainder(one.heading - none.heading, math.tau)
+        assert math.remainder(three.heading - none.heading, math.tau) == pytest.approx(3.0 * error, abs=5e-6)
+
+
 def test_status_channels_say_rtk_fixed_and_fresh() -> None:
     fix = decode(record(ReceiverParameters(MOUNTING), 1.0))[-1]
     assert (fix.status, fix.position_mode) == (4, 6)

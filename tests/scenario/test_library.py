@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from tests.isolated import isolated
+from vve_sumo.analysis.certificate import TOLERANCE
 from vve_sumo.scenario.load import load, parse
 from vve_sumo.sweep.vary import laid
 
@@ -17,8 +19,9 @@ FOLDER = REPOSITORY / "scenarios"
 NAMES = sorted(file.stem for file in FOLDER.glob("*.toml"))
 #: nobody stands or moves in the ego's way in these: there is nothing to run into
 WITHOUT_CONFLICT = {"calibration", "leap_hard_stop", "leap_loop", "rush_hour"}
-#: tests of their own (calibration, parked car), and minutes of driving (`benchmarks/library.py` drives these too)
-LEFT_OUT = {"calibration", "parked_car", "seen_late", "leap_loop", "rush_hour"}
+#: tests of their own (calibration, delay probe, parked car), and minutes of driving (`benchmarks/library.py` drives
+#: these too)
+LEFT_OUT = {"calibration", "delay_probe", "parked_car", "seen_late", "leap_loop", "rush_hour"}
 DRIVEN = sorted(set(NAMES) - LEFT_OUT)
 
 
@@ -95,3 +98,7 @@ def test_driving_a_scenario_meets_its_criteria(part: int) -> None:
     for name, summary in isolated(_driven, DRIVEN[part::3]).items():
         assert summary["passed"] is True, (name, summary["failed"], summary["text"])
         assert not summary["removed_at_entry"], name
+        if not math.isnan(summary["stop_distance_m"]):
+            # The car as declared keeps the bound that its stop sets itself, and the bound is no generous one.
+            assert 0.93 * summary["stop_bound_m"] < summary["stop_distance_m"], name
+            assert summary["stop_distance_m"] <= summary["stop_bound_m"] + TOLERANCE, name

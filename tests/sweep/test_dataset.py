@@ -17,9 +17,11 @@ import pyarrow.dataset
 import pytest
 
 from tests.isolated import isolated
+from tests.sweep.reading import load_rows
 from vve_sumo.errors import ConfigError, SimulationError
+from vve_sumo.rows import MACHINE, Plan
 from vve_sumo.sweep.cells import Cell
-from vve_sumo.sweep.dataset import MACHINE, Dataset, Plan, load_rows, refuse_mixed
+from vve_sumo.sweep.dataset import Dataset, refuse_mixed
 from vve_sumo.sweep.job import Result
 
 COUNT, PER_PART = 5, 2

@@ -19,11 +19,13 @@ from hypothesis import strategies as st
 from scipy.stats.qmc import Sobol
 
 from tests.conftest import REPOSITORY
+from tests.sweep.reading import load_rows
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import stopping_distance
+from vve_sumo.rows import Plan, read_tables
 from vve_sumo.sweep import boundary, worst
 from vve_sumo.sweep.cells import Cell, Cells
-from vve_sumo.sweep.dataset import Dataset, Plan, load_rows, read_tables
+from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.found import lines, table_of
 from vve_sumo.sweep.job import Result
 from vve_sumo.sweep.plan import asked

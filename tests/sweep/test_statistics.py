@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from vve_sumo.sweep.statistics import Mean, outcome, wilson
+from vve_sumo.statistics import Mean, wilson
+from vve_sumo.sweep.statistics import outcome
 
 
 @given(st.integers(1, 500), st.data())

@@ -15,9 +15,10 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.sweep.reading import load_rows
 from vve_sumo.errors import ConfigError
+from vve_sumo.rows import FIGURES, Plan
 from vve_sumo.sweep.command import rerun, sweep
-from vve_sumo.sweep.dataset import FIGURES, Plan, load_rows
 from vve_sumo.sweep.plan import asked
 
 #: drives straight on for a second, notes that it began, and on one mark takes the process with it

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vve_sumo.analysis.units import described
@@ -74,7 +75,7 @@ class Run:
 
     @property
     def complete(self) -> bool:
-        """Whether the drive came to its end; else it was killed, and the record ends at its last whole batch."""
+        """Whether the drive came to its end; else it was killed, and the record ends at its last whole tick."""
         return self.summary is not None
 
     @property
@@ -104,7 +105,9 @@ class Run:
         """
         known: dict[str, pa.Table] = self.__dict__.setdefault("_tables", {})
         if name not in known:
-            known[name] = self._read(name)
+            table = self._read(name)
+            torn = not self.complete and "tick" in table.schema.names
+            known[name] = table.filter(pc.field("tick") <= self._last) if torn else table
         return known[name]
 
     def table(self, name: str) -> pd.DataFrame:
@@ -152,6 +155,11 @@ class Run:
         """Whether the gateway obeyed the controller, tick by tick."""
         return np.array([state == "engaged" for state in self.arrow("ticks")["state"].to_pylist()], bool)
 
+    @cached_property
+    def _last(self) -> int:
+        """Number of the last tick of a killed drive that every table holds whole."""
+        return _last_whole(*map(self._read, ("ticks", "detections", "actors")))
+
     def _read(self, name: str) -> pa.Table:
         wanted = (SCHEMAS | LIVE_SCHEMAS)[name]
         table = read_table(self.folder, name)
@@ -159,6 +167,27 @@ class Run:
         if missing:
             raise ConfigError(f"{self.folder}: its table {name} has no column {missing[0]}: another vve-sumo wrote it")
         return table
+
+
+def _last_whole(ticks: pa.Table, detections: pa.Table, actors: pa.Table) -> int:
+    """Return the last tick up to which no row is missing; -1 for none.
+
+    A kill leaves tables that end at different ticks. A tick's row says how many detections it has, where its radar
+    scanned, and how many actors the tick after it has.
+    """
+    number = ticks["tick"].to_numpy()
+    scanned = np.where(ticks["scanned"].to_numpy(), ticks["detections"].to_numpy(), 0)
+    looked_at = np.concatenate([[0], ticks["actors"].to_numpy()[:-1]])[: len(number)]
+    whole = (_rows_of(number, detections) >= scanned) & (_rows_of(number, actors) >= looked_at)
+    end = len(whole) if whole.all() else int(np.argmin(whole))
+    return int(number[end - 1]) if end else -1
+
+
+def _rows_of(number: NDArray[np.int64], table: pa.Table) -> NDArray[np.int64]:
+    """Return how many rows of a table each tick has."""
+    there = np.sort(table["tick"].to_numpy())
+    counts: NDArray[np.int64] = np.searchsorted(there, number, "right") - np.searchsorted(there, number, "left")
+    return counts
 
 
 def _resolved(folder: FilePath) -> dict[str, Any]:

@@ -14,12 +14,15 @@ if TYPE_CHECKING:
 #: ending of a column's name and the unit that it stands for; the longer one is meant where two fit
 UNITS: dict[str, str] = {
     "_s": "s",
+    "_s2": "s²",
     "_ms": "ms",
     "_m": "m",
     "_m2": "m²",
     "_mps": "m/s",
     "_mps2": "m/s²",
     "_mps3": "m/s³",
+    "_m_s": "m/s",  # of controllers' tuning keys
+    "_m_s2": "m/s²",
     "_rad": "rad",
     "_radps": "rad/s",
     "_deg": "°",

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import pyarrow as pa
 
 from vve_sumo import workspace
-from vve_sumo.controller import Controller, module
+from vve_sumo.controller import Controller, module, sources
 from vve_sumo.drive import figures
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import Lockstep, Run, Watch
@@ -216,15 +216,13 @@ def draw(setting: Setting, drive: Drive) -> FilePath:
     """Write `drive.png` into a record and return its place."""
     from vve_sumo.drive.picture import bounds
     from vve_sumo.drive.picture import draw as paint
-    from vve_sumo.drive.sheet import Sheet
+    from vve_sumo.drive.sheet import Sheet, said
     from vve_sumo.world.network import lane_shapes
 
     ticks, actors = read_table(drive.folder, "ticks"), read_table(drive.folder, "actors")
-    summary = drive.summary
-    gap = f", gap {summary['stop_gap_m']:.2f} m" if summary["stop_gap_m"] == summary["stop_gap_m"] else ""
     sheet = Sheet(
         title=setting.scenario.title,
-        subtitle=f"{summary['outcome']}{gap} · seed {summary['seed']} · {_judged(summary)}",
+        subtitle=said(drive.summary),
         ticks=ticks,
         actors=actors,
         seen=figures.ahead(ticks, actors, setting.path, setting.vehicle),
@@ -235,10 +233,6 @@ def draw(setting: Setting, drive: Drive) -> FilePath:
     file = drive.folder / "drive.png"
     paint(sheet, file)
     return file
-
-
-def _judged(summary: dict[str, Any]) -> str:
-    return {True: "passed", False: "FAILED", None: "not judged"}[summary["passed"]]
 
 
 @contextlib.contextmanager
@@ -351,15 +345,33 @@ def design(name: str, latency: float) -> int:
     working = FilePath.cwd()
     setting = choose(name, working)
     setting.controller(working)  # refuses tuning that nobody could drive with
-    tuning = setting.scenario.controller.tuning
-    if tuning.get("steering", "preview") != "preview":
-        raise ConfigError(f"{name}: the design knows the preview steering, got {tuning['steering']!r}")
-    gains: Any = module("design", workspace.controller_folders(working))
-    named = {"look_ahead_time": "look_ahead_time_s", "look_ahead_least": "look_ahead_least_m"}
-    preview = replace(gains.DEFAULT, **{ours: float(tuning[key]) for ours, key in named.items() if key in tuning})
+    gains, preview = _designed(setting, working)
     rows = gains.margins(setting.vehicle, preview)
     print(gains.table(rows))
     gains.check(rows, latency)
     worst = min(row.delay_margin for row in rows)
     print(f"bears the stated {1000.0 * latency:.0f} ms at every speed; the least margin is {1000.0 * worst:.0f} ms")
     return 0
+
+
+def design_at(setting: Setting, working: FilePath) -> Any:
+    """Return the row of the design's table at the scenario's speed: its `delay_margin` [s] and the rest.
+
+    Raises ConfigError where the scenario's controller does not steer by the preview law, which alone the design knows.
+    """
+    named = setting.scenario.controller.name
+    if "preview" not in (file.stem for file in sources(setting.controller(working))):
+        raise ConfigError(f"the design knows the preview steering, which {named} does not use")
+    gains, preview = _designed(setting, working)
+    return gains.margins(setting.vehicle, preview, [setting.scenario.ego.speed_mps])[0]
+
+
+def _designed(setting: Setting, working: FilePath) -> tuple[Any, Any]:
+    """Return the module of the gain design and the scenario's tuning of the preview steering."""
+    tuning = setting.scenario.controller.tuning
+    if tuning.get("steering", "preview") != "preview":
+        raise ConfigError(f"{setting.name}: the design knows the preview steering, got {tuning['steering']!r}")
+    gains: Any = module("design", workspace.controller_folders(working))
+    named = {"look_ahead_time": "look_ahead_time_s", "look_ahead_least": "look_ahead_least_m"}
+    stated = {ours: float(tuning[key]) for ours, key in named.items() if key in tuning}
+    return gains, replace(gains.DEFAULT, **stated)

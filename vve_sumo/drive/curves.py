@@ -14,7 +14,6 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from vve_sumo.drive.figures import AT_REST
 from vve_sumo.drive.sheet import (
     ALARM,
     BETWEEN,
@@ -33,6 +32,7 @@ from vve_sumo.drive.sheet import (
     prefix,
     say,
 )
+from vve_sumo.drive.stopping import AT_REST
 from vve_sumo.values import ArmingState, Floats
 
 if TYPE_CHECKING:

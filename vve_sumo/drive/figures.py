@@ -15,6 +15,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from vve_sumo.drive.stopping import AT_REST, Stop, last_stop
 from vve_sumo.path import Path
 from vve_sumo.values import Actors, Floats, Pose, Vehicle
 
@@ -24,8 +25,6 @@ Indices = NDArray[np.int64]
 HORIZON = 150.0
 #: an actor whose centre lies further from the path than this cannot reach into the strip [m]
 CLOSE_TO_PATH = 16.0
-#: below this speed the car is at rest, and has a gap to talk of [m/s]
-AT_REST = 0.05
 #: below this closing speed a time to collision is not counted: at rest, noise would divide by nothing [m/s]
 CLOSING_FLOOR = 0.05
 
@@ -63,6 +62,25 @@ class Figures:
     max_lateral_deviation_m: float
     max_deceleration_mps2: float
     max_speed_mps: float
+    stop_onset_speed_mps: float
+    stop_distance_m: float
+    stop_bound_m: float
+    stop_demand_mps2: float
+    stop_reaction_s: float
+    stop_build_up_s: float
+    mfdd_mps2: float
+
+
+#: figures of the last stop
+_STOP = (
+    "stop_onset_speed_mps",
+    "stop_distance_m",
+    "stop_bound_m",
+    "stop_demand_mps2",
+    "stop_reaction_s",
+    "stop_build_up_s",
+    "mfdd_mps2",
+)
 
 
 def locate(path: Path, x: Floats, y: Floats, near: Floats, window: float) -> tuple[Floats, Floats, Floats]:
@@ -153,12 +171,22 @@ def _nearest(boxes: Boxes, own: Floats, speed: Floats, path: Path, vehicle: Vehi
     return gap, closing, nearest
 
 
+def index_of_tick(ticks: pa.Table, rows: pa.Table) -> Indices:
+    """Return the index in `ticks` of the tick of every row of another table; -1 for a tick that it does not hold.
+
+    A live drive's ticks have gaps where it missed some.
+    """
+    numbers, wanted = ticks["tick"].to_numpy(), rows["tick"].to_numpy()
+    at = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
+    return np.where(numbers[at] == wanted, at, -1)
+
+
 def _rows_near(ticks: pa.Table, actors: pa.Table, own: Floats, path: Path) -> tuple[Indices, Indices]:
     """Return the rows of `actors` that can matter (close to the path, at a tick with an ego) and their tick's index."""
     if actors.num_rows == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    at = actors["tick"].to_numpy() - int(ticks["tick"][0].as_py())
-    known = (at >= 0) & (at < ticks.num_rows)
+    at = index_of_tick(ticks, actors)
+    known = at >= 0
     known[known] = np.isfinite(own[at[known]])
     centres = np.column_stack((actors["x_m"].to_numpy(), actors["y_m"].to_numpy()))
     tree = KDTree(np.column_stack((path.samples.x, path.samples.y)))
@@ -245,7 +273,15 @@ def measure(ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle) -> 
         max_lateral_deviation_m=-_least(-np.abs(deviation)),
         max_deceleration_mps2=max(0.0, -_least(acceleration)),
         max_speed_mps=-_least(-speed),
+        **_of_stop(last_stop(ticks, speed, acceleration, vehicle.deceleration_limit), vehicle),
     )
+
+
+def _of_stop(stop: Stop | None, vehicle: Vehicle) -> dict[str, float]:
+    if stop is None:
+        return dict.fromkeys(_STOP, math.nan)
+    values = (stop.onset_speed, stop.distance, stop.bound(vehicle), stop.demand)
+    return dict(zip(_STOP, (*values, stop.reaction.duration, stop.build_up.duration, stop.mfdd), strict=True))
 
 
 def _least(values: Floats) -> float:

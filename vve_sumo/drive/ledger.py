@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import OrderedDict, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -125,7 +125,7 @@ class Tally:
             "woken_by_deadline": self.by_deadline,
             "without_frame": self.without_frame,
             "worst_tick": {"tick": tick, "total_ms": _ms(worst)} if tick >= 0 else None,
-            "legs_ms": {name: _figures(sorted(samples)) for name, samples in self._samples.items()},
+            "legs_ms": {name: percentiles(sorted(samples)) for name, samples in self._samples.items()},
         }
 
 
@@ -140,9 +140,19 @@ def legs(row: LatencyRow) -> dict[str, float]:
 def summarize(table: pyarrow.Table) -> dict[str, Any]:
     """Return the figures of a record's `latency` table, a column per field of LatencyRow, as `Ledger.summary` does."""
     tally = Tally()
-    for values in _rows(table.to_pydict()):
-        tally.add(LatencyRow(**values))
+    for row in rows_of(table):
+        tally.add(row)
     return tally.summary()
+
+
+def rows_of(table: pyarrow.Table) -> Iterator[LatencyRow]:
+    """Give the rows of a record's `latency` table one by one."""
+    columns = table.to_pydict()
+    names = [name for name in columns if name in LatencyRow.__dataclass_fields__]
+    for values in zip(*(columns[name] for name in names), strict=True):
+        row: dict[str, Any] = dict(zip(names, values, strict=True))
+        unknown = {name: math.nan for name, value in row.items() if value is None and name.endswith("_s")}
+        yield LatencyRow(**(row | unknown))
 
 
 def quantile(ordered: Sequence[float], share: float) -> float:
@@ -152,16 +162,8 @@ def quantile(ordered: Sequence[float], share: float) -> float:
     return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
 
 
-def _rows(columns: Mapping[str, Sequence[Any]]) -> Iterable[dict[str, Any]]:
-    names = [name for name in columns if name in LatencyRow.__dataclass_fields__]
-    for values in zip(*(columns[name] for name in names), strict=True):
-        yield {
-            name: math.nan if value is None and name.endswith("_s") else value
-            for name, value in zip(names, values, strict=True)
-        }
-
-
-def _figures(ordered: Sequence[float]) -> dict[str, float | None]:
+def percentiles(ordered: Sequence[float]) -> dict[str, float | None]:
+    """Return p50, p95, p99 and max [ms] of sorted samples [s], rounded to microseconds; None of none."""
     return {f"p{percent}": _ms(quantile(ordered, percent / 100.0)) for percent in (50, 95, 99)} | {
         "max": _ms(ordered[-1] if ordered else math.nan)
     }

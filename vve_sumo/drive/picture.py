@@ -119,6 +119,15 @@ def _from_above(figure: Figure, sheet: Sheet) -> None:
     close.legend([*named.values()], [*named], loc="upper left", bbox_to_anchor=(0.0, -0.01), ncols=4, borderaxespad=0.2)
 
 
+def paint(figure: Figure, sheet: Sheet) -> None:
+    """Draw a drive of at least one tick into an empty figure of the page's size, in the page's style."""
+    _from_above(figure, sheet)
+    over_time(figure, sheet)
+    title = textwrap.shorten(sheet.title, 110, placeholder=" …")
+    figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
+    figure.text(LEFT / SIZE[0], 0.92, sheet.subtitle, fontsize=12)
+
+
 def draw(sheet: Sheet, file: FilePath) -> None:
     """Write the picture of a drive of at least one tick as a PNG file."""
     import matplotlib as mpl
@@ -128,9 +137,5 @@ def draw(sheet: Sheet, file: FilePath) -> None:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)
         FigureCanvasAgg(figure)
-        _from_above(figure, sheet)
-        over_time(figure, sheet)
-        title = textwrap.shorten(sheet.title, 110, placeholder=" …")
-        figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
-        figure.text(LEFT / SIZE[0], 0.92, sheet.subtitle, fontsize=12)
+        paint(figure, sheet)
         figure.savefig(file)

@@ -25,7 +25,7 @@ from vve_sumo.drive.casting import Speeds, followed
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
-from vve_sumo.scenario.schema import Scenario
+from vve_sumo.scenario.schema import Radar, Scenario
 from vve_sumo.sensors.radar import RadarConfig, RadarMode
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle import fusion
@@ -95,13 +95,17 @@ class Setting:
 
     def radar(self) -> RadarConfig:
         """Return the radar's configuration."""
-        wanted = self.scenario.radar
-        config = RadarConfig()
-        if wanted.range_limit_m is not None:
-            limit = wanted.range_limit_m
-            modes = tuple(RadarMode(min(mode.range_max, limit), mode.half_angle) for mode in config.modes)
-            config = RadarConfig(modes=modes)
-        return config.ideal() if wanted.ideal else config
+        return radar_of(self.scenario.radar)
+
+
+def radar_of(wanted: Radar) -> RadarConfig:
+    """Return the configuration of the radar that a scenario wants."""
+    config = RadarConfig()
+    if wanted.range_limit_m is not None:
+        limit = wanted.range_limit_m
+        modes = tuple(RadarMode(min(mode.range_max, limit), mode.half_angle) for mode in config.modes)
+        config = RadarConfig(modes=modes)
+    return config.ideal() if wanted.ideal else config
 
 
 @cache

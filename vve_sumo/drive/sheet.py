@@ -5,7 +5,7 @@ It must not know what any one part draws, nor SUMO, nor how the drive was run.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +56,14 @@ class Sheet:
     path: Path
     vehicle: Vehicle
     lanes: Sequence[tuple[Floats, float]]  #: centre line (n x 2) [m] and width [m] of each lane
+
+
+def said(summary: Mapping[str, Any]) -> str:
+    """Return in a line what a drive came to."""
+    gap = summary["stop_gap_m"]
+    stood = "" if gap is None or gap != gap else f", gap {gap:.2f} m"
+    judged = {True: "passed", False: "FAILED", None: "not judged"}[summary["passed"]]
+    return f"{summary['outcome']}{stood} · seed {summary['seed']} · {judged}"
 
 
 def prefix(ticks: pa.Table) -> str:

@@ -77,8 +77,9 @@ def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: f
     wire = rig.bus.interface, start.channel or rig.bus.channel
     return CarConfig(
         parameters=plant.parameters(
-            noise=1.0 if start.noise else 0.0,
+            noise=start.noise_factor if start.noise else 0.0,
             delay=start.gnss_delay_s,
+            hidden_delay=start.gnss_hidden_delay_s,
             mass_factor=start.mass_factor,
             brake_gain_factor=start.brake_gain_factor,
             friction=friction,

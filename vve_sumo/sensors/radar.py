@@ -188,7 +188,7 @@ class Radar:
                 range_ = max(_quantised(distance + config.range_sigma * of_range, range_quantum), 0.0)
                 azimuth = _quantised(direction + config.azimuth_sigma * of_azimuth, azimuth_quantum)
                 range_rate = _quantised(speed + config.range_rate_sigma * of_rate, config.range_rate_quantum)
-                yield *_from_bumper(range_, azimuth, mount), range_rate, mode, row
+                yield *from_bumper(range_, azimuth, mount), range_rate, mode, row
 
     def _draws_for(self, actor: str) -> Iterator[_Draw]:
         draws = self._draws.get(actor)
@@ -220,8 +220,8 @@ def _quantised(value: float, quantum: float) -> float:
     return round(value / quantum) * quantum if quantum else value
 
 
-def _from_bumper(range_: float, azimuth: float, mount: Mount) -> tuple[float, float]:
-    """Range and azimuth of a point from the middle of the front bumper."""
+def from_bumper(range_: float, azimuth: float, mount: Mount) -> tuple[float, float]:
+    """Range [m] and azimuth [rad] from the middle of the front bumper of a point that the antenna has at these."""
     direction = azimuth + mount.yaw
     x, y = mount.x + range_ * math.cos(direction), mount.y + range_ * math.sin(direction)
     return math.sqrt(x * x + y * y), math.atan2(y, x)

@@ -11,12 +11,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Any
 
+from vve_sumo.rows import Kind
 from vve_sumo.sweep.vary import Value
-
-#: of a column of a dataset that holds the values of an axis
-Kind = Literal["bool", "int", "float", "str"]
 
 #: keys of a table that says an axis, by what they say
 STEPS, BETWEEN = ("from", "to", "step", "count"), ("min", "max", "log")

@@ -19,15 +19,16 @@ from typing import TYPE_CHECKING, Any
 from vve_sumo.drive.record import claim
 from vve_sumo.drive.setting import versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
+from vve_sumo.rows import FIGURES, Plan, Row, read_tables
 from vve_sumo.sweep.cells import Cell
-from vve_sumo.sweep.dataset import FIGURES, Dataset, Plan, Row, read_tables, refuse_mixed
+from vve_sumo.sweep.dataset import Dataset, refuse_mixed
 from vve_sumo.sweep.engine import Engine, Local
 from vve_sumo.sweep.job import Job, Result
 from vve_sumo.sweep.plan import MANY, Asked, asked, job_of
 from vve_sumo.sweep.preflight import look
 from vve_sumo.sweep.progress import Tally, telling
 from vve_sumo.sweep.search import Hunt
-from vve_sumo.sweep.spec import Keep, kept
+from vve_sumo.sweep.spec import Keep, kept, parse_spec
 from vve_sumo.sweep.statistics import Group, Outcome, outcome
 
 if TYPE_CHECKING:
@@ -57,27 +58,39 @@ def sweep(
     """Run the command: drive what is not finished, show what came of it; return the exit code."""
     wanted = asked(name, Path.cwd(), yes=yes, search=search)
     keeping = wanted.spec.keep if keep is None else _keeping(keep)
-    engine = _engine(workers, cluster)
+    engine = engine_of(workers, cluster)
+    again = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
+    try:
+        hunt = fill(out, wanted, engine, keeping, resume=resume, quiet=quiet, again=again)
+    except KeyboardInterrupt as interrupt:
+        print(f"vve-sumo: {interrupt}", file=sys.stderr)
+        return 130
+    return _conclude(out, wanted) if hunt is None else _conclude_search(out, wanted, hunt)
+
+
+def fill(out: Path, wanted: Asked, engine: Engine, keep: Keep, *, resume: bool, quiet: bool, again: str) -> Hunt | None:
+    """Drive into a folder whatever of a sweep is not finished there; return the search, where it was one.
+
+    Raises KeyboardInterrupt and SimulationError with a line that says what is safe, and that `again` goes on with it.
+    """
     begun = (out / "sweep.json").exists()
     dataset = Dataset(out, wanted.plan, resume=resume)
     if resume and not begun:
         print(f"vve-sumo: {out}: no sweep has begun there; this one does", file=sys.stderr)
-    again = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
     try:
         hunt = _hunt(wanted, dataset)
-        _drive(engine, wanted, dataset, hunt, keeping, quiet=quiet)
+        _drive(engine, wanted, dataset, hunt, keep, quiet=quiet)
         if hunt is not None and hunt.found is not None:
             dataset.settle(hunt.runs)
     except KeyboardInterrupt:
-        print(f"vve-sumo: interrupted; {_so_far(dataset)}; to go on: {again}", file=sys.stderr)
-        return 130
+        raise KeyboardInterrupt(f"interrupted; {_so_far(dataset)}; to go on: {again}") from None
     except VveError as error:
         raise SimulationError(f"{error}; {_so_far(dataset)}; to go on: {again}") from error
     finally:
         dataset.close()
     if not dataset.whole:
         raise SimulationError(f"some runs were interrupted; {_so_far(dataset)}; to go on: {again}")
-    return _conclude(out, wanted) if hunt is None else _conclude_search(out, wanted, hunt)
+    return hunt
 
 
 def _hunt(wanted: Asked, dataset: Dataset) -> Hunt | None:
@@ -100,7 +113,8 @@ def _keeping(said: str) -> Keep:
         raise ConfigError(f"--keep: {error}, got {said!r}") from None
 
 
-def _engine(workers: int | None, cluster: str | None) -> Engine:
+def engine_of(workers: int | None, cluster: str | None) -> Engine:
+    """Return what drives the runs: so many processes here, or a cluster; raises ConfigError for both."""
     if cluster is None:
         return Local(len(os.sched_getaffinity(0)) if workers is None else workers)
     if workers is not None:
@@ -292,7 +306,7 @@ def rerun(folder: Path, key: str, out: Path | None) -> int:
     except ConfigError as error:
         raise ConfigError(f"{error}; name another with --out DIR") from None
     cell = Cell(row["number"], key, {name: row[name] for name in plan.parameters}, row["seed"])
-    job = job_of(plan, plan.said(), cell, keep)
+    job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), cell, keep)
     _warn_of_changes(plan, job)
     results: list[Result] = []
     Local(1).run([job], lambda _job, result: results.append(result))

@@ -22,108 +22,21 @@ import fcntl
 import json
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vve_sumo.drive.figures import Figures
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.sweep.axes import Kind
+from vve_sumo.rows import MACHINE, Kind, Plan, Row, journal, parts, table_of
 from vve_sumo.sweep.cells import Cell
 from vve_sumo.sweep.job import Result
-from vve_sumo.sweep.spec import Spec, parse_spec
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-VERSION = 1  #: of this layout
 ROWS_PER_PART = 1000
 
 #: of a spec, what no row depends on; it may change while a sweep waits
 NO_MATTER = frozenset({"title", "keep"})
-
-_ARROW: dict[str, pa.DataType] = {"bool": pa.bool_(), "int": pa.int64(), "float": pa.float64(), "str": pa.string()}
-
-#: figures of every drive, by their place in its summary
-FIGURES: dict[str, Kind] = {
-    "outcome": "str",
-    "passed": "bool",
-    "failed": "str",
-    "reasons": "str",
-    "collision": "bool",
-    **{field.name: "float" for field in fields(Figures)},
-    "emergency_used": "bool",
-    "duration_s": "float",
-    "ticks": "int",
-    "anchor_position_error_m": "float",
-    "anchor_speed_error_mps": "float",
-    "removed_at_entry": "int",
-    "sumo_warnings": "int",
-    "text": "str",
-    "record_sha256": "str",
-}
-#: what a run took of the machine, and the last that a run with a fault printed
-MACHINE: dict[str, Kind] = {
-    "number": "int",
-    "key": "str",
-    "wall_s": "float",
-    "cpu_s": "float",
-    "peak_mb": "float",
-    "said": "str",
-}
-#: columns that no parameter may be called by
-TAKEN = frozenset({"seed", "fault", *FIGURES, *MACHINE})
-
-Row = dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What `sweep.json` says."""
-
-    spec: dict[str, Any]  #: as in its file
-    scenario: str  #: its name
-    table: dict[str, Any]  #: the scenario as in its file
-    file: str  #: the scenario's; names in it are looked up beside it
-    working: str  #: folder in which the sweep was begun
-    cells: int  #: how many runs there are; of a search, at most
-    parameters: dict[str, Kind]
-    criteria: list[str]  #: that the scenario states or a parameter sets
-    files_sha256: dict[str, list[str]]  #: of what the first cells read, by role
-    versions: dict[str, str]
-
-    def said(self) -> Spec:
-        """Return the spec; raises ConfigError where another version of the program understood it otherwise."""
-        return parse_spec(self.spec, Path("sweep.json"))
-
-    def columns(self) -> dict[str, Kind]:
-        """Return the columns of a row in their order."""
-        met: dict[str, Kind] = {f"meets_{name}": "bool" for name in self.criteria}
-        return {"number": "int", "key": "str", **self.parameters, "seed": "int", "fault": "str", **FIGURES, **met}
-
-    def text(self) -> str:
-        """Return the content of the file."""
-        return json.dumps({"version": VERSION} | asdict(self), indent=1) + "\n"
-
-    @classmethod
-    def of(cls, folder: Path) -> Self:
-        """Return the plan of a sweep's folder; raises ConfigError where there is none, or one of another layout."""
-        file = folder / "sweep.json"
-        try:
-            told = json.loads(file.read_text(encoding="utf-8"))
-            version = told.pop("version")
-        except OSError:
-            raise ConfigError(f"{folder}: no sweep.json: not a sweep's folder") from None
-        except (ValueError, KeyError, AttributeError) as error:
-            raise ConfigError(f"{file}: not what a sweep writes: {error}") from None
-        wanted = {field.name for field in fields(cls)}
-        if version != VERSION or set(told) != wanted:
-            raise ConfigError(f"{file}: layout {version}, expected {VERSION}: another vve-sumo wrote it")
-        return cls(**told)
 
 
 def refuse_mixed(folder: Path, there: Plan, versions: Mapping[str, str]) -> None:
@@ -179,10 +92,12 @@ class Dataset:
             place.mkdir(exist_ok=True)
             for left in place.glob(".*.tmp"):
                 left.unlink()
-        self._sealed = {int(file.stem.removeprefix("part-")): _rows_in(file) for file in _parts(self.folder)}
+        self._sealed = {
+            int(part.file.stem.removeprefix("part-")): part.runs for part in parts(self.folder, self.plan.columns())
+        }
         self._open: dict[int, Row] = {}
         self._finished_in: Counter[int] = Counter()
-        for row in _journal(self.folder):
+        for row in journal(self.folder):
             if row["number"] // self._per_part not in self._sealed and row["number"] not in self._open:
                 self._take(row)
         self._journal = -1
@@ -290,38 +205,6 @@ def row_of(plan: Plan, cell: Cell, result: Result) -> Row:
     return dict.fromkeys(plan.columns()) | {k: v for k, v in result.figures.items() if k in plan.columns()} | said
 
 
-def _rows_in(file: Path) -> int:
-    try:
-        return int(pq.read_metadata(file).num_rows)
-    except (pa.ArrowException, OSError) as error:
-        raise ConfigError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
-
-
-def read_tables(folder: Path) -> Iterator[pa.Table]:
-    """Return the rows of a sweep, finished or not, in portions; those of one portion in cell order.
-
-    Raises ConfigError where the folder holds no sweep, or one that cannot be read.
-    """
-    columns = Plan.of(folder).columns()
-    numbers: set[int] = set()
-    for file in _parts(folder):
-        try:
-            table = pq.ParquetFile(file).read()
-        except (pa.ArrowException, OSError) as error:
-            raise ConfigError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
-        numbers.update(table["number"].to_pylist())
-        yield table
-    rest = sorted((row for row in _journal(folder) if row["number"] not in numbers), key=lambda row: row["number"])
-    yield _table(rest, columns)
-
-
-def load_rows(folder: Path | str) -> pd.DataFrame:
-    """Return every finished run of a sweep, one row each, in cell order; of a sweep that is not finished, too."""
-    table: pa.Table = pa.concat_tables(list(read_tables(Path(folder)))).sort_by("number")
-    frame: pd.DataFrame = table.to_pandas()
-    return frame
-
-
 def _claim(folder: Path, plan: Plan, *, resume: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{folder} is a file, expected a folder for the sweep")
@@ -346,40 +229,14 @@ def _locked(folder: Path) -> int:
     return lock
 
 
-def _parts(folder: Path) -> list[Path]:
-    return sorted((folder / "rows").glob("part-*.parquet"))
-
-
-def _journal(folder: Path) -> list[Row]:
-    """Return the rows of a journal up to its last whole line; raises ConfigError where one before that is none."""
-    file = folder / "journal.jsonl"
-    if not file.exists():
-        return []
-    lines = file.read_bytes().split(b"\n")[:-1]  # what follows the last end of a line was torn
-    rows: list[Row] = []
-    for number, line in enumerate(lines, 1):
-        try:
-            row = json.loads(line)
-        except ValueError:
-            row = None
-        if not (isinstance(row, dict) and isinstance(row.get("number"), int)):
-            raise ConfigError(f"{file}: line {number} is no finished run: the file was damaged")
-        rows.append(row)
-    return rows
-
-
 def _line(row: Row) -> bytes:
     return json.dumps(row, separators=(",", ":"), allow_nan=False).encode() + b"\n"
-
-
-def _table(rows: Iterable[Row], columns: Mapping[str, Kind]) -> pa.Table:
-    return pa.Table.from_pylist(list(rows), schema=pa.schema([(name, _ARROW[kind]) for name, kind in columns.items()]))
 
 
 def _parquet(rows: list[Row], columns: Mapping[str, Kind]) -> bytes:
     """Return the bytes of a Parquet file; the same for the same rows."""
     sink = pa.BufferOutputStream()
-    pq.write_table(_table(rows, columns), sink, use_dictionary=False, compression="zstd")
+    pq.write_table(table_of(rows, columns), sink, use_dictionary=False, compression="zstd")
     data: bytes = sink.getvalue().to_pybytes()
     return data
 

@@ -14,11 +14,11 @@ from typing import Any
 from vve_sumo import workspace
 from vve_sumo.drive.setting import versions
 from vve_sumo.errors import ConfigError
+from vve_sumo.rows import FIGURES, TAKEN, Plan
 from vve_sumo.scenario.load import parse, read
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep import worst
 from vve_sumo.sweep.cells import Cell, Cells, cells_of
-from vve_sumo.sweep.dataset import FIGURES, TAKEN, Plan
 from vve_sumo.sweep.job import Job
 from vve_sumo.sweep.preflight import Look, look
 from vve_sumo.sweep.search import least_runs
@@ -49,7 +49,11 @@ def asked(name: str, working: Path, *, yes: bool, search: bool = False) -> Asked
     Raises ConfigError, naming file and key, for whatever is wrong, and for very many runs unless `yes`.
     """
     file = workspace.find("sweep", name, working)
-    said = read(file, "sweep")
+    return planned(read(file, "sweep"), file, working, yes=yes, search=search)
+
+
+def planned(said: dict[str, Any], file: Path, working: Path, *, yes: bool, search: bool = False) -> Asked:
+    """Return the sweep that a spec's table says, as `asked` does; `file` is where it stands, or what to call it."""
     spec = parse_spec(said, file)
     if search and spec.search is None:
         raise ConfigError(f"{file}: --search: expected a table [search] that says what to look for")

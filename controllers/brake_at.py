@@ -1,0 +1,93 @@
+"""A probe, not a driver: keeps the speed until something in the way is near, then brakes open loop and never lets go.
+
+What comes between the world and the brake shows undamped in where the car comes to rest: a delay of T costs v T. It
+regulates nothing while it brakes; whoever shall stop at a place wants follow_and_stop.
+"""
+
+from __future__ import annotations
+
+from vve_sumo.controller import Tuning, settle
+from vve_sumo.errors import ConfigError
+from vve_sumo.laws import clamp, jerk_limit, stopping_distance
+from vve_sumo.values import Setpoint, Situation, Vehicle
+
+from .deviation import DeviationObserver
+from .preview import PreviewSteering, PreviewTuning
+from .speed import SPEEDING_UP, SpeedKeeper, SpeedProfile
+from .tracks import Target, Tracker
+from .trim import SteeringTrim
+
+PERIOD = 0.02  #: of the tick [s]
+JERK = 4.0  #: with which the brake sets in, less than the gateway's comfort would cut [m/s3]
+
+TUNING: dict[str, float | str | bool] = {
+    "trigger_m": 45.0,  #: bumper to target when it begins to brake
+    "deceleration_m_s2": 3.0,  #: that it asks for then, whatever comes of it
+}
+
+#: what a tuning key may be; what lies outside is a slip of the unit, or more than comfort braking
+RANGES: dict[str, tuple[float, float]] = {"trigger_m": (1.0, 140.0), "deceleration_m_s2": (0.5, 3.5)}
+
+
+class BrakeAt:
+    """Follows the path at the desired speed; brakes once."""
+
+    def __init__(self, vehicle: Vehicle, tuning: dict[str, float]) -> None:
+        preview = PreviewTuning()
+        self._trigger, self._deceleration = tuning["trigger_m"], tuning["deceleration_m_s2"]
+        self._steering_limit = vehicle.steering_limit
+        self._answer = vehicle.brake_delay + vehicle.brake_lag + PERIOD
+        self._observer, self._law = DeviationObserver(vehicle), PreviewSteering(vehicle, preview)
+        self._trim = SteeringTrim(vehicle, 0.25, preview.look_ahead_time, preview.look_ahead_least)
+        self._keeper, self._tracker = SpeedKeeper(vehicle, PERIOD), Tracker(vehicle)
+        self._profile: SpeedProfile | None = None
+        self._station: float | None = None
+        self._acceleration = 0.0
+        self._since: float | None = None  # when it began to brake [s]
+
+    def step(self, situation: Situation) -> Setpoint:
+        """Answer one situation; called once every PERIOD."""
+        pose, path = situation.pose, situation.path
+        station = path.project(pose.x, pose.y, self._station)
+        self._station = station.s
+        deviation = self._observer.step(pose, path, station, PERIOD)
+        trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, False)
+        steering = clamp(self._law.steer(deviation, situation) + trim, -self._steering_limit, self._steering_limit)
+        target = self._tracker.step(situation, station)
+        if self._since is None:
+            self._since = self._onset(situation, target, path.length - station.s)
+        if self._since is None:
+            return Setpoint(steering, self._cruise(situation, station.s), note="cruise")
+        braking = min(JERK * (situation.time - self._since), self._deceleration)
+        return Setpoint(steering, -braking, note="brake")
+
+    def _onset(self, situation: Situation, target: Target | None, to_end: float) -> float | None:
+        """When the trigger was passed, inside the last tick [s]; None before that.
+
+        Ticks are 20 ms apart, which at 14 m/s is 0.28 m: counted from the passing itself, the brake does not depend
+        on how the ticks fall.
+        """
+        speed = situation.pose.speed
+        if to_end <= stopping_distance(speed, self._deceleration, self._answer, self._deceleration / JERK):
+            return situation.time
+        if target is None or not target.gap <= self._trigger:
+            return None
+        passed, closing = self._trigger - target.gap, speed - target.speed
+        return situation.time - (min(passed / closing, PERIOD) if closing > 0.0 else 0.0)
+
+    def _cruise(self, situation: Situation, s: float) -> float:
+        if self._profile is None:
+            self._profile = SpeedProfile(situation.path)
+        pose = situation.pose
+        wanted = self._keeper.step(self._profile, s, pose.speed, pose.acceleration, situation.desired_speed, True)
+        self._acceleration = jerk_limit(wanted, self._acceleration, -JERK, SPEEDING_UP, JERK, JERK, PERIOD)
+        return self._acceleration
+
+
+def make(vehicle: Vehicle, tuning: Tuning) -> BrakeAt:
+    """Make the controller; raises ConfigError on a tuning key or value that it cannot take."""
+    numbers = {key: float(value) for key, value in settle(tuning, TUNING).items()}
+    for key, (least, greatest) in RANGES.items():
+        if not least <= numbers[key] <= greatest:
+            raise ConfigError(f"tuning key {key!r} must be {least:g} to {greatest:g}, got {numbers[key]:g}")
+    return BrakeAt(vehicle, numbers)

@@ -1,0 +1,167 @@
+"""A sweep's rows: whole, in portions, by SQL and in groups they are the runs that were written, killed or not."""
+
+from __future__ import annotations
+
+import json
+import random
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from tests.sweep.test_dataset import COUNT, ORDER, PLAN, cell, fill, result
+from vve_sumo.analysis import Sweep
+from vve_sumo.errors import ConfigError
+from vve_sumo.rows import FIGURES, MACHINE, MEANINGS
+from vve_sumo.sweep.cells import Cell
+from vve_sumo.sweep.dataset import Dataset
+from vve_sumo.sweep.job import Result
+
+RUNS = 60
+
+
+def row_of_result(number: int) -> dict[str, Any]:
+    return dict(result(number).figures) | {"number": number, "key": cell(number).key, "speed": 0.1 * number}
+
+
+@pytest.mark.parametrize("most", range(1, COUNT + 1))
+def test_the_rows_are_the_finished_runs_in_order(tmp_path: Path, most: int) -> None:
+    fill(tmp_path, most=most)
+    sweep = Sweep(tmp_path)
+    rows = sweep.rows()
+    assert sweep.finished == most
+    assert sweep.asked == COUNT
+    assert list(rows["number"]) == sorted(ORDER[:most])
+    for _index, row in rows.iterrows():
+        for name, value in row_of_result(row["number"]).items():
+            assert (pd.isna(row[name]) and value is None) or row[name] == value, name
+    assert list(rows.columns) == sweep.columns
+    pd.testing.assert_frame_equal(pd.concat(list(sweep.batches()), ignore_index=True), rows)
+    pd.testing.assert_frame_equal(sweep.rows(["passed", "number"]), rows[["passed", "number"]])
+    assert list(sweep.machine()["number"]) == sorted(ORDER[:most])
+    assert sweep.sql("SELECT number FROM runs ORDER BY 1")["number"].tolist() == sorted(ORDER[:most])
+
+
+def test_a_row_in_a_part_and_still_in_the_journal_is_one(tmp_path: Path) -> None:
+    """What a kill between the part and the new journal leaves."""
+    fill(tmp_path, most=2)
+    noted = (tmp_path / "journal.jsonl").read_text(encoding="utf-8")
+    fill(tmp_path / "later", most=3)
+    (tmp_path / "later" / "journal.jsonl").write_text(noted + '{"number": 4, "torn', encoding="utf-8")
+    assert [json.loads(line)["number"] for line in noted.splitlines()] == [2, 0]
+    sweep = Sweep(tmp_path / "later")
+    assert list(sweep.rows()["number"]) == [0, 2, 3]
+    assert sweep.finished == 3
+    assert sweep.sql("SELECT count(*) AS n FROM runs JOIN machine USING (number)")["n"].tolist() == [3]
+
+
+def test_an_open_dataset_stays_as_it_was_while_the_sweep_goes_on(tmp_path: Path) -> None:
+    dataset = fill(tmp_path, most=3)
+    sweep = Sweep(tmp_path)
+    before = sweep.rows()
+    for number in ORDER[3:]:
+        dataset.add(cell(number), result(number))
+    dataset.close()
+    pd.testing.assert_frame_equal(sweep.rows(), before)
+    assert list(Sweep(tmp_path).rows()["number"]) == list(range(COUNT))
+
+
+def test_a_column_says_its_unit_its_meaning_and_what_is_missing(tmp_path: Path) -> None:
+    fill(tmp_path)
+    rows = Sweep(tmp_path).rows()
+    assert rows.attrs["units"]["stop_gap_m"] == "m"
+    assert rows.attrs["meanings"]["speed"] == "varied"
+    assert all(rows.attrs["meanings"].values())
+    assert set(MEANINGS) == {"number", "key", "seed", "fault", *FIGURES, *MACHINE}
+    assert len(rows[~rows["passed"]]) == 1  # number 1; the run with a fault has neither passed nor failed
+    assert rows["passed"].isna().tolist() == [False, False, False, True, False]
+    assert rows["ticks"].dtype == "Int64"
+
+
+def made() -> Iterator[tuple[Cell, Result]]:
+    chance = random.Random(5)
+    for number in range(RUNS):
+        values: dict[str, Any] = {"speed": float(number // 20), "kind": "ab"[number % 2]}
+        passed = chance.random() < 0.6
+        gap = chance.gauss(4.0, 1.0) if number % 7 else None
+        figures: dict[str, Any] = {"outcome": "stopped", "passed": passed, "collision": not passed, "stop_gap_m": gap}
+        fault = "timed_out" if number % 11 == 0 else ""
+        yield Cell(number, f"{number:016x}", values, 1), Result("", {} if fault else figures, fault)
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Sweep:
+    folder = tmp_path_factory.mktemp("made") / "sweep"
+    dataset = Dataset(folder, replace(PLAN, cells=RUNS), resume=False, rows_per_part=25)
+    for one, came in made():
+        dataset.add(one, came)
+    dataset.close()
+    return Sweep(folder)
+
+
+@pytest.mark.parametrize("by", [["speed", "kind"], ["kind"], []])
+def test_groups_are_what_counting_by_hand_comes_to(sweep: Sweep, by: list[str]) -> None:
+    groups = sweep.grouped(by, ["stop_gap_m", "collision"])
+    by_hand: dict[tuple[Any, ...], list[Result]] = {}
+    for one, came in made():
+        by_hand.setdefault(tuple(one.values[name] for name in by), []).append(came)
+    assert [tuple(values) for values in groups[by].to_numpy().tolist()] == list(by_hand)
+    for (_index, row), results in zip(groups.iterrows(), by_hand.values(), strict=True):
+        judged = [came.figures["passed"] for came in results if not came.fault]
+        assert (row["runs"], row["faults"]) == (len(results), len(results) - len(judged))
+        assert (row["judged"], row["passed"]) == (len(judged), sum(map(bool, judged)))
+        low, high = stats.binomtest(sum(map(bool, judged)), len(judged)).proportion_ci(0.95, "wilson")
+        assert row["passed_share"] == np.mean(judged) == pytest.approx(1.0 - row["mean_collision"])
+        assert (row["passed_low_share"], row["passed_high_share"]) == pytest.approx((low, high))
+        gaps = np.array([came.figures.get("stop_gap_m") or np.nan for came in results], float)
+        gaps = gaps[np.isfinite(gaps)]
+        names = ("mean", "least", "p05", "p50", "p95", "greatest")
+        wanted = (gaps.mean(), gaps.min(), *np.quantile(gaps, (0.05, 0.5, 0.95)), gaps.max())
+        assert [row[f"{name}_stop_gap_m"] for name in names] == pytest.approx(wanted)
+        spread = stats.t.ppf(0.975, len(gaps) - 1) * stats.sem(gaps)
+        assert (row["half_width_stop_gap_m"], row["stop_gap_m_count"]) == (pytest.approx(spread), len(gaps))
+    assert groups.attrs["units"]["p05_stop_gap_m"] == "m"
+    assert all(groups.attrs["meanings"].values())
+
+
+def test_sql_answers_as_the_rows_do(sweep: Sweep) -> None:
+    answer = sweep.sql(
+        "SELECT kind, avg(stop_gap_m) AS mean_stop_gap_m FROM runs WHERE passed GROUP BY kind ORDER BY kind"
+    )
+    rows = sweep.rows()
+    wanted = rows[rows["passed"].eq(True)].groupby("kind")["stop_gap_m"].mean()
+    assert answer["mean_stop_gap_m"].tolist() == pytest.approx(wanted.tolist())
+    assert answer.attrs["units"]["mean_stop_gap_m"] == "m"
+
+
+def test_what_cannot_be_asked_is_one_line(sweep: Sweep, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(said: str, ask: Any, *arguments: Any) -> None:
+        with pytest.raises(ConfigError, match=said) as caught:
+            ask(*arguments)
+        assert "\n" not in str(caught.value)
+
+    refused("no column 'nix'; there are number, key, speed", sweep.rows, ["nix"])
+    refused("no column 'nix'", sweep.grouped, ["nix"])
+    refused("outcome is a text", sweep.grouped, ["kind"], ["outcome"])
+    refused('sql: .*Referenced column "nix" not found', sweep.sql, "SELECT nix FROM runs")
+    refused("no finished run has the key 'nix'", sweep.run, "nix")
+    key = f"{3:016x}"
+    refused(f"record of {key} was not kept; vve-sumo sweep --rerun {sweep.folder} {key} makes it", sweep.run, key)
+    monkeypatch.setitem(sys.modules, "duckdb", None)
+    refused(r"needs DuckDB: pip install 'vve-sumo\[sql\]'", sweep.sql, "SELECT 1")
+
+
+def test_what_a_search_found(tmp_path: Path) -> None:
+    fill(tmp_path)
+    assert Sweep(tmp_path).found is None
+    (tmp_path / "search.json").write_text('{"search": "boundary"}', encoding="utf-8")
+    assert Sweep(tmp_path).found == {"search": "boundary"}
+    (tmp_path / "search.json").write_text("[]", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"search\.json: not what a search writes"):
+        _ = Sweep(tmp_path).found

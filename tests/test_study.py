@@ -1,0 +1,98 @@
+"""`vve-sumo study cliff` as a user meets it: the table, the dataset and the picture; one line for what is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests import isolated
+from tests.conftest import REPOSITORY
+from tests.sweep.test_dataset import fill
+from vve_sumo.analysis.cliff import cliff_of
+from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.errors import ConfigError
+from vve_sumo.sweep.study import DELAYS_MS, FACTORS, cliff_study
+
+SPEED = 5.0
+SHORT = f"""
+title = "A short approach to a wall"
+duration_s = 30.0
+after_stop_s = 0.1
+street.network = "proving_ground"
+ego.path = "proving_ground"
+ego.speed_mps = {SPEED}
+ego.car.noise = false
+ego.lot = {{ latitude_deg = 40.0, longitude_deg = -83.0, heading_deg = 85.0 }}
+radar.ideal = true
+controller = {{ name = "brake_at", tuning = {{ trigger_m = 8.0 }} }}
+obstacles = [{{ id = "wall", at_m = 70.0 }}]
+criteria = {{ outcome = "stopped" }}
+"""
+STEPS = ("--delays-ms", "0,100", "--seeds", "1")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace with the short scenario."""
+    place = tmp_path_factory.mktemp("study")
+    (place / "scenarios").mkdir()
+    (place / "scenarios" / "short.toml").write_text(SHORT, encoding="utf-8")
+    return place
+
+
+def test_a_study_end_to_end(folder: Path) -> None:
+    done = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, "--quiet", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    for word in ("Latency and noise cliff of short", "v x delay", "1 of 1", "noise x 0: the margin", "by its design"):
+        assert word in done.stdout
+    assert (folder / "cliff" / "cliff.png").stat().st_size > 10_000
+    study = cliff_of(Sweep(folder / "cliff"))
+    assert study.steps["delay_s"].tolist() == [0.0, 0.1]
+    kept, late = study.steps["mean_margin_m"]
+    assert kept - late == pytest.approx(SPEED * 0.1, abs=0.05)
+    rows = (folder / "cliff" / "rows" / "part-00000.parquet").read_bytes()
+
+    again = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, cwd=folder)
+    assert (again.returncode, again.stderr.count("\n")) == (2, 1)
+    assert "--resume goes on with it" in again.stderr
+    (folder / "cliff" / "cliff.png").unlink()
+    resumed = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, "--resume", "--quiet", cwd=folder)
+    assert (resumed.returncode, resumed.stdout) == (0, done.stdout)
+    assert (folder / "cliff" / "cliff.png").exists()
+    assert (folder / "cliff" / "rows" / "part-00000.parquet").read_bytes() == rows
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("nowhere",), "no scenario named 'nowhere'"),
+        (("short", "--delays-ms", "0,1001"), "--delays-ms: expected numbers from 0 to 1000, got 1001"),
+        (("short", "--delays-ms", "nan"), "--delays-ms: expected numbers from 0 to 1000, got nan"),
+        (("short", "--delays-ms", "0;5"), "expected numbers such as 0,100,200, got '0;5'"),
+        (("parked_car", "--noise=-1"), "--noise: expected numbers from 0 to 100, got -1"),
+        (("short", "--noise", "0,1"), "--noise: short turns the noise off (ego.car.noise), expected 0, got 0,1"),
+        (("short", "--seeds", "0"), "--seeds: expected 1 or more, got 0"),
+        (("short", "--out", "scenarios"), "holds something else (short.toml)"),
+    ],
+)
+def test_what_is_wrong_is_one_line(folder: Path, arguments: tuple[str, ...], says: str) -> None:
+    out = () if "--out" in arguments else ("--out", "new")
+    done = isolated.command("study", "cliff", *arguments, *out, cwd=folder)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (folder / "new").exists()
+    assert [file.name for file in (folder / "scenarios").iterdir()] == ["short.toml"]
+
+
+def test_what_is_usual_goes_with_the_scenario(folder: Path) -> None:
+    shipped, quiet = cliff_study("seen_late", REPOSITORY), cliff_study("short", folder)
+    assert shipped.plan.cells == len(DELAYS_MS) * len(FACTORS) * 3
+    assert quiet.plan.cells == len(DELAYS_MS)
+
+
+def test_another_sweep_is_no_study(tmp_path: Path) -> None:
+    fill(tmp_path).close()
+    with pytest.raises(ConfigError, match="no study of delay and noise: it varied"):
+        cliff_of(Sweep(tmp_path))

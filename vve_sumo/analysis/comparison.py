@@ -1,0 +1,305 @@
+"""Two records of the same manoeuvre side by side: a real drive and its virtual twin, or any two.
+
+Knows records and signals; must not know which of the two is the truth. Both are measured alike.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from vve_sumo.analysis.likeness import pearson, rms, shift_of, theil_u
+from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.units import described, unit_of
+from vve_sumo.drive.figures import Ahead, ahead, measure
+from vve_sumo.errors import ConfigError
+from vve_sumo.values import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TIME, STATION = "time_s", "station_m"  #: the two axes
+
+#: the event that both records are laid together at: the car's speed first reaches this [m/s]
+FIRST_MOTION = 0.5
+#: what two records must have in common, from first motion on [s]
+SHORTEST = 1.0
+#: between two points along the path [m]
+STATION_STEP = 0.2
+#: a shift is looked for this far on either side, if the common stretch is long enough [s], [m]
+FARTHEST: Final = {TIME: 2.0, STATION: 5.0}
+
+#: signals in order, and the axis that each is compared over: what the path causes over the path, the rest over time
+AXES: Final = {
+    "speed_mps": TIME,
+    "acceleration_mps2": TIME,
+    "yaw_rate_radps": TIME,
+    "steering_rad": TIME,
+    "gap_m": TIME,
+    "lateral_deviation_m": STATION,
+}
+#: a gap that closes steadily looks the same however it is shifted
+UNSHIFTED: Final = frozenset({"gap_m"})
+
+MEANINGS = {
+    "unit": "of the signal, and of rmse, max_error and mean_error",
+    "axis": "what the two were laid together by",
+    "rmse": "root mean square of other minus one",
+    "max_error": "greatest size of other minus one",
+    "mean_error": "mean of other minus one",
+    "pearson_r": "correlation coefficient at no shift; NaN where one of them does not vary",
+    "theil_u": "Theil's U1, 0 for two alike to 1; NaN of no points",
+    "shift_s": "how much later the other is, over time; NaN where no shift fits best",
+    "shift_m": "how much farther along the path the other is; likewise",
+    "n": "points that both had",
+}
+OUTCOME_MEANINGS = {
+    "unit": "of the figure; empty for words",
+    "one": "what the first record came to",
+    "other": "what the second came to",
+    "difference": "other minus one; NaN of words and where one of them has none",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two records compared."""
+
+    one: Run
+    other: Run
+    true: bool  #: whether both were measured by the truth; else both by the chain's estimate
+    begin: tuple[float, float]  #: drive time of first motion in each [s]: time 0 of `series`
+    signals: pd.DataFrame  #: a row a signal, with the columns of MEANINGS
+    outcomes: pd.DataFrame  #: a row a figure: unit, one, other, difference
+    series: dict[str, pd.DataFrame]  #: by signal: columns one and other over the axis, NaN where one had none
+    notes: tuple[str, ...]  #: what makes the two differ beside the drive, a sentence each
+
+
+class _Side(NamedTuple):
+    """One record, ready to be laid beside another."""
+
+    run: Run
+    ticks: pa.Table  #: without the truth where the other has none
+    time: Floats  #: from first motion [s]
+    station: Floats  #: along the path [m]
+    signals: dict[str, Floats]
+    ahead: Ahead
+    begin: float  #: drive time of first motion [s]
+
+
+def compare(one: Run, other: Run) -> Comparison:
+    """Compare two records of drives, laid together at first motion.
+
+    Both are measured by the truth if both have it, else both by the chain's estimate, so that an estimator's error is
+    no difference between the drives. What the path causes is compared over the path. Raises ConfigError where one
+    never moves, or where they have less than SHORTEST [s] in common.
+    """
+    true = one.motion.true and other.motion.true
+    first, second = _side(one, true), _side(other, true)
+    series = _laid_together(first, second)
+    return Comparison(
+        one=one,
+        other=other,
+        true=true,
+        begin=(first.begin, second.begin),
+        signals=_signals(series),
+        outcomes=_outcomes(first, second),
+        series=series,
+        notes=_notes(one, other, true),
+    )
+
+
+def first_motion(time: Floats, speed: Floats) -> float:
+    """Return when a speed first reaches FIRST_MOTION, between two ticks by a straight line [s]; NaN if it never does.
+
+    A record that begins in motion has its first motion at the first tick that knows a speed.
+    """
+    known = np.flatnonzero(np.isfinite(speed))
+    fast = np.flatnonzero(speed[known] >= FIRST_MOTION)
+    if not len(fast):
+        return math.nan
+    i = known[fast[0]]
+    if fast[0] == 0:
+        return float(time[i])
+    before = known[fast[0] - 1]
+    share = (FIRST_MOTION - speed[before]) / (speed[i] - speed[before])
+    return float(time[before] + share * (time[i] - time[before]))
+
+
+def _side(run: Run, true: bool) -> _Side:
+    ticks = run.arrow("ticks")
+    if not true:
+        place = ticks.schema.get_field_index("true_x_m")
+        ticks = ticks.set_column(place, ticks.schema.field(place), pa.array(np.full(ticks.num_rows, np.nan)))
+    prefix = "true_" if true else ""
+    seen = ahead(ticks, run.arrow("actors"), run.path, run.vehicle)
+    signals = {
+        "speed_mps": ticks[f"{prefix}speed_mps"].to_numpy(),
+        "acceleration_mps2": ticks[f"{prefix}acceleration_mps2"].to_numpy(),
+        "yaw_rate_radps": ticks["yaw_rate_radps"].to_numpy(),
+        "steering_rad": ticks["measured_steering_rad"].to_numpy(),
+        "gap_m": seen.gap,
+        "lateral_deviation_m": ticks["lateral_deviation_m" if true else "estimated_deviation_m"].to_numpy(),
+    }
+    begin = first_motion(run.time, signals["speed_mps"])
+    if not math.isfinite(begin):
+        raise ConfigError(f"{run.folder}: the car never reaches {FIRST_MOTION} m/s: no motion to compare")
+    return _Side(run, ticks, run.time - begin, ticks["station_m"].to_numpy(), signals, seen, begin)
+
+
+def _laid_together(one: _Side, other: _Side) -> dict[str, pd.DataFrame]:
+    """Every signal of both over its axis, on points that both reach."""
+    step = max(one.run.period, other.run.period)
+    end = min(one.time[-1], other.time[-1])
+    if not end >= SHORTEST:
+        raise ConfigError(
+            f"{one.run.folder} and {other.run.folder}: from first motion on they have {max(end, 0.0):.2f} s in common, "
+            f"expected {SHORTEST:g} s or more"
+        )
+    grids = {TIME: np.arange(0.0, end + 1e-9, step), STATION: _stations(one, other)}
+    return {name: _pair(one, other, name, axis, grids[axis]) for name, axis in AXES.items()}
+
+
+def _stations(one: _Side, other: _Side) -> Floats:
+    """Points along the path that both drove over; none where the paths are two."""
+    if one.run.resolved["path_m"] != other.run.resolved["path_m"]:
+        return np.zeros(0)
+    reached = [_onward(side) for side in (one, other)]
+    stations = [side.station[kept] for side, kept in zip((one, other), reached, strict=True)]
+    if not all(len(station) for station in stations):
+        return np.zeros(0)
+    begin, end = max(station[0] for station in stations), min(station[-1] for station in stations)
+    return np.arange(begin, end + 1e-9, STATION_STEP)
+
+
+def _onward(side: _Side) -> NDArray[np.intp]:
+    """Ticks in motion at which the car is farther along the path than ever before: each station once."""
+    station = np.where(side.time >= 0.0, side.station, np.nan)
+    known = np.flatnonzero(np.isfinite(station))
+    farthest = np.concatenate(([-np.inf], np.maximum.accumulate(station[known])[:-1]))
+    return known[station[known] > farthest]
+
+
+def _pair(one: _Side, other: _Side, name: str, axis: str, grid: Floats) -> pd.DataFrame:
+    import pandas as pd
+
+    sides = {"one": one, "other": other}
+    sampled = {which: _sampled(side, name, axis, grid) for which, side in sides.items()}
+    table = pd.DataFrame(sampled, index=pd.Index(grid, name=axis))
+    if name == "gap_m" and len(grid):
+        # Gaps to two different actors are two different things.
+        leaders = [np.array(side.ahead.actor, object)[_nearest(side.time, grid)] for side in (one, other)]
+        table.loc[leaders[0] != leaders[1], :] = np.nan
+    table.attrs["units"] = dict.fromkeys(sides, unit_of(name)) | {axis: unit_of(axis)}
+    return table
+
+
+def _sampled(side: _Side, name: str, axis: str, grid: Floats) -> Floats:
+    """A signal at the points of the axis, by straight lines between ticks; NaN beside a tick that has none."""
+    kept = np.arange(len(side.time)) if axis == TIME else _onward(side)
+    if not len(grid):
+        return np.zeros(0)
+    along = side.time if axis == TIME else side.station
+    return np.interp(grid, along[kept], side.signals[name][kept], left=np.nan, right=np.nan)
+
+
+def _nearest(time: Floats, grid: Floats) -> NDArray[np.intp]:
+    """Index of the tick nearest to each moment."""
+    after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+    return after - (grid - time[after - 1] < time[after] - grid)
+
+
+def _signals(series: dict[str, pd.DataFrame]) -> pd.DataFrame:
+    import pandas as pd
+
+    rows = {name: _likeness(name, table) for name, table in series.items()}
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=list(MEANINGS)).rename_axis("signal")
+    return described(table, MEANINGS)
+
+
+def _likeness(name: str, table: pd.DataFrame) -> dict[str, Any]:
+    """The figures of one signal."""
+    axis = AXES[name]
+    whole = (table["one"].to_numpy(), table["other"].to_numpy())
+    both = np.isfinite(whole[0]) & np.isfinite(whole[1])
+    one, other = whole[0][both], whole[1][both]
+    error = other - one
+    points = table.index.to_numpy()
+    shift = math.nan
+    if len(points) > 2 and name not in UNSHIFTED:
+        shift = shift_of(*whole, float(points[1] - points[0]), FARTHEST[axis])
+    return {
+        "unit": unit_of(name),
+        "axis": axis,
+        "rmse": rms(error) if len(error) else math.nan,
+        "max_error": float(np.abs(error).max()) if len(error) else math.nan,
+        "mean_error": float(error.mean()) if len(error) else math.nan,
+        "pearson_r": pearson(one, other),
+        "theil_u": theil_u(one, other),
+        "shift_s": shift if axis == TIME else math.nan,
+        "shift_m": shift if axis == STATION else math.nan,
+        "n": len(error),
+    }
+
+
+def _outcomes(one: _Side, other: _Side) -> pd.DataFrame:
+    import pandas as pd
+
+    came_to = [_came_to(side) for side in (one, other)]
+    rows = {
+        name: {"unit": unit_of(name), "one": value, "other": came_to[1][name], "difference": math.nan}
+        for name, value in came_to[0].items()
+    }
+    for row in rows.values():
+        if isinstance(row["one"], float) and isinstance(row["other"], float):
+            row["difference"] = row["other"] - row["one"]
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=list(OUTCOME_MEANINGS)).rename_axis("figure")
+    return described(table, OUTCOME_MEANINGS)
+
+
+def _came_to(side: _Side) -> dict[str, float | str]:
+    """What a drive came to, by the same measures as its summary."""
+    run = side.run
+    return {
+        "outcome": str(run.summary["outcome"]) if run.summary else "killed",
+        "collision": "yes" if any(side.ticks["contacts"].to_pylist()) else "no",
+        **asdict(measure(side.ticks, run.arrow("actors"), run.path, run.vehicle)),
+        "first_motion_s": side.begin,
+        "duration_s": float(run.time[-1] - run.time[0]),
+    }
+
+
+def _notes(one: Run, other: Run, true: bool) -> tuple[str, ...]:
+    """What was asked differently, and what the comparison leaves out for it."""
+    notes = []
+    for what, ours, theirs in (
+        ("scenarios", one.name, other.name),
+        ("seeds", _asked(one, "seed"), _asked(other, "seed")),
+        ("controllers", _asked(one, "controller"), _asked(other, "controller")),
+        ("kinds of drive", _kind(one), _kind(other)),
+    ):
+        if ours != theirs:
+            notes.append(f"the {what} differ: {ours} and {theirs}")
+    if one.resolved["path_m"] != other.resolved["path_m"]:
+        notes.append("the paths differ: nothing is compared over the path")
+    if one.vehicle != other.vehicle:
+        notes.append("the cars differ in what is declared of them")
+    if not true:
+        blind = " and ".join(str(run.folder) for run in (one, other) if not run.motion.true)
+        notes.append(f"{blind}: no truth in it, so both are measured by the chain's estimate")
+    notes += [f"{run.folder}: the drive was killed, its record ends early" for run in (one, other) if not run.complete]
+    return tuple(notes)
+
+
+def _asked(run: Run, key: str) -> str:
+    value = run.resolved["settings"][key]
+    return str(value["name"]) if isinstance(value, dict) else str(value)
+
+
+def _kind(run: Run) -> str:
+    return "live" if run.live else "lockstep"

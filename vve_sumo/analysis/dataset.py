@@ -1,0 +1,199 @@
+"""A sweep's dataset: its rows whole, in portions or by SQL, what groups of them come to, and its records.
+
+Reads a sweep's folder, finished or not, as it was when it was opened. It must not know how a sweep is run, nor what
+anybody makes of its figures.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pyarrow as pa
+
+from vve_sumo.analysis.groups import grouped, meanings
+from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.units import described, unit_of
+from vve_sumo.errors import ConfigError
+from vve_sumo.rows import FIGURES, MEANINGS, Held, unreadable
+
+if TYPE_CHECKING:
+    import duckdb
+    import pandas as pd
+
+
+class Sweep:
+    """A sweep's dataset, read as it is needed; `load` opens one."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open a sweep's folder.
+
+        Raises ConfigError in one line where there is none, one of another layout, one whose parts do not belong
+        together, or one without a finished run.
+        """
+        self.folder = folder
+        self._held = Held.of(folder)
+        if self._held.finished == 0:
+            raise ConfigError(f"{folder}: no run of this sweep is finished; vve-sumo sweep … --resume goes on with it")
+
+    @cached_property
+    def plan(self) -> dict[str, Any]:
+        """Content of `sweep.json`."""
+        return asdict(self._held.plan)
+
+    @property
+    def title(self) -> str:
+        """Title of the sweep, or the scenario's name where it has none."""
+        return str(self._held.plan.spec.get("title") or self.scenario)
+
+    @property
+    def scenario(self) -> str:
+        """Name of the scenario."""
+        return self._held.plan.scenario
+
+    @property
+    def parameters(self) -> list[str]:
+        """What was varied: names of columns."""
+        return list(self._held.plan.parameters)
+
+    @property
+    def figures(self) -> list[str]:
+        """What was measured, as far as it has a mean: names of columns."""
+        return [name for name, kind in FIGURES.items() if kind == "float"]
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of all columns of a row."""
+        return list(self._held.plan.columns())
+
+    @property
+    def asked(self) -> int:
+        """How many runs were asked for; of a search, at most."""
+        return self._held.plan.cells
+
+    @property
+    def finished(self) -> int:
+        """How many runs are finished."""
+        return self._held.finished
+
+    @cached_property
+    def found(self) -> dict[str, Any] | None:
+        """What a search found, content of `search.json`; None of a sweep that is none, or goes on."""
+        file = self.folder / "search.json"
+        try:
+            found = json.loads(file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise unreadable(file, error) from None
+        if not isinstance(found, dict) or "search" not in found:
+            raise ConfigError(f"{file}: not what a search writes: no search in it")
+        return found
+
+    def rows(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """Return every finished run, a row each, in the design's order; all columns or these.
+
+        What a run has not is NaN in a number and NA elsewhere. Raises ConfigError for a column that is not there.
+        """
+        return self._frame(pa.concat_tables(self._held.tables(self._known(columns))))
+
+    def batches(self, columns: Sequence[str] | None = None) -> Iterator[pd.DataFrame]:
+        """Return the rows as `rows` does in portions, about a thousand at a time, for a dataset larger than memory."""
+        tables = self._held.tables(self._known(columns))
+        return (self._frame(table) for table in tables if table.num_rows)
+
+    def machine(self) -> pd.DataFrame:
+        """Return what every finished run took of the machine; `said` is the last that a run with a fault printed."""
+        return self._frame(pa.concat_tables(self._held.machine()))
+
+    def sql(self, query: str) -> pd.DataFrame:
+        """Return the answer to a query in DuckDB's SQL over the tables `runs` and `machine`.
+
+        Columns with dots in their names are quoted: `SELECT "ego.speed_mps" FROM runs`. The files are read as the query
+        needs them, and what does not fit into memory goes to disk. Raises ConfigError for a query that is wrong, and
+        where DuckDB is not installed.
+        """
+        try:
+            import duckdb
+        except ImportError:
+            raise ConfigError("sql needs DuckDB: pip install 'vve-sumo[sql]'") from None
+        with tempfile.TemporaryDirectory() as spill:
+            settings: dict[str, Any] = {"temp_directory": spill, "python_enable_replacements": "false"}
+            with duckdb.connect(":memory:", config=settings) as connection:
+                return described(self._answer(connection, query), self._meanings)
+
+    def _answer(self, connection: duckdb.DuckDBPyConnection, query: str) -> pd.DataFrame:
+        import duckdb
+
+        try:
+            connection.register("runs", self._held.lazy())
+            connection.register("machine", self._held.lazy("machine"))
+            answer: pd.DataFrame = connection.execute(query).df()
+        except (duckdb.Error, pa.ArrowException, OSError) as error:
+            raise ConfigError(f"{self.folder}: sql: {' '.join(str(error).split())[:300]}") from None
+        return answer
+
+    def grouped(self, by: Sequence[str] | None = None, figures: Sequence[str] | None = None) -> pd.DataFrame:
+        """Return what the runs come to by combination of `by`, all that was varied if not said; see `groups.grouped`.
+
+        `figures` are `self.figures` if not said; a truth value's mean is its share.
+        """
+        apart = self.parameters if by is None else list(by)
+        wanted = self.figures if figures is None else list(figures)
+        kinds = self._held.plan.columns()
+        text = next((name for name in wanted if kinds.get(name) == "str"), None)
+        if text is not None:
+            raise ConfigError(f"{self.folder}: figures: {text} is a text, which has no mean")
+        frame = self.rows(list(dict.fromkeys([*apart, "passed", "fault", *wanted])))
+        return described(grouped(frame, apart, wanted), meanings(self._meanings))
+
+    def run(self, key: str) -> Run:
+        """Return the record of a run; raises ConfigError where it was not kept, or where no run has the key."""
+        record = self.folder / "records" / key
+        if record.is_dir():
+            return Run(record)
+        if not any(key in batch["key"].to_numpy() for batch in self.batches(["key"])):
+            raise ConfigError(
+                f"{self.folder}: no finished run has the key {key!r}; the column key of its rows has them"
+            )
+        raise ConfigError(
+            f"{self.folder}: the record of {key} was not kept; vve-sumo sweep --rerun {self.folder} {key} makes it"
+        )
+
+    def _known(self, columns: Sequence[str] | None) -> list[str] | None:
+        if columns is None:
+            return None
+        unknown = next((name for name in columns if name not in self.columns), None)
+        if unknown is not None:
+            raise ConfigError(f"{self.folder}: no column {unknown!r}; there are {', '.join(self.columns)}")
+        return list(columns)
+
+    def _frame(self, table: pa.Table) -> pd.DataFrame:
+        # What may be missing; plain numpy would make objects of truth values, and floats of whole numbers.
+        missing = {"bool": "boolean", "int": "Int64"}
+        kinds = self._held.plan.columns()
+        sure = {"number", "seed", *self.parameters}
+        better = {
+            name: missing[kinds[name]] for name in table.column_names if name not in sure and kinds.get(name) in missing
+        }
+        frame = described(table.to_pandas().astype(better), self._meanings)
+        frame.attrs["units"] |= {name: unit for name, unit in self._declared_units.items() if name in frame}
+        return frame
+
+    @cached_property
+    def _declared_units(self) -> dict[str, str]:
+        """Units of parameters that the scenario declares: those of the keys that they set."""
+        declared = self._held.plan.table.get("parameters", {})
+        return {name: unit_of(declared[name]["sets"][0]) for name in self.parameters if name in declared}
+
+    @cached_property
+    def _meanings(self) -> dict[str, str]:
+        plan = self._held.plan
+        varied = dict.fromkeys(plan.parameters, "varied")
+        met = {f"meets_{name}": f"whether the criterion {name} was met" for name in plan.criteria}
+        return MEANINGS | varied | met

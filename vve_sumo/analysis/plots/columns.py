@@ -1,0 +1,46 @@
+"""Columns of rows as plain arrays, whichever way pandas holds what is missing.
+
+Knows no figure by name.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vve_sumo.values import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def numbers(rows: pd.DataFrame, column: str) -> Floats:
+    """Return a column (n), NaN where a run has none; a truth value as 0 or 100 %."""
+    if is_truth(rows, column):
+        return np.select([holds(rows, column), holds(rows, column, False)], [100.0, 0.0], np.nan)
+    values: Floats = rows[column].to_numpy(np.float64, na_value=np.nan)
+    return values
+
+
+def is_truth(rows: pd.DataFrame, column: str) -> bool:
+    """Whether a column holds truth values, some of them perhaps missing."""
+    import pandas as pd
+
+    return bool(pd.api.types.infer_dtype(rows[column], skipna=True) == "boolean")
+
+
+def holds(rows: pd.DataFrame, column: str, value: Any = True) -> NDArray[np.bool_]:
+    """Return where a column is known to have a value (n)."""
+    return rows[column].eq(value).fillna(False).to_numpy(bool)
+
+
+def faults(rows: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return which runs came to a fault (n)."""
+    return rows["fault"].fillna("").ne("").to_numpy(bool)
+
+
+def runs(which: NDArray[np.bool_]) -> str:
+    """Return in words how many runs are meant."""
+    return f"{which.sum():,} run{'s' * bool(which.sum() != 1)}"

@@ -1,0 +1,199 @@
+"""What the report of a drive says: what was asked, what happened, where it comes from.
+
+Reads a record through the analysis and nothing else; must not know how the page is built or written.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Hashable, Mapping
+from typing import Any
+
+from vve_sumo.analysis.latency import MEANINGS as LEGS
+from vve_sumo.analysis.latency import latency_breakdown
+from vve_sumo.analysis.over_time import exposure, over_time
+from vve_sumo.analysis.report import asked, pictures, stops
+from vve_sumo.analysis.report.html import Column, Html, folded, paragraphs, sub, table, tag
+from vve_sumo.analysis.report.page import Part, Report, commands, hashes, versions
+from vve_sumo.analysis.report.picture import Picture
+from vve_sumo.analysis.report.sources import open_street_map
+from vve_sumo.analysis.report.tables import about, meanings, named, of_frame
+from vve_sumo.analysis.report.verdict import figures_of, of_drive
+from vve_sumo.analysis.report.words import FIGURES, NONE, count, number, said, share, short
+from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.sensing import radar_statistics
+from vve_sumo.analysis.units import unit_of
+
+Figures = Mapping[str, Any]
+
+#: figures that the section on the stop tells
+STOP = frozenset(name for name in FIGURES if name.startswith("stop_") or name == "mfdd_mps2") - {"stop_gap_m"}
+#: actors whose radar statistics are shown
+ACTORS = 30
+#: of them, what everybody asks for first
+RADAR = (
+    "first_s",
+    "first_range_m",
+    "first_ttc_s",
+    "detected_share",
+    "dropouts",
+    "longest_dropout_s",
+    "range_error_mean_m",
+    "range_error_std_m",
+    "ghosts",
+)
+
+
+def report(run: Run) -> Report:
+    """Return the report of a drive, whole or cut short."""
+    figures, plots = figures_of(run), pictures.of_drive(run)
+    return Report(
+        kind=f"Report of a {kind_of(run, figures)}",
+        title=run.title,
+        verdict=of_drive(run, figures),
+        parts=(
+            Part("asked", "What was asked", _asked(run, figures)),
+            Part("happened", "What happened", _happened(run, figures, plots[0])),
+            Part("plots", "Plots", [picture.html() for picture in plots[1:]]),
+            Part("source", "Where it comes from", _source(run, figures)),
+        ),
+        pictures=plots,
+        sources=open_street_map(run.resolved["settings"]),
+    )
+
+
+def kind_of(run: Run, figures: Figures) -> str:
+    """Return what kind of drive it was."""
+    if run.live:
+        return "live drive in shadow: every enable bit was off" if figures.get("shadow") else "live drive"
+    return "recorded drive sent through the chain" if "pose" in run.resolved["files_sha256"] else "lockstep drive"
+
+
+def _asked(run: Run, figures: Figures) -> list[Html]:
+    settings = run.resolved["settings"]
+    more = [("rig", str(figures.get("rig") or "named in the record"))] if run.live else []
+    judged = isinstance(figures.get("passed"), bool)
+    return [
+        paragraphs(str(settings.get("description") or "")),
+        asked.settings(settings, run.live, [*more, ("seed", short(settings.get("seed")))]),
+        asked.parameters(settings),
+        asked.criteria(settings.get("criteria") or {}, figures, judged),
+    ]
+
+
+def _happened(run: Run, figures: Figures, sheet: Picture) -> list[Html]:
+    return [
+        sheet.html(),
+        _figures(figures),
+        stops.stop(run),
+        stops.promised(run),
+        _exposure(run),
+        _radar(run),
+        _latency(run),
+    ]
+
+
+def _figures(figures: Figures) -> Html:
+    rows: list[tuple[str, str]] = [
+        (named(key), _said(key, figures)) for key in FIGURES if key in figures and key not in STOP
+    ]
+    removed = figures.get("removed_at_entry") or ()
+    if removed:
+        rows.append(("vehicles removed where the car entered", str(len(removed))))
+    return sub("Figures", table(("figure", Column("value", True)), rows, "figures of the drive"))
+
+
+def _exposure(run: Run) -> Html:
+    summed = exposure(over_time(run))
+    rows = [(named(str(name)), _measure(name, value)) for name, value in summed.items()]
+    return sub("Exposure and comfort", table(("measure", Column("value", True)), rows, "exposure and comfort"))
+
+
+def _measure(name: Hashable, value: float) -> str:
+    return share(value) if str(name).endswith("_share") else number(value, unit_of(str(name)))
+
+
+def _radar(run: Run) -> Html:
+    found = radar_statistics(run)
+    if found.empty:
+        return sub("Radar", tag("p", "Nothing ever stood in the radar's field of view."))
+    said = (
+        "What the radar showed of each actor against what there was to be seen, the first seen first. A drop-out is a "
+        "stretch of scans between the first detection and the last that missed it."
+    )
+    shown = of_frame(found.head(ACTORS), "radar statistics", "actor", RADAR)
+    more = len(found) - ACTORS
+    rest = [tag("p", f"… and {count(more, 'more actor')}; `radar_statistics` has them all.")] if more > 0 else []
+    return sub(
+        "Radar",
+        tag("p", said),
+        shown,
+        *rest,
+        folded("Every figure", of_frame(found.head(ACTORS), "radar", "actor"), meanings(found)),
+    )
+
+
+def _latency(run: Run) -> Html:
+    if not run.holds("latency"):
+        return sub("Latency", tag("p", "A lockstep drive has a simulated clock: computing takes no time in it."))
+    said = "Where the time went between a fix and its command frame, leg by leg."
+    legs = latency_breakdown(run)
+    names = [about(str(leg).replace("_", " "), LEGS.get(str(leg), "")) for leg in legs.index]
+    return sub("Latency", tag("p", said), of_frame(legs.set_axis(names), "latency", "leg"))
+
+
+def _said(key: str, figures: Figures) -> str:
+    value = figures[key]
+    if key == "outcome":
+        return str(value)
+    if key == "emergency_used":
+        return "braked" if value else "not needed"
+    if key == "impact_speed_mps" and not figures.get("collision"):
+        return NONE
+    return said(key, float("nan") if value is None else value)
+
+
+def _source(run: Run, figures: Figures) -> list[Html]:
+    name = run.folder.resolve().name
+    again = [
+        ("Feed the record to the same chain and gateway again, bit for bit:", f"vve-sumo replay {shlex.quote(name)}")
+    ]
+    again += _driven_again(run, figures)
+    again += [("Write this page again:", f"vve-sumo report {shlex.quote(name)}")]
+    parts = [("the whole record", str(figures.get("record_sha256") or ""))]
+    parts += [*(figures.get("record_parts_sha256") or {}).items(), *(figures.get("record_files_sha256") or {}).items()]
+    files = [*(run.resolved.get("files_sha256") or {}).items()]
+    return [
+        table(("what", "value"), _provenance(run, figures, name), "provenance"),
+        sub("How to reproduce", tag("p", "From the folder that holds the record:"), commands(again)),
+        sub("Versions", versions(run.resolved.get("versions") or {})),
+        sub(
+            "Hashes",
+            hashes([(part, value) for part, value in parts if value], "Of the record"),
+            hashes(files, "Of the files that the drive read"),
+        ),
+    ]
+
+
+def _driven_again(run: Run, figures: Figures) -> list[tuple[str, str]]:
+    if run.live or "pose" in run.resolved["files_sha256"]:
+        return []
+    settings = run.resolved["settings"]
+    line = ["vve-sumo", "drive", run.name, "--seed", str(settings["seed"])]
+    line += ["--controller", str(settings["controller"]["name"]), "--out", "again"]
+    return [
+        ("Drive the scenario again; with the same files and versions the record has the same hash:", shlex.join(line))
+    ]
+
+
+def _provenance(run: Run, figures: Figures, name: str) -> list[tuple[str, str]]:
+    settings = run.resolved["settings"]
+    digest = str(figures.get("record_sha256") or "none: the drive was never finished")
+    return [
+        ("record", name),
+        ("scenario", run.name),
+        ("seed", short(settings.get("seed"))),
+        ("controller", str(settings["controller"]["name"])),
+        ("hash of the record", tag("span", digest, class_="hash")),
+        ("ticks", f"{said('ticks', len(run.time))} of {number(1000.0 * run.period, 'ms', 0)}"),
+    ]

@@ -1,0 +1,101 @@
+"""How a drive came to rest and what its certificate says of that, as parts of the page.
+
+Knows stops and certificates; measures nothing itself.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vve_sumo.analysis.braking import Stop, comfort, stop_of
+from vve_sumo.analysis.certificate import TOLERANCE, certificate, certificates
+from vve_sumo.analysis.report.html import Column, Html, sub, table, tag
+from vve_sumo.analysis.report.tables import about
+from vve_sumo.analysis.report.words import count, number
+from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.units import unit_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: runs that broke their bound, listed at most
+MOST = 50
+
+
+def stop(run: Run) -> Html:
+    """Return how the drive came to rest, split into reaction, build-up and braking."""
+    found = stop_of(run)
+    if found is None:
+        return sub("The stop", tag("p", "The drive holds no stop that was commanded and ended at rest."))
+    began = f"Braking was first commanded at {number(found.onset_s, 's')}, at {number(found.onset_speed, 'm/s')}"
+    asked = f"as hard as a constant {number(found.demand, 'm/s²')} would be"
+    text = f"{began}, {asked}; the car stood at {number(found.rest_s, 's')}."
+    return sub("The stop", tag("p", text), _split(found), _felt(run, found))
+
+
+def _split(found: Stop) -> Html:
+    parts = {
+        "reaction": (found.reaction, "until the car's deceleration begins to rise"),
+        "build-up": (found.build_up, "until it has risen"),
+        "braking": (found.braking, "until rest"),
+    }
+    rows = [(about(name, says), number(part.duration), number(part.distance)) for name, (part, says) in parts.items()]
+    time, way = (sum(part[which] for part, _ in parts.values()) for which in (0, 1))
+    rows.append((about("together", "from the first command to rest"), number(time), number(way)))
+    columns = ("part", Column("time [s]", True), Column("distance [m]", True))
+    return table(columns, rows, "the stop split into its parts")
+
+
+def _felt(run: Run, found: Stop) -> Html:
+    felt = comfort(run, found)
+    named = {
+        "mean fully developed deceleration (MFDD)": (found.mfdd, "m/s²"),
+        "greatest mean deceleration over 2 s": (felt.mean_deceleration_mps2, unit_of("_mps2")),
+        "greatest jerk": (felt.max_jerk_mps3, unit_of("_mps3")),
+        "jerk, root mean square": (felt.rms_jerk_mps3, unit_of("_mps3")),
+    }
+    rows = [(name, number(value, unit)) for name, (value, unit) in named.items()]
+    return table(("figure", Column("value", True)), rows, "how the stop felt")
+
+
+def promised(run: Run) -> Html:
+    """Return the certificate of a drive's stop: the bound that it set itself, and what happened."""
+    found = certificate(run)
+    if not (found.held or found.broken):
+        return Html("")
+    held = (
+        f"kept its bound of {number(found.bound, 'm')}"
+        if found.held
+        else f"BROKE its bound of {number(found.bound, 'm')}"
+    )
+    rows = [
+        ("speed at the onset", number(found.onset_speed, "m/s")),
+        ("deceleration granted", number(found.demand, "m/s²")),
+        ("worst latency of the loop during the stop", number(1000.0 * found.latency, "ms", 1)),
+        ("declared dead time and lag of the brakes", number(1000.0 * (found.brake_delay + found.brake_lag), "ms", 1)),
+        ("bound: what the car as declared needs at most", number(found.bound, "m")),
+        ("what it took", number(found.distance, "m")),
+        ("beyond the bound; negative is better than promised", number(found.excess, "m")),
+    ]
+    text = f"The stop took {number(found.distance, 'm')} and {held}; {number(TOLERANCE, 'm')} more are tolerated."
+    looks = {"class_": "no"} if found.broken else {}
+    return sub("Certificate", tag("p", text, **looks), table(("what", Column("value", True)), rows, "certificate"))
+
+
+def flagged(rows: pd.DataFrame) -> Html:
+    """Return the runs of a sweep that broke their stopping bound, the worst first."""
+    told = certificates(rows)
+    stopped = int((told["held"] | told["broken"]).sum())
+    if stopped == 0:
+        return Html("")
+    broken = told[told["broken"]].sort_values("excess_m", ascending=False, kind="stable")
+    longer = f"{len(broken) or 'none'} took longer than its bound, what the car as declared needs"
+    text = f"{count(stopped, 'run')} came to rest; {longer}."
+    if broken.empty:
+        return sub("Certificates", tag("p", text))
+    columns = ("run", Column("took [m]", True), Column("bound [m]", True), Column("beyond it [m]", True))
+    shown = broken.head(MOST)
+    figures = zip(*(shown[name].to_numpy(float) for name in ("distance_m", "bound_m", "excess_m")), strict=True)
+    keys = rows.loc[shown.index, "key"].astype(str)
+    lines = [(tag("code", key), *map(number, those)) for key, those in zip(keys, figures, strict=True)]
+    return sub("Certificates", tag("p", text, class_="no"), table(columns, lines, "runs that broke their bound"))

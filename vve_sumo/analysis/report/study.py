@@ -1,0 +1,55 @@
+"""What a study of delay and noise shows, as parts of the page: where the margin goes to zero.
+
+Knows the tables of a cliff; computes none of them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vve_sumo.analysis.cliff import DELAY, NOISE, Cliff, cliff_of
+from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.report.html import Html, folded, sub, tag
+from vve_sumo.analysis.report.picture import Picture, drawn
+from vve_sumo.analysis.report.tables import of_frame
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CAPTION = (
+    "Above: the margin that is left over the hidden delay of the pose, a line for each noise factor, the least of the "
+    "runs under it, beside speed times delay. In the middle: how far off its path the car came. Below: the share of "
+    "runs that passed."
+)
+
+
+def study_of(sweep: Sweep) -> Cliff | None:
+    """Return the cliff of a sweep that is the standard study of delay and noise; None of any other."""
+    return cliff_of(sweep) if sorted(sweep.parameters) == sorted((DELAY, NOISE)) else None
+
+
+def sentences(cliff: Cliff) -> tuple[str, ...]:
+    """Return what the study came to, a sentence for each noise factor."""
+    return tuple(f"{line[:1].upper()}{line[1:]}." for line in cliff.verdicts())
+
+
+def shown(cliff: Cliff) -> Html:
+    """Return the edges of the cliff as a table, and every step folded."""
+    said = tag("ul", *(tag("li", line) for line in sentences(cliff)))
+    edges = of_frame(_in_ms(cliff.edges), "where the margin goes to zero")
+    return sub("The cliff", said, edges, folded("Every step", of_frame(_in_ms(cliff.steps), "every step")))
+
+
+def _in_ms(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table with its times in milliseconds, which delays are told in, and texts that break."""
+    times = [column for column in table.columns if column.endswith("_s")]
+    told = table.assign(**{column: 1000.0 * table[column] for column in times})
+    told["missed"] = told["missed"].str.replace("+", ", ")
+    return told.rename(columns={column: f"{column[:-2]}_ms" for column in times})
+
+
+def picture(cliff: Cliff) -> Picture:
+    """Return the plot of a cliff."""
+    from vve_sumo.analysis import plots
+
+    return drawn(plots.cliff(cliff), "cliff", "margin over hidden delay", CAPTION)

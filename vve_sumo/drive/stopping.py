@@ -1,0 +1,220 @@
+"""The last stop of a drive: where its braking began, what was demanded, and how the car came to rest.
+
+Reads columns of a drive's ticks after the drive. It must not know the street, the controller or who asks.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from vve_sumo.laws import stopping_distance
+from vve_sumo.values import Floats, Vehicle
+from vve_sumo.vehicle.calibration import Calibration
+
+#: below this speed the car is at rest, and has a gap to talk of [m/s]
+AT_REST: Final = 0.05
+#: above this speed it has left its rest: what an estimate of a standing car's speed shows is far less [m/s]
+MOVING: Final = 0.5
+#: it was not being stopped yet where it gained this much speed afterwards [m/s]
+GAINED: Final = 0.3
+#: more than drag and an idling engine do: asked for this much the car is being braked, not trimmed [m/s2]
+PRESSED: Final = 0.5
+#: asked for less than this it coasts [m/s2]; a stop that never asks for more has no braking
+RELEASED: Final = 0.1
+#: a demand that grows more slowly is trim, not the set-in of a braking [m/s3]
+RISING: Final = 0.5
+#: so long a release ends a braking: the next one is another [s]
+PAUSE: Final = 1.0
+#: shares of the rise of deceleration that a straight line is laid through
+LOW, HIGH = 0.1, 0.9
+#: over so many ticks the deceleration before the braking is averaged
+TICKS_BEFORE: Final = 10
+#: with this lag the push of a throttle that is let go is assumed to fade, whatever was calibrated [s]
+DRIVE_LAG: Final = Calibration().drive_lag
+#: states of the gateway in which it commands the brakes
+_COMMANDING: Final = frozenset({"engaged", "stopping", "stopped"})
+
+
+class Part(NamedTuple):
+    """A part of a stop."""
+
+    duration: float  #: [s]
+    distance: float  #: [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """The braking that ended at rest."""
+
+    onset: int  #: index of the tick that commanded it first
+    rest: int  #: index of the first tick at rest
+    onset_speed: float  #: [m/s]
+    onset_acceleration: float  #: mean of the TICKS_BEFORE until then [m/s2]
+    demand: float  #: constant deceleration [m/s2] that stops in the distance that the course granted would take
+    reaction: Part  #: until the car's deceleration begins to rise
+    build_up: Part  #: until it has risen
+    braking: Part  #: until rest
+    mfdd: float  #: mean fully developed deceleration [m/s2], of UN R13-H; NaN where the record is too coarse for it
+
+    @property
+    def duration(self) -> float:
+        """From the first command to rest [s]."""
+        return self.reaction.duration + self.build_up.duration + self.braking.duration
+
+    @property
+    def distance(self) -> float:
+        """From the first command to rest [m]."""
+        return self.reaction.distance + self.build_up.distance + self.braking.distance
+
+    def bound(self, vehicle: Vehicle, latency: float = 0.0) -> float:
+        """Return the distance [m] that the car as declared needs for it, `latency` [s] from command to frame.
+
+        The closed form of `laws.stopping_distance` from the onset's speed at the demand. The declared lag of the brakes
+        counts as a ramp of twice its length, which costs v T - a T^2 / 6 where the lag costs v T - a T^2 / 2. A car
+        that was still gaining speed at the onset first gains what the fading push of its throttle gives.
+        """
+        delay, build_up = latency + vehicle.brake_delay, 2.0 * vehicle.brake_lag
+        gained = max(self.onset_acceleration, 0.0) * (delay + DRIVE_LAG)
+        return stopping_distance(self.onset_speed + gained, self.demand, delay, build_up)
+
+
+class _Way(NamedTuple):
+    """Time [s], distance [m], speed [m/s] and deceleration [m/s2] from the onset to rest, an entry a tick."""
+
+    time: Floats
+    distance: Floats
+    speed: Floats
+    deceleration: Floats
+
+
+def last_stop(ticks: pa.Table, speed: Floats, acceleration: Floats, limit: float = math.inf) -> Stop | None:
+    """Return the last stop that was commanded; None where the drive holds none.
+
+    `speed` [m/s] and `acceleration` [m/s2] are the rear axle's, an entry a tick; the car promises no more than a
+    deceleration of `limit` [m/s2], whatever it is granted. The demand is v^2 / 2 d: d is the way in which a car that
+    did at once what was granted, up to the limit, would have stopped from the onset's speed v.
+    """
+    window = _slowing(speed)
+    if window is None:
+        return None
+    time, granted = ticks["time_s"].to_numpy(), ticks["granted_acceleration_mps2"].to_numpy()
+    # Arrow's own `array`, which its `is_in` wants, imports pandas.
+    commanded = np.array([state in _COMMANDING for state in ticks["state"].to_pylist()], bool)
+    start, rest = window
+    course = np.where(commanded & np.isfinite(granted), -granted, 0.0)
+    begun = _begun(time[start : rest + 1], np.maximum(course[start : rest + 1], 0.0))
+    if begun is None or not commanded[rest]:
+        return None
+    onset = start + begun
+    demand = _demand(time[onset : rest + 1], np.minimum(course[onset:rest], limit), float(speed[onset]))
+    before = slice(max(0, onset - TICKS_BEFORE + 1), onset + 1)
+    way = _way(time[onset : rest + 1], speed[onset : rest + 1], acceleration[onset : rest + 1])
+    gaining = float(np.mean(acceleration[before]))
+    return Stop(onset, rest, float(speed[onset]), gaining, demand, *_parts(way, -gaining, demand), _mfdd(way))
+
+
+def _slowing(speed: Floats) -> tuple[int, int] | None:
+    """Return the ticks from which on the car gained no speed any more before its last rest, and of that rest."""
+    standing = np.flatnonzero(np.abs(speed) < AT_REST)
+    moving = np.flatnonzero(speed[: standing[-1]] > MOVING) if len(standing) else standing
+    if not len(moving):
+        return None
+    rest = int(standing[np.searchsorted(standing, moving[-1])])
+    backwards = speed[rest::-1]
+    gained = np.flatnonzero(~(backwards > np.fmax.accumulate(backwards) - GAINED))
+    return rest + 1 - (int(gained[0]) if len(gained) else len(backwards)), rest
+
+
+def _begun(time: Floats, course: Floats) -> int | None:
+    """Return the index at which the last braking of a course of decelerations begins; None where there is none.
+
+    It goes on through any release shorter than PAUSE. What was asked for before it first exceeded PRESSED (or half of
+    the most that a gentle stop asks for) is trim, but for the rise that led there.
+    """
+    most = float(course.max())
+    if not most >= RELEASED:
+        return None
+    pressed = np.flatnonzero(course >= min(PRESSED, 0.5 * most))
+    held = np.flatnonzero(course[: pressed[-1] + 1] >= min(RELEASED, 0.5 * most))
+    pauses = np.flatnonzero(np.diff(time[held]) > PAUSE)
+    since = held[pauses[-1] + 1] if len(pauses) else 0
+    first = int(pressed[np.searchsorted(pressed, since)])
+    slowly = RISING * np.diff(time[: first + 1], prepend=time[0])
+    not_rising = np.flatnonzero(~(np.diff(course[: first + 1], prepend=0.0) > slowly))
+    return min(int(not_rising[-1]) + 1, first) if len(not_rising) else 0
+
+
+def _demand(time: Floats, course: Floats, speed: float) -> float:
+    """Return v^2 / 2 d of a car that follows a course of decelerations, each held until the next tick."""
+    step = np.diff(time)
+    left = np.concatenate(([speed], speed - np.cumsum(course * step)))
+    stops = int(np.argmax(left <= 0.0)) if left[-1] <= 0.0 else len(left)
+    distance = float(np.sum(0.5 * (left[: stops - 1] + left[1:stops]) * step[: stops - 1]))
+    last = float(left[stops - 1])
+    # A car that came to rest sooner than its course: the rest of its speed goes at the mean so far.
+    deceleration = float(course[stops - 1]) if stops < len(left) else (speed - last) / float(time[-1] - time[0])
+    return speed * speed / (2.0 * distance + last * last / deceleration) if deceleration > 0.0 else math.nan
+
+
+def _way(time: Floats, speed: Floats, acceleration: Floats) -> _Way:
+    driven = np.concatenate(([0.0], np.cumsum(0.5 * (speed[:-1] + speed[1:]) * np.diff(time))))
+    return _Way(time - time[0], driven, speed, -acceleration)
+
+
+def _parts(way: _Way, before: float, demand: float) -> tuple[Part, Part, Part]:
+    """Return reaction, build-up and braking: a line through the rise of deceleration from `before` to its level.
+
+    The level is the demand, or the most that the car reached where that is less. A delay and a straight rise come out
+    as they are.
+    """
+    rise = min(demand, float(np.nanmax(way.deceleration))) - before
+    low, high = (_reached(way, before + share * rise) for share in (LOW, HIGH))
+    slope = (high - low) / (HIGH - LOW)
+    end = float(way.time[-1])
+    answer = min(max(low - LOW * slope, 0.0), end)
+    risen = min(max(high + (1.0 - HIGH) * slope, answer), end)
+    marks = [0.0, answer, risen, end]
+    places = [_place(way, mark) for mark in marks]
+    one, two, three = (Part(b - a, t - s) for (a, b), (s, t) in zip(pairwise(marks), pairwise(places), strict=True))
+    return one, two, three
+
+
+def _reached(way: _Way, level: float) -> float:
+    """Return when the deceleration first reaches a level [s]; 0 where it has it from the start, the end if never."""
+    above = np.flatnonzero(way.deceleration >= level)
+    if not len(above):
+        return float(way.time[-1])
+    after = int(above[0])
+    return _between(level, way.deceleration, way.time, after) if after else 0.0
+
+
+def _place(way: _Way, time: float) -> float:
+    """Return the distance [m] driven at a time, the speed straight between two ticks."""
+    after = min(max(int(np.searchsorted(way.time, time)), 1), len(way.time) - 1)
+    speed = _between(time, way.time, way.speed, after)
+    return float(way.distance[after - 1] + 0.5 * (way.speed[after - 1] + speed) * (time - way.time[after - 1]))
+
+
+def _mfdd(way: _Way) -> float:
+    """Return (vb^2 - ve^2) / 2 (se - sb) with vb and ve eight tenths and one tenth of the onset's speed."""
+    places, speeds = [], []
+    for share in (0.8, 0.1):
+        level = share * float(way.speed[0])
+        below = np.flatnonzero(way.speed <= level)
+        if not len(below) or below[0] == 0:
+            return math.nan
+        places.append(_place(way, _between(level, way.speed, way.time, int(below[0]))))
+        speeds.append(level)
+    return (speeds[0] ** 2 - speeds[1] ** 2) / (2.0 * (places[1] - places[0]))
+
+
+def _between(value: float, one: Floats, other: Floats, after: int) -> float:
+    """Return the other at which one has a value, straight between the tick before `after` and that tick."""
+    share = (value - one[after - 1]) / (one[after] - one[after - 1])
+    return float(other[after - 1] + share * (other[after] - other[after - 1]))

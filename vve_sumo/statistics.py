@@ -1,0 +1,64 @@
+"""How sure a share and a mean are, at 95 %.
+
+Knows counts and numbers; nothing of what they were counted from.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+CONFIDENCE = 0.95
+
+
+class Interval(NamedTuple):
+    """Where a figure lies, at CONFIDENCE."""
+
+    low: float
+    high: float
+
+
+@functools.lru_cache(maxsize=4096)
+def wilson(passed: int, judged: int) -> Interval:
+    """Return Wilson's interval of the share that pass, of `judged` runs of which `passed` did; [0, 1] for none."""
+    if judged == 0:
+        return Interval(0.0, 1.0)
+    from scipy.stats import binomtest
+
+    found = binomtest(passed, judged).proportion_ci(CONFIDENCE, method="wilson")
+    return Interval(float(found.low), float(found.high))
+
+
+@functools.lru_cache(maxsize=4096)
+def student(freedom: int) -> float:
+    """Return how many standard errors Student's interval reaches to either side; NaN without a degree of freedom."""
+    if freedom < 1:
+        return math.nan
+    from scipy.stats import t
+
+    return float(t.ppf(0.5 + CONFIDENCE / 2.0, freedom))
+
+
+@dataclass(slots=True)
+class Mean:
+    """A mean that numbers are added to (Welford's recurrence); NaN of none."""
+
+    count: int = 0
+    mean: float = math.nan
+    _squares: float = 0.0
+
+    def add(self, value: float) -> None:
+        """Take in one number."""
+        self.count += 1
+        before = self.mean if self.count > 1 else 0.0
+        self.mean = before + (value - before) / self.count
+        self._squares += (value - before) * (value - self.mean)
+
+    @property
+    def half(self) -> float:
+        """Half the width of Student's interval of the mean; NaN for fewer than two numbers."""
+        if self.count < 2:
+            return math.nan
+        return student(self.count - 1) * math.sqrt(self._squares / (self.count - 1) / self.count)

@@ -1,0 +1,91 @@
+"""The standard study of delay and noise as a sweep: which runs it asks for, whatever the scenario.
+
+Lays the axes, checks what a person may say of them, and leaves the driving to the sweep; it must not know what is made
+of the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from vve_sumo import workspace
+from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.load import load
+from vve_sumo.scenario.schema import Scenario
+from vve_sumo.sweep.plan import Asked, planned
+
+#: what is varied: a delay that nothing in the chain can know of, and the size of the receiver's noise
+DELAY, NOISE = "ego.car.gnss_hidden_delay_s", "ego.car.noise_factor"
+#: steps where nothing else is said [ms]: to half a second, beyond what the shipped steering bears
+DELAYS_MS: Final = tuple(float(delay) for delay in range(0, 501, 50))
+#: factors where nothing else is said: none, as the receiver says, and far more
+FACTORS: Final = (0.0, 1.0, 4.0)
+SEEDS: Final = 3
+GREATEST_MS, GREATEST_FACTOR = 1000.0, 100.0  #: that a scenario takes
+
+#: stands for a file's name in what is said of the sweep
+CALLED: Final = Path("study cliff")
+
+
+def cliff_study(
+    name: str,
+    working: Path,
+    *,
+    delays_ms: Sequence[float] | None = None,
+    factors: Sequence[float] | None = None,
+    seeds: int | None = None,
+) -> Asked:
+    """Return the sweep over hidden delays [ms] and factors on the receiver's noise; None takes what is usual.
+
+    Where the scenario turns the noise off, there is one factor, 0; where nothing is left to chance, one seed. Raises
+    ConfigError, naming the option or the scenario's key, for what is wrong.
+    """
+    scenario = load(workspace.find("scenario", name, working))
+    said: dict[str, Any] = {
+        "title": f"Latency and noise cliff of {name}",
+        "scenario": name,
+        "seeds": _seeds(scenario) if seeds is None else _whole(seeds),
+        "parameters": {
+            DELAY: [delay / 1000.0 for delay in _delays(DELAYS_MS if delays_ms is None else delays_ms)],
+            NOISE: _factors(name, scenario, factors),
+        },
+    }
+    return planned(said, CALLED, working, yes=False)
+
+
+def _delays(delays: Sequence[float]) -> list[float]:
+    return _rising("--delays-ms", delays, GREATEST_MS)
+
+
+def _factors(name: str, scenario: Scenario, factors: Sequence[float] | None) -> list[float]:
+    if scenario.ego.car.noise:
+        return _rising("--noise", FACTORS if factors is None else factors, GREATEST_FACTOR)
+    if factors is not None and list(factors) != [0.0]:
+        raise ConfigError(f"--noise: {name} turns the noise off (ego.car.noise), expected 0, got {_said(factors)}")
+    return [0.0]
+
+
+def _seeds(scenario: Scenario) -> int:
+    certain = not scenario.ego.car.noise and scenario.radar.ideal and not scenario.street.demand
+    return 1 if certain else SEEDS
+
+
+def _whole(seeds: int) -> int:
+    if seeds < 1:
+        raise ConfigError(f"--seeds: expected 1 or more, got {seeds}")
+    return seeds
+
+
+def _rising(option: str, values: Sequence[float], greatest: float) -> list[float]:
+    """Return numbers in order, each once; raises ConfigError where there is none, or one outside 0 to `greatest`."""
+    wrong = next((value for value in values if not 0.0 <= value <= greatest), None)
+    if wrong is not None or not values:
+        got = "none" if wrong is None else f"{wrong:g}"
+        raise ConfigError(f"{option}: expected numbers from 0 to {greatest:g}, got {got}")
+    return sorted(set(values))
+
+
+def _said(values: Sequence[float]) -> str:
+    return ",".join(f"{value:g}" for value in values)
