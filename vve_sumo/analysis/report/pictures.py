@@ -9,6 +9,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.report.picture import Picture, drawn
 from vve_sumo.analysis.report.words import figure_of
@@ -52,11 +54,10 @@ def of_drive(run: Run) -> tuple[Picture, ...]:
     """Return the plots of a drive."""
     from vve_sumo.analysis import plots
 
-    told = [
-        drawn(plots.drive_sheet(run), "drive_sheet", "the drive from above and over time", SHEET),
-        drawn(plots.safety_over_time(run), "safety_over_time", "safety over drive time", SAFETY),
-        drawn(plots.gap_against_speed(run), "gap_against_speed", "gap over speed", APPROACH),
-    ]
+    told = [drawn(plots.drive_sheet(run), "drive_sheet", "the drive from above and over time", SHEET)]
+    if np.isfinite(run.ahead.gap).any():  # else there is nothing to be seen in them
+        told.append(drawn(plots.safety_over_time(run), "safety_over_time", "safety over drive time", SAFETY))
+        told.append(drawn(plots.gap_against_speed(run), "gap_against_speed", "gap over speed", APPROACH))
     if run.holds("latency"):
         told.append(drawn(plots.latency_ledger(run), "latency_ledger", "latency of the legs over drive time", LEDGER))
     return tuple(told)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from vve_sumo.analysis.braking import Stop, comfort, stop_of
 from vve_sumo.analysis.certificate import TOLERANCE, certificate, certificates
-from vve_sumo.analysis.report.html import Column, Html, sub, table, tag
+from vve_sumo.analysis.report.html import Column, Html, folded, sub, table, tag
 from vve_sumo.analysis.report.tables import about
-from vve_sumo.analysis.report.words import count, number
+from vve_sumo.analysis.report.words import count, number, said
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import unit_of
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: runs that broke their bound, listed at most
 MOST = 50
+#: a longer list is folded
+LONG = 12
 
 
 def stop(run: Run) -> Html:
@@ -89,7 +91,10 @@ def flagged(rows: pd.DataFrame) -> Html:
     if stopped == 0:
         return Html("")
     broken = told[told["broken"]].sort_values("excess_m", ascending=False, kind="stable")
-    longer = f"{len(broken) or 'none'} took longer than its bound, what the car as declared needs"
+    most = f"by more than {number(TOLERANCE, 'm')}"
+    longer = (
+        f"{said('', len(broken)) if len(broken) else 'none'} took longer than what the car as declared needs, {most}"
+    )
     text = f"{count(stopped, 'run')} came to rest; {longer}."
     if broken.empty:
         return sub("Certificates", tag("p", text))
@@ -98,4 +103,6 @@ def flagged(rows: pd.DataFrame) -> Html:
     figures = zip(*(shown[name].to_numpy(float) for name in ("distance_m", "bound_m", "excess_m")), strict=True)
     keys = rows.loc[shown.index, "key"].astype(str)
     lines = [(tag("code", key), *map(number, those)) for key, those in zip(keys, figures, strict=True)]
-    return sub("Certificates", tag("p", text, class_="no"), table(columns, lines, "runs that broke their bound"))
+    listed = table(columns, lines, "runs that broke their bound")
+    listed = folded("Runs that broke their bound, the worst first", listed) if len(lines) > LONG else listed
+    return sub("Certificates", tag("p", text, class_="no"), listed)

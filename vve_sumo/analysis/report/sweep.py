@@ -22,7 +22,7 @@ from vve_sumo.analysis.report.sources import open_street_map
 from vve_sumo.analysis.report.tables import about
 from vve_sumo.analysis.report.verdict import Verdict, Word
 from vve_sumo.analysis.report.words import asked as asked_for
-from vve_sumo.analysis.report.words import count, figure_of, flat, number, said, share, short
+from vve_sumo.analysis.report.words import count, figure_of, number, said, share, short
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -126,14 +126,22 @@ def _asked(sweep: Sweep, rows: pd.DataFrame) -> list[Html]:
 
 def _varied(sweep: Sweep) -> Html:
     declared = sweep.plan["table"].get("parameters") or {}
-    written = dict(sweep.plan["spec"].get("parameters") or {})
-    every = written if all(name in written for name in sweep.parameters) else dict(flat(written))
+    written = sweep.plan["spec"].get("parameters") or {}
     rows: list[tuple[str, str]] = []
     for name in sweep.parameters:
         told = declared.get(name) or {}
         meaning = told.get("meaning") or ", ".join(told.get("sets") or ())
-        rows.append((about(tag("code", name), meaning), _values(every.get(name))))
+        rows.append((about(tag("code", name), meaning), _values(_written(written, name))))
     return sub("What was varied", table(("parameter", "values"), rows, "what was varied"))
+
+
+def _written(parameters: dict[str, Any], name: str) -> object:
+    """Return what a spec says of a parameter: under its whole name, or, as TOML takes dots, in tables of tables."""
+    if name in parameters or "." not in name:
+        return parameters.get(name)
+    first, _, rest = name.partition(".")
+    inner = parameters.get(first)
+    return _written(inner, rest) if isinstance(inner, dict) else None
 
 
 def _values(told: object) -> str:
@@ -154,7 +162,7 @@ def _criteria(sweep: Sweep, rows: pd.DataFrame) -> Html:
         met = rows[f"meets_{name}"].to_numpy(np.float64, na_value=np.nan)
         judged, good = int(np.isfinite(met).sum()), int((met == 1.0).sum())
         part = f"{said('runs', good)} of {said('runs', judged)}"
-        looks = "yes" if judged and good == judged else "no"
+        looks = ("yes" if good == judged else "no") if judged else "quiet"
         wanted = (
             asked_for(name, stated[name]) if name in stated else ("no" if name == "collision" else "set by a parameter")
         )

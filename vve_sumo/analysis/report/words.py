@@ -149,7 +149,7 @@ def flat(settings: Mapping[str, Any], stem: str = "") -> Iterator[tuple[str, obj
 
 def count(many: int, one: str, more: str = "") -> str:
     """Return how many there are of something: 1 run, 2 runs."""
-    return f"{many} {one if many == 1 else more or one + 's'}"
+    return f"{said('', many)} {one if many == 1 else more or one + 's'}"
 
 
 def share(part: float) -> str:
