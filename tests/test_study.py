@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -48,6 +51,9 @@ def test_a_study_end_to_end(folder: Path) -> None:
         assert word in done.stdout
     assert (folder / "cliff" / "cliff.png").stat().st_size > 10_000
     study = cliff_of(Sweep(folder / "cliff"))
+    bears = re.search(r"by its design the steering loop bears (\d+) ms", done.stdout)
+    assert bears is not None
+    assert 1000.0 * study.design_margin == pytest.approx(float(bears[1]), abs=0.5)
     assert study.steps["delay_s"].tolist() == [0.0, 0.1]
     kept, late = study.steps["mean_margin_m"]
     assert kept - late == pytest.approx(SPEED * 0.1, abs=0.05)
@@ -90,6 +96,16 @@ def test_what_is_usual_goes_with_the_scenario(folder: Path) -> None:
     shipped, quiet = cliff_study("seen_late", REPOSITORY), cliff_study("short", folder)
     assert shipped.plan.cells == len(DELAYS_MS) * len(FACTORS) * 3
     assert quiet.plan.cells == len(DELAYS_MS)
+
+
+def test_a_note_that_is_none_is_named(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "cliff", tmp_path / "cliff")
+    (tmp_path / "cliff" / "study.json").unlink()
+    assert math.isnan(cliff_of(Sweep(tmp_path / "cliff")).design_margin)
+    for text, says in (("{", "not what a study writes"), ('{"design_delay_margin_s": "long"}', "expected a number")):
+        (tmp_path / "cliff" / "study.json").write_text(text, encoding="utf-8")
+        with pytest.raises(ConfigError, match=rf"study\.json: .*{says}"):
+            cliff_of(Sweep(tmp_path / "cliff"))
 
 
 def test_another_sweep_is_no_study(tmp_path: Path) -> None:

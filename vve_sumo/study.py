@@ -5,6 +5,7 @@ The only module that joins the two; it prints what stands in the tables, and mea
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from collections.abc import Sequence
@@ -55,13 +56,15 @@ def _steps(delays_ms: Sequence[float] | None, factors: Sequence[float] | None, s
 
 
 def _conclude(name: str, out: Path, wanted: Asked) -> int:
-    from vve_sumo.analysis.cliff import cliff_of
+    from vve_sumo.analysis.cliff import NOTE, cliff_of
     from vve_sumo.analysis.dataset import Sweep
     from vve_sumo.analysis.plots.cliffs import cliff as drawn
     from vve_sumo.analysis.plots.style import save
 
     margin, why = _design(name, wanted)
-    found = cliff_of(Sweep(out), design_margin=margin)
+    note = {"design_delay_margin_s": margin if math.isfinite(margin) else None}
+    (out / NOTE).write_text(json.dumps(note) + "\n", encoding="utf-8")
+    found = cliff_of(Sweep(out))
     _show(found, why)
     save(drawn(found), out / PICTURE)
     print(f"rows: {out / 'rows'}\npicture: {out / PICTURE}")

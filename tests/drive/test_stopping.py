@@ -187,6 +187,11 @@ def test_coasting_to_rest_is_no_stop_whatever_was_braked_before() -> None:
     assert find(*joined(*earlier, steady(-0.05, 5.0, 0.0, 30.0))) is None
 
 
+@pytest.mark.parametrize("rest", [0.0, 0.02])
+def test_a_brake_that_only_holds_the_car_at_rest_is_no_stop(rest: float) -> None:
+    assert find(*joined(steady(0.0, 2.0, rest, 2.0), steady(-1.0, rest, rest, 1.0))) is None
+
+
 def test_mfdd_counts_over_distance_from_eight_tenths_to_one_tenth() -> None:
     """From 10 m/s at 2 down to 5 m/s, then at 5: (0.64 - 0.25) v^2 / 4 and (0.25 - 0.01) v^2 / 10 of way."""
     parts = steady(-2.0, 10.0, 5.04, 2.5), braked(5.0, 5.0, lead_in=0.0)

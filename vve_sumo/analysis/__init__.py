@@ -10,6 +10,7 @@ from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.latency import latency_breakdown, legs_over_time
 from vve_sumo.analysis.load import load
 from vve_sumo.analysis.over_time import encroachment_of, exposure, over_time, zone_times
+from vve_sumo.analysis.report import write_report
 from vve_sumo.analysis.run import Motion, Run
 from vve_sumo.analysis.sensing import braked_for_nothing, radar_statistics
 
@@ -36,5 +37,6 @@ __all__ = [
     "over_time",
     "radar_statistics",
     "stop_of",
+    "write_report",
     "zone_times",
 ]

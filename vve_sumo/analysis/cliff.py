@@ -5,10 +5,12 @@ Reads the rows of a study's sweep. It must not know how they were driven, nor wh
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
     from vve_sumo.analysis.dataset import Sweep
 
+#: beside a study's rows: what it knows of the design
+NOTE: Final = "study.json"
 #: of a row: what the study varies
 DELAY, NOISE = "ego.car.gnss_hidden_delay_s", "ego.car.noise_factor"
 #: of a row: how far off its path the ego came
@@ -107,17 +111,32 @@ def _ms(time: float) -> str:
     return f"{1000.0 * time:.0f} ms"
 
 
-def cliff_of(sweep: Sweep, *, design_margin: float = math.nan) -> Cliff:
-    """Return the cliff that a study's dataset shows, finished or not; `design_margin` [s] is laid beside it.
+def cliff_of(sweep: Sweep, *, design_margin: float | None = None) -> Cliff:
+    """Return the cliff that a study's dataset shows, finished or not.
 
-    Raises ConfigError where the sweep varied something else.
+    `design_margin` [s] is laid beside it; left out, it is the one that the study noted beside its rows. Raises
+    ConfigError where the sweep varied something else, or the note cannot be read.
     """
     if sorted(sweep.parameters) != sorted((DELAY, NOISE)):
         varied = ", ".join(sweep.parameters) or "nothing"
         raise ConfigError(f"{sweep.folder}: no study of delay and noise: it varied {varied}")
     speed = float(sweep.plan["table"]["ego"]["speed_mps"])
     steps = steps_of(sweep.rows(), speed)
-    return Cliff(sweep.title, sweep.scenario, speed, steps, edges_of(steps, speed), design_margin)
+    margin = _noted(sweep.folder / NOTE) if design_margin is None else design_margin
+    return Cliff(sweep.title, sweep.scenario, speed, steps, edges_of(steps, speed), margin)
+
+
+def _noted(file: Path) -> float:
+    """Return the design's margin that a study's note tells [s]; NaN where it knows none, or there is no note."""
+    try:
+        told = json.loads(file.read_text(encoding="utf-8"))["design_delay_margin_s"]
+    except FileNotFoundError:
+        return math.nan
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{file}: not what a study writes: {error}") from None
+    if not (told is None or isinstance(told, float)):
+        raise ConfigError(f"{file}: design_delay_margin_s: expected a number of seconds or null, got {told!r}")
+    return math.nan if told is None else told
 
 
 def margins(rows: pd.DataFrame) -> Floats:

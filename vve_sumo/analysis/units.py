@@ -36,8 +36,12 @@ UNITS: dict[str, str] = {
 
 def unit_of(column: str) -> str:
     """Return the unit that a column's name ends in; empty for a number without one, a text, a truth value."""
-    endings = sorted((ending for ending in UNITS if column.endswith(ending)), key=len)
-    return UNITS[endings[-1]] if endings else ""
+    return UNITS.get(ending_of(column), "")
+
+
+def ending_of(column: str) -> str:
+    """Return the ending of a column's name that stands for its unit; empty for none."""
+    return max((ending for ending in UNITS if column.endswith(ending)), key=len, default="")
 
 
 def described(frame: pd.DataFrame, meanings: Mapping[str, str]) -> pd.DataFrame:

@@ -109,7 +109,8 @@ def last_stop(ticks: pa.Table, speed: Floats, acceleration: Floats, limit: float
     start, rest = window
     course = np.where(commanded & np.isfinite(granted), -granted, 0.0)
     begun = _begun(time[start : rest + 1], np.maximum(course[start : rest + 1], 0.0))
-    if begun is None or not commanded[rest]:
+    # What is first asked for at rest holds a car that came to rest without it.
+    if begun is None or start + begun == rest or not commanded[rest]:
         return None
     onset = start + begun
     demand = _demand(time[onset : rest + 1], np.minimum(course[onset:rest], limit), float(speed[onset]))

@@ -19,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vve_sumo.analysis.units import unit_of
+from vve_sumo.analysis.units import ending_of, unit_of
 from vve_sumo.drive.sheet import ACTOR, ALARM, EGO, EGO_PALE, INK, OBSTACLE, QUIET, STYLE
 
 #: of a plot; at half of it, a paper's column, the letters are still 5 points high [inch]
@@ -151,8 +151,7 @@ def explain(axes: Axes, most: int = IN_A_LINE) -> None:
 
 def words(column: str) -> str:
     """Return what a column is about, without its unit: `min_ttc_s` is "least TTC", `ego.speed_mps` "ego speed"."""
-    unit = f"_{column.rpartition('_')[2]}"
-    bare = column.removesuffix(unit) if unit_of(column) or unit == "_share" else column
+    bare = column.removesuffix(ending_of(column))
     last = [part for part in bare.split(".") if not part.isdigit()][-2:]
     return " ".join(WORDS.get(word, word) for part in last for word in part.split("_"))
 

@@ -182,7 +182,10 @@ def _driven_again(run: Run, figures: Figures) -> list[tuple[str, str]]:
     line = ["vve-sumo", "drive", run.name, "--seed", str(settings["seed"])]
     line += ["--controller", str(settings["controller"]["name"]), "--out", "again"]
     return [
-        ("Drive the scenario again; with the same files and versions the record has the same hash:", shlex.join(line))
+        (
+            "Drive the scenario again (name its file, of one of your own); same files and versions, same hash:",
+            shlex.join(line),
+        )
     ]
 
 
