@@ -68,12 +68,12 @@ class BrakeAt:
         on how the ticks fall.
         """
         speed = situation.pose.speed
-        if to_end <= stopping_distance(speed, self._deceleration, self._answer, self._deceleration / JERK):
+        if not to_end > stopping_distance(speed, self._deceleration, self._answer, self._deceleration / JERK):
             return situation.time
-        if target is None or not target.gap <= self._trigger:
+        if target is None or target.gap > self._trigger:
             return None
         passed, closing = self._trigger - target.gap, speed - target.speed
-        return situation.time - (min(passed / closing, PERIOD) if closing > 0.0 else 0.0)
+        return situation.time - (min(PERIOD, passed / closing) if closing > 0.0 else 0.0)
 
     def _cruise(self, situation: Situation, s: float) -> float:
         if self._profile is None:

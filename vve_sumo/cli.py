@@ -385,9 +385,10 @@ def _add_report(commands: Commands) -> None:  # type: ignore[valid-type]
         commands,
         "report",
         "one page on a drive or a sweep that anybody can read",
-        "Write report.html into a record's or a sweep's folder: what was asked, what happened, passed or failed, plots,\n"
-        "versions, hashes, how to do it again. The page is one file that opens offline; its plots lie in report/ too. An\n"
-        "earlier report is replaced. A drive that was killed and a sweep that goes on are told as far as they came.\n\n"
+        "Write report.html into a record's or a sweep's folder: what was asked, what happened, passed or failed,\n"
+        "plots, versions, hashes, how to do it again. The page is one file that opens offline; its plots lie in\n"
+        "report/ too. An earlier report is replaced. A drive that was killed and a sweep that goes on are told as far\n"
+        "as they came.\n\n"
         "examples:\n"
         "  vve-sumo report runs/mine      of a drive's record\n"
         "  vve-sumo report speeds         of a sweep's, a search's or a study's folder",

@@ -200,8 +200,8 @@ def _part(file: Path, schema: pa.Schema) -> Part:
         pairs = zip_longest(schema, there)
         name = next((one or other).name for one, other in pairs if one is None or other is None or one != other)
         raise ConfigError(f"{file}: its columns are not those of sweep.json, from {name} on: not a part of this sweep")
-    first = min((int(span.min) for span in spans if span is not None), default=-1)
-    last = max((int(span.max) for span in spans if span is not None), default=-1)
+    told = [span for span in spans if span is not None and span.has_min_max]
+    first, last = (min((int(span.min) for span in told), default=-1), max((int(span.max) for span in told), default=-1))
     if first < 0 or last - first + 1 != footer.num_rows:
         raise ConfigError(f"{file}: its runs do not follow each other: not a part that a sweep writes")
     return Part(file, first, int(footer.num_rows))

@@ -149,6 +149,7 @@ def test_what_cannot_be_asked_is_one_line(sweep: Sweep, monkeypatch: pytest.Monk
     refused("no column 'nix'; there are number, key, speed", sweep.rows, ["nix"])
     refused("no column 'nix'", sweep.grouped, ["nix"])
     refused("outcome is a text", sweep.grouped, ["kind"], ["outcome"])
+    refused("by: passed is a column of what comes out", sweep.grouped, ["passed"])
     refused('sql: .*Referenced column "nix" not found', sweep.sql, "SELECT nix FROM runs")
     refused("no finished run has the key 'nix'", sweep.run, "nix")
     key = f"{3:016x}"

@@ -53,6 +53,8 @@ def record(tmp_path: Path) -> Path:
     rows = moving(ticks * PERIOD, SPEED * PERIOD * ticks, np.full(TICKS, SPEED))
     for tick in SCANS:
         rows[tick]["scanned"] = True
+    for row in rows:
+        row["actors"] = 3
     folder = write(tmp_path / "record", rows)
     places = {"parked": (PARKED, 0.0), "behind": (PARKED + 20.0, 0.0), "aside": (60.0, 150.0)}
     put(folder, "actors", (

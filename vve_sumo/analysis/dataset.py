@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from vve_sumo.analysis.groups import grouped, meanings
+from vve_sumo.analysis.groups import COUNTS, grouped, meanings
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described, unit_of
 from vve_sumo.errors import ConfigError
@@ -149,6 +149,9 @@ class Sweep:
         text = next((name for name in wanted if kinds.get(name) == "str"), None)
         if text is not None:
             raise ConfigError(f"{self.folder}: figures: {text} is a text, which has no mean")
+        counted = next((name for name in apart if name in COUNTS), None)
+        if counted is not None:
+            raise ConfigError(f"{self.folder}: by: {counted} is a column of what comes out, expected another")
         frame = self.rows(list(dict.fromkeys([*apart, "passed", "fault", *wanted])))
         return described(grouped(frame, apart, wanted), meanings(self._meanings))
 

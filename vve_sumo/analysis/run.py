@@ -161,9 +161,11 @@ class Run:
         return _last_whole(*map(self._read, ("ticks", "detections", "actors")))
 
     def _read(self, name: str) -> pa.Table:
-        wanted = (SCHEMAS | LIVE_SCHEMAS)[name]
+        known = SCHEMAS | LIVE_SCHEMAS
+        if name not in known:
+            raise ConfigError(f"{self.folder}: no table {name!r} in a record; there are {', '.join(known)}")
         table = read_table(self.folder, name)
-        missing = [column for column in wanted.names if column not in table.schema.names]
+        missing = [column for column in known[name].names if column not in table.schema.names]
         if missing:
             raise ConfigError(f"{self.folder}: its table {name} has no column {missing[0]}: another vve-sumo wrote it")
         return table

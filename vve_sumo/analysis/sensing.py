@@ -52,7 +52,7 @@ MEANINGS = {
 
 BRAKED_MEANINGS = {
     "begin_s": "drive time of the first tick of the stretch",
-    "duration_s": "of the stretch",
+    "duration_s": "of the stretch, its last tick's period included",
     "hardest_mps2": "the least acceleration asked for",
     "emergency": "whether the emergency layer was asked for",
     "notes": "the controller's own words for what it did, joined by +",
@@ -85,7 +85,7 @@ def radar_statistics(run: Run) -> pd.DataFrame:
     """
     import pandas as pd
 
-    at = np.flatnonzero(run.arrow("ticks")["scanned"].to_numpy() & _peopled(run))
+    at = np.flatnonzero(run.arrow("ticks")["scanned"].to_numpy())
     scans = _Scans(run.arrow("ticks")["tick"].to_numpy()[at], run.time[at])
     truth = pd.DataFrame(_truths(run, at), columns=["tick", "actor", "true_range", "true_rate"])
     looks = truth.merge(_detections(run, scans), on=["tick", "actor"], how="outer").sort_values("tick", kind="stable")
@@ -107,12 +107,12 @@ def braked_for_nothing(run: Run) -> pd.DataFrame:
     wanted, emergency, notes = (run.arrow("ticks")[name].to_numpy(zero_copy_only=False) for name in columns)
     alone = np.array([actor == "" for actor in run.ahead.actor], bool)
     names = _newest_scan(run)
-    tempted = alone & _peopled(run) & np.array([bool(seen) for seen in names], bool)
+    tempted = alone & np.array([bool(seen) for seen in names], bool)
     braked = run.engaged() & (run.motion.speed > AT_REST) & tempted & (emergency.astype(bool) | (wanted < BRAKING))
     rows = [
         {
             "begin_s": run.time[begin],
-            "duration_s": (end - begin) * run.period,
+            "duration_s": float(run.time[end - 1] - run.time[begin]) + run.period,
             "hardest_mps2": float(wanted[begin:end].min()),
             "emergency": bool(emergency[begin:end].any()),
             "notes": "+".join(sorted(set(notes[begin:end]))),
@@ -137,13 +137,6 @@ def stretches(flags: Truths) -> Iterator[tuple[int, int]]:
     """Give (begin, end) of each unbroken run of true entries; end is the entry after the last."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-
-
-def _peopled(run: Run) -> Truths:
-    """Whether the record knows who was on the street, tick by tick: a killed drive's tables end at different ticks."""
-    tick, told = run.arrow("ticks")["tick"].to_numpy(), run.arrow("actors")["tick"].to_numpy()
-    known: Truths = tick <= (tick[-1] if run.complete or not len(told) else told[-1])
-    return known
 
 
 def _row(looked: pd.DataFrame, scans: _Scans) -> dict[str, Any]:

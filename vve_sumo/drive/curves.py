@@ -134,13 +134,13 @@ def _events(axes: Axes, sheet: Sheet) -> None:
     """Shade when the emergency layer braked (or asked, where nobody ever obeyed) and mark the first contact."""
     ticks, time = sheet.ticks, sheet.ticks["time_s"].to_numpy()
     engaged, asked = _engaged(ticks), ticks["emergency"].to_numpy(zero_copy_only=False)
-    band, word = (asked & engaged, "emergency layer") if engaged.any() else (asked, "emergency layer asked")
+    band, word = (asked & engaged, "emergency layer") if engaged.any() else (asked, "emergency asked")
     if band.any():
         across = axes.get_xaxis_transform()
         axes.fill_between(time, 0, 1, where=band, transform=across, color=ALARM, alpha=0.35, linewidth=0, label=word)
     row = contact(ticks)
     if row is not None:
-        axes.axvline(time[row], color=INK, linewidth=1.2, linestyle=(0, (1, 1.5)), label="first contact")
+        axes.axvline(time[row], color=INK, linewidth=1.2, linestyle=(0, (1, 1.5)), label="contact")
 
 
 def over_time(figure: Figure, sheet: Sheet) -> None:
@@ -164,7 +164,7 @@ def over_time(figure: Figure, sheet: Sheet) -> None:
 
 def _legend_above(axes: Axes, events: bool) -> None:
     """Explain the curves of a panel, and in one panel also the events that all of them show."""
-    shared = ("emergency layer", "emergency layer asked", "first contact")
+    shared = ("emergency layer", "emergency asked", "contact")
     entries = [(mark, name) for mark, name in zip(*axes.get_legend_handles_labels(), strict=True)]
     entries = [(mark, name) for mark, name in entries if (name in shared) == events]
     if entries:
