@@ -151,6 +151,7 @@ def test_what_cannot_be_asked_is_one_line(sweep: Sweep, monkeypatch: pytest.Monk
     refused("outcome is a text", sweep.grouped, ["kind"], ["outcome"])
     refused("by: passed is a column of what comes out", sweep.grouped, ["passed"])
     refused('sql: .*Referenced column "nix" not found', sweep.sql, "SELECT nix FROM runs")
+    refused("sql: expected a query", sweep.sql, " ")
     refused("no finished run has the key 'nix'", sweep.run, "nix")
     key = f"{3:016x}"
     refused(f"record of {key} was not kept; vve-sumo sweep --rerun {sweep.folder} {key} makes it", sweep.run, key)

@@ -56,6 +56,8 @@ def test_a_killed_drive_is_read_to_its_last_tick(killed: Path) -> None:
     assert len(run.ticks) >= read_table(killed, "ticks").num_rows - 10
     assert len(run.ahead.gap) == len(run.motion.x) == len(run.ticks)
     assert run.ticks.attrs["units"]["speed_mps"] == "m/s"
+    with pytest.raises(ConfigError, match="no table 'nix' in a record; there are ticks"):
+        run.table("nix")
 
 
 @pytest.mark.parametrize(("table", "share"), [("ticks", 0.6), ("actors", 0.5), ("detections", 0.7), ("actors", 0.93)])

@@ -237,6 +237,21 @@ def test_a_drive_without_a_rest_after_motion_has_no_stop() -> None:
     assert find(*steady(math.nan, math.nan, math.nan, 2.0)) is None
 
 
+def test_a_car_that_gains_speed_until_late_brakes_answer_was_to_brake_from_the_command_on() -> None:
+    late = steady(1.5, 4.0, 7.0, 2.0), steady(-3.0, 7.0, 7.75, 0.5), steady(-3.0, 7.75, 0.0, 3.0)
+    stop = found(*joined(*late))
+    assert (stop.onset, stop.onset_speed) == (100, 7.0)
+    assert stop.distance == pytest.approx(0.5 * (7.0 + 7.75) * 0.5 + 0.5 * 7.75 * 3.0, rel=0.02)
+
+
+def test_a_speed_that_nobody_knew_in_the_middle_of_a_braking_leaves_no_distance() -> None:
+    granted, speed, acceleration = braked(10.0, 2.4)
+    speed[80:120], acceleration[80:120] = math.nan, math.nan
+    stop = found(granted, speed, acceleration)
+    assert (stop.onset, stop.onset_speed) == (50, 10.0)
+    assert math.isnan(stop.distance)
+
+
 def test_what_nobody_knew_before_the_stop_does_not_hide_it() -> None:
     unknown = steady(math.nan, math.nan, math.nan, 0.5)
     one, other = found(*braked(10.0, 5.0)), found(*joined(unknown, braked(10.0, 5.0)))

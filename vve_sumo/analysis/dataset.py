@@ -118,6 +118,8 @@ class Sweep:
         needs them, and what does not fit into memory goes to disk. Raises ConfigError for a query that is wrong, and
         where DuckDB is not installed.
         """
+        if not query.strip():
+            raise ConfigError(f"{self.folder}: sql: expected a query, got none")
         try:
             import duckdb
         except ImportError:

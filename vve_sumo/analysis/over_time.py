@@ -117,7 +117,8 @@ def exposure(frame: pd.DataFrame) -> pd.Series:
     """Return what a table of `over_time`, or a stretch of it, adds up to; `attrs` hold units and meanings.
 
     Each tick holds until the next. A tick at which nothing closes in, or nothing is known, counts as time without
-    exposure. A share is NaN where the stretch takes no time. Raises ConfigError for a table that no longer says what the car can do.
+    exposure. A share is NaN where the stretch takes no time. Raises ConfigError for a table that no longer says what
+    the car can do.
     """
     import pandas as pd
 

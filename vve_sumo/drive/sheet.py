@@ -37,6 +37,7 @@ STYLE: dict[Any, Any] = {
     "axes.labelcolor": INK,
     "lines.linewidth": 1.6,
     "lines.solid_capstyle": "butt",
+    "text.parse_math": False,  # a name that holds dollars is no formula
 }
 
 # Where things stand on the page [inch], from its left and lower edge.
@@ -59,11 +60,12 @@ class Sheet:
 
 
 def said(summary: Mapping[str, Any]) -> str:
-    """Return in a line what a drive came to."""
-    gap = summary["stop_gap_m"]
+    """Return in a line what a drive came to; of a live one whose program was killed the recorder's summary says less."""
+    gap, seed = summary.get("stop_gap_m"), summary.get("seed")
     stood = "" if gap is None or gap != gap else f", gap {gap:.2f} m"
-    judged = {True: "passed", False: "FAILED", None: "not judged"}[summary["passed"]]
-    return f"{summary['outcome']}{stood} · seed {summary['seed']} · {judged}"
+    drawn = "" if seed is None else f" · seed {seed}"
+    judged = {True: "passed", False: "FAILED", None: "not judged"}[summary.get("passed")]
+    return f"{summary['outcome']}{stood}{drawn} · {judged}"
 
 
 def prefix(ticks: pa.Table) -> str:

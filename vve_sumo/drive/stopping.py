@@ -108,6 +108,8 @@ def last_stop(ticks: pa.Table, speed: Floats, acceleration: Floats, limit: float
     commanded = np.array([state in _COMMANDING for state in ticks["state"].to_pylist()], bool)
     start, rest = window
     course = np.where(commanded & np.isfinite(granted), -granted, 0.0)
+    # A car that gained speed, or that nobody saw, while it was to brake already: late brakes are no later onset.
+    start -= int(np.argmin(np.append(course[:start][::-1] >= RELEASED, False)))
     begun = _begun(time[start : rest + 1], np.maximum(course[start : rest + 1], 0.0))
     # What is first asked for at rest holds a car that came to rest without it.
     if begun is None or start + begun == rest or not commanded[rest]:
@@ -174,7 +176,7 @@ def _parts(way: _Way, before: float, demand: float) -> tuple[Part, Part, Part]:
     The level is the demand, or the most that the car reached where that is less. A delay and a straight rise come out
     as they are.
     """
-    rise = min(demand, float(np.nanmax(way.deceleration))) - before
+    rise = min(demand, float(np.fmax.reduce(way.deceleration))) - before
     low, high = (_reached(way, before + share * rise) for share in (LOW, HIGH))
     slope = (high - low) / (HIGH - LOW)
     end = float(way.time[-1])

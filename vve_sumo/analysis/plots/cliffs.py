@@ -53,6 +53,7 @@ def cliff(study: Cliff) -> Figure:
         upper.set_ylabel("margin: gap left [m]")
         most = float(np.nanmax([*study.steps["lateral_deviation_m"], DEVIATIONS[1]]))
         middle.set(ylabel="greatest lateral\ndeviation [m]", yscale="log", ylim=(0.8 * DEVIATIONS[0], 1.5 * most))
+        middle.yaxis.set_major_formatter("{x:g}")
         lower.set(xlabel="hidden delay of the receiver [ms]", ylabel="passed [%]", ylim=(-4.0, 104.0))
         explain(upper, 2)
         return figure

@@ -191,6 +191,6 @@ def _pass_band(axes: Axes, band: tuple[float, float]) -> None:
     low, high = low if math.isfinite(low) else least, high if math.isfinite(high) else greatest
     for begin, end, edge in ((low, band[0], band[0]), (band[1], high, band[1])):
         if math.isfinite(edge):
-            axes.axvline(edge, label="limit", **LIMIT)
+            axes.axvline(edge, label="limit", **LIMIT | {"linestyle": "-"})  # dotted is a curve's stroke, too
             axes.axvspan(begin, end, color=QUIET, alpha=0.15, linewidth=0.0, label="does not pass")
     axes.set_xlim(low, high)

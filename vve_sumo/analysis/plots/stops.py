@@ -51,8 +51,8 @@ def gap_against_speed(of: Run | pd.DataFrame) -> Figure:
     """Draw gap over speed.
 
     Of a drive: how it closed in on what was ahead, beside the distance that the car as declared needs to stop from each
-    speed. Of rows, a run each: the gap at rest over the speed; runs that touched something or came to a fault, and so
-    have no gap, are marked at the edge.
+    speed. Of rows, a run each: the gap at rest over the speed; runs that touched something are marked, and at the
+    edge those that have no gap.
     """
     return _approach(of) if isinstance(of, Run) else _gaps_at_rest(of)
 
@@ -142,16 +142,23 @@ def _gaps_at_rest(rows: pd.DataFrame) -> Figure:
 
 
 def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats) -> None:
-    """Mark runs with a collision, at no gap where they have none, and along the edge those with a fault or no rest."""
+    """Mark runs with a collision, and along the edge those that have no gap: with a collision, a fault or no rest."""
     hit, fault = holds(rows, "collision"), faults(rows)
-    moving = ~hit & ~fault & ~np.isfinite(gap)
-    if hit.any():
-        at, depth = speed[hit], np.where(np.isfinite(gap[hit]), gap[hit], 0.0)
+    gone, moving = hit & ~np.isfinite(gap), ~hit & ~fault & ~np.isfinite(gap)
+    deep = hit & ~gone
+    if deep.any():
+        at, depth = speed[deep], gap[deep]
         if len(at) > MANY:
             at, depth = bands(at[np.isfinite(at)], depth[np.isfinite(at)]).middle()
-        axes.plot(at, depth, label=f"collision ({runs(hit)})", zorder=4, clip_on=False, **BAD)
+        axes.plot(at, depth, label=f"collision ({runs(deep)})", zorder=4, clip_on=False, **BAD)
     across = axes.get_xaxis_transform()
-    for which, mark, word in ((fault, "s", "fault"), (moving, "|", "no rest, or nothing ahead at rest")):
+    edge = (
+        (gone, "x", "collision, no gap at rest"),
+        (fault, "s", "fault"),
+        (moving, "|", "no rest, or nothing ahead at rest"),
+    )
+    axes.margins(y=0.12)  # that no cross at the bottom hides them
+    for which, mark, word in edge:
         if which.any():
             x = thinned(speed[which])
             style: dict[str, Any] = {"color": QUIET, "markersize": 6.0, "fillstyle": "none", "transform": across}

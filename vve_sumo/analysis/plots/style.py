@@ -42,6 +42,8 @@ WORDS: Final = {
     "min": "least",
     "max": "greatest",
 }
+#: columns that have a name of their own, without their unit
+NAMES: Final = {"stop_gap": "gap at rest", "stop_onset_speed": "speed at the onset"}
 
 
 class Look(NamedTuple):
@@ -152,6 +154,8 @@ def explain(axes: Axes, most: int = IN_A_LINE) -> None:
 def words(column: str) -> str:
     """Return what a column is about, without its unit: `min_ttc_s` is "least TTC", `ego.speed_mps` "ego speed"."""
     bare = column.removesuffix(ending_of(column))
+    if bare in NAMES:
+        return NAMES[bare]
     last = [part for part in bare.split(".") if not part.isdigit()][-2:]
     return " ".join(WORDS.get(word, word) for part in last for word in part.split("_"))
 

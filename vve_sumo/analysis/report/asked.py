@@ -6,7 +6,7 @@ Knows scenarios as records and sweeps keep them; neither how a drive went nor th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from vve_sumo.analysis.report.html import Column, Html, folded, sub, table, tag
@@ -30,28 +30,44 @@ MAIN: dict[str, str] = {
 ELSEWHERE = frozenset({"title", "description", "criteria", "parameters", "seed"})
 
 
-def settings(scenario: Mapping[str, Any], live: bool, more: Sequence[tuple[str, str]]) -> Html:
+def settings(
+    scenario: Mapping[str, Any], live: bool, more: Sequence[tuple[str, str]], varied: Collection[str] = ()
+) -> Html:
     """Return the settings that matter most as a table, `more` before them, and all of them folded.
 
-    What is said of the hardware-free car is nothing to a `live` drive, whose rig says what its car is.
+    What is said of the hardware-free car is nothing to a `live` drive, whose rig says what its car is. What a sweep
+    `varied` is said to be.
     """
     every = dict(flat({key: value for key, value in scenario.items() if key not in ELSEWHERE}))
-    rows = [*more, *((name, _value(key, every[key])) for key, name in _main(live) if key in every)]
+    rows = [*more, *((name, _value(key, every[key], varied)) for key, name in _main(live) if key in every)]
     rows += [("on the street", text) for text in [_others(scenario)] if text]
     whole = table(
-        ("key", "value"), [(tag("code", key), _value(key, value)) for key, value in every.items()], "settings"
+        ("key", "value"), [(tag("code", key), _value(key, value, varied)) for key, value in every.items()], "settings"
     )
     return Html(table(("what", "value"), rows, "main settings") + folded("Every setting", whole))
+
+
+def varied_keys(scenario: Mapping[str, Any], parameters: Collection[str]) -> set[str]:
+    """Return the keys of a scenario that the runs of a sweep differ in, given what its parameters are called."""
+    declared = scenario.get("parameters") or {}
+    return {key for name in parameters for key in (declared.get(name) or {}).get("sets") or (name,)}
+
+
+def varied_criteria(scenario: Mapping[str, Any], parameters: Collection[str]) -> set[str]:
+    """Return the criteria that ask something else of one run than of another."""
+    return {key.split(".")[1] for key in varied_keys(scenario, parameters) if key.startswith("criteria.")}
 
 
 def _main(live: bool) -> list[tuple[str, str]]:
     return [(key, name) for key, name in MAIN.items() if not (live and key.startswith("ego.car."))]
 
 
-def _value(key: str, value: object) -> str:
+def _value(key: str, value: object, varied: Collection[str]) -> str:
+    if key in varied:
+        return f"varied; {with_unit(key, value)} in the scenario"
     if isinstance(value, list):
         return ", ".join(map(short, value)) or NONE
-    return "" if value == {} else with_unit(key, value)
+    return NONE if value == {} else with_unit(key, value)
 
 
 def _others(scenario: Mapping[str, Any]) -> str:

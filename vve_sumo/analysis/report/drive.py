@@ -135,7 +135,8 @@ def _radar(run: Run) -> Html:
 
 def _latency(run: Run) -> Html:
     if not run.holds("latency"):
-        return sub("Latency", tag("p", "The clock of this drive was simulated: computing took no time in it."))
+        why = "The record holds no latencies." if run.live else "The clock was simulated: computing took no time in it."
+        return sub("Latency", tag("p", why))
     said = "Where the time went between a fix and its command frame, leg by leg."
     legs = latency_breakdown(run)
     names = [about(str(leg).replace("_", " "), LEGS.get(str(leg), "")) for leg in legs.index]

@@ -66,7 +66,7 @@ class Report:
         return [section(part.anchor, part.head, *part.content) for part in self._shown()]
 
     def _footer(self) -> Html:
-        made = "Written by vve-sumo from the record alone; nothing on this page was fetched from elsewhere."
+        made = "Written by vve-sumo from this folder's files alone; nothing on this page was fetched from elsewhere."
         return tag("footer", *(tag("p", line) for line in (made, *self.sources)))
 
 

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.report.asked import varied_criteria
 from vve_sumo.analysis.report.picture import Picture, drawn
 from vve_sumo.analysis.report.words import figure_of
 from vve_sumo.analysis.run import Run
@@ -36,7 +37,7 @@ LEDGER = (
     "Above: the slowest ticks over drive time, each column made of its legs, with the rig's budget. Below: the "
     "percentiles of every leg."
 )
-AT_REST = "Each run's gap at rest over its speed. Crosses touched something; runs without a gap lie at the edge."
+AT_REST = "Each run's gap at rest over its speed. Crosses touched something; runs that have no gap stand at the edge."
 #: runs whose speeds spread less were all driven at one speed [m/s]
 LEAST_SPREAD = 0.5
 STOPS = (
@@ -117,13 +118,16 @@ def _curves(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterato
     by = next((name for name in sweep.parameters if rows[name].nunique() > 1), None)
     what = f"distribution of {figure_of(figure).name}"
     apart = f", some values of {by} each on its own" if by else ""
-    band = _band((sweep.plan["table"].get("criteria") or {}).get(figure))
+    band = _band(sweep, figure)
     caption = f"What share of the runs has a {figure_of(figure).name} of at most so much{apart}."
     caption += " The shaded part does not pass." if band else ""
     yield drawn(plots.distribution(rows, figure, by, band), f"distribution_{figure}", what, caption)
 
 
-def _band(wanted: Any) -> tuple[float, float] | None:
-    if not isinstance(wanted, dict):
+def _band(sweep: Sweep, figure: str) -> tuple[float, float] | None:
+    """Return what a figure is to be; None where that is not the same for every run, or nothing is asked."""
+    table = sweep.plan["table"]
+    wanted = (table.get("criteria") or {}).get(figure)
+    if not isinstance(wanted, dict) or figure in varied_criteria(table, sweep.parameters):
         return None
     return float(wanted.get("min", -math.inf)), float(wanted.get("max", math.inf))

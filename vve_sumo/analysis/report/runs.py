@@ -105,7 +105,6 @@ def combinations(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Ht
         return Html("")
     came = sweep.grouped(figures=list(figures))
     units = came.attrs.get("units", {})
-    units = came.attrs.get("units", {})
     came = came.sort_values("passed_share", kind="stable", na_position="first")
     heads = [
         *(head_of(name, units) for name in sweep.parameters),
@@ -140,7 +139,6 @@ def worst(rows: pd.DataFrame, sweep: Sweep, figures: Sequence[str], name: str) -
         return Html("")
     by = ["impact_speed_mps", *LESS_IS_WORSE, "number"]
     ordered = failed.sort_values(by, ascending=[False, *(True for _ in by[1:])], kind="stable").head(WORST)
-    units = rows.attrs.get("units", {})
     units = rows.attrs.get("units", {})
     shown = list(dict.fromkeys(["impact_speed_mps", *figures]))
     columns = [

@@ -72,7 +72,7 @@ def promised(run: Run) -> Html:
     )
     rows = [
         ("speed at the onset", number(found.onset_speed, "m/s")),
-        ("deceleration granted", number(found.demand, "m/s²")),
+        ("deceleration granted, as a constant one", number(found.demand, "m/s²")),
         ("worst latency of the loop during the stop", number(1000.0 * found.latency, "ms", 1)),
         ("declared dead time and lag of the brakes", number(1000.0 * (found.brake_delay + found.brake_lag), "ms", 1)),
         ("bound: what the car as declared needs at most", number(found.bound, "m")),
@@ -95,7 +95,7 @@ def flagged(rows: pd.DataFrame) -> Html:
     longer = (
         f"{said('', len(broken)) if len(broken) else 'none'} took longer than what the car as declared needs, {most}"
     )
-    text = f"{count(stopped, 'run')} came to rest; {longer}."
+    text = f"{count(stopped, 'run')} braked to rest; {longer}."
     if broken.empty:
         return sub("Certificates", tag("p", text))
     columns = ("run", Column("took [m]", True), Column("bound [m]", True), Column("beyond it [m]", True))

@@ -23,6 +23,7 @@ from vve_sumo.analysis.report.tables import about
 from vve_sumo.analysis.report.verdict import Verdict, Word
 from vve_sumo.analysis.report.words import asked as asked_for
 from vve_sumo.analysis.report.words import count, figure_of, number, said, share, short
+from vve_sumo.analysis.units import unit_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +63,7 @@ def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, cliff: Cliff
     if _search(sweep) is not None:
         if sweep.found is None:
             return Verdict("broken off", ("The search was stopped or still goes on.", *ends))
-        return Verdict("not judged", (found.sentence(sweep.found), *ends))
+        return Verdict("not judged", (found.sentence(sweep.found, rows.attrs.get("units")), *ends))
     if counted.finished < counted.asked:
         part = f"{said('runs', counted.finished)} of {count(counted.asked, 'run')} are finished"
         return Verdict("broken off", (f"{part}: the sweep was stopped or still goes on.", *ends))
@@ -84,17 +85,13 @@ def _came(counted: runs.Counts) -> str:
 
 def _extremes(rows: pd.DataFrame) -> tuple[str, ...]:
     """Return the worst of all runs, as a sentence."""
-    gap, least, impact = (
-        _least(rows, "stop_gap_m"),
-        _least(rows, "min_gap_m"),
-        -_least(rows, "impact_speed_mps", -1.0),
-    )
-    hits = int((rows["collision"].to_numpy(np.float64, na_value=np.nan) == 1.0).sum())
-    hit = (
-        f"{count(hits, 'run')} touched something, at {number(impact, 'm/s')} at most"
-        if hits
-        else "no run touched anything"
-    )
+    collision = rows["collision"].to_numpy(np.float64, na_value=np.nan)
+    if not np.isfinite(collision).any():
+        return ()
+    gap, least = _least(rows, "stop_gap_m"), _least(rows, "min_gap_m")
+    impact, hits = -_least(rows, "impact_speed_mps", -1.0), int((collision == 1.0).sum())
+    hit = f"{count(hits, 'run')} touched something" if hits else "no run touched anything"
+    hit += f", at {number(impact, 'm/s')} at most" if impact > 0.0 else ""
     parts = [f"least gap at rest {number(gap, 'm')}"] if gap > 0.0 else []
     parts += [f"closest approach {number(least, 'm')}"] if least > 0.0 else []
     return (f"Over all runs: {', '.join([*parts, hit])}.",)
@@ -118,21 +115,23 @@ def _asked(sweep: Sweep, rows: pd.DataFrame) -> list[Html]:
     ]
     return [
         paragraphs(str(scenario.get("description") or "")),
-        _varied(sweep),
-        sub("The scenario", asked.settings(scenario, False, more)),
+        _varied(sweep, rows),
+        sub("The scenario", asked.settings(scenario, False, more, asked.varied_keys(scenario, sweep.parameters))),
         _criteria(sweep, rows),
     ]
 
 
-def _varied(sweep: Sweep) -> Html:
+def _varied(sweep: Sweep, rows: pd.DataFrame) -> Html:
     declared = sweep.plan["table"].get("parameters") or {}
+    units = rows.attrs.get("units", {})
     written = sweep.plan["spec"].get("parameters") or {}
-    rows: list[tuple[str, str]] = []
+    lines: list[tuple[str, str]] = []
     for name in sweep.parameters:
         told = declared.get(name) or {}
         meaning = told.get("meaning") or ", ".join(told.get("sets") or ())
-        rows.append((about(tag("code", name), meaning), _values(_written(written, name))))
-    return sub("What was varied", table(("parameter", "values"), rows, "what was varied"))
+        values = f"{_values(_written(written, name))} {units.get(name) or unit_of(name)}"
+        lines.append((about(tag("code", name), meaning), values.strip()))
+    return sub("What was varied", table(("parameter", "values"), lines, "what was varied"))
 
 
 def _written(parameters: dict[str, Any], name: str) -> object:
@@ -157,15 +156,14 @@ def _values(told: object) -> str:
 
 def _criteria(sweep: Sweep, rows: pd.DataFrame) -> Html:
     stated = sweep.plan["table"].get("criteria") or {}
+    varied = asked.varied_criteria(sweep.plan["table"], sweep.parameters)
     lines = []
     for name in sweep.plan["criteria"]:
         met = rows[f"meets_{name}"].to_numpy(np.float64, na_value=np.nan)
         judged, good = int(np.isfinite(met).sum()), int((met == 1.0).sum())
         part = f"{said('runs', good)} of {said('runs', judged)}"
         looks = ("yes" if good == judged else "no") if judged else "quiet"
-        wanted = (
-            asked_for(name, stated[name]) if name in stated else ("no" if name == "collision" else "set by a parameter")
-        )
+        wanted = "set by a parameter" if name in varied else asked_for(name, stated.get(name, False))
         lines.append(
             (figure_of(name).name, wanted, tag("span", part, class_=looks), share(good / judged) if judged else "none")
         )
@@ -188,7 +186,7 @@ def _happened(
     return [
         *(picture.html() for picture in first),
         study.shown(cliff) if cliff is not None else Html(""),
-        found.shown(sweep.found) if sweep.found is not None else Html(""),
+        found.shown(sweep.found, rows.attrs.get("units")) if sweep.found is not None else Html(""),
         runs.overview(counted, searched),
         runs.spread(rows, sweep.figures),
         Html("") if searched else runs.combinations(sweep, rows, figures),

@@ -61,18 +61,17 @@ def _cut_short(run: Run) -> str:
     speed = run.motion.speed
     known = speed[~(speed != speed)]
     moving = f", with the car at {number(float(known[-1]), 'm/s')}" if len(known) else ""
-    return (
-        f"The record ends after {number(float(run.time[-1]), 's')}{moving}: the drive was killed or is still going on, "
-        "and nobody has judged it."
-    )
+    ended = f"The record ends after {number(float(run.time[-1]), 's')}{moving}"
+    also = f" It hit {_hit(run, figures)}." if figures.get("collision") else ""
+    return f"{ended}: the drive was killed or is still going on, and nobody has judged it.{also}"
 
 
 def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
     """Return how the drive ended, as a sentence."""
     why = "; ".join(in_words(code) for code in figures.get("reasons") or ()) or "for no stated reason"
-    text = figures.get("text") or ""
+    text = str(figures.get("text") or "").removesuffix(".")
     at = number(_number(figures, "duration_s"), "s")
-    hit = f"{_touched(run)} at {number(_number(figures, 'impact_speed_mps'), 'm/s')}"
+    hit = _hit(run, figures)
     sentences = {
         "stopped": _rest(run, figures),
         "arrived": f"The car drove to the end of its path{_gap_at_rest(run, figures)}.",
@@ -85,8 +84,8 @@ def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
         "interrupted": f"The drive was ended from the keyboard after {at}.",
         "broken": f"The simulation broke after {at}: {text or why}.",
     }
-    also = f" It hit {hit}." if figures.get("collision") and outcome not in ("contact", "broken") else ""
-    return sentences.get(outcome, f"The drive ended: {outcome}.").replace("..", ".") + also
+    also = f" It hit {hit}." if figures.get("collision") and outcome != "contact" else ""
+    return sentences.get(outcome, f"The drive ended: {outcome}.") + also
 
 
 def _rest(run: Run, figures: Mapping[str, Any]) -> str:
@@ -105,9 +104,12 @@ def _last_ahead(run: Run) -> str:
     return next((name for name in reversed(run.ahead.actor) if name), "what was ahead")
 
 
-def _touched(run: Run) -> str:
+def _hit(run: Run, figures: Mapping[str, Any]) -> str:
+    """Return what was touched first, and how fast where that is known."""
     names = next((names for names in run.arrow("ticks")["contacts"].to_pylist() if names), "")
-    return " and ".join(names.split("+")) or "something"
+    speed = _number(figures, "impact_speed_mps")
+    fast = "" if math.isnan(speed) else f" at {number(speed, 'm/s')}"
+    return f"{' and '.join(names.split('+')) or 'something'}{fast}"
 
 
 def _closest(figures: Mapping[str, Any]) -> tuple[str, ...]:

@@ -31,7 +31,9 @@ FIGURES: dict[str, Figure] = {
     "outcome": Figure("outcome", "how the drive ended"),
     "collision": Figure("collision", "whether the car's outline overlapped another's at any tick"),
     "impact_speed_mps": Figure("impact speed", "relative, at the first contact"),
-    "stop_gap_m": Figure("gap at rest", "front bumper to what stood ahead, along the path, once the car stood"),
+    "stop_gap_m": Figure(
+        "gap at rest", "front bumper to what stood ahead, along the path, once the car stood; negative is overlap"
+    ),
     "min_gap_m": Figure("closest approach", "least gap at any tick; negative is overlap"),
     "min_ttc_s": Figure("least time to collision", "gap over closing speed, the least at any tick"),
     "max_drac_mps2": Figure("greatest deceleration needed", "to avoid a contact (DRAC), the greatest at any tick"),
@@ -70,9 +72,12 @@ MEASURES: dict[str, Figure] = {
     "first_ttc_s": Figure("first TTC", ""),
     "detected_share": Figure("share detected", ""),
     "dropouts": Figure("drop-outs", ""),
+    "dropouts_hidden": Figure("drop-outs, hidden", ""),
     "longest_dropout_s": Figure("longest drop-out", ""),
     "range_error_mean_m": Figure("range error, mean", ""),
     "range_error_std_m": Figure("range error, std", ""),
+    "range_rate_error_mean_mps": Figure("range rate error, mean", ""),
+    "range_rate_error_std_mps": Figure("range rate error, std", ""),
     "p50_ms": Figure("median", ""),
     "p95_ms": Figure("95 %", ""),
     "p99_ms": Figure("99 %", ""),
