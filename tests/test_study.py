@@ -47,7 +47,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_study_end_to_end(folder: Path) -> None:
     done = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, "--quiet", cwd=folder)
     assert done.returncode == 0, done.stderr
-    for word in ("Latency and noise cliff of short", "v x delay", "1 of 1", "noise x 0: the margin", "by its design"):
+    for word in (
+        "Latency and noise cliff of short",
+        "v x delay",
+        "1 of 1",
+        "noise x 0: the mean margin",
+        "by its design",
+    ):
         assert word in done.stdout
     assert (folder / "cliff" / "cliff.png").stat().st_size > 10_000
     study = cliff_of(Sweep(folder / "cliff"))

@@ -37,6 +37,23 @@ SWEEP_CODES = """exit codes:
   130  interrupted from the keyboard; --resume goes on
 """
 
+STUDY_CODES = """exit codes:
+  0  every run is a row, passed or not
+  2  wrong use or configuration; nothing was driven
+  4  every run broke, or the disk is full
+  130  interrupted from the keyboard; --resume goes on
+"""
+
+COMPARE_CODES = """exit codes:
+  0  compared, however far apart they are
+  2  wrong use, or not the records of two drives
+"""
+
+NOTEBOOK_CODES = """exit codes:
+  0  the notebooks are there
+  2  wrong use, or the folder holds one of them; nothing was written
+"""
+
 REPORT_CODES = """exit codes:
   0  the report was written, also of a drive that failed
   2  wrong use, or no record and no sweep; nothing was written
@@ -190,7 +207,7 @@ def _add_sweep(commands: Commands) -> None:  # type: ignore[valid-type]
 
 
 def _add_study(commands: Commands) -> None:  # type: ignore[valid-type]
-    study = _add(commands, "study", "standard studies of a scenario", "Standard studies of a scenario.", SWEEP_CODES)
+    study = _add(commands, "study", "standard studies of a scenario", "Standard studies of a scenario.", STUDY_CODES)
     inner = study.add_subparsers(dest="what", metavar="WHAT", required=True, parser_class=_Parser)
     cliff = _add(
         inner,
@@ -208,7 +225,7 @@ def _add_study(commands: Commands) -> None:  # type: ignore[valid-type]
         "  vve-sumo study cliff seen_late --out late --delays-ms 0,100,200,300 --noise 1 --seeds 5\n"
         "  vve-sumo study cliff delay_probe --out probe              nothing regulates: speed times delay, exactly\n"
         "  vve-sumo study cliff parked_car --out cliff --resume      go on after a kill",
-        SWEEP_CODES,
+        STUDY_CODES,
     )
     cliff.add_argument("scenario", help="name or .toml file")
     cliff.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the dataset, absent or empty")
@@ -373,6 +390,7 @@ def _add_compare(commands: Commands) -> None:  # type: ignore[valid-type]
         "examples:\n"
         "  vve-sumo compare runs/lot runs/lockstep               a live drive and its twin in lockstep\n"
         "  vve-sumo compare runs/a runs/b --out difference.png   two of anything, and a picture",
+        COMPARE_CODES,
     )
     compare.add_argument("one", type=Path, metavar="ONE", help="folder of a drive")
     compare.add_argument("other", type=Path, metavar="OTHER", help="folder of another; differences are other minus one")
@@ -549,6 +567,7 @@ def _add_notebooks(commands: Commands) -> None:  # type: ignore[valid-type]
         "copy out four Jupyter notebooks to begin an analysis with",
         "Copy four notebooks into a folder: the paper's drive, stopping over a sweep of speeds, the latency cliff, a\n"
         "recording through the chain. Each makes its own records, under runs/ beside it, and explains what it shows.",
+        NOTEBOOK_CODES,
     )
     notebooks.add_argument(
         "folder", type=Path, metavar="DIR", help="folder for them; existing files are never replaced"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,7 +40,8 @@ def cliff(
     quiet: bool,
 ) -> int:
     """Run the command: drive what is not finished, show the cliff and draw it; return the exit code."""
-    again = f"vve-sumo study cliff {name} --out {out}{_steps(delays_ms, factors, seeds)} --resume"
+    steps = _steps(delays_ms, factors, seeds)
+    again = f"vve-sumo study cliff {shlex.quote(name)} --out {shlex.quote(str(out))}{steps} --resume"
     wanted = cliff_study(name, Path.cwd(), delays_ms=delays_ms, factors=factors, seeds=seeds)
     try:
         fill(out, wanted, engine_of(workers, None), wanted.spec.keep, resume=resume, quiet=quiet, again=again)
@@ -52,7 +54,9 @@ def cliff(
 def _steps(delays_ms: Sequence[float] | None, factors: Sequence[float] | None, seeds: int | None) -> str:
     """Return the options that say the steps, as far as they were given."""
     given = {"--delays-ms": delays_ms, "--noise": factors, "--seeds": None if seeds is None else [seeds]}
-    return "".join(f" {key} {','.join(f'{one:g}' for one in ones)}" for key, ones in given.items() if ones is not None)
+    return "".join(
+        f" {key} {','.join(f'{one:.15g}' for one in ones)}" for key, ones in given.items() if ones is not None
+    )
 
 
 def _conclude(name: str, out: Path, wanted: Asked) -> int:

@@ -47,6 +47,8 @@ def write(folder: Path, ticks: list[dict[str, Any]], summary: dict[str, Any] | N
         "settings": settings | {"radar": {"ideal": False, "range_limit_m": None}},
         "path_m": [f"{x:.1f} 0.0" for x in np.arange(0.0, 301.0, 2.0)],
         "vehicle": {field.name: getattr(CAR, field.name) for field in dataclasses.fields(CAR)},
+        "files_sha256": {},
+        "versions": {},
     }
     (folder / "scenario.json").write_text(json.dumps(resolved | changes), encoding="utf-8")
     if summary is not None:

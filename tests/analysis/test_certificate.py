@@ -91,7 +91,7 @@ def test_the_declared_brakes_answer_within_a_tick_of_what_was_declared(driven: t
 
 def live(folder: Path, latency: list[dict[str, Any]]) -> Run:
     """A live record of a stop from tick 50 on, with this latency table."""
-    record(folder, braked(V, A), rig="by hand")
+    record(folder, braked(V, A), rig={"latency": {"budget_ms": 15.0}})
     made.put(folder, "latency", [{"due_s": made.PERIOD * row["tick"]} | row for row in latency])
     return Run(folder)
 

@@ -80,6 +80,17 @@ def test_steps_and_edges_are_the_closed_form_where_speed_times_delay_is_all_that
     assert study.steps.attrs["units"]["mean_margin_m"] == "m"
 
 
+def test_a_run_that_has_nothing_left_is_named_before_the_mean_has_not() -> None:
+    study = found(rows(ended(0.0, 2.0), ended(0.0, 2.2), ended(0.1, 1.0), hit(0.1, -0.5), ended(0.2, 0.4)))
+    (edge,) = study.edges.to_dict("records")
+    assert (edge["touched_from_s"], math.isnan(edge["zero_s"])) == (0.1, True)
+    (said,) = study.verdicts()
+    assert "the mean margin does not go to zero up to 200 ms" in said
+    assert "; from 100 ms on a run has nothing left; " in said
+    both = found(rows(ended(0.0, 2.0), hit(0.1, -1.0)))
+    assert "nothing left" not in next(both.verdicts())
+
+
 def test_a_margin_that_ends_because_the_gateway_stops_the_car_is_no_zero() -> None:
     stop = {"outcome": "fault", "reasons": "off_path; pose_stale", "passed": False, "meets_outcome": False}
     study = found(rows(ended(0.0, 5.0), ended(0.1, 4.9), ended(0.2, 80.0, **stop), ended(0.3, math.nan, **stop)), 0.4)
@@ -100,7 +111,7 @@ def test_each_noise_factor_has_its_own_edge_and_a_run_with_a_fault_does_not_pass
     assert study.edges["zero_s"].isna().tolist() == [True, False]
     quiet, loud = study.verdicts()
     assert quiet.endswith("every run passed")
-    assert "the margin is zero from the first step on, 0 ms" in loud
+    assert "the mean margin is zero from the first step on, 0 ms" in loud
     assert study.steps["judged"].tolist() == [1, 1, 1, 0]
     all_faults = found(rows({DELAY: 0.0, "fault": "timed_out", **NO_ROW}))
     assert "no run has a margin" in next(all_faults.verdicts())

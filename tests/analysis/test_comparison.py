@@ -108,7 +108,9 @@ def test_gaps_to_two_different_actors_are_not_compared(tmp_path: Path) -> None:
 def test_what_was_asked_differently_is_said(tmp_path: Path) -> None:
     settings = {"title": "t", "seed": 2, "controller": {"name": "mine"}, "radar": {}}
     path = [f"{x:.1f} 1.0" for x in np.arange(0.0, 301.0, 2.0)]
-    other = made(tmp_path / "b", scenario="cut_in", settings=settings, path_m=path, rig={})
+    other = made(
+        tmp_path / "b", scenario="cut_in", settings=settings, path_m=path, rig={"latency": {"budget_ms": 15.0}}
+    )
     both = compare(made(tmp_path / "a"), other)
     for word in ("scenarios", "seeds", "controllers", "kinds of drive", "paths"):
         assert any(f"the {word} differ" in note for note in both.notes)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from tests.analysis.made import PERIOD, moving, put, write
-from vve_sumo.analysis.latency import latency_breakdown, legs_over_time
+from vve_sumo.analysis.latency import MEANINGS, latency_breakdown, legs_over_time
+from vve_sumo.analysis.report.drive import report
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.ledger import LEGS, TOTAL, Ledger
 from vve_sumo.values import LatencyRow
@@ -101,3 +102,10 @@ def test_lockstep_has_the_poses_age_alone(tmp_path: Path) -> None:
     assert others.drop(columns="n").isna().all(axis=None)
     assert (others["n"] == 0).all()
     assert len(legs_over_time(run)) == TICKS
+
+
+def test_the_report_says_beneath_each_leg_what_it_is(live: tuple[Path, dict]) -> None:
+    happened = "".join(report(Run(live[0])).parts[1].content)
+    for leg, meaning in MEANINGS.items():
+        assert f'{leg.replace("_", " ")}<span class="about">{meaning}'.replace("'", "&#x27;") in happened
+    assert "&lt;" not in happened

@@ -220,8 +220,8 @@ def test_whatever_else_a_folder_holds_is_said_and_what_to_load_instead(tmp_path:
     refused(REPOSITORY / "docs", r"neither a record nor a dataset; expected a drive's record")
     folder = swept(tmp_path / "sweep")
     refused(tmp_path, rf"neither a record nor a dataset; it holds others, such as {folder}$")
-    refused(folder / "rows", rf"a part of a sweep; load {folder}$")
-    refused(folder / "rows" / "part-00000.parquet", rf"a part of a sweep; load {folder}$")
+    refused(folder / "rows", rf"a part of a sweep; load its folder, {folder}$")
+    refused(folder / "rows" / "part-00000.parquet", rf"a part of a sweep; load its folder, {folder}$")
     record = tmp_path / "suite" / "records" / "row"
     record.mkdir(parents=True)
     for ending in ("csv", "json", "md"):
@@ -229,7 +229,7 @@ def test_whatever_else_a_folder_holds_is_said_and_what_to_load_instead(tmp_path:
     refused(tmp_path / "suite", r"the outcome of the suite r152, whose rows stand in r152\.csv; --keep keeps")
     (record / "scenario.json").write_text("{}", encoding="utf-8")
     refused(tmp_path / "suite", rf"suite r152, .*; it holds others, such as {record}$")
-    refused(record / "scenario.json", rf"a part of a record; load {record}$")
+    refused(record / "scenario.json", rf"a part of a record; load its folder, {record}$")
 
 
 def refused(folder: Path, said: str) -> None:

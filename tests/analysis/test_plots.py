@@ -24,8 +24,9 @@ from vve_sumo.analysis import cliff as study
 from vve_sumo.analysis import plots
 from vve_sumo.analysis.comparison import compare
 from vve_sumo.analysis.dataset import Sweep
-from vve_sumo.analysis.plots import crowd, style
+from vve_sumo.analysis.plots import crowd, latencies, style
 from vve_sumo.analysis.run import Run
+from vve_sumo.drive import ledger
 from vve_sumo.drive.sheet import SIZE
 from vve_sumo.rows import Plan
 from vve_sumo.values import LatencyRow
@@ -39,7 +40,7 @@ def stopping(folder: Path, speed: float = SPEED, **changes: Any) -> Run:
     """A record of a car that brakes evenly to rest before a box, GAP metres ahead of its bumper at first."""
     moves = np.minimum(TIME, speed / BRAKING)
     x, v = speed * moves - 0.5 * BRAKING * moves**2, speed - BRAKING * moves
-    settings = {"title": "by hand", "seed": 1, "controller": {"name": "nobody"}, "criteria": CRITERIA}
+    settings = {"title": "by hand", "seed": 1, "controller": {"name": "nobody"}, "criteria": CRITERIA, "radar": {}}
     write(folder, moving(TIME, x, v), **{"settings": settings} | changes)
     box = BOX | {"actor": "parked", "x_m": CAR.rear_axle_to_bumper + GAP + 2.0}
     put(folder, "actors", [box | {"tick": tick} for tick in range(len(TIME))])
@@ -136,11 +137,17 @@ def searched(folder: Path, search: dict[str, Any], found: dict[str, Any] | None)
 
 BOUNDARY = {
     "search": "boundary",
+    "along": "pace",
+    "criterion": "collision",
     "boundaries": [
         {
             "values": {"offset": 0.5},
+            "meets_first": True,
             "flips": [{"meets": 5.8, "fails": 6.0}],
-            "seeds": [{"flips": [{"meets": 5.8, "fails": 6.0}]}, {"flips": [{"meets": 6.0, "fails": 6.2}]}],
+            "seeds": [
+                {"flips": [{"meets": 5.8, "fails": 6.0, "key_fails": f"{2:016x}"}]},
+                {"flips": [{"meets": 6.0, "fails": 6.2, "key_fails": f"{8:016x}"}]},
+            ],
         }
     ],
 }
@@ -173,7 +180,7 @@ def figures(run: Run, live: Run, tmp_path_factory: pytest.TempPathFactory) -> di
         "shares": plots.heat_map(rows, "delay", "seed", "passed"),
         "distribution": plots.distribution(rows, "stop_gap_m", "delay", (0.5, math.inf)),
         "boundary": plots.boundary(searched(folder / "b", {"along": "pace", "criterion": "collision"}, BOUNDARY)),
-        "worst": plots.boundary(searched(folder / "w", worst, {"search": "worst"})),
+        "worst": plots.boundary(searched(folder / "w", worst, worst | {"search": "worst", "worst": None})),
         "ledger": plots.latency_ledger(live),
         "comparison": plots.comparison(compare(run, stopping(folder / "other", speed=11.0))),
         "cliff": plots.cliff(study.Cliff("t", "s", 11.0, steps, study.edges_of(steps, 11.0), 0.3)),
@@ -447,6 +454,7 @@ RECORDS: dict[str, list[dict[str, Any]]] = {
     "no pose": [row | NOWHERE for row in STILL],
     "no truth": [row | {"true_x_m": math.nan, "x_m": 0.1 * row["tick"], "speed_mps": 5.0} for row in STILL],
     "a contact": [row | {"contacts": "parked" if row["tick"] > 20 else ""} for row in STILL],
+    "touching": [row | {"x_m": 12.0 - 2.0 - CAR.rear_axle_to_bumper, "true_x_m": math.nan} for row in STILL],
 }
 
 
@@ -459,7 +467,30 @@ def test_a_poor_record_makes_plots_that_say_so(poor: str, tmp_path: Path) -> Non
         put(folder, "actors", [BOX | {"tick": row["tick"], "actor": "parked", "x_m": 12.0} for row in STILL])
     run = Run(folder)
     for plot in (plots.drive_sheet, plots.safety_over_time, plots.gap_against_speed, plots.latency_ledger):
-        just_draw(plot(run))
+        figure = plot(run)
+        just_draw(figure)
+        for axes in figure.axes:
+            assert axes.get_ylim()[0] < axes.get_ylim()[1] or plot is plots.latency_ledger
+
+
+def test_a_contact_from_the_side_is_in_the_picture(tmp_path: Path) -> None:
+    """Long after the last that was ahead."""
+    rows = [{"time_s": float(tick), "contacts": "parked" * (tick > 25)} for tick in range(30)]
+    folder = write(tmp_path / "record", rows)
+    put(folder, "actors", [BOX | {"tick": tick, "actor": "parked", "x_m": 12.0} for tick in range(5)])
+    gap = plots.safety_over_time(Run(folder)).axes[0]
+    left, right = gap.get_xlim()
+    assert left < 0.0 < 26.0 < right < 28.0
+    # It stood, and 2 m would have been safe: the gap is shown all the same.
+    assert gap.get_ylim()[1] > 12.0 - 2.0 - CAR.rear_axle_to_bumper
+
+
+def test_a_leg_that_did_not_happen_is_not_another_ticks() -> None:
+    """Of a portion's slowest tick nothing is known of the radar; the others took 1 ms for it."""
+    legs = {f"{leg}_ms": [1.0, 1.0] for leg in ledger.LEGS} | {"total_ms": [6.0, 9.0], "time_s": [0.0, 0.0]}
+    _edges, shown = latencies.slowest(pd.DataFrame(legs | {"radar_ms": [1.0, math.nan]}))
+    assert shown["total_ms"].dropna().tolist() == [9.0]
+    assert not shown["radar_ms"].notna().any()
 
 
 def test_the_sheet_is_of_the_drives_own_size_and_says_what_came_of_it(tmp_path: Path, run: Run) -> None:

@@ -28,7 +28,7 @@ from vve_sumo.sweep.job import Result
 PHONE, DESK = {"width": 360, "height": 800}, {"width": 1280, "height": 900}
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 #: what a user may call things
-CODE = "</title><script>window.hit=1</script><img src=x onerror='window.hit=1'>\"&amp; $\\frac{ \u202e _x_"
+CODE = "</title><script>window.hit=1</script><img src=x onerror='window.hit=1'>\"&amp; $\\frac{$ \u202e _x_"
 HOSTILE = f"{CODE}\ud800"  #: with half a character, which JSON holds
 #: WCAG 2.2, 1.4.3, of text that is not large
 CONTRAST = 4.5

@@ -53,6 +53,7 @@ EDGES: Final = {
     "zero_s": "delay at which the mean margin is zero, straight between two steps; NaN where it stays above",
     "zero_from_s": "the last step before it",
     "zero_to_s": "the first step at which nothing is left",
+    "touched_from_s": "the first step at which a run has nothing left; NaN where none is so",
     "known_to_s": "the last step at which a run has a margin; beyond it all break or are stopped far off",
     "closed_form_zero_s": "the same, were speed times delay all that is lost",
     "passed_to_s": "the last step up to which every run passed; NaN where the first has one that did not",
@@ -77,7 +78,8 @@ class Cliff:
         """Return a sentence for each noise factor, and one on the design's margin."""
         last = float(self.steps["delay_s"].max())
         for edge in self.edges.to_dict("records"):
-            yield f"noise x {edge['noise_factor']:g}: {_of_margin(edge, last)}; {_of_criteria(edge)}"
+            told = "; ".join((_of_margin(edge, last), *_of_the_least(edge), _of_criteria(edge)))
+            yield f"noise x {edge['noise_factor']:g}: {told}"
         if math.isfinite(self.design_margin):
             yield (
                 f"by its design the steering loop bears {_ms(self.design_margin)} at {self.speed:.1f} m/s, of which "
@@ -92,11 +94,18 @@ def _of_margin(edge: Mapping[Any, Any], last: float) -> str:
         return "no run has a margin"
     if not math.isfinite(edge["zero_s"]):
         beyond = ", beyond which no run has one" if edge["known_to_s"] < last else ""
-        return f"the margin does not go to zero up to {_ms(edge['known_to_s'])}{beyond} ({says})"
+        return f"the mean margin does not go to zero up to {_ms(edge['known_to_s'])}{beyond} ({says})"
     if not edge["zero_from_s"] < edge["zero_to_s"]:
-        return f"the margin is zero from the first step on, {_ms(edge['zero_s'])}"
+        return f"the mean margin is zero from the first step on, {_ms(edge['zero_s'])}"
     between = f"between {_ms(edge['zero_from_s'])} and {_ms(edge['zero_to_s'])}"
-    return f"the margin goes to zero at {_ms(edge['zero_s'])}, {between} ({says})"
+    return f"the mean margin goes to zero at {_ms(edge['zero_s'])}, {between} ({says})"
+
+
+def _of_the_least(edge: Mapping[Any, Any]) -> list[str]:
+    """Say where a run has nothing left, unless the mean has nothing left by then either."""
+    touched, zero = edge["touched_from_s"], edge["zero_to_s"]
+    sooner = math.isfinite(touched) and not touched >= zero
+    return [f"from {_ms(touched)} on a run has nothing left"] if sooner else []
 
 
 def _of_criteria(edge: Mapping[Any, Any]) -> str:
@@ -120,7 +129,10 @@ def cliff_of(sweep: Sweep, *, design_margin: float | None = None) -> Cliff:
     if sorted(sweep.parameters) != sorted((DELAY, NOISE)):
         varied = ", ".join(sweep.parameters) or "nothing"
         raise ConfigError(f"{sweep.folder}: no study of delay and noise: it varied {varied}")
-    speed = float(sweep.plan["table"]["ego"]["speed_mps"])
+    ego = sweep.plan["table"].get("ego")
+    if ego is None:
+        raise ConfigError(f"{sweep.folder}: no study of delay and noise: its scenario says nothing of the ego")
+    speed = float(ego["speed_mps"])
     steps = steps_of(sweep.rows(), speed)
     margin = _noted(sweep.folder / NOTE) if design_margin is None else design_margin
     return Cliff(sweep.title, sweep.scenario, speed, steps, edges_of(steps, speed), margin)
@@ -193,7 +205,7 @@ def edges_of(steps: pd.DataFrame, speed: float) -> pd.DataFrame:
 def _edge(factor: float, steps: pd.DataFrame, speed: float) -> dict[str, Any]:
     delay, margin = steps["delay_s"].to_numpy(np.float64), steps["mean_margin_m"].to_numpy(np.float64)
     passed = (steps["passed_share"] == 1.0) & (steps["judged"] == steps["runs"])
-    known = np.isfinite(margin)
+    known, spent = np.isfinite(margin), steps["least_margin_m"].to_numpy(np.float64) <= 0.0
     zero, before, after = zero_of(delay[known], margin[known])
     failed = next((number for number, good in enumerate(passed) if not good), len(delay))
     return {
@@ -201,6 +213,7 @@ def _edge(factor: float, steps: pd.DataFrame, speed: float) -> dict[str, Any]:
         "zero_s": zero,
         "zero_from_s": before,
         "zero_to_s": after,
+        "touched_from_s": delay[spent][0] if spent.any() else math.nan,
         "known_to_s": delay[known][-1] if known.any() else math.nan,
         "closed_form_zero_s": _closed(delay[known], margin[known], speed),
         "passed_to_s": delay[failed - 1] if failed else math.nan,

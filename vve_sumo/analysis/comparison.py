@@ -292,7 +292,9 @@ def _notes(one: Run, other: Run, true: bool) -> tuple[str, ...]:
     if not true:
         blind = " and ".join(str(run.folder) for run in (one, other) if not run.motion.true)
         notes.append(f"{blind}: no truth in it, so both are measured by the chain's estimate")
-    notes += [f"{run.folder}: the drive was killed, its record ends early" for run in (one, other) if not run.complete]
+    notes += [
+        f"{run.folder}: the drive was broken off, its record ends early" for run in (one, other) if not run.complete
+    ]
     return tuple(notes)
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
+from vve_sumo.analysis import told
 from vve_sumo.analysis.groups import COUNTS, grouped, meanings
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described, unit_of
@@ -38,6 +39,7 @@ class Sweep:
         """
         self.folder = folder
         self._held = Held.of(folder)
+        told.check(self.plan, told.Sweep, folder / "sweep.json")
         if self._held.finished == 0:
             raise ConfigError(f"{folder}: no run of this sweep is finished; vve-sumo sweep … --resume goes on with it")
 
@@ -93,6 +95,7 @@ class Sweep:
             raise unreadable(file, error) from None
         if not isinstance(found, dict) or "search" not in found:
             raise ConfigError(f"{file}: not what a search writes: no search in it")
+        told.check(found, told.Boundaries if found["search"] == "boundary" else told.Worst, file)
         return found
 
     def rows(self, columns: Sequence[str] | None = None) -> pd.DataFrame:

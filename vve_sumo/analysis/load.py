@@ -45,9 +45,9 @@ def _instead(folder: Path) -> str:
         return f"not there; {WANTED}"
     for above in (folder.parent, folder.parent.parent):
         if _is_sweep(above):
-            return f"a part of a sweep; load {above}"
+            return f"a part of a sweep; load its folder, {above}"
     if _is_record(folder.parent):
-        return f"a part of a record; load {folder.parent}"
+        return f"a part of a record; load its folder, {folder.parent}"
     if not folder.is_dir():
         return f"a file; {WANTED}"
     files = sorted(folder.iterdir())

@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vve_sumo.analysis import told
 from vve_sumo.analysis.units import described
 from vve_sumo.drive import figures
 from vve_sumo.drive.figures import Ahead
@@ -75,8 +76,8 @@ class Run:
 
     @property
     def complete(self) -> bool:
-        """Whether the drive came to its end; else it was killed, and the record ends at its last whole tick."""
-        return self.summary is not None
+        """Whether the drive came to its end; else it was killed or broke, and ends at its last whole tick."""
+        return self.summary is not None and self.summary["outcome"] != "broken"
 
     @property
     def period(self) -> float:
@@ -205,6 +206,7 @@ def _resolved(folder: FilePath) -> dict[str, Any]:
     layout = resolved.get("layout", 1)
     if layout != LAYOUT:
         raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")
+    told.check(resolved, told.Record, file)
     return resolved
 
 
@@ -218,6 +220,7 @@ def _summary(folder: FilePath) -> dict[str, Any] | None:
         raise ConfigError(f"{file}: cannot be read: {error}") from None
     if not isinstance(summary, dict) or "outcome" not in summary:
         raise ConfigError(f"{file}: not what a drive writes: no outcome in it")
+    told.check(summary, told.Summary, file)
     return summary
 
 

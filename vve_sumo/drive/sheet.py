@@ -60,7 +60,7 @@ class Sheet:
 
 
 def said(summary: Mapping[str, Any]) -> str:
-    """Return in a line what a drive came to; of a live one whose program was killed the recorder's summary says less."""
+    """Return in a line what a drive came to; the summary of a live one whose program was killed says less."""
     gap, seed = summary.get("stop_gap_m"), summary.get("seed")
     stood = "" if gap is None or gap != gap else f", gap {gap:.2f} m"
     drawn = "" if seed is None else f" · seed {seed}"

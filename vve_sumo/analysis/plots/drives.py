@@ -84,15 +84,17 @@ def safety_over_time(run: Run) -> Figure:
             paint(axes, run, frame)
             explain(axes, 4)
         panels[-1].set_xlabel("drive time [s]")
-        panels[0].set_xlim(*_while_ahead(frame))
+        panels[0].set_xlim(*_while_ahead(frame, contact(run.arrow("ticks"))))
         _mark_contact(panels, run)
         figure.align_ylabels()
         return figure
 
 
-def _while_ahead(frame: pd.DataFrame) -> tuple[float, float]:
+def _while_ahead(frame: pd.DataFrame, touched: int | None) -> tuple[float, float]:
+    """Return the times [s] that hold all that was ahead and the first contact, which may come from the side."""
     time = frame["time_s"].to_numpy()
     seen = time[np.isfinite(frame["gap_m"].to_numpy())]
+    seen = seen if touched is None else np.sort(np.append(seen, time[touched]))
     first, last = (time[0], time[-1]) if not len(seen) else (seen[0], seen[-1])
     return max(float(time[0]), float(first) - AROUND) - 1e-3, min(float(time[-1]), float(last) + AROUND) + 1e-3
 
@@ -126,7 +128,9 @@ def _gap(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
     gap, safe = frame["gap_m"].to_numpy(), frame["rss_distance_m"].to_numpy()
     style: dict[str, Any] = {"color": OBSTACLE, "alpha": 0.2, "linewidth": 0.0, "label": "gap too short"}
     axes.fill_between(frame["time_s"], gap, safe, where=gap < safe, **style)
-    axes.set_ylim(min(0.0, float(np.nanmin(gap))), 1.05 * min(float(np.nanmax(gap)), ENOUGH * _most(safe)))
+    least, most = float(np.nanmin(gap)), float(np.nanmax(gap))
+    # The nearest that it came is in the panel however far that was.
+    axes.set_ylim(min(0.0, least), 1.05 * max(1.0, min(most, max(ENOUGH * _most(safe), ENOUGH * least))))
 
 
 def _most(values: Floats) -> float:
@@ -155,7 +159,7 @@ def _decelerations(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
 
 def _headway(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
     curves = (("headway_s", FIRST, "bumper to bumper"), ("headway_front_s", SECOND, "front to front"))
-    if _curves(axes, frame, curves, "headway [s]", "nothing was ahead"):
+    if _curves(axes, frame, curves, "headway [s]", "nothing was ahead while it moved"):
         axes.set_ylim(0.0, LONGEST)
 
 

@@ -75,7 +75,8 @@ def _approach(run: Run) -> Figure:
         axes.set(
             xlabel="speed [m/s]", ylabel="gap to what is ahead [m]", xlim=(min(0.0, float(np.nanmin(speed))), fastest)
         )
-        axes.set_ylim(min(0.0, float(np.nanmin(gap))), 1.05 * min(float(np.nanmax(gap)), max(LEAST, ENOUGH * needed)))
+        most = max(1.0, min(float(np.nanmax(gap)), max(LEAST, ENOUGH * needed)))
+        axes.set_ylim(min(0.0, float(np.nanmin(gap))), 1.05 * most)
         explain(axes, 2)
         return figure
 

@@ -58,7 +58,7 @@ def report(run: Run) -> Report:
             Part("source", "Where it comes from", _source(run, figures)),
         ),
         pictures=plots,
-        sources=open_street_map(run.resolved["settings"]),
+        sources=open_street_map(run.resolved["settings"], [str(run.resolved["files_sha256"].get("network"))]),
     )
 
 
@@ -66,7 +66,11 @@ def kind_of(run: Run, figures: Figures) -> str:
     """Return what kind of drive it was."""
     if run.live:
         return "live drive in shadow: every enable bit was off" if figures.get("shadow") else "live drive"
-    return "recorded drive sent through the chain" if "pose" in run.resolved["files_sha256"] else "lockstep drive"
+    return "recorded drive sent through the chain" if _is_playback(run) else "lockstep drive"
+
+
+def _is_playback(run: Run) -> bool:
+    return not run.live and "pose" in run.resolved["files_sha256"]
 
 
 def _asked(run: Run, figures: Figures) -> list[Html]:
@@ -134,13 +138,17 @@ def _radar(run: Run) -> Html:
 
 
 def _latency(run: Run) -> Html:
+    import pandas as pd
+
     if not run.holds("latency"):
         why = "The record holds no latencies." if run.live else "The clock was simulated: computing took no time in it."
         return sub("Latency", tag("p", why))
     said = "Where the time went between a fix and its command frame, leg by leg."
     legs = latency_breakdown(run)
     names = [about(str(leg).replace("_", " "), LEGS.get(str(leg), "")) for leg in legs.index]
-    return sub("Latency", tag("p", said), of_frame(legs.set_axis(names), "latency", "leg"))
+    # An index of pandas' own strings would forget that these are HTML.
+    told = legs.set_axis(pd.Index(names, dtype=object))
+    return sub("Latency", tag("p", said), of_frame(told, "latency", "leg"))
 
 
 def _said(key: str, figures: Figures) -> str:
@@ -156,11 +164,7 @@ def _said(key: str, figures: Figures) -> str:
 
 def _source(run: Run, figures: Figures) -> list[Html]:
     name = run.folder.resolve().name
-    again = [
-        ("Feed the record to the same chain and gateway again, bit for bit:", f"vve-sumo replay {shlex.quote(name)}")
-    ]
-    again += _driven_again(run, figures)
-    again += [("Write this page again:", f"vve-sumo report {shlex.quote(name)}")]
+    again = [*_driven_again(run, name), ("Write this page again:", f"vve-sumo report {shlex.quote(name)}")]
     parts = [("the whole record", str(figures.get("record_sha256") or ""))]
     parts += [*(figures.get("record_parts_sha256") or {}).items(), *(figures.get("record_files_sha256") or {}).items()]
     files = [*(run.resolved.get("files_sha256") or {}).items()]
@@ -176,18 +180,19 @@ def _source(run: Run, figures: Figures) -> list[Html]:
     ]
 
 
-def _driven_again(run: Run, figures: Figures) -> list[tuple[str, str]]:
-    if run.live or "pose" in run.resolved["files_sha256"]:
+def _driven_again(run: Run, name: str) -> list[tuple[str, str]]:
+    """Return what drives a record again; nothing does a playback, whose recording is not a part of its record."""
+    if _is_playback(run):
         return []
+    chain = "Check the hashes, and feed the record to the same chain and gateway again:"
+    replay = (chain, f"vve-sumo replay {shlex.quote(name)}")
+    if run.live:
+        return [replay]
     settings = run.resolved["settings"]
     line = ["vve-sumo", "drive", run.name, "--seed", str(settings["seed"])]
     line += ["--controller", str(settings["controller"]["name"]), "--out", "again"]
-    return [
-        (
-            "Drive the scenario again (name its file, of one of your own); same files and versions, same hash:",
-            shlex.join(line),
-        )
-    ]
+    same = "same files and versions, and nothing varied by a sweep: same hash"
+    return [replay, (f"Drive the scenario again (name its file, of one of your own); {same}:", shlex.join(line))]
 
 
 def _provenance(run: Run, figures: Figures, name: str) -> list[tuple[str, str]]:
@@ -198,6 +203,6 @@ def _provenance(run: Run, figures: Figures, name: str) -> list[tuple[str, str]]:
         ("scenario", run.name),
         ("seed", short(settings.get("seed"))),
         ("controller", str(settings["controller"]["name"])),
-        ("hash of the record", tag("span", digest, class_="hash")),
+        ("hash of the record, as the drive left it", tag("span", digest, class_="hash")),
         ("ticks", f"{said('ticks', len(run.time))} of {number(1000.0 * run.period, 'ms', 0)}"),
     ]

@@ -130,4 +130,5 @@ def _band(sweep: Sweep, figure: str) -> tuple[float, float] | None:
     wanted = (table.get("criteria") or {}).get(figure)
     if not isinstance(wanted, dict) or figure in varied_criteria(table, sweep.parameters):
         return None
-    return float(wanted.get("min", -math.inf)), float(wanted.get("max", math.inf))
+    low, high = wanted.get("min"), wanted.get("max")
+    return -math.inf if low is None else float(low), math.inf if high is None else float(high)

@@ -68,7 +68,7 @@ def counts(sweep: Sweep, rows: pd.DataFrame) -> Counts:
 def overview(of: Counts, search: bool) -> Html:
     """Return how many runs passed, with Wilson's interval of that share."""
     low, high = wilson(of.passed, of.judged)
-    sure = f"{share(low)} to {share(high)} at 95 %" if of.judged else ""
+    sure = f"95 % interval {share(low)} to {share(high)}" if of.judged else ""
     rows = [
         ("asked for", said("runs", of.asked), "at most: the search chooses which" if search else ""),
         ("finished", said("runs", of.finished), ""),

@@ -79,7 +79,10 @@ def promised(run: Run) -> Html:
         ("what it took", number(found.distance, "m")),
         ("beyond the bound; negative is better than promised", number(found.excess, "m")),
     ]
-    text = f"The stop took {number(found.distance, 'm')} and {held}; {number(TOLERANCE, 'm')} more are tolerated."
+    text = (
+        f"The stop took {number(found.distance, 'm')} and {held}, which a car with the declared brakes needs at most "
+        f"for what was commanded; {number(TOLERANCE, 'm')} more are tolerated."
+    )
     looks = {"class_": "no"} if found.broken else {}
     return sub("Certificate", tag("p", text, **looks), table(("what", Column("value", True)), rows, "certificate"))
 

@@ -11,7 +11,7 @@ from vve_sumo.analysis.cliff import DELAY, NOISE, Cliff, cliff_of
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.report.html import Html, folded, sub, tag
 from vve_sumo.analysis.report.picture import Picture, drawn
-from vve_sumo.analysis.report.tables import of_frame
+from vve_sumo.analysis.report.tables import meanings, of_frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,8 +36,14 @@ def sentences(cliff: Cliff) -> tuple[str, ...]:
 def shown(cliff: Cliff) -> Html:
     """Return the edges of the cliff as a table, and every step folded."""
     said = tag("ul", *(tag("li", line) for line in sentences(cliff)))
-    edges = of_frame(_in_ms(cliff.edges), "where the margin goes to zero")
-    return sub("The cliff", said, edges, folded("Every step", of_frame(_in_ms(cliff.steps), "every step")))
+    edges, steps = _in_ms(cliff.edges), _in_ms(cliff.steps)
+    return sub(
+        "The cliff",
+        said,
+        of_frame(edges, "where the margin goes to zero"),
+        folded("What the columns are", meanings(edges)),
+        folded("Every step", of_frame(steps, "every step"), meanings(steps)),
+    )
 
 
 def _in_ms(table: pd.DataFrame) -> pd.DataFrame:
@@ -45,7 +51,10 @@ def _in_ms(table: pd.DataFrame) -> pd.DataFrame:
     times = [column for column in table.columns if column.endswith("_s")]
     told = table.assign(**{column: 1000.0 * table[column] for column in times})
     told["missed"] = told["missed"].str.replace("+", ", ")
-    return told.rename(columns={column: f"{column[:-2]}_ms" for column in times})
+    names = {column: f"{column[:-2]}_ms" for column in times}
+    told = told.rename(columns=names)
+    told.attrs = {"meanings": {names.get(key, key): text for key, text in table.attrs["meanings"].items()}}
+    return told
 
 
 def picture(cliff: Cliff) -> Picture:

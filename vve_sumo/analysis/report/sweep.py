@@ -48,7 +48,7 @@ def report(sweep: Sweep) -> Report:
             Part("source", "Where it comes from", _source(sweep)),
         ),
         pictures=plots,
-        sources=open_street_map(sweep.plan["table"]),
+        sources=open_street_map(sweep.plan["table"], sweep.plan["files_sha256"].get("network") or ()),
     )
 
 
@@ -78,7 +78,8 @@ def _came(counted: runs.Counts) -> str:
         return f"Of {count(counted.finished, 'run')} none was judged; {counted.faults} came to a fault."
     faults = f"; {count(counted.faults, 'more came', 'more came')} to a fault" if counted.faults else ""
     if counted.failed == 0:
-        return f"All {count(counted.judged, 'judged run')} passed{faults}."
+        every = "The one judged run" if counted.judged == 1 else f"All {said('runs', counted.judged)} judged runs"
+        return f"{every} passed{faults}."
     part = f"{said('runs', counted.passed)} of {said('runs', counted.judged)} judged runs passed"
     return f"{part} ({share(counted.passed / counted.judged)}), {said('runs', counted.failed)} failed{faults}."
 
@@ -150,7 +151,7 @@ def _values(told: object) -> str:
         return short(told)
     if "from" in told:
         steps = f"in steps of {short(told['step'])}" if "step" in told else f"{short(told.get('count'))} values"
-        return f"{short(told['from'])} to {short(told['to'])}, {steps}"
+        return f"{short(told['from'])} to {short(told.get('to'))}, {steps}"
     return f"between {short(told.get('min'))} and {short(told.get('max'))}{', logarithmic' if told.get('log') else ''}"
 
 

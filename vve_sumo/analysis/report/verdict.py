@@ -49,7 +49,7 @@ def of_drive(run: Run, figures: Mapping[str, Any]) -> Verdict:
     """Return the verdict on a drive; `figures` are those of `figures_of`."""
     outcome = figures.get("outcome")
     if outcome is None:
-        return Verdict("broken off", (_cut_short(run), *_closest(figures)))
+        return Verdict("broken off", (_cut_short(run, figures), *_closest(figures)))
     if outcome in ("broken", "interrupted"):
         return Verdict("broken off", (_ending(run, outcome, figures), *_closest(figures)))
     passed = figures.get("passed")
@@ -57,7 +57,7 @@ def of_drive(run: Run, figures: Mapping[str, Any]) -> Verdict:
     return Verdict(word, (_ending(run, outcome, figures), *_closest(figures)))
 
 
-def _cut_short(run: Run) -> str:
+def _cut_short(run: Run, figures: Mapping[str, Any]) -> str:
     speed = run.motion.speed
     known = speed[~(speed != speed)]
     moving = f", with the car at {number(float(known[-1]), 'm/s')}" if len(known) else ""

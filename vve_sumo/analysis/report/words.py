@@ -61,7 +61,8 @@ MEASURES: dict[str, Figure] = {
     "tet_s": Figure("time exposed (TET)", "time with a time to collision below 1.5 s"),
     "tit_s2": Figure("time integrated (TIT)", "by how much the time to collision lay below 1.5 s, summed over time"),
     "cpi_share": Figure(
-        "crash potential index (CPI)", "share of the time in which more deceleration was needed than declared"
+        "crash potential index (CPI)",
+        "share of the time in which more deceleration was needed than the car is declared to reach",
     ),
     "rss_share": Figure("gap shorter than safe (RSS)", "share of the time, by Responsibility-Sensitive Safety"),
     "max_jerk_mps3": Figure("greatest jerk", "rate of change of the acceleration"),
