@@ -152,6 +152,18 @@ def test_of_runs_that_all_came_to_a_fault_nothing_is_known(tmp_path: Path) -> No
     assert told.line == "not judged: Of 2 runs none was judged; 2 came to a fault."
 
 
+def test_what_a_search_drove_is_counted_and_not_shared_out(tmp_path: Path) -> None:
+    spec = PLAN.spec | {"search": {"highest": "impact_speed_mps", "points": 9}}
+    dataset = Dataset(tmp_path / "s", replace(PLAN, spec=spec, cells=9, parameters={"speed": "float"}), resume=True)
+    for number, result in enumerate((ran(True), ran(False), FAULT)):
+        dataset.add(Cell(number, f"{number:016x}", {"speed": float(number)}, 1), result)
+    dataset.close()
+    told = sweep.report(Sweep(tmp_path / "s"))
+    said = "The search was stopped or still goes on. 3 runs were driven, 1 of them to a fault. Over all runs:"
+    assert told.verdict.line.startswith(f"broken off: {said}")
+    assert [picture.name for picture in told.pictures if "distribution" in picture.name] == []
+
+
 def test_a_criterion_that_a_parameter_sets_is_not_said_to_be_the_files(tmp_path: Path) -> None:
     """Nor is its band drawn: it is another one of every run."""
     table = {

@@ -28,6 +28,8 @@ def compare(one: Path, other: Path, out: Path | None) -> int:
     """Run the command: compare two records, print what differs, draw it into `out`; return the exit code."""
     if out is not None and out.suffix.lower() != ".png":
         raise ConfigError(f"--out: expected a file that ends in .png, got {out.name}")
+    if out is not None and not out.parent.is_dir():
+        raise ConfigError(f"--out: no folder {out.parent} for the picture")
     compared = lay_together(_record(one), _record(other))
     _show(compared)
     if out is not None:

@@ -18,11 +18,12 @@ from vve_sumo.analysis.report.page import Part, Report, commands, hashes, versio
 from vve_sumo.analysis.report.picture import Picture
 from vve_sumo.analysis.report.sources import open_street_map
 from vve_sumo.analysis.report.tables import about, meanings, named, of_frame
-from vve_sumo.analysis.report.verdict import figures_of, of_drive
+from vve_sumo.analysis.report.verdict import altered, figures_of, of_drive
 from vve_sumo.analysis.report.words import FIGURES, NONE, count, number, said, share, short
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import radar_statistics
 from vve_sumo.analysis.units import unit_of
+from vve_sumo.drive.replay import altered_parts
 
 Figures = Mapping[str, Any]
 
@@ -47,10 +48,11 @@ RADAR = (
 def report(run: Run) -> Report:
     """Return the report of a drive, whole or cut short."""
     figures, plots = figures_of(run), pictures.of_drive(run)
+    verdict, changed = of_drive(run, figures), altered_parts(run.folder)
     return Report(
         kind=f"Report of a {kind_of(run, figures)}",
         title=run.title,
-        verdict=of_drive(run, figures),
+        verdict=altered(verdict, changed) if changed else verdict,
         parts=(
             Part("asked", "What was asked", _asked(run, figures)),
             Part("happened", "What happened", _happened(run, figures, plots[0])),

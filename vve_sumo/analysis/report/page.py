@@ -14,7 +14,7 @@ from vve_sumo.analysis.report.picture import Picture
 from vve_sumo.analysis.report.verdict import Verdict
 
 #: what the verdict looks like
-LOOKS = {"passed": "verdict good", "FAILED": "verdict bad"}
+LOOKS = {"passed": "verdict good", "FAILED": "verdict bad", "altered": "verdict bad"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,6 +51,13 @@ WORST = (
 )
 
 
+#: of a map
+LACKING = (
+    "Runs without that figure, such as the gap of one that drove through what was ahead, are in no mean; a cell that "
+    "has no other runs is hatched."
+)
+
+
 def of_drive(run: Run) -> tuple[Picture, ...]:
     """Return the plots of a drive."""
     from vve_sumo.analysis import plots
@@ -68,8 +75,8 @@ def of_sweep(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> tuple[
     """Return the plots of a sweep; `figures` are those that matter, the most important one first."""
     from vve_sumo.analysis import plots
 
-    told = list(_search(sweep)) if sweep.plan["spec"].get("search") else list(_maps(sweep, rows, figures))
-    told += list(_curves(sweep, rows, figures))
+    searched = bool(sweep.plan["spec"].get("search"))
+    told = [*_search(sweep)] if searched else [*_maps(sweep, rows, figures), *_curves(sweep, rows, figures)]
     if rows["stop_gap_m"].notna().any() and _differ(rows):
         told.append(drawn(plots.gap_against_speed(rows), "gap_against_speed", "gap at rest over speed", AT_REST))
     if rows["stop_distance_m"].notna().any():
@@ -104,7 +111,7 @@ def _maps(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[
         if not rows[figure].notna().any():
             continue
         what = "share of runs that passed" if figure == "passed" else f"mean {figure_of(figure).name}"
-        caption = f"The {what} over {x} to the right and {y} upwards.{over} A hatched cell has no run with that figure."
+        caption = f"The {what} over {x} to the right and {y} upwards.{over} {LACKING}"
         yield drawn(plots.heat_map(rows, x, y, figure), f"map_{figure}", f"{what} over {x} and {y}", caption)
 
 

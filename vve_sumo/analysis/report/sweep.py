@@ -59,7 +59,8 @@ def _search(sweep: Sweep) -> dict[str, Any] | None:
 
 def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, cliff: Cliff | None) -> Verdict:
     """Return the verdict on a sweep: nobody judges what a search or a study went looking for."""
-    ends = (_came(counted), *_extremes(rows))
+    looked = _search(sweep) is not None or cliff is not None
+    ends = (_driven(counted) if looked else _came(counted), *_extremes(rows))
     if _search(sweep) is not None:
         if sweep.found is None:
             return Verdict("broken off", ("The search was stopped or still goes on.", *ends))
@@ -71,6 +72,12 @@ def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, cliff: Cliff
         return Verdict("not judged", (*study.sentences(cliff), *ends))
     word: Word = "FAILED" if counted.failed else ("not judged" if counted.faults or not counted.judged else "passed")
     return Verdict(word, ends)
+
+
+def _driven(counted: runs.Counts) -> str:
+    """Say how many runs there were; the share that passed would tell of the points that were chosen, and no more."""
+    faults = f", {said('runs', counted.faults)} of them to a fault" if counted.faults else ""
+    return f"{count(counted.finished, 'run was', 'runs were')} driven{faults}."
 
 
 def _came(counted: runs.Counts) -> str:
@@ -189,7 +196,7 @@ def _happened(
         study.shown(cliff) if cliff is not None else Html(""),
         found.shown(sweep.found, rows.attrs.get("units")) if sweep.found is not None else Html(""),
         runs.overview(counted, searched),
-        runs.spread(rows, sweep.figures),
+        Html("") if searched else runs.spread(rows, sweep.figures),
         Html("") if searched else runs.combinations(sweep, rows, figures),
         runs.worst(rows, sweep, figures, sweep.folder.resolve().name),
         stops.flagged(rows),

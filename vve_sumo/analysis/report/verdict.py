@@ -6,7 +6,7 @@ Reads figures that others measured; must not know how the page looks.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -16,7 +16,7 @@ from vve_sumo.drive.figures import measure
 from vve_sumo.drive.reasons import in_words
 
 #: as it stands on the page
-Word = Literal["passed", "FAILED", "not judged", "broken off"]
+Word = Literal["passed", "FAILED", "not judged", "broken off", "altered"]
 #: gaps that differ by less are the same to a reader [m]
 SAME = 0.005
 
@@ -55,6 +55,12 @@ def of_drive(run: Run, figures: Mapping[str, Any]) -> Verdict:
     passed = figures.get("passed")
     word: Word = "not judged" if passed is None else ("passed" if passed else "FAILED")
     return Verdict(word, (_ending(run, outcome, figures), *_closest(figures)))
+
+
+def altered(verdict: Verdict, parts: Sequence[str]) -> Verdict:
+    """Return the verdict on a record of which parts are not as the drive left them: none that anybody can vouch for."""
+    warning = f"Changed since the drive: {', '.join(parts)}. What follows is what the record says now."
+    return Verdict("altered", (warning, *verdict.sentences))
 
 
 def _cut_short(run: Run, figures: Mapping[str, Any]) -> str:
@@ -118,7 +124,7 @@ def _closest(figures: Mapping[str, Any]) -> tuple[str, ...]:
         return ("Nothing was ever ahead of it in its way.",)
     time = "" if math.isnan(ttc) else f"; the least time to collision was {number(ttc, 's')}"
     if gap < 0.0:
-        return (f"The outlines overlapped by {number(-gap, 'm')} at most{time}.",)
+        return (f"Along its path it came {number(-gap, 'm')} into what was there{time}.",)
     if abs(rest - gap) < SAME:
         return (f"It was never nearer to anything in its way{time}.",)
     return (f"The closest approach to anything in its way was {number(gap, 'm')}{time}.",)

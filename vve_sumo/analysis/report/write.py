@@ -41,6 +41,10 @@ def put(report: Report, folder: Path) -> Path:
     page = report.page().encode()
     if report.pictures:
         (folder / PICTURES).mkdir(exist_ok=True)
+    drawn = {f"{picture.name}.png" for picture in report.pictures}
+    for old in (folder / PICTURES).glob("*.png"):
+        if old.name not in drawn:
+            old.unlink()
     for picture in report.pictures:
         _replace(folder / PICTURES / f"{picture.name}.png", picture.png)
     _replace(folder / PAGE, page)
