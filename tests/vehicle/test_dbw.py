@@ -6,7 +6,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from vve_sumo.values import Frame
@@ -253,12 +253,22 @@ ALL = st.one_of(
 )  # fmt: skip
 
 
+def within_bounds(message):
+    """A pedal command whose count, the nearest to a bound, stands for a little more than it: said as the bound."""
+    if not isinstance(message, dbw.BrakeCommand | dbw.ThrottleCommand) or message.kind.name != "PEDAL":
+        return message
+    low, high = (0.15, 0.5) if isinstance(message, dbw.BrakeCommand) else (0.15, 0.8)
+    return message._replace(value=min(max(message.value, low), high))
+
+
+@example(dbw.BrakeCommand(dbw.BrakeKind.PEDAL, 0.5, False, 0))
+@example(dbw.ThrottleCommand(dbw.ThrottleKind.PEDAL, 0.15, False, 0))
 @given(ALL)
 def test_what_was_said_is_understood(message):
     frame = dbw.encode(message)
     understood = dbw.decode(frame)
     assert type(understood) is type(message)
-    assert dbw.encode(understood) == frame
+    assert dbw.encode(within_bounds(understood)) == frame
     for name, said, heard in zip(message._fields, message, understood, strict=True):
         if type(said) is float:
             assert heard == pytest.approx(said, abs=2.01 if name.startswith("torque_") else 0.51), name
