@@ -73,6 +73,22 @@ def test_nothing_to_measure_is_not_a_number() -> None:
     assert math.isnan(measured.min_ttc_s)
 
 
+def test_a_drive_that_broke_before_its_first_tick_has_no_figures() -> None:
+    """The street may have been looked at by then."""
+    actors = actors_of([{"tick": 0, "actor": "lead", "x_m": 60.0}])
+    measured = figures.measure(ticks_of([]), actors, straight(), CAR)
+    assert math.isnan(measured.min_gap_m)
+    assert math.isnan(measured.stop_distance_m)
+
+
+def test_actors_belong_to_the_tick_of_their_number_where_ticks_were_missed() -> None:
+    ticks = ticks_of([{"tick": number, "true_x_m": 10.0, "station_m": 10.0} for number in (3, 4, 7)])
+    actors = actors_of([{"tick": number, "actor": "lead", "x_m": 50.0 + number} for number in (3, 4, 5, 7)])
+    assert figures.index_of_tick(ticks, actors).tolist() == [0, 1, -1, 2]
+    gap = figures.ahead(ticks, actors, straight(), CAR).gap + CAR.rear_axle_to_bumper
+    assert gap == pytest.approx([41.0, 42.0, 45.0], abs=1e-9)
+
+
 def test_around_a_bend_the_gap_counts_along_the_path() -> None:
     """On a circle of 50 m, a small box at 90 degrees ahead is a quarter of the circumference away, not the chord."""
     angles = np.linspace(0.0, math.pi, 120)

@@ -177,6 +177,8 @@ def index_of_tick(ticks: pa.Table, rows: pa.Table) -> Indices:
     A live drive's ticks have gaps where it missed some.
     """
     numbers, wanted = ticks["tick"].to_numpy(), rows["tick"].to_numpy()
+    if not len(numbers):
+        return np.full(len(wanted), -1)
     at = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
     return np.where(numbers[at] == wanted, at, -1)
 
