@@ -21,7 +21,7 @@ class Event(enum.StrEnum):
     EXPIRED = "expired"  #: no setpoint that is still good
     FAULT = "fault"  #: something is broken; the car can still be commanded
     OVERRIDE = "override"  #: the driver took over
-    STOP = "stop"  #: the operator's act
+    STOP = "stop"  #: the operator's act, or the drive is over
     AT_REST = "at_rest"  #: the car stands and is held
     PARKED = "parked"  #: the car stands in park
     DISARM = "disarm"  #: the operator's act
@@ -130,6 +130,7 @@ REASONS: Final[dict[str, str]] = {
     "bus_down": "the car's bus takes no frames",
     "disarm_asked": "the operator asked to disarm; the car is stopped first",
     "drive_gone": "the process that computes setpoints is gone",
+    "drive_over": "the drive is over",
     "driver_not_on_brake": "in drive the driver's brake must hold the car until it is taken over",
     "driver_on_brake": "the driver's foot is on the brake",
     "driver_on_throttle": "the driver's foot is on the throttle",
@@ -147,7 +148,7 @@ REASONS: Final[dict[str, str]] = {
     "kit_watchdog": "the kit's watchdog has latched",
     "no_setpoint": "no setpoint that is still good",
     "not_in_park": "cannot disarm before the car is in park: it would creep away",
-    "not_standing": "the car is moving",
+    "not_standing": "the wheels do not say that the car stands",
     "operator_gone": "nobody is at the controls any more",
     "profile_invalid": "a setpoint's way to rest is no way and the setpoint was refused",
     "report_invalid": "the car reports one of its measurements as invalid",
