@@ -210,6 +210,7 @@ class Console:
             if verdict.state in ENDING:
                 self.why = verdict.reasons
             self._status |= {
+                "time_s": feedback.time,
                 "state": verdict.state.value,
                 "reasons": list(verdict.reasons),
                 "wheel_speed_mps": feedback.wheel_speed,

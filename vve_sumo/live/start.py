@@ -41,7 +41,7 @@ class Start(NamedTuple):
 
     def turn(self) -> str:
         """Return the turn in words."""
-        return f"turned by {math.degrees(self.turned):.0f} deg"
+        return f"turned by {math.degrees(abs(self.turned)):.0f} deg to the {'left' if self.turned >= 0.0 else 'right'}"
 
 
 def of(pose: Pose, path: Path) -> Start:

@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Final
 
+from vve_sumo.drive.lockstep import WAITING
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.values import ArmingState
 
 #: a drive that has told nothing for so long is said to be silent [s]
 SILENCE: Final = 0.5
-#: reasons that are written out
+#: reasons that are written out in a picture, and in the line of a transition
 MOST_REASONS: Final = 8
+MOST_IN_A_LINE: Final = 4
 
 
 class Guard(enum.StrEnum):
@@ -42,6 +44,7 @@ LEFT: Final = "nobody is at the controls: the gateway stops the car"
 HELD: Final = "engaged and held: the driver lets go of the pedals"
 DRIVING: Final = "driving: any key stops"
 REHEARSED: Final = "rehearsal over: the gateway is gone"
+REHEARSAL_HELD: Final = "rehearsal: g begins, any other key ends it"
 REHEARSING: Final = "rehearsal: the driver drives, any key ends it"
 
 _PHASES: Final = {
@@ -64,7 +67,7 @@ _REHEARSAL: Final = {
 _ENGAGED_PHASES: Final = {
     "engaging": "engaging: the kit is being enabled",
     "shifting": "engaging: the car shifts to drive",
-    "waiting_for_go": "engaged and held: g goes, any other key stops",
+    WAITING: "engaged and held: g goes, any other key stops",
 }
 #: reasons that are told by the phase itself, or by what is to be done
 _TOLD: Final = frozenset({*_ENGAGED_PHASES, "shadow", "brake_not_following", "driver_needed"})
@@ -87,6 +90,7 @@ _ADVICE: Final = {
     _ENGAGED_PHASES["engaging"]: "the driver lets go of the pedals",
     _ENGAGED_PHASES["shifting"]: "the driver lets go of the pedals",
     _REHEARSAL[ArmingState.READY]: "nothing will be enabled: the driver drives, and brakes",
+    REHEARSAL_HELD: "the kit is not enabled: the driver holds the car",
     REHEARSING: "no key stops the car: the driver does",
     _PHASES[ArmingState.STOPPING]: "wait; the driver's brake takes over at once, and ends it",
     _PHASES[ArmingState.STOPPED]: "the gateway ends once P is reported, or the driver's brake has taken over",
@@ -123,12 +127,18 @@ def _by_state(status: Mapping[str, Any], engaged: bool) -> str:
     if state is ArmingState.STOPPED and "driver_needed" in reasons:
         return NEEDED
     if state is ArmingState.ENGAGED:
-        for code, words in _ENGAGED_PHASES.items():
-            if code in reasons:
-                return words
-        if not status.get("went", True) and not _DRIVER.isdisjoint(reasons):
-            return HELD
+        return _engaged(status, reasons)
     return (_REHEARSAL if rehearsal(status) else _PHASES)[state]
+
+
+def _engaged(status: Mapping[str, Any], reasons: Collection[str]) -> str:
+    if rehearsal(status):
+        return REHEARSAL_HELD if WAITING in reasons else REHEARSING
+    for code, words in _ENGAGED_PHASES.items():
+        if code in reasons:
+            return words
+    # Under way the driver's foot only keeps the throttle shut; before the go it keeps the car waiting.
+    return DRIVING if status.get("went", True) or _DRIVER.isdisjoint(reasons) else HELD
 
 
 def rehearsal(status: Mapping[str, Any]) -> bool:
@@ -154,6 +164,8 @@ def advice(status: Mapping[str, Any]) -> str:
 def transition(status: Mapping[str, Any]) -> str:
     """Return the line that tells of a transition, with its reasons."""
     time_s, words = status.get("time_s"), why(status)
+    if len(words) > MOST_IN_A_LINE:
+        words = [*words[:MOST_IN_A_LINE], f"and {len(words) - MOST_IN_A_LINE} more"]
     line = f"{_number(time_s, '8.2f')} s  {phase(status).upper()}"
     return f"{line}: {'; '.join(words)}" if words else line
 
