@@ -56,6 +56,7 @@ class Desk:
         while not condition():
             assert time.monotonic() < deadline, self.text[-3000:]
             self._read()
+            assert self.process.poll() is None or condition(), self.text[-3000:]
 
     def shows(self, words: str) -> None:
         """Read on until the picture begins with these words."""
@@ -73,13 +74,26 @@ class Desk:
                 self.pieces.append((time.monotonic(), os.read(self._master, 65536).decode().replace("\r\n", "\n")))
 
 
+#: what of the command drives: the picture after the drive takes as long as a short drive
+DRIVES = [
+    "-c",
+    """
+import sys
+from pathlib import Path
+from vve_sumo.live.command import live, plan
+scenario, _, rig, _, out = sys.argv[1:]
+live(plan(scenario, rig, Path.cwd(), out=Path(out), seed=None, controller=None, shadow=False))
+""",
+]
+
+
 @contextlib.contextmanager
 def desk(*arguments: str, record: Path) -> Iterator[Desk]:
-    """Run `vve-sumo` with these arguments on a terminal of its own; what still runs afterwards is killed."""
+    """Drive with these arguments on a terminal of its own; what still runs afterwards is killed."""
     master, slave = pty.openpty()
     termios.tcsetwinsize(slave, (40, 160))
     process = subprocess.Popen(
-        [sys.executable, "-m", "vve_sumo.cli", *arguments, "--out", str(record)],
+        [sys.executable, *DRIVES, *arguments, "--out", str(record)],
         cwd=REPOSITORY,
         stdin=slave,
         stdout=slave,
