@@ -207,6 +207,11 @@ class Chain:
         }
 
     @property
+    def pose(self) -> Pose | None:
+        """Pose of the rear axle at the tick that was last seen; None before the first trusted fix."""
+        return self._seen.pose
+
+    @property
     def failure(self) -> str:
         """What the controller's last failure said; empty where it never failed."""
         return self._controller.text
