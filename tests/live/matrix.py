@@ -62,7 +62,7 @@ WATCHDOG: Final = Layer("the kit's watchdog", _TESTED["deceleration_mps2"], 0.0,
 
 
 class Fault(NamedTuple):
-    """A fault that the hardware-free car puts on (`plant.rehearsal`)."""
+    """A fault that the hardware-free car puts on (`plant.rehearsed`)."""
 
     kind: str
     duration: float = 3600.0
