@@ -512,8 +512,8 @@ def test_a_frozen_report_goes_on_coming_and_says_one_thing(kind):
 
 
 def braking(now: float) -> tuple[float, float, float]:
-    """Pull away, then hold the brakes at 1000 N m."""
-    return straight(now) if now < 2.4 else (1000.0, 0.0, 0.0)
+    """Pull away, then hold the brakes at 600 N m."""
+    return straight(now) if now < 2.4 else (600.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
@@ -523,12 +523,12 @@ def test_weak_brakes_slow_the_car_by_their_share_and_believe_more(share):
     speeds = {time: truth.speed for time, truth in ride.truths.items()}
     calibration = PARAMETERS.calibration
     drag = calibration.drag(speeds[3.55]) / calibration.mass
-    expected = share * calibration.brake_force(1000.0) / calibration.mass + drag
+    expected = share * calibration.brake_force(600.0) / calibration.mass + drag
     # Whatever the idling engine still pushes is told by the one with no brakes at all.
     creep = calibration.creep(speeds[3.55]) / calibration.mass
     assert (speeds[3.5] - speeds[3.6]) / 0.1 == pytest.approx(expected - creep, abs=0.03)
     (believed,) = {info.torque_actual for time, info in ride.said(BrakeInfo) if 3.5 < time < 3.6}
-    assert believed == pytest.approx(1000.0, abs=4.0)
+    assert believed == pytest.approx(600.0, abs=4.0)
 
 
 def test_the_drivers_foot_gets_all_of_the_brakes():
