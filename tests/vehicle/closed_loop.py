@@ -21,7 +21,7 @@ from vve_sumo.drive.setting import EPOCH, PERIOD
 from vve_sumo.frames import Alignment, Placement, local_frame
 from vve_sumo.path import Path
 from vve_sumo.plant import fusion
-from vve_sumo.plant.car import CarOutput, CarParameters
+from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.rehearsed import STARTED, Rehearsed
 from vve_sumo.plant.rehearsed_car import RehearsedCar
 from vve_sumo.pose.ncom import Decoder
@@ -69,13 +69,19 @@ class ClosedLoop:
         seed: int = 1,
         controller: Controller | None = None,
         deviation_limit: float = math.inf,
+        chain: type[Chain] = Chain,
     ) -> None:
         parameters = parameters or fusion.parameters()
         vehicle, begin = parameters.vehicle, path.at(0.0)
         seeds = np.random.SeedSequence(seed).spawn(3)
         start = begin.x, begin.y, begin.heading
-        self.car = RehearsedCar(parameters, start, LOT, EPOCH, seeds[0], faults, seeds[2])
-        self.chain = Chain(
+        faults = tuple(faults)
+        self.car: Car | RehearsedCar = (
+            RehearsedCar(parameters, start, LOT, EPOCH, seeds[0], faults, seeds[2])
+            if faults
+            else Car(parameters, start, LOT, EPOCH, seeds[0])
+        )
+        self.chain = chain(
             decoder=Decoder(),
             gate=TrustGate(DRIVE, EPOCH),
             placement=Placement(LOT, Alignment(), parameters.receiver.mounting, EPOCH),

@@ -40,10 +40,12 @@ class CarParameters:
     friction: float  #: of tyre on road
     throttle_delay: float  #: dead time from frame to first force [s]
     gyro_noise: float = 1e-3  #: of the car's own gyroscope, 1 sigma [rad/s]
+    gyro_bias: float = 0.0  #: what the car's own gyroscope says at rest [rad/s], counter-clockwise
     mass_factor: float = 1.0  #: true over declared mass, and yaw inertia with it
     brake_gain_factor: float = 1.0  #: true over believed brake torque; the car's own reports don't know it
     grade: float = 0.0  #: slope along the car's path [rad], uphill positive
     steering_wheel_bias: float = 0.0  #: reported wheel angle at which the wheels point straight [rad], left positive
+    wheel_radius_factor: float = 1.0  #: true over declared rolling radius
     heading_misalignment: float = 0.0  #: of the receiver beyond its declared mounting [rad], counter-clockwise
 
 
@@ -103,8 +105,9 @@ class Car:
         )
         gyro_seeds, receiver_seeds = seeds.spawn(2)
         gyro_noise = parameters.receiver.noise * parameters.gyro_noise
-        axles = Axles(vehicle.wheelbase, parameters.track, vehicle.wheel_radius)
-        self._reports = Reports(axles, gyro_noise, White(gyro_seeds))
+        radius = vehicle.wheel_radius * parameters.wheel_radius_factor
+        axles = Axles(vehicle.wheelbase, parameters.track, radius)
+        self._reports = Reports(axles, gyro_noise, White(gyro_seeds), parameters.gyro_bias)
         self._receiver = Receiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)
         self._brake_force = parameters.brake_gain_factor * calibration.brake_force(1.0)
         self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias

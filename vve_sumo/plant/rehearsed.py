@@ -119,6 +119,7 @@ class Due:
 
     def __init__(self, rehearsed: Iterable[Rehearsed]) -> None:
         self._rehearsed = tuple(rehearsed)
+        self._kinds = frozenset(fault.kind for fault in self._rehearsed)
         self.moved = math.inf  #: when the car first did, and what is rehearsed is counted from
 
     def moves(self, time: float, speed: float) -> None:
@@ -128,10 +129,12 @@ class Due:
 
     def ever(self, kind: str) -> bool:
         """Whether the `kind` is rehearsed at all."""
-        return any(fault.kind == kind for fault in self._rehearsed)
+        return kind in self._kinds
 
     def share(self, kind: str, time: float) -> Share | None:
         """Return what there is of the `kind` at `time`; None where none is due."""
+        if kind not in self._kinds:
+            return None
         since = time - self.moved
         for fault in self._rehearsed:
             if fault.kind == kind and fault.at <= since < fault.at + fault.duration:
