@@ -18,6 +18,9 @@ MOMENT = "VVE_TEST_MOMENT"  # environment variable: name of the file
 SPEED = 4.4  # [m/s]
 WANDER = 0.04  # road-wheel angle [rad]: 1 m aside after 12 m
 
+WEAVE, WEAVES_IN = 0.06, 3.0  # road-wheel angle [rad] to both sides, in a period of so long [s]
+BRAKES = 2.0  # [m/s2]
+
 Spoiling = Callable[[Setpoint], Setpoint]
 
 
@@ -68,9 +71,15 @@ def _busy(duration: float) -> Spoiling:
     return spoil
 
 
+def _weave(answer: Setpoint) -> Setpoint:
+    return replace(answer, steering=WEAVE * math.sin(math.tau * time.monotonic() / WEAVES_IN))
+
+
 raising = _maker(_raise)
 not_a_number = _maker(lambda answer: replace(answer, acceleration=math.nan))
 hanging = _maker(_hang)
 slow = _maker(_busy(0.030))
 slowish = _maker(_busy(0.012))
 wandering = _maker(lambda answer: replace(answer, steering=-WANDER), 3.0)
+weaving = _maker(_weave, 3.5)
+braking = _maker(lambda answer: replace(answer, acceleration=min(answer.acceleration, -BRAKES)))

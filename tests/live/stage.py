@@ -236,15 +236,19 @@ class Stage:
         if row.faults:
             truth = read_truth(self.record)
             moved = float(truth["time_s"][np.flatnonzero(np.abs(truth["speed_mps"]) > STARTED)[0]])
-            moment = self.t0 + moved + AT
+            moment = self.t0 + moved + AT + min(row.faults[0].later, 0.0)
             time.sleep(max(moment - time.monotonic(), 0.0))
-            return moment
+            return max(moment, self._spoilt(console)) if row.controller else moment
         if row.signal is not None:
             return self._send(row.signal.process)
         if act is not None:
             moment = time.monotonic()
             act()
             return moment
+        return self._spoilt(console)
+
+    def _spoilt(self, console: subprocess.Popen[bytes]) -> float:
+        """Wait until the controller goes wrong; return when it did."""
         until(lambda: console.poll() is not None or bool(self._moment.exists() and self._moment.read_text()))
         return float(self._moment.read_text()) if self._moment.exists() else math.nan
 
