@@ -30,6 +30,8 @@ class CarReports:
         self.steering = SteeringReport(math.nan, math.nan, math.nan, math.nan, enabled=False)
         self.gear = GearReport(Gear.NONE)
         self.speed = math.nan  #: of the rear axle, from the wheels [m/s], forward positive
+        self.wheels: tuple[float, ...] = ()  #: angular speeds as last reported [rad/s]
+        self._wheels_changed = -math.inf  # when they were last others than before
         self.fastest_wheel = math.nan  #: largest speed of any wheel's tread, without sign [m/s]
         self.yaw_rate = math.nan  #: [rad/s] counter-clockwise
         self.wheel_angle = math.nan  #: last valid angle of the steering wheel [rad], left positive
@@ -46,7 +48,7 @@ class CarReports:
                 troubles.append("report_malformed")
             elif message is not None:
                 self._times[type(message)] = now
-                self._store(message)
+                self._store(now, message)
         return troubles
 
     def stale(self, now: float) -> list[str]:
@@ -129,10 +131,14 @@ class CarReports:
         fresh = self._times.get(GearReport, -math.inf) >= now - MAX_GEAR_AGE - TOLERANCE
         return fresh and self.gear.gear is Gear.PARK and not self.gear.fault_bus
 
-    def _store(self, message: dbw.Message) -> None:
+    def unchanged(self, now: float) -> float:
+        """For how long the wheel speeds have been the same to the last bit, while they say that the car moves [s]."""
+        return now - self._wheels_changed if self.fastest_wheel > 0.0 else 0.0
+
+    def _store(self, now: float, message: dbw.Message) -> None:
         match message:
             case WheelSpeeds():
-                self._store_wheels(message)
+                self._store_wheels(now, message)
             case YawRate():
                 self.yaw_rate = message.yaw
             case SteeringReport():
@@ -148,7 +154,9 @@ class CarReports:
             case _:
                 pass
 
-    def _store_wheels(self, wheels: WheelSpeeds) -> None:
+    def _store_wheels(self, now: float, wheels: WheelSpeeds) -> None:
+        if wheels != self.wheels:
+            self.wheels, self._wheels_changed = wheels, now
         # The mean of the rear wheels is the rear axle's speed in a bend too. One invalid wheel makes both numbers NaN.
         self.speed = 0.5 * (wheels.rear_left + wheels.rear_right) * self._wheel_radius
         total = wheels.front_left + wheels.front_right + wheels.rear_left + wheels.rear_right
