@@ -292,7 +292,7 @@ MATRIX: Final = (
     ),
     Row(
         "brakes_weak", "the brakes give half of what they are told, and report all of it", Right.REST,
-        ("brake_not_following",), HALF, 1.2, faults=(Fault("brakes_weak", value=0.5, later=-1.0),),
+        ("brake_not_following",), HALF, 1.5, faults=(Fault("brakes_weak", value=0.5, later=-1.0),),
         controller="braking",
     ),
     Row(
