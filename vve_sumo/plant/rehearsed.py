@@ -59,7 +59,7 @@ KINDS: Final[dict[str, str]] = {
 }
 
 #: What `value` is where none is given, and the range that it must lie in; the other kinds take none.
-_VALUES: Final[dict[str, tuple[float, float, float]]] = {
+VALUES: Final[dict[str, tuple[float, float, float]]] = {
     "pose_jump": (5.0, -1e4, 1e4),
     "pose_rtk_lost": (0.5, 0.0, 60.0),
     "pose_backwards": (1.0, 0.0, 20.0),
@@ -81,7 +81,7 @@ _VALUES: Final[dict[str, tuple[float, float, float]]] = {
     "driver_touch": (0.20, 0.15, 0.22),
     "kit_dropout": (3.0, 1.0, 3.0),
 }
-_NO_VALUE: Final = (math.nan, math.nan, math.nan)
+NO_VALUE: Final = (math.nan, math.nan, math.nan)
 
 STARTED: Final = 0.5  # the speed that starts the rehearsal's time [m/s]
 
@@ -101,9 +101,9 @@ class Rehearsed:
             raise ConfigError(f"rehearsal: kind must be one of {', '.join(sorted(KINDS))}; got {self.kind!r}")
         if not (0.0 <= self.at < math.inf and self.duration > 0.0):
             raise ConfigError(f"rehearsal {self.kind}: at must be 0 s or more and duration positive, got {self}")
-        _usual, least, most = _VALUES.get(self.kind, _NO_VALUE)
+        _usual, least, most = VALUES.get(self.kind, NO_VALUE)
         if not (least <= self.value <= most or math.isnan(self.value)):
-            wanted = f"value must be {least:g} to {most:g}" if self.kind in _VALUES else "takes no value"
+            wanted = f"value must be {least:g} to {most:g}" if self.kind in VALUES else "takes no value"
             raise ConfigError(f"rehearsal {self.kind}: {wanted}, got {self.value:g}")
 
 
@@ -138,7 +138,7 @@ class Due:
         since = time - self.moved
         for fault in self._rehearsed:
             if fault.kind == kind and fault.at <= since < fault.at + fault.duration:
-                usual = _VALUES.get(kind, _NO_VALUE)[0]
+                usual = VALUES.get(kind, NO_VALUE)[0]
                 return Share(usual if math.isnan(fault.value) else fault.value, since - fault.at)
         return None
 
