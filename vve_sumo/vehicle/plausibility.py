@@ -77,6 +77,15 @@ class _Place(NamedTuple):
     distance: float
     turned: float
 
+    def seen(self, later: _Place) -> tuple[float, float]:
+        """How far ahead and to the left of where dead reckoning leads from here a later pose lies [m]."""
+        cosine, sine = math.cos(self.own_heading), math.sin(self.own_heading)
+        x, y = later.own_x - self.own_x, later.own_y - self.own_y
+        own_ahead, own_left = x * cosine + y * sine, y * cosine - x * sine
+        cosine, sine = math.cos(self.heading), math.sin(self.heading)
+        x, y = later.x - self.x, later.y - self.y
+        return x * cosine + y * sine - own_ahead, y * cosine - x * sine - own_left
+
 
 class _Frozen:
     """Tells when a value stays the same while what it should follow changes."""
@@ -118,6 +127,7 @@ class Plausibility:
         self._x = self._y = self._heading = self._distance = self._turned = 0.0  # dead reckoning
         self._kept: tuple[deque[_Place], ...] = tuple(deque() for _ in WINDOWS)
         self._sampled = -math.inf
+        self._turn = 0  # of the windows
 
     def step(
         self, now: float, elapsed: float, car: CarMotion, setpoint: Setpoint | None, fresh: bool
@@ -206,19 +216,17 @@ class Plausibility:
             self._sampled = -math.inf
 
     def _pose(self, now: float, car: CarMotion, setpoint: Setpoint) -> list[str]:
-        """Hold the setpoint's pose against those of the windows."""
+        """Hold the setpoint's pose against an earlier one, of one window after the other."""
         place = self._place(now, car, setpoint)
-        reasons: list[str] = []
-        for window, kept in zip(WINDOWS, self._kept, strict=True):
-            while kept and kept[0].time < place.time - window:
-                kept.popleft()
-            if kept:
-                reasons += self._compared(kept[0], place)
+        self._turn = (self._turn + 1) % len(WINDOWS)
+        kept, oldest = self._kept[self._turn], place.time - WINDOWS[self._turn]
+        while kept and kept[0].time < oldest:
+            kept.popleft()
         if place.time - self._sampled >= SAMPLE_PERIOD:
             self._sampled = place.time
-            for kept in self._kept:
-                kept.append(place)
-        return list(dict.fromkeys(reasons))
+            for window in self._kept:
+                window.append(place)
+        return self._compared(kept[0], place) if kept else []
 
     def _place(self, now: float, car: CarMotion, setpoint: Setpoint) -> _Place:
         """The setpoint's pose, and dead reckoning taken back to its time."""
@@ -243,13 +251,7 @@ class Plausibility:
         uncertain = bias * (now.time - then.time) + TURN_SHARE * turned
         off_heading = math.remainder(now.heading - then.heading - now.own_heading + then.own_heading, math.tau)
         reasons = [] if abs(off_heading) <= HEADING_DIFFERENCE + uncertain else ["heading_mismatch"]
-        # Dead reckoning's way, turned to where the pose pointed then; what is left is seen from the car as it was.
-        own_x, own_y = now.own_x - then.own_x, now.own_y - then.own_y
-        cosine, sine = math.cos(then.own_heading), math.sin(then.own_heading)
-        own_ahead, own_left = own_x * cosine + own_y * sine, own_y * cosine - own_x * sine
-        x, y = now.x - then.x, now.y - then.y
-        cosine, sine = math.cos(then.heading), math.sin(then.heading)
-        ahead, left = x * cosine + y * sine - own_ahead, y * cosine - x * sine - own_left
+        ahead, left = then.seen(now)
         across = POSITION_DIFFERENCE + (LATERAL_SHARE + 0.5 * uncertain) * distance
         along = POSITION_DIFFERENCE + (self._speed_share + 0.5 * uncertain) * distance
         allowed = math.hypot(across, along) if turned > 0.5 else across
