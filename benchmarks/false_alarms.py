@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -184,6 +185,7 @@ def drive(hours: float, noise: float, seed: int, processes: int) -> Tally:
     with ProcessPoolExecutor(processes) as crew:
         for tally in crew.map(legs, [seed] * len(portions), portions, [noise] * len(portions)):
             total.add(tally)
+            print(f"{total.seconds / 3600.0:.2f} h, {dict(total.stops)}", file=sys.stderr, flush=True)
     return total
 
 
