@@ -205,7 +205,11 @@ class Stage:
 
     def _under_way(self, console: subprocess.Popen[bytes]) -> bool:
         """Wait until the car moves, where a fault is rehearsed, or is fast enough; whether it came to that."""
-        while self._speed() < (STARTED if self.row.faults else SPEED):
+        return self.moving(console, STARTED if self.row.faults else SPEED)
+
+    def moving(self, console: subprocess.Popen[bytes], least: float) -> bool:
+        """Wait until the car is as fast as `least` [m/s]; whether it came to that."""
+        while self._speed() < least:
             if console.poll() is not None:
                 return False
             if math.isnan(self.t0) and (file := self.record / "processes.json").exists():
