@@ -271,15 +271,15 @@ MATRIX: Final = (
         "throttle_drops_out", "the throttle module works no more", Fault("kit_dropout", value=2.0),
         ("throttle_disabled",), GATEWAY,
     ),
+    # After 8 s wheel speeds are right again: what stands by no evidence but wheels that never change needs its driver.
     _lies(
-        "wheel_speeds_zero", "the car says that it stands", Fault("wheel_speeds_zero"), ("speed_mismatch",), 0.120,
+        "wheel_speeds_zero", "the car says that it stands", Fault("wheel_speeds_zero", 8.0), ("speed_mismatch",), 0.120,
         ("position_mismatch",),
     ),
     _lies(
         "wheel_speeds_scaled", "wheel speeds are three quarters of the true ones", Fault("wheel_speeds_scaled"),
         ("speed_mismatch",), 1.5, ("position_mismatch",),
     ),
-    # Afterwards they are right again: what stands by no evidence but frozen wheels is left to its driver.
     _lies(
         "wheel_speeds_frozen", "wheel speeds stay what they were, while the car gains speed",
         Fault("wheel_speeds_frozen", 8.0, later=-0.75), ("wheel_speeds_frozen",), 1.2,

@@ -155,7 +155,7 @@ class Stage:
         with witness(file), self._console() as console:
             moment = self._break(console) if self._under_way(console) else math.nan
             if self.row.right is Right.RIDDEN:
-                last = moment + max(fault.later for fault in self.row.faults) + GOES_ON
+                last = moment + max((fault.later for fault in self.row.faults), default=0.0) + GOES_ON
                 time.sleep(max(last - time.monotonic(), 0.0) if moment == moment else 0.0)
                 console.send_signal(signal.SIGINT)
             alive = self._wait_for_the_end(console)
