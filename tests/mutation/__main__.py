@@ -20,7 +20,9 @@ from tests.mutation.trial import Outcome, all_mutants, explore, judge
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__.splitlines()[2])
-    parser.add_argument("modules", nargs="*", metavar="MODULE", help=f"of {', '.join(SUBJECTS)}; all when none is named")
+    parser.add_argument(
+        "modules", nargs="*", metavar="MODULE", help=f"of {', '.join(SUBJECTS)}; all when none is named"
+    )
     parser.add_argument("--list", action="store_true", help="only print the mutants")
     parser.add_argument("--sample", type=int, metavar="N", help="try N mutants of each module, picked by --seed")
     parser.add_argument("--seed", type=int, default=0)

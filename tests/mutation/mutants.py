@@ -305,9 +305,7 @@ def _statement(node: ast.stmt, place: _Place) -> Iterator[Change]:
     if isinstance(node, ast.Assign) and all(isinstance(target, ast.Name) for target in node.targets):
         # A name that is bound only here would be missing: nothing that a test could overlook.
         bound = [
-            name.id
-            for name in ast.walk(place.parent)
-            if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
+            name.id for name in ast.walk(place.parent) if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
         ]
         arguments = [a.arg for a in ast.walk(place.parent) if isinstance(a, ast.arg)]
         if all(isinstance(t, ast.Name) and (bound + arguments).count(t.id) < 2 for t in node.targets):
@@ -334,7 +332,10 @@ def _match(node: ast.Match, _: _Place) -> Iterator[Change]:
         if case.guard:
             bare = _with(case, guard=None)
             if not (isinstance(case.pattern, ast.MatchAs) and index < len(node.cases) - 1):
-                yield f"guard of {name} dropped", _with(node, cases=[*node.cases[:index], bare, *node.cases[index + 1 :]])
+                yield (
+                    f"guard of {name} dropped",
+                    _with(node, cases=[*node.cases[:index], bare, *node.cases[index + 1 :]]),
+                )
 
 
 def _match_or(node: ast.MatchOr, _: _Place) -> Iterator[Change]:

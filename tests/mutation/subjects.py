@@ -17,7 +17,14 @@ def _vehicle(module: str, *tests: str) -> Subject:
 
 #: Name on the command line to the module and its tests.
 SUBJECTS: Final[dict[str, Subject]] = {
-    "arming": _vehicle("arming", "arming", "diagram"),
+    "arming": Subject(
+        "vve_sumo.vehicle.arming",
+        (
+            "tests/vehicle/test_arming.py",
+            "tests/vehicle/test_diagram.py",
+            "tests/vehicle/test_gateway.py::test_every_reason_it_can_give_has_plain_words",
+        ),
+    ),
     "admission": _vehicle("admission", "admission"),
     "handover": _vehicle("handover", "handover"),
     "reports": _vehicle("reports", "reports"),

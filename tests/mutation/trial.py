@@ -1,8 +1,9 @@
 """Runs a module's tests against its mutants, each in a forked child, and says which mutants lived.
 
 The child forks where everything is imported that does not depend on the module, gets the changed code in place of the
-module's own, and runs only the tests that reach the changed lines, those first that have found most. What a test reaches is
-recorded once, on the unchanged module: up to the changed line a mutant does what the module does, so nothing is missed.
+module's own, and runs only the tests that reach the changed lines, those first that have found most. What a test
+reaches is recorded once, on the unchanged module: up to the changed line a mutant does what the module does, so nothing
+is missed.
 """
 
 from __future__ import annotations
