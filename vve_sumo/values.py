@@ -194,8 +194,11 @@ class Setpoint:
     sequence: int = -1  #: counts up by one a setpoint
     time: float = math.nan  #: drive time it was computed for [s]
     expires: float = math.nan  #: drive time after which nobody may act on it [s]
-    speed: float = math.nan  #: GNSS speed of the rear axle [m/s], for the gateway's plausibility check
-    yaw_rate: float = math.nan  #: GNSS yaw rate [rad/s], for the gateway's plausibility check
+    x: float = math.nan  #: of the rear axle at `time`, map [m]; this and the next four for the plausibility checks
+    y: float = math.nan  #: as x [m]
+    heading: float = math.nan  #: at `time` [rad], counter-clockwise from the map's +x
+    speed: float = math.nan  #: GNSS speed of the rear axle [m/s]
+    yaw_rate: float = math.nan  #: GNSS yaw rate [rad/s]
     grade: float = 0.0  #: slope along the heading [rad], uphill positive, to be fed forward
     faults: tuple[str, ...] = ()  #: reason codes that the drive found; any of them asks for a stop
     profile: StopProfile | None = None  #: the way to rest, checked to lie inside the lot; None where there is none

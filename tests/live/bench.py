@@ -195,7 +195,8 @@ class Bench:
         self._sequence += 1
         now = self.now
         return Setpoint(
-            0.0, 1.0, sequence=self._sequence, time=now, expires=now + LIFETIME, speed=self.car.speed, yaw_rate=0.0
+            0.0, 1.0, sequence=self._sequence, time=now, expires=now + LIFETIME, x=self.car.x, y=0.0, heading=0.0,
+            speed=self.car.speed, yaw_rate=0.0,
         )  # fmt: skip
 
     def _once(self) -> None:

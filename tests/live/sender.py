@@ -22,7 +22,8 @@ def main(descriptor: int, t0: float) -> None:
     """Send setpoints until nobody hears them."""
     channel = adopt(descriptor)
     prefer(DRIVE)
-    speed, due, sequence = 0.0, time.monotonic(), 0
+    speed, driven, due, sequence = 0.0, 0.0, time.monotonic(), 0
+    before = due - t0
     while not channel.closed:
         due = max(due + PERIOD, time.monotonic())
         time.sleep(max(due - time.monotonic(), 0.0))
@@ -30,12 +31,16 @@ def main(descriptor: int, t0: float) -> None:
             feedback = link.decode_feedback(data)
             speed = feedback.wheel_speed if math.isfinite(feedback.wheel_speed) else 0.0
         now = time.monotonic() - t0
+        driven, before = driven + speed * (now - before), now
         setpoint = Setpoint(
             steering=0.0,
             acceleration=min(max(SPEED - speed, -1.5), 1.5),
             sequence=sequence,
             time=now,
             expires=now + 0.1,
+            x=driven,
+            y=0.0,
+            heading=0.0,
             speed=speed,
             yaw_rate=0.0,
         )

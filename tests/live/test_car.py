@@ -93,7 +93,7 @@ class Running:
 
         `wish` gives acceleration and act for the car's speed and the last verdict.
         """
-        decoder, speed, begun = Decoder(), 0.0, time.monotonic() - self.tick * PERIOD
+        decoder, speed, driven, begun = Decoder(), 0.0, 0.0, time.monotonic() - self.tick * PERIOD
         for tick in range(self.tick + 1, self.tick + 1 + round(seconds / PERIOD)):
             time.sleep(max(0.0, begun + tick * PERIOD - time.monotonic()))
             heard = len(self.packets)
@@ -101,11 +101,13 @@ class Running:
             for at, data in self.packets[heard:]:
                 for fix in decoder.feed(data, at):
                     speed = math.hypot(fix.velocity_north, fix.velocity_east)
+            driven += speed * PERIOD
             now, last = tick * PERIOD, self.verdicts[-1] if self.verdicts else None
             acceleration, act = wish(speed, last) if last else (0.0, None)
             setpoint = Setpoint(
-                0.0, acceleration, sequence=tick, time=now, expires=now + 0.1, speed=speed, yaw_rate=0.0
-            )
+                0.0, acceleration, sequence=tick, time=now, expires=now + 0.1, x=driven, y=0.0, heading=0.0,
+                speed=speed, yaw_rate=0.0,
+            )  # fmt: skip
             output = gateway.step(now, setpoint, bus.drain(), act)
             for frame in output.frames:
                 bus.send(frame)

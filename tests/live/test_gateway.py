@@ -84,6 +84,7 @@ def test_steps_are_due_half_a_period_after_the_last_at_the_soonest_and_one_and_a
 def setpoint(sequence: int, **changes: Any) -> Setpoint:
     """A setpoint of a moment."""
     plain = {"sequence": sequence, "time": 0.0, "expires": 0.1, "speed": 0.0, "yaw_rate": 0.0}
+    plain |= {"x": 0.0, "y": 0.0, "heading": 0.0}
     return Setpoint(0.0, 1.0, **(plain | changes))
 
 

@@ -86,7 +86,9 @@ def waiting(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Path]]:
 
 def bait() -> list[bytes]:
     """What somebody might send who knows every format of ours: acts, setpoints, fixes elsewhere, and noise."""
-    setpoint = Setpoint(0.0, 2.0, sequence=1 << 40, time=0.0, expires=0.1, speed=0.0, yaw_rate=0.0)
+    setpoint = Setpoint(
+        0.0, 2.0, sequence=1 << 40, time=0.0, expires=0.1, x=0.0, y=0.0, heading=0.0, speed=0.0, yaw_rate=0.0
+    )  # fmt: skip
     there = Fix(
         time=time.time() - 315_964_800.0 + 18.0, time_received=0.0, latitude=0.7, longitude=-1.4, altitude=200.0,
         heading=0.0, pitch=0.0, roll=0.0, velocity_north=0.0, velocity_east=9.0, velocity_down=0.0, yaw_rate=0.0,

@@ -26,7 +26,7 @@ from vve_sumo.values import Point, Pose, Vehicle
 from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dbw import Variant
-from vve_sumo.vehicle.limits import Envelope, Limits
+from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 
 def rig(**tables: dict[str, Any]) -> Rig:
@@ -53,9 +53,9 @@ def test_every_declared_quantity_has_its_key() -> None:
     assert bare(list(VehicleTable.model_fields)) == {field.name for field in dataclasses.fields(Vehicle)}
     measured = {field.name for field in dataclasses.fields(Calibration)} - {"mass", "brake_torque_limit"}
     assert bare(list(CalibrationTable.model_fields)) == measured | {"date", "steering_wheel_bias"}
-    envelope = {field.name for field in dataclasses.fields(Envelope)}
     limits = {field.name for field in dataclasses.fields(Limits)} - {"comfort", "emergency"}
-    limits |= {f"{prefix}_{name}" for prefix in ("comfort", "emergency") for name in envelope}
+    for prefix, nested in (("comfort", Envelope), ("emergency", EmergencyBraking)):
+        limits |= {f"{prefix}_{field.name}" for field in dataclasses.fields(nested)}
     assert bare(list(LimitsTable.model_fields)) == limits | {"speed"}
 
 

@@ -33,8 +33,12 @@ class Car:
     variant: dbw.Variant = dbw.Variant.DBW1_2024
     speed: float = 0.0
     wheel_angle: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    heading: float = 0.0
     enabled: bool = False
     override: bool = False
+    steering_stuck: bool = False
     driver_brake: bool = False  #: the driver's foot, below what counts as taking over
     silent: set[int] = field(default_factory=set)
     forged: dict[int, Frame] = field(default_factory=dict)
@@ -53,7 +57,7 @@ class Car:
         self.enabled = brake.enable and throttle.enable and steering.enable and not self.override
         self._brake_pipe.append(brake.value if self.enabled else 0.0)
         self._throttle_wish = throttle.value if self.enabled else 0.0
-        if self.enabled:
+        if self.enabled and not self.steering_stuck:
             self._angle_wish = steering.wheel_angle
         if gear.gear is not self._wanted:
             self._wanted, self._shifting = gear.gear, 0.0
@@ -63,6 +67,9 @@ class Car:
         torque_wish = max(self._brake_pipe.pop(0), 400.0 if self.driver_brake else 0.0)
         self._shift(period)
         for _ in range(steps):
+            self.heading += self.yaw_rate * period / steps
+            self.x += self.speed * math.cos(self.heading) * period / steps
+            self.y += self.speed * math.sin(self.heading) * period / steps
             self._advance(period / steps, torque_wish)
         self.wheel_angle += (self._angle_wish - self.wheel_angle) * period / (0.1 + period)
 
@@ -146,6 +153,9 @@ class Rig:
             "sequence": self.sequence,
             "time": self.now,
             "expires": self.now + 0.1,
+            "x": self.car.x,
+            "y": self.car.y,
+            "heading": self.car.heading,
             "speed": self.car.speed,
             "yaw_rate": self.car.yaw_rate,
             "grade": self.car.grade,

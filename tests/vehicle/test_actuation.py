@@ -24,7 +24,7 @@ class Loop:
         self.car = car
         self.grade = car.grade if grade_known else 0.0
         self.car.gear, self.car.enabled, self.car._throttle_wish = Gear.DRIVE, True, 0.0
-        self.actuation = Actuation(Calibration(), FUSION.brake_delay, FUSION.brake_lag, PERIOD)
+        self.actuation = Actuation(Calibration(), FUSION.brake_delay, FUSION.brake_lag)
         self.pedals = []
 
     def run(self, duration: float, wish):
@@ -37,7 +37,7 @@ class Loop:
         return speeds
 
     def step(self, wish: float, measured: float) -> None:
-        pedals = self.actuation.step(wish, measured, self.grade)
+        pedals = self.actuation.step(wish, measured, self.grade, PERIOD)
         self.pedals.append(pedals)
         self.car._brake_pipe.append(pedals.brake_torque)
         self.car._throttle_wish = pedals.throttle
@@ -151,9 +151,9 @@ def test_a_saturated_pedal_winds_nothing_up():
     )
 )
 def test_never_both_pedals_and_never_beyond_their_travel(steps):
-    actuation = Actuation(Calibration(), FUSION.brake_delay, FUSION.brake_lag, PERIOD)
+    actuation = Actuation(Calibration(), FUSION.brake_delay, FUSION.brake_lag)
     for acceleration, speed, grade, brakes_only in steps:
-        brake, throttle = actuation.step(acceleration, speed, grade, brakes_only)
+        brake, throttle = actuation.step(acceleration, speed, grade, PERIOD, brakes_only)
         assert 0.0 <= brake <= 3250.0
         assert 0.0 <= throttle <= 1.0
         assert brake == 0.0 or throttle == 0.0
@@ -162,7 +162,7 @@ def test_never_both_pedals_and_never_beyond_their_travel(steps):
 
 @pytest.mark.parametrize("deceleration", [2.4, 4.0])
 def test_without_a_speed_the_brakes_still_give_what_is_asked_against_full_creep(deceleration):
-    actuation = Actuation(Calibration(), FUSION.brake_delay, FUSION.brake_lag, PERIOD)
+    actuation = Actuation(Calibration(), FUSION.brake_delay, FUSION.brake_lag)
     brake, throttle = actuation.without_speed(deceleration)
     assert throttle == 0.0
     assert (brake * 1690.0 / 550.0 - 600.0) / 1690.0 == pytest.approx(deceleration)

@@ -23,7 +23,7 @@ from vve_sumo.vehicle.gateway import Act, Gateway, GatewayOutput
 
 S = ArmingState
 PERIOD = 0.1
-LONG = 34  # steps: longer than anything that the gateway waits for
+LONG = 46  # steps: longer than anything that the gateway waits for
 
 
 class World(NamedTuple):
@@ -75,23 +75,24 @@ def reports(world: World) -> tuple[Frame, ...]:
 class Explored:
     """A gateway and its clock; a copy of it costs little."""
 
-    def __init__(self, gateway: Gateway, tick: int = 0) -> None:
-        self.gateway, self.tick = gateway, tick
+    def __init__(self, gateway: Gateway, tick: int = 0, x: float = 0.0) -> None:
+        self.gateway, self.tick, self.x = gateway, tick, x
         self._pickled = b""
 
     def copy(self) -> Explored:
         self._pickled = self._pickled or pickle.dumps(self.gateway)
-        return Explored(pickle.loads(self._pickled), self.tick)
+        return Explored(pickle.loads(self._pickled), self.tick, self.x)
 
     def step(self, world: World, act: Act | None = None) -> GatewayOutput:
         self.tick += 1
         now = self.tick * PERIOD
+        self.x += world.speed * PERIOD
         setpoint = None
         if world.said != "none":
             faults = ("pose_lost",) if world.said == "fault" else ()
             setpoint = Setpoint(
                 0.0, 1.0, sequence=self.tick, time=now, expires=now + 0.5 * PERIOD, speed=world.speed, yaw_rate=0.0,
-                faults=faults,
+                x=self.x, y=0.0, heading=0.0, faults=faults,
             )  # fmt: skip
         return self.gateway.step(now, setpoint, reports(world), act, world.found)
 
@@ -111,7 +112,8 @@ class Explored:
         return (
             self.state,
             in_command and (handover.enabled, handover.in_drive, handover.going, bool(gateway._old_overrides)),
-            gateway._at_rest,
+            gateway._standstill.certain,
+            gateway._standstill.at_rest,
             gateway.done,
         )
 

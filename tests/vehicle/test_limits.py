@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.vehicle.car import FUSION, PERIOD
 from vve_sumo.errors import ConfigError
-from vve_sumo.vehicle.limits import COMFORT, EMERGENCY, Limiter, Limits, approach
+from vve_sumo.vehicle.limits import COMFORT, Limiter, Limits, approach
 
 STEERING_LIMIT = 0.55
 WISHES = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -2.4, -9.0, 2.0, 0.3])
@@ -19,34 +19,36 @@ SPEEDS = st.floats(0.0, 40.0)
 
 
 def limiter() -> Limiter:
-    return Limiter(FUSION, Limits(), STEERING_LIMIT, PERIOD)
+    return Limiter(FUSION, Limits(), STEERING_LIMIT)
 
 
 def settled(acceleration: float, steering: float, speed: float, emergency: bool = False):
     """What is granted of a wish that lasts."""
     subject = limiter()
     for _ in range(1000):
-        granted = subject.step(acceleration, steering, speed, emergency)
+        granted = subject.step(acceleration, steering, speed, emergency, PERIOD)
     return granted
 
 
-@given(st.lists(st.tuples(WISHES, WISHES, SPEEDS, st.booleans()), max_size=40))
+@given(st.lists(st.tuples(WISHES, WISHES, SPEEDS, st.booleans(), st.floats(0.0, 0.04)), max_size=40))
 def test_nothing_granted_is_outside_the_envelope_or_changes_too_fast(steps):
     subject, last = limiter(), (0.0, 0.0)
-    for wish, steering, speed, emergency in steps:
-        granted = subject.step(wish, steering, speed, emergency)
-        envelope = EMERGENCY if emergency else COMFORT
+    for wish, steering, speed, emergency, elapsed in steps:
+        granted = subject.step(wish, steering, speed, emergency, elapsed)
         tiny = 1e-9
-        jerk = max(envelope.jerk, envelope.release_jerk)
+        deceleration = 9.0 if emergency else 3.5
         # Coming back from the emergency envelope takes a while: in between the granted value only returns.
-        assert min(-envelope.deceleration, last[0]) - tiny <= granted.acceleration <= envelope.acceleration + tiny
-        assert abs(granted.acceleration - last[0]) <= jerk * PERIOD + tiny
-        if granted.acceleration < last[0] <= 0.0:
-            assert last[0] - granted.acceleration <= envelope.jerk * PERIOD + tiny
+        assert min(-deceleration, last[0]) - tiny <= granted.acceleration <= 2.0 + tiny
+        change = granted.acceleration - last[0]
+        assert -(30.0 if emergency else 10.0) * elapsed - tiny <= change <= 10.0 * elapsed + tiny
+        if change < 0.0 and last[0] <= 0.0:
+            assert -change <= (30.0 if emergency else 5.0) * elapsed + tiny
+        if change > 0.0 and last[0] >= 0.0:
+            assert change <= 5.0 * elapsed + tiny, "an emergency does not let the car accelerate faster"
         bound = math.atan2(FUSION.wheelbase * 3.0, speed * speed) + FUSION.understeer_gradient * 3.0
-        rate = min(FUSION.steering_rate_limit, envelope.lateral_jerk * FUSION.wheelbase / max(speed, 1e-6) ** 2)
-        assert abs(granted.steering - last[1]) <= rate * PERIOD + tiny
-        assert abs(granted.steering) <= max(min(bound, STEERING_LIMIT), abs(last[1]) - rate * PERIOD) + tiny
+        rate = min(FUSION.steering_rate_limit, 5.0 * FUSION.wheelbase / max(speed, 1e-6) ** 2)
+        assert abs(granted.steering - last[1]) <= rate * elapsed + tiny
+        assert abs(granted.steering) <= max(min(bound, STEERING_LIMIT), abs(last[1]) - rate * elapsed) + tiny
         assert (granted.limited == ()) == (granted[:2] == (wish, steering))
         last = granted[:2]
 
@@ -67,8 +69,8 @@ def test_limiting_twice_is_limiting_once(acceleration, steering, speed, emergenc
 
 @given(WISHES, WISHES, WISHES, WISHES, SPEEDS, st.booleans())
 def test_a_larger_wish_is_never_granted_less(first, second, left, right, speed, emergency):
-    a = limiter().step(first, left, speed, emergency)
-    b = limiter().step(second, right, speed, emergency)
+    a = limiter().step(first, left, speed, emergency, PERIOD)
+    b = limiter().step(second, right, speed, emergency, PERIOD)
     assert (a.acceleration <= b.acceleration) or first > second
     assert (a.steering <= b.steering) or left > right
 
@@ -104,29 +106,52 @@ def test_the_largest_angle_drives_the_circle_of_three_meters_per_square_second(s
 def test_a_car_that_oversteers_may_run_out_of_angle_but_never_below_none(speed):
     tail_happy = replace(FUSION, cornering_stiffness_rear=60_000.0)
     assert tail_happy.understeer_gradient < 0.0
-    assert 0.0 <= Limiter(tail_happy, Limits(), STEERING_LIMIT, PERIOD).steering_bound(speed) <= STEERING_LIMIT
+    assert 0.0 <= Limiter(tail_happy, Limits(), STEERING_LIMIT).steering_bound(speed) <= STEERING_LIMIT
 
 
 def test_full_emergency_braking_is_there_in_three_tenths_of_a_second_and_comfort_never_comes_near():
     subject = limiter()
-    granted = [subject.step(-9.0, 0.0, 15.0, True).acceleration for _ in range(16)]
+    granted = [subject.step(-9.0, 0.0, 15.0, True, PERIOD).acceleration for _ in range(16)]
     assert granted[-1] == -9.0
     assert granted[13] > -9.0
     assert settled(-9.0, 0.0, 15.0).acceleration == -3.5
 
 
+@pytest.mark.parametrize("emergency", [False, True])
+def test_rates_count_by_the_time_that_has_passed(emergency):
+    """A second of setpoints at 100 Hz changes no more than a second of them at 50 Hz."""
+    fast, slow = limiter(), limiter()
+    for _ in range(10):
+        fast.step(2.0, 0.5, 10.0, emergency, 0.005)
+        fast.step(2.0, 0.5, 10.0, emergency, 0.015)
+        slow.step(2.0, 0.5, 10.0, emergency, 0.02)
+    assert (fast.acceleration, fast.steering) == pytest.approx((slow.acceleration, slow.steering), abs=1e-9)
+    assert slow.acceleration == pytest.approx(5.0 * 0.2)
+    assert slow.steering == pytest.approx(5.0 * FUSION.wheelbase / 10.0**2 * 0.2)
+
+
+def test_the_way_to_rest_is_steered_with_twice_the_comfort_jerk():
+    subject = limiter()
+    subject.steer(0.5, 10.0, PERIOD)
+    assert subject.steering == pytest.approx(10.0 * FUSION.wheelbase / 10.0**2 * PERIOD)
+
+
 def test_leaving_the_emergency_envelope_releases_the_brakes_at_the_comfort_rate():
     subject = limiter()
     subject.reset(-9.0, 0.0)
-    assert subject.step(0.0, 0.0, 10.0, False).acceleration == pytest.approx(-9.0 + 10.0 * PERIOD)
+    assert subject.step(0.0, 0.0, 10.0, False, PERIOD).acceleration == pytest.approx(-9.0 + 10.0 * PERIOD)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_changes_nothing(bad):
     subject = limiter()
     subject.reset(-1.0, 0.1)
-    for wish in ((bad, 0.0, 5.0), (0.0, bad, 5.0), (0.0, 0.0, bad)):
-        assert subject.step(*wish, True) == (-1.0, 0.1, ("not_finite",))
+    for acceleration, steering, speed, elapsed in (
+        (bad, 0.0, 5.0, PERIOD), (0.0, bad, 5.0, PERIOD), (0.0, 0.0, bad, PERIOD), (0.0, 0.0, 5.0, bad)
+    ):  # fmt: skip
+        assert subject.step(acceleration, steering, speed, True, elapsed) == (-1.0, 0.1, ("not_finite",))
+    for steering, speed, elapsed in ((bad, 5.0, PERIOD), (0.0, bad, PERIOD), (0.0, 5.0, bad)):
+        assert subject.steer(steering, speed, elapsed) == ("not_finite",)
     assert (subject.acceleration, subject.steering) == (-1.0, 0.1)
 
 

@@ -89,20 +89,20 @@ def test_an_act_comes_back(act):
 
 def test_the_layout_on_the_wire():
     """Written down by hand, so that both ends may be built at different times."""
-    message = struct.pack("<2sBB", b"VV", 1, 1)
-    message += struct.pack("<ddqddddd", 0.1, -2.0, 7, 1.5, 1.6, 8.0, 0.2, 0.01) + b"\x01"
+    message = struct.pack("<2sBB", b"VV", 2, 1)
+    message += struct.pack("<ddqdddddddd", 0.1, -2.0, 7, 1.5, 1.6, 3.0, 4.0, 0.7, 8.0, 0.2, 0.01) + b"\x01"
     message += b"\x03why" + b"\x02\x01a\x02bb" + b"\x01" + struct.pack("<dB2d", 0.5, 2, 0.03, 0.04)
     setpoint = Setpoint(
-        0.1, -2.0, True, "why", 7, 1.5, 1.6, 8.0, 0.2, 0.01, ("a", "bb"), StopProfile(0.5, (0.03, 0.04))
+        0.1, -2.0, True, "why", 7, 1.5, 1.6, 3.0, 4.0, 0.7, 8.0, 0.2, 0.01, ("a", "bb"), StopProfile(0.5, (0.03, 0.04))
     )  # fmt: skip
     assert link.encode_setpoint(setpoint) == sealed(message)
     assert link.decode_setpoint(sealed(message)) == setpoint
-    assert link.encode_act(Act.GO) == sealed(b"VV\x01\x02\x02go")
+    assert link.encode_act(Act.GO) == sealed(b"VV\x02\x02\x02go")
 
 
 @given(st.binary(max_size=300))
 @example(b"")
-@example(sealed(b"VV\x01"))
+@example(sealed(b"VV\x02"))
 def test_no_bytes_break_it(data):
     for decode in DECODERS:
         assert isinstance(decode(data), link.Malformed)
@@ -111,7 +111,7 @@ def test_no_bytes_break_it(data):
 @given(st.sampled_from([1, 2, 3]), st.binary(max_size=400))
 def test_no_body_breaks_it_even_under_a_right_sum(kind, body):
     for decode, own in zip(DECODERS, (1, 2, 3), strict=True):
-        message = decode(sealed(b"VV\x01" + bytes((kind,)) + body))
+        message = decode(sealed(b"VV\x02" + bytes((kind,)) + body))
         if kind != own:
             assert message == link.Malformed("wrong_kind")
         else:
@@ -140,10 +140,10 @@ def test_what_is_wrong_is_said():
     assert link.decode_act(right[:7]) == link.Malformed("too_short")
     assert link.decode_act(right[:-1]) == link.Malformed("wrong_crc")
     assert link.decode_act(sealed(b"VX\x01\x02\x04stop")) == link.Malformed("wrong_magic")
-    assert link.decode_act(sealed(b"VV\x02\x02\x04stop")) == link.Malformed("wrong_version")
-    assert link.decode_act(sealed(b"VV\x01\x01\x04stop")) == link.Malformed("wrong_kind")
-    assert link.decode_act(sealed(b"VV\x01\x02\x04fly!")) == link.Malformed("wrong_content")
-    assert link.decode_act(sealed(b"VV\x01\x02\x04stop!")) == link.Malformed("wrong_content")
+    assert link.decode_act(sealed(b"VV\x01\x02\x04stop")) == link.Malformed("wrong_version")
+    assert link.decode_act(sealed(b"VV\x02\x01\x04stop")) == link.Malformed("wrong_kind")
+    assert link.decode_act(sealed(b"VV\x02\x02\x04fly!")) == link.Malformed("wrong_content")
+    assert link.decode_act(sealed(b"VV\x02\x02\x04stop!")) == link.Malformed("wrong_content")
 
 
 def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so():

@@ -45,6 +45,9 @@ class WholeCar:
             "sequence": self.sequence,
             "time": now,
             "expires": now + 0.1,
+            "x": truth.x,
+            "y": truth.y,
+            "heading": truth.heading,
             "speed": truth.speed,
             "yaw_rate": truth.yaw_rate,
         }

@@ -45,7 +45,8 @@ class Sender:
 
 
 def _send(channel: Channel, t0: float, cruise_time: float) -> None:
-    speed, reached, due, sequence = 0.0, math.inf, time.monotonic(), 0
+    speed, driven, reached, due, sequence = 0.0, 0.0, math.inf, time.monotonic(), 0
+    before = time.monotonic() - t0
     while not channel.closed:
         due = max(due + PERIOD, time.monotonic())
         time.sleep(max(due - time.monotonic(), 0.0))
@@ -57,6 +58,10 @@ def _send(channel: Channel, t0: float, cruise_time: float) -> None:
         if speed > SPEED - 0.1:
             reached = min(reached, now)
         wish = min(max(SPEED - speed, -ACCELERATION), ACCELERATION) if now < reached + cruise_time else -ACCELERATION
-        setpoint = Setpoint(0.0, wish, sequence=sequence, time=now, expires=now + LIFETIME, speed=speed, yaw_rate=0.0)
+        driven, before = driven + speed * (now - before), now
+        setpoint = Setpoint(
+            0.0, wish, sequence=sequence, time=now, expires=now + LIFETIME, x=driven, y=0.0, heading=0.0, speed=speed,
+            yaw_rate=0.0,
+        )  # fmt: skip
         channel.send(link.encode_setpoint(setpoint))
         sequence += 1

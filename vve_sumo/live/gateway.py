@@ -29,7 +29,7 @@ from vve_sumo.vehicle import dbw, link
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.gateway import Act, Gateway, GatewayOutput
-from vve_sumo.vehicle.limits import Envelope, Limits
+from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 CAR_BUS: Final = "can0"  #: the car's bus as it is called in the record
 # Of a period. A setpoint comes once a period, give or take what the drive's loop and the scheduler do to it: one that
@@ -316,10 +316,10 @@ class Process:
 def gateway_of(config: Mapping[str, Any]) -> Gateway:
     """Return the core that a configuration describes."""
     limits = config["limits"]
-    envelopes = {name: Envelope(**limits[name]) for name in ("comfort", "emergency")}
+    nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
     return Gateway(
         Vehicle(**config["vehicle"]),
-        Limits(**{**limits, **envelopes}),
+        Limits(**{**limits, **nested}),
         Calibration(**config["calibration"]),
         config["period"],
         dbw.Variant[config["variant"]],

@@ -19,7 +19,7 @@ from vve_sumo.values import Vehicle
 from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dbw import Variant
-from vve_sumo.vehicle.limits import Envelope, Limits
+from vve_sumo.vehicle.limits import Limits
 
 if TYPE_CHECKING:
     from vve_sumo.plant.rehearsal import Rehearsed
@@ -92,11 +92,15 @@ def limits_of(rig: Rig) -> Limits:
     """Return what the gateway keeps to."""
     said, usual = _in_si(rig.limits, "speed_mps"), Limits()
 
-    def envelope(prefix: str, default: Envelope) -> Envelope:
-        return replace(default, **{k.removeprefix(prefix): v for k, v in said.items() if k.startswith(prefix)})
+    def changed(prefix: str) -> dict[str, float]:
+        return {key.removeprefix(prefix): value for key, value in said.items() if key.startswith(prefix)}
 
     rest = {key: value for key, value in said.items() if not key.startswith(("comfort_", "emergency_"))}
-    return Limits(envelope("comfort_", usual.comfort), envelope("emergency_", usual.emergency), **rest)
+    comfort, emergency = (
+        replace(usual.comfort, **changed("comfort_")),
+        replace(usual.emergency, **changed("emergency_")),
+    )
+    return Limits(comfort, emergency, **rest)
 
 
 def mounting_of(rig: Rig) -> Mounting:

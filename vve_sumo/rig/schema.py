@@ -183,6 +183,9 @@ class Calibration(Table):
     drag_area_m2: Annotated[float, Field(ge=0.0, le=10.0)] | None = Field(
         default=None, description="drag coefficient times frontal area"
     )
+    wheel_speed_tolerance: Annotated[float, Field(ge=0.005, le=0.1)] | None = Field(
+        default=None, description="share of the true speed by which the wheels may tell another one"
+    )
 
 
 class Limits(Table):
@@ -197,13 +200,11 @@ class Limits(Table):
     comfort_release_jerk_mps3: Positive | None = Field(default=None, description="of a pedal released")
     comfort_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering")
     emergency_deceleration_mps2: Positive | None = Field(default=None, description="largest, where asked for")
-    emergency_acceleration_mps2: Positive | None = Field(default=None, description="largest, where asked for")
-    emergency_jerk_mps3: Positive | None = Field(default=None, description="of a pedal pressed further")
-    emergency_release_jerk_mps3: Positive | None = Field(default=None, description="of a pedal released")
-    emergency_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering")
+    emergency_jerk_mps3: Positive | None = Field(default=None, description="of the brake pressed, where asked for")
     lateral_acceleration_mps2: Positive | None = Field(default=None, description="largest that steering may cause")
     stop_deceleration_mps2: Strength | None = Field(default=None, description="of the gateway's own stop")
     stop_jerk_mps3: Positive | None = Field(default=None, description="with which it sets in")
+    stop_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering along the way to rest")
     critical_deceleration_mps2: Strength | None = Field(
         default=None, description="of the gateway's own stop after a critical fault"
     )

@@ -33,18 +33,17 @@ class Pedals(NamedTuple):
 
 
 class Actuation:
-    """Turns acceleration into pedals, once a period; holds the car where it is wished to stand.
+    """Turns acceleration into pedals, step by step; holds the car where it is wished to stand.
 
     The reference is the speed that the wished accelerations would give through the declared delay and lag of the
     actuators (brake_delay and brake_lag [s], or the calibration's drive lag while the throttle works).
     """
 
-    def __init__(self, calibration: Calibration, brake_delay: float, brake_lag: float, period: float) -> None:
+    def __init__(self, calibration: Calibration, brake_delay: float, brake_lag: float) -> None:
         self._calibration = calibration
-        self._period = period
-        self._brake_blend = period / (brake_lag + period)
-        self._drive_blend = period / (calibration.drive_lag + period)
-        self._delayed = deque([0.0] * (1 + round(brake_delay / period)))
+        self._brake_delay, self._brake_lag = brake_delay, brake_lag
+        self._time = 0.0  # its own, by the steps' lengths [s]
+        self._delayed: deque[tuple[float, float]] = deque()  # time and wish
         creep = calibration.creep_force / calibration.mass
         hold_torque = HOLD_MARGIN * calibration.brake_gain * (creep + GRAVITY * HOLD_GRADE)
         self._hold_torque = min(hold_torque, calibration.brake_torque_limit)
@@ -58,14 +57,17 @@ class Actuation:
         self._torque = 0.0
         self._restart()
 
-    def step(self, acceleration: float, speed: float, grade: float, brakes_only: bool = False) -> Pedals:
+    def step(
+        self, acceleration: float, speed: float, grade: float, elapsed: float, brakes_only: bool = False
+    ) -> Pedals:  # fmt: skip
         """Pedals for `acceleration` [m/s2] at the measured `speed` [m/s] on `grade` [rad, uphill positive].
 
-        A grade beyond a tenth is taken for a tenth. With `brakes_only` the throttle stays closed whatever it takes.
+        `elapsed` is the time since the last step [s]. A grade beyond a tenth is taken for a tenth. With `brakes_only`
+        the throttle stays closed whatever it takes.
         """
         if self._stands(acceleration, speed):
-            return self._hold(speed)
-        wish = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, speed)
+            return self._hold(speed, elapsed)
+        wish = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, speed, elapsed)
         slope = min(max(math.sin(grade), -HOLD_GRADE), HOLD_GRADE)
         force = self._calibration.mass * (wish + GRAVITY * slope)
         force += self._calibration.drag(speed) - self._calibration.creep(speed)
@@ -91,32 +93,42 @@ class Actuation:
         self._error = 0.0
         self._saturation = 0
         self._reference_acceleration = 0.0
-        for index in range(len(self._delayed)):
-            self._delayed[index] = 0.0
+        self._delayed.clear()
+        self._delayed.append((-math.inf, 0.0))
         self._last_speed = math.nan
 
-    def _hold(self, speed: float) -> Pedals:
+    def _hold(self, speed: float, elapsed: float) -> Pedals:
         if abs(speed) >= REST and self._torque >= self._hold_target:
             # It rolls although it is held: a steeper grade than any it was built for. All there is, and for good.
             self._hold_target = self._calibration.brake_torque_limit
-        change = HOLD_RATE * self._period
+        change = HOLD_RATE * elapsed
         self._torque += min(max(self._hold_target - self._torque, -change), change)
         self._driving = False
         return Pedals(self._torque, 0.0)
 
-    def _speed_error(self, acceleration: float, speed: float) -> float:
+    def _speed_error(self, acceleration: float, speed: float, elapsed: float) -> float:
         """Reference speed minus measured speed, bounded, and frozen against a pedal that gives no more."""
-        self._delayed.append(acceleration)
-        wished = self._delayed.popleft()
-        blend = self._drive_blend if self._driving else self._brake_blend
+        lag = self._calibration.drive_lag if self._driving else self._brake_lag
+        blend = elapsed / (lag + elapsed) if elapsed > 0.0 else 0.0
+        wished = self._wished(acceleration, elapsed)
         self._reference_acceleration += blend * (wished - self._reference_acceleration)
-        change = self._reference_acceleration * self._period - (speed - self._last_speed)
+        change = self._reference_acceleration * elapsed - (speed - self._last_speed)
         self._last_speed = speed
         if change != change or change * self._saturation > 0.0:
             return self._error
         bound = CORRECTION_LIMIT / INTEGRAL_GAIN
         self._error = min(max(self._error + change, -bound), bound)
         return self._error
+
+    def _wished(self, acceleration: float, elapsed: float) -> float:
+        """The wish that the speed of this step answers to: a step ago and the brakes' delay, to half a step."""
+        self._time += elapsed
+        delayed = self._delayed
+        delayed.append((self._time, acceleration))
+        newest = self._time - self._brake_delay - 0.5 * elapsed
+        while len(delayed) > 1 and delayed[1][0] <= newest:
+            delayed.popleft()
+        return delayed[0][1]
 
     def _pedals(self, force: float, speed: float, brakes_only: bool) -> Pedals:
         band = PEDAL_BAND * self._calibration.mass

@@ -34,6 +34,7 @@ class Calibration:
     creep_speed: float = 2.0  #: where the creep force has fallen to zero, linearly [m/s]
     rolling_resistance: float = 0.012  #: rolling drag over weight
     drag_area: float = 0.62  #: drag coefficient times frontal area [m2]
+    wheel_speed_tolerance: float = 0.02  #: share of the true speed by which the wheels may tell another one
 
     def __post_init__(self) -> None:
         """Refuse what no car can have, before anything moves."""

@@ -13,25 +13,37 @@ from typing import Final, NamedTuple
 
 from vve_sumo.values import ArmingState, Frame, Setpoint, Vehicle, Verdict
 from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.actuation import REST, Actuation, Pedals
+from vve_sumo.vehicle.actuation import Actuation, Pedals
 from vve_sumo.vehicle.admission import Admission, Persistence
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, Event, transition
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dbw import Gear
 from vve_sumo.vehicle.handover import Handover
 from vve_sumo.vehicle.limits import Limiter, Limits, approach
+from vve_sumo.vehicle.plausibility import CarMotion, Plausibility
 from vve_sumo.vehicle.profile import Way
 from vve_sumo.vehicle.reports import TOLERANCE, CarReports
+from vve_sumo.vehicle.response import Response
+from vve_sumo.vehicle.standstill import WHEEL_REST, Evidence, Standstill
 
-REST_TIME: Final = 0.3  # standing this long is rest [s]
+LONGEST_STEP: Final = 2.0  # periods; a longer one is a fault, and rates count no more than this
+# A car whose standstill is uncertain for so long needs its driver [s].
+UNCERTAIN_TIME: Final = 3.0
+# The driver has control, and nothing has said for so long that the car moves: the gateway is not needed any more [s].
+DRIVER_TIME: Final = 10.0
+# Wheel speeds that stay the same to the last bit for so long tell nothing of the wheels [s].
+UNCHANGED_TIME: Final = 5.0
 # Park reported this long without a break is park: a shift to drive that was under way would have come out by then.
 PARK_TIME: Final = 1.0  # [s]
 
 #: Faults that latch even while nothing is commanded: they tell of the gateway itself or of a second master.
-_LATCHING = frozenset({"another_writer", "timer_gap"})
+_LATCHING: Final = frozenset({"another_writer", "timer_gap"})
+
+#: The drive's word for a pose that no trusted fix stands behind any more; what a setpoint then says of it is a guess.
+_GUESSED: Final = "pose_stale"
 
 #: Faults that say that the car is not where the odometry believes it to be, or does not steer as it is told.
-_ASTRAY = frozenset(
+_ASTRAY: Final = frozenset(
     {
         "speed_mismatch",
         "steering_disabled",
@@ -39,9 +51,13 @@ _ASTRAY = frozenset(
         "steering_not_following",
         "steering_report_stale",
         "steering_timeout",
+        "wheel_speeds_frozen",
         "yaw_rate_mismatch",
     }
 )
+
+#: Faults that say that the wheels do not tell the car's speed, or that it is not known which of two does.
+_SPEED_UNKNOWN: Final = frozenset({"speed_mismatch", "wheel_speeds_frozen"})
 
 
 class Act(enum.StrEnum):
@@ -104,22 +120,27 @@ class Gateway:
         self._reports = CarReports(vehicle.wheel_radius, variant)
         self._admission = Admission()
         self._way = Way(vehicle)
-        self._limiter = Limiter(vehicle, self._limits, steering_limit, period)
-        self._actuation = Actuation(calibration, vehicle.brake_delay, vehicle.brake_lag, period)
+        self._limiter = Limiter(vehicle, self._limits, steering_limit)
+        self._actuation = Actuation(calibration, vehicle.brake_delay, vehicle.brake_lag)
+        self._standstill = Standstill()
+        self._plausibility = Plausibility(vehicle, calibration)
+        self._response = Response(vehicle, calibration)
         self._handover = Handover(
             vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), rehearsal=shadow
         )
-        self._standing_long = Persistence(REST_TIME)
         self._parked_long = Persistence(PARK_TIME)
+        self._uncertain_long = Persistence(UNCERTAIN_TIME)
+        self._let_go_long = Persistence(DRIVER_TIME)
 
         self._state = ArmingState.DISARMED
         self._causes: list[str] = []  # why the car is being stopped or commanded no more, first cause first
         self._notes: list[str] = []  # what an operator should know of this step only
         self._last_now = math.nan
+        self._elapsed = 0.0  # since the last step, bounded [s]
         self._counter = -1
         self._has_been_engaged = False
-        self._standing = False  # now, as the wheels say
-        self._at_rest = False  # standing for a while
+        self._let_go = False  # for long nothing was commanded, and nothing said that the car moves
+        self._told = Pedals(0.0, 0.0)  # at the last step
         self._driver: list[str] = []  # pedals that the driver touches
         self._old_overrides: frozenset[str] = frozenset()
         self._clear = False
@@ -180,10 +201,13 @@ class Gateway:
     def done(self) -> bool:
         """Whether a drive is over: the car was engaged, is commanded no more, and stands.
 
-        Until it stands frames without enable bits go on, with their counter counting: a counter that stops under way
+        Where the evidence of that disagrees, it is over once nothing has said for DRIVER_TIME that the car moves. Until
+        it stands frames without enable bits go on, with their counter counting: a counter that stops under way
         could make the kit's watchdog brake against the driver.
         """
-        return self._has_been_engaged and self._state not in COMMANDING and self._at_rest
+        if not self._has_been_engaged or self._state in COMMANDING:
+            return False
+        return (self._standstill.certain and self._standstill.at_rest) or self._let_go
 
     # What is going on: everything here only looks.
 
@@ -193,19 +217,55 @@ class Gateway:
         faults = reports.take(now, frames)
         gap = now - self._last_now
         # Also when time stands still or runs backwards; the very first step has no gap, and NaN passes no comparison.
-        if gap <= 0.0 or gap > 2.0 * self._period + TOLERANCE or not math.isfinite(now):
+        if gap <= 0.0 or gap > LONGEST_STEP * self._period + TOLERANCE or not math.isfinite(now):
             faults.append("timer_gap")
         self._last_now = now
-        speed_known = reports.speed_known(now)
-        self._standing = speed_known and reports.fastest_wheel < REST
-        self._at_rest = self._standing_long.step(now, self._standing)
-        self._way.move(gap, reports.speed if speed_known else math.nan)
+        self._elapsed = min(gap, LONGEST_STEP * self._period) if gap > 0.0 else 0.0
         self._driver = [] if self._shadow else reports.driver()
         faults += reports.stale(now)
         faults += reports.faults()
+        taken = self._admission.setpoint
         if setpoint is not None:
             faults += self._take(now, setpoint)
-        faults += self._admission.faults(now, reports.speed, reports.yaw_rate)
+        faults += self._admission.faults(now)
+        return faults + self._compare(now, gap, self._admission.setpoint is not taken)
+
+    def _compare(self, now: float, gap: float, fresh: bool) -> list[str]:
+        """Weigh what receiver, car and commands say of the same motion; reason codes of what disagrees."""
+        reports, standstill = self._reports, self._standstill
+        known = reports.speed_known(now)
+        speed = reports.speed if known else math.nan
+        setpoint = self._admission.setpoint if self._admission.valid(now) else None
+        if setpoint is not None and _GUESSED in setpoint.faults:
+            setpoint = None
+        commanded = self._state in COMMANDING and not self._shadow
+        standstill.step(
+            now,
+            self._elapsed,
+            Evidence(
+                reports.fastest_wheel if known and not reports.unchanged(now) > UNCHANGED_TIME else None,
+                None if setpoint is None else abs(setpoint.speed),
+            ),
+            max(-self._limiter.acceleration, 0.0) if commanded else None,
+        )
+        self._let_go = self._let_go_long.step(now, self._state not in COMMANDING and not standstill.moves)
+        # Wheels that say zero of a car that cannot stand yet tell no way.
+        believed = known and (standstill.certain or not reports.fastest_wheel < WHEEL_REST)
+        self._way.move(gap, speed if believed else math.nan)
+        car = CarMotion(
+            speed,
+            reports.yaw_rate,
+            self.measured_steering,
+            reports.wheels,
+            self._limiter.steering if commanded and self._handover.enabled else math.nan,
+            standstill.certain,
+        )
+        faults = self._plausibility.step(now, self._elapsed, car, setpoint, fresh)
+        if commanded and self._handover.enabled:
+            satellite = math.nan if setpoint is None else setpoint.speed
+            faults += self._response.step(self._elapsed, self._told, speed, satellite, self._grade())
+        else:
+            self._response.reset()
         return faults
 
     def _take(self, now: float, setpoint: Setpoint) -> list[str]:
@@ -229,7 +289,7 @@ class Gateway:
         missing = []
         if not self._admission.valid(now):
             missing.append("no_setpoint")
-        if not reports.fastest_wheel < REST:
+        if not self._standstill.certain:
             missing.append("not_standing")
         if reports.gear.gear not in (Gear.PARK, Gear.DRIVE):
             missing.append("gear_not_park_or_drive")
@@ -273,11 +333,15 @@ class Gateway:
             self._happen(now, Event.FAULT, faults)
         if self._state is ArmingState.ENGAGED and not self._admission.valid(now):
             self._happen(now, Event.EXPIRED, ["setpoint_expired"])
-        if self._at_rest:
+        standstill = self._standstill
+        if standstill.at_rest:
             self._happen(now, Event.AT_REST, [])
         stopped = self._state is ArmingState.STOPPED
-        if self._parked_long.step(now, stopped and self._standing and self._reports.in_park(now)):
+        if self._parked_long.step(now, stopped and standstill.certain and self._reports.in_park(now)):
             self._happen(now, Event.PARKED, [])
+        doubted = self._reports.fastest_wheel < WHEEL_REST and not standstill.certain
+        if self._uncertain_long.step(now, doubted) or standstill.contradicted:
+            self._notes += ["standstill_uncertain", "driver_needed"]
 
     def _obey(self, now: float, act: Act) -> None:
         match act:
@@ -372,6 +436,7 @@ class Gateway:
             dbw.encode(dbw.SteeringCommand(wheel_angle, self._wheel_rate, enable, counter, clear), variant),
             dbw.encode(dbw.GearCommand(self._gear_wish(), clear), variant),
         )
+        self._told = Pedals(torque, command.pedals.throttle) if enable else Pedals(0.0, 0.0)
         verdict = Verdict(
             state=self._state,
             reasons=tuple(dict.fromkeys(self._causes + self._notes)),
@@ -404,41 +469,52 @@ class Gateway:
             # No throttle while the driver is at the pedals, and none made up for afterwards.
             self._notes += self._driver
             wish, limiter.acceleration = min(wish, 0.0), min(limiter.acceleration, 0.0)
-        granted = limiter.step(wish, setpoint.steering, speed, setpoint.emergency)
-        pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade, brakes_only=driver)
+        granted = limiter.step(wish, setpoint.steering, speed, setpoint.emergency, self._elapsed)
+        pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade, self._elapsed, brakes_only=driver)
         limited = granted.limited if wish == setpoint.acceleration else (*granted.limited, "driver")
         return _Command(pedals, granted.acceleration, granted.steering, limited)
 
     def _wait(self) -> _Command:
         """Stand on the brakes until kit and gear are there, the driver has let go and the operator has said go."""
-        pedals = self._actuation.step(0.0, self._reports.speed, self._grade())
+        pedals = self._actuation.step(0.0, self._reports.speed, self._grade(), self._elapsed)
         return _Command(pedals, 0.0, self._limiter.steering)
 
     def _stop(self, now: float) -> _Command:
         limits, limiter = self._limits, self._limiter
         if self._admission.valid(now):
             self._heed(self._admission.setpoint)
+        weak = "brake_not_following" in self._causes
         critical = not CRITICAL.isdisjoint(self._causes)
         jerk = max(self._stop_jerk, limits.critical_jerk if critical else 0.0)
         wish = max(self._stop_deceleration, limits.critical_deceleration if critical else 0.0)
-        limiter.acceleration = approach(limiter.acceleration, -wish, jerk, jerk, self._period)
-        if self._reports.speed_known(now):
+        if weak:
+            jerk, wish = limits.emergency.jerk, limits.emergency.deceleration
+        limiter.acceleration = approach(limiter.acceleration, -wish, jerk, jerk, self._elapsed)
+        if self._standstill.certain or self._speed_believed(now):
             pedals = self._actuation.step(
-                limiter.acceleration, self._reports.speed, self._grade(), brakes_only=True
+                limiter.acceleration, self._reports.speed, self._grade(), self._elapsed, brakes_only=True
             )  # fmt: skip
         else:
             pedals = self._actuation.without_speed(-limiter.acceleration)
+        if weak and not self._standstill.certain:
+            # Whatever the brakes still give: all of it, at once.
+            pedals = Pedals(self._torque_limit, 0.0)
         limited = self._steer_to_rest()
         return _Command(pedals, limiter.acceleration, limiter.steering, limited)
+
+    def _speed_believed(self, now: float) -> bool:
+        """Whether the wheels tell the speed of a car that moves."""
+        moving = self._reports.speed_known(now) and not self._reports.fastest_wheel < WHEEL_REST
+        return moving and _SPEED_UNKNOWN.isdisjoint(self._causes)
 
     def _steer_to_rest(self) -> tuple[str, ...]:
         """Steer along the way to rest while there is one; names of the limits that changed it."""
         angle = None
-        if self._state is ArmingState.STOPPING and not self._standing and _ASTRAY.isdisjoint(self._causes):
+        if self._state is ArmingState.STOPPING and not self._standstill.certain and _ASTRAY.isdisjoint(self._causes):
             angle = self._way.steering()
         if angle is not None:
             self._held_steering = None
-            return self._limiter.steer(angle, self._reports.speed)
+            return self._limiter.steer(angle, self._reports.speed, self._elapsed)
         if self._held_steering is None:
             # The angle that the wheels have is the best guess of where the road goes, better than zero and better than
             # a wish not reached. At rest it leaves the wheels where they are.
@@ -450,7 +526,7 @@ class Gateway:
         return 0.0 if self._admission.setpoint is None else self._admission.setpoint.grade
 
     def _gear_wish(self) -> Gear:
-        if self._shadow or not self._standing:
+        if self._shadow or not self._standstill.certain:
             return Gear.NONE
         if self._state is ArmingState.STOPPED:
             return Gear.PARK

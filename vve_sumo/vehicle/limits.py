@@ -34,11 +34,24 @@ class Envelope:
             _check_positive(f"limits: {field.name}", getattr(self, field.name))
 
 
+@dataclass(frozen=True, slots=True)
+class EmergencyBraking:
+    """How much harder and faster the car may brake in an emergency; all else keeps to the comfort envelope."""
+
+    deceleration: float  #: largest [m/s2], a positive number
+    jerk: float  #: of the throttle released and the brake pressed [m/s3]
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be kept to."""
+        for field in fields(self):
+            _check_positive(f"limits: emergency {field.name}", getattr(self, field.name))
+
+
 # -3.5 and +2.0 m/s2: what ISO 15622 (ACC) leaves at high speed, and opendbc's safety model (opendbc/safety, Ford) at
 # any. Lateral jerk 5 m/s3: ISO 11270 (lane keeping).
 COMFORT = Envelope(deceleration=3.5, acceleration=2.0, jerk=5.0, release_jerk=10.0, lateral_jerk=5.0)
 # A dry road's friction at most; the brakes' own rise time is of the order of 0.3 s.
-EMERGENCY = Envelope(deceleration=9.0, acceleration=2.0, jerk=30.0, release_jerk=30.0, lateral_jerk=10.0)
+EMERGENCY = EmergencyBraking(deceleration=9.0, jerk=30.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +59,19 @@ class Limits:
     """Everything that the gateway keeps to; a rig may only make it stricter or looser knowingly, in its own file."""
 
     comfort: Envelope = COMFORT  #: what every setpoint gets
-    emergency: Envelope = EMERGENCY  #: what a setpoint gets that asks for it
+    emergency: EmergencyBraking = EMERGENCY  #: how a setpoint may brake that asks for it
     lateral_acceleration: float = 3.0  #: largest [m/s2], ISO 11270
     stop_deceleration: float = 2.4  #: of the gateway's own stop [m/s2], as Autoware's vehicle_cmd_gate
     stop_jerk: float = 5.0  #: with which it sets in [m/s3]
+    stop_lateral_jerk: float = 10.0  #: from steering along the way to rest [m/s3], twice the comfort one
     critical_deceleration: float = 4.0  #: of the gateway's own stop after a critical fault [m/s2]
     critical_jerk: float = 15.0  #: with which it sets in [m/s3]
 
     def __post_init__(self) -> None:
         """Refuse limits that cannot be kept to."""
         for name in (
-            "lateral_acceleration", "stop_deceleration", "stop_jerk", "critical_deceleration", "critical_jerk"
+            "lateral_acceleration", "stop_deceleration", "stop_jerk", "stop_lateral_jerk", "critical_deceleration",
+            "critical_jerk",
         ):  # fmt: skip
             _check_positive(f"limits: {name}", getattr(self, name))
         if self.emergency.deceleration < max(self.comfort.deceleration, self.critical_deceleration):
@@ -75,19 +90,18 @@ class Granted(NamedTuple):
 
 
 class Limiter:
-    """Keeps acceleration and steering inside an envelope, from one period to the next.
+    """Keeps acceleration and steering inside an envelope, and their rates by the time that has passed.
 
     `steering_limit` is the largest road-wheel angle [rad]. Rates have the last word: where the car has become faster
     than its steering angle allows, the angle moves back at its largest rate, and does not jump.
     """
 
-    def __init__(self, vehicle: Vehicle, limits: Limits, steering_limit: float, period: float) -> None:
+    def __init__(self, vehicle: Vehicle, limits: Limits, steering_limit: float) -> None:
         self._limits = limits
         self._wheelbase = vehicle.wheelbase
         self._understeer = vehicle.understeer_gradient
         self._steering_limit = steering_limit
         self._steering_rate = vehicle.steering_rate_limit
-        self._period = period
         self.acceleration = 0.0
         self.steering = 0.0
 
@@ -96,28 +110,29 @@ class Limiter:
         self.acceleration = acceleration
         self.steering = steering
 
-    def step(self, acceleration: float, steering: float, speed: float, emergency: bool) -> Granted:
+    def step(self, acceleration: float, steering: float, speed: float, emergency: bool, elapsed: float) -> Granted:
         """What of the wished `acceleration` [m/s2] and `steering` [rad] is granted at `speed` [m/s].
 
-        A wish that is not finite changes nothing and is named "not_finite".
+        `elapsed` is the time since the last grant [s]. An `emergency` loosens braking only: acceleration, the release
+        of the brakes and steering keep to the comfort envelope. A wish that is not finite changes nothing and is named
+        "not_finite".
         """
-        if not (math.isfinite(acceleration) and math.isfinite(steering) and math.isfinite(speed)):
+        if not (math.isfinite(acceleration) and math.isfinite(steering) and math.isfinite(speed + elapsed)):
             return Granted(self.acceleration, self.steering, ("not_finite",))
-        envelope = self._limits.emergency if emergency else self._limits.comfort
         limited: list[str] = []
-        self.acceleration = self._limit_acceleration(acceleration, envelope, limited)
-        self.steering = self._limit_steering(steering, speed, envelope, limited)
+        self.acceleration = self._limit_acceleration(acceleration, emergency, elapsed, limited)
+        self.steering = self._limit_steering(steering, speed, self._limits.comfort.lateral_jerk, elapsed, limited)
         return Granted(self.acceleration, self.steering, tuple(limited))
 
-    def steer(self, steering: float, speed: float) -> tuple[str, ...]:
+    def steer(self, steering: float, speed: float, elapsed: float) -> tuple[str, ...]:
         """Move towards road-wheel angle `steering` [rad] alone; names of the limits that changed it.
 
-        As fast as in an emergency: where the car has to come to rest, staying on the way goes before comfort.
+        With the lateral jerk of a stop: where the car has to come to rest, staying on the way goes before comfort.
         """
-        if not (math.isfinite(steering) and math.isfinite(speed)):
+        if not math.isfinite(steering + speed + elapsed):
             return ("not_finite",)
         limited: list[str] = []
-        self.steering = self._limit_steering(steering, speed, self._limits.emergency, limited)
+        self.steering = self._limit_steering(steering, speed, self._limits.stop_lateral_jerk, elapsed, limited)
         return tuple(limited)
 
     def steering_bound(self, speed: float) -> float:
@@ -136,21 +151,27 @@ class Limiter:
             return self._steering_rate
         return lateral_jerk * self._wheelbase / square
 
-    def _limit_acceleration(self, wish: float, envelope: Envelope, limited: list[str]) -> float:
-        target = min(max(wish, -envelope.deceleration), envelope.acceleration)
+    def _limit_acceleration(self, wish: float, emergency: bool, elapsed: float, limited: list[str]) -> float:
+        comfort, braking = self._limits.comfort, self._limits.emergency
+        target = min(max(wish, -(braking if emergency else comfort).deceleration), comfort.acceleration)
         if target != wish:
             limited.append("acceleration")
-        granted = approach(self.acceleration, target, envelope.jerk, envelope.release_jerk, self._period)
+        away, towards = comfort.jerk, comfort.release_jerk
+        if emergency and target < self.acceleration:
+            away = towards = braking.jerk
+        granted = approach(self.acceleration, target, away, towards, elapsed)
         if granted != target:
             limited.append("jerk")
         return granted
 
-    def _limit_steering(self, wish: float, speed: float, envelope: Envelope, limited: list[str]) -> float:
+    def _limit_steering(
+        self, wish: float, speed: float, lateral_jerk: float, elapsed: float, limited: list[str]
+    ) -> float:  # fmt: skip
         bound = self.steering_bound(speed)
         target = min(max(wish, -bound), bound)
         if target != wish:
             limited.append("steering_angle" if bound == self._steering_limit else "lateral_acceleration")
-        change = self.steering_rate_bound(speed, envelope.lateral_jerk) * self._period
+        change = self.steering_rate_bound(speed, lateral_jerk) * elapsed
         granted = min(max(target, self.steering - change), self.steering + change)
         if granted != target:
             limited.append("steering_rate")
@@ -158,7 +179,10 @@ class Limiter:
 
 
 def approach(value: float, target: float, away: float, towards: float, period: float) -> float:
-    """`value` one period nearer to `target`, moving at rate `towards` where it nears 0 and `away` where it leaves."""
+    """`value` nearer to `target` by what `period` [s] allows.
+
+    It moves at rate `towards` where it nears 0 and at rate `away` where it leaves.
+    """
     if value * target < 0.0:
         to_zero = abs(value) / towards
         if to_zero >= period:

@@ -14,7 +14,7 @@ from vve_sumo.values import ArmingState, Setpoint, StopProfile, Verdict
 from vve_sumo.vehicle.gateway import Act
 from vve_sumo.vehicle.profile import MAX_KNOTS
 
-VERSION: Final = 1
+VERSION: Final = 2
 MAX_TEXT: Final = 255  # bytes of a string
 MAX_CODES: Final = 64  # strings in a list
 
@@ -22,7 +22,8 @@ MAX_CODES: Final = 64  # strings in a list
 _MAGIC: Final = b"VV"
 _HEAD: Final = struct.Struct("<2sBB")
 _CRC: Final = struct.Struct("<I")
-_SETPOINT: Final = struct.Struct("<ddqddddd")
+_SETPOINT: Final = struct.Struct("<ddqdddddddd")
+_NUMBERS: Final = ("time", "expires", "x", "y", "heading", "speed", "yaw_rate", "grade")
 _PROFILE: Final = struct.Struct("<dB")
 _FEEDBACK: Final = struct.Struct("<dqdddq")
 _VERDICT: Final = struct.Struct("<dddd")
@@ -57,7 +58,7 @@ def encode_setpoint(setpoint: Setpoint) -> bytes:
     """Return the datagram of a setpoint; the note and the faults are cut at 255 bytes each and 64 faults."""
     s, profile = setpoint, setpoint.profile
     body = [
-        _SETPOINT.pack(s.steering, s.acceleration, _whole(s.sequence), s.time, s.expires, s.speed, s.yaw_rate, s.grade),
+        _SETPOINT.pack(s.steering, s.acceleration, _whole(s.sequence), *(getattr(s, name) for name in _NUMBERS)),
         b"\1" if s.emergency else b"\0",
         _text(s.note),
         _texts(s.faults),
@@ -73,18 +74,14 @@ def decode_setpoint(data: bytes) -> Setpoint | Malformed:
         return body
     try:
         reader = _Reader(body)
-        steering, acceleration, sequence, time, expires, speed, yaw_rate, grade = reader.take(_SETPOINT)
+        steering, acceleration, sequence, *numbers = reader.take(_SETPOINT)
         setpoint = Setpoint(
             steering=steering,
             acceleration=acceleration,
             emergency=reader.flag(),
             note=reader.text(),
             sequence=sequence,
-            time=time,
-            expires=expires,
-            speed=speed,
-            yaw_rate=yaw_rate,
-            grade=grade,
+            **dict(zip(_NUMBERS, numbers, strict=True)),
             faults=reader.texts(),
             profile=reader.profile() if reader.flag() else None,
         )

@@ -25,11 +25,14 @@ class CarReports:
         self._wheel_radius = wheel_radius
         self._variant = variant
         self._times: dict[type, float] = {}
+        self._heard: dict[int, tuple[bytes, type]] = {}  # by identifier: the last understood frame's data, and its kind
         self.brake = BrakeReport(dbw.BrakeReportKind.PEDAL, 0.0, 0.0, 0.0, enabled=False)
         self.throttle = ThrottleReport(0.0, 0.0, 0.0, enabled=False)
         self.steering = SteeringReport(math.nan, math.nan, math.nan, math.nan, enabled=False)
         self.gear = GearReport(Gear.NONE)
         self.speed = math.nan  #: of the rear axle, from the wheels [m/s], forward positive
+        self.wheels: tuple[float, ...] = ()  #: angular speeds as last reported [rad/s]
+        self._wheels_changed = -math.inf  # when they were last others than before
         self.fastest_wheel = math.nan  #: largest speed of any wheel's tread, without sign [m/s]
         self.yaw_rate = math.nan  #: [rad/s] counter-clockwise
         self.wheel_angle = math.nan  #: last valid angle of the steering wheel [rad], left positive
@@ -41,12 +44,20 @@ class CarReports:
             if frame.id in dbw.COMMAND_IDS:
                 troubles.append("another_writer")
                 continue
+            if frame.id in _UNREAD:
+                continue
+            before = self._heard.get(frame.id)
+            if before is not None and before[0] == frame.data:
+                # The same bytes say the same; most reports repeat themselves.
+                self._times[before[1]] = now
+                continue
             message = dbw.decode(frame, self._variant)
             if isinstance(message, dbw.Malformed):
                 troubles.append("report_malformed")
             elif message is not None:
+                self._heard[frame.id] = frame.data, type(message)
                 self._times[type(message)] = now
-                self._store(message)
+                self._store(now, message)
         return troubles
 
     def stale(self, now: float) -> list[str]:
@@ -129,10 +140,14 @@ class CarReports:
         fresh = self._times.get(GearReport, -math.inf) >= now - MAX_GEAR_AGE - TOLERANCE
         return fresh and self.gear.gear is Gear.PARK and not self.gear.fault_bus
 
-    def _store(self, message: dbw.Message) -> None:
+    def unchanged(self, now: float) -> float:
+        """For how long the wheel speeds have been the same to the last bit, while they say that the car moves [s]."""
+        return now - self._wheels_changed if self.fastest_wheel > 0.0 else 0.0
+
+    def _store(self, now: float, message: dbw.Message) -> None:
         match message:
             case WheelSpeeds():
-                self._store_wheels(message)
+                self._store_wheels(now, message)
             case YawRate():
                 self.yaw_rate = message.yaw
             case SteeringReport():
@@ -148,7 +163,9 @@ class CarReports:
             case _:
                 pass
 
-    def _store_wheels(self, wheels: WheelSpeeds) -> None:
+    def _store_wheels(self, now: float, wheels: WheelSpeeds) -> None:
+        if wheels != self.wheels:
+            self.wheels, self._wheels_changed = wheels, now
         # The mean of the rear wheels is the rear axle's speed in a bend too. One invalid wheel makes both numbers NaN.
         self.speed = 0.5 * (wheels.rear_left + wheels.rear_right) * self._wheel_radius
         total = wheels.front_left + wheels.front_right + wheels.rear_left + wheels.rear_right
@@ -160,6 +177,9 @@ class CarReports:
         else:
             self.speed = self.fastest_wheel = math.nan
 
+
+#: Reports that nothing here reads: they come as often as the others and would cost as much.
+_UNREAD: Final = frozenset({dbw.ACCELERATIONS, dbw.BRAKE_INFO})
 
 _STALE_CODES: Final[tuple[tuple[type, str], ...]] = (
     (BrakeReport, "brake_report_stale"),

@@ -1,0 +1,260 @@
+"""Whether the receiver and the car's own sensors tell of the same motion.
+
+Dead reckoning from wheel speeds and gyroscope is held against the poses that setpoints carry, speeds against speeds,
+the steering report against the gyroscope. It knows no state of arming and commands nothing; it gives reason codes.
+Which of two that disagree is wrong it cannot tell, so every disagreement is a reason to stop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final, NamedTuple
+
+from vve_sumo.values import Setpoint, Vehicle
+from vve_sumo.vehicle.admission import Persistence
+from vve_sumo.vehicle.calibration import Calibration
+
+# Satellite speed against wheel speed: noise of both, the wheels' calibrated scale, and a tenth of a second of braking
+# between them, in which slip of the tyres is contained (a tenth of the speed at 9 m/s2 and 9 m/s).
+SPEED_DIFFERENCE: Final = 0.30  # [m/s]
+SPEED_DIFFERENCE_TIME: Final = 0.10  # at the measured acceleration [s]
+ACCELERATION_LAG: Final = 0.1  # of that acceleration [s]
+DIFFERENCE_TIME: Final = 0.5  # a difference that lasts so long is a fault [s]
+# A difference so many times larger than is allowed is no slip and no delay, and is a fault after the shorter time.
+GROSS: Final = 3.0
+GROSS_TIME: Final = 0.1  # [s]
+# A gyroscope's bias is of the order of 0.01 rad/s; a wrong sign or axis shows as twice the yaw rate.
+YAW_RATE_DIFFERENCE: Final = 0.10  # [rad/s]
+
+# Dead reckoning. Windows over which the pose is held against it: a step shows in the short one, a creeping lie in the
+# long one, for which the calibration's errors allow more.
+WINDOWS: Final = (1.0, 3.0, 10.0)  # [s]
+SAMPLE_PERIOD: Final = 0.1  # between two poses that are kept for later comparison [s]
+POSITION_DIFFERENCE: Final = 0.15  # ten sigma of RTK noise and what the pose's filter adds [m]
+# Of the distance, across: the receiver's heading against the car's (0.2 deg), and half of the slip of the rear axle.
+LATERAL_SHARE: Final = 0.008
+HEADING_DIFFERENCE: Final = 0.03  # ten sigma of the receiver's heading and what the pose's filter adds [rad]
+TURN_SHARE: Final = 0.02  # of the turned angle: the gyroscope's scale
+BIAS_LEARNT: Final = 0.001  # what a bias that was averaged at standstill may be wrong by [rad/s]
+BIAS_UNKNOWN: Final = 0.012  # what it may be otherwise [rad/s]
+BIAS_TIME: Final = 10.0  # over which it is averaged at standstill [s]
+BIAS_LEAST_TIME: Final = 0.4  # from when on it is believed [s]
+LARGEST_BIAS: Final = 0.05  # what turns faster at standstill is no bias [rad/s]
+
+# The steering report against the gyroscope: single-track model on a steady circle.
+STEERING_DIFFERENCE: Final = 0.06  # [rad/s]
+STEERING_SHARE: Final = 0.20  # of the yaw rate that the angle should give
+
+# A report that stays the same to the last bit although for so long something else has said that it must change.
+FROZEN_TIME: Final = 0.5  # [s]
+FROZEN_SPEED_CHANGE: Final = 0.20  # of the receiver's speed meanwhile [m/s]
+FROZEN_YAW_RATE_CHANGE: Final = 0.04  # of the receiver's yaw rate meanwhile [rad/s]
+FROZEN_STEERING_CHANGE: Final = 0.03  # of the commanded road-wheel angle meanwhile [rad]
+
+
+class CarMotion(NamedTuple):
+    """What the car says of its own motion at a step."""
+
+    speed: float  #: of the rear axle by the wheels [m/s], forward positive; NaN unknown
+    yaw_rate: float  #: by the gyroscope [rad/s] counter-clockwise; NaN unknown
+    steering: float  #: road-wheel angle as reported [rad], left positive; NaN unknown
+    wheels: tuple[float, ...]  #: the wheels' angular speeds as reported [rad/s]
+    commanded_steering: float  #: road-wheel angle that the car is told [rad]; NaN where nobody tells it any
+    stands: bool  #: by all evidence
+
+
+class _Place(NamedTuple):
+    """A pose and where dead reckoning was then."""
+
+    time: float
+    x: float
+    y: float
+    heading: float
+    own_x: float
+    own_y: float
+    own_heading: float
+    distance: float
+    turned: float
+
+    def seen(self, later: _Place) -> tuple[float, float]:
+        """How far ahead and to the left of where dead reckoning leads from here a later pose lies [m]."""
+        cosine, sine = math.cos(self.own_heading), math.sin(self.own_heading)
+        x, y = later.own_x - self.own_x, later.own_y - self.own_y
+        own_ahead, own_left = x * cosine + y * sine, y * cosine - x * sine
+        cosine, sine = math.cos(self.heading), math.sin(self.heading)
+        x, y = later.x - self.x, later.y - self.y
+        return x * cosine + y * sine - own_ahead, y * cosine - x * sine - own_left
+
+
+class _Frozen:
+    """Tells when a value stays the same while what it should follow changes."""
+
+    __slots__ = ("_change", "_long", "_reference", "_value")
+
+    def __init__(self, change: float) -> None:
+        self._change = change
+        self._value: object = None
+        self._long = Persistence(FROZEN_TIME)
+        self._reference = math.nan
+
+    def step(self, now: float, value: object, reference: float) -> bool:
+        """Whether `value` has been the same for too long, `reference` being elsewhere than it was then."""
+        if value != self._value or not math.isfinite(reference):
+            self._value, self._reference = value, reference
+        return self._long.step(now, abs(reference - self._reference) > self._change)
+
+
+class Plausibility:
+    """Compares step by step what the receiver and the car say."""
+
+    def __init__(self, vehicle: Vehicle, calibration: Calibration) -> None:
+        self._wheelbase = vehicle.wheelbase
+        self._understeer = vehicle.understeer_gradient
+        # Rear slip angle over lateral acceleration on a steady circle: the rear axle's share of the mass over its
+        # cornering stiffness (Rajamani, Vehicle Dynamics and Control, 3.3).
+        self._slip = vehicle.mass * vehicle.front_axle_to_mass / (vehicle.wheelbase * vehicle.cornering_stiffness_rear)
+        self._speed_share = calibration.wheel_speed_tolerance
+        self._speed_differs, self._speed_gross = Persistence(DIFFERENCE_TIME), Persistence(GROSS_TIME)
+        self._yaw_rate_differs = Persistence(DIFFERENCE_TIME)
+        self._steering_differs = Persistence(DIFFERENCE_TIME)
+        self._wheels = _Frozen(FROZEN_SPEED_CHANGE)
+        self._gyroscope = _Frozen(FROZEN_YAW_RATE_CHANGE)
+        self._steering_report = _Frozen(FROZEN_STEERING_CHANGE)
+        self._acceleration = 0.0  # by the wheels [m/s2]
+        self._speed = self._yaw_rate = math.nan  # of the step before
+        self._bias, self._bias_time = 0.0, 0.0  # of the gyroscope [rad/s], and for how long it was averaged [s]
+        self._x = self._y = self._heading = self._distance = self._turned = 0.0  # dead reckoning
+        self._kept: tuple[deque[_Place], ...] = tuple(deque() for _ in WINDOWS)
+        self._sampled = -math.inf
+        self._turn = 0  # of the windows
+
+    def step(
+        self, now: float, elapsed: float, car: CarMotion, setpoint: Setpoint | None, fresh: bool
+    ) -> list[str]:  # fmt: skip
+        """Reason codes of what disagrees at `now` [s].
+
+        `setpoint` is the newest one that is still good and stands on trusted fixes, else None; `fresh` says that it
+        came at this step. Where either side is silent nothing is compared, and the windows begin anew.
+        """
+        self._reckon(elapsed, car)
+        reasons = self._steering(now, car)
+        if setpoint is None or not math.isfinite(car.speed + car.yaw_rate):
+            self._speed_differs.reset()
+            self._speed_gross.reset()
+            self._yaw_rate_differs.reset()
+            self._forget()
+            return reasons
+        reasons += self._rates(now, car, setpoint)
+        if fresh:
+            reasons += self._pose(now, car, setpoint)
+        return reasons
+
+    # Quantity against quantity.
+
+    def _rates(self, now: float, car: CarMotion, setpoint: Setpoint) -> list[str]:
+        reasons = []
+        allowed = SPEED_DIFFERENCE + 2.0 * self._speed_share * abs(car.speed)
+        allowed += SPEED_DIFFERENCE_TIME * abs(self._acceleration)
+        difference = abs(setpoint.speed - car.speed)
+        gross = self._speed_gross.step(now, not difference <= GROSS * allowed)
+        if self._speed_differs.step(now, not difference <= allowed) or gross:
+            reasons.append("speed_mismatch")
+        if self._yaw_rate_differs.step(now, not abs(setpoint.yaw_rate - car.yaw_rate) <= YAW_RATE_DIFFERENCE):
+            reasons.append("yaw_rate_mismatch")
+        if self._wheels.step(now, car.wheels, setpoint.speed):
+            reasons.append("wheel_speeds_frozen")
+        if self._gyroscope.step(now, car.yaw_rate, setpoint.yaw_rate):
+            reasons.append("yaw_rate_frozen")
+        if self._steering_report.step(now, car.steering, car.commanded_steering):
+            reasons.append("steering_report_frozen")
+        return reasons
+
+    def _steering(self, now: float, car: CarMotion) -> list[str]:
+        """The yaw rate of a steady circle at the reported angle, against the gyroscope's."""
+        curvature = math.tan(car.steering) / self._wheelbase
+        expected = car.speed * curvature / (1.0 + self._understeer * car.speed * car.speed / self._wheelbase)
+        allowed = STEERING_DIFFERENCE + STEERING_SHARE * abs(expected)
+        differs = abs(expected - car.yaw_rate + self._bias) > allowed  # what is not known differs from nothing
+        return ["steering_mismatch"] if self._steering_differs.step(now, differs) else []
+
+    # Dead reckoning.
+
+    def _reckon(self, elapsed: float, car: CarMotion) -> None:
+        """Drive on by wheels and gyroscope; a standing car teaches the gyroscope's bias instead."""
+        if car.stands:
+            self._learn(elapsed, car.yaw_rate)
+        speed, yaw_rate = car.speed, 0.0 if car.stands else car.yaw_rate - self._bias
+        before, turned_before = self._speed, self._yaw_rate
+        self._speed, self._yaw_rate = speed, yaw_rate
+        if not (math.isfinite(speed + yaw_rate + before + turned_before) and elapsed > 0.0):
+            self._forget()
+            return
+        self._acceleration += ((speed - before) / elapsed - self._acceleration) * elapsed / (ACCELERATION_LAG + elapsed)
+        driven, turn = 0.5 * (before + speed) * elapsed, 0.5 * (turned_before + yaw_rate) * elapsed
+        middle = self._heading + 0.5 * turn
+        # The rear axle slips outwards in a bend: across the heading, against the lateral acceleration.
+        across = -self._slip * speed * speed * yaw_rate * elapsed
+        cosine, sine = math.cos(middle), math.sin(middle)
+        self._x += driven * cosine - across * sine
+        self._y += driven * sine + across * cosine
+        self._heading += turn
+        self._distance += abs(driven)
+        self._turned += abs(turn)
+
+    def _learn(self, elapsed: float, yaw_rate: float) -> None:
+        if not abs(yaw_rate) < LARGEST_BIAS:
+            return
+        self._bias_time = min(self._bias_time + elapsed, BIAS_TIME)
+        if self._bias_time > 0.0:
+            self._bias += (yaw_rate - self._bias) * min(elapsed / self._bias_time, 1.0)
+
+    def _forget(self) -> None:
+        if self._sampled != -math.inf:
+            for kept in self._kept:
+                kept.clear()
+            self._sampled = -math.inf
+
+    def _pose(self, now: float, car: CarMotion, setpoint: Setpoint) -> list[str]:
+        """Hold the setpoint's pose against an earlier one, of one window after the other."""
+        place = self._place(now, car, setpoint)
+        self._turn = (self._turn + 1) % len(WINDOWS)
+        kept, oldest = self._kept[self._turn], place.time - WINDOWS[self._turn]
+        while kept and kept[0].time < oldest:
+            kept.popleft()
+        if place.time - self._sampled >= SAMPLE_PERIOD:
+            self._sampled = place.time
+            for window in self._kept:
+                window.append(place)
+        return self._compared(kept[0], place) if kept else []
+
+    def _place(self, now: float, car: CarMotion, setpoint: Setpoint) -> _Place:
+        """The setpoint's pose, and dead reckoning taken back to its time."""
+        age = now - setpoint.time
+        back = car.speed * age
+        return _Place(
+            setpoint.time,
+            setpoint.x,
+            setpoint.y,
+            setpoint.heading,
+            self._x - back * math.cos(self._heading),
+            self._y - back * math.sin(self._heading),
+            self._heading - self._yaw_rate * age,
+            self._distance,
+            self._turned,
+        )
+
+    def _compared(self, then: _Place, now: _Place) -> list[str]:
+        """Reason codes of how the pose moved otherwise than dead reckoning between two places."""
+        turned, distance = now.turned - then.turned, now.distance - then.distance
+        bias = BIAS_LEARNT if self._bias_time >= BIAS_LEAST_TIME else BIAS_UNKNOWN
+        uncertain = bias * (now.time - then.time) + TURN_SHARE * turned
+        off_heading = math.remainder(now.heading - then.heading - now.own_heading + then.own_heading, math.tau)
+        reasons = [] if abs(off_heading) <= HEADING_DIFFERENCE + uncertain else ["heading_mismatch"]
+        ahead, left = then.seen(now)
+        across = POSITION_DIFFERENCE + (LATERAL_SHARE + 0.5 * uncertain) * distance
+        along = POSITION_DIFFERENCE + (self._speed_share + 0.5 * uncertain) * distance
+        allowed = math.hypot(across, along) if turned > 0.5 else across
+        if not (abs(left) <= allowed and abs(ahead) <= max(along, allowed)):
+            reasons.append("position_mismatch")
+        return reasons

@@ -1,0 +1,69 @@
+"""Whether the car stands, by everything that speaks for or against it.
+
+It weighs the wheels, the receiver's speed and the time that braking takes; it knows no frames and commands nothing. One
+report that says zero is never enough: a wheel-speed report can be wrong, and a car that is believed to stand is held
+with a holding torque only and asked to shift to park.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from vve_sumo.vehicle.admission import Persistence
+
+WHEEL_REST: Final = 0.05  # no wheel turns faster [m/s]; wheel-speed sensors resolve 3 mm/s
+SATELLITE_REST: Final = 0.30  # the receiver's speed at standstill stays below [m/s]: ten sigma of RTK velocity
+REST_TIME: Final = 0.3  # standing this long is rest [s]
+# The receiver alone, against wheels that are silent or say that they turn, is believed after so long [s].
+SATELLITE_REST_TIME: Final = 3.0
+# No car brakes harder, so wheels whose speed falls faster do not tell the car's speed [m/s2].
+HARDEST_BRAKING: Final = 12.0
+QUANTUM: Final = 0.02  # of wheel speeds, several times what they resolve [m/s]
+# Wheels that fell too fast and say zero are believed, where no receiver confirms them, once a car with half the brakes
+# could stand.
+BRAKING_SHARE: Final = 0.5
+LEAST_BRAKING: Final = 0.3  # of a car that rolls out [m/s2]
+
+
+class Evidence(NamedTuple):
+    """What a step of the gateway knows of the car's motion; None is "not known"."""
+
+    wheels: float | None  #: the fastest wheel's speed, without sign [m/s]
+    satellite: float | None  #: the receiver's speed, without sign [m/s]
+
+
+class Standstill:
+    """Weighs the evidence step by step."""
+
+    def __init__(self) -> None:
+        self._possible = 0.0  # the least that the car's speed can be by now [m/s]
+        self._long = Persistence(REST_TIME)
+        self._satellite_long = Persistence(SATELLITE_REST_TIME)
+        self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
+        self.at_rest = False  #: certain for a while, or the receiver alone has said so for long
+        self.moves = False  #: something says that the car moves
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the evidence disagrees: the car may stand, and something says that it moves or is silent."""
+        return self.at_rest and not self.certain
+
+    def step(self, now: float, elapsed: float, evidence: Evidence, braking: float | None) -> None:
+        """Weigh the evidence at `now` [s], `elapsed` after the last step.
+
+        `braking` is the deceleration that the car is told [m/s2], None where a driver may brake as hard as the car can.
+        """
+        wheels, satellite = evidence
+        satellite_stands = satellite is not None and satellite < SATELLITE_REST
+        wheels_stand = wheels is not None and wheels < WHEEL_REST
+        if wheels is not None and wheels >= self._possible - HARDEST_BRAKING * elapsed - QUANTUM:
+            self._possible = wheels
+        else:
+            sure = satellite_stands or braking is None
+            fall = HARDEST_BRAKING if sure else max(BRAKING_SHARE * (braking or 0.0), LEAST_BRAKING)
+            self._possible = max(self._possible - fall * elapsed, 0.0)
+        satellite_moves = satellite is not None and not satellite_stands
+        self.moves = satellite_moves or (wheels is not None and not wheels_stand)
+        self.certain = wheels_stand and not satellite_moves and self._possible < WHEEL_REST
+        long = self._long.step(now, self.certain)
+        self.at_rest = self._satellite_long.step(now, satellite_stands) or long
