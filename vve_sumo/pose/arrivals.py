@@ -60,6 +60,11 @@ class Arrivals:
         self._interval = math.inf  # between times: the least of the last few
         self._run: _Run | None = None
 
+    @property
+    def newest(self) -> float:
+        """The newest time that was believed [s]; -inf before the first."""
+        return self._newest
+
     def judge(self, received: float, time: float) -> Judged:
         """Judge a message that arrived at `received` and says `time` [s], each on its own clock."""
         if not math.isfinite(received + time):
