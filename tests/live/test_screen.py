@@ -179,7 +179,8 @@ def test_a_car_that_waits_for_the_drivers_foot_is_not_said_to_drive():
 
 
 def test_what_was_missing_a_moment_ago_does_not_stand_beside_ready():
-    assert transition(DRIVING | {"state": "ready", "faults": ["street_not_measured"]}).endswith("READY: E ENGAGES")
+    for state, words in (("ready", "READY: E ENGAGES"), ("engaged", "DRIVING: ANY KEY STOPS")):
+        assert transition(DRIVING | {"state": state, "faults": ["street_not_measured"]}).endswith(words)
 
 
 def test_numbers_stand_with_their_reasons():
