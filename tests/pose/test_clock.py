@@ -162,7 +162,9 @@ def test_what_is_not_finite_teaches_nothing():
 # What lies, and what really changed.
 
 
-def steady(seconds: float, *, start: float = 0.0, moved: float = 0.0, period: float = 0.01) -> list[tuple[float, float]]:
+def steady(
+    seconds: float, *, start: float = 0.0, moved: float = 0.0, period: float = 0.01
+) -> list[tuple[float, float]]:
     """Arrivals and GNSS times of a stream whose receiver's clock was moved by `moved` [s]."""
     return [(start + k * period + DELAY, EPOCH + start + k * period + moved) for k in range(round(seconds / period))]
 

@@ -177,7 +177,8 @@ class LiveDrive:
     def _faults(self, begun: Begun) -> tuple[str, ...]:
         recording = (self._tap.failure,) if self._tap.failure else ()
         waits = () if self._street.fits or self._state in COMMANDING else ("street_not_measured",)
-        return self._found + waits + self._street.found + begun.faults + self._late + recording
+        senders = self._source.found()
+        return self._found + waits + self._street.found + begun.faults + self._late + recording + senders
 
     @property
     def _state(self) -> ArmingState:
@@ -268,6 +269,7 @@ class LiveDrive:
             "warnings": list(street.warnings),
             "text": self._chain.failure or self._broken or street.detail,
             "clock": self._chain.clock_report(),
+            "receiver": self._source.told(),
             "headroom": street.load,
         }
 

@@ -44,7 +44,9 @@ TIME_BYTES: Final = 7
 TIME_SET: Final = 60_000_000  #: an earlier time means that the unit does not know it [ms]; as NCOM's first 1000 minutes
 TIME_LIMIT: Final = 1 << 43  #: year 2258 [ms]
 BREAK: Final = 1_000  #: cycles further apart start anew [ms]
-BACK: Final = 3  #: time frames in a row that are not newer say that the unit's clock went back, and anew is what follows
+BACK: Final = (
+    3  #: time frames in a row that are not newer say that the unit's clock went back, and anew is what follows
+)
 EARLIEST: Final = 0.002  #: by so much a time frame may be earlier than the fastest before it [s]; its clock has 1 ms
 AT_ONCE: Final = 1.0  #: what is fed with one arrival may jump so far from cycle to cycle [s]
 LOCKING: Final = 12_000  #: a second of initialising and ten of catching up, and a little [ms]
