@@ -88,9 +88,10 @@ def test_a_step_in_any_microsecond_about_a_reading_is_seen(size):
         stamps = Stamps(world.ahead, world.monotonic)
         world.now = 0.02
         stamps.begin()
-        stamps.dated([], True)
         world.now += 20e-6
-        arrival = world.now  # just after the queue was found empty
+        arrival = world.now + 1e-6  # just after the queue was found empty, before the clocks are looked at
+        world.now += 20e-6
+        stamps.dated([(0.01 + world.ahead_at(0.01), b"w")], True)
         stamped = [(arrival + world.ahead_at(arrival), b"x")]
         world.now = 0.02 + 300e-6
         stamps.begin()
