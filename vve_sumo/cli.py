@@ -149,6 +149,8 @@ def _add_drive(commands: Commands) -> None:  # type: ignore[valid-type]
     )
     drive.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
     drive.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
+    drive.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
+    drive.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
     drive.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     drive.set_defaults(run=_drive)
 
@@ -580,6 +582,9 @@ def _drive(arguments: argparse.Namespace) -> int:
         return _drive_live(arguments)
     if arguments.shadow:
         raise ConfigError("--shadow: only a live drive has enable bits to leave off; name the rig with --rig")
+    for who in ("operator", "driver"):
+        if getattr(arguments, who) is not None:
+            raise ConfigError(f"--{who}: only a live drive has one; name the rig with --rig")
     from vve_sumo.drive.command import drive
 
     return drive(
@@ -604,6 +609,8 @@ def _drive_live(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         controller=arguments.controller,
         shadow=arguments.shadow,
+        operator=arguments.operator,
+        driver=arguments.driver,
     )
 
 

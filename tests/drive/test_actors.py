@@ -124,11 +124,11 @@ def test_paths_and_recorded_speeds_are_found_and_hashed(tmp_path: Path) -> None:
     assert setting.recordings == {speeds: ((100.0, 102.5), (8.0, 6.0))}
     assert setting.lines.keys() == {"linden_loop"}
     assert isinstance(setting.lines["linden_loop"], Curve)
-    hashes = setting.resolved(setting.controller(REPOSITORY))["files_sha256"]
+    hashes = setting.resolved(REPOSITORY)["files_sha256"]
     loop = (REPOSITORY / "routes" / "linden_loop.csv").read_bytes()
     assert hashes["actors.other.path"] == hashlib.sha256(loop).hexdigest()
     assert hashes["actors.lead.acts.1.speeds"] == hashlib.sha256(Path(speeds).read_bytes()).hexdigest()
-    json.dumps(setting.resolved(setting.controller(REPOSITORY)))
+    json.dumps(setting.resolved(REPOSITORY))
 
 
 @pytest.mark.parametrize(

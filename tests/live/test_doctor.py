@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import re
 import socket
 import subprocess
 import time
@@ -60,14 +61,24 @@ def test_a_stored_alignment_says_where_the_car_stands_on_it(tmp_path: Path) -> N
     run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     finding, text = told(run, "start")
     assert finding == "go"
-    assert float(text.split()[3]) < 0.1
+    left, along, turned = numbers(text)[:3]
+    assert math.hypot(left, along) < 0.15
+    assert turned <= 1.0
+    assert run.stdout.splitlines()[-1] == "GO"
     moved = rig.read_text(encoding="utf-8").replace("latitude_deg = 40.0041", "latitude_deg = 40.0042")
-    rig.write_text(moved, encoding="utf-8")
+    rig.write_text(moved.replace("\nheading_deg = 85.0", "\nheading_deg = 265.0"), encoding="utf-8")
     run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     finding, text = told(run, "start")
-    assert finding == "note"
-    assert float(text.split()[3]) == pytest.approx(11.1, abs=0.2)
+    assert finding == "NO-GO"
+    assert math.hypot(*numbers(text)[:2]) == pytest.approx(11.1, abs=0.2)
+    assert numbers(text)[2] == pytest.approx(180.0, abs=1.0)
     assert "align" in text
+    assert (run.returncode, run.stdout.splitlines()[-1]) == (3, "NO-GO: start")
+
+
+def numbers(text: str) -> list[float]:
+    """The numbers in a text."""
+    return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", text)]
 
 
 @pytest.mark.live

@@ -23,7 +23,7 @@ from vve_sumo.analysis.units import described
 from vve_sumo.drive import figures
 from vve_sumo.drive.figures import Ahead
 from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS, read_table
-from vve_sumo.drive.setting import LAYOUT
+from vve_sumo.drive.setting import refuse_layout
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
 from vve_sumo.values import Floats, Vehicle
@@ -203,9 +203,7 @@ def _resolved(folder: FilePath) -> dict[str, Any]:
         raise ConfigError(f"{file}: not what a drive writes: {error}") from None
     if not isinstance(resolved, dict) or "settings" not in resolved:
         raise ConfigError(f"{file}: not what a drive writes: no settings in it")
-    layout = resolved.get("layout", 1)
-    if layout != LAYOUT:
-        raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")
+    refuse_layout(resolved, file)
     told.check(resolved, told.Record, file)
     return resolved
 

@@ -96,11 +96,11 @@ class _Settings(_Asked):
 
 
 class _Latency(Told):
-    budget_ms: Finite
+    budget_ms: Finite | None = None
 
 
 class _Rig(Told):
-    latency: _Latency
+    latency: _Latency | None = None
 
 
 #: all that is declared of a car

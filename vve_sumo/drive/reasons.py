@@ -44,6 +44,8 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "record_full": "the recorder does not keep up",
     "record_lost": "the recorder's process is gone",
     "simulation_error": "the simulation broke",
+    "start_heading": "the car does not face along its path at the path's start",
+    "start_position": "the car does not stand at its path's start",
     "street_failed": "the street or an actor on it met a mistake of the program and stands still",
     "street_not_measured": "the street's steps take too long, or too few of them were measured",
     "sumo_error": "SUMO refused a call or a step",

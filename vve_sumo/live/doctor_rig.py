@@ -20,8 +20,8 @@ from vve_sumo.drive.reasons import in_words
 from vve_sumo.drive.setting import Setting
 from vve_sumo.drive.street import standing
 from vve_sumo.errors import RigError
-from vve_sumo.frames import Alignment, Placement, wrap_angle
-from vve_sumo.live import assembly, stand_in
+from vve_sumo.frames import Alignment, Placement
+from vve_sumo.live import assembly, stand_in, start
 from vve_sumo.live.findings import Check, Finding, Report, judged
 from vve_sumo.live.ground import AVERAGED, STANDSTILL, average, lay
 from vve_sumo.lot.fit import measured
@@ -41,7 +41,6 @@ OLD: Final = 365  #: a test or calibration of more days ago is told
 RATE_SHARE: Final = 0.9  #: of the fixes that the rig promises
 NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no kit, receiver or radar knows it
 ECHO_PATIENCE: Final = 0.2  #: [s]
-FINEST_START: Final = (1.0, math.radians(5.0))  #: the car is at the path's start, within this [m] and [rad]
 
 #: reports that the gateway judges the age of
 REPORTS: Final = {
@@ -321,8 +320,8 @@ def path_checks(rig: Rig, setting: Setting, heard: Heard) -> Iterator[Check]:
             advice = f"where it lies follows from where the car stands: {AVERAGED:g} s of fixes to trust are needed"
             yield Check("path in the lot", "not known", Finding.NO_GO, advice)
             return
-        start = standing(begin.x, begin.y, begin.heading)
-        stored = lay(average(heard.epoch, stood), frame, mounting, start, None).alignment
+        place = standing(begin.x, begin.y, begin.heading)
+        stored = lay(average(heard.epoch, stood), frame, mounting, place, None).alignment
     elif stood:
         yield _at_the_start(setting, Placement(frame, stored, mounting, heard.epoch), heard.epoch, stood)
     yield _in_the_lot(rig, setting, stored)
@@ -342,14 +341,13 @@ def _in_the_lot(rig: Rig, setting: Setting, alignment: Alignment) -> Check:
 
 def _at_the_start(setting: Setting, placement: Placement, epoch: float, stood: list[Fix]) -> Check:
     """Where the car stands on a path that lies fixed in the lot."""
-    pose = placement.place(average(epoch, stood).fix)
-    begin = setting.path.at(0.0)
-    away = math.hypot(pose.x - begin.x, pose.y - begin.y)
-    turned = wrap_angle(pose.heading - begin.heading)
-    found = f"the car stands {away:.2f} m from the path's start, turned by {math.degrees(turned):.1f} deg"
-    good = away <= FINEST_START[0] and abs(turned) <= FINEST_START[1]
-    advice = "put it there, or align anew: vve-sumo align"
-    return judged("start", found, good, advice, otherwise=Finding.NOTE)
+    stands = start.of(placement.place(average(epoch, stood).fix), setting.path)
+    found = f"the car stands {stands.place()}, {stands.turn()}"
+    advice = (
+        f"drive it there, within {start.AWAY:g} m and {math.degrees(start.TURNED):g} deg, facing along the path; "
+        "or, where it is to start here, vve-sumo align"
+    )
+    return judged("start", found, not stands.faults(), advice)
 
 
 def _place_of(rig: Rig) -> str:

@@ -23,7 +23,7 @@ from vve_sumo.analysis.report.words import FIGURES, NONE, count, number, said, s
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import radar_statistics
 from vve_sumo.analysis.units import unit_of
-from vve_sumo.drive.replay import altered_parts
+from vve_sumo.drive.verify import altered_parts
 
 Figures = Mapping[str, Any]
 

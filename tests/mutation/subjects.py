@@ -1,0 +1,34 @@
+"""Which modules are mutated, and which tests must notice: the one table.
+
+The tests are those that run without a bus, a street or a second process; a test that takes seconds is left out where
+others say the same.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from tests.mutation.trial import Subject
+
+
+def _vehicle(module: str, *tests: str) -> Subject:
+    return Subject(f"vve_sumo.vehicle.{module}", tuple(f"tests/vehicle/test_{test}.py" for test in tests))
+
+
+#: Name on the command line to the module and its tests.
+SUBJECTS: Final[dict[str, Subject]] = {
+    "arming": Subject(
+        "vve_sumo.vehicle.arming",
+        (
+            "tests/vehicle/test_arming.py",
+            "tests/vehicle/test_diagram.py",
+            "tests/vehicle/test_gateway.py::test_every_reason_it_can_give_has_plain_words",
+        ),
+    ),
+    "admission": _vehicle("admission", "admission"),
+    "handover": _vehicle("handover", "handover"),
+    "reports": _vehicle("reports", "reports"),
+    "limits": _vehicle("limits", "limits"),
+    "gateway": _vehicle("gateway", "gateway", "profile"),
+    "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
+}
