@@ -83,7 +83,7 @@ def test_why_not_ready_stands_in_plain_words_once():
     }
     lines = picture(status)
     assert lines[2:] == [
-        "  - the wheels do not say that the car stands",
+        "  - the car is not known to stand",
         "  - too many ticks within a second took longer than the rig's budget",
     ]
 
@@ -270,7 +270,7 @@ def test_a_terminal_shows_one_picture_below_the_transitions_and_rings():
         assert first.count("NOT READY") <= 1 + 6  # the transition, and ten pictures a second at most
         shown = [line for line in terminal.lines if line]
         assert len(shown) == 5
-        assert shown[0].endswith("NOT READY: the wheels do not say that the car stands")
+        assert shown[0].endswith("NOT READY: the car is not known to stand")
         assert shown[1].endswith("STOPPING")
         assert shown[2].startswith("STOPPING")
         assert shown[3].startswith("  > wait")
