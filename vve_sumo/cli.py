@@ -331,8 +331,9 @@ def _add_replay(commands: Commands) -> None:  # type: ignore[valid-type]
         "replay",
         "run a record through the chain again and find the first difference",
         "Feed a record's pose bytes, car reports and actors to the same chain and the same gateway, without SUMO and\n"
-        "without a car, and compare every setpoint and every CAN frame, bit for bit. Exit code 1 names the first tick\n"
-        "of the drive, or step of the gateway, that differs, and every part of the record that was altered.",
+        "without a car, and compare every setpoint and every CAN frame, bit for bit. The record is verified before:\n"
+        "one that was altered is not replayed, nor is a controller run whose code has changed. Exit code 1 names what\n"
+        "was altered, or the first tick of the drive, or step of the gateway, that differs.",
     )
     replay.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
     replay.set_defaults(run=_replay)

@@ -125,7 +125,9 @@ def libraries() -> dict[str, str]:
     except PackageNotFoundError:
         declared = []  # run from a checkout that was never installed
     named = (re.match(r"[A-Za-z0-9._-]+", line) for line in declared if "extra ==" not in line)
-    return {name: _version(name) for name in sorted({*PARTS_THAT_DECIDE, *(found[0] for found in named if found)})}
+    known = versions()  # to read a version takes a millisecond or two
+    names = sorted({*PARTS_THAT_DECIDE, *(found[0] for found in named if found)})
+    return {name: known[name] if name in known else _version(name) for name in names}
 
 
 def _version(name: str) -> str:

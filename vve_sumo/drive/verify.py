@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from vve_sumo.drive import provenance
 from vve_sumo.drive.command import summary_of
-from vve_sumo.drive.ending import Ending, Outcome
+from vve_sumo.drive.ending import UNDER_WAY, Ending, Outcome
 from vve_sumo.drive.ledger import summarize
 from vve_sumo.drive.lockstep import Run
 from vve_sumo.drive.record import (
@@ -168,11 +168,14 @@ def _is(then: object, hashed: Callable[..., str], *of: Any) -> bool:
 def _contradictions(folder: FilePath, summary: dict[str, Any]) -> list[str]:
     """Return what a summary says otherwise than the rest of the record does, whose hashes are all in order.
 
-    Another version of this program may reckon figures otherwise, so only the one that wrote a summary judges it.
+    Another version of this program may reckon figures otherwise, so only the one that wrote a summary judges it. A
+    drive that was killed has none, and one whose recorder found no room has not all tables.
     """
-    if "max_speed_mps" not in summary or not provenance.same_code(provenance.read(folder)):
+    if "max_speed_mps" not in summary or summary.get("record_broken"):
         return []
     try:
+        if not provenance.same_code(provenance.read(folder)):
+            return []
         resolved = read_resolved(folder)
         told = _told(resolved, folder / "scenario.json")
         return [*_figures(folder, told, summary), *_names(resolved, summary), *_ending(folder, resolved, told, summary)]
@@ -271,10 +274,16 @@ def _ended(ticks: pa.Table, told: Told) -> Outcome | None:
 
 
 def _live_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, gateway: pa.Table) -> Iterator[str]:
-    """Compare what the rows of a live drive can say: whether anything was touched, and what the gateway ever said."""
-    touched = any(ticks["contacts"].to_pylist())
-    if (outcome is Outcome.CONTACT and not touched) or (touched and outcome in (Outcome.STOPPED, Outcome.ARRIVED)):
-        yield f"outcome is {outcome}, and {'something' if touched else 'nothing'} was touched"
+    """Compare what the rows of a live drive can say: what was touched on the way, and what the gateway ever said."""
+    contacts, speeds, states = (ticks[name].to_pylist() for name in ("contacts", "speed_mps", "state"))
+    if outcome is Outcome.CONTACT and not any(contacts):
+        yield f"outcome is {outcome}, and nothing was touched"
+    # What is touched at rest, before the drive or after it, is no outcome.
+    under_way = [
+        speed > UNDER_WAY and state == ArmingState.ENGAGED for speed, state in zip(speeds, states, strict=True)
+    ]
+    if outcome in (Outcome.STOPPED, Outcome.ARRIVED) and any(map(all, zip(contacts, under_way, strict=True))):
+        yield f"outcome is {outcome}, and something was touched"
     if outcome is Outcome.DRIVER and "driver_override" not in reasons:
         yield f"outcome is {outcome}, and reasons have no driver_override"
     said = {code for table in (ticks, gateway) for joined in table["reasons"].to_pylist() for code in joined.split("+")}
