@@ -334,6 +334,13 @@ def test_a_street_that_is_too_slow_is_no_go_and_a_held_back_one_a_note() -> None
     assert "12 vehicles" in held.found
 
 
+def test_what_the_kernel_permits_is_told_and_changes_nothing() -> None:
+    before = Path("/proc/self/oom_score_adj").read_text()
+    found = doctor_machine._priority().found
+    assert re.search(r"oom_score_adj -1000 (not )?permitted$", found)
+    assert Path("/proc/self/oom_score_adj").read_text() == before
+
+
 def test_a_folder_that_takes_no_records_is_no_go() -> None:
     _room, speed = doctor_machine._disk(Path("/proc/runs"))
     assert speed.finding is Finding.NO_GO

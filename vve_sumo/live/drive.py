@@ -127,6 +127,7 @@ class LiveDrive:
             feedback = link.decode_feedback(data)
             if isinstance(feedback, link.Feedback):
                 self._feedback = feedback
+                self._has_engaged |= feedback.verdict.state in COMMANDING
                 self._ledger.framed(feedback.sequence, feedback.sent)
         self._console.receive()
         for ear, gone in ((self._source, self._source.lost), (self._console, self._console.closed)):
@@ -182,7 +183,6 @@ class LiveDrive:
 
     def _before_engaging(self) -> tuple[str, ...]:
         """Reason codes of what has to hold until the car is engaged, and then no more; to be asked after the pose."""
-        self._has_engaged |= self._state in COMMANDING
         if self._has_engaged:
             return ()
         waits = () if self._street.fits else ("street_not_measured",)
