@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
 import socket
 import subprocess
@@ -48,9 +49,9 @@ def driving(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path, int]]
     found = re.search(r"\nport = (\d+)", rig.read_text())
     assert found is not None
     process = subprocess.Popen(
-        [sys.executable, "-m", "vve_sumo.cli", "drive", str(folder / "short.toml"), "--rig", str(rig)]
-        + ["--out", str(record)],
-        cwd=REPOSITORY,
+        [sys.executable, "-m", "vve_sumo.cli", "drive", "short.toml", "--rig", str(rig), "--out", str(record)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=(folder / "said.txt").open("w"),
