@@ -22,6 +22,7 @@ RUN: Final = 3  #: so many messages in a row that agree with each other and with
 SMALL: Final = 0.05  #: up to here the path became faster [s], and the run has to last an interval
 LASTING: Final = 0.5  #: beyond, the sender's clock was changed, and the run has to last so long [s]: a gap to the gate
 AGREEMENT: Final = 0.1  #: between the messages of a run [s]: bursts and jitter
+KNOWN: Final = 10  #: of what agreed with a minute or a day, so many count; as many more in a row must speak against it
 
 
 class Judged(enum.Enum):
@@ -94,6 +95,8 @@ class Arrivals:
     def _go_on(self, received: float, time: float, lead: float, ahead: float) -> Judged:
         """Take a time that is ahead into the run; say whether the run is to be believed now."""
         run = self._run
+        if run is not None and time == run.newest:
+            return Judged.AHEAD
         if run is None or not (time > run.newest and abs(lead - run.lead) <= AGREEMENT):
             self._run = _Run(received, time, lead)
             return Judged.AHEAD
@@ -113,3 +116,26 @@ class Arrivals:
         if math.isnan(leaked) or (self._young(received) and lead > leaked + self._least):
             self._faster_at = received
         self._lead, self._led_at = lead, received
+
+
+class Repeated:
+    """A minute or a day that is said again and again: when is another one believed than the one known?
+
+    Where more in a row agree on it than have said the known one: `RUN` against one, `KNOWN` + 2 at most.
+    """
+
+    def __init__(self) -> None:
+        self._agreed = 1  # that said the known one, the first of all among them
+        self._other = (0, 0)  # how far off the last ones were that agree, and how many they are
+
+    def believe(self, off: int) -> bool:
+        """Whether to believe what lies `off` from the one known; from then on that is the known one."""
+        if off == 0:
+            self._agreed, self._other = min(self._agreed + 1, KNOWN), (0, 0)
+            return True
+        before, count = self._other
+        self._other = (off, count + 1 if off == before else 1)
+        if self._other[1] < self._agreed - 1 + RUN:
+            return False
+        self._agreed, self._other = 1, (0, 0)
+        return True

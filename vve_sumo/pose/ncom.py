@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Final
 
 from vve_sumo.frames import wrap_angle
-from vve_sumo.pose.arrivals import Arrivals, Judged
+from vve_sumo.pose.arrivals import Arrivals, Judged, Repeated
 from vve_sumo.values import Fix
 
 SYNC: Final = b"\xe7"
@@ -26,8 +26,6 @@ STRUCTURE_B: Final = 11  #: another layout under the same sync byte
 MINUTE: Final = 60_000  #: [ms]
 MINUTES_SET: Final = 1_000  #: a smaller channel-0 value means that the unit does not know the time yet (NComRxC)
 CLOCK_HOLD: Final = 30.0  #: silence after which the minute is unknown again [s]: half the range of the packet's clock
-MINUTE_RUN: Final = 3  #: status channels 0 in a row that are believed against the one that first said the minute
-MINUTE_KNOWN: Final = 10  #: of those that agreed with it, so many count; as many more in a row must speak against it
 EARLIEST: Final = (
     0.002  #: by so much a packet may be earlier than the fastest before it [s]; the packet's clock has 1 ms
 )
@@ -145,7 +143,7 @@ class Decoder:
     forgets the minute until a channel 0 says it again.
 
     No single packet is believed against those before it. A channel 0 that says another minute counts for nothing until
-    more of them in a row agree on it than have said the known one (`MINUTE_RUN`, `MINUTE_KNOWN`); then the unit's clock
+    more of them in a row agree on it than have said the known one (`arrivals.Repeated`); then the unit's clock
     is taken as set, back or forth. A packet dated ahead of
     what arrivals allow (`arrivals.Arrivals`) counts for nothing until a run of them lasts. What is fed with one and the
     same arrival, as files are, may jump by `AT_ONCE`; beyond a longer gap the first two packets are lost.
@@ -164,8 +162,7 @@ class Decoder:
         self._clock: int | None = None  #: of the newest packet that was believed [ms since 1980-01-06 GPS]
         self._dated_at = -math.inf  #: its arrival [s]
         self._arrivals = Arrivals(EARLIEST, AT_ONCE)
-        self._agreed = 1  #: channels 0 that said the minute that is known
-        self._other_minute = (0, 0)  #: how far off the last channels 0 were that agree [minutes], and how many they are
+        self._minute = Repeated()
         self._channels = StatusChannels()
 
     @property
@@ -240,17 +237,10 @@ class Decoder:
 
     def _believed(self, off: int) -> bool:
         """Whether to believe a status channel 0 that says a minute `off` from where it should be."""
-        if off == 0:
-            self._agreed, self._other_minute = min(self._agreed + 1, MINUTE_KNOWN), (0, 0)
-            return True
-        before, count = self._other_minute
-        count = count + 1 if off == before else 1
-        self._other_minute = (off, count)
-        if count < self._agreed - 1 + MINUTE_RUN:
-            return False
-        self._agreed, self._other_minute = 1, (0, 0)
-        self._arrivals, self._channels = Arrivals(EARLIEST, AT_ONCE), StatusChannels()
-        return True
+        believed = self._minute.believe(off)
+        if believed and off != 0:
+            self._arrivals, self._channels = Arrivals(EARLIEST, AT_ONCE), StatusChannels()
+        return believed
 
     def _fix(
         self, packet: bytes, clock: int, time_received: float, latitude: float, longitude: float, altitude: float
