@@ -15,7 +15,7 @@ import pytest
 from tests.drive.street import REPOSITORY, altered, drive_once
 from tests.isolated import isolated
 from vve_sumo.drive.record import read_table
-from vve_sumo.drive.replay import read_car_frames, read_chain_inputs, replay, setting_of
+from vve_sumo.drive.replay import changed_since, read_car_frames, read_chain_inputs, replay, setting_of
 from vve_sumo.drive.setting import EPOCH
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path as Curve
@@ -98,8 +98,8 @@ def test_whoever_enters_when_the_ego_comes_enters_then(braked: tuple[Path, dict[
 
 def test_a_drive_with_actors_replays(braked: tuple[Path, dict[str, Any]]) -> None:
     folder, _summary = braked
-    setting, changed = setting_of(folder, REPOSITORY)
-    assert changed == []
+    setting = setting_of(folder, REPOSITORY)
+    assert changed_since(folder, setting) == []
     assert replay(setting, read_chain_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY) is None
 
 

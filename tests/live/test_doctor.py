@@ -51,7 +51,8 @@ def test_the_twin_is_go(tmp_path: Path) -> None:
     assert float(told(run, "fixes")[1].split()[0]) == pytest.approx(100.0, rel=0.05)
     assert told(run, "gear") == ("go", "park")
     assert "none" in told(run, "commands")[1]
-    assert sorted(tmp_path.iterdir()) == [tmp_path / "mine.toml"]
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "mine.toml", tmp_path / "runs"]
+    assert [str(file.relative_to(tmp_path)) for file in tmp_path.rglob("runs/*/*")] == ["runs/doctor/mine.json"]
 
 
 @pytest.mark.live

@@ -83,7 +83,7 @@ def test_why_not_ready_stands_in_plain_words_once():
     }
     lines = picture(status)
     assert lines[2:] == [
-        "  - the wheels do not say that the car stands",
+        "  - the car is not known to stand",
         "  - too many ticks within a second took longer than the rig's budget",
     ]
 
@@ -179,7 +179,8 @@ def test_a_car_that_waits_for_the_drivers_foot_is_not_said_to_drive():
 
 
 def test_what_was_missing_a_moment_ago_does_not_stand_beside_ready():
-    assert transition(DRIVING | {"state": "ready", "faults": ["street_not_measured"]}).endswith("READY: E ENGAGES")
+    for state, words in (("ready", "READY: E ENGAGES"), ("engaged", "DRIVING: ANY KEY STOPS")):
+        assert transition(DRIVING | {"state": state, "faults": ["street_not_measured"]}).endswith(words)
 
 
 def test_numbers_stand_with_their_reasons():
@@ -269,7 +270,7 @@ def test_a_terminal_shows_one_picture_below_the_transitions_and_rings():
         assert first.count("NOT READY") <= 1 + 6  # the transition, and ten pictures a second at most
         shown = [line for line in terminal.lines if line]
         assert len(shown) == 5
-        assert shown[0].endswith("NOT READY: the wheels do not say that the car stands")
+        assert shown[0].endswith("NOT READY: the car is not known to stand")
         assert shown[1].endswith("STOPPING")
         assert shown[2].startswith("STOPPING")
         assert shown[3].startswith("  > wait")

@@ -528,6 +528,21 @@ def test_a_path_that_becomes_faster_costs_two_packets():
     assert len(arrived(rows)) == 998
 
 
+def spoilt(packet: bytes, fate: float, received: float, chance: random.Random) -> bytes:
+    """What becomes of a packet: bytes put in or left out, doubled, followed by a lie, or nothing."""
+    at = chance.randrange(73)
+    if fate < 0.2:
+        return packet[:at] + chance.randbytes(chance.randrange(1, 9)) + packet[at:]
+    if fate < 0.3:
+        return packet[:at] + packet[at + chance.randrange(1, 9) :]
+    if fate < 0.4:
+        return packet + packet
+    if fate < 0.5:
+        off = chance.choice([0.004, 0.01, 0.1, 1.0, 7.0, -1.0, -7.0])
+        return packet + lie(START + received + off, chance.randrange(-2, 3), chance.choice([0, 16]))
+    return packet
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_whatever_is_put_in_left_out_or_lied_about_the_truth_is_back_within_a_second(seed):
@@ -536,26 +551,12 @@ def test_whatever_is_put_in_left_out_or_lied_about_the_truth_is_back_within_a_se
     rows: list[tuple[float, bytes]] = []
     held = 0.0
     for received, packet in drive(8.0):
-        if not 3.0 < received < 6.0:
-            rows.append((received, packet))
-            continue
-        fate = chance.random()
+        fate = chance.random() if 3.0 < received < 6.0 else 1.0
         now = max(received, held)
         if fate < 0.05:
             held = received + chance.uniform(0.0, 0.1)
-        if fate < 0.1:
-            continue
-        at = chance.randrange(73)
-        if fate < 0.2:
-            packet = packet[:at] + chance.randbytes(chance.randrange(1, 9)) + packet[at:]
-        elif fate < 0.3:
-            packet = packet[:at] + packet[at + chance.randrange(1, 9) :]
-        elif fate < 0.4:
-            packet += packet
-        elif fate < 0.5:
-            off = chance.choice([0.004, 0.01, 0.1, 1.0, 7.0, -1.0, -7.0])
-            packet += lie(START + received + off, chance.randrange(-2, 3), chance.choice([0, 16]))
-        rows.append((now, packet))
+        if fate >= 0.1:
+            rows.append((now, spoilt(packet, fate, received, chance)))
     rows.sort(key=lambda row: row[0])
     decoder, found = Decoder(), []
     for received, packet in rows:

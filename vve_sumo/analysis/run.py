@@ -22,7 +22,7 @@ from vve_sumo.analysis import told
 from vve_sumo.analysis.units import described
 from vve_sumo.drive import figures
 from vve_sumo.drive.figures import Ahead
-from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS, read_table
+from vve_sumo.drive.record import LIVE_SCHEMAS, PROVENANCE, SCHEMAS, read_table
 from vve_sumo.drive.setting import refuse_layout
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
@@ -116,6 +116,14 @@ class Run:
         arrow = self.arrow(name)
         meanings = {field.name: (field.metadata or {}).get(b"meaning", b"").decode() for field in arrow.schema}
         return described(arrow.to_pandas(), meanings)
+
+    @cached_property
+    def provenance(self) -> told.Provenance | None:
+        """Where the drive came from: its code, machine and people; None where the record does not say it."""
+        try:
+            return told.Provenance.model_validate_json((self.folder / PROVENANCE).read_bytes())
+        except (OSError, ValueError):
+            return None
 
     @cached_property
     def ticks(self) -> pd.DataFrame:

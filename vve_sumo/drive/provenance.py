@@ -56,7 +56,7 @@ def software() -> dict[str, Any]:
 
 
 def host() -> dict[str, str]:
-    """Return the machine's name, its kernel, its kind and its C library, whose `sin` rounds its own way."""
+    """Return the machine's name, its kernel, its kind, and its C library, which has a rounding of `sin` of its own."""
     try:
         library = os.confstr("CS_GNU_LIBC_VERSION")
     except (OSError, ValueError):

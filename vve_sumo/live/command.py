@@ -119,15 +119,12 @@ def _name(who: str, said: str | None, asks: bool) -> str | None:
     return name
 
 
-def _provenance(plan: Plan) -> dict[str, Any]:
-    """Return what the record keeps of where the drive comes from."""
+def _provenance(plan: Plan) -> str:
+    """Return what the record keeps of where the drive comes from, as the file holds it."""
     now = datetime.datetime.now(datetime.UTC)
-    return provenance.provenance(plan.setting, now.isoformat(timespec="seconds")) | {
-        "rig_file_sha256": hash_file(plan.rig_file),
-        "operator": plan.operator,
-        "driver": plan.driver,
-        "doctor": doctor_verdict.last(plan.rig_file, plan.working, now),
-    }
+    told = provenance.provenance(plan.setting, now.isoformat(timespec="seconds"))
+    told |= {"rig_file_sha256": hash_file(plan.rig_file), "operator": plan.operator, "driver": plan.driver}
+    return provenance.text_of(told | {"doctor": doctor_verdict.last(plan.rig_file, plan.working, now)})
 
 
 def live(plan: Plan) -> dict[str, Any]:

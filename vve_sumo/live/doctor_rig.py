@@ -11,9 +11,9 @@ import math
 import select
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 from vve_sumo.bus import Bus
 from vve_sumo.drive.reasons import in_words
@@ -96,6 +96,7 @@ def examine(report: Report, rig: Rig, setting: Setting | None) -> None:
     if bus is not None:
         report.add([Check("bus", bus.name), *bus_checks(heard)])
     if source is not None:
+        report.add(sender_checks(source.told()))
         report.add(pose_checks(rig, heard))
     if setting is not None:
         advice = "vve-sumo align stores an alignment for this network"
@@ -261,6 +262,15 @@ def _in_words(codes: list[str]) -> str:
     return "; ".join(in_words(code) for code in codes)
 
 
+def sender_checks(told: Mapping[str, Any]) -> Iterator[Check]:
+    """Judge who spoke to the receiver's port, as its source told; nothing where nobody else can."""
+    if not told:
+        return
+    refused = ", ".join(f"{count} datagrams of {sender}" for sender, count in told["refused"].items())
+    advice = "end the other sender, or correct pose.source; docs/live.md tells how the receiver gets a link of its own"
+    yield judged("sender", f"{told['sender'] or 'none'}; refused: {refused or 'none'}", not refused, advice)
+
+
 def pose_checks(rig: Rig, heard: Heard) -> Iterator[Check]:
     """Judge what the receiver said."""
     rate = len(heard.fixes) / LISTENED
@@ -367,7 +377,9 @@ def _to_the_receiver(rig: Rig) -> str:
     """What to look at where nothing comes from the receiver."""
     match rig.pose.kind:
         case "ncom_udp" | "nmea_udp":
-            return "see pose.address and pose.port, the receiver's Ethernet output, the network card and the firewall"
+            return (
+                "see pose.address, pose.port and pose.source, the receiver's Ethernet output, network card and firewall"
+            )
         case "nmea_tcp":
             return "see pose.address and pose.port, and that the receiver serves them"
         case "nmea_serial":

@@ -177,7 +177,8 @@ class LiveDrive:
 
     def _faults(self, begun: Begun) -> tuple[str, ...]:
         recording = (self._tap.failure,) if self._tap.failure else ()
-        return self._found + self._before_engaging() + self._street.found + begun.faults + self._late + recording
+        street = self._before_engaging() + self._street.found
+        return self._found + street + begun.faults + self._late + recording + self._source.found()
 
     def _before_engaging(self) -> tuple[str, ...]:
         """Reason codes of what has to hold until the car is engaged, and then no more; to be asked after the pose."""
@@ -289,6 +290,7 @@ class LiveDrive:
             "warnings": list(street.warnings),
             "text": self._chain.failure or self._broken or street.detail,
             "clock": self._chain.clock_report(),
+            "receiver": self._source.told(),
             "headroom": street.load,
         }
 

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from vve_sumo.drive import provenance
 from vve_sumo.drive.record import PROVENANCE, LiveRecord, write_summary
 from vve_sumo.live import signals
 from vve_sumo.live.channel import Channel
@@ -85,7 +84,7 @@ def main() -> None:
     stand_back()
     config, channels = begin()
     record = LiveRecord(Path(config["folder"]), config["resolved"], config["epoch"])
-    record.attach(PROVENANCE, provenance.text_of(config["provenance"]))
+    record.attach(PROVENANCE, config["provenance"])
     recorder = Recorder(record, list(channels.values()))
     recorder.run()
     finish(record, recorder.ended, summarise)

@@ -111,9 +111,10 @@ def redriven(folder: FilePath, controller: str, out: FilePath | None) -> int:
     """Run the command: ask another controller on a record's inputs, say and draw how it answers; the exit code."""
     if out is not None:
         redrive.writable(out)
+    is_live = live.is_live(folder)
     for each in alterations(folder) or ():
         print(f"note: {each}", file=sys.stderr)
-    setting, inputs, chain = _with(folder, controller)
+    setting, inputs, chain = _with(folder, is_live, controller)
     table = redrive.side_by_side(answers(chain, inputs))
     comparison = redrive.compared(table)
     # Of a file.py:make the file's place would fill the screen.
@@ -128,10 +129,10 @@ def redriven(folder: FilePath, controller: str, out: FilePath | None) -> int:
     return 0
 
 
-def _with(folder: FilePath, controller: str) -> tuple[Setting, ChainInputs, Chain]:
+def _with(folder: FilePath, is_live: bool, controller: str) -> tuple[Setting, ChainInputs, Chain]:
     """Return a record's setting and inputs, and its chain with another controller in it."""
     working = FilePath.cwd()
-    if live.is_live(folder):
+    if is_live:
         inputs = live.read_live_inputs(folder)
         setting, _rig = restored(inputs.resolved, working)
         return setting, inputs.chain, live.chain_again(inputs.resolved, working, controller)

@@ -225,7 +225,7 @@ def _health(status: Mapping[str, Any]) -> str:
     fix = "no pose yet" if status.get("speed_mps") is None else "fix good"
     if status.get("pose_reasons"):
         fix = "FIX REFUSED"
-    broken = any(code.startswith("record_") for code in _reasons(status))
+    broken = any(code.startswith("record_") for code in (*status.get("reasons", ()), *status.get("faults", ())))
     p50, p99 = (_number(_times(1000.0, latency.get(name)), ".1f") for name in ("p50", "p99"))
     times = f"latency {p50}, p99 {p99} ms"
     parts = [fix, times, f"missed {status.get('missed', 0)}", "RECORD BROKEN" if broken else "recording"]
@@ -237,10 +237,11 @@ def _health(status: Mapping[str, Any]) -> str:
 def _reasons(status: Mapping[str, Any]) -> list[str]:
     """All codes once, the gateway's first; what the phase says already is left out.
 
-    A car that is ready lacks nothing: what the drive said a tenth of a second ago is over.
+    The drive's own count as long as something is missing. From then on they come with the setpoints and are among the
+    gateway's; what the drive told the console a tenth of a second ago may be over.
     """
-    faults = () if status.get("state") == ArmingState.READY else status.get("faults", ())
-    codes = dict.fromkeys([*status.get("reasons", ()), *faults])
+    missing = status.get("state", ArmingState.DISARMED) == ArmingState.DISARMED
+    codes = dict.fromkeys([*status.get("reasons", ()), *(status.get("faults", ()) if missing else ())])
     told = _TOLD | {"drive_over"} if phase(status) in (PARKED, OVER) else _TOLD
     return [code for code in codes if code not in told]
 
