@@ -218,6 +218,7 @@ MATRIX: Final = (
     _ridden("pose_reordered", "of every two packets the later one comes first", "pose_reordered"),
     _ridden("pose_minute_wrong", "one packet says a minute 5 later, with right checksums", "pose_minute_wrong"),
     _ridden("pose_ahead_once", "one fix is dated 12 s ahead", "pose_ahead_once"),
+    _ridden("pose_forged", "another sender's packets come 10 ms ahead of the true ones and drift", "pose_forged"),
     # Fixes that lie and agree among themselves; the notice is the time in which the lie has become 0.75 m, or has led
     # the car 0.5 m astray.
     _lies(
@@ -233,8 +234,8 @@ MATRIX: Final = (
         Fault("pose_heading_drift"), ("heading_mismatch",), 1.5, ("position_mismatch", "yaw_rate_mismatch"),
     ),
     _lies(
-        "pose_forged", "another sender's packets come 10 ms ahead of the true ones and drift with 0.4 m/s",
-        Fault("pose_forged"), ("position_mismatch",), 0.75 / 0.4,
+        "pose_overtaken", "just before each packet comes another sender's of the same time, drifting with 0.4 m/s",
+        Fault("pose_overtaken"), ("position_mismatch",), 0.75 / 0.4,
     ),
     # The bus, and what the car says of itself.
     Row(

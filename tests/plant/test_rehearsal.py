@@ -268,9 +268,12 @@ def test_a_heading_drifts_with_its_yaw_rate_and_positions_are_true():
 
 def test_one_fix_is_dated_ahead(plain):
     ride = Ride(fault("pose_ahead_once"))
-    usual = {fix.time for fix in plain.fixes}
-    (ahead,) = [fix.time for fix in ride.fixes if fix.time not in usual]
-    assert ride.during(ahead - 12.0 - EPOCH)
+    milliseconds = slice(1, 3)
+    changed = [(ours, theirs) for ours, theirs in zip(ride.packets, plain.packets, strict=True) if ours != theirs]
+    (((arrived, ahead), (_, right)),) = changed
+    clocks = (int.from_bytes(data[milliseconds], "little") for data in (ahead, right))
+    assert int.__sub__(*clocks) % 60_000 == 12_000
+    assert ride.during(arrived - 0.01)
 
 
 # Packets.
@@ -288,22 +291,41 @@ def test_one_packet_says_a_wrong_minute_with_right_checksums(plain):
     assert wrong[1:62] == right[1:62]
 
 
-def test_forged_packets_are_one_ahead_of_the_true_ones_and_drift(plain):
-    """The true packets still arrive, and a decoder that takes the newest takes none of them."""
-    ride = Ride(fault("pose_forged"))
-    true = {data for _, data in plain.packets}
-    assert true <= {data for _, data in ride.packets}
-    assert len(ride.packets) - len(true) == pytest.approx(50, abs=1)
-    assert ride.decoder.counts[Outcome.NOT_INCREASING] == pytest.approx(50, abs=1)
-    forged = [pose for pose in poses(ride) if ride.began + AT + 0.03 < pose.time < ride.began + AT + DURATION]
-    for pose in forged:
-        # What was heard at a time is drifted as far as of that time, 10 ms after the fix and at the forged one's.
-        since = pose.time - ride.began - AT
+def forged_of(ride: Ride, plain: Ride) -> list[Pose]:
+    """What only the other sender said, as poses in the lot; each packet is decoded by itself."""
+    true = [data for _, data in plain.packets]
+    kept = [data for _, data in ride.packets if data in set(true)]
+    assert kept == true, "the true packets arrive all the same"
+    decoder = Decoder()
+    others = [(time, data) for time, data in ride.packets if data not in set(true)]
+    fixes = [fix for time, data in others for fix in decoder.feed(data, time)]
+    assert len(fixes) == pytest.approx(50, abs=3)
+    placement = Placement(LOT, Alignment(), PARAMETERS.receiver.mounting, EPOCH)
+    return [placement.place(fix) for fix in fixes]
+
+
+@pytest.mark.parametrize("kind", ["pose_forged", "pose_overtaken"])
+def test_another_sender_speaks_between_the_true_packets_and_drifts(kind, plain):
+    ride = Ride(fault(kind))
+    for pose in forged_of(ride, plain):
+        since = pose.time - ride.began - AT + (0.01 if kind == "pose_overtaken" else 0.0)
         ahead, left = off(ride, pose)
         assert left == pytest.approx(0.4 * since, abs=2e-3)
         assert ahead == pytest.approx(0.0, abs=2e-3)
         assert pose.lateral_speed == pytest.approx(0.4, abs=2e-3)
-    assert len(forged) > 40
+
+
+def test_forged_packets_are_one_ahead_of_the_true_ones_and_overtaking_ones_are_of_their_time(plain):
+    for kind, first in (("pose_forged", 0.01), ("pose_overtaken", 0.0)):
+        ride = Ride(fault(kind))
+        true = {data for _, data in plain.packets}
+        clocks = [(data in true, int.from_bytes(data[1:3], "little") / 1000.0) for _, data in ride.packets]
+        for (ours, time), (theirs, after) in pairwise(clocks):
+            if kind == "pose_forged" and ours and not theirs:
+                assert (after - time) % 60.0 == pytest.approx(first)
+            if kind == "pose_overtaken" and not ours:
+                assert theirs
+                assert after == time
 
 
 def test_bursts_keep_every_packet_in_order_and_come_every_48_ms(plain):

@@ -115,7 +115,7 @@ class Rehearsal:
     def _mangled(self, time: float, packet: bytes) -> list[bytes]:
         """What leaves the receiver instead of `packet`, in order."""
         packet = self._minute.alter(time, packet)
-        pieces = [packet, *self._forger.answer(time, packet)]
+        pieces = self._forger.surround(time, packet)
         if (period := self._due.value("pose_garbage", time)) is not None:
             self._packets += 1
             pieces = [self._garbage()] if self._packets % int(period) == 0 else [self._garbage(), *pieces]

@@ -32,6 +32,8 @@ KINDS: Final[dict[str, str]] = {
     "pose_heading_drift": "the heading drifts to the left with value [rad/s], the yaw rate agrees; positions are true",
     "pose_forged": "between the packets come those of another sender, 10 ms ahead of them, drifting to the left with "
     "value [m/s]",
+    "pose_overtaken": "just before each packet comes another sender's of the same time, drifting to the left with "
+    "value [m/s]",
     "pose_minute_wrong": "one packet says a minute 5 later, with right checksums",
     "pose_ahead_once": "one fix is dated 12 s ahead",
     "bus_silent": "the bus is dead: reports are not heard, nor are commands",
@@ -71,6 +73,7 @@ VALUES: Final[dict[str, tuple[float, float, float]]] = {
     "pose_steps": (0.2, -1e4, 1e4),
     "pose_heading_drift": (0.08, -1.0, 1.0),
     "pose_forged": (0.4, -100.0, 100.0),
+    "pose_overtaken": (0.4, -100.0, 100.0),
     "wheel_speeds_scaled": (0.75, 0.0, 2.0),
     "brakes_weak": (0.5, 0.0, 1.0),
     "drive_unasked": (0.1, 0.0, 1.0),

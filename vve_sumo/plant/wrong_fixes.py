@@ -98,26 +98,30 @@ class WrongMinute:
 
 
 class Forger:
-    """Another sender, who hears the packets and is always one ahead."""
+    """Another sender, who hears the packets and speaks between them."""
 
     def __init__(self, due: Due) -> None:
         self._due = due
-        self._decoder = Decoder() if due.ever("pose_forged") else None
+        self._decoder = Decoder() if due.ever("pose_forged") or due.ever("pose_overtaken") else None
         self._encoder = Encoder()
 
-    def answer(self, time: float, packet: bytes) -> list[bytes]:
-        """Return what the other sender adds at `time` to a packet."""
-        if self._decoder is None:
-            return []
-        fixes = self._decoder.feed(packet, time)
-        drift = self._due.share("pose_forged", time)
-        return [] if drift is None else [self._encoder.encode(_forged(fix, drift.value, drift.since)) for fix in fixes]
+    def surround(self, time: float, packet: bytes) -> list[bytes]:
+        """Return a packet that arrives at `time`, and what the other sender says just before and after it, in order."""
+        fixes = [] if self._decoder is None else self._decoder.feed(packet, time)
+        before, after = self._due.share("pose_overtaken", time), self._due.share("pose_forged", time)
+        pieces = [packet]
+        for fix in fixes:
+            if before is not None:
+                pieces.insert(0, self._encoder.encode(_carried_off(fix, 0.0, before.value, before.since)))
+            if after is not None:
+                pieces.append(self._encoder.encode(_carried_off(_next(fix), 0.0, after.value, after.since)))
+        return pieces
 
 
-def _forged(fix: Fix, sideways: float, since: float) -> Fix:
-    """The fix after this one, drifting to the left."""
+def _next(fix: Fix) -> Fix:
+    """The fix that comes after this one."""
     north, east = PERIOD * fix.velocity_north, PERIOD * fix.velocity_east
-    return _carried_off(replace(_moved(fix, north, east), time=fix.time + PERIOD), 0.0, sideways, since)
+    return replace(_moved(fix, north, east), time=fix.time + PERIOD)
 
 
 def _carried_off(fix: Fix, ahead: float, left: float, since: float) -> Fix:
