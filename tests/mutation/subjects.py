@@ -12,23 +12,25 @@ from tests.mutation.trial import Subject
 
 
 def _vehicle(module: str, *tests: str) -> Subject:
-    return Subject(f"vve_sumo.vehicle.{module}", tuple(f"tests/vehicle/test_{test}.py" for test in tests))
+    return Subject(f"vve_sumo.vehicle.{module}", tuple(f"tests/vehicle/test_{test}" for test in tests))
 
 
 #: Name on the command line to the module and its tests.
 SUBJECTS: Final[dict[str, Subject]] = {
-    "arming": Subject(
-        "vve_sumo.vehicle.arming",
-        (
-            "tests/vehicle/test_arming.py",
-            "tests/vehicle/test_diagram.py",
-            "tests/vehicle/test_gateway.py::test_every_reason_it_can_give_has_plain_words",
-        ),
+    "arming": _vehicle(
+        "arming",
+        "arming.py",
+        "diagram.py",
+        "figures.py",
+        "gateway.py::test_every_reason_it_can_give_has_plain_words",
     ),
-    "admission": _vehicle("admission", "admission"),
-    "handover": _vehicle("handover", "handover"),
-    "reports": _vehicle("reports", "reports"),
-    "limits": _vehicle("limits", "limits"),
-    "gateway": _vehicle("gateway", "gateway", "profile"),
+    "admission": _vehicle("admission", "admission.py", "figures.py"),
+    "handover": _vehicle("handover", "handover.py", "figures.py"),
+    "reports": _vehicle("reports", "reports.py", "figures.py"),
+    "limits": _vehicle("limits", "limits.py", "figures.py"),
+    "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
+    "response": _vehicle("response", "response.py", "figures.py"),
+    "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),
+    "gateway": _vehicle("gateway", "gateway.py", "profile.py"),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
 }

@@ -30,7 +30,9 @@ from tests.mutation.mutants import Mutant, mutants
 REPOSITORY: Final = Path(__file__).parent.parent.parent
 PATIENCE: Final = 5.0  # processor time that a test may take longer than on the unchanged module [s]
 MEMORY: Final = 4 << 30  # that a mutant may take [bytes]
-TIMED_OUT: Final = 70  # exit status
+TIMED_OUT, BROKEN = 70, 99  # exit statuses of a child
+#: Exit statuses that say nothing of the mutant: pytest was misused, found no test, or never came to run.
+NOT_TRIED: Final = (pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.NO_TESTS_COLLECTED, BROKEN)
 
 
 class Subject(NamedTuple):
@@ -108,6 +110,8 @@ def judge(subject: Subject, chosen: Sequence[Mutant], reached: Reached) -> Itera
         with os.fdopen(pipe, "rb") as said:
             killer = said.read().decode()
         code = os.waitstatus_to_exitcode(status)
+        if code in NOT_TRIED:
+            raise RuntimeError(f"{subject.module}: its tests could not be run against a mutant: exit status {code}")
         if code and not killer:
             killer = "timeout" if code in (TIMED_OUT, -signal.SIGXCPU, -signal.SIGKILL) else "import"
         found[killer] += 1
@@ -121,7 +125,7 @@ def all_mutants(subject: Subject) -> list[Mutant]:
 
 def _in_child(work: Callable[[], int]) -> None:
     """Never return: a child that unwound into its parent's code would be two testers."""
-    status = 99
+    status = BROKEN
     try:
         with Path(os.devnull).open("w") as nowhere:
             os.dup2(nowhere.fileno(), 1)
@@ -148,7 +152,8 @@ def _pytest(arguments: Sequence[str], plugin: object) -> int:
     os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
     os.chdir(REPOSITORY)
     options = ["-x", "-q", "--tb=no", "--no-header", "--no-summary", "-p", "no:cacheprovider", "-p", "no:logging"]
-    return int(pytest.main([*options, "-m", "not live", *arguments], plugins=[plugin]))
+    options += [f"--rootdir={REPOSITORY}", "-m", "not live"]
+    return int(pytest.main([*options, *arguments], plugins=[plugin]))
 
 
 # The unchanged module.

@@ -249,7 +249,9 @@ class Plausibility:
         turned, distance = now.turned - then.turned, now.distance - then.distance
         bias = BIAS_LEARNT if self._bias_time >= BIAS_LEAST_TIME else BIAS_UNKNOWN
         uncertain = bias * (now.time - then.time) + TURN_SHARE * turned
-        off_heading = math.remainder(now.heading - then.heading - now.own_heading + then.own_heading, math.tau)
+        off = now.heading - then.heading - now.own_heading + then.own_heading
+        # Two finite headings may be infinitely far apart, and have no remainder then.
+        off_heading = math.remainder(off, math.tau) if math.isfinite(off) else math.inf
         reasons = [] if abs(off_heading) <= HEADING_DIFFERENCE + uncertain else ["heading_mismatch"]
         ahead, left = then.seen(now)
         across = POSITION_DIFFERENCE + (LATERAL_SHARE + 0.5 * uncertain) * distance

@@ -1,0 +1,90 @@
+"""A few seconds of each fuzz run, and that its judgement finds what is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from tests.fuzz import decoders, gateway
+from tests.fuzz.__main__ import main
+from tests.fuzz.invariant import Violation
+from vve_sumo.values import ArmingState, Fix, Frame
+from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
+
+
+def test_no_decoder_breaks_an_invariant():
+    assert [decoders.run(seed) for seed in range(2 * len(decoders.DECODERS))] == [1000] * 2 * len(decoders.DECODERS)
+
+
+def test_the_gateway_breaks_no_invariant():
+    assert [gateway.run(seed) for seed in range(20)] == [600] * 20
+
+
+def test_drives_reach_every_state_and_move_the_car(monkeypatch):
+    seen, fastest = set(), 0.0
+    for seed in range(20):
+        drive = gateway.Drive(seed)
+        for number in range(gateway.STEPS):
+            drive._step(number)
+            seen |= {(drive.state, drive.going)}
+            fastest = max(fastest, drive.car.speed)
+    assert {state for state, _ in seen} == set(ArmingState)
+    assert (ArmingState.ENGAGED, True) in seen
+    assert fastest > 5.0
+
+
+class Wrong(Gateway):
+    """A gateway with one flaw."""
+
+    flaw = ""
+
+    def step(self, *inputs):
+        output = super().step(*inputs)
+        brake, throttle, steering, gear = output.frames
+        going = brake.data[3] & 1
+        if self.flaw == "ignores the driver" and going:
+            brake = Frame(brake.id, brake.data[:3] + bytes((brake.data[3] | 4,)) + brake.data[4:])
+        elif self.flaw == "stands on both pedals" and going:
+            throttle = Frame(throttle.id, b"\x01" + throttle.data[1:])
+        elif self.flaw == "does not count" and going:
+            steering = Frame(steering.id, steering.data[:7] + b"\0")
+        elif self.flaw == "shifts under way" and throttle.data[:2] != b"\0\0":
+            gear = Frame(gear.id, b"\x04")
+        verdict = output.verdict
+        if self.flaw == "jumps" and going:
+            verdict = replace(verdict, steering=-verdict.steering - 0.05)
+        return GatewayOutput(verdict, (brake, throttle, steering, gear))
+
+
+@pytest.mark.parametrize(
+    ("flaw", "number"),
+    [
+        ("ignores the driver", 3),
+        ("stands on both pedals", 7),
+        ("does not count", 5),
+        ("shifts under way", 11),
+        ("jumps", 12),
+    ],
+)
+def test_a_flaw_is_found_and_named_with_its_seed(monkeypatch, flaw, number):
+    monkeypatch.setattr(gateway, "Gateway", Wrong)
+    monkeypatch.setattr(Wrong, "flaw", flaw)
+    with pytest.raises(Violation, match=rf"invariant {number}: .*\n  seed \d+, step \d+, now "):
+        [gateway.run(seed) for seed in range(20)]
+
+
+def test_a_fix_that_is_none_is_found():
+    gate = decoders._Gate()
+    fix = decoders._fix(decoders.random.Random(1), 0.0)
+    gate.judge(0.0, [fix])
+    for wrong in ({"latitude": 2.0}, {"altitude": float("inf")}, {"time": fix.time - 1.0}, {"heading": 4.0}):
+        bad: Fix = replace(fix, time=fix.time + 1.0)
+        with pytest.raises(Violation, match="3: "):
+            gate.judge(0.0, [replace(bad, **wrong)])
+
+
+@pytest.mark.parametrize("what", ["decoders", "gateway"])
+def test_the_command_says_what_it_tried(capsys, what):
+    assert main([what, "--count", "1200", "--seed", "7"]) == 0
+    assert capsys.readouterr().out.endswith("of the seeds 7 to 8, 0 violations\n")
