@@ -10,6 +10,7 @@ import time
 
 import pytest
 
+from vve_sumo.drive.reasons import in_words
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.wording import (
     ALARMS,
@@ -83,7 +84,7 @@ def test_why_not_ready_stands_in_plain_words_once():
     }
     lines = picture(status)
     assert lines[2:] == [
-        "  - the wheels do not say that the car stands",
+        "  - the car is not known to stand",
         "  - too many ticks within a second took longer than the rig's budget",
     ]
 
@@ -144,7 +145,10 @@ def test_at_rest_and_in_a_fault_it_says_what_to_do():
     assert phase(rest) == "at rest: brake, shift to P"
     assert "P is reported" in advice(rest)
     needed = phase(rest | {"reasons": ["stop_asked", "driver_needed"]})
-    assert needed == NEEDED == "at rest: brake, shift to P: the gateway lets go when you do"
+    assert needed == NEEDED == "brake, shift to P: the gateway lets go when you do"
+    assert phase(stopping("stop_asked", "driver_needed")) == NEEDED, "wheels that are locked say nothing of the car"
+    assert rings(stopping("driver_needed")) == 3
+    assert in_words("driver_needed") in "\n".join(picture(DRIVING | {"reasons": ["driver_needed"]}))
     assert "60 s" in advice(stopping("bus_down"))
     assert "60 s" in advice(rest | {"reasons": ["gear_report_stale"]})
     assert "brake" in advice(stopping())
@@ -270,7 +274,7 @@ def test_a_terminal_shows_one_picture_below_the_transitions_and_rings():
         assert first.count("NOT READY") <= 1 + 6  # the transition, and ten pictures a second at most
         shown = [line for line in terminal.lines if line]
         assert len(shown) == 5
-        assert shown[0].endswith("NOT READY: the wheels do not say that the car stands")
+        assert shown[0].endswith("NOT READY: the car is not known to stand")
         assert shown[1].endswith("STOPPING")
         assert shown[2].startswith("STOPPING")
         assert shown[3].startswith("  > wait")

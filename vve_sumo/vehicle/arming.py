@@ -148,7 +148,7 @@ REASONS: Final[dict[str, str]] = {
     "kit_watchdog": "the kit's watchdog has latched",
     "no_setpoint": "no setpoint that is still good",
     "not_in_park": "cannot disarm before the car is in park: it would creep away",
-    "not_standing": "the wheels do not say that the car stands",
+    "not_standing": "the car is not known to stand",
     "operator_gone": "nobody is at the controls any more",
     "profile_invalid": "a setpoint's way to rest is no way and the setpoint was refused",
     "report_invalid": "the car reports one of its measurements as invalid",
