@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.controllers.street import FUSION
-from vve_sumo.controller import Guarded, known, load, module, settle
+from vve_sumo.controller import Guarded, known, load, module, origin, settle, sources
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
 from vve_sumo.values import Detections, Point, Pose, Setpoint, Situation
@@ -94,6 +94,51 @@ def test_an_entry_point_is_found_after_the_folders(folders, monkeypatch):
     assert known(folders) == ("broken", "gentle", "harsh", "plugged", "relative")
     with pytest.raises(ConfigError, match="controller broken: its entry point raised AttributeError"):
         load("broken", FUSION, {}, folders)
+
+
+def test_the_sources_are_the_files_that_were_imported(folders):
+    asked("relative", folders)
+    assert sources("relative", folders) == {name: folders[1] / f"{name}.py" for name in ("numbers", "relative")}
+    asked("harsh", folders)
+    assert sources("harsh", folders) == {"harsh": folders[1] / "harsh.py"}
+    assert sources("absent", folders) == {}
+
+
+def test_where_code_lies_is_found_without_running_it(folders):
+    """As an import would find it, where several things have the name."""
+    (folders[0] / "bomb.py").write_text("raise SystemExit('run')\n")
+    for name in ("bomb", f"{folders[0] / 'bomb.py'}:make"):
+        place = origin(name, folders)
+        assert (place.root, place.main, place.file("bomb")) == (folders[0], "bomb", folders[0] / "bomb.py")
+    package = folders[0] / "bomb"
+    package.mkdir()
+    (package / "__init__.py").write_text("raise SystemExit('run')\n")
+    assert place.file("bomb") == package / "__init__.py"
+    with pytest.raises(ConfigError, match="SystemExit"):
+        load("bomb", FUSION, {}, folders)
+    assert [place.file(name) for name in ("absent", "", "..", "../mine/bomb", "/etc/passwd", "bomb.")] == [None] * 6
+    with pytest.raises(ConfigError, match="controller absent: unknown; known are"):
+        origin("absent", folders)
+
+
+def test_an_installed_package_is_found_without_running_it(folders, monkeypatch):
+    site = folders[0].parent / "site"
+    metadata, package = site / "vve_test_bomb-1.0.dist-info", site / "vve_test_bomb"
+    metadata.mkdir(parents=True)
+    (package / "inner").mkdir(parents=True)
+    for place in ("__init__.py", "main.py", "inner/__init__.py", "inner/law.py"):
+        (package / place).write_text("raise SystemExit('run')\n")
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: vve-test-bomb\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[vve_sumo.controllers]\nbombed = vve_test_bomb.main:make\n")
+    monkeypatch.syspath_prepend(site)
+    assert origin("bombed", folders).file("vve_test_bomb.main") == package / "main.py"
+    assert sources("bombed", folders) == {
+        "vve_test_bomb": package / "__init__.py",
+        "vve_test_bomb.inner": package / "inner" / "__init__.py",
+        "vve_test_bomb.inner.law": package / "inner" / "law.py",
+        "vve_test_bomb.main": package / "main.py",
+    }
+    assert "vve_test_bomb" not in sys.modules
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from tests.conftest import REPOSITORY
 from tests.live import matrix
 from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS
+from vve_sumo.plant import rehearsed
 from vve_sumo.pose import trust
 from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.rig.refusal import arming_refusal
@@ -77,8 +78,18 @@ def _schema(table: str) -> str:
     return "\n".join(["| column | type | meaning |", "|---|---|---|", *rows])
 
 
+def _kinds() -> str:
+    lines = ["| kind | what happens | value |", "|---|---|---|"]
+    for kind, words in rehearsed.KINDS.items():
+        usual, least, most = rehearsed.VALUES.get(kind, rehearsed.NO_VALUE)
+        value = f"{least:g} to {most:g}; {usual:g} where none is given" if kind in rehearsed.VALUES else ""
+        lines.append(f"| `{kind}` | {words} | {value} |")
+    return "\n".join(lines)
+
+
 GENERATED = {
     ("faults.md", "faults"): matrix.table,
+    ("faults.md", "kinds"): _kinds,
     ("record.md", "detection columns"): lambda: _schema("detections"),
     ("record.md", "actor columns"): lambda: _schema("actors"),
     ("record.md", "gateway columns"): lambda: _schema("gateway"),

@@ -149,6 +149,8 @@ def _add_drive(commands: Commands) -> None:  # type: ignore[valid-type]
     )
     drive.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
     drive.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
+    drive.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
+    drive.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
     drive.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     drive.set_defaults(run=_drive)
 
@@ -329,8 +331,9 @@ def _add_replay(commands: Commands) -> None:  # type: ignore[valid-type]
         "replay",
         "run a record through the chain again and find the first difference",
         "Feed a record's pose bytes, car reports and actors to the same chain and the same gateway, without SUMO and\n"
-        "without a car, and compare every setpoint and every CAN frame, bit for bit. Exit code 1 names the first tick\n"
-        "of the drive, or step of the gateway, that differs, and every part of the record that was altered.",
+        "without a car, and compare every setpoint and every CAN frame, bit for bit. The record is verified before:\n"
+        "one that was altered is not replayed, nor is a controller run whose code has changed. Exit code 1 names what\n"
+        "was altered, or the first tick of the drive, or step of the gateway, that differs.",
     )
     replay.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
     replay.set_defaults(run=_replay)
@@ -580,6 +583,9 @@ def _drive(arguments: argparse.Namespace) -> int:
         return _drive_live(arguments)
     if arguments.shadow:
         raise ConfigError("--shadow: only a live drive has enable bits to leave off; name the rig with --rig")
+    for who in ("operator", "driver"):
+        if getattr(arguments, who) is not None:
+            raise ConfigError(f"--{who}: only a live drive has one; name the rig with --rig")
     from vve_sumo.drive.command import drive
 
     return drive(
@@ -604,6 +610,8 @@ def _drive_live(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         controller=arguments.controller,
         shadow=arguments.shadow,
+        operator=arguments.operator,
+        driver=arguments.driver,
     )
 
 

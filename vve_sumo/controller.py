@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import importlib.util
 import math
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
 from pathlib import Path as Folder
 from types import ModuleType
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Setpoint, Situation, Vehicle
@@ -75,13 +77,83 @@ def module(name: str, search: Sequence[Folder]) -> ModuleType:
     raise ConfigError(f"controller file {name}.py: not in {', '.join(map(str, search)) or 'any folder'}")
 
 
-def sources(controller: Controller) -> tuple[Folder, ...]:
-    """Return the files that a controller's code came from, sorted: its own and the neighbours that it imported."""
-    own = type(controller).__module__
-    package = own.partition(".")[0]
-    names = [key for key in sys.modules if key.startswith(f"{package}.")] if package.startswith(PACKAGE) else [own]
-    files = (getattr(sys.modules.get(name), "__file__", None) for name in names)
-    return tuple(sorted(Folder(file) for file in files if file))
+class Origin(NamedTuple):
+    """Where a controller's code lies."""
+
+    root: Folder  #: what the names of its modules count from
+    main: str  #: the module that offers it, dotted
+    installed: bool  #: whether it belongs to an installed package, all of whose files count as its code
+
+    def file(self, module: str) -> Folder | None:
+        """Return the file that an import of one of its modules would run; None where there is none."""
+        importlib.invalidate_caches()
+        places, found = [str(self.root)], None
+        for part in module.split("."):
+            # Of a part with a slash the finder would look outside the root.
+            found = None if "/" in part or not part else PathFinder.find_spec(part, places)
+            if found is None:
+                return None
+            places = list(found.submodule_search_locations or ())
+        return Folder(found.origin) if found is not None and found.has_location and found.origin else None
+
+
+def origin(name: str, search: Sequence[Folder]) -> Origin:
+    """Return where `load` would take a controller's code from; nothing of that code is run.
+
+    Raises ConfigError where there is nothing of the name, or nothing that lies in files.
+    """
+    if ":" in name:
+        file = Folder(name.rpartition(":")[0])
+        if not file.is_file():
+            raise ConfigError(f"controller {name}: there is no file {file}")
+        return Origin(file.resolve().parent, file.stem, False)
+    for folder in search:
+        if (folder / f"{name}.py").is_file():
+            return Origin((folder / f"{name}.py").resolve().parent, name, False)
+    for entry in entry_points(group=ENTRY_POINTS, name=name):
+        return _installed(name, entry.module)
+    raise _unknown(name, search)
+
+
+def _installed(name: str, module: str) -> Origin:
+    """Return where an entry point's module lies; only its outermost package is looked for, which runs nothing."""
+    top = module.partition(".")[0]
+    try:
+        spec = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        spec = None
+    places = list(spec.submodule_search_locations or ()) if spec is not None else []
+    if spec is None or not (places or spec.has_location):
+        raise ConfigError(f"controller {name}: the package {top} of its entry point lies in no file")
+    return Origin(Folder(places[0] if places else str(spec.origin)).parent, module, True)
+
+
+def sources(name: str, search: Sequence[Folder]) -> dict[str, Folder]:
+    """Return the files of the code of a controller that was just loaded, by the names of their modules.
+
+    Of a file these are its own and those of the neighbours that it imported; of an entry point every file of its
+    outermost package. Empty where the code lies in no file.
+    """
+    try:
+        place = origin(name, search)
+    except ConfigError:
+        return {}
+    if place.installed:
+        return _files_of_package(place)
+    package = _package(place.root)
+    modules = {
+        key.removeprefix(f"{package}."): sys.modules[key] for key in sys.modules if key.startswith(f"{package}.")
+    }
+    files = {module: getattr(modules[module], "__file__", None) for module in sorted(modules)}
+    return {module: Folder(file) for module, file in files.items() if file}
+
+
+def _files_of_package(place: Origin) -> dict[str, Folder]:
+    top = place.main.partition(".")[0]
+    own = place.file(top)
+    inside = (place.root / top).rglob("*.py") if own is None or own.name == "__init__.py" else [own]
+    named = {".".join(file.relative_to(place.root).with_suffix("").parts): file for file in inside}
+    return {module.removesuffix(".__init__"): named[module] for module in sorted(named)}
 
 
 def settle(tuning: Tuning, defaults: Tuning) -> dict[str, TuningValue]:
@@ -168,7 +240,11 @@ def _found(name: str, search: Sequence[Folder]) -> Maker:
             return _offered(name, file_there, "make")
     for entry in entry_points(group=ENTRY_POINTS, name=name):
         return _loaded_entry(name, entry.load)
-    raise ConfigError(f"controller {name}: unknown; known are {', '.join(known(search)) or 'none'}")
+    raise _unknown(name, search)
+
+
+def _unknown(name: str, search: Sequence[Folder]) -> ConfigError:
+    return ConfigError(f"controller {name}: unknown; known are {', '.join(known(search)) or 'none'}")
 
 
 def _loaded_entry(name: str, load_it: Callable[[], Maker]) -> Maker:
@@ -194,10 +270,15 @@ def _read(name: str, file: Folder) -> ModuleType:
         raise ConfigError(f"controller {name}: reading {file} raised {_told(error)}") from error
 
 
+def _package(folder: Folder) -> str:
+    """Return the name of the package that a folder of controllers becomes."""
+    return f"{PACKAGE}{hashlib.sha256(str(folder).encode()).hexdigest()[:16]}"
+
+
 def _imported(file: Folder) -> ModuleType:
     """Import a file as a member of a package made of its folder, under a name nobody else can have."""
     folder = file.resolve().parent
-    package = f"{PACKAGE}{hashlib.sha256(str(folder).encode()).hexdigest()[:16]}"
+    package = _package(folder)
     for stale in [key for key in sys.modules if key == package or key.startswith(f"{package}.")]:
         del sys.modules[stale]
     root = ModuleType(package)

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS
+from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS, write_summary
 from vve_sumo.drive.setting import LAYOUT
 from vve_sumo.values import TickRow
 from vve_sumo.vehicle import fusion
@@ -52,7 +52,7 @@ def write(folder: Path, ticks: list[dict[str, Any]], summary: dict[str, Any] | N
     }
     (folder / "scenario.json").write_text(json.dumps(resolved | changes), encoding="utf-8")
     if summary is not None:
-        (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+        write_summary(folder, summary)
     return folder
 
 

@@ -25,6 +25,7 @@ from vve_sumo.analysis import plots
 from vve_sumo.analysis.comparison import compare
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.plots import crowd, latencies, style
+from vve_sumo.analysis.report import write_report
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive import ledger
 from vve_sumo.drive.sheet import SIZE
@@ -64,6 +65,16 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = write(tmp_path_factory.mktemp("live") / "record", rows, rig=rig)
     put(folder, "latency", (dataclasses.asdict(timed(tick)) for tick in range(TIMED)))
     return Run(folder)
+
+
+@pytest.mark.parametrize("rig", [{}, {"latency": {}}, {"latency": {"breaches": 5}}])
+def test_a_rig_without_a_budget_has_the_default_one(tmp_path: Path, rig: dict[str, Any]) -> None:
+    """So its drive kept to it; the record holds what the rig file says and no more."""
+    folder = stopping(tmp_path / "record", rig=rig).folder
+    put(folder, "latency", (dataclasses.asdict(timed(tick)) for tick in range(len(TIME))))
+    figure = plots.latency_ledger(Run(folder))
+    assert "budget 40 ms" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert "Latency" in write_report(folder).read_text(encoding="utf-8")
 
 
 def timed(tick: int) -> LatencyRow:

@@ -19,7 +19,7 @@ from tests.drive.street import altered
 from tests.isolated import REPOSITORY, command, isolated
 from tests.sweep.test_dataset import PLAN, content
 from vve_sumo.analysis.report import write_report
-from vve_sumo.drive.replay import altered_parts
+from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep.cells import Cell
 from vve_sumo.sweep.dataset import Dataset
@@ -212,7 +212,11 @@ def test_names_that_are_code_are_text(folders: Folders, browser: Any) -> None:
         ("drive", "passed", r"The car came to rest 4\.\d\d m before parked_car\."),
         ("killed", "broken off", r"The record ends after \d+\.\d\d s, with the car at \d+\.\d\d m/s"),
         ("sweep", "FAILED", r"30 of 35 judged runs passed \(85\.7 %\), 5 failed; 1 more came to a fault\."),
-        ("hostile", "altered", r"Changed since the drive: scenario\.json\. .*The simulation broke after"),
+        (
+            "hostile",
+            "altered",
+            r"Changed since the drive: summary\.json, scenario\.json\. .*The simulation broke after",
+        ),
     ],
 )
 def test_the_top_line_says_what_happened(folders: Folders, kind: str, verdict: str, sentence: str) -> None:

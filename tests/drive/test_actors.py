@@ -15,7 +15,7 @@ import pytest
 from tests.drive.street import REPOSITORY, altered, drive_once
 from tests.isolated import isolated
 from vve_sumo.drive.record import read_table
-from vve_sumo.drive.replay import read_car_frames, read_chain_inputs, replay, setting_of
+from vve_sumo.drive.replay import changed_since, read_car_frames, read_chain_inputs, replay, setting_of
 from vve_sumo.drive.setting import EPOCH
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path as Curve
@@ -98,8 +98,8 @@ def test_whoever_enters_when_the_ego_comes_enters_then(braked: tuple[Path, dict[
 
 def test_a_drive_with_actors_replays(braked: tuple[Path, dict[str, Any]]) -> None:
     folder, _summary = braked
-    setting, changed = setting_of(folder, REPOSITORY)
-    assert changed == []
+    setting = setting_of(folder, REPOSITORY)
+    assert changed_since(folder, setting) == []
     assert replay(setting, read_chain_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY) is None
 
 
@@ -124,11 +124,11 @@ def test_paths_and_recorded_speeds_are_found_and_hashed(tmp_path: Path) -> None:
     assert setting.recordings == {speeds: ((100.0, 102.5), (8.0, 6.0))}
     assert setting.lines.keys() == {"linden_loop"}
     assert isinstance(setting.lines["linden_loop"], Curve)
-    hashes = setting.resolved(setting.controller(REPOSITORY))["files_sha256"]
+    hashes = setting.resolved(REPOSITORY)["files_sha256"]
     loop = (REPOSITORY / "routes" / "linden_loop.csv").read_bytes()
     assert hashes["actors.other.path"] == hashlib.sha256(loop).hexdigest()
     assert hashes["actors.lead.acts.1.speeds"] == hashlib.sha256(Path(speeds).read_bytes()).hexdigest()
-    json.dumps(setting.resolved(setting.controller(REPOSITORY)))
+    json.dumps(setting.resolved(REPOSITORY))
 
 
 @pytest.mark.parametrize(

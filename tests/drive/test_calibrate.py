@@ -246,6 +246,13 @@ def test_a_drive_that_was_cut_off_is_poor_and_stays_out_of_the_rig(copy: Path, r
     said = tomllib.loads(rig.read_text())
     assert said["calibration"]["brake_gain_kgm"] == pytest.approx(657.6, rel=0.01)
     assert "steering_ratio" not in said["vehicle"]
+    assert said["calibration"]["wheel_speed_tolerance"] == 0.01, "earned by the rolling radius, which is good"
+
+
+def test_a_rolling_radius_that_is_left_earns_no_tolerance(record: Path, rig: Path) -> None:
+    calibrated = calibrate.calibrate(record)
+    calibrate.put_into(rig, calibrated, DATE, leave=("wheel_radius",))
+    assert "wheel_speed_tolerance" not in tomllib.loads(rig.read_text()).get("calibration", {})
 
 
 def test_what_would_not_load_is_not_written(record: Path, rig: Path) -> None:

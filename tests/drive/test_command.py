@@ -152,7 +152,8 @@ def test_the_record_names_the_controllers_files_that_were_read_and_no_other(tmp_
         encoding="utf-8",
     )
     setting = altered({"controller": {"name": f"{tmp_path / 'mine.py'}:make"}})
-    hashes = setting.resolved(setting.controller(REPOSITORY))["files_sha256"]
+    setting.controller(REPOSITORY)
+    hashes = setting.resolved(REPOSITORY)["files_sha256"]
     assert {role for role in hashes if role.startswith("controller_")} == {"controller_mine", "controller_near"}
     assert hashes["controller_near"] == hashlib.sha256(b"GAIN = 1.0\n").hexdigest()
 

@@ -103,7 +103,7 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
         shell = Lockstep(setting, REPOSITORY, Fault(kind))
-        record = Record(folder, setting.resolved(shell.controller), EPOCH)
+        record = Record(folder, setting.resolved(REPOSITORY), EPOCH)
         done = shell.run(record, lambda tick, now, speed, station: None)
         shell.close()
         summary = command.summarise(setting, done, folder, record.close())

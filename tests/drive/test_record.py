@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import math
 import os
@@ -138,7 +139,10 @@ def test_not_a_number_becomes_null_in_the_summary(tmp_path: Path) -> None:
     record = Record(tmp_path / "r", {}, 0.0)
     record.close()
     record.summarise({"gap": math.nan, "inner": {"x": math.inf}, "ok": 1.5})
-    assert json.loads((tmp_path / "r" / "summary.json").read_text(encoding="utf-8")) == {
+    written = json.loads((tmp_path / "r" / "summary.json").read_text(encoding="utf-8"))
+    text = json.dumps({key: written[key] for key in ("gap", "inner", "ok")}, indent=1) + "\n"
+    assert written.pop("summary_sha256") == hashlib.sha256(text.encode()).hexdigest()
+    assert written == {
         "gap": None,
         "inner": {"x": None},
         "ok": 1.5,

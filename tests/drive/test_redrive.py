@@ -62,7 +62,7 @@ def other(tmp_path: Path) -> str:
 
 def redriven(record: Path, controller: str) -> pa.Table:
     """Return both answers of every tick."""
-    setting, _changed = setting_of(record, REPOSITORY)
+    setting = setting_of(record, REPOSITORY)
     setting = setting.driven_by(controller)
     return side_by_side(answers(chain_of(setting, setting.controller(REPOSITORY)).chain, read_chain_inputs(record)))
 

@@ -9,12 +9,22 @@ from typing import Any
 
 import pytest
 
+from tests.drive.forge import cut_off
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
 from vve_sumo.drive.record import hash_parts, read_pose_chunks, read_table
-from vve_sumo.drive.replay import Difference, altered_parts, read_car_frames, read_chain_inputs, replay, setting_of
+from vve_sumo.drive.replay import (
+    Difference,
+    changed_controller,
+    changed_since,
+    read_car_frames,
+    read_chain_inputs,
+    replay,
+    setting_of,
+)
 from vve_sumo.drive.setting import EPOCH
+from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
 
 DRIVES: dict[str, dict[str, Any]] = {
@@ -38,8 +48,8 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def replayed(folder: Path) -> Difference | None:
-    setting, changed = setting_of(folder, REPOSITORY)
-    assert changed == []
+    setting = setting_of(folder, REPOSITORY)
+    assert changed_since(folder, setting) == changed_controller(folder, setting, REPOSITORY) == []
     return replay(setting, read_chain_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
 
 
@@ -115,7 +125,7 @@ def test_what_was_never_finished_replays_as_far_as_its_inputs_reach(
     records: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = Path(shutil.copytree(records["traffic"], tmp_path / "r"))
-    (folder / "summary.json").unlink()
+    cut_off(folder)
     assert altered_parts(folder) is None
     assert cli.main(["replay", str(folder)]) == 0
     assert "never finished" in capsys.readouterr().err
@@ -146,5 +156,6 @@ def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path, role: 
     resolved = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
     resolved["files_sha256"][role] = "0" * 64
     (folder / "scenario.json").write_text(json.dumps(resolved), encoding="utf-8")
-    _setting, changed = setting_of(folder, REPOSITORY)
-    assert changed == [f"{role} has changed since"]
+    setting = setting_of(folder, REPOSITORY)
+    told = changed_since(folder, setting) + changed_controller(folder, setting, REPOSITORY)
+    assert told == [f"{role} has changed since"]

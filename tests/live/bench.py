@@ -81,7 +81,7 @@ class Bench:
         to_recorder, spare = pair()
         self.spare = spare  # the drive's tap, which says nothing here
         _prefer_the_car(True)
-        record = {"folder": str(folder), "resolved": {}, "epoch": EPOCH, "log": None}
+        record = {"folder": str(folder), "resolved": {}, "epoch": EPOCH, "provenance": "{}", "log": None}
         self.recorder = start("recorder", record, {"drive": to_recorder, "gateway": recorder_end}, own_session=True)
         until(lambda: (folder / "latency.arrows").exists())
         channels = {"drive": drive_end, "console": console_end, "recorder": tap_end}

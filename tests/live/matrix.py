@@ -58,16 +58,23 @@ GATEWAY: Final = Layer("gateway", _LIMITS.stop_deceleration, _LIMITS.stop_decele
 HARD: Final = Layer(
     "gateway, hard", _LIMITS.critical_deceleration, _LIMITS.critical_deceleration / _LIMITS.critical_jerk, _LAG
 )
+# One that has found the brakes weak presses them as hard as it may; this is what is left of that at half strength, and
+# against an engine that pushes.
+_FULL_RISE: Final = _CAR.deceleration_limit / _LIMITS.emergency.jerk
+HALF: Final = Layer("gateway, with all that the brakes give", _CAR.deceleration_limit / 2.0, _FULL_RISE, _LAG)
+OPEN_THROTTLE: Final = 0.3  # of full force
+PUSH: Final = Calibration().drive_force(OPEN_THROTTLE, 0.0) / Calibration().mass  # [m/s2]
+PUSHED: Final = Layer("gateway, with all that the brakes give", _CAR.deceleration_limit - PUSH, _FULL_RISE, _LAG)
 WATCHDOG: Final = Layer("the kit's watchdog", _TESTED["deceleration_mps2"], 0.0, PERIOD + _TESTED["delay_s"])
 
 
 class Fault(NamedTuple):
-    """A fault that the hardware-free car puts on (`plant.rehearsal`)."""
+    """A fault that the hardware-free car puts on (`plant.rehearsed`)."""
 
     kind: str
     duration: float = 3600.0
     value: float | None = None
-    later: float = 0.0  #: than `AT`
+    later: float = 0.0  #: than `AT`; negative is sooner
 
 
 class Signal(NamedTuple):
@@ -81,7 +88,10 @@ class Signal(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One fault; exactly one of `faults`, `signal`, `controller` and `stage` brings it about."""
+    """One fault; one of `faults`, `signal`, `controller` and `stage` brings it about.
+
+    Where a controller goes with `faults`, it does what makes them felt, and the moment is that of the later of the two.
+    """
 
     name: str
     fault: str  #: in words
@@ -98,6 +108,7 @@ class Row:
     stage: str = ""  #: stalled, full, hangup
     pole: bool = False  #: the lot has a pole beside the way
     budget_ms: float = 40.0  #: the rig's
+    push: float = 0.0  #: acceleration that the fault adds until it is noticed [m/s2]
     by_reason: bool = False  #: the fault's moment is the one at which the gateway hears of it
 
 
@@ -107,6 +118,12 @@ def _pose(name: str, fault: str, kind: str, *fix: str) -> Row:
 
 def _ridden(name: str, fault: str, kind: str) -> Row:
     return Row(name, fault, Right.RIDDEN, ("stop_asked",), ending="interrupted", faults=(Fault(kind),))
+
+
+def _lies(
+    name: str, fault: str, fault_of: Fault, reasons: tuple[str, ...], notice: float, first: tuple[str, ...] = ()
+) -> Row:
+    return Row(name, fault, Right.REST, reasons, GATEWAY, notice + PERIOD + STEP, first=first, faults=(fault_of,))
 
 
 def _report(name: str, fault: str, fault_of: Fault, reasons: tuple[str, ...], stops: Layer) -> Row:
@@ -199,6 +216,27 @@ MATRIX: Final = (
     _ridden("pose_garbage", "random bytes between the packets, and instead of every fifth", "pose_garbage"),
     _ridden("pose_duplicates", "every packet comes twice", "pose_duplicates"),
     _ridden("pose_reordered", "of every two packets the later one comes first", "pose_reordered"),
+    _ridden("pose_minute_wrong", "one packet says a minute 5 later, with right checksums", "pose_minute_wrong"),
+    _ridden("pose_ahead_once", "one fix is dated 12 s ahead", "pose_ahead_once"),
+    _ridden("pose_forged", "another sender's packets come 10 ms ahead of the true ones and drift", "pose_forged"),
+    # Fixes that lie and agree among themselves; the notice is the time in which the lie has become 0.75 m, or has led
+    # the car 0.5 m astray.
+    _lies(
+        "pose_drifts", "the position drifts to the left with 0.4 m/s, and the velocity agrees",
+        Fault("pose_drift_lateral"), ("position_mismatch",), 0.75 / 0.4,
+    ),
+    _lies(
+        "pose_steps", "the position steps to the left by 0.2 m each second", Fault("pose_steps"),
+        ("position_mismatch",), 2.0,
+    ),
+    _lies(
+        "pose_heading_drifts", "the heading drifts with 0.08 rad/s, and the yaw rate agrees",
+        Fault("pose_heading_drift"), ("heading_mismatch",), 1.5, ("position_mismatch", "yaw_rate_mismatch"),
+    ),
+    _lies(
+        "pose_overtaken", "just before each packet comes another sender's of the same time, drifting with 0.4 m/s",
+        Fault("pose_overtaken"), ("position_mismatch",), 0.75 / 0.4,
+    ),
     # The bus, and what the car says of itself.
     Row(
         "bus_dead", "the bus is dead for 4 s, both ways", Right.REST, ("steering_report_stale", "kit_watchdog"),
@@ -234,6 +272,35 @@ MATRIX: Final = (
         "throttle_drops_out", "the throttle module works no more", Fault("kit_dropout", value=2.0),
         ("throttle_disabled",), GATEWAY,
     ),
+    # After 8 s wheel speeds are right again: what stands by no evidence but wheels that never change needs its driver.
+    _lies(
+        "wheel_speeds_zero", "the car says that it stands", Fault("wheel_speeds_zero", 8.0), ("speed_mismatch",), 0.120,
+        ("position_mismatch",),
+    ),
+    _lies(
+        "wheel_speeds_scaled", "wheel speeds are three quarters of the true ones", Fault("wheel_speeds_scaled"),
+        ("speed_mismatch",), 1.5, ("position_mismatch",),
+    ),
+    _lies(
+        "wheel_speeds_frozen", "wheel speeds stay what they were, while the car gains speed",
+        Fault("wheel_speeds_frozen", 8.0, later=-0.75), ("wheel_speeds_frozen",), 1.2,
+        ("position_mismatch", "speed_mismatch"),
+    ),
+    Row(
+        "steering_report_frozen", "the steering report stays what it was, while the car weaves", Right.REST,
+        ("steering_report_frozen",), GATEWAY, 2.0 + STEP, first=("steering_mismatch",),
+        faults=(Fault("steering_report_frozen"),), controller="weaving",
+    ),
+    Row(
+        "brakes_weak", "the brakes give half of what they are told, and report all of it", Right.REST,
+        ("brake_not_following",), HALF, 1.5, faults=(Fault("brakes_weak", value=0.5, later=-1.0),),
+        controller="braking",
+    ),
+    Row(
+        "drive_unasked", "the throttle is stuck open by 0.3, and nobody asked", Right.REST, ("brake_not_following",),
+        PUSHED, 2.0, first=("drive_not_following",), faults=(Fault("drive_unasked", value=OPEN_THROTTLE),),
+        push=PUSH,
+    ),
     # The driver.
     _driver("brake_override", "the driver is on the brake", Fault("brake_override")),
     _driver("throttle_override", "the driver is on the throttle, then on the brake",
@@ -242,6 +309,14 @@ MATRIX: Final = (
     _driver(
         "brakes_drop_out", "the brake module works no more, and the driver brakes", Fault("kit_dropout", value=1.0),
         Fault("brake_override", later=1.5), reasons=("brake_disabled", "driver_override"),
+    ),
+    replace(
+        _driver(
+            "brakes_dead", "the brakes give nothing of what they are told, and the driver brakes",
+            Fault("brakes_weak", value=0.0, later=-1.0), Fault("brake_override", later=1.5),
+            reasons=("brake_not_following", "driver_override"),
+        ),
+        controller="braking",
     ),
 )  # fmt: skip
 
@@ -260,12 +335,12 @@ def bound(row: Row, speed: float, acceleration: float) -> float:
     """Most that the car may drive from the fault to rest [m], from a speed and an acceleration when it sets in.
 
     The closed form of a delay and a linear rise to a constant deceleration. Until the brakes set in, the car gains what
-    it is gaining, and as much longer as the drive force takes to fade.
+    it is gaining, and as much longer as the drive force takes to fade, and what the fault itself pushes it.
     """
     layer = row.stops
     assert layer is not None
     delay, a, rise = row.notice + layer.lag, layer.deceleration, layer.rise
-    v = speed + max(acceleration, 0.0) * (delay + Calibration().drive_lag)
+    v = speed + max(acceleration, 0.0) * (delay + Calibration().drive_lag) + row.push * delay
     assert v > a * rise / 2.0
     closed = v * delay + v * rise - a * rise * rise / 6.0 + (v - a * rise / 2.0) ** 2 / (2.0 * a)
     return closed + speed * TOLERANCE

@@ -31,7 +31,7 @@ from tests.live.patience import until
 from tests.live.spoilt import MOMENT
 from tests.live.witness import stalls, witness
 from vve_sumo.drive.record import read_table
-from vve_sumo.plant.rehearsal import STARTED
+from vve_sumo.plant.rehearsed import STARTED
 
 #: a drive that was ridden through goes on for so long after its last fault, then the operator stops it [s]
 GOES_ON = 3.0
@@ -155,7 +155,7 @@ class Stage:
         with witness(file), self._console() as console:
             moment = self._break(console) if self._under_way(console) else math.nan
             if self.row.right is Right.RIDDEN:
-                last = moment + max(fault.later for fault in self.row.faults) + GOES_ON
+                last = moment + max((fault.later for fault in self.row.faults), default=0.0) + GOES_ON
                 time.sleep(max(last - time.monotonic(), 0.0) if moment == moment else 0.0)
                 console.send_signal(signal.SIGINT)
             alive = self._wait_for_the_end(console)
@@ -205,7 +205,11 @@ class Stage:
 
     def _under_way(self, console: subprocess.Popen[bytes]) -> bool:
         """Wait until the car moves, where a fault is rehearsed, or is fast enough; whether it came to that."""
-        while self._speed() < (STARTED if self.row.faults else SPEED):
+        return self.moving(console, STARTED if self.row.faults else SPEED)
+
+    def moving(self, console: subprocess.Popen[bytes], least: float) -> bool:
+        """Wait until the car is as fast as `least` [m/s]; whether it came to that."""
+        while self._speed() < least:
             if console.poll() is not None:
                 return False
             if math.isnan(self.t0) and (file := self.record / "processes.json").exists():
@@ -236,15 +240,19 @@ class Stage:
         if row.faults:
             truth = read_truth(self.record)
             moved = float(truth["time_s"][np.flatnonzero(np.abs(truth["speed_mps"]) > STARTED)[0]])
-            moment = self.t0 + moved + AT
+            moment = self.t0 + moved + AT + min(row.faults[0].later, 0.0)
             time.sleep(max(moment - time.monotonic(), 0.0))
-            return moment
+            return max(moment, self._spoilt(console)) if row.controller else moment
         if row.signal is not None:
             return self._send(row.signal.process)
         if act is not None:
             moment = time.monotonic()
             act()
             return moment
+        return self._spoilt(console)
+
+    def _spoilt(self, console: subprocess.Popen[bytes]) -> float:
+        """Wait until the controller goes wrong; return when it did."""
         until(lambda: console.poll() is not None or bool(self._moment.exists() and self._moment.read_text()))
         return float(self._moment.read_text()) if self._moment.exists() else math.nan
 

@@ -26,7 +26,7 @@ from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.spawn import start
 from vve_sumo.plant import fusion
 from vve_sumo.plant.kit import KitParameters
-from vve_sumo.plant.rehearsal import Rehearsed
+from vve_sumo.plant.rehearsed import Rehearsed
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import ArmingState, Fix, Frame, Setpoint, Verdict
 from vve_sumo.vehicle import dbw

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import re
 import socket
 import subprocess
 import time
@@ -50,7 +51,8 @@ def test_the_twin_is_go(tmp_path: Path) -> None:
     assert float(told(run, "fixes")[1].split()[0]) == pytest.approx(100.0, rel=0.05)
     assert told(run, "gear") == ("go", "park")
     assert "none" in told(run, "commands")[1]
-    assert sorted(tmp_path.iterdir()) == [tmp_path / "mine.toml"]
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "mine.toml", tmp_path / "runs"]
+    assert [str(file.relative_to(tmp_path)) for file in tmp_path.rglob("runs/*/*")] == ["runs/doctor/mine.json"]
 
 
 @pytest.mark.live
@@ -60,14 +62,24 @@ def test_a_stored_alignment_says_where_the_car_stands_on_it(tmp_path: Path) -> N
     run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     finding, text = told(run, "start")
     assert finding == "go"
-    assert float(text.split()[3]) < 0.1
+    left, along, turned = numbers(text)[:3]
+    assert math.hypot(left, along) < 0.15
+    assert turned <= 1.0
+    assert run.stdout.splitlines()[-1] == "GO"
     moved = rig.read_text(encoding="utf-8").replace("latitude_deg = 40.0041", "latitude_deg = 40.0042")
-    rig.write_text(moved, encoding="utf-8")
+    rig.write_text(moved.replace("\nheading_deg = 85.0", "\nheading_deg = 265.0"), encoding="utf-8")
     run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     finding, text = told(run, "start")
-    assert finding == "note"
-    assert float(text.split()[3]) == pytest.approx(11.1, abs=0.2)
+    assert finding == "NO-GO"
+    assert math.hypot(*numbers(text)[:2]) == pytest.approx(11.1, abs=0.2)
+    assert numbers(text)[2] == pytest.approx(180.0, abs=1.0)
     assert "align" in text
+    assert (run.returncode, run.stdout.splitlines()[-1]) == (3, "NO-GO: start")
+
+
+def numbers(text: str) -> list[float]:
+    """The numbers in a text."""
+    return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", text)]
 
 
 @pytest.mark.live
@@ -320,6 +332,13 @@ def test_a_street_that_is_too_slow_is_no_go_and_a_held_back_one_a_note() -> None
     held = doctor_machine._judged_street([0.002] * 200, True, {"refused": 7, "removed": 5})
     assert held.finding is Finding.NOTE
     assert "12 vehicles" in held.found
+
+
+def test_what_the_kernel_permits_is_told_and_changes_nothing() -> None:
+    before = Path("/proc/self/oom_score_adj").read_text()
+    found = doctor_machine._priority().found
+    assert re.search(r"oom_score_adj -1000 (not )?permitted$", found)
+    assert Path("/proc/self/oom_score_adj").read_text() == before
 
 
 def test_a_folder_that_takes_no_records_is_no_go() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import time
@@ -16,13 +17,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.live.bench import LIFETIME, Bench, Heard, stop
+from tests.live.bench import LIFETIME, Bench, Heard, LiveCar, stop
 from tests.live.patience import until
-from tests.vehicle.car import PERIOD
+from tests.vehicle.car import FUSION, PERIOD
 from vve_sumo.bus import read_log
 from vve_sumo.drive.record import read_table
+from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
-from vve_sumo.live.gateway import LATEST, SOONEST, Inbox, due
+from vve_sumo.live.gateway import GONE, LATEST, SOONEST, Inbox, due, kit_is_gone
+from vve_sumo.live.priority import KEPT
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import dbw, link
 from vve_sumo.vehicle.dbw import Gear
@@ -139,14 +142,47 @@ def test_a_stop_asked_for_again_and_again_is_urgent_once():
         assert inbox.empty().act is Act.STOP
 
 
+@given(st.floats(0.0, 1e6), st.floats(0.0, 1e3))
+def test_a_kit_is_gone_a_minute_after_its_last_word(heard: float, later: float) -> None:
+    assert kit_is_gone(heard + later, heard) is (heard + later - heard > GONE)
+    assert GONE == 60.0
+
+
+IDS = [dbw.BRAKE_REPORT, dbw.THROTTLE_REPORT, dbw.STEERING_REPORT, dbw.GEAR_REPORT]
+
+
+@given(st.lists(st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=40))
+def test_a_bus_that_babbles_is_no_word_of_the_kit(frames: list[Frame]) -> None:
+    """Only what its four modules report counts, and only where that can be understood."""
+    core = Gateway(FUSION, period=PERIOD)
+    core.step(5.0, None, [])
+    assert core.kit_heard == -math.inf
+    core.step(5.0 + PERIOD, None, frames)
+    understood = [frame for frame in frames if not isinstance(dbw.decode(frame), dbw.Malformed)]
+    assert (core.kit_heard > 0.0) is any(frame.id in IDS for frame in understood)
+    core.step(5.0 + 2 * PERIOD, None, [Frame(0x3FF, b"babble!!")] * 40)
+    assert core.kit_heard <= 5.0 + PERIOD
+
+
+@pytest.mark.parametrize("number", IDS)
+def test_each_module_of_the_kit_is_heard(number: int) -> None:
+    core = Gateway(FUSION, period=PERIOD)
+    (report,) = [frame for frame in LiveCar().reports() if frame.id == number]
+    core.step(7.0, None, [report])
+    assert core.kit_heard == 7.0
+
+
 # The process.
 
 
 @pytest.mark.live
 def test_a_drive_from_ready_to_park(bench: Open) -> None:
     b = bench(3.0)
-    b.act(Act.STOP)
+    b.act(Act.END)
     b.rest()
+    told = {code for feedback in b.feedbacks for code in feedback.verdict.reasons}
+    assert "drive_over" in told
+    assert "stop_asked" not in told, "nobody asked for it"
     assert b.car.gear is Gear.PARK
     assert b.feedbacks[-1].verdict.state is ArmingState.DISARMED
     gaps = [after.time - before.time for before, after in pairwise(b.heard)]
@@ -182,8 +218,6 @@ def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
 
 def gateway_again(b: Bench) -> Gateway:
     """The core that the bench's process runs."""
-    from tests.vehicle.car import FUSION
-
     return Gateway(FUSION, period=PERIOD, variant=b.car.variant)
 
 
@@ -234,8 +268,8 @@ def test_a_gateway_that_slept_latches_it_and_makes_up_for_nothing(bench: Open) -
 @pytest.mark.live
 def test_signals_hammered_at_a_moving_gateway_change_nothing(bench: Open) -> None:
     b = bench(3.0)
-    for _ in range(50):
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for _ in range(20):
+        for number in signals.ENDING:
             b.kill(b.gateway, number)
         b.run(0.004)
     b.run(0.2)
@@ -359,6 +393,18 @@ def test_a_second_master_on_the_bus_stops_the_car(bench: Open) -> None:
     b.adapter.send([dbw.encode(dbw.BrakeCommand(dbw.BrakeKind.TORQUE, 0.0, True, 7, False), b.car.variant)])
     b.rest()
     assert "another_writer" in reasons_of(b)
+
+
+@pytest.mark.live
+def test_the_kernel_is_told_to_take_the_gateway_last(bench: Open) -> None:
+    b = bench(sender=False)
+    b.run_until(lambda: b.state is not None)
+    given, said = Path(f"/proc/{b.gateway.pid}/oom_score_adj").read_text(), (b.folder / "gateway.txt").read_text()
+    assert f"oom_score_adj {KEPT}" in said
+    assert (int(given) == KEPT) is ("does not allow oom_score_adj" not in said)
+    assert int(Path(f"/proc/{b.recorder.pid}/oom_score_adj").read_text()) > int(given)
+    b.console.close()
+    b.rest()
 
 
 @pytest.mark.live

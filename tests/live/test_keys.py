@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from typing import IO
 import pytest
 
 from tests.conftest import REPOSITORY
-from vve_sumo.live.keys import STOPPING
+from vve_sumo.live.signals import ASKING
 
 LISTENER = """
 import fcntl, select, sys, termios
@@ -22,7 +23,7 @@ from vve_sumo.live.keys import Keys
 with Keys(listen=True) as keys:
     print("ready", flush=True)
     while True:
-        select.select(keys.filenos(), [], [])
+        select.select(keys.filenos(), [], [], 0.05)
         for wish in keys.wishes():
             print(wish.value, flush=True)
 """
@@ -43,6 +44,11 @@ def listener(stdin: int, *, controlled: bool) -> tuple[subprocess.Popen[str], IO
     return process, process.stdout
 
 
+def next_line(said: IO[str]) -> str:
+    """The next line, where none has been read ahead; nothing where none comes."""
+    return said.readline() if select.select([said], [], [], 10.0)[0] else ""
+
+
 def test_on_a_terminal_all_but_four_keys_stop_even_those_that_a_terminal_keeps_to_itself() -> None:
     ours, theirs = pty.openpty()
     process, said = listener(theirs, controlled=True)
@@ -59,16 +65,33 @@ def test_on_a_terminal_all_but_four_keys_stop_even_those_that_a_terminal_keeps_t
     process.wait()
 
 
-@pytest.mark.parametrize("number", STOPPING)
-def test_every_signal_that_would_end_or_freeze_the_console_is_a_stop(number: signal.Signals) -> None:
+def test_every_signal_that_would_end_or_freeze_the_console_is_a_stop() -> None:
     reader, writer = os.pipe()
     process, said = listener(reader, controlled=False)
-    process.send_signal(number)
-    assert said.readline() == "stop\n"
+    assert {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGTSTP} <= ASKING
+    for number in sorted(ASKING):
+        process.send_signal(number)
+        assert next_line(said) == "stop\n", number
     process.kill()
     process.wait()
     os.close(reader)
     os.close(writer)
+
+
+@pytest.mark.parametrize("signal_of_the_parent", [signal.SIGKILL, signal.SIGTERM])
+def test_a_console_whose_parent_is_gone_and_that_hears_nobody_says_so(signal_of_the_parent: signal.Signals) -> None:
+    """It has no terminal and reads no pipe: whoever started it was who looked after it."""
+    child = LISTENER.replace("listen=True", "listen=False")
+    script = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {child!r}], stdin=subprocess.DEVNULL)"
+    parent = subprocess.Popen(
+        [sys.executable, "-c", script], cwd=REPOSITORY, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert parent.stdout is not None
+    assert parent.stdout.readline() == "ready\n"
+    parent.send_signal(signal_of_the_parent)
+    parent.wait()
+    assert next_line(parent.stdout) == "gone\n"
+    os.killpg(parent.pid, signal.SIGKILL)
 
 
 def test_on_a_pipe_words_count_and_its_end_is_a_stop() -> None:

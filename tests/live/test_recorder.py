@@ -58,7 +58,7 @@ class Desk:
         self.to_drive, drive = pair()
         self.to_gateway, gateway = pair()
         self.drive, self.gateway = Tap(self.to_drive), Tap(self.to_gateway)
-        config = {"folder": str(self.folder), "resolved": {"a": 1}, "epoch": 1000.0, "log": None}
+        config = {"folder": str(self.folder), "resolved": {"a": 1}, "epoch": 1000.0, "provenance": "{}", "log": None}
         self.process = start("recorder", config, {"drive": drive, "gateway": gateway}, own_session=True)
         until(lambda: (self.folder / "latency.arrows").exists())
 

@@ -6,6 +6,7 @@ replay.
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,6 +20,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.drive.forge import change_json, seal_again
 from tests.live.records import PATIENCE, Drive, begin
 from tests.live.witness import stalls, witness
 from vve_sumo import cli
@@ -27,7 +29,7 @@ from vve_sumo.drive import command as drives
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import Run
 from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS, hash_parts, read_pose_chunks, read_table
-from vve_sumo.drive.replay import altered_parts
+from vve_sumo.drive.verify import altered_parts
 from vve_sumo.live.assembly import restored
 from vve_sumo.live.replay import read_live_inputs, replay_drive, replay_gateway
 from vve_sumo.values import Setpoint
@@ -35,7 +37,7 @@ from vve_sumo.vehicle import link
 
 pytestmark = pytest.mark.live
 
-PARTS = ("scenario.json", "pose.bin", "can.log", "ticks", "actors", "detections", "gateway")
+PARTS = ("scenario.json", "pose.bin", "can.log", "ticks", "actors", "detections", "gateway", "provenance.json")
 #: that a kill may lose [s]
 MOST_LOST = 0.2
 #: drives until one shows its fault; on a machine that is busy one may stop before
@@ -185,9 +187,10 @@ def test_a_changed_packet_is_found_at_its_tick(copy: Path, capsys: pytest.Captur
     (copy / "pose.bin").write_bytes(raw)
     ticks = read_table(copy, "ticks").to_pylist()
     tick = next(row["tick"] for row in ticks if row["datagrams"] > number)
+    seal_again(copy)
     code, said, _notes = replayed(copy, capsys)
     assert code == 1
-    assert said.splitlines()[1].startswith(f"tick {tick} ")
+    assert said.startswith(f"tick {tick} ")
 
 
 def lines_of_steps(folder: Path) -> list[int]:
@@ -208,9 +211,10 @@ def test_a_changed_command_is_found_at_its_step(copy: Path, capsys: pytest.Captu
     ends, rows = lines_of_steps(copy), read_table(copy, "gateway").to_pylist()
     step = next(n for n, row in enumerate(rows) if row["sent"] and row["wheel_speed_mps"] > 1.0)
     flip_line(copy, ends[step] - rows[step]["sent"], 3)
+    seal_again(copy)
     code, said, _notes = replayed(copy, capsys)
     assert code == 1
-    assert said.splitlines()[1] == f"step {step} ({rows[step]['time_s']:.2f} s) of the gateway differs in frames:"
+    assert said.splitlines()[0] == f"step {step} ({rows[step]['time_s']:.2f} s) of the gateway differs in frames:"
 
 
 def test_a_changed_report_is_found_where_the_gateway_sees_it(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -223,9 +227,10 @@ def test_a_changed_report_is_found_where_the_gateway_sees_it(copy: Path, capsys:
         if wheels and row["wheel_speed_mps"] > 1.0:
             break
     flip_line(copy, wheels[-1], 8)  # the rear left wheel's lower byte: 0.16 rad/s
+    seal_again(copy)
     code, said, _notes = replayed(copy, capsys)
     assert code == 1
-    assert said.splitlines()[1].startswith(f"step {step} ")
+    assert said.startswith(f"step {step} ")
 
 
 CHANGES: dict[str, tuple[str, str]] = {
@@ -246,8 +251,10 @@ def test_a_changed_number_is_found_in_its_row(copy: Path, part: str, capsys: pyt
     pq.write_table(altered, copy / f"{part}.parquet")
     code, said, _notes = replayed(copy, capsys)
     assert code == 1
-    named, found = said.splitlines()[:2]
-    assert named.startswith(f"{part} is not")
+    assert said.startswith(f"{part} is not")
+    seal_again(copy)
+    code, found, _notes = replayed(copy, capsys)
+    assert code == 1
     assert found.startswith(f"{kind} {table[kind][where].as_py()} ")
 
 
@@ -279,7 +286,10 @@ def test_another_seed_is_another_drive(copy: Path, capsys: pytest.CaptureFixture
     code, said, _notes = replayed(copy, capsys)
     assert code == 1
     assert said.splitlines()[0].startswith("scenario.json is not")
-    tick = int(said.splitlines()[1].split()[1])
+    seal_again(copy, seed=3)
+    code, said, _notes = replayed(copy, capsys)
+    assert code == 1
+    tick = int(said.split()[1])
     assert first <= tick < first + 50
 
 
@@ -290,8 +300,45 @@ def test_what_has_changed_since_is_told(copy: Path, capsys: pytest.CaptureFixtur
     text = text.replace(f'"libsumo": "{libsumo}"', '"libsumo": "0.1"')
     digest = text.partition('"path": "')[2].partition('"')[0]
     file.write_text(text.replace(f'"path": "{digest}"', f'"path": "{"0" * 64}"'), encoding="utf-8")
+    versions = json.loads(file.read_text(encoding="utf-8"))["versions"]
+    seal_again(copy, versions=versions)
     _code, _said, notes = replayed(copy, capsys)
     assert notes.splitlines() == ["note: path has changed since", f"note: libsumo was 0.1, is {libsumo}"]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("outcome", "contact"),
+        ("outcome", "driver_has_control"),
+        ("reasons", ["driver_override"]),
+        ("gateway_steps", 7),
+        ("latency", {}),
+        ("shadow", True),
+        ("rig", "another"),
+        ("max_speed_mps", 1.0),
+    ],
+)
+def test_a_summary_that_its_tables_contradict_is_altered(copy: Path, key: str, value: object) -> None:
+    assert json.loads((copy / "summary.json").read_text(encoding="utf-8"))[key] != value
+    seal_again(copy, **{key: value})
+    assert altered_parts(copy) == ["summary.json"]
+
+
+def test_a_gateway_that_is_gone_is_named(copy: Path) -> None:
+    (copy / "gateway.parquet").unlink()
+    parts = hash_parts(copy)
+    seal_again(copy, record_parts_sha256=parts)
+    assert "gateway" in (altered_parts(copy) or [])
+
+
+def test_where_a_live_drive_comes_from(copy: Path) -> None:
+    told = json.loads((copy / "provenance.json").read_text(encoding="utf-8"))
+    assert len(told["rig_file_sha256"]) == len(told["scenario_file_sha256"]) == 64
+    assert told["doctor"] == {"verdict": "none", "caveats": []}
+    assert (told["operator"], told["driver"]) == (None, None), "nobody asks where a hardware-free car drives"
+    change_json(copy / "provenance.json", "operator", value="somebody")
+    assert altered_parts(copy) == ["provenance.json"]
 
 
 # Kills.

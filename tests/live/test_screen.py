@@ -10,7 +10,28 @@ import time
 
 import pytest
 
-from vve_sumo.live.screen import CONTROL, Screen, phase, picture, rings, transition
+from vve_sumo.live.screen import Screen
+from vve_sumo.live.wording import (
+    ALARMS,
+    BRAKES,
+    CONTROL,
+    GONE,
+    HELD,
+    NEEDED,
+    NEVER,
+    PARKED,
+    SILENT,
+    Guard,
+    advice,
+    answer,
+    phase,
+    picture,
+    rings,
+    transition,
+)
+from vve_sumo.live.wording import (
+    DRIVING as ANY_KEY_STOPS,
+)
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle.arming import REASONS
 
@@ -62,7 +83,7 @@ def test_why_not_ready_stands_in_plain_words_once():
     }
     lines = picture(status)
     assert lines[2:] == [
-        "  - the car is moving",
+        "  - the car is not known to stand",
         "  - too many ticks within a second took longer than the rig's budget",
     ]
 
@@ -95,10 +116,96 @@ def test_engaging_is_told_apart_from_waiting_and_driving():
 
 def test_the_driver_who_has_control_is_no_fault():
     assert phase({"state": "fault", "reasons": ["driver_override"]}) == CONTROL
-    assert phase({"state": "fault", "reasons": ["kit_watchdog"]}) == "fault"
+    assert phase({"state": "fault", "reasons": ["kit_watchdog"]}) == "fault: press r"
+
+
+def stopping(*reasons: str, **changes):
+    return DRIVING | {"state": "stopping", "reasons": list(reasons)} | changes
+
+
+def test_a_gateway_that_says_nothing_or_is_gone_is_an_alarm_whatever_it_said_last():
+    for said in (DRIVING, stopping("stop_asked"), DRIVING | {"state": "stopped"}, DRIVING | {"state": "ready"}):
+        silent, gone = (phase(said | {"gateway": guard.value}) for guard in (Guard.SILENT, Guard.GONE))
+        assert (silent, gone) == ("gateway silent: brake", "gateway gone: brake")
+    assert {SILENT, GONE, BRAKES} == ALARMS
+    assert "any key" not in "\n".join(picture(DRIVING | {"gateway": "silent"})).lower()
+    assert "watchdog" in advice(DRIVING | {"gateway": "silent"})
+
+
+def test_brakes_that_do_not_answer_are_an_alarm_until_rest_or_the_driver():
+    assert phase(stopping("brake_not_following")) == phase(DRIVING | {"reasons": ["brake_not_following"]}) == BRAKES
+    assert "BRAKES DO NOT ANSWER: BRAKE" in picture(stopping("brake_not_following"))[0]
+    assert phase(DRIVING | {"state": "stopped", "reasons": ["brake_not_following"]}) not in ALARMS
+    assert phase(DRIVING | {"state": "fault", "reasons": ["driver_override", "brake_not_following"]}) == CONTROL
+
+
+def test_at_rest_and_in_a_fault_it_says_what_to_do():
+    rest = DRIVING | {"state": "stopped", "reasons": ["stop_asked"]}
+    assert phase(rest) == "at rest: brake, shift to P"
+    assert "P is reported" in advice(rest)
+    needed = phase(rest | {"reasons": ["stop_asked", "driver_needed"]})
+    assert needed == NEEDED == "at rest: brake, shift to P: the gateway lets go when you do"
+    assert "60 s" in advice(stopping("bus_down"))
+    assert "60 s" in advice(rest | {"reasons": ["gear_report_stale"]})
+    assert "brake" in advice(stopping())
+
+
+def test_a_drive_that_is_over_is_parked_and_nobody_is_blamed_for_its_end():
+    parked = DRIVING | {"state": "disarmed", "reasons": ["drive_over"], "engaged": True, "gear": "park"}
+    assert phase(parked) == PARKED == "parked, drive over"
+    assert transition(parked).endswith("PARKED, DRIVE OVER")
+    assert transition(stopping("drive_over")).endswith("STOPPING: the drive is over")
+    assert phase(parked | {"gear": "drive"}) != PARKED
+    assert phase(DRIVING | {"state": "disarmed", "reasons": [], "engaged": False, "gear": "park"}) == "not ready"
+    assert phase(DRIVING | {"state": "disarmed", "engaged": False, "gateway": "ended"}) == NEVER
+
+
+@pytest.mark.parametrize("state", ArmingState)
+def test_a_rehearsal_never_promises_that_a_key_stops_the_car(state):
+    status = DRIVING | {"state": state.value, "reasons": ["shadow"], "gateway": "heard"}
+    text = "\n".join(picture(status)).lower()
+    assert "any key stops" not in text
+    assert "held" not in text
+    assert phase(status | {"reasons": ["shadow", "waiting_for_go"]}) != "engaged and held: g goes, any other key stops"
+    if state is ArmingState.ENGAGED:
+        assert "the driver drives" in text
+        assert "no key stops the car" in text
+
+
+def test_a_car_that_waits_for_the_drivers_foot_is_not_said_to_drive():
+    waits = DRIVING | {"reasons": ["driver_on_brake"], "went": False}
+    assert phase(waits) == HELD
+    assert phase(waits | {"went": True}) == phase(DRIVING | {"went": False}) == ANY_KEY_STOPS
+
+
+def test_what_was_missing_a_moment_ago_does_not_stand_beside_ready():
+    for state, words in (("ready", "READY: E ENGAGES"), ("engaged", "DRIVING: ANY KEY STOPS")):
+        assert transition(DRIVING | {"state": state, "faults": ["street_not_measured"]}).endswith(words)
+
+
+def test_numbers_stand_with_their_reasons():
+    status = DRIVING | {"state": "disarmed", "faults": ["start_position"], "details": {"start_position": "3.2 m left"}}
+    assert picture(status)[-1] == "  - the car does not stand at its path's start: 3.2 m left"
+
+
+def test_a_key_that_comes_too_early_is_answered_with_what_is_waited_for():
+    missing = {"state": "disarmed", "reasons": ["no_setpoint"]}
+    assert answer("e", missing) == "  e does nothing yet, it waits for this: no setpoint that is still good"
+    assert answer("g", DRIVING | {"state": "ready"}) == "  g does nothing yet: e engages first"
+    assert answer("g", DRIVING | {"reasons": ["shifting"]}) == (
+        "  g came too early and stops the drive: engaging: the car shifts to drive"
+    )
+    assert "r" in answer("e", {"state": "fault", "reasons": ["timer_gap"]})
+
+
+def test_what_a_silent_drive_said_last_is_not_shown_for_what_is():
+    shown = picture(DRIVING | {"wheel_speed_mps": 2.0}, silent=0.6)
+    assert shown[0].startswith("DRIVING: ANY KEY STOPS  7.2 km/h  - m to go  ahead - m")
+    assert "loads the street" in "\n".join(picture({}, silent=3.0))
 
 
 def test_bells():
+    assert rings(DRIVING | {"gateway": "silent"}) == 3
     assert [rings({"state": state}) for state in ("engaged", "stopping", "fault")] == [1, 2, 3]
 
 
@@ -162,11 +269,25 @@ def test_a_terminal_shows_one_picture_below_the_transitions_and_rings():
         assert second.count("\a") == 2
         assert first.count("NOT READY") <= 1 + 6  # the transition, and ten pictures a second at most
         shown = [line for line in terminal.lines if line]
-        assert len(shown) == 4
-        assert shown[0].endswith("NOT READY: the car is moving")
+        assert len(shown) == 5
+        assert shown[0].endswith("NOT READY: the car is not known to stand")
         assert shown[1].endswith("STOPPING")
         assert shown[2].startswith("STOPPING")
-        assert "latency" in shown[3]
+        assert shown[3].startswith("  > wait")
+        assert "latency" in shown[4]
+    os.close(reader)
+
+
+@pytest.mark.parametrize("status", [DRIVING | {"gateway": "silent"}, stopping("brake_not_following")])
+def test_an_alarm_rings_at_every_picture_until_it_is_over(status):
+    reader, writer = pty.openpty()
+    with os.fdopen(writer, "w") as stream:
+        screen = Screen(stream)
+        text = _shown(screen, reader, status, 1.0)
+        assert text.count("\a") == text.count("\x1b[J") >= 8
+        over = _shown(screen, reader, DRIVING | {"state": "stopped"}, 1.0)
+        assert over.count("\a") == 1
+        screen.close()
     os.close(reader)
 
 

@@ -20,7 +20,7 @@ RESOLVED = {"a": 1}
 
 def config(folder: Path, **changes: object) -> dict[str, object]:
     """The recorder's configuration: the process that needs least."""
-    return {"folder": str(folder), "resolved": RESOLVED, "epoch": 0.0, "log": None, **changes}
+    return {"folder": str(folder), "resolved": RESOLVED, "epoch": 0.0, "provenance": "{}", "log": None, **changes}
 
 
 def test_a_process_gets_its_configuration_and_channels_and_ends_with_them(tmp_path):

@@ -18,28 +18,51 @@ from vve_sumo.frames import Alignment, Placement
 from vve_sumo.plant import fusion
 from vve_sumo.plant.car import STEP, Car
 from vve_sumo.plant.kit import KitParameters
-from vve_sumo.plant.rehearsal import KINDS, STARTED, Rehearsal, Rehearsed
-from vve_sumo.pose.ncom import LENGTH, Decoder, Outcome
+from vve_sumo.plant.rehearsal import Rehearsal
+from vve_sumo.plant.rehearsed import KINDS, STARTED, Rehearsed
+from vve_sumo.plant.rehearsed_car import RehearsedCar
+from vve_sumo.pose.ncom import LENGTH, Decoder, Outcome, checksums_hold
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.values import Fix, Frame, Pose
 from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.messages import BrakeReport, SteeringReport, ThrottleReport, WheelSpeeds
+from vve_sumo.vehicle.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport, WheelSpeeds
 
 AT, DURATION = 1.0, 0.5  # of the fault, from the first motion
 PARAMETERS = fusion.parameters(noise=0.0)
 Packets = list[tuple[float, bytes]]
 
 
+Course = Callable[[float], tuple[float, float, float]]  # of time: brake torque, throttle, angle of the steering wheel
+
+
+def straight(now: float) -> tuple[float, float, float]:
+    """Stand on the brakes, then pull away."""
+    return (1500.0, 0.0, 0.0) if now < 1.0 else (0.0, 0.3, 0.0)
+
+
+def lively(now: float) -> tuple[float, float, float]:
+    """The same, then brake with a foot on the throttle, and turn the wheel to and fro."""
+    swing = math.sin(3.0 * now)
+    torque, throttle, _ = (400.0 + 100.0 * swing, 0.05 + 0.04 * swing, 0.0) if now > 2.4 else straight(now)
+    return torque, throttle, 0.5 * swing
+
+
 class Ride:
     """A car with rehearsed faults that shifts to drive and pulls away straight, for some seconds."""
 
     def __init__(
-        self, *faults: Rehearsed, seconds: float = 5.0, seed: int = 3, variant: dbw.Variant = dbw.Variant.DBW1_2024
+        self,
+        *faults: Rehearsed,
+        seconds: float = 5.0,
+        seed: int = 3,
+        variant: dbw.Variant = dbw.Variant.DBW1_2024,
+        course: Course = straight,
     ) -> None:
-        self.rehearsal = Rehearsal(faults, np.random.SeedSequence(seed), variant)
+        self._course = course
         parameters = replace(PARAMETERS, kit=KitParameters(variant=variant))
-        seeds = np.random.SeedSequence(1)
-        self.car = Car(parameters, START, LOT, EPOCH, seeds, self.rehearsal.on_fix)
+        seeds, others = np.random.SeedSequence(1), np.random.SeedSequence(seed)
+        self._whole = RehearsedCar(parameters, START, LOT, EPOCH, seeds, faults, others)
+        self.car = self._whole.car
         self.variant = variant
         self.began = math.inf  # when the car first moved
         self.packets: Packets = []
@@ -52,18 +75,15 @@ class Ride:
         self.fixes = [fix for time, data in self.packets for fix in self.decoder.feed(data, time)]
 
     def _step(self, step: int) -> None:
-        now, until, rehearsal = step * STEP, (step + 1) / 200, self.rehearsal
-        torque, throttle = (1500.0, 0.0) if now < 1.0 else (0.0, 0.3)
-        sent = commands(step // 4, (torque, throttle, 0.0)) if step % 4 == 0 else []
-        rehearsal.on_kit(now, self.car.kit)
-        output = self.car.step(until, rehearsal.on_commands(now, sent), rehearsal.driver(now))
+        now, until = step * STEP, (step + 1) / 200
+        sent = commands(step // 4, self._course(now)) if step % 4 == 0 else []
+        output = self._whole.step(until, sent)
         truth = self.car.truth()
-        rehearsal.moves(until, truth.speed)
         if truth.speed > STARTED:
             self.began = min(self.began, until)
         self.truths[round(until, 3)] = truth
-        self.packets += rehearsal.on_packets(until, output.ncom)
-        self.frames += rehearsal.on_reports(until, output.reports)
+        self.packets += output.ncom
+        self.frames += output.reports
         self.enabled.append((until, tuple(module.enabled for module in self.car.kit.modules)))
 
     def during(self, time: float) -> bool:
@@ -114,9 +134,14 @@ def test_a_ride_without_faults_moves_and_is_trusted(plain):
     assert plain.untrusted() == set()
 
 
+@pytest.fixture(scope="module")
+def livelier() -> Ride:
+    return Ride(course=lively)
+
+
 @pytest.mark.parametrize("kind", sorted(KINDS))
-def test_before_its_time_a_fault_does_nothing_and_a_ride_is_repeatable(kind, plain):
-    ride, again = Ride(fault(kind)), Ride(fault(kind))
+def test_before_its_time_a_fault_does_nothing_and_a_ride_is_repeatable(kind, livelier):
+    plain, ride, again = livelier, Ride(fault(kind), course=lively), Ride(fault(kind), course=lively)
     same_outside(ride, plain)
     assert (ride.packets, ride.frames) == (again.packets, again.frames)
     changed = (ride.packets, ride.frames, ride.enabled) != (plain.packets, plain.frames, plain.enabled)
@@ -125,16 +150,13 @@ def test_before_its_time_a_fault_does_nothing_and_a_ride_is_repeatable(kind, pla
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_a_car_that_never_moves_has_no_faults(kind):
-    rehearsal = Rehearsal([Rehearsed(kind, 0.0, 1e9)], np.random.SeedSequence(0))
-    car = Car(PARAMETERS, START, LOT, EPOCH, np.random.SeedSequence(1), rehearsal.on_fix)
-    same = Car(PARAMETERS, START, LOT, EPOCH, np.random.SeedSequence(1))
+    faults = [Rehearsed(kind, 0.0, 1e9)]
+    seeds = np.random.SeedSequence
+    car = RehearsedCar(PARAMETERS, START, LOT, EPOCH, seeds(1), faults, seeds(0))
+    same = Car(PARAMETERS, START, LOT, EPOCH, seeds(1))
     for step in range(100):
         until = (step + 1) / 200
-        rehearsal.on_kit(until, car.kit)
-        ours, theirs = car.step(until, rehearsal.on_commands(until, []), rehearsal.driver(until)), same.step(until, [])
-        rehearsal.moves(until, car.truth().speed)
-        assert rehearsal.on_packets(until, ours.ncom) == theirs.ncom
-        assert rehearsal.on_reports(until, ours.reports) == theirs.reports
+        assert car.step(until, []) == same.step(until, [])
 
 
 # Fixes.
@@ -197,7 +219,113 @@ def test_a_latitude_that_is_no_number_and_a_heading_that_is_invalid():
     assert "heading_invalid" in ride.untrusted()
 
 
+def off(ride: Ride, pose: Pose) -> tuple[float, float]:
+    """How far a pose lies from the truth of its time: ahead and to the left [m]."""
+    truth = ride.truths[round(pose.time, 3)]
+    cos, sin = math.cos(truth.heading), math.sin(truth.heading)
+    x, y = pose.x - truth.x, pose.y - truth.y
+    return cos * x + sin * y, cos * y - sin * x
+
+
+def poses(ride: Ride) -> list[Pose]:
+    """The fixes as poses of the rear axle in the lot."""
+    placement = Placement(LOT, Alignment(), PARAMETERS.receiver.mounting, EPOCH)
+    return [placement.place(fix) for fix in ride.fixes]
+
+
+@pytest.mark.parametrize(("kind", "ahead", "left"), [("pose_drift_lateral", 0.0, 0.4), ("pose_drift_along", 0.4, 0.0)])
+def test_a_drift_goes_on_with_its_speed_and_the_velocity_agrees(kind, ahead, left):
+    ride = Ride(fault(kind), course=lively)
+    for pose in poses(ride):
+        truth, on = ride.truths[round(pose.time, 3)], ride.during(pose.time)
+        since = pose.time - ride.began - AT if on else 0.0
+        assert off(ride, pose) == pytest.approx((ahead * since, left * since), rel=4e-3, abs=2e-3)
+        assert pose.speed - truth.speed == pytest.approx(ahead if on else 0.0, abs=2e-3)
+        # What the receiver's own place on the car adds in a bend is a millimetre here.
+        assert pose.lateral_speed - truth.lateral_speed == pytest.approx(left if on else 0.0, abs=2e-3)
+    assert ride.untrusted() <= {"pose_jump", "pose_drift", "velocity_jump", "settling"}
+
+
+def test_the_position_steps_each_second_and_the_velocity_says_nothing_of_it():
+    ride = Ride(Rehearsed("pose_steps", AT, 2.5))
+    for pose in poses(ride):
+        truth, since = ride.truths[round(pose.time, 3)], pose.time - ride.began - AT
+        steps = math.floor(since + 1e-9) + 1 if 0.0 <= since + 1e-9 < 2.5 else 0
+        assert off(ride, pose)[1] == pytest.approx(0.2 * steps, rel=4e-3, abs=1e-4)
+        assert pose.lateral_speed == pytest.approx(truth.lateral_speed, abs=1e-3)
+
+
+def test_a_heading_drifts_with_its_yaw_rate_and_positions_are_true():
+    ride, plain = Ride(fault("pose_heading_drift"), course=lively), Ride(course=lively)
+    for fix, usual in zip(ride.fixes, plain.fixes, strict=True):
+        since = fix.time - EPOCH - ride.began - AT
+        on = ride.during(fix.time - EPOCH)
+        assert fix.heading - usual.heading == pytest.approx(0.08 * since if on else 0.0, abs=3e-6)
+        assert fix.yaw_rate - usual.yaw_rate == pytest.approx(0.08 if on else 0.0, abs=3e-5)
+        assert (fix.latitude, fix.velocity_east) == (usual.latitude, usual.velocity_east)
+    assert ride.untrusted() == set(), "nothing that one receiver says contradicts itself"
+
+
+def test_one_fix_is_dated_ahead(plain):
+    ride = Ride(fault("pose_ahead_once"))
+    milliseconds = slice(1, 3)
+    changed = [(ours, theirs) for ours, theirs in zip(ride.packets, plain.packets, strict=True) if ours != theirs]
+    (((arrived, ahead), (_, right)),) = changed
+    clocks = (int.from_bytes(data[milliseconds], "little") for data in (ahead, right))
+    assert int.__sub__(*clocks) % 60_000 == 12_000
+    assert ride.during(arrived - 0.01)
+
+
 # Packets.
+
+
+def test_one_packet_says_a_wrong_minute_with_right_checksums(plain):
+    ride = Ride(fault("pose_minute_wrong"))
+    changed = [
+        (ours, theirs) for (_, ours), (_, theirs) in zip(ride.packets, plain.packets, strict=True) if ours != theirs
+    ]
+    ((wrong, right),) = changed
+    assert checksums_hold(wrong)
+    minute = slice(63, 67)
+    assert int.from_bytes(wrong[minute], "little") - int.from_bytes(right[minute], "little") == 5
+    assert wrong[1:62] == right[1:62]
+
+
+def forged_of(ride: Ride, plain: Ride) -> list[Pose]:
+    """What only the other sender said, as poses in the lot; each packet is decoded by itself."""
+    true = [data for _, data in plain.packets]
+    kept = [data for _, data in ride.packets if data in set(true)]
+    assert kept == true, "the true packets arrive all the same"
+    decoder = Decoder()
+    others = [(time, data) for time, data in ride.packets if data not in set(true)]
+    fixes = [fix for time, data in others for fix in decoder.feed(data, time)]
+    assert len(fixes) == pytest.approx(50, abs=3)
+    placement = Placement(LOT, Alignment(), PARAMETERS.receiver.mounting, EPOCH)
+    return [placement.place(fix) for fix in fixes]
+
+
+@pytest.mark.parametrize("kind", ["pose_forged", "pose_overtaken"])
+def test_another_sender_speaks_between_the_true_packets_and_drifts(kind, plain):
+    ride = Ride(fault(kind))
+    for pose in forged_of(ride, plain):
+        since = pose.time - ride.began - AT + (0.01 if kind == "pose_overtaken" else 0.0)
+        ahead, left = off(ride, pose)
+        assert left == pytest.approx(0.4 * since, abs=2e-3)
+        assert ahead == pytest.approx(0.0, abs=2e-3)
+        assert pose.lateral_speed == pytest.approx(0.4, abs=2e-3)
+
+
+def test_forged_packets_are_one_ahead_of_the_true_ones_and_overtaking_ones_are_of_their_time(plain):
+    for kind, first in (("pose_forged", 0.01), ("pose_overtaken", 0.0)):
+        ride = Ride(fault(kind))
+        true = {data for _, data in plain.packets}
+        clocks = [(data in true, int.from_bytes(data[1:3], "little") / 1000.0) for _, data in ride.packets]
+        for (ours, time), (theirs, after) in pairwise(clocks):
+            if kind == "pose_forged" and ours and not theirs:
+                assert (after - time) % 60.0 == pytest.approx(first)
+            if kind == "pose_overtaken" and not ours:
+                assert theirs
+                assert after == time
 
 
 def test_bursts_keep_every_packet_in_order_and_come_every_48_ms(plain):
@@ -360,6 +488,92 @@ def test_a_module_that_drops_out_is_disabled_and_comes_back(number):
             assert enabled == tuple(ride.during(time) is False or each != number for each in (1, 2, 3))
 
 
+def test_a_car_that_says_that_it_stands_says_so_everywhere():
+    ride = Ride(fault("wheel_speeds_zero"), course=lively)
+    for time, wheels in ride.said(WheelSpeeds):
+        assert (max(map(abs, wheels)) == 0.0) == ride.during(time) or time < ride.began
+    for time, report in ride.said(SteeringReport):
+        assert (report.speed == 0.0) == ride.during(time) or time < ride.began
+    for time, info in ride.said(BrakeInfo):
+        assert info.stationary == ride.during(time) or time < ride.began
+    assert ride.car.truth() == Ride(course=lively).car.truth()
+
+
+def test_wheel_speeds_are_three_quarters_of_the_true_ones():
+    ride, plain = Ride(fault("wheel_speeds_scaled"), course=lively), Ride(course=lively)
+    for kind in (WheelSpeeds, SteeringReport):
+        for (time, said), (_, usual) in zip(ride.said(kind), plain.said(kind), strict=True):
+            factor = 0.75 if ride.during(time) else 1.0
+            ours, theirs = (each if kind is WheelSpeeds else (each.speed,) for each in (said, usual))
+            assert ours == pytest.approx([factor * speed for speed in theirs], abs=0.0051)
+    assert [info for _, info in ride.said(BrakeInfo)] == [info for _, info in plain.said(BrakeInfo)]
+
+
+FROZEN = {
+    "wheel_speeds_frozen": dbw.WHEEL_SPEEDS,
+    "steering_report_frozen": dbw.STEERING_REPORT,
+    "yaw_rate_frozen": dbw.YAW_RATE,
+    "brake_report_frozen": dbw.BRAKE_REPORT,
+    "throttle_report_frozen": dbw.THROTTLE_REPORT,
+}
+
+
+@pytest.mark.parametrize("kind", FROZEN)
+def test_a_frozen_report_goes_on_coming_and_says_one_thing(kind):
+    ride, plain = Ride(fault(kind), course=lively), Ride(course=lively)
+    assert [time for time, _ in ride.frames] == [time for time, _ in plain.frames]
+    during = [frame for time, frame in ride.frames if frame.id == FROZEN[kind] and ride.during(time)]
+    usual = [frame for time, frame in plain.frames if frame.id == FROZEN[kind] and ride.during(time)]
+    assert len({frame.data for frame in during}) == 1 < len({frame.data for frame in usual})
+    rest = [(time, frame) for time, frame in ride.frames if frame.id != FROZEN[kind] or not ride.during(time)]
+    assert rest == [(time, frame) for time, frame in plain.frames if frame.id != FROZEN[kind] or not ride.during(time)]
+    assert ride.car.truth() == plain.car.truth()
+
+
+# What the car does.
+
+
+def braking(now: float) -> tuple[float, float, float]:
+    """Pull away, then hold the brakes at 600 N m."""
+    return straight(now) if now < 2.4 else (600.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_weak_brakes_slow_the_car_by_their_share_and_believe_more(share):
+    """Against the closed form: rolling drag and share times torque times gain."""
+    ride = Ride(Rehearsed("brakes_weak", 0.2, 9.0, share), course=braking, seconds=4.0)
+    speeds = {time: truth.speed for time, truth in ride.truths.items()}
+    calibration = PARAMETERS.calibration
+    drag = calibration.drag(speeds[3.55]) / calibration.mass
+    expected = share * calibration.brake_force(600.0) / calibration.mass + drag
+    # Whatever the idling engine still pushes is told by the one with no brakes at all.
+    creep = calibration.creep(speeds[3.55]) / calibration.mass
+    assert (speeds[3.5] - speeds[3.6]) / 0.1 == pytest.approx(expected - creep, abs=0.03)
+    (believed,) = {info.torque_actual for time, info in ride.said(BrakeInfo) if 3.5 < time < 3.6}
+    assert believed == pytest.approx(600.0, abs=4.0)
+
+
+def test_the_drivers_foot_gets_all_of_the_brakes():
+    weak, foot = Rehearsed("brakes_weak", 0.2, 9.0, 0.0), Rehearsed("brake_override", 0.4, 9.0)
+    both, alone = Ride(weak, foot), Ride(foot)
+    assert both.car.truth().speed == pytest.approx(alone.car.truth().speed, abs=0.02)
+    assert both.car.truth().speed < Ride(weak).car.truth().speed - 2.0
+
+
+def test_an_open_throttle_pushes_with_its_share_and_the_report_knows_nothing_of_it():
+    def coasting(now: float) -> tuple[float, float, float]:
+        return straight(now) if now < 2.4 else (0.0, 0.0, 0.0)
+
+    ride, plain = (Ride(*faults, course=coasting) for faults in ([Rehearsed("drive_unasked", AT, 9.0, 0.2)], []))
+    speeds, usual = ({time: truth.speed for time, truth in each.truths.items()} for each in (ride, plain))
+    calibration = PARAMETERS.calibration
+    gained = ((speeds[4.4] - speeds[4.3]) - (usual[4.4] - usual[4.3])) / 0.1
+    creep = (calibration.creep(speeds[4.35]) - calibration.creep(usual[4.35])) / calibration.mass
+    drive = calibration.drive_force(0.2, speeds[4.35]) / calibration.mass
+    assert gained == pytest.approx(drive + creep, abs=0.03)
+    assert ride.said(ThrottleReport) == plain.said(ThrottleReport)
+
+
 # What cannot be rehearsed.
 
 
@@ -372,6 +586,7 @@ def test_a_module_that_drops_out_is_disabled_and_comes_back(number):
         (("pose_lost", 1.0, 0.0), r"rehearsal pose_lost: .* duration positive"),
         (("pose_lost", 1.0, math.nan), r"rehearsal pose_lost: .* duration positive"),
         (("pose_lost", 1.0, 1.0, 3.0), r"rehearsal pose_lost: takes no value, got 3"),
+        (("brakes_weak", 1.0, 1.0, 1.5), r"rehearsal brakes_weak: value must be 0 to 1, got 1.5"),
         (("brake_override", 1.0, 1.0, 7.0), r"rehearsal brake_override: value must be 0\.15 to 0\.5, got 7"),
     ],
 )

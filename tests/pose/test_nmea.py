@@ -316,11 +316,11 @@ def test_a_late_position_does_not_land_in_the_epoch_after():
     assert to.counts[Outcome.STRAY] == 1
 
 
-def test_a_date_that_goes_back_makes_no_fix():
-    to = decoder()
+def test_one_date_that_goes_back_counts_for_nothing():
     yesterday = [(NOON + 0.55, rmc(NOON + 0.55, date="201126"))]
-    assert len(fed([*drive(5), *yesterday, *drive(5, NOON + 0.6)[2:]], to)) == 5
-    assert to.counts[Outcome.NOT_INCREASING] == 5
+    times = [fix.time for fix in fed([*drive(5), *yesterday, *drive(5, NOON + 0.6)[2:]])]
+    assert len(times) == 10
+    assert times[-1] == pytest.approx(MIDNIGHT_GPS + NOON + 1.0)
 
 
 def test_duplicates_make_no_second_fix():
@@ -498,3 +498,48 @@ def test_a_bend_entered_quickly_is_no_heading_jump():
             sentences = (gga(seconds, latitude, longitude), gst(seconds), hdt(noisy), vtg(compass, 6.0))
             rows += [(seconds + 0.03, one) for one in sentences]
     assert [trust.reasons for trust in judged(fed(rows), NMEA)[1:] if not trust.trusted] == []
+
+
+# --- sentences that lie under a right checksum ------------------------------------------------------------------------
+
+
+def without(rows: list[tuple[float, bytes]], *lies: tuple[float, bytes]) -> tuple[list[float], list[float]]:
+    """Times of the fixes with lies among the sentences, and without."""
+    return [fix.time for fix in fed(sorted([*rows, *lies], key=lambda row: row[0]))], [fix.time for fix in fed(rows)]
+
+
+@pytest.mark.parametrize("ahead", [-40_000.0, -1.0, 0.1, 0.25, 12.0, 3600.0, 40_000.0])
+@pytest.mark.parametrize("sentence", [gga, gst, rmc, zda, pashr])
+def test_one_wrong_time_of_day_costs_no_epoch(sentence, ahead):
+    """It comes while no epoch is open; nor does it take the accuracy or the date of the others away."""
+    rows = drive(150)
+    at = NOON + 10.0 + 0.06
+    told, true = without(rows, (at, sentence(NOON + 10.0 + ahead)))
+    assert told == true
+    fixes = fed(sorted([*rows, (at, sentence(NOON + 10.0 + ahead))], key=lambda row: row[0]))
+    assert not any(math.isnan(fix.position_sigma) for fix in fixes[1:])
+
+
+@pytest.mark.parametrize("date", ["010180", "201126", "221126", "311279"])
+def test_one_wrong_date_moves_nothing(date):
+    rows = drive(150)
+    told, true = without(rows, (NOON + 10.031, rmc(NOON + 10.0, date=date)))
+    assert told == true
+
+
+def test_a_first_date_that_was_wrong_is_corrected_by_the_next_three():
+    rows = drive(100)
+    rows[0] = (rows[0][0], rmc(NOON - PERIOD, date="221126"))
+    rows += [(NOON + k + 0.032, rmc(NOON + k)) for k in range(1, 9)]
+    times = [fix.time for fix in fed(sorted(rows, key=lambda row: row[0]))]
+    assert times[0] == pytest.approx(MIDNIGHT_GPS + 86_400 + NOON)
+    assert times[-1] == pytest.approx(MIDNIGHT_GPS + NOON + 9.9)
+    assert len(times) == 100
+
+
+def test_a_receiver_whose_time_of_day_was_set_forth_is_believed_after_half_a_second():
+    moved = [(received, sentence) for received, sentence in drive(50, NOON + 20.0)][2:]
+    rows = [*drive(100), *((received - 10.0, sentence) for received, sentence in moved)]
+    times = [fix.time - MIDNIGHT_GPS - NOON for fix in fed(rows)]
+    assert times[99] == pytest.approx(9.9)
+    assert 20.4 < times[100] < 20.7

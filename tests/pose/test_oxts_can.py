@@ -272,3 +272,37 @@ def test_lost_and_doubled_frames_never_mix_cycles(seed):
         assert math.degrees(fix.latitude) == pytest.approx(k)
         assert math.isnan(fix.velocity_north) or fix.velocity_north == pytest.approx(k)
         assert math.isnan(fix.heading) or math.degrees(fix.heading) == pytest.approx(k, abs=0.006)
+
+
+# --- a time frame that lies -------------------------------------------------------------------------------------------
+
+
+def on_the_bus(count: int, begin: float = 0.0) -> list[tuple[float, list[Frame]]]:
+    """Arrivals and cycles at 100 Hz, 5 ms late."""
+    return [(begin + 0.01 * k + 0.005, cycle(START + begin + 0.01 * k)) for k in range(count)]
+
+
+@pytest.mark.parametrize("ahead", [-20.0, -1.0, 0.01, 0.5, 12.0, 86_400.0])
+def test_one_wrong_time_between_the_cycles_costs_no_more_than_one_of_them(ahead):
+    """Nor does the unit count as locking again, which takes twelve seconds."""
+    rows = on_the_bus(2000)
+    lie = frame("MilliTime", MilliTime=round((START + 15.0 + ahead) * 1000), UtcOffset=-18)
+    rows[1500] = (rows[1500][0], [lie, *rows[1500][1]])
+    decoder, fixes = Decoder(), []
+    for received, frames in rows:
+        fixes += decoder.feed_frames(frames, received)
+    assert len(fixes) >= 1999
+    assert all(fix.status == 4 for fix in fixes if fix.time > START + 12.1)
+    assert decoder.counts[Outcome.AHEAD] + decoder.counts[Outcome.NOT_INCREASING] == 1
+
+
+def test_a_unit_whose_clock_goes_back_counts_as_locking_again_once_it_has_caught_up():
+    decoder, fixes = Decoder(), []
+    for received, frames in on_the_bus(1500):
+        fixes += decoder.feed_frames(frames, received)
+    assert fixes[-1].status == 4
+    for k in range(300):  # a second in arrears, catching up at half a second a second
+        time = START + 15.0 - 1.0 + 0.015 * k
+        fixes += decoder.feed_frames(cycle(time), 15.0 + 0.01 * k + 0.005)
+    assert fixes[-1].time > START + 17.0
+    assert fixes[-1].status == 3

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from tests.pose.test_ncom import START, content, fix_at, stream
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.pose import ncom, nmea
-from vve_sumo.pose.receive import PORTIONS, SO_TIMESTAMPNS, Source, open_file, open_serial, open_tcp, open_udp
+from vve_sumo.pose.receive import BYTES, PORTIONS, SO_TIMESTAMPNS, Source, open_file, open_serial, open_tcp, open_udp
 from vve_sumo.pose.recording import fixes
 
 
@@ -125,12 +125,13 @@ def test_a_busy_interpreter_does_not_move_arrivals(listener):
     assert late[10] < 0.01
 
 
-@pytest.mark.parametrize("moved", [-3600.0, -0.03, 0.03, 3600.0])
+@pytest.mark.parametrize("moved", [-3600.0, -0.03, -0.005, 0.005, 0.03, 3600.0])
 def test_a_wall_clock_that_is_set_moves_no_arrival_into_the_past_or_the_future(listener, moved):
     source, sender = listener
     sender.send(b"x")
     time.sleep(0.05)
-    source._ahead -= moved  # as if it had been set since the last look
+    then, ahead = source._stamps._last
+    source._stamps._last = then, ahead - moved  # as if it had been set since the last look
     before = time.monotonic()
     ((received, _),) = source.receive()
     assert before <= received <= time.monotonic()
@@ -159,6 +160,67 @@ def test_a_flood_does_not_hold_the_reader(listener):
     assert 0 < len(source.receive()) <= PORTIONS
 
 
+@pytest.mark.parametrize("length", [1, 72, 4096])
+def test_a_flood_is_taken_in_bounded_pieces_and_none_of_it_is_lost_in_between(listener, length):
+    """Neither many datagrams nor long ones hold the reader; what it leaves is there at the next look."""
+    source, sender = listener
+    for _ in range(20):
+        sender.send(b"x" * length)
+    time.sleep(0.05)
+    pieces = []
+    while piece := source.receive():
+        pieces.append(sum(len(data) for _, data in piece))
+    assert sum(pieces) == 20 * length
+    assert max(pieces) < BYTES + 4096
+
+
+def test_a_flood_of_strangers_does_not_hold_the_reader_either(free_port):
+    source = open_udp("127.0.0.1", free_port, "127.0.0.2")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.connect(("127.0.0.1", free_port))
+        for _ in range(PORTIONS + 10):
+            stranger.send(b"x")
+    time.sleep(0.05)
+    assert source.receive() == []
+    assert sum(source.told()["refused"].values()) == PORTIONS
+    source.receive()
+    assert sum(source.told()["refused"].values()) == PORTIONS + 10
+    source.close()
+
+
+def sender_from(address: str) -> socket.socket:
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.bind((address, 0))
+    return opened
+
+
+def test_only_the_source_is_heard_and_every_other_sender_is_told(free_port):
+    source = open_udp("0.0.0.0", free_port, "127.0.0.3")
+    with sender_from("127.0.0.3") as receiver, sender_from("127.0.0.4") as stranger:
+        for data, who in ((b"a", receiver), (b"b", stranger), (b"c", receiver), (b"d", stranger)):
+            who.sendto(data, ("127.0.0.1", free_port))
+        time.sleep(0.05)
+        assert [data for _, data in source.receive()] == [b"a", b"c"]
+        assert source.found() == ("pose_foreign_sender",)
+        names = [f"{address}:{port}" for address, port in (receiver.getsockname(), stranger.getsockname())]
+    assert source.told() == {"sender": names[0], "refused": {names[1]: 2}}
+    time.sleep(1.05)
+    assert source.found() == (), "a stray datagram is told for a second"
+    source.close()
+
+
+def test_a_second_program_at_the_source_s_address_is_another_sender(free_port):
+    source = open_udp("127.0.0.1", free_port)
+    with sender_from("127.0.0.1") as first, sender_from("127.0.0.1") as second, sender_from("127.0.0.9") as third:
+        for data, who in ((b"a", first), (b"b", second), (b"c", first), (b"d", third)):
+            who.sendto(data, ("127.0.0.1", free_port))
+        time.sleep(0.05)
+        assert [data for _, data in source.receive()] == [b"a", b"c"]
+    assert source.found() == ("pose_two_senders",)
+    assert len(source.told()["refused"]) == 2
+    source.close()
+
+
 def test_empty_and_long_datagrams_are_survived(listener):
     source, sender = listener
     for data in (b"", b"x" * 20_000, b"last"):
@@ -174,7 +236,7 @@ def test_a_port_in_use_and_a_foreign_address_name_the_key(free_port):
     with pytest.raises(
         RigError, match=rf"^rigs/a\.toml, pose\.port: UDP port {free_port} is in use by another program$"
     ):
-        open_udp("127.0.0.1", free_port, "rigs/a.toml, pose")
+        open_udp("127.0.0.1", free_port, where="rigs/a.toml, pose")
     first.close()
     with pytest.raises(RigError, match=r"^pose\.address: '192\.0\.2\.1' is no address of this machine$"):
         open_udp("192.0.2.1", free_port)

@@ -23,6 +23,7 @@ EXAMPLE = REPOSITORY / "rigs" / "fusion_example.toml"
 DAY = datetime.date(2026, 5, 1)
 WATCHDOG = {"date": DAY, "armed": True, "deceleration_mps2": 2.5, "delay_s": 0.2}
 NMEA_UDP = {"kind": "nmea_udp", "velocity_sigma_mps": 0.05, "heading_sigma_deg": 0.2, "minimum_delay_ms": 20.0}
+HEARD_BY_ALL = {"kind": "ncom_udp", "address": "0.0.0.0", "source": "127.0.0.1", "minimum_delay_ms": 10.0}
 #: an approximate square of 220 m, one of its corners being the first
 CORNER = (40.003, -83.020)
 
@@ -76,6 +77,32 @@ def test_the_example_says_what_to_fill_in_first() -> None:
     ) as caught:
         load(EXAMPLE)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        ({"address": "0.0.0.0"}, "pose: source is missing: anyone who reaches 0.0.0.0 could be the receiver"),
+        ({"address": "192.168.25.1"}, "pose: source is missing: anyone who reaches 192.168.25.1"),
+        ({"address": "0.0.0.0", "source": "0.0.0.0"}, "pose.source: expected the IPv4 address of one device"),
+        ({"address": "0.0.0.0", "source": "239.1.1.1"}, "pose.source: expected the IPv4 address of one device"),
+        ({"address": "0.0.0.0", "source": "255.255.255.255"}, "pose.source: expected the IPv4"),
+        ({"address": "0.0.0.0", "source": "fe80::1"}, "pose.source: expected the IPv4"),
+        ({"address": "0.0.0.0", "source": "receiver"}, "pose.source: expected an IP address in numbers"),
+        ({"source": "192.168.25.44"}, "pose: source: 192.168.25.44 cannot be heard on 127.0.0.1"),
+        ({"kind": "file", "file": "a.ncom", "source": "127.0.0.1"}, "pose: source says nothing for kind 'file'"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["ncom_udp", "nmea_udp"])
+def test_a_port_that_others_reach_names_its_receiver(pose: dict[str, Any], words: str, kind: str) -> None:
+    table = NMEA_UDP if kind == "nmea_udp" and "file" not in pose else {"kind": kind, "minimum_delay_ms": 3.0}
+    assert words in said(real(), put("pose", table | pose))
+
+
+def test_a_receiver_on_the_network_is_named_and_one_on_the_loopback_need_not_be() -> None:
+    assert parse(real(), EXAMPLE).pose.source == "192.168.25.44"
+    assert parse(twin(), TWIN).pose.source is None
+    assert parse(twin() | {"pose": twin()["pose"] | {"source": "127.0.0.1"}}, TWIN).pose.source == "127.0.0.1"
 
 
 def test_the_example_with_a_survey_may_shadow_but_not_arm() -> None:
@@ -212,7 +239,10 @@ def test_what_no_real_car_is_driven_with(change: Change, words: str) -> None:
             "car_start.channel: 'can0'",
         ),
         (put("car_start.channel", "can1"), "car_start.channel: the car makes its own end"),
-        (put("pose.address", "0.0.0.0"), "pose.address: the hardware-free car is heard on a loopback address only"),
+        (
+            put("pose", HEARD_BY_ALL),
+            "pose.address: the hardware-free car is heard on a loopback address only",
+        ),
         (put("pose", NMEA_UDP), "pose.kind: the hardware-free car speaks 'ncom_udp'"),
         (put("car_start.latitude_deg", 40.0036), "car_start: the car does not stand inside the lot"),
         (put("car_start.latitude_deg", 41.0), "car_start: lies 111 km from the lot"),

@@ -17,6 +17,7 @@ from vve_sumo.analysis.likeness import pearson, rms, shift_of, theil_u
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described, unit_of
 from vve_sumo.drive.figures import Ahead, ahead, measure
+from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Floats
 
@@ -294,6 +295,11 @@ def _notes(one: Run, other: Run, true: bool) -> tuple[str, ...]:
         notes.append(f"{blind}: no truth in it, so both are measured by the chain's estimate")
     notes += [
         f"{run.folder}: the drive was broken off, its record ends early" for run in (one, other) if not run.complete
+    ]
+    notes += [
+        f"{run.folder}: changed since the drive: {', '.join(altered)}"
+        for run in (one, other)
+        if (altered := altered_parts(run.folder))
     ]
     return tuple(notes)
 

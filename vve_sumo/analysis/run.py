@@ -22,8 +22,8 @@ from vve_sumo.analysis import told
 from vve_sumo.analysis.units import described
 from vve_sumo.drive import figures
 from vve_sumo.drive.figures import Ahead
-from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS, read_table
-from vve_sumo.drive.setting import LAYOUT
+from vve_sumo.drive.record import LIVE_SCHEMAS, PROVENANCE, SCHEMAS, read_table
+from vve_sumo.drive.setting import refuse_layout
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
 from vve_sumo.values import Floats, Vehicle
@@ -118,6 +118,14 @@ class Run:
         return described(arrow.to_pandas(), meanings)
 
     @cached_property
+    def provenance(self) -> told.Provenance | None:
+        """Where the drive came from: its code, machine and people; None where the record does not say it."""
+        try:
+            return told.Provenance.model_validate_json((self.folder / PROVENANCE).read_bytes())
+        except (OSError, ValueError):
+            return None
+
+    @cached_property
     def ticks(self) -> pd.DataFrame:
         """A row a tick."""
         return self.table("ticks")
@@ -203,9 +211,7 @@ def _resolved(folder: FilePath) -> dict[str, Any]:
         raise ConfigError(f"{file}: not what a drive writes: {error}") from None
     if not isinstance(resolved, dict) or "settings" not in resolved:
         raise ConfigError(f"{file}: not what a drive writes: no settings in it")
-    layout = resolved.get("layout", 1)
-    if layout != LAYOUT:
-        raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")
+    refuse_layout(resolved, file)
     told.check(resolved, told.Record, file)
     return resolved
 

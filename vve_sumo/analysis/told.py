@@ -96,11 +96,11 @@ class _Settings(_Asked):
 
 
 class _Latency(Told):
-    budget_ms: Finite
+    budget_ms: Finite | None = None
 
 
 class _Rig(Told):
-    latency: _Latency
+    latency: _Latency | None = None
 
 
 #: all that is declared of a car
@@ -118,6 +118,36 @@ class Record(Told):
     versions: dict[str, Text]
     settings: _Settings
     rig: _Rig | None = None
+
+
+class _Code(Told):
+    sha256: Text = ""
+    git_commit: Text | None = None
+    git_dirty: bool | None = None
+
+
+class _Host(Told):
+    name: Text = ""
+    kernel: Text = ""
+    machine: Text = ""
+
+
+class _Doctor(Told):
+    verdict: Text = "none"
+    date_utc: Text = ""
+    caveats: Annotated[tuple[Text, ...], Field(strict=False)] = ()
+
+
+class Provenance(Told):
+    """What `provenance.json` says; the last three keys of a live drive alone."""
+
+    code: _Code = _Code()
+    host: _Host = _Host()
+    python: Text = ""
+    began_utc: Text = ""
+    operator: Text | None = None
+    driver: Text | None = None
+    doctor: _Doctor | None = None
 
 
 #: what was measured of a drive; null where it held nothing to measure

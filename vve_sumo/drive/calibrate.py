@@ -152,6 +152,9 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "acceleration_bias": Quantity("receiver's acceleration", "m/s²", 1.0, _undeclared),
 }  # fmt: skip
 
+#: Share by which a measured rolling radius may still be off: pressure, load and warmth of the tyres between two days.
+EARNED_TOLERANCE: Final = 0.01
+
 
 @dataclass(frozen=True, slots=True)
 class Calibrated:
@@ -336,11 +339,17 @@ def _values(calibrated: Calibrated, leave: Sequence[str]) -> dict[tuple[str, str
                 f"{calibrated.folder}: {name} is poor ({estimate.trouble}): drive again, or leave it as it is"
             )
     found = calibrated.identified.estimates
-    return {
+    values = {
         quantity.key: float(f"{quantity.factor * found[name].value:.6g}")
         for name, quantity in QUANTITIES.items()
         if quantity.key is not None and name not in leave and found[name].good
     }
+    radius = found["wheel_radius"]
+    if QUANTITIES["wheel_radius"].key in values:
+        values["calibration", "wheel_speed_tolerance"] = max(
+            EARNED_TOLERANCE, round(5.0 * radius.sigma / radius.value, 4)
+        )
+    return values
 
 
 def toml_text(calibrated: Calibrated, date: str, leave: Sequence[str] = ()) -> str:

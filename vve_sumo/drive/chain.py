@@ -107,11 +107,20 @@ class Chain:
     def receive(self, received: float, data: bytes) -> None:
         """Take pose bytes that arrived at drive time `received` [s]."""
         for fix in self._decoder.feed(data, received):
-            self.accept(received, fix if self._clock is None else self._timed(self._clock, received, fix))
+            timed = fix if self._clock is None else self._timed(self._clock, received, fix)
+            if timed is None:
+                self._reasons = ("fix_ahead",)
+            else:
+                self.accept(received, timed)
 
-    def _timed(self, clock: Clock, received: float, fix: Fix) -> Fix:
-        """Date a fix on the drive's clock; one that the receiver calls late already teaches nothing of the clocks."""
+    def _timed(self, clock: Clock, received: float, fix: Fix) -> Fix | None:
+        """Date a fix on the drive's clock; None for one that the clock sets aside.
+
+        One that the receiver calls late already teaches nothing of the clocks.
+        """
         made = clock.step(received, fix.time) if fix.status == LOCKED else clock.at(fix.time)
+        if fix.status == LOCKED and math.isnan(made):
+            return None
         return replace(fix, time=self._epoch + made)
 
     def accept(self, now: float, fix: Fix) -> Pose | None:
@@ -205,6 +214,11 @@ class Chain:
             "jitter_p50_ms": 1000.0 * report.jitter_p50,
             "jitter_p99_ms": 1000.0 * report.jitter_p99,
         }
+
+    @property
+    def pose(self) -> Pose | None:
+        """Pose of the rear axle at the tick that was last seen; None before the first trusted fix."""
+        return self._seen.pose
 
     @property
     def failure(self) -> str:

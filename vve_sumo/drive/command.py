@@ -6,6 +6,7 @@ The only module of the room that looks at the wall clock or prints; everything i
 from __future__ import annotations
 
 import contextlib
+import datetime
 import math
 import sys
 import time
@@ -18,17 +19,18 @@ from typing import Any, Protocol
 import pyarrow as pa
 
 from vve_sumo import workspace
-from vve_sumo.controller import Controller, module, sources
-from vve_sumo.drive import figures
+from vve_sumo.controller import module, sources
+from vve_sumo.drive import figures, provenance
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import Lockstep, Run, Watch
 from vve_sumo.drive.playback import Playback
-from vve_sumo.drive.record import Record, Tape, claim, hash_files, read_table, whole
+from vve_sumo.drive.record import PROVENANCE, Record, Tape, claim, hash_files, read_table, whole
 from vve_sumo.drive.setting import PERIOD, Setting, resolve, versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
+from vve_sumo.path import Path
 from vve_sumo.scenario.load import load
-from vve_sumo.scenario.schema import Band, Criteria
-from vve_sumo.values import ArmingState
+from vve_sumo.scenario.schema import Band, Criteria, Scenario
+from vve_sumo.values import ArmingState, Vehicle
 
 #: what a figure that is missing because nothing was ever ahead is as good as; every other one that is missing fails
 NOTHING_AHEAD = {"min_ttc_s": math.inf, "min_gap_m": math.inf, "max_drac_mps2": 0.0}
@@ -40,7 +42,6 @@ class Shell(Protocol):
     """What lockstep and playback have in common."""
 
     epoch: float  #: GNSS second of drive time 0
-    controller: Controller  #: the system under test
     laid: dict[str, Any]  #: what ties the drive to time and earth
 
     def run(self, record: Tape, watch: Watch) -> Run:
@@ -101,8 +102,11 @@ def run(
     try:
         if pose is not None:
             setting = replace(setting, files={**setting.files, "pose": pose})
-        resolved = setting.resolved(shell.controller) | shell.laid
+        resolved = setting.resolved(working) | shell.laid
         record = Record(folder, resolved, shell.epoch) if kept else Tape(resolved, shell.epoch)
+        if kept:
+            now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+            record.attach(PROVENANCE, provenance.text_of(provenance.provenance(setting, now)))
         try:
             done = guarded(shell, record, watch)
         except ConfigError:
@@ -141,7 +145,31 @@ def summarise(setting: Setting, done: Run, folder: FilePath, parts: dict[str, st
     return told | {"record_files_sha256": hash_files(folder)}
 
 
-def summary_of(setting: Setting, done: Run, ticks: pa.Table, actors: pa.Table, parts: dict[str, str]) -> dict[str, Any]:
+class Driven(Protocol):
+    """What a drive's figures are judged by: a setting, or what a record says of one."""
+
+    @property
+    def name(self) -> str:
+        """Name of the scenario."""
+        ...
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario."""
+        ...
+
+    @property
+    def path(self) -> Path:
+        """Where the rear axle was to go, in the street's map."""
+        ...
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The car as declared."""
+        ...
+
+
+def summary_of(setting: Driven, done: Run, ticks: pa.Table, actors: pa.Table, parts: dict[str, str]) -> dict[str, Any]:
     """Return what a summary says of a drive, but for the hashes of files; `parts` are those of its record."""
     measured = figures.measure(ticks, actors, setting.path, setting.vehicle)
     summary: dict[str, Any] = {
@@ -360,7 +388,8 @@ def design_at(setting: Setting, working: FilePath) -> Any:
     Raises ConfigError where the scenario's controller does not steer by the preview law, which alone the design knows.
     """
     named = setting.scenario.controller.name
-    if "preview" not in (file.stem for file in sources(setting.controller(working))):
+    setting.controller(working)
+    if "preview" not in sources(setting.scenario.controller.name, workspace.controller_folders(working)):
         raise ConfigError(f"the design knows the preview steering, which {named} does not use")
     gains, preview = _designed(setting, working)
     return gains.margins(setting.vehicle, preview, [setting.scenario.ego.speed_mps])[0]

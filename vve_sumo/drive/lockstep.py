@@ -158,8 +158,7 @@ class Lockstep:
 
         `alter` injects faults into the receiver: from a fix to another one, or to None for a lost packet.
         """
-        self.controller = setting.controller(working)
-        put = chain_of(setting, self.controller)
+        put = chain_of(setting, setting.controller(working))
         self._chain, self._gateway, self._alignment, start = put.chain, put.gateway, put.alignment, put.start
         self.epoch, self.laid = EPOCH, laid(put.lot, put.alignment, EPOCH)
         begin = (start.x, start.y, start.heading)

@@ -74,14 +74,14 @@ class Playback:
         alignment = Alignment.from_matched_start(there, standing(begin.x, begin.y, begin.heading))
         self.laid = laid(frame, alignment, self.epoch)
         self._setting, self._begin = setting, first.time - self.epoch
-        self.controller = setting.controller(working)
+        controller = setting.controller(working)
         self._chain = Chain(
             decoder=Decoder(),
             gate=TrustGate(PLAYBACK, self.epoch),
             placement=Placement(frame, alignment, AT_REAR_AXLE, self.epoch),
             predictor=Predictor(),
             radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(setting.scenario.seed)),
-            controller=Guarded(self.controller),
+            controller=Guarded(controller),
             vehicle=setting.vehicle,
             path=setting.path,
             desired_speed=setting.scenario.ego.speed_mps,

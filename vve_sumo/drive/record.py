@@ -93,6 +93,14 @@ RAW_PARTS = ("scenario.json", "pose.bin", "can.log")
 #: what an open table is called in the folder, and a finished one
 OPEN_ENDING, CLOSED_ENDING = ".arrows", ".parquet"
 
+#: key of a summary's hash of itself
+SEAL = "summary_sha256"
+#: file of a record that says where the drive comes from; no part of its hash
+PROVENANCE = "provenance.json"
+
+#: files whose bytes have hashes of their own beside that of the record
+HASHED_FILES = (*(f"{name}{CLOSED_ENDING}" for name in SCHEMAS | LIVE_SCHEMAS), PROVENANCE)
+
 _CHUNK_HEAD = struct.Struct("<dI")
 
 Column = Sequence[Any] | NDArray[Any]
@@ -197,12 +205,12 @@ def hash_file(file: Path) -> str:
 
 
 def hash_files(folder: Path) -> dict[str, str]:
-    """Return the hash of the bytes of every finished table's file.
+    """Return the hash of the bytes of every finished table's file, and of the record's provenance.
 
-    A byte of such a file may say nothing of what the table holds; so the hash of a record, which is to be the same
+    A byte of a table's file may say nothing of what the table holds; so the hash of a record, which is to be the same
     whoever writes the files, does not see it. This one does.
     """
-    files = (folder / f"{name}{CLOSED_ENDING}" for name in SCHEMAS | LIVE_SCHEMAS)
+    files = [folder / name for name in HASHED_FILES]
     return {file.name: hash_file(file) for file in files if file.is_file()}
 
 
@@ -507,6 +515,13 @@ class LiveRecord(Record):
         """Keep the row of a tick; when it goes to disk is its owner's business, who has a clock."""
         self._tables["ticks"].append(_as_tuple(row))
 
+    def attach(self, name: str, text: str) -> None:
+        """Keep a text in a file of that name, or at least note that it can't be."""
+        try:
+            super().attach(name, text)
+        except OSError:
+            self.broken.add(name)
+
     def stepped(self, row: GatewayRow) -> None:
         """Keep the row of a step of the gateway."""
         self._tables["gateway"].append(_gateway_tuple(row))
@@ -538,9 +553,21 @@ class LiveRecord(Record):
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write a record's `summary.json`; not-a-number and infinity become null."""
-    text = json.dumps(_finite(summary), indent=1, allow_nan=False)
-    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    """Write a record's `summary.json`, sealed by a hash of itself; not-a-number and infinity become null."""
+    half = folder / "summary.half"
+    half.write_text(sealed(_finite(summary)), encoding="utf-8")
+    half.replace(folder / "summary.json")
+
+
+def sealed(summary: dict[str, Any]) -> str:
+    """Return a summary as its file holds it, with the hash of all that it says but that hash."""
+    said = {key: value for key, value in summary.items() if key != SEAL}
+    seal = hashlib.sha256(_spelt(said).encode()).hexdigest()
+    return _spelt(said | {SEAL: seal})
+
+
+def _spelt(summary: dict[str, Any]) -> str:
+    return json.dumps(summary, indent=1, allow_nan=False) + "\n"
 
 
 def claim(folder: Path) -> None:

@@ -6,10 +6,9 @@ car had reported, the shell's faults) is all in the record, and so is everything
 
 from __future__ import annotations
 
-import json
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path as FilePath
@@ -19,18 +18,20 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo import bus
+from vve_sumo.drive import provenance
 from vve_sumo.drive.chain import Chain, Decided
 from vve_sumo.drive.lockstep import Operator, chain_of
-from vve_sumo.drive.record import (
-    CLOSED_ENDING,
-    LIVE_SCHEMAS,
-    SCHEMAS,
-    hash_file,
-    hash_part,
-    read_pose_chunks,
-    read_table,
+from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS, read_pose_chunks, read_table
+from vve_sumo.drive.setting import (
+    CONTROLLER,
+    PERIOD,
+    Setting,
+    changed_code,
+    digests,
+    read_resolved,
+    resolve,
+    versions,
 )
-from vve_sumo.drive.setting import PERIOD, Setting, resolve, versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.load import parse
 from vve_sumo.values import Actors, Frame, Verdict
@@ -82,59 +83,39 @@ class CarFrames:
     commands: dict[int, list[Frame]]
 
 
-def setting_of(folder: FilePath, working: FilePath) -> tuple[Setting, list[str]]:
-    """Return the setting that a record was driven in, and a line for everything that is not as it was then.
+def setting_of(folder: FilePath, working: FilePath) -> Setting:
+    """Return the setting that a record was driven in; nothing of its controller is run.
 
     Raises ConfigError where the record is none of a lockstep drive, or a file that it names is gone.
     """
-    file = folder / "scenario.json"
+    file, resolved = folder / "scenario.json", read_resolved(folder)
     try:
-        resolved = json.loads(file.read_text(encoding="utf-8"))
-        settings, name = resolved["settings"], resolved["scenario"]
-        hashes, then = resolved["files_sha256"], resolved["versions"]
-    except (OSError, ValueError, KeyError) as error:
+        settings, name, hashes = resolved["settings"], resolved["scenario"], resolved["files_sha256"]
+    except KeyError as error:
         raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
     if "pose" in hashes:
         raise ConfigError(f"{folder}: a playback, expected a drive with the hardware-free car")
-    setting = resolve(name, parse(settings, file), file, working)
-    return setting, changed_since(hashes, then, setting, working)
+    return resolve(name, parse(settings, file), file, working)
 
 
-def changed_since(hashes: dict[str, str], then: dict[str, str], setting: Setting, working: FilePath) -> list[str]:
-    """Return a line for every file and every version that is not what the record says of it."""
-    now = setting.resolved(setting.controller(working))["files_sha256"]
-    changed = [f"{role} has changed since" for role in sorted(now | hashes) if hashes.get(role) != now.get(role)]
-    mine = versions()
-    return changed + [f"{part} was {then.get(part)}, is {mine[part]}" for part in mine if then.get(part) != mine[part]]
+def changed_since(folder: FilePath, setting: Setting) -> list[str]:
+    """Return a line for every file and every version that is not what a record says of it, but for the controller's."""
+    resolved = read_resolved(folder)
+    then, now = resolved["files_sha256"], digests(setting.files)
+    roles = sorted(role for role in now | then if not role.startswith(CONTROLLER))
+    changed = [f"{role} has changed since" for role in roles if then.get(role) != now.get(role)]
+    mine, told = versions(), resolved["versions"]
+    changed += [f"{part} was {told.get(part)}, is {mine[part]}" for part in mine if told.get(part) != mine[part]]
+    return changed + provenance.changed_since(provenance.read(folder))
 
 
-def altered_parts(folder: FilePath) -> list[str] | None:
-    """Return the parts of a record whose hash is not the one that the drive wrote; None where it never wrote any.
+def changed_controller(folder: FilePath, setting: Setting, working: FilePath) -> list[str]:
+    """Return a line for every file of the recorded controller's code that is not as it was; none of it is run.
 
-    Raises ConfigError for a summary that can't be read.
+    Raises ConfigError where there is no such controller any more.
     """
-    file = folder / "summary.json"
-    if not file.exists():
-        return None
-    try:
-        summary = json.loads(file.read_text(encoding="utf-8"))
-        parts, files = summary.get("record_parts_sha256", {}), summary.get("record_files_sha256", {})
-    except (OSError, ValueError, AttributeError) as error:
-        raise ConfigError(f"{file}: cannot be read: {error}") from None
-    if not parts:
-        return None
-    # The bytes of a table's file say more than its rows, and need no reading.
-    hashes = {name: (then, hash_part, (folder, name)) for name, then in parts.items()}
-    hashes |= {name.removesuffix(CLOSED_ENDING): (then, hash_file, (folder / name,)) for name, then in files.items()}
-    return [name for name, (then, hashed, of) in hashes.items() if not _is(then, hashed, *of)]
-
-
-def _is(then: str, hashed: Callable[..., str], *of: Any) -> bool:
-    """Whether a hash is still the same; what can't be read any more is not what it was."""
-    try:
-        return hashed(*of) == then
-    except ConfigError:
-        return False
+    recorded = {role: [str(digest)] for role, digest in read_resolved(folder)["files_sha256"].items()}
+    return changed_code(setting.scenario.controller.name, recorded, working)
 
 
 def read_rows(folder: FilePath, name: str) -> pa.Table:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib.metadata import version
@@ -20,7 +21,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from vve_sumo import __version__, workspace
-from vve_sumo.controller import Controller, load, sources
+from vve_sumo.controller import Controller, load, origin, sources
 from vve_sumo.drive.casting import Speeds, followed
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
@@ -31,10 +32,12 @@ from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle import fusion
 from vve_sumo.world.network import Network, lane_shapes, read_network
 
-LAYOUT = 2  #: of what a record holds; the first had neither path nor car
+LAYOUT = 3  #: of what a record holds; the first had neither path nor car, the second no provenance.json and no seal
 PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
 EPOCH = 1_451_260_818.0
+#: how the role of a file of the controller's code begins; the name of its module follows
+CONTROLLER = "controller_"
 #: libraries whose version is recorded beside our own: another one may drive differently
 PARTS_THAT_DECIDE = ("libsumo", "numpy", "scipy", "pyproj")
 PATH_COLUMNS = ("latitude_deg", "longitude_deg")
@@ -65,10 +68,15 @@ class Setting:
     files: dict[str, FilePath]  #: what was read, by role
     lines: dict[str, Path]  #: paths of actors, by the names that they use, in the street's map
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
+    file: FilePath  #: the scenario's own
 
-    def resolved(self, controller: Controller) -> dict[str, Any]:
-        """Return what the record keeps: scenario, path and car, the content of files as hashes, and the versions."""
-        files = self.files | {f"controller_{file.stem}": file for file in sources(controller)}
+    def resolved(self, working: FilePath) -> dict[str, Any]:
+        """Return what the record keeps: scenario, path and car, the content of files as hashes, and the versions.
+
+        The controller's files are those of the one that `controller` made last.
+        """
+        code = sources(self.scenario.controller.name, workspace.controller_folders(working))
+        files = self.files | {f"{CONTROLLER}{module}": file for module, file in code.items()}
         return {
             "layout": LAYOUT,
             "scenario": self.name,
@@ -76,7 +84,7 @@ class Setting:
             "period_s": PERIOD,
             "path_m": [f"{x} {y}" for x, y in self.path.points],
             "vehicle": asdict(self.vehicle),
-            "files_sha256": {role: _digest(file) for role, file in sorted(files.items())},
+            "files_sha256": digests(files),
             "versions": versions(),
         }
 
@@ -112,6 +120,48 @@ def radar_of(wanted: Radar) -> RadarConfig:
 def versions() -> dict[str, str]:
     """Return the versions of what decides how a drive goes."""
     return {"vve-sumo": __version__} | {name: version(name) for name in PARTS_THAT_DECIDE}
+
+
+def digests(files: Mapping[str, FilePath]) -> dict[str, str]:
+    """Return the hash of every file (hexadecimal SHA-256), by role, sorted."""
+    return {role: _digest(file) for role, file in sorted(files.items())}
+
+
+def changed_code(name: str, recorded: Mapping[str, Collection[str]], working: FilePath) -> list[str]:
+    """Return a line for every file of a controller's code that is not as it was recorded; none of that code is run.
+
+    `recorded` holds the hashes that each role had. Raises ConfigError where there is no such controller any more.
+    """
+    place = origin(name, workspace.controller_folders(working))
+    roles = [role for role in sorted(recorded) if role.startswith(CONTROLLER)]
+    if f"{CONTROLLER}{place.main}" not in roles:
+        return [f"controller {name}: there is no hash of its code"]
+    files = {role: place.file(role.removeprefix(CONTROLLER)) for role in roles}
+    return [
+        f"{role} has changed since" if file is not None else f"{role} is gone"
+        for role, file in files.items()
+        if file is None or _digest(file) not in recorded[role]
+    ]
+
+
+def read_resolved(folder: FilePath) -> dict[str, Any]:
+    """Return the content of a record's `scenario.json`; raises ConfigError where there is none of this layout."""
+    file = folder / "scenario.json"
+    try:
+        resolved = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
+    if not isinstance(resolved, dict):
+        raise ConfigError(f"{folder}: no record of a drive: scenario.json: expected a table of keys")
+    refuse_layout(resolved, file)
+    return resolved
+
+
+def refuse_layout(resolved: Mapping[str, Any], file: FilePath) -> None:
+    """Raise ConfigError for a record of another layout than this version writes; `file` is its `scenario.json`."""
+    layout = resolved.get("layout", 1)
+    if layout != LAYOUT:
+        raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")
 
 
 def _digest(file: FilePath) -> str:
@@ -160,7 +210,7 @@ def resolve(
     files = {"network": network.path, "path": path_file, **cast.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
     return Setting(
-        name, scenario, network, demand, street, path, route, fusion.vehicle(), files, cast.lines, cast.recordings
+        name, scenario, network, demand, street, path, route, fusion.vehicle(), files, cast.lines, cast.recordings, file
     )
 
 

@@ -149,7 +149,7 @@ def source_of(rig: Rig) -> receive.Source:
     pose = rig.pose
     match pose.kind:
         case "ncom_udp" | "nmea_udp":
-            return receive.open_udp(pose.address, pose.port)
+            return receive.open_udp(pose.address, pose.port, pose.source)
         case "nmea_tcp":
             return receive.open_tcp(pose.address, pose.port)
         case "nmea_serial":
@@ -177,7 +177,12 @@ def absolute_epoch(rig: Rig, t0: float) -> float | None:
 def stood(rig: Rig, source: receive.Source, t0: float) -> Stood:
     """Wait for what the rig's receiver says of the standing car; raises RigError as `ground.stand`."""
     delay = minimum_delay_of(rig)
-    return stand(source, decoder_of(rig), profile_of(rig), delay, t0, absolute_epoch(rig, t0))
+    try:
+        return stand(source, decoder_of(rig), profile_of(rig), delay, t0, absolute_epoch(rig, t0))
+    except RigError as error:
+        if refused := source.told().get("refused"):
+            raise RigError(f"{error}; refused were datagrams of {', '.join(refused)}: see pose.source") from None
+        raise
 
 
 class FrameSource:
@@ -208,6 +213,14 @@ class FrameSource:
             return []
         now = time.monotonic()
         return [(now, _FRAME.pack(frame.id, len(frame.data), frame.data)) for frame in frames]
+
+    def found(self) -> tuple[str, ...]:
+        """Return nothing: a frame does not say who sent it."""
+        return ()
+
+    def told(self) -> dict[str, Any]:
+        """Return nothing: a frame does not say who sent it."""
+        return {}
 
     def close(self) -> None:
         """Let go of the bus."""

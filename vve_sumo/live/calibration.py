@@ -13,6 +13,7 @@ from typing import Final
 
 from vve_sumo import workspace
 from vve_sumo.drive.calibrate import calibrate_command
+from vve_sumo.drive.verify import alterations
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.live import command
 
@@ -30,8 +31,8 @@ def calibrate(
 ) -> int:
     """Run the command: drive where no `record` is given, fit, show, and with `write` change the rig file.
 
-    Raises ConfigError before anything moves where the rig file may not be written, RigError where the drive was cut
-    short.
+    Raises ConfigError before anything moves where the rig file may not be written or the record was altered, RigError
+    where the drive was cut short.
     """
     working = FilePath.cwd()
     rig_file = workspace.find("rig", rig, working)
@@ -39,6 +40,8 @@ def calibrate(
         raise ConfigError(
             f"{rig_file}: is not yours to write; lay out a workspace with vve-sumo init and copy it there"
         )
+    if record is not None and (altered := alterations(record)):
+        raise ConfigError(f"{record}: {altered[0]}: no car is calibrated by an altered record")
     folder = record if record is not None else _drive(scenario, rig, working, out)
     return calibrate_command(folder, rig_file if write else None, datetime.date.today().isoformat(), leave)
 

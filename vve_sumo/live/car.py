@@ -31,7 +31,8 @@ from vve_sumo.live.spawn import begin
 from vve_sumo.plant.car import FAST, STEPS_A_SECOND, Car, CarParameters
 from vve_sumo.plant.kit import KitParameters
 from vve_sumo.plant.receiver import ReceiverParameters
-from vve_sumo.plant.rehearsal import Rehearsal, Rehearsed
+from vve_sumo.plant.rehearsed import Rehearsed
+from vve_sumo.plant.rehearsed_car import RehearsedCar
 from vve_sumo.values import Frame, Pose, Vehicle
 from vve_sumo.vehicle import dbw
 from vve_sumo.vehicle.calibration import Calibration
@@ -194,10 +195,10 @@ class LiveCar:
     def __init__(self, config: CarConfig, wire: Wire, truth: Truth) -> None:
         # The radar's noise is the second child of a scenario's seed.
         car_seeds, _, rehearsal_seeds = np.random.SeedSequence(config.seed).spawn(3)
-        variant = config.parameters.kit.variant
-        self._rehearsal = Rehearsal(config.rehearsed, rehearsal_seeds, variant)
-        alter = self._rehearsal.on_fix
-        self._car = Car(config.parameters, config.start(), config.lot, config.epoch, car_seeds, alter)
+        start, rehearsed = config.start(), config.rehearsed
+        self._car = RehearsedCar(
+            config.parameters, start, config.lot, config.epoch, car_seeds, rehearsed, rehearsal_seeds
+        )  # fmt: skip
         self._wire = wire
         self._truth = truth
         self._target = config.target
@@ -221,20 +222,15 @@ class LiveCar:
 
     def step(self) -> None:
         """Advance by one step, saying everything when it is due; returns when the step is over on the real clock."""
-        now, rehearsal, car = self.time, self._rehearsal, self._car
         told = self._wire.receive()
-        commands = rehearsal.on_commands(now, told)
-        rehearsal.on_kit(now, car.kit)
         self._steps += 1
         until = self.time
-        output = car.step(until, commands, rehearsal.driver(now))
-        truth = car.truth()
-        rehearsal.moves(until, truth.speed)
+        output, truth = self._car.step(until, told), self._car.truth()
         if truth.speed != 0.0 or told:
             self._rests_since = until
         if self._steps % FAST == 0:
-            self._truth.add(truth, car)
-        self._say(rehearsal.on_packets(until, output.ncom), rehearsal.on_reports(until, output.reports))
+            self._truth.add(truth, self._car.car)
+        self._say(output.ncom, output.reports)
         self._wait(until)
 
     def flush(self) -> None:

@@ -6,23 +6,25 @@ The only module of the room that looks at the wall clock or prints.
 from __future__ import annotations
 
 import contextlib
+import datetime
 import json
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, Final
 
 from vve_sumo import workspace
 from vve_sumo.drive import command as drives
+from vve_sumo.drive import provenance
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import Run
-from vve_sumo.drive.record import claim, read_table, write_summary
+from vve_sumo.drive.record import SEAL, claim, hash_file, read_table, write_summary
 from vve_sumo.drive.setting import Setting
 from vve_sumo.drive.street import standing
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
-from vve_sumo.live import assembly, spawn, stand_in
+from vve_sumo.live import assembly, doctor_verdict, spawn, stand_in
 from vve_sumo.live.channel import pair
 from vve_sumo.live.console import Console, Crew
 from vve_sumo.live.ground import Ground, lay
@@ -40,6 +42,8 @@ from vve_sumo.scenario.schema import Abort
 
 #: for a process to end by itself once all is over [s]; the recorder writes its tables in this time
 LAST_PATIENCE: Final = 60.0
+#: characters of a person's name
+LONGEST_NAME: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +58,8 @@ class Plan:
     working: FilePath
     shadow: bool
     t0: float  #: monotonic second of drive time 0
+    operator: str | None = None  #: who is at the console; None where nobody said
+    driver: str | None = None  #: who sits behind the wheel
 
     def clock(self) -> float:
         """Drive time [s]."""
@@ -89,9 +95,41 @@ def plan(
     return Plan(setting, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic())
 
 
+def named(plan: Plan, operator: str | None, driver: str | None) -> Plan:
+    """Return a plan with who is at the console and who sits behind the wheel.
+
+    Of a real car both are asked for where nobody has said so and there is a terminal to ask on; drive time begins
+    after the answers. Raises ConfigError for what is no name.
+    """
+    asks = plan.rig.car == "real" and sys.stdin.isatty()
+    operator, driver = _name("operator", operator, asks), _name("driver", driver, asks)
+    return replace(plan, operator=operator, driver=driver, t0=time.monotonic())
+
+
+def _name(who: str, said: str | None, asks: bool) -> str | None:
+    """Return a person's name, asked for where nobody has said it and `asks`; None where nobody says it."""
+    if said is None and asks:
+        print(f"name of the {who} (for the record; --{who} says it): ", end="", file=sys.stderr, flush=True)
+        said = sys.stdin.readline()
+    if said is None:
+        return None
+    name = said.strip()
+    if not name or len(name) > LONGEST_NAME or not name.isprintable():
+        raise ConfigError(f"--{who}: expected a name of 1 to {LONGEST_NAME} printable characters, got {name[:80]!r}")
+    return name
+
+
+def _provenance(plan: Plan) -> str:
+    """Return what the record keeps of where the drive comes from, as the file holds it."""
+    now = datetime.datetime.now(datetime.UTC)
+    told = provenance.provenance(plan.setting, now.isoformat(timespec="seconds"))
+    told |= {"rig_file_sha256": hash_file(plan.rig_file), "operator": plan.operator, "driver": plan.driver}
+    return provenance.text_of(told | {"doctor": doctor_verdict.last(plan.rig_file, plan.working, now)})
+
+
 def live(plan: Plan) -> dict[str, Any]:
     """Drive a plan to its end and return its summary; raises VveError where it never began."""
-    controller = plan.setting.controller(plan.working)  # refuses what is wrong before anything is started
+    plan.setting.controller(plan.working)  # refuses what is wrong before anything is started
     if plan.setting.scenario.abort != Abort():
         print("the scenario's [abort] does not apply to a live drive: nothing lets go of a moving car", file=sys.stderr)
     with (
@@ -108,7 +146,7 @@ def live(plan: Plan) -> dict[str, Any]:
             friction = scenario.weather.friction
             car = stand_in.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
         ground = _ground(plan, source)
-        resolved = plan.setting.resolved(controller) | ground.as_dict()
+        resolved = plan.setting.resolved(plan.working) | ground.as_dict()
         resolved |= assembly.told(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
         resolved["gateway"]["shadow"] = plan.shadow
         crew = _crew(plan, resolved, ground, car)
@@ -170,7 +208,7 @@ def _crew(plan: Plan, resolved: dict[str, Any], ground: Ground, car: stand_in.St
     common = {"folder": str(folder), "t0": plan.t0, "epoch": ground.epoch}
     recorder = spawn.start(
         "recorder",
-        common | {"resolved": resolved, "log": str(folder / "recorder.log")},
+        common | {"resolved": resolved, "provenance": _provenance(plan), "log": str(folder / "recorder.log")},
         {"drive": recorder_drive, "gateway": recorder_gateway},
         own_session=True,
     )
@@ -230,7 +268,7 @@ def _summary(plan: Plan, why: tuple[str, ...]) -> dict[str, Any]:
         told.get("text", ""),
     )
     full = drives.summarise(plan.setting, done, plan.folder, told.get("record_parts_sha256", {}))
-    extra = {key: told[key] for key in told if key not in full and key not in ("cleared", "warnings")}
+    extra = {key: told[key] for key in told if key not in full and key not in ("cleared", "warnings", SEAL)}
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow}
     write_summary(plan.folder, summary)
     return summary
@@ -244,9 +282,12 @@ def drive_live(
     seed: int | None,
     controller: str | None,
     shadow: bool,
+    operator: str | None,
+    driver: str | None,
 ) -> int:
     """Run the command: plan, drive, draw, show; return the exit code."""
     made = plan(scenario, rig, FilePath.cwd(), out=out, seed=seed, controller=controller, shadow=shadow)
+    made = named(made, operator, driver)
     with _gone_when_empty(made.folder):
         summary = live(made)
     done = drives.Drive(made.folder, summary)

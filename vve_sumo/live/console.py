@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import select
 import subprocess
 import time
@@ -18,19 +19,29 @@ from vve_sumo.drive.lockstep import WAITING, Operator
 from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.keys import Keys, Wish
 from vve_sumo.live.screen import Screen
+from vve_sumo.live.wording import Guard, answer, why
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING
 from vve_sumo.vehicle.gateway import Act
 
 #: between two looks at everything [s]
-LOOK: Final = 0.1
+LOOK: Final = 0.05
+#: a gateway that has told nothing for so long is not run [s]: it tells something every 0.1 s, give or take a step; with
+#: one look more this is on the screen within 0.3 s
+SILENT: Final = 0.2
+#: a gateway that ended while the car was its own is cried out for so long [s]
+OUTCRY: Final = 3.0
 #: for a drive that hangs: its last words to the recorder take 5 s at most, and its street is to be closed [s]
 DRIVE_PATIENCE: Final = 8.0
 #: a rig that drives by itself and is not ready by then never will be [s]
 READY_LIMIT: Final = 60.0
 
 _ACTS: Final = {Wish.ENGAGE: Act.ENGAGE, Wish.GO: Act.GO, Wish.RESET: Act.DISARM}
+#: wishes that count only while the gateway waits for them, and their keys
+_KEYS: Final = {Wish.ENGAGE: "e", Wish.GO: "g"}
+#: the gateway's word for a go that it did not take
+TOO_EARLY: Final = "go_too_early"
 
 
 @dataclass(slots=True)
@@ -76,9 +87,10 @@ class Console:
         self._crew, self._keys, self._screen = crew, keys, screen
         self._operator = Operator() if automatic else None
         self._state = ArmingState.DISARMED
-        self._engaged = self._over = self._stops = False
+        self._engaged = self._over = self._stops = self._ends = self._left = False
+        self._heard_at = math.inf  # when the gateway last told something; never yet
         self._begun = time.monotonic()
-        self._status: dict[str, Any] = {}
+        self._status: dict[str, Any] = {"went": False}  # a go has been sent, and was not refused
         self.why: tuple[str, ...] = ()  #: the gateway's last reasons for stopping the car, or for letting go of it
         self.refusal: tuple[str, int] | None = None  #: why the drive never began, and the exit code for that
 
@@ -91,39 +103,84 @@ class Console:
             for wish in self._keys.wishes():
                 self._obey(wish)
             self._hear_drive()
+            # Before listening: a console that was not run itself finds what it has missed, and takes it for no silence.
+            begun = time.monotonic()
             self._hear_gateway()
             self._judge()
             self._speak()
-            self._screen.show(self._status)
+            self._show(Guard.SILENT if begun - self._heard_at > SILENT else Guard.HEARD)
         self._hear_gateway()
         if not self._engaged and not self._over:
             self._refuse("the gateway's process ended before anything moved; see gateway.log in the record", 3)
+        if self._state in COMMANDING:
+            self._cry_out()
+        else:
+            self._show(Guard.ENDED)
+
+    def _show(self, guard: Guard) -> None:
+        if self._left or (self._crew.to_gateway.closed and guard is Guard.SILENT):
+            # One that has let go of its channel is on its way out: it tells nothing because it is done.
+            guard = Guard.LEFT if self._left else Guard.HEARD
+        self._status |= {"gateway": guard.value, "engaged": self._engaged}
+        self._screen.show(self._status)
+
+    def _cry_out(self) -> None:
+        """Tell for a while that nobody commands a car that was commanded."""
+        until = time.monotonic() + OUTCRY
+        while not self._left and time.monotonic() < until:
+            self._show(Guard.GONE)
+            time.sleep(LOOK)
+        self._show(Guard.GONE)
 
     @staticmethod
     def _alive(channel: Channel) -> list[int]:
         return [] if channel.closed else [channel.fileno()]
 
     def _obey(self, wish: Wish) -> None:
-        if self._engaged and not (wish is Wish.GO and WAITING in self._status.get("reasons", ())):
+        if wish is Wish.GONE:
+            # The gateway finds nobody at the controls, and brings the car to rest for that.
+            self._leave()
+            return
+        waited_for = self._waited_for(wish)
+        if wish in _KEYS and not waited_for and self._is_early(wish):
+            self._screen.say(answer(_KEYS[wish], self._status))
+        if self._engaged and not waited_for:
             wish = Wish.STOP
         if wish is Wish.STOP:
             self._stops = True
             if not self._engaged:
                 # Nothing moves yet: to stop is not to begin.
                 self._leave()
-        elif wish is not Wish.NOTHING:
-            self._crew.to_gateway.send(link.encode_act(_ACTS[wish]))
+        elif wish is Wish.RESET or waited_for:
+            self._act(_ACTS[wish])
+
+    def _waited_for(self, wish: Wish) -> bool:
+        """Whether the gateway waits for this now."""
+        if wish is Wish.GO:
+            return self._state is ArmingState.ENGAGED and WAITING in self._status.get("reasons", ())
+        return wish is Wish.ENGAGE and self._state is ArmingState.READY
+
+    def _is_early(self, wish: Wish) -> bool:
+        """Whether somebody is to be told that the time for this has not come; once the car goes, every key stops."""
+        if not self._engaged:
+            return not self._over
+        return wish is Wish.GO and self._state is ArmingState.ENGAGED and not self._status["went"]
+
+    def _act(self, act: Act) -> None:
+        self._crew.to_gateway.send(link.encode_act(act))
+        if act is Act.GO:
+            self._status["went"] = True
 
     def _speak(self) -> None:
         """Show the gateway that somebody is there, and say stop until it is heard."""
         if self._crew.to_gateway.closed:
             return
         self._crew.to_gateway.send(ALIVE)
-        if self._stops and self._state in (ArmingState.READY, ArmingState.ENGAGED):
-            self._crew.to_gateway.send(link.encode_act(Act.STOP))
+        if (self._stops or self._ends) and self._state in (ArmingState.READY, ArmingState.ENGAGED):
+            self._crew.to_gateway.send(link.encode_act(Act.STOP if self._stops else Act.END))
 
     def _leave(self) -> None:
-        self._over = True
+        self._over = self._left = True
         self._crew.to_gateway.close()
 
     def _hear_drive(self) -> None:
@@ -145,11 +202,15 @@ class Console:
                 self._hear_refusal(data)
                 continue
             verdict = feedback.verdict
+            self._heard_at = time.monotonic()
+            if TOO_EARLY in verdict.reasons:
+                self._status["went"] = False
             self._state = verdict.state
             self._engaged |= verdict.state in COMMANDING
             if verdict.state in ENDING:
                 self.why = verdict.reasons
             self._status |= {
+                "time_s": feedback.time,
                 "state": verdict.state.value,
                 "reasons": list(verdict.reasons),
                 "wheel_speed_mps": feedback.wheel_speed,
@@ -159,7 +220,7 @@ class Console:
                 self._operator.saw(verdict)
                 act = self._operator.act()
                 if act is not None:
-                    self._crew.to_gateway.send(link.encode_act(act))
+                    self._act(act)
 
     def _hear_refusal(self, data: bytes) -> None:
         """Take what a gateway says whose bus cannot be opened."""
@@ -172,13 +233,13 @@ class Console:
         if self._over:
             return
         if self._status.get("outcome") is not None and self._state is ArmingState.ENGAGED:
-            self._over = self._stops = True
+            self._over = self._ends = True
         elif not self._engaged and self._crew.drive.poll() is not None:
             self._refuse("the drive's process ended before anything moved", 4)
         elif not self._engaged and self._crew.recorder.poll() is not None:
             self._refuse("the recorder's process ended before anything moved", 3)
         elif self._operator is not None and not self._engaged and time.monotonic() - self._begun > READY_LIMIT:
-            missing = ", ".join(self._status.get("reasons", ())) or "the gateway does not answer"
+            missing = "; ".join(why(self._status)) or "the gateway does not answer"
             self._refuse(f"not ready after {READY_LIMIT:.0f} s: {missing}", 3)
 
     def _refuse(self, why: str, exit_code: int) -> None:

@@ -6,13 +6,15 @@ Puts the checks in order and turns refusals into findings; makes no check itself
 from __future__ import annotations
 
 import contextlib
+import datetime
+import sys
 from pathlib import Path as FilePath
 
 from vve_sumo import workspace
 from vve_sumo.drive import command as drives
 from vve_sumo.drive.setting import Setting
-from vve_sumo.errors import RigError
-from vve_sumo.live import assembly, doctor_machine, doctor_rig
+from vve_sumo.errors import ConfigError, RigError
+from vve_sumo.live import assembly, doctor_machine, doctor_rig, doctor_verdict
 from vve_sumo.live.findings import Check, Report
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig.lock import held
@@ -22,9 +24,23 @@ from vve_sumo.rig.schema import Rig
 def doctor(scenario: str, rig: str | None) -> int:
     """Run the command and return its exit code: 0 for go, 3 for no-go."""
     report = examine(scenario, rig, FilePath.cwd())
+    if rig is not None:
+        _keep(report, scenario, rig, FilePath.cwd())
     against = [check.name for check in report.against]
     print(f"NO-GO: {', '.join(against)}" if against else "GO")
     return RigError.exit_code if against else 0
+
+
+def _keep(report: Report, scenario: str, rig: str, working: FilePath) -> None:
+    """Keep the verdict on a rig for the records of the drives that follow; a rig that is not there has none."""
+    try:
+        doctor_verdict.keep(
+            workspace.find("rig", rig, working), report.checks, scenario, working, datetime.datetime.now(datetime.UTC)
+        )
+    except ConfigError:
+        pass
+    except OSError as error:
+        print(f"vve-sumo: the verdict is not kept for the record: {error}", file=sys.stderr)
 
 
 def examine(scenario: str, rig: str | None, working: FilePath) -> Report:

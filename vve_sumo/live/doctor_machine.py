@@ -28,7 +28,7 @@ from vve_sumo.drive.street import cast_of, open_world, standing
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
 from vve_sumo.live.findings import Check, Finding, judged
-from vve_sumo.live.priority import GATEWAY
+from vve_sumo.live.priority import GATEWAY, KEPT
 from vve_sumo.scenario.schema import When
 from vve_sumo.values import Point
 from vve_sumo.vehicle import dbw
@@ -112,7 +112,7 @@ def _clock() -> Check:
 
 
 def _priority() -> Check:
-    """Whether the kernel would run the gateway before everything else and keep it in memory."""
+    """Whether the kernel would run the gateway before everything else, keep it in memory, and spare it."""
     scheduled = True
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(GATEWAY))
@@ -122,10 +122,23 @@ def _priority() -> Check:
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     locked = os.geteuid() == 0 or limit == resource.RLIM_INFINITY or limit >= LOCKED
     words = {True: "permitted", False: "not permitted"}
-    found = f"real-time priority {GATEWAY} {words[scheduled]}, locking memory {words[locked]}"
+    found = f"real-time priority {GATEWAY} {words[scheduled]}, locking memory {words[locked]}, "
+    found += f"oom_score_adj {KEPT} {words[_kept()]}"
     advice = f"raise this user's limits, rtprio to {GATEWAY} and memlock to unlimited, in /etc/security/limits.d: else "
     advice += "a busy machine may keep the gateway waiting, which stops the car"
     return judged("priority", found, scheduled and locked, advice, otherwise=Finding.NOTE)
+
+
+def _kept() -> bool:
+    """Whether the kernel would spare the gateway when memory ends; tried with this process, and taken back."""
+    own = FilePath("/proc/self/oom_score_adj")
+    try:
+        before = own.read_text(encoding="ascii")
+        own.write_text(f"{KEPT}\n", encoding="ascii")
+        own.write_text(before, encoding="ascii")
+    except OSError:
+        return False
+    return True
 
 
 def _can() -> Check:

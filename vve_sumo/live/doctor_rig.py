@@ -11,17 +11,17 @@ import math
 import select
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 from vve_sumo.bus import Bus
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.drive.setting import Setting
 from vve_sumo.drive.street import standing
 from vve_sumo.errors import RigError
-from vve_sumo.frames import Alignment, Placement, wrap_angle
-from vve_sumo.live import assembly, stand_in
+from vve_sumo.frames import Alignment, Placement
+from vve_sumo.live import assembly, stand_in, start
 from vve_sumo.live.findings import Check, Finding, Report, judged
 from vve_sumo.live.ground import AVERAGED, STANDSTILL, average, lay
 from vve_sumo.lot.fit import measured
@@ -41,7 +41,6 @@ OLD: Final = 365  #: a test or calibration of more days ago is told
 RATE_SHARE: Final = 0.9  #: of the fixes that the rig promises
 NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no kit, receiver or radar knows it
 ECHO_PATIENCE: Final = 0.2  #: [s]
-FINEST_START: Final = (1.0, math.radians(5.0))  #: the car is at the path's start, within this [m] and [rad]
 
 #: reports that the gateway judges the age of
 REPORTS: Final = {
@@ -97,6 +96,7 @@ def examine(report: Report, rig: Rig, setting: Setting | None) -> None:
     if bus is not None:
         report.add([Check("bus", bus.name), *bus_checks(heard)])
     if source is not None:
+        report.add(sender_checks(source.told()))
         report.add(pose_checks(rig, heard))
     if setting is not None:
         advice = "vve-sumo align stores an alignment for this network"
@@ -262,6 +262,15 @@ def _in_words(codes: list[str]) -> str:
     return "; ".join(in_words(code) for code in codes)
 
 
+def sender_checks(told: Mapping[str, Any]) -> Iterator[Check]:
+    """Judge who spoke to the receiver's port, as its source told; nothing where nobody else can."""
+    if not told:
+        return
+    refused = ", ".join(f"{count} datagrams of {sender}" for sender, count in told["refused"].items())
+    advice = "end the other sender, or correct pose.source; docs/live.md tells how the receiver gets a link of its own"
+    yield judged("sender", f"{told['sender'] or 'none'}; refused: {refused or 'none'}", not refused, advice)
+
+
 def pose_checks(rig: Rig, heard: Heard) -> Iterator[Check]:
     """Judge what the receiver said."""
     rate = len(heard.fixes) / LISTENED
@@ -321,8 +330,8 @@ def path_checks(rig: Rig, setting: Setting, heard: Heard) -> Iterator[Check]:
             advice = f"where it lies follows from where the car stands: {AVERAGED:g} s of fixes to trust are needed"
             yield Check("path in the lot", "not known", Finding.NO_GO, advice)
             return
-        start = standing(begin.x, begin.y, begin.heading)
-        stored = lay(average(heard.epoch, stood), frame, mounting, start, None).alignment
+        place = standing(begin.x, begin.y, begin.heading)
+        stored = lay(average(heard.epoch, stood), frame, mounting, place, None).alignment
     elif stood:
         yield _at_the_start(setting, Placement(frame, stored, mounting, heard.epoch), heard.epoch, stood)
     yield _in_the_lot(rig, setting, stored)
@@ -342,14 +351,13 @@ def _in_the_lot(rig: Rig, setting: Setting, alignment: Alignment) -> Check:
 
 def _at_the_start(setting: Setting, placement: Placement, epoch: float, stood: list[Fix]) -> Check:
     """Where the car stands on a path that lies fixed in the lot."""
-    pose = placement.place(average(epoch, stood).fix)
-    begin = setting.path.at(0.0)
-    away = math.hypot(pose.x - begin.x, pose.y - begin.y)
-    turned = wrap_angle(pose.heading - begin.heading)
-    found = f"the car stands {away:.2f} m from the path's start, turned by {math.degrees(turned):.1f} deg"
-    good = away <= FINEST_START[0] and abs(turned) <= FINEST_START[1]
-    advice = "put it there, or align anew: vve-sumo align"
-    return judged("start", found, good, advice, otherwise=Finding.NOTE)
+    stands = start.of(placement.place(average(epoch, stood).fix), setting.path)
+    found = f"the car stands {stands.place()}, {stands.turn()}"
+    advice = (
+        f"drive it there, within {start.AWAY:g} m and {math.degrees(start.TURNED):g} deg, facing along the path; "
+        "or, where it is to start here, vve-sumo align"
+    )
+    return judged("start", found, not stands.faults(), advice)
 
 
 def _place_of(rig: Rig) -> str:
@@ -369,7 +377,9 @@ def _to_the_receiver(rig: Rig) -> str:
     """What to look at where nothing comes from the receiver."""
     match rig.pose.kind:
         case "ncom_udp" | "nmea_udp":
-            return "see pose.address and pose.port, the receiver's Ethernet output, the network card and the firewall"
+            return (
+                "see pose.address, pose.port and pose.source, the receiver's Ethernet output, network card and firewall"
+            )
         case "nmea_tcp":
             return "see pose.address and pose.port, and that the receiver serves them"
         case "nmea_serial":

@@ -28,11 +28,11 @@ from vve_sumo.drive.rows import Moment, keep_scan, tick_row
 from vve_sumo.drive.setting import PERIOD
 from vve_sumo.drive.street import Street, cast_of, open_world
 from vve_sumo.errors import VveError
-from vve_sumo.live import spawn
+from vve_sumo.live import signals, spawn, start
 from vve_sumo.live.assembly import chain_of, restored, source_of
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.ground import Ground
-from vve_sumo.live.priority import DRIVE, prefer
+from vve_sumo.live.priority import DRIVE, TAKEN_NEXT, prefer, when_memory_ends
 from vve_sumo.live.tap import Tap
 from vve_sumo.values import ArmingState, LatencyRow, Pose, Setpoint, Verdict
 from vve_sumo.vehicle import link
@@ -75,6 +75,7 @@ class LiveDrive:
         self._late: tuple[str, ...] = ()
         self._datagrams = 0
         self._received = self._woken = math.nan
+        self._has_engaged = False
         self._went_at: float | None = None
         self._outcome: Outcome | None = None
         self._why: tuple[str, ...] = ()  # the gateway's reasons for stopping, which it forgets once it has let go
@@ -126,6 +127,7 @@ class LiveDrive:
             feedback = link.decode_feedback(data)
             if isinstance(feedback, link.Feedback):
                 self._feedback = feedback
+                self._has_engaged |= feedback.verdict.state in COMMANDING
                 self._ledger.framed(feedback.sequence, feedback.sent)
         self._console.receive()
         for ear, gone in ((self._source, self._source.lost), (self._console, self._console.closed)):
@@ -176,8 +178,28 @@ class LiveDrive:
 
     def _faults(self, begun: Begun) -> tuple[str, ...]:
         recording = (self._tap.failure,) if self._tap.failure else ()
-        waits = () if self._street.fits or self._state in COMMANDING else ("street_not_measured",)
-        return self._found + waits + self._street.found + begun.faults + self._late + recording
+        street = self._before_engaging() + self._street.found
+        return self._found + street + begun.faults + self._late + recording + self._source.found()
+
+    def _before_engaging(self) -> tuple[str, ...]:
+        """Reason codes of what has to hold until the car is engaged, and then no more; to be asked after the pose."""
+        if self._has_engaged:
+            return ()
+        waits = () if self._street.fits else ("street_not_measured",)
+        pose = self._chain.pose
+        return waits if pose is None else waits + start.of(pose, self._setting.path).faults()
+
+    def _details(self, decided: Decided) -> dict[str, str]:
+        """Return the numbers behind reason codes of this tick, in words."""
+        if decided.pose is None:
+            return {}
+        stands = start.of(decided.pose, self._setting.path)
+        numbers = {
+            "start_position": stands.place(),
+            "start_heading": stands.turn(),
+            "off_path": f"{abs(decided.deviation):.1f} m",
+        }
+        return {code: words for code, words in numbers.items() if code in decided.faults}
 
     @property
     def _state(self) -> ArmingState:
@@ -268,6 +290,7 @@ class LiveDrive:
             "warnings": list(street.warnings),
             "text": self._chain.failure or self._broken or street.detail,
             "clock": self._chain.clock_report(),
+            "receiver": self._source.told(),
             "headroom": street.load,
         }
 
@@ -283,6 +306,7 @@ class LiveDrive:
             "tick": begun.tick,
             "time_s": now,
             "faults": list(decided.faults),
+            "details": self._details(decided),
             "pose_reasons": list(decided.pose_reasons),
             "speed_mps": pose.speed if pose else None,
             "to_go_m": self._setting.path.length - decided.station if pose else None,
@@ -310,6 +334,9 @@ class LiveDrive:
 
 def main() -> int:
     """Run the process; its exit code tells the console who is to blame."""
+    # This process ends with the gateway: while the car moves there is a way to rest to be told.
+    signals.ignore()
+    when_memory_ends(TAKEN_NEXT)
     config, channels = spawn.begin()
     folder = FilePath(config["folder"])
     try:

@@ -11,7 +11,6 @@ import gc
 import json
 import math
 import select
-import signal
 import sys
 import time
 from collections import deque
@@ -20,8 +19,9 @@ from typing import Any, Final, NamedTuple
 
 from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError, VveError
+from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE, Channel
-from vve_sumo.live.priority import GATEWAY, prefer
+from vve_sumo.live.priority import GATEWAY, KEPT, prefer, when_memory_ends
 from vve_sumo.live.spawn import begin
 from vve_sumo.live.tap import Tap
 from vve_sumo.values import ArmingState, Frame, GatewayRow, Setpoint, Vehicle, Verdict
@@ -45,7 +45,7 @@ TELL_PERIOD: Final = 0.1
 PATIENCE: Final = 2.0
 #: a console that has shown itself alive and is silent for so long is as good as gone [s]
 SILENCE: Final = 1.0
-#: a bus on which nothing is heard for so long is gone for good [s]: the kit has stopped the car, or nobody can
+#: a kit of which nothing is understood for so long is gone for good [s]: it has stopped the car, or nobody can
 GONE: Final = 60.0
 
 
@@ -55,6 +55,14 @@ def due(last: float, fresh: bool, alone: bool, period: float) -> float:
     `fresh`: a setpoint waits. `alone`: the last step had none.
     """
     return last + (SOONEST if fresh else ALONE if alone else LATEST) * period
+
+
+def kit_is_gone(now: float, heard: float) -> bool:
+    """Whether there is nobody who could be commanded; `heard` is when the kit was last understood.
+
+    Frames that are no report of the kit do not count, however many there are: a bus that babbles stops no car.
+    """
+    return now - heard > GONE
 
 
 class Taken(NamedTuple):
@@ -132,7 +140,6 @@ class Process:
         self._inbox = Inbox()
         self._heard: list[Frame] = []
         self._shown = math.inf  # when the console last showed itself alive; never yet
-        self._bus_lived = math.inf  # when a frame was last heard; never yet
         self._unsaid = False  # telling or keeping a step went wrong
         self._deaf = self._dumb = False  # what the bus said when it was last asked to receive, to send
         self._last = -math.inf
@@ -148,12 +155,14 @@ class Process:
             self._wait()
             verdict = self._step()
             self._has_engaged |= verdict.state in COMMANDING
-            if self._gateway.done or (self._console.closed and not self._has_engaged) or self._bus_is_gone():
+            if self._gateway.done or (self._console.closed and not self._has_engaged):
                 break
+            if self._has_engaged and kit_is_gone(self._last, self._gateway.kit_heard):
+                _say(f"nothing understood of the kit for {GONE:.0f} s: nobody is there who could be commanded")
+                break
+        # From here on silence is no sign of trouble.
+        self._console.close()
         self._tap.finish(PATIENCE)
-
-    def _bus_is_gone(self) -> bool:
-        return self._has_engaged and self._last - self._bus_lived > GONE
 
     def report(self) -> str:
         """What is worth a line in the log."""
@@ -221,8 +230,6 @@ class Process:
         sent = self._clock() if count else math.nan
         self._last, self._alone = now, taken.setpoint is None
         self._steps += 1
-        if heard:
-            self._bus_lived = now
         try:
             self._tell(now, sent, output)
             self._keep(now, taken, found, len(heard), count, output)
@@ -336,11 +343,11 @@ def _say(line: str) -> None:
 
 def main() -> int:
     """Guard one drive; the exit code is the rig's where its bus cannot be opened."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        # For good: this process ends by itself when the car is at rest and let go, or when its console goes before.
-        signal.signal(number, signal.SIG_IGN)
+    # This process ends by itself when the car is at rest and let go, or when its console goes before it was engaged.
+    signals.ignore()
     config, channels = begin()
     bus_config = config["bus"]
+    _say(when_memory_ends(KEPT))
     _say(prefer(GATEWAY))  # before the bus is opened, whose thread shall come before others too
     try:
         bus = Bus(bus_config["interface"], bus_config["channel"], bus_config["bitrate"])

@@ -15,6 +15,8 @@ import tty
 from types import TracebackType
 from typing import Any, Final, Self
 
+from vve_sumo.live.signals import ASKING
+
 
 class Wish(enum.StrEnum):
     """What an operator asks for."""
@@ -23,6 +25,7 @@ class Wish(enum.StrEnum):
     GO = "go"
     RESET = "reset"  #: of a fault, before anything moved
     STOP = "stop"
+    GONE = "gone"  #: nobody is there any more who could ask for anything
     NOTHING = "nothing"  #: a key that is no act while the car stands, and a stop once it is engaged
 
 
@@ -30,22 +33,13 @@ class Wish(enum.StrEnum):
 KEYS: Final = {"e": Wish.ENGAGE, "g": Wish.GO, "r": Wish.RESET}
 #: Enter: of the command line before anything moves, a hand that hits the keyboard after
 ENTER: Final = frozenset("\r\n")
-#: signals that mean a controlled stop: Ctrl-C and the like, a kill, a closed terminal, and all that would freeze us
-STOPPING: Final = (
-    signal.SIGINT,
-    signal.SIGQUIT,
-    signal.SIGTERM,
-    signal.SIGHUP,
-    signal.SIGTSTP,
-    signal.SIGTTIN,
-    signal.SIGTTOU,
-)
 
 
 class Keys:
     """Standard input and the signals as wishes; a with block, at whose end the terminal is as it was.
 
-    `listen=False` takes no wishes from standard input but on a terminal: a rig that drives by itself.
+    `listen=False` takes no wishes from standard input but on a terminal: a rig that drives by itself. Where nothing can
+    be asked for by standard input, whoever started this program is who looks after it.
     """
 
     def __init__(self, listen: bool) -> None:
@@ -55,10 +49,11 @@ class Keys:
         self._saved: list[Any] | None = None
         self._handlers: dict[int, Any] = {}
         self._signalled = False
+        self._parent = os.getppid()
         self._wake, self._woken = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
 
     def __enter__(self) -> Self:
-        for number in STOPPING:
+        for number in ASKING:
             self._handlers[number] = signal.signal(number, self._note)
         if self._terminal:
             with contextlib.suppress(termios.error):
@@ -99,6 +94,8 @@ class Keys:
             found.append(Wish.STOP)
         if self._open:
             found += self._read()
+        elif os.getppid() != self._parent:
+            found.append(Wish.GONE)
         return found
 
     def _note(self, number: int, frame: object) -> None:

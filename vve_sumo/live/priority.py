@@ -1,5 +1,7 @@
 """Asking the kernel for what a real-time process needs: priority, and memory that is never taken away.
 
+When the machine's memory ends, the kernel kills a process. Each but the gateway may die: the gateway stops the car.
+
 The gateway comes before the car's stand-in, that before the drive: who stops a car must never wait for who computes.
 Only the first two, which need little, come before all ordinary processes. One that needs much must not: Linux takes the
 processor back from real-time processes that starve all others, and then the gateway waits too (measured: two busy loops
@@ -12,11 +14,19 @@ import contextlib
 import ctypes
 import os
 import resource
+from pathlib import Path as FilePath
 from typing import Final
 
 GATEWAY: Final = 30  #: SCHED_FIFO priority
 CAR: Final = 20  #: SCHED_FIFO priority
 DRIVE: Final = -15  #: nice value of an ordinary process
+
+# What is added to a process's badness when memory ends, in thousandths of the machine's memory: the kernel kills the
+# worst. Drive and recorder rank before a gateway of a user who may not protect it; the gateway stops the car along the
+# drive's setpoints where the recorder is gone, and along the last one's way to rest where the drive is.
+KEPT: Final = -1000  #: never killed: the gateway
+TAKEN_NEXT: Final = 100  #: the drive
+TAKEN_FIRST: Final = 200  #: the recorder
 
 BEHIND: Final = 5  #: nice value of the recorder and the console, which can wait
 
@@ -27,6 +37,15 @@ def stand_back() -> None:
     """Let this process wait for those that are in a hurry."""
     with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, max(os.getpriority(os.PRIO_PROCESS, 0), BEHIND))
+
+
+def when_memory_ends(badness: int) -> str:
+    """Tell the kernel how soon this process may be killed when memory ends; return what was granted, in words."""
+    try:
+        FilePath("/proc/self/oom_score_adj").write_text(f"{badness}\n", encoding="ascii")
+    except OSError:
+        return f"may be killed when memory ends: the system does not allow oom_score_adj {badness}"
+    return f"oom_score_adj {badness}"
 
 
 def prefer(priority: int) -> str:

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import pickle
 import select
-import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from vve_sumo.drive.record import LiveRecord, write_summary
+from vve_sumo.drive.record import PROVENANCE, LiveRecord, write_summary
+from vve_sumo.live import signals
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import stand_back
+from vve_sumo.live.priority import TAKEN_FIRST, stand_back, when_memory_ends
 from vve_sumo.live.spawn import begin
 from vve_sumo.live.summary import summarise
 
@@ -79,11 +79,12 @@ def finish(record: LiveRecord, ended: dict[str, Any] | None, summarise: Summaris
 
 def main() -> None:
     """Record one drive."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
+    signals.ignore()
+    when_memory_ends(TAKEN_FIRST)
     stand_back()
     config, channels = begin()
     record = LiveRecord(Path(config["folder"]), config["resolved"], config["epoch"])
+    record.attach(PROVENANCE, config["provenance"])
     recorder = Recorder(record, list(channels.values()))
     recorder.run()
     finish(record, recorder.ended, summarise)

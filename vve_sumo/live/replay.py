@@ -7,7 +7,6 @@ the drive computes from the recorded bytes.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate, islice
@@ -20,7 +19,6 @@ from vve_sumo.drive.replay import (
     ChainInputs,
     Difference,
     answers,
-    changed_since,
     codes,
     compare,
     compare_decided,
@@ -29,6 +27,7 @@ from vve_sumo.drive.replay import (
     read_rows,
     verdict_columns,
 )
+from vve_sumo.drive.setting import read_resolved
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.assembly import chain_of, restored
 from vve_sumo.live.gateway import gateway_of
@@ -57,22 +56,20 @@ class LiveInputs:
 
 def is_live(folder: FilePath) -> bool:
     """Whether a folder holds a live drive's record; raises ConfigError where it holds none at all."""
-    return "rig" in _resolved(folder)
+    return "rig" in read_resolved(folder)
 
 
-def _resolved(folder: FilePath) -> dict[str, Any]:
-    try:
-        resolved: dict[str, Any] = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
-        return dict(resolved)
-    except (OSError, ValueError, TypeError) as error:
-        raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
+def resolved_of(folder: FilePath) -> dict[str, Any]:
+    """Return what a live record's `scenario.json` says; raises ConfigError where it lacks what a live drive writes."""
+    resolved = read_resolved(folder)
+    if missing := sorted(KEYS - resolved.keys()):
+        raise ConfigError(f"{folder / 'scenario.json'}: key {missing[0]!r} is missing, a live drive writes it")
+    return resolved
 
 
 def read_live_inputs(folder: FilePath) -> LiveInputs:
     """Read a live record, finished or cut off; raises ConfigError where a part of it is missing or unreadable."""
-    resolved, chain = _resolved(folder), read_chain_inputs(folder)
-    if missing := sorted(KEYS - resolved.keys()):
-        raise ConfigError(f"{folder / 'scenario.json'}: key {missing[0]!r} is missing, a live drive writes it")
+    resolved, chain = resolved_of(folder), read_chain_inputs(folder)
     steps = read_rows(folder, "gateway").to_pylist()
     frames = [frame for _time, _channel, frame in bus.read_log(folder / "can.log")]
     whole = _whole_steps(steps, len(frames))
@@ -94,12 +91,6 @@ def chain_again(resolved: dict[str, Any], working: FilePath, controller: str | N
     if controller is not None:
         setting = setting.driven_by(controller)
     return chain_of(setting, rig, Ground.of(resolved), working)
-
-
-def changed(resolved: dict[str, Any], working: FilePath) -> list[str]:
-    """Return a line for every file and version that is not what it was when a live drive was driven."""
-    setting, _rig = restored(resolved, working)
-    return changed_since(resolved["files_sha256"], resolved["versions"], setting, working)
 
 
 def replay_drive(inputs: LiveInputs, working: FilePath) -> Difference | None:

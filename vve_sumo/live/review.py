@@ -17,8 +17,16 @@ from vve_sumo.drive.chain import Chain
 from vve_sumo.drive.lockstep import chain_of
 from vve_sumo.drive.redrive import BRAKES, Comparison
 from vve_sumo.drive.redrive_picture import draw
-from vve_sumo.drive.replay import ChainInputs, Difference, altered_parts, answers, read_chain_inputs
+from vve_sumo.drive.replay import (
+    ChainInputs,
+    Difference,
+    answers,
+    changed_controller,
+    changed_since,
+    read_chain_inputs,
+)
 from vve_sumo.drive.setting import EPOCH, Setting
+from vve_sumo.drive.verify import alterations
 from vve_sumo.live import replay as live
 from vve_sumo.live.assembly import restored
 
@@ -28,49 +36,54 @@ class Found:
     """What came of a replay."""
 
     what: str  #: was replayed
-    notes: list[str]  #: what has changed since, what could not be replayed
+    notes: list[str]  #: what could not be replayed
     differences: list[str]  #: the first one of each part
 
 
 def replayed(folder: FilePath) -> int:
-    """Run the command: replay a record, say where it first differs; return the exit code."""
-    altered = altered_parts(folder)
-    for part in altered or ():
-        print(f"{part} is not as the drive left it: its hash differs from summary.json's")
-    try:
-        found = _live(folder) if live.is_live(folder) else _lockstep(folder)
-    except Exception as error:
-        # In what was altered anything may stand.
-        if not altered:
-            raise
-        print(f"not replayed, for what was altered cannot be read: {error}")
+    """Run the command: verify a record, then replay it and say where it first differs; return the exit code.
+
+    Nothing of the recorded controller is run before every hash of the record and of the controller's files was found
+    in order.
+    """
+    working, is_live = FilePath.cwd(), live.is_live(folder)
+    altered = alterations(folder)
+    for each in altered or ():
+        print(each)
+    if altered:
+        print("not replayed: only a record that is as the drive left it is fed to the controller that it names")
         return 1
+    setting = restored(live.resolved_of(folder), working)[0] if is_live else lockstep.setting_of(folder, working)
     notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
-    for line in notes + found.notes:
+    for line in notes + changed_since(folder, setting):
+        print(f"note: {line}", file=sys.stderr)
+    if changed := changed_controller(folder, setting, working):
+        print(*changed, sep="\n")
+        print(f"not replayed: vve-sumo redrive {folder} --controller NAME asks a controller as it is now")
+        return 1
+    found = _live(folder) if is_live else _lockstep(folder, setting)
+    for line in found.notes:
         print(f"note: {line}", file=sys.stderr)
     for line in found.differences:
         print(line)
     if not found.differences:
         print(f"{found.what} of {folder} replayed: every setpoint and every frame is the same")
-    return 1 if altered or found.differences else 0
+    return 1 if found.differences else 0
 
 
-def _lockstep(folder: FilePath) -> Found:
-    working = FilePath.cwd()
-    setting, notes = lockstep.setting_of(folder, working)
+def _lockstep(folder: FilePath, setting: Setting) -> Found:
     inputs = read_chain_inputs(folder)
-    difference = lockstep.replay(setting, inputs, lockstep.read_car_frames(folder, EPOCH), working)
-    return Found(f"{len(inputs.ticks)} ticks", notes + _torn(inputs), _told("tick", inputs.ticks, difference))
+    difference = lockstep.replay(setting, inputs, lockstep.read_car_frames(folder, EPOCH), FilePath.cwd())
+    return Found(f"{len(inputs.ticks)} ticks", _torn(inputs), _told("tick", inputs.ticks, difference))
 
 
 def _live(folder: FilePath) -> Found:
-    working = FilePath.cwd()
     inputs = live.read_live_inputs(folder)
     ticks, steps = inputs.chain.ticks, inputs.steps
-    notes = live.changed(inputs.resolved, working) + _torn(inputs.chain)
+    notes = _torn(inputs.chain)
     if inputs.torn:
         notes.append(f"the last {inputs.torn} steps of the gateway come after a gap in gateway or can.log")
-    differences = _told("tick", ticks, live.replay_drive(inputs, working))
+    differences = _told("tick", ticks, live.replay_drive(inputs, FilePath.cwd()))
     differences += _told("step", steps, live.replay_gateway(inputs))
     return Found(f"{len(ticks)} ticks and {len(steps)} steps of the gateway", notes, differences)
 
@@ -98,7 +111,10 @@ def redriven(folder: FilePath, controller: str, out: FilePath | None) -> int:
     """Run the command: ask another controller on a record's inputs, say and draw how it answers; the exit code."""
     if out is not None:
         redrive.writable(out)
-    setting, inputs, chain = _with(folder, controller)
+    is_live = live.is_live(folder)
+    for each in alterations(folder) or ():
+        print(f"note: {each}", file=sys.stderr)
+    setting, inputs, chain = _with(folder, is_live, controller)
     table = redrive.side_by_side(answers(chain, inputs))
     comparison = redrive.compared(table)
     # Of a file.py:make the file's place would fill the screen.
@@ -113,14 +129,14 @@ def redriven(folder: FilePath, controller: str, out: FilePath | None) -> int:
     return 0
 
 
-def _with(folder: FilePath, controller: str) -> tuple[Setting, ChainInputs, Chain]:
+def _with(folder: FilePath, is_live: bool, controller: str) -> tuple[Setting, ChainInputs, Chain]:
     """Return a record's setting and inputs, and its chain with another controller in it."""
     working = FilePath.cwd()
-    if live.is_live(folder):
+    if is_live:
         inputs = live.read_live_inputs(folder)
         setting, _rig = restored(inputs.resolved, working)
         return setting, inputs.chain, live.chain_again(inputs.resolved, working, controller)
-    setting, _changed = lockstep.setting_of(folder, working)
+    setting = lockstep.setting_of(folder, working)
     other = setting.driven_by(controller)
     return setting, read_chain_inputs(folder), chain_of(other, other.controller(working)).chain
 

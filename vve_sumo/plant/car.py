@@ -14,7 +14,7 @@ import numpy as np
 from vve_sumo.frames import MapFrame
 from vve_sumo.plant.actuators import Lagged, Steering
 from vve_sumo.plant.dynamics import Chassis, Dynamics
-from vve_sumo.plant.kit import HANDS_OFF, DriverInputs, Kit, KitParameters
+from vve_sumo.plant.kit import HANDS_OFF, DriverInputs, Kit, KitParameters, pedal_to_torque
 from vve_sumo.plant.noise import White
 from vve_sumo.plant.receiver import Receiver, ReceiverParameters, unaltered
 from vve_sumo.plant.reports import Axles, Reports, drive_sign
@@ -40,10 +40,12 @@ class CarParameters:
     friction: float  #: of tyre on road
     throttle_delay: float  #: dead time from frame to first force [s]
     gyro_noise: float = 1e-3  #: of the car's own gyroscope, 1 sigma [rad/s]
+    gyro_bias: float = 0.0  #: what the car's own gyroscope says at rest [rad/s], counter-clockwise
     mass_factor: float = 1.0  #: true over declared mass, and yaw inertia with it
     brake_gain_factor: float = 1.0  #: true over believed brake torque; the car's own reports don't know it
     grade: float = 0.0  #: slope along the car's path [rad], uphill positive
     steering_wheel_bias: float = 0.0  #: reported wheel angle at which the wheels point straight [rad], left positive
+    wheel_radius_factor: float = 1.0  #: true over declared rolling radius
     heading_misalignment: float = 0.0  #: of the receiver beyond its declared mounting [rad], counter-clockwise
 
 
@@ -103,12 +105,15 @@ class Car:
         )
         gyro_seeds, receiver_seeds = seeds.spawn(2)
         gyro_noise = parameters.receiver.noise * parameters.gyro_noise
-        axles = Axles(vehicle.wheelbase, parameters.track, vehicle.wheel_radius)
-        self._reports = Reports(axles, gyro_noise, White(gyro_seeds))
+        radius = vehicle.wheel_radius * parameters.wheel_radius_factor
+        axles = Axles(vehicle.wheelbase, parameters.track, radius)
+        self._reports = Reports(axles, gyro_noise, White(gyro_seeds), parameters.gyro_bias)
         self._receiver = Receiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)
         self._brake_force = parameters.brake_gain_factor * calibration.brake_force(1.0)
         self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias
         self._steering_ratio = vehicle.steering_ratio
+        self.brake_share = 1.0  #: of the torque that the brakes believe to give and their actuator gives; a fault
+        self.stuck_throttle = 0.0  #: opening that the throttle doesn't close beyond, 0 to 1; a fault
         self._steps = 0
 
     @property
@@ -167,11 +172,17 @@ class Car:
         motion, kit = self._motion, self._kit
         brake_torque, opening, wheel_angle = kit.step(driver, motion.speed, self._steering.angle)
         torque = self._brakes.step(brake_torque)
-        throttle = self._engine.step(opening)
+        throttle = self._engine.step(max(opening, self.stuck_throttle))
         self._steering.step(wheel_angle, motion.speed != 0.0)
-        held = math.inf if kit.gear is Gear.PARK else torque * self._brake_force
+        held = math.inf if kit.gear is Gear.PARK else self._brake_force * self._really(torque)
         motion.advance(STEP, self._road_angle(), self._drive_force(throttle), held)
         self._steps += 1
+
+    def _really(self, torque: float) -> float:
+        """Brake torque that comes of what the brakes believe [N m]: it is their actuator that is weak, not a foot."""
+        if self.brake_share == 1.0:
+            return torque
+        return max(self.brake_share * torque, min(torque, pedal_to_torque(self._kit.driver.brake_pedal)))
 
     def _road_angle(self) -> float:
         return (self._steering.angle - self._wheel_bias) / self._steering_ratio

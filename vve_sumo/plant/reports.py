@@ -54,16 +54,17 @@ def _throttle_pedal(throttle: float) -> float:
 class Reports:
     """Makes the frames that are due."""
 
-    def __init__(self, axles: Axles, gyro_noise: float, white: White) -> None:
-        """`gyro_noise` is the standard deviation of the yaw rate [rad/s], `white` its source."""
+    def __init__(self, axles: Axles, gyro_noise: float, white: White, gyro_bias: float = 0.0) -> None:
+        """`gyro_noise` is the standard deviation of the yaw rate, `gyro_bias` its mean [rad/s], `white` its source."""
         self._axles = axles
+        self._gyro_bias = gyro_bias
         self._gyro_noise = gyro_noise
         self._white = white
 
     def fast(self, motion: Dynamics, road_angle: float, variant: dbw.Variant) -> list[Frame]:
         """What is sent at 100 Hz: wheel speeds, accelerometers, gyroscope."""
         felt = motion.acceleration + GRAVITY * math.sin(motion.grade)
-        yaw_rate = motion.yaw_rate + self._gyro_noise * self._white.draw()
+        yaw_rate = motion.yaw_rate + self._gyro_bias + self._gyro_noise * self._white.draw()
         return [
             dbw.encode(self._wheels(motion, road_angle), variant),
             dbw.encode(Accelerations(felt, motion.speed * motion.yaw_rate, GRAVITY), variant),

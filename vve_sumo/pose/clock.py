@@ -15,6 +15,8 @@ from itertools import combinations
 from statistics import median
 from typing import Final
 
+from vve_sumo.pose.arrivals import SMALL, Arrivals, Judged
+
 LEAK: Final = 100e-6  #: how fast a larger delay is believed; twice the drift of a common quartz
 LEARNING: Final = 2.0  #: at first, a smaller delay is believed at once [s]
 LEARNING_SLEW: Final = 0.9  #: even then time goes on: below 1
@@ -50,32 +52,39 @@ class Clock:
     falls quickly towards an arrival that was faster than thought and rises by at most `LEAK` towards slower ones, so it
     stays at the fastest of the recent arrivals while the drift is below `LEAK`; a network that turns slow is told as
     age. Give it fixes of status 4 only: a receiver that is catching up (NCOM status 2, 3) looks like a fast clock.
+
+    A fix that would have arrived more than `arrivals.SMALL` faster than any before is set aside. Where such fixes agree
+    for `arrivals.LASTING`, the receiver's clock was changed: the offset is taken anew, and what was set aside until
+    then is missing, which is a gap for the trust gate and the end of a drive.
     """
 
     def __init__(self, epoch: float, minimum_delay: float, *, absolute: bool = False) -> None:
         self._epoch, self._minimum_delay, self._absolute = epoch, minimum_delay, absolute
         self._offset = 0.0 if absolute else math.nan
-        self._first = self._newest = -math.inf
+        self._first = -math.inf
+        self._arrivals = Arrivals(SMALL, SMALL)
         self._excess: deque[float] = deque(maxlen=SPREAD_ARRIVALS)
         self._seconds: deque[tuple[int, float]] = deque(maxlen=DRIFT_SECONDS)
 
     def step(self, received: float, time: float) -> float:
         """Return the drive time at which the fix of GNSS time `time` was made, given that it arrived at `received`.
 
-        Strictly increasing where `time` is. A fix that is not newer than the newest is mapped and teaches nothing; what
-        is not finite gives NaN.
+        Strictly increasing where `time` is. A fix that is not newer than the newest is mapped and teaches nothing; one
+        that is set aside gives NaN and teaches nothing, and so does what is not finite.
         """
         made = time - self._epoch
-        if not math.isfinite(received + made):
+        before = self._arrivals.newest
+        judged = self._arrivals.judge(received, made)
+        if judged is Judged.AHEAD:
             return math.nan
-        if made > self._newest:
-            lag = received - made
-            if not self._absolute:
-                self._learn(made, lag - self._minimum_delay)
-            if self._first == -math.inf:
-                self._first = made
-            self._newest = made
-            self._note(made, lag)
+        if judged is Judged.NOT_NEWER:
+            return made + self._offset
+        lag = received - made
+        if before == -math.inf or judged is Judged.CHANGED:
+            self._begin(made, lag)
+        elif not self._absolute:
+            self._learn(made, made - before, lag - self._minimum_delay)
+        self._note(made, lag)
         return made + self._offset
 
     def at(self, time: float) -> float:
@@ -91,12 +100,16 @@ class Clock:
         age = AgeKind.ABSOLUTE if self._absolute else AgeKind.DECLARED
         return ClockReport(age, self._offset, self._drift_ppm(), p50, p99)
 
-    def _learn(self, made: float, offset: float) -> None:
+    def _begin(self, made: float, lag: float) -> None:
+        """Start from this arrival alone."""
+        self._first = made
+        self._excess.clear()
+        self._seconds.clear()
+        if not self._absolute:
+            self._offset = lag - self._minimum_delay
+
+    def _learn(self, made: float, step: float, offset: float) -> None:
         """Go towards the `offset` that this arrival would mean had it been as fast as any."""
-        if math.isnan(self._offset):
-            self._offset = offset
-            return
-        step = made - self._newest
         slew = LEARNING_SLEW if made - self._first < LEARNING else SLEW
         self._offset += min(max(offset - self._offset, -slew * step), LEAK * step)
 

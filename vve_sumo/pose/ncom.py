@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Final
 
 from vve_sumo.frames import wrap_angle
+from vve_sumo.pose.arrivals import Arrivals, Judged, Repeated
 from vve_sumo.values import Fix
 
 SYNC: Final = b"\xe7"
@@ -25,6 +26,10 @@ STRUCTURE_B: Final = 11  #: another layout under the same sync byte
 MINUTE: Final = 60_000  #: [ms]
 MINUTES_SET: Final = 1_000  #: a smaller channel-0 value means that the unit does not know the time yet (NComRxC)
 CLOCK_HOLD: Final = 30.0  #: silence after which the minute is unknown again [s]: half the range of the packet's clock
+EARLIEST: Final = (
+    0.002  #: by so much a packet may be earlier than the fastest before it [s]; the packet's clock has 1 ms
+)
+AT_ONCE: Final = 1.0  #: what is fed with one arrival, as a file is, may jump so far from packet to packet [s]
 CHANNEL_LIFE: Final = 5_000  #: a status channel silent for longer says nothing [ms]; a cycle takes about 2 s
 AGE_LIMIT: Final = 150  #: an accuracy with this age counter or more is stale (NComRxC)
 
@@ -48,6 +53,8 @@ class Outcome(enum.StrEnum):
 
     FIX = "fix"
     MINUTE_UNKNOWN = "minute_unknown"  #: no status channel 0 yet, or none since a long silence
+    MINUTE_DOUBTED = "minute_doubted"  #: its minute is another than the one known, and it is alone with that so far
+    AHEAD = "dated_ahead"  #: dated ahead of what arrivals so far allow
     NOT_INCREASING = "time_not_increasing"  #: duplicate, out of order, or the unit's clock went back
     NO_POSITION = "no_position"  #: latitude or longitude not a number or out of range
     NO_TIME = "no_time"  #: milliseconds beyond the minute
@@ -130,23 +137,32 @@ class Decoder:
     """Turns a byte stream, however it is cut, into fixes; never raises on any bytes.
 
     The packet's clock runs within a GPS minute; which minute, only status channel 0 says, about once in a cycle. In
-    between, a packet is dated to the minute that puts it nearest to its predecessor. That is NComRxC's roll-over rule
-    (below 2000 ms after above 2000 ms is a new minute) wherever less than 30 s were lost, and unlike it takes a late
-    packet for late. Every channel 0 sets the minute anew; `CLOCK_HOLD` of silence on the receiving clock forgets it.
+    between, a packet is dated to the minute that puts it nearest to its predecessor and what has passed since on the
+    receiving clock. That is NComRxC's roll-over rule (below 2000 ms after above 2000 ms is a new minute) wherever less
+    than 30 s were lost, and unlike it takes a late packet for late. `CLOCK_HOLD` of silence on the receiving clock
+    forgets the minute until a channel 0 says it again.
 
-    Emitted fixes have strictly increasing times (a unit whose clock goes back for good needs a new decoder). All else
-    is counted in `counts` by `Outcome`, bytes that belong to no packet in `discarded`. What three 8-bit running sums
-    can do: any one wrong byte is caught; several wrong bytes between the same two sums pass once in 256 (over UDP only
-    if Ethernet and UDP missed them too; the trust gate is behind); random bytes after a sync byte once in 2**24.
+    No single packet is believed against those before it. A channel 0 that says another minute counts for nothing until
+    more of them in a row agree on it than have said the known one (`arrivals.Repeated`); then the unit's clock
+    is taken as set, back or forth. A packet dated ahead of
+    what arrivals allow (`arrivals.Arrivals`) counts for nothing until a run of them lasts. What is fed with one and the
+    same arrival, as files are, may jump by `AT_ONCE`; beyond a longer gap the first two packets are lost.
+
+    Emitted fixes have strictly increasing times, except where the unit's minute was set back (a unit whose clock goes
+    back by less needs a new decoder). All else is counted in `counts` by `Outcome`, bytes that belong to no packet in
+    `discarded`. What three 8-bit running sums can do: any one wrong byte is caught; several wrong bytes between the
+    same two sums pass once in 256 (over UDP only if Ethernet and UDP missed them too; the trust gate is behind); random
+    bytes after a sync byte once in 2**24.
     """
 
     def __init__(self) -> None:
         self.counts: dict[Outcome, int] = dict.fromkeys(Outcome, 0)
         self.discarded = 0  #: bytes that belonged to no packet
         self._buffer = b""
-        self._clock: int | None = None  #: of the newest packet [ms since 1980-01-06 GPS]
-        self._emitted = 0  #: time of the newest fix [ms]
-        self._received = -math.inf
+        self._clock: int | None = None  #: of the newest packet that was believed [ms since 1980-01-06 GPS]
+        self._dated_at = -math.inf  #: its arrival [s]
+        self._arrivals = Arrivals(EARLIEST, AT_ONCE)
+        self._minute = Repeated()
         self._channels = StatusChannels()
 
     @property
@@ -156,9 +172,6 @@ class Decoder:
 
     def feed(self, data: bytes, time_received: float) -> list[Fix]:
         """Return the fixes that `data` completes, all stamped with `time_received` [s, the drive's clock]."""
-        if time_received - self._received > CLOCK_HOLD:
-            self._clock = None
-        self._received = time_received
         buffer, fixes = self._buffer + data, []
         start = here = 0
         while (here := buffer.find(SYNC, here)) >= 0 and here + LENGTH <= len(buffer):
@@ -191,30 +204,43 @@ class Decoder:
         milliseconds = packet[1] | packet[2] << 8
         if milliseconds >= MINUTE:
             return Outcome.NO_TIME, None
-        clock = self._date(packet, milliseconds)
+        outcome, clock = self._date(packet, milliseconds, time_received)
         if clock is None:
-            return Outcome.MINUTE_UNKNOWN, None
-        self._clock = clock
+            return outcome, None
+        judged = self._arrivals.judge(time_received, clock / 1000.0)
+        if judged is Judged.AHEAD:
+            return Outcome.AHEAD, None
         # Of a packet that was overtaken, too: channels take turns, and where of every two packets the later one comes
         # first, half of the channels travel in no other.
         self._channels.hear(packet[62], packet[63:71], clock)
-        if clock <= self._emitted:
+        if judged is Judged.NOT_NEWER:
             return Outcome.NOT_INCREASING, None
+        self._clock, self._dated_at = clock, time_received
         latitude, longitude, altitude = _POSITION.unpack_from(packet, 23)
         if not (abs(latitude) <= math.pi / 2 and abs(longitude) <= math.tau):
             return Outcome.NO_POSITION, None
-        self._emitted = clock
         return Outcome.FIX, self._fix(packet, clock, time_received, latitude, longitude, altitude)
 
-    def _date(self, packet: bytes, milliseconds: int) -> int | None:
-        if packet[62] == 0:
-            minutes = int.from_bytes(packet[63:67], "little", signed=True)
-            if minutes >= MINUTES_SET:
-                return minutes * MINUTE + milliseconds
+    def _date(self, packet: bytes, milliseconds: int, received: float) -> tuple[Outcome, int | None]:
+        """The packet's time [ms]; None where it cannot be told, and why."""
+        minutes = int.from_bytes(packet[63:67], "little", signed=True) if packet[62] == 0 else 0
+        said = minutes * MINUTE + milliseconds if minutes >= MINUTES_SET else None
         if self._clock is None:
-            return None
-        ahead = (milliseconds - self._clock) % MINUTE
-        return self._clock + (ahead if ahead <= MINUTE // 2 else ahead - MINUTE)
+            return Outcome.MINUTE_UNKNOWN, said
+        passed = received - self._dated_at
+        expected = self._clock + (round(1000.0 * passed) if 0.0 < passed < math.inf else 0)
+        ahead = (milliseconds - expected) % MINUTE
+        nearest = expected + (ahead if ahead <= MINUTE // 2 else ahead - MINUTE)
+        if said is None:
+            return Outcome.MINUTE_UNKNOWN, None if passed > CLOCK_HOLD else nearest
+        return Outcome.MINUTE_DOUBTED, said if self._believed((said - nearest) // MINUTE) else None
+
+    def _believed(self, off: int) -> bool:
+        """Whether to believe a status channel 0 that says a minute `off` from where it should be."""
+        believed = self._minute.believe(off)
+        if believed and off != 0:
+            self._arrivals, self._channels = Arrivals(EARLIEST, AT_ONCE), StatusChannels()
+        return believed
 
     def _fix(
         self, packet: bytes, clock: int, time_received: float, latitude: float, longitude: float, altitude: float

@@ -21,6 +21,7 @@ from typing import Any, Final, NamedTuple
 import pynmea2
 
 from vve_sumo.frames import GRAVITY
+from vve_sumo.pose.arrivals import Arrivals, Judged, Repeated
 from vve_sumo.values import Fix
 
 GPS_MINUS_UTC: Final = 18_000  #: leap seconds since 2017-01-01 (IERS Bulletin C 52 and all since) [ms]
@@ -29,6 +30,9 @@ DAY: Final = 86_400_000  #: [ms]
 SENTENCE: Final = re.compile(rb"\$([^$*\r\n]{1,250})\*([0-9A-Fa-f]{2})")
 BEGUN: Final = re.compile(rb"\$[^$*\r\n]{0,250}(?:\*[0-9A-Fa-f]?)?")  #: what may become a sentence yet
 SLOW_LIFE: Final = 2_500  #: accuracies are often sent once a second; one may be lost [ms]
+EARLIEST: Final = 0.01  #: by so much an epoch may be earlier than the fastest before it [s]; many say it in hundredths
+AT_ONCE: Final = 1.5  #: what is fed with one arrival, as a file is, may jump so far from epoch to epoch [s]
+DATED: Final = 2_000  #: a date counts whose time of day is so near to the epoch's [ms]
 LATEST: Final = 0.7  #: share of a period after which a sentence without a time is not of the open epoch any more
 RATE_WINDOW: Final = 100  #: over which yaw rate and acceleration are differenced [ms]
 RATE_GAP: Final = 500  #: fixes further apart give no rate [ms]
@@ -40,6 +44,7 @@ MODES: Final = {1: 3, 2: 4, 4: 6, 5: 5}
 REAL_TIME: Final = (
     4  #: NCOM's navigation status locked; NMEA has none, a receiver that says a mode above is in real time
 )
+NEW: Final = frozenset({Judged.NEWER, Judged.CHANGED})
 NOT_MEASURED: Final = frozenset("NESM")  #: mode indicators: not valid, estimated, simulated, manual
 
 
@@ -50,7 +55,7 @@ class Outcome(enum.StrEnum):
     OTHER = "other_sentence"  #: a kind that is not read
     WRONG_CHECKSUM = "wrong_checksum"
     MALFORMED = "malformed"  #: its checksum is right, its fields are not
-    STRAY = "stray"  #: its epoch is not open: already complete, over, or not begun
+    STRAY = "stray"  #: its epoch is not open: already complete, over, not begun, or dated ahead of what arrivals allow
     FIX = "fix"
     INCOMPLETE = "incomplete"  #: another epoch began before position, heading and velocity were there
     DATE_UNKNOWN = "date_unknown"  #: no RMC or ZDA yet
@@ -110,6 +115,11 @@ def _from_compass(degrees: float) -> float:
     return math.remainder(math.radians(90.0 - degrees), math.tau)
 
 
+def _nearest(step: int) -> int:
+    """A difference of times of day, the shorter way round [ms]."""
+    return (step + DAY // 2) % DAY - DAY // 2
+
+
 def _time_of_day(sentence: Any) -> int:
     """UTC time of day [ms]; raises ValueError where there is none."""
     time = sentence.timestamp
@@ -164,8 +174,9 @@ class Decoder:
     A fix is complete with GGA (position), HDT or PASHR (heading; PASHR also says pitch, roll and the heading's
     accuracy, and is waited for where the epoch before had one) and VTG or RMC (velocity), and is emitted at once. GST
     (accuracy) and the date (ZDA or RMC) may come less often, the date once before the first fix. Only sentences with a
-    right checksum count. Emitted times are strictly increasing; a receiver whose clock goes back for good needs a new
-    decoder.
+    right checksum count. Emitted times are strictly increasing, except where the day was set back; a receiver whose
+    clock goes back by less needs a new decoder. A time of day ahead of what arrivals allow (`arrivals.Arrivals`) and a
+    date on another day than the one known count for nothing until a run of them lasts (`arrivals.Repeated`).
 
     HDT and VTG carry no time. They belong to the epoch that the last sentence with a new time opened (GGA, RMC, PASHR
     or GST), if they arrive within `LATEST` of a period: so the receiver must send one of those first. One that sends
@@ -184,6 +195,9 @@ class Decoder:
         self._velocity_sigma, self._heading_sigma = velocity_sigma, heading_sigma
         self._buffer = b""
         self._epoch: _Epoch | None = None
+        self._arrivals = Arrivals(EARLIEST, AT_ONCE)
+        self._begun = 0  #: time of day of the epoch, counted on beyond midnight [ms]
+        self._day = Repeated()
         self._period = 0.0  #: from epoch to epoch [s]
         self._await_pashr = False
         self._dated: int | None = None  #: a UTC time that is known with its date [ms since 1980-01-06]
@@ -245,14 +259,16 @@ class Decoder:
     def _enter(self, time_of_day: int, received: float) -> _Epoch | None:
         """The epoch of a sentence with a time, begun if it is a new one; None if it is over."""
         epoch = self._epoch
+        step = _nearest(time_of_day - epoch.time_of_day) if epoch is not None else time_of_day
+        if epoch is not None and step <= 0:
+            return epoch if step == 0 and epoch.open else None
+        if self._arrivals.judge(received, (self._begun + step) / 1000.0) not in NEW:
+            return None
+        self._begun += step
         if epoch is not None:
-            step = (time_of_day - epoch.time_of_day + DAY // 2) % DAY - DAY // 2
-            if step <= 0:
-                return epoch if step == 0 and epoch.open else None
             self._period = step / 1000.0
             self._await_pashr = epoch.has_pashr
-            if epoch.open:
-                self.counts[Outcome.INCOMPLETE] += 1
+            self.counts[Outcome.INCOMPLETE] += epoch.open
         self._epoch = _Epoch(time_of_day, received)
         return self._epoch
 
@@ -275,9 +291,9 @@ class Decoder:
 
     def _read_rmc(self, sentence: Any, received: float) -> bool:
         time_of_day, motion = _time_of_day(sentence), _motion_of_rmc(sentence)
+        epoch = self._enter(time_of_day, received)
         if sentence.status == "A" and isinstance(sentence.datestamp, datetime.date):
             self._date(sentence.datestamp, time_of_day)
-        epoch = self._enter(time_of_day, received)
         if epoch is not None and epoch.motion is None:
             epoch.motion = motion
         return epoch is not None
@@ -307,8 +323,10 @@ class Decoder:
     def _read_gst(self, sentence: Any, received: float) -> bool:
         time_of_day = _time_of_day(sentence)
         north, east = _number(sentence.std_dev_latitude), _number(sentence.std_dev_longitude)
-        self._accuracy = (time_of_day, max(north, east) if math.isfinite(north + east) else math.nan)
         self._enter(time_of_day, received)
+        if self._epoch is None or (self._epoch.time_of_day - time_of_day) % DAY > SLOW_LIFE:
+            return False
+        self._accuracy = (time_of_day, max(north, east) if math.isfinite(north + east) else math.nan)
         return True
 
     def _read_zda(self, sentence: Any, _received: float) -> bool:
@@ -319,7 +337,16 @@ class Decoder:
     # --- fixes ----------------------------------------------------------------------------------------------------
 
     def _date(self, date: datetime.date, time_of_day: int) -> None:
-        self._dated = (date - GPS_EPOCH).days * DAY + time_of_day
+        if self._epoch is not None and abs(_nearest(time_of_day - self._epoch.time_of_day)) > DATED:
+            return
+        said = (date - GPS_EPOCH).days * DAY + time_of_day
+        if self._dated is not None:
+            off = (said - self._dated - _nearest(time_of_day - self._dated)) // DAY
+            if not self._day.believe(off):
+                return
+            if off != 0:
+                self._emitted = 0
+        self._dated = said
 
     def _completed(self, received: float) -> Fix | None:
         """The fix of the open epoch if all of it is there; closes the epoch."""
@@ -337,7 +364,7 @@ class Decoder:
         if self._dated is None:
             return Outcome.DATE_UNKNOWN, None
         # The day that puts it nearest to the last time known with its date: midnight needs no sentence of its own.
-        self._dated += (epoch.time_of_day - self._dated + DAY // 2) % DAY - DAY // 2
+        self._dated += _nearest(epoch.time_of_day - self._dated)
         clock = self._dated + GPS_MINUS_UTC
         if clock <= self._emitted:
             return Outcome.NOT_INCREASING, None

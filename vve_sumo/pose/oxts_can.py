@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from vve_sumo.frames import GRAVITY, wrap_angle
+from vve_sumo.pose.arrivals import Arrivals, Judged
 from vve_sumo.pose.ncom import WRITERS, StatusChannels
 from vve_sumo.values import Fix, Frame
 
@@ -43,6 +44,11 @@ TIME_BYTES: Final = 7
 TIME_SET: Final = 60_000_000  #: an earlier time means that the unit does not know it [ms]; as NCOM's first 1000 minutes
 TIME_LIMIT: Final = 1 << 43  #: year 2258 [ms]
 BREAK: Final = 1_000  #: cycles further apart start anew [ms]
+BACK: Final = (
+    3  #: time frames in a row that are not newer say that the unit's clock went back, and anew is what follows
+)
+EARLIEST: Final = 0.002  #: by so much a time frame may be earlier than the fastest before it [s]; its clock has 1 ms
+AT_ONCE: Final = 1.0  #: what is fed with one arrival may jump so far from cycle to cycle [s]
 LOCKING: Final = 12_000  #: a second of initialising and ten of catching up, and a little [ms]
 CATCHING_UP, REAL_TIME = 3, 4  #: NCOM navigation statuses
 UTC_OFFSET: Final = -18  #: leap seconds since 2017-01-01 [s]
@@ -59,6 +65,7 @@ class Outcome(enum.StrEnum):
     TIME_LOST = "time_lost"  #: the time frame before is missing, so parts may be of an older cycle
     NO_POSITION = "no_position"  #: out of range
     NO_TIME = "no_time"  #: the unit does not know it
+    AHEAD = "dated_ahead"  #: the time is ahead of what arrivals so far allow
     NOT_INCREASING = "time_not_increasing"
 
 
@@ -71,6 +78,9 @@ class Decoder:
     seen): such a cycle is dropped. Acceleration and yaw rate are taken along the vehicle's axes, or from the level
     frames where only those are sent.
 
+    A time that is dated ahead of what arrivals allow (`arrivals.Arrivals`) closes no cycle and counts for nothing until
+    a run of them lasts; one that is not newer counts for nothing, but `BACK` of them in a row start the unit anew.
+
     The map has no navigation status. A unit that is locking sends the past, catching up for ten seconds, and nothing in
     its frames tells; so a fix has status 3 until cycles have come without a break for `LOCKING`, then 4.
     """
@@ -81,7 +91,9 @@ class Decoder:
         self._cycle: dict[int, tuple[int, ...]] = {}
         self._status: dict[int, bytes] = {}  #: channels of the open cycle
         self._channels = StatusChannels()
+        self._arrivals = Arrivals(EARLIEST, AT_ONCE)
         self._clock = 0  #: of the newest time frame [ms since 1980-01-06 GPS]
+        self._behind = 0  #: time frames since then that were not newer
         self._period = BREAK  #: least step of the time so far [ms]
         self._since = 0  #: first time frame without a break up to now [ms]
         self._emitted = 0  #: time of the newest fix [ms]
@@ -118,17 +130,23 @@ class Decoder:
         return Outcome.STATUS
 
     def _close(self, data: bytes, time_received: float) -> tuple[Outcome, Fix | None]:
-        cycle, self._cycle = self._cycle, {}
         if not TIME_BYTES <= len(data) <= 8:
+            self._cycle = {}
             return Outcome.WRONG_LENGTH, None
         clock = int.from_bytes(data[:6], "little", signed=True)
-        if not TIME_SET <= clock < TIME_LIMIT:
+        judged = self._arrivals.judge(time_received, clock / 1000.0) if TIME_SET <= clock < TIME_LIMIT else None
+        if judged is Judged.AHEAD:
+            return Outcome.AHEAD, None
+        cycle, self._cycle = self._cycle, {}
+        if judged is None:
             return Outcome.NO_TIME, None
-        step, self._clock = clock - self._clock, clock
-        if not 0 <= step <= BREAK:
-            self._since = clock
-        if clock <= self._emitted:
+        if judged is Judged.NOT_NEWER:
+            self._behind += 1
             return Outcome.NOT_INCREASING, None
+        step, self._clock = clock - self._clock, clock
+        if step > BREAK or self._behind >= BACK:
+            self._since = clock
+        self._behind = 0
         self._hear(clock)
         if 0 < step < self._period:
             self._period = step

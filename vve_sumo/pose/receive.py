@@ -17,18 +17,20 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import serial
 
 from vve_sumo.errors import RigError
 from vve_sumo.pose.recording import portions
+from vve_sumo.pose.senders import Senders
+from vve_sumo.pose.stamps import Stamps
 
 PORTION: Final = 4096  #: the most bytes taken as one portion; no pose message is as long
-PORTIONS: Final = 1024  #: the most portions taken at once, so that a flood cannot hold the caller
+PORTIONS: Final = 256  #: the most portions taken at once, refused ones counted, so that a flood cannot hold the caller
+BYTES: Final = 16_384  #: no more is taken once there are so many, for the same reason: 2 s of NCOM at 100 Hz
 RECEIVE_BUFFER: Final = 1 << 20  #: asked of the kernel [bytes]; it grants less where its own limit is lower
 CONNECT_PATIENCE: Final = 3.0  #: [s]
-WALL_STEP: Final = 0.02  #: a wall clock that moved by more against the monotonic one was set [s]; NTP's slew is less
 SO_TIMESTAMPNS: Final = 35  #: Linux, asm-generic/socket.h
 STAMP: Final = struct.Struct("@qq")
 
@@ -66,8 +68,24 @@ class Source(Protocol):
     def receive(self) -> list[tuple[float, bytes]]:
         """Return all portions that wait, each with the monotonic second of its arrival; never blocks, never raises."""
 
+    def found(self) -> tuple[str, ...]:
+        """Return reason codes of others that speak in the receiver's place now."""
+
+    def told(self) -> dict[str, Any]:
+        """Return who is listened to and who was refused how often, as plain JSON; empty where nobody else can speak."""
+
     def close(self) -> None:
         """Let go of the socket or device."""
+
+
+class _Alone:
+    """A source that nobody else can speak to."""
+
+    def found(self) -> tuple[str, ...]:
+        return ()
+
+    def told(self) -> dict[str, Any]:
+        return {}
 
 
 def _refused(where: str, what: str, error: OSError) -> RigError:
@@ -76,12 +94,12 @@ def _refused(where: str, what: str, error: OSError) -> RigError:
 
 
 class _Socket:
-    """A socket, read with the kernel's stamps."""
+    """A socket, read with the kernel's stamps; of datagrams, those of `senders`."""
 
-    def __init__(self, opened: socket.socket, *, stream: bool) -> None:
-        self._socket, self._stream = opened, stream
+    def __init__(self, opened: socket.socket, senders: Senders | None = None) -> None:
+        self._socket, self._senders = opened, senders
         self.lost = False
-        self._ahead = _wall_ahead()
+        self._stamps = Stamps()
         opened.setblocking(False)
         if sys.platform == "linux":
             opened.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
@@ -92,36 +110,38 @@ class _Socket:
     def next_due(self) -> float:
         return math.inf
 
+    def found(self) -> tuple[str, ...]:
+        return () if self._senders is None else self._senders.found(time.monotonic())
+
+    def told(self) -> dict[str, Any]:
+        return {} if self._senders is None else self._senders.told()
+
     def close(self) -> None:
         self._socket.close()
 
     def receive(self) -> list[tuple[float, bytes]]:
+        self._stamps.begin()
         taken: list[tuple[float, bytes]] = []
-        while not self.lost and len(taken) < PORTIONS:
+        size, emptied = 0, False
+        for _ in range(PORTIONS):
+            if self.lost or size >= BYTES:
+                break
             try:
-                data, ancillary, _, _ = self._socket.recvmsg(PORTION, socket.CMSG_SPACE(STAMP.size))
+                data, ancillary, _flags, sender = self._socket.recvmsg(PORTION, socket.CMSG_SPACE(STAMP.size))
             except BlockingIOError:
+                emptied = True
                 break
             except OSError:
-                self.lost = self._stream  # of a datagram socket this is one datagram's mishap, or the link is down
+                self.lost = self._senders is None  # of a datagram socket it is one's mishap, or the link is down
                 break
-            if not data and self._stream:
-                self.lost = True
-            elif data:
+            if self._senders is None:
+                self.lost = not data
+            elif not self._senders.accepts(time.monotonic(), sender):
+                continue
+            if data:
                 taken.append((_stamp(ancillary), data))
-        return self._dated(taken) if taken else []
-
-    def _dated(self, stamped: list[tuple[float, bytes]]) -> list[tuple[float, bytes]]:
-        """The portions with their stamps carried over from the wall clock to the monotonic one.
-
-        The kernel stamps by the wall clock. Where that was set since the last look, and for a stamp from the future or
-        none, the portion is said to come now: later than it did, which is the safe side.
-        """
-        before, self._ahead = self._ahead, _wall_ahead()
-        now = time.monotonic()
-        was_set = not abs(self._ahead - before) <= WALL_STEP
-        moments = ((now if was_set else stamp - self._ahead, data) for stamp, data in stamped)
-        return [(moment if moment <= now else now, data) for moment, data in moments]
+                size += len(data)
+        return self._stamps.dated(taken, emptied)
 
 
 def _stamp(ancillary: list[tuple[int, int, bytes]]) -> float:
@@ -133,18 +153,7 @@ def _stamp(ancillary: list[tuple[int, int, bytes]]) -> float:
     return math.nan
 
 
-def _wall_ahead() -> float:
-    """Wall clock minus monotonic clock [s]: the closest of three looks, for one may be interrupted."""
-    looks = []
-    for _ in range(3):
-        before = time.monotonic()
-        wall = time.time()
-        after = time.monotonic()
-        looks.append((after - before, wall - 0.5 * (before + after)))
-    return min(looks)[1]
-
-
-class _Serial:
+class _Serial(_Alone):
     """A serial line; the kernel stamps nothing here, so a portion arrives when it is read."""
 
     def __init__(self, opened: serial.Serial) -> None:
@@ -171,7 +180,7 @@ class _Serial:
         return [(time.monotonic(), data)] if data else []
 
 
-class _Playback:
+class _Playback(_Alone):
     """A recording, each portion released when it is due, as if it arrived right then."""
 
     def __init__(self, path: Path, clock: Callable[[], float]) -> None:
@@ -202,10 +211,11 @@ class _Playback:
         return released
 
 
-def open_udp(address: str, port: int, where: str = "pose") -> Source:
-    """Listen to datagrams for `address`, `port` (IPv4; 0.0.0.0 hears broadcasts).
+def open_udp(address: str, port: int, source: str | None = None, where: str = "pose") -> Source:
+    """Listen to datagrams for `address`, `port` (IPv4; 0.0.0.0 hears broadcasts) that `source` sends, and no other.
 
-    `where` names the rig's table in errors. Raises RigError naming the key.
+    `source` is an IPv4 address, None whoever of this machine speaks first: see `Senders`. `where` names the rig's table
+    in errors. Raises RigError naming the key.
     """
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -220,7 +230,7 @@ def open_udp(address: str, port: int, where: str = "pose") -> Source:
         key = "port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "address"
         what = f"UDP port {port}" if key == "port" else repr(address)
         raise _refused(f"{where}.{key}", what, error) from None
-    return _Socket(opened, stream=False)
+    return _Socket(opened, Senders(source))
 
 
 def open_tcp(address: str, port: int, where: str = "pose") -> Source:
@@ -234,7 +244,7 @@ def open_tcp(address: str, port: int, where: str = "pose") -> Source:
         if isinstance(error, TimeoutError):
             error = TimeoutError(errno.ETIMEDOUT, "no answer")
         raise _refused(f"{where}.{key}", reached, error) from None
-    return _Socket(opened, stream=True)
+    return _Socket(opened)
 
 
 def open_serial(device: str, baud: int, where: str = "pose") -> Source:

@@ -38,6 +38,7 @@ REASONS: Final[dict[str, str]] = {
     "corrections_old": "the RTK corrections are too old, or their age is not known",
     "fix_too_old": "the fix was made too long ago",
     "fix_from_future": "the fix is dated later than now: the clocks disagree",
+    "fix_ahead": "the fix is dated ahead of what the arrivals before it allow, and no run of fixes agrees with it yet",
     "time_not_increasing": "the fix is not newer than one already judged",
     "gap": "too long a time since the fix before this one",
     "pose_jump": "the position is not where the velocity leads from the fix before",

@@ -22,7 +22,7 @@ from vve_sumo.vehicle.dbw import Variant
 from vve_sumo.vehicle.limits import Limits
 
 if TYPE_CHECKING:
-    from vve_sumo.plant.rehearsal import Rehearsed
+    from vve_sumo.plant.rehearsed import Rehearsed
 
 EXPIRY: Final = 0.100  #: how long the last good setpoint is acted on [s]
 NOTICED: Final = 0.030  #: the gateway's timer sees an expired setpoint this much later at most [s]
@@ -185,7 +185,7 @@ def fence_of(rig: Rig, alignment: Alignment) -> Fence:
 
 def rehearsed_of(rig: Rig) -> tuple[Rehearsed, ...]:
     """Return the faults that the hardware-free car puts on."""
-    from vve_sumo.plant.rehearsal import Rehearsed
+    from vve_sumo.plant.rehearsed import Rehearsed
 
     faults = []
     for number, wanted in enumerate(rig.rehearse):

@@ -31,6 +31,13 @@ def _address(text: str) -> str:
     return text
 
 
+def _sender(text: str) -> str:
+    address = ipaddress.ip_address(_address(text))
+    if address.version != 4 or address.is_unspecified or address.is_multicast or int(address) == 0xFFFFFFFF:
+        raise ValueError("expected the IPv4 address of one device")
+    return text
+
+
 def _latitude_first(corner: tuple[float, float]) -> tuple[float, float]:
     latitude, longitude = corner
     if abs(latitude) > 75.0:
@@ -68,6 +75,11 @@ class Pose(Table):
         description="UDP: address to listen on, this machine alone by default, `0.0.0.0` for a broadcast; TCP: server",
     )
     port: Port = Field(default=3000, description="UDP or TCP")
+    source: Annotated[str, AfterValidator(_sender)] | None = Field(
+        default=None,
+        description="UDP: address of the receiver, whose datagrams alone are taken; may be left out on the loopback, "
+        "where the first program that speaks is taken",
+    )
     device: Name | None = Field(default=None, description="serial port of `nmea_serial`")
     baud: Annotated[int, Field(ge=4800, le=921_600)] = Field(default=115_200, description="of the serial port")
     interface: Name | None = Field(default=None, description="python-can's, of `oxts_can`")
@@ -97,9 +109,23 @@ class Pose(Table):
         keys |= dict.fromkeys(("interface", "channel", "bitrate"), ("oxts_can",)) | {"file": ("file",)}
         keys |= dict.fromkeys(("velocity_sigma_mps", "heading_sigma_deg"), ("nmea_udp", "nmea_tcp", "nmea_serial"))
         _only(self, self.kind, keys)
+        self._of_one_sender()
         if self.clock == "arrival" and self.kind != "file" and self.minimum_delay_ms is None:
             raise ValueError("minimum_delay_ms is missing, clock 'arrival' needs it")
         return self
+
+    def _of_one_sender(self) -> None:
+        """Refuse a port that anyone on the network could speak to in the receiver's place."""
+        udp, alone = ("ncom_udp", "nmea_udp"), ipaddress.ip_address(self.address).is_loopback
+        if self.kind not in udp:
+            if self.source is not None:
+                raise ValueError(f"source says nothing for kind {self.kind!r}, it is for {' and '.join(udp)}")
+        elif self.source is None and not alone:
+            raise ValueError(
+                f"source is missing: anyone who reaches {self.address} could be the receiver, name its address"
+            )
+        elif self.source is not None and alone and not ipaddress.ip_address(self.source).is_loopback:
+            raise ValueError(f"source: {self.source} cannot be heard on {self.address}, which is this machine alone")
 
 
 class Mounting(Table):

@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vve_sumo.drive.record import claim
-from vve_sumo.drive.setting import versions
+from vve_sumo.drive.setting import changed_code, versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.rows import FIGURES, Plan, Row, read_tables
+from vve_sumo.scenario.load import parse
 from vve_sumo.sweep.cells import Cell
 from vve_sumo.sweep.dataset import Dataset, refuse_mixed
 from vve_sumo.sweep.engine import Engine, Local
@@ -293,7 +294,8 @@ def _spread(mean: float, half: float) -> str:
 def rerun(folder: Path, key: str, out: Path | None) -> int:
     """Drive one run of a dataset again, keep its record and compare; return 0 if it is the same, else 1.
 
-    Raises ConfigError where there is no such run, for other versions, and for a record that is there already.
+    Raises ConfigError where there is no such run, for other versions, for a controller whose code is not the sweep's,
+    and for a record that is there already.
     """
     plan = Plan.of(folder)
     refuse_mixed(folder, plan, versions())
@@ -307,6 +309,10 @@ def rerun(folder: Path, key: str, out: Path | None) -> int:
         raise ConfigError(f"{error}; name another with --out DIR") from None
     cell = Cell(row["number"], key, {name: row[name] for name in plan.parameters}, row["seed"])
     job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), cell, keep)
+    name = parse(job.table, job.file).controller.name
+    if changed := changed_code(name, plan.files_sha256, job.working):
+        again = "a sweep into another folder drives the controller as it is now"
+        raise ConfigError(f"{folder}: {changed[0]}: not run; {again}")
     _warn_of_changes(plan, job)
     results: list[Result] = []
     Local(1).run([job], lambda _job, result: results.append(result))

@@ -77,7 +77,8 @@ def main() -> None:
         job = Job.from_json(line)
         try:
             setting = setting_of(job, readings)
-            seen = Look("", setting.resolved(setting.controller(job.working))["files_sha256"])
+            setting.controller(job.working)
+            seen = Look("", setting.resolved(job.working)["files_sha256"])
         except ConfigError as error:
             seen = Look(str(error), {})
         print(json.dumps(seen), file=answers, flush=True)

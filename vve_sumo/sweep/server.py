@@ -26,6 +26,7 @@ from typing import NoReturn
 
 import pandas  # noqa: F401 - pyarrow imports it as soon as a table becomes numbers: here once, not in every run
 
+from vve_sumo.drive.provenance import software
 from vve_sumo.drive.setting import versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep import kin
@@ -101,6 +102,8 @@ class Server:
     def run(self, job: Job) -> Result:
         """Drive one job in a child and return what came of it; raises OrphanedError when the parent went away."""
         tidy(job, self._scratch, keep=False)
+        if job.keep is not None:
+            software()  # for its record: once here, not in every run
         gc.freeze()
         child = self._fork(job)
         try:

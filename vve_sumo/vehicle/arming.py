@@ -21,7 +21,7 @@ class Event(enum.StrEnum):
     EXPIRED = "expired"  #: no setpoint that is still good
     FAULT = "fault"  #: something is broken; the car can still be commanded
     OVERRIDE = "override"  #: the driver took over
-    STOP = "stop"  #: the operator's act
+    STOP = "stop"  #: the operator's act, or the drive is over
     AT_REST = "at_rest"  #: the car stands and is held
     PARKED = "parked"  #: the car stands in park
     DISARM = "disarm"  #: the operator's act
@@ -133,6 +133,7 @@ REASONS: Final[dict[str, str]] = {
     "drive_gone": "the process that computes setpoints is gone",
     "drive_not_following": "the car gains speed although nothing asks it to",
     "driver_needed": "the driver must hold the car: brake, and shift to park",
+    "drive_over": "the drive is over",
     "driver_not_on_brake": "in drive the driver's brake must hold the car until it is taken over",
     "driver_on_brake": "the driver's foot is on the brake",
     "driver_on_throttle": "the driver's foot is on the throttle",

@@ -66,6 +66,7 @@ class Act(enum.StrEnum):
     ENGAGE = "engage"  #: take the car over at rest, and hold it
     GO = "go"  #: let it move
     STOP = "stop"
+    END = "end"  #: the drive is over: bring the car to rest
     DISARM = "disarm"
 
 
@@ -196,6 +197,11 @@ class Gateway:
     def sequence(self) -> int:
         """Sequence number of the newest setpoint taken; -1 before the first."""
         return -1 if self._admission.setpoint is None else self._admission.setpoint.sequence
+
+    @property
+    def kit_heard(self) -> float:
+        """Drive time at which a report of the kit was last understood [s]; -inf before the first."""
+        return self._reports.kit_heard
 
     @property
     def done(self) -> bool:
@@ -356,6 +362,8 @@ class Gateway:
                 self._notes.append("go_too_early")
             case Act.STOP:
                 self._happen(now, Event.STOP, ["stop_asked"])
+            case Act.END:
+                self._happen(now, Event.STOP, ["drive_over"])
             case Act.DISARM if self._state is ArmingState.STOPPED:
                 # Without brakes a car in drive creeps away, and the kit's watchdog brakes when EN drops in gear.
                 self._notes.append("not_in_park")

@@ -37,6 +37,14 @@ class CarReports:
         self.yaw_rate = math.nan  #: [rad/s] counter-clockwise
         self.wheel_angle = math.nan  #: last valid angle of the steering wheel [rad], left positive
 
+    @property
+    def kit_heard(self) -> float:
+        """When one of the kit's modules was last understood; -inf before the first time.
+
+        Wheel speeds and the gyroscope do not count: they are the car's own, and say nothing of who could be commanded.
+        """
+        return max(self._times.get(kind, -math.inf) for kind in _OF_THE_KIT)
+
     def take(self, now: float, frames: Iterable[Frame]) -> list[str]:
         """Take in frames heard since the last call; reason codes of what can't be understood or shouldn't be there."""
         troubles: list[str] = []
@@ -180,6 +188,7 @@ class CarReports:
 
 #: Reports that nothing here reads: they come as often as the others and would cost as much.
 _UNREAD: Final = frozenset({dbw.ACCELERATIONS, dbw.BRAKE_INFO})
+_OF_THE_KIT: Final[tuple[type, ...]] = (BrakeReport, ThrottleReport, SteeringReport, GearReport)
 
 _STALE_CODES: Final[tuple[tuple[type, str], ...]] = (
     (BrakeReport, "brake_report_stale"),

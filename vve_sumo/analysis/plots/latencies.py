@@ -5,6 +5,7 @@ Knows the legs by their table; it must not know how they were measured.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -16,6 +17,7 @@ from vve_sumo.analysis.plots.style import LIMIT, LOOKS, WIDTH, blank, explain, n
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.ledger import LEGS, TOTAL
 from vve_sumo.drive.sheet import ACTOR, ALARM, EGO, EGO_PALE, INK, OBSTACLE, QUIET, ROAD
+from vve_sumo.rig.schema import Latency
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -56,8 +58,11 @@ def latency_ledger(run: Run) -> Figure:
 
 
 def _budget(run: Run) -> float:
-    """Return the rig's budget [ms], NaN without a rig."""
-    return float(run.resolved["rig"]["latency"]["budget_ms"]) if run.live else float("nan")
+    """Return the budget that the drive kept to, the default where its rig declares none [ms]; NaN without a rig."""
+    if not run.live:
+        return math.nan
+    declared = (run.resolved["rig"].get("latency") or {}).get("budget_ms")
+    return Latency().budget_ms if declared is None else float(declared)
 
 
 def slowest(table: pd.DataFrame) -> tuple[Floats, pd.DataFrame]:

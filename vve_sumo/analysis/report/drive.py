@@ -23,7 +23,7 @@ from vve_sumo.analysis.report.words import FIGURES, NONE, count, number, said, s
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import radar_statistics
 from vve_sumo.analysis.units import unit_of
-from vve_sumo.drive.replay import altered_parts
+from vve_sumo.drive.verify import altered_parts
 
 Figures = Mapping[str, Any]
 
@@ -207,4 +207,33 @@ def _provenance(run: Run, figures: Figures, name: str) -> list[tuple[str, str]]:
         ("controller", str(settings["controller"]["name"])),
         ("hash of the record, as the drive left it", tag("span", digest, class_="hash")),
         ("ticks", f"{said('ticks', len(run.time))} of {number(1000.0 * run.period, 'ms', 0)}"),
+        *_whence(run),
+    ]
+
+
+def _whence(run: Run) -> list[tuple[str, str]]:
+    """Return the code, the machine and the people of a drive, as far as its record tells of them."""
+    told = run.provenance
+    if told is None:
+        return []
+    changed = ", with changes" if told.code.git_dirty else ""
+    rows = [
+        ("begun", told.began_utc),
+        ("code of vve-sumo", tag("span", told.code.sha256, class_="hash")),
+        ("commit", f"{told.code.git_commit}{changed}" if told.code.git_commit else "none: installed"),
+        ("machine", f"{told.host.name}, {told.host.kernel}, {told.host.machine}, {told.python}"),
+    ]
+    if not run.live:
+        return rows
+    doctor = told.doctor
+    verdict = (
+        "none"
+        if doctor is None
+        else ", ".join([" of ".join(filter(None, (doctor.verdict, doctor.date_utc))), *doctor.caveats])
+    )
+    return [
+        *rows,
+        ("operator", told.operator or "not said"),
+        ("driver", told.driver or "not said"),
+        ("doctor", verdict),
     ]

@@ -1,0 +1,175 @@
+"""Where a drive comes from: the code that drove, what it was built on, the machine, the people; for `provenance.json`.
+
+Nothing of it enters the record's hash: the same scenario, seed and versions give the same record on every machine and
+whoever sits in the car. Reads the package's own files and asks git; knows no wall clock.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import re
+import subprocess
+from functools import cache
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from typing import Any, Final
+
+import pyproj
+
+import vve_sumo
+from vve_sumo.drive.record import PROVENANCE
+from vve_sumo.drive.setting import PARTS_THAT_DECIDE, Setting, digests, versions
+from vve_sumo.errors import ConfigError
+
+#: the package's own folder, and the folder in it that holds the shipped workspace, whose files are hashed as they are
+#: used
+PACKAGE: Final = Path(vve_sumo.__file__).parent
+SHIPPED: Final = "shipped"
+#: endings of the files that decide what the program does: its code, and the car's message layout
+ENDINGS: Final = (".py", ".dbc")
+#: for git to answer [s]
+GIT_PATIENCE: Final = 2.0
+
+
+def provenance(setting: Setting, began_utc: str) -> dict[str, Any]:
+    """Return what is to be known of where a drive comes from; `began_utc` is the wall clock's word for its begin.
+
+    A scenario that a program made has no file, and so no hash of one.
+    """
+    file = setting.file
+    scenario = digests({"scenario": file})["scenario"] if file.is_file() else None
+    return software() | {"host": host(), "began_utc": began_utc, "scenario_file_sha256": scenario}
+
+
+@cache
+def software() -> dict[str, Any]:
+    """Return hash and commit of the code and the versions of all that it is built on; found out once a process."""
+    return {
+        "code": {"sha256": code_sha256(PACKAGE), **_checkout(PACKAGE)},
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "libraries": libraries(),
+        "proj": pyproj.__proj_version__,
+    }
+
+
+def host() -> dict[str, str]:
+    """Return the machine's name, its kernel, its kind, and its C library, which has a rounding of `sin` of its own."""
+    try:
+        library = os.confstr("CS_GNU_LIBC_VERSION")
+    except (OSError, ValueError):
+        library = None
+    return {
+        "name": platform.node(),
+        "kernel": f"{platform.system()} {platform.release()}",
+        "machine": platform.machine(),
+        "c_library": library or "unknown",
+    }
+
+
+def code_sha256(package: Path) -> str:
+    """Return the hash of a package: relative path and bytes of every file that decides, sorted (hexadecimal SHA-256).
+
+    The shipped workspace inside a wheel is left out, so that a wheel and the checkout that it was built from have the
+    same hash.
+    """
+    files = {file.relative_to(package).as_posix(): file for ending in ENDINGS for file in package.rglob(f"*{ending}")}
+    digest = hashlib.sha256()
+    for name in sorted(name for name in files if not name.startswith(f"{SHIPPED}/")):
+        data = files[name].read_bytes()
+        digest.update(b"%d:%b%d:%b" % (len(name.encode()), name.encode(), len(data), data))
+    return digest.hexdigest()
+
+
+def _checkout(package: Path) -> dict[str, Any]:
+    """Return the commit of the checkout that a package lies in, and whether its files differ from it; None for none."""
+    none = {"git_commit": None, "git_dirty": None}
+    if not (package.parent / ".git").exists():
+        return none  # installed, if need be under somebody else's checkout
+    # Neither a program that the checkout's configuration names is run, nor anything written.
+    ask = [
+        "git",
+        "-c",
+        "core.fsmonitor=false",
+        "status",
+        "--porcelain=v2",
+        "--branch",
+        "--untracked-files=all",
+        "--",
+        ".",
+    ]
+    try:
+        told = subprocess.run(
+            ask,
+            cwd=package,
+            env=os.environ | {"GIT_OPTIONAL_LOCKS": "0"},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=GIT_PATIENCE,
+            check=True,
+        ).stdout
+    except (OSError, ValueError, subprocess.SubprocessError):
+        return none
+    commit = re.search(r"^# branch\.oid ([0-9a-f]{40,})$", told, re.MULTILINE)
+    dirty = any(not line.startswith("#") for line in told.splitlines())
+    return {"git_commit": commit[1], "git_dirty": dirty} if commit else none
+
+
+def libraries() -> dict[str, str]:
+    """Return the versions of everything that this package declares it needs."""
+    try:
+        declared = requires("vve-sumo") or []
+    except PackageNotFoundError:
+        declared = []  # run from a checkout that was never installed
+    named = (re.match(r"[A-Za-z0-9._-]+", line) for line in declared if "extra ==" not in line)
+    known = versions()  # to read a version takes a millisecond or two
+    names = sorted({*PARTS_THAT_DECIDE, *(found[0] for found in named if found)})
+    return {name: known[name] if name in known else _version(name) for name in names}
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "none"
+
+
+def text_of(told: dict[str, Any]) -> str:
+    """Return the content of the file."""
+    return json.dumps(told, indent=1, allow_nan=False) + "\n"
+
+
+def read(folder: Path) -> dict[str, Any]:
+    """Return a record's provenance; raises ConfigError where it can't be read."""
+    file = folder / PROVENANCE
+    try:
+        told = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{file}: cannot be read: {error}") from None
+    if not isinstance(told, dict):
+        raise ConfigError(f"{file}: expected a table of keys")
+    return told
+
+
+def same_code(told: dict[str, Any]) -> bool:
+    """Whether a record was driven by the code that is asking."""
+    code = told.get("code")
+    return isinstance(code, dict) and code.get("sha256") == software()["code"]["sha256"]
+
+
+def changed_since(told: dict[str, Any]) -> list[str]:
+    """Return a line for the code and for everything that it is built on, where it is not what a provenance says."""
+    mine = software()
+    lines = [] if same_code(told) else ["the code of vve-sumo has changed since"]
+    then = told.get("libraries")
+    parts = {**(then if isinstance(then, dict) else {}), "python": told.get("python"), "proj": told.get("proj")}
+    now = {**mine["libraries"], "python": mine["python"], "proj": mine["proj"]}
+    told_elsewhere = versions()
+    return lines + [
+        f"{part} was {parts.get(part)}, is {now[part]}"
+        for part in sorted(now)
+        if parts.get(part) != now[part] and part not in told_elsewhere
+    ]

@@ -1,0 +1,291 @@
+"""Whether a record is as its drive left it: every hash, and what the summary says against what the tables say.
+
+Reads a record and runs nothing that it names. It finds accidents and changes in passing; whoever forges all of a
+record with care can compute new hashes as well.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+
+from vve_sumo.drive import provenance
+from vve_sumo.drive.command import summary_of
+from vve_sumo.drive.ending import UNDER_WAY, Ending, Outcome
+from vve_sumo.drive.ledger import summarize
+from vve_sumo.drive.lockstep import Run
+from vve_sumo.drive.record import (
+    CLOSED_ENDING,
+    HASHED_FILES,
+    LIVE_SCHEMAS,
+    PROVENANCE,
+    RAW_PARTS,
+    SCHEMAS,
+    SEAL,
+    UNHASHED,
+    hash_file,
+    hash_part,
+    hash_parts,
+    read_table,
+    sealed,
+    whole,
+)
+from vve_sumo.drive.setting import PERIOD, read_resolved
+from vve_sumo.errors import ConfigError
+from vve_sumo.path import Path
+from vve_sumo.scenario.load import parse
+from vve_sumo.scenario.schema import Abort, Scenario
+from vve_sumo.values import ArmingState, Vehicle
+
+SUMMARY: Final = "summary.json"
+#: two figures that are nearer than this share of them, or this, are the same: another processor rounds otherwise
+SAME: Final = 1e-9
+#: outcomes of a lockstep drive that something else than the car's motion ended
+ENDED_OTHERWISE: Final = frozenset({Outcome.ABORTED, Outcome.INTERRUPTED, Outcome.BROKEN})
+#: reason codes of a live drive's summary that no row of the gateway has: whose process was lost
+WITHOUT_ROW: Final = frozenset({"drive_lost", "gateway_gone"})
+
+
+@dataclass(frozen=True, slots=True)
+class Alteration:
+    """A part of a record that is not as the drive left it."""
+
+    part: str  #: "can.log", "ticks", "summary.json", …
+    why: str  #: what shows it
+
+    def __str__(self) -> str:
+        """Return it in one line."""
+        return f"{self.part} is not as the drive left it: {self.why}"
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a record says of the setting that it was driven in; nothing that it names is read."""
+
+    name: str
+    scenario: Scenario
+    path: Path
+    vehicle: Vehicle
+
+
+def altered_parts(folder: FilePath) -> list[str] | None:
+    """Return the names of the parts that are not as the drive left them, as `alterations` does."""
+    found = alterations(folder)
+    return None if found is None else list(dict.fromkeys(each.part for each in found))
+
+
+def alterations(folder: FilePath) -> list[Alteration] | None:
+    """Return everything about a record that is not as its drive left it; None for a drive that never wrote hashes.
+
+    Such a drive was cut off, or could not read back what it had written.
+    """
+    file = folder / SUMMARY
+    if not file.exists():
+        finished = all((folder / f"{name}{CLOSED_ENDING}").exists() for name in SCHEMAS)
+        return [Alteration(SUMMARY, "it is gone, and the drive had finished its tables")] if finished else None
+    try:
+        text = file.read_text(encoding="utf-8")
+        summary = json.loads(text)
+        whole_seal = isinstance(summary, dict) and sealed(summary) == text
+    except (OSError, ValueError) as error:
+        return [Alteration(SUMMARY, f"it cannot be read: {error}")]
+    if not isinstance(summary, dict):
+        return [Alteration(SUMMARY, "expected a table of keys")]
+    found = [] if whole_seal else [Alteration(SUMMARY, f"{SEAL} is not the hash of it")]
+    if not summary.get("record_parts_sha256") and not _hashable(folder):
+        return found or None
+    found += [*_parts(folder, summary), *_files(folder, summary)]
+    return found or [Alteration(SUMMARY, why) for why in _contradictions(folder, summary)]
+
+
+def _hashable(folder: FilePath) -> bool:
+    """Whether every part can be read: a drive that could do so wrote the hashes."""
+    try:
+        hash_parts(folder)
+    except ConfigError:
+        return False
+    return True
+
+
+def _parts(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
+    """Compare the hash of every part that a record of its kind has."""
+    told = _table(summary, "record_parts_sha256")
+    gateway = [name for name in LIVE_SCHEMAS if name not in UNHASHED and _is_live(folder, summary)]
+    for name in (*RAW_PARTS, *SCHEMAS, *gateway):
+        if name not in told:
+            yield Alteration(name, f"{SUMMARY} has no hash of it")
+        elif not _is(told[name], hash_part, folder, name):
+            yield Alteration(name, f"its hash differs from {SUMMARY}'s")
+    if summary.get("record_sha256") != whole({name: str(digest) for name, digest in told.items()}):
+        yield Alteration(SUMMARY, "record_sha256 is not that of the parts")
+
+
+def _files(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
+    """Compare the hash of every file whose bytes say more than its rows."""
+    told, broken = _table(summary, "record_files_sha256"), summary.get("record_broken") or ()
+    for name in HASHED_FILES:
+        part = name.removesuffix(CLOSED_ENDING)
+        missing = not (folder / name).exists()
+        needed = part in (*SCHEMAS, PROVENANCE) or _is_live(folder, summary)
+        if name in told:
+            if not _is(told[name], hash_file, folder / name):
+                yield Alteration(part, f"its file's hash differs from {SUMMARY}'s")
+        elif not missing:
+            yield Alteration(part, f"{SUMMARY} has no hash of its file")
+        elif needed and part not in broken and not (folder / f"{part}.arrows").exists():
+            yield Alteration(part, "it is gone")
+
+
+def _is_live(folder: FilePath, summary: dict[str, Any]) -> bool:
+    """Whether a record is a live drive's; each of its files may say so, for any of them may have been altered."""
+    try:
+        live = "rig" in read_resolved(folder)
+    except ConfigError:
+        live = False
+    return live or "gateway_steps" in summary or any(folder.glob("gateway.*"))
+
+
+def _table(summary: dict[str, Any], key: str) -> dict[str, Any]:
+    told = summary.get(key)
+    return told if isinstance(told, dict) else {}
+
+
+def _is(then: object, hashed: Callable[..., str], *of: Any) -> bool:
+    """Whether a hash is still the same; what can't be read any more is not what it was."""
+    try:
+        return hashed(*of) == then
+    except ConfigError:
+        return False
+
+
+def _contradictions(folder: FilePath, summary: dict[str, Any]) -> list[str]:
+    """Return what a summary says otherwise than the rest of the record does, whose hashes are all in order.
+
+    Another version of this program may reckon figures otherwise, so only the one that wrote a summary judges it. A
+    drive that was killed has none, and one whose recorder found no room has not all tables.
+    """
+    if "max_speed_mps" not in summary or summary.get("record_broken"):
+        return []
+    try:
+        if not provenance.same_code(provenance.read(folder)):
+            return []
+        resolved = read_resolved(folder)
+        told = _told(resolved, folder / "scenario.json")
+        return [*_figures(folder, told, summary), *_names(resolved, summary), *_ending(folder, resolved, told, summary)]
+    except (ConfigError, KeyError, TypeError, ValueError) as error:
+        return [f"it does not fit to the record: {error!r}"]
+
+
+def _told(resolved: dict[str, Any], file: FilePath) -> Told:
+    points = np.array([point.split() for point in resolved["path_m"]], np.float64)
+    return Told(
+        name=resolved["scenario"],
+        scenario=parse(resolved["settings"], file),
+        path=Path.from_points(points[:, 0], points[:, 1]),
+        vehicle=Vehicle(**{field.name: float(resolved["vehicle"][field.name]) for field in fields(Vehicle)}),
+    )
+
+
+def _figures(folder: FilePath, told: Told, summary: dict[str, Any]) -> Iterator[str]:
+    """Reckon every figure and the verdict again from the tables."""
+    done = Run(
+        Outcome(summary["outcome"]),
+        tuple(summary["reasons"]),
+        tuple(summary["removed_at_entry"]),
+        tuple(summary["sumo_warnings"]),
+        summary["text"],
+    )
+    ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
+    again = summary_of(told, done, ticks, actors, summary["record_parts_sha256"])
+    again |= {"versions": read_resolved(folder)["versions"]}
+    if _is_live(folder, summary):
+        again |= {"gateway_steps": read_table(folder, "gateway").num_rows}
+        latency = read_table(folder, "latency")
+        again |= {"latency": summarize(latency) if latency.num_rows else {}}
+    for key, value in again.items():
+        if not _same(summary.get(key), value):
+            yield f"{key} is {summary.get(key)!r}, the tables come to {value!r}"
+
+
+def _same(said: object, again: object) -> bool:
+    if isinstance(again, float) and not math.isfinite(again):
+        return said is None
+    if isinstance(again, float) and isinstance(said, (int, float)):
+        return math.isclose(said, again, rel_tol=SAME, abs_tol=SAME)
+    return said == again
+
+
+def _names(resolved: dict[str, Any], summary: dict[str, Any]) -> Iterator[str]:
+    """Compare what a live drive's summary says of its rig."""
+    if "rig" not in resolved:
+        return
+    for key, value in (("rig", resolved["rig_name"]), ("shadow", resolved["gateway"]["shadow"])):
+        if summary.get(key) != value:
+            yield f"{key} is {summary.get(key)!r}, scenario.json says {value!r}"
+
+
+def _ending(folder: FilePath, resolved: dict[str, Any], told: Told, summary: dict[str, Any]) -> Iterator[str]:
+    """Compare outcome and reasons with the rows."""
+    outcome, reasons = Outcome(summary["outcome"]), summary["reasons"]
+    ticks = read_table(folder, "ticks")
+    if "rig" in resolved:
+        yield from _live_ending(outcome, reasons, ticks, read_table(folder, "gateway"))
+    elif "pose" in resolved["files_sha256"]:
+        if outcome not in (Outcome.PLAYED, Outcome.INTERRUPTED, Outcome.BROKEN):
+            yield f"outcome is {outcome}, of a playback"
+    else:
+        yield from _lockstep_ending(outcome, reasons, ticks, told)
+
+
+def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, told: Told) -> Iterator[str]:
+    ended = _ended(ticks, told)
+    if outcome in ENDED_OTHERWISE:
+        if ended is not None and outcome is not Outcome.ABORTED:
+            yield f"outcome is {outcome}, the ticks come to {ended}"
+        if outcome is Outcome.ABORTED and (told.scenario.abort == Abort() or not reasons[:1]):
+            yield f"outcome is {outcome}, and the scenario has no [abort] that says so"
+    elif outcome is not ended:
+        yield f"outcome is {outcome}, the ticks come to {ended or 'no end'}"
+    said = reasons[1:] if outcome is Outcome.ABORTED else reasons
+    last = [code for code in (ticks["reasons"][-1].as_py() if ticks.num_rows else "").split("+") if code]
+    if outcome not in (Outcome.INTERRUPTED, Outcome.BROKEN) and said != last:
+        yield f"reasons are {said}, the last tick's are {last}"
+
+
+def _ended(ticks: pa.Table, told: Told) -> Outcome | None:
+    """Return how a lockstep drive ended by its rows: what the first of them shows that shows an end; None for none."""
+    ending = Ending(told.path.length, told.scenario.after_stop_s)
+    last = round(told.scenario.duration_s / PERIOD) - 1
+    names = ("tick", "time_s", "true_speed_mps", "station_m", "state", "contacts")
+    for tick, time, speed, station, state, contacts in zip(*(ticks[name].to_pylist() for name in names), strict=True):
+        outcome = ending.step(time, speed, station, ArmingState(state), bool(contacts))
+        if outcome is None and tick >= last:
+            outcome = Outcome.TIMEOUT
+        if outcome is not None:
+            return outcome
+    return None
+
+
+def _live_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, gateway: pa.Table) -> Iterator[str]:
+    """Compare what the rows of a live drive can say: what was touched on the way, and what the gateway ever said."""
+    contacts, speeds, states = (ticks[name].to_pylist() for name in ("contacts", "speed_mps", "state"))
+    if outcome is Outcome.CONTACT and not any(contacts):
+        yield f"outcome is {outcome}, and nothing was touched"
+    # What is touched at rest, before the drive or after it, is no outcome.
+    under_way = [
+        speed > UNDER_WAY and state == ArmingState.ENGAGED for speed, state in zip(speeds, states, strict=True)
+    ]
+    if outcome in (Outcome.STOPPED, Outcome.ARRIVED) and any(map(all, zip(contacts, under_way, strict=True))):
+        yield f"outcome is {outcome}, and something was touched"
+    if outcome is Outcome.DRIVER and "driver_override" not in reasons:
+        yield f"outcome is {outcome}, and reasons have no driver_override"
+    said = {code for table in (ticks, gateway) for joined in table["reasons"].to_pylist() for code in joined.split("+")}
+    if strange := [code for code in reasons if code not in said | WITHOUT_ROW]:
+        yield f"reasons are {reasons}, the gateway never said {strange[0]}"

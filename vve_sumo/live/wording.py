@@ -1,0 +1,254 @@
+"""A live drive's status in words: where it stands, why, what whoever is at the controls does next, how loud that is.
+
+Pure functions of what gateway, drive and console have told; no terminal, no clock.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Collection, Mapping
+from typing import Any, Final
+
+from vve_sumo.drive.lockstep import WAITING
+from vve_sumo.drive.reasons import in_words
+from vve_sumo.values import ArmingState
+
+#: a drive that has told nothing for so long is said to be silent [s]
+SILENCE: Final = 0.5
+#: reasons that are written out in a picture, and in the line of a transition
+MOST_REASONS: Final = 8
+MOST_IN_A_LINE: Final = 4
+
+
+class Guard(enum.StrEnum):
+    """How the console stands to the gateway, which tells it something ten times a second."""
+
+    HEARD = "heard"  #: or not yet heard for the first time
+    SILENT = "silent"  #: it runs and tells nothing: it was stopped, or is not run
+    GONE = "gone"  #: it ended while the car was its own
+    ENDED = "ended"  #: it ended, the car being nobody's but the driver's
+    LEFT = "left"  #: the console has let go of it
+
+
+SILENT: Final = "gateway silent: brake"
+GONE: Final = "gateway gone: brake"
+BRAKES: Final = "brakes do not answer: brake"
+NEEDED: Final = "at rest: brake, shift to P: the gateway lets go when you do"
+CONTROL: Final = "driver has control"
+CONTROL_OVER: Final = "driver has control, drive over"
+PARKED: Final = "parked, drive over"
+OVER: Final = "drive over: the driver has the car"
+NEVER: Final = "drive over: nothing was engaged"
+LEFT: Final = "nobody is at the controls: the gateway stops the car"
+HELD: Final = "engaged and held: the driver lets go of the pedals"
+DRIVING: Final = "driving: any key stops"
+REHEARSED: Final = "rehearsal over: the gateway is gone"
+REHEARSAL_HELD: Final = "rehearsal: g begins, any other key ends it"
+REHEARSING: Final = "rehearsal: the driver drives, any key ends it"
+
+_PHASES: Final = {
+    ArmingState.DISARMED: "not ready",
+    ArmingState.READY: "ready: e engages",
+    ArmingState.ENGAGED: DRIVING,
+    ArmingState.STOPPING: "stopping",
+    ArmingState.STOPPED: "at rest: brake, shift to P",
+    ArmingState.FAULT: "fault: press r",
+}
+#: the same while every enable bit is off: what this program does moves and stops nothing
+_REHEARSAL: Final = {
+    ArmingState.DISARMED: "not ready",
+    ArmingState.READY: "ready for a rehearsal: e engages",
+    ArmingState.ENGAGED: REHEARSING,
+    ArmingState.STOPPING: "rehearsal over: the driver brakes",
+    ArmingState.STOPPED: "rehearsal over: shift to P",
+    ArmingState.FAULT: "fault: press r",
+}
+_ENGAGED_PHASES: Final = {
+    "engaging": "engaging: the kit is being enabled",
+    "shifting": "engaging: the car shifts to drive",
+    WAITING: "engaged and held: g goes, any other key stops",
+}
+#: reasons that are told by the phase itself, or by what is to be done
+_TOLD: Final = frozenset({*_ENGAGED_PHASES, "shadow", "brake_not_following", "driver_needed"})
+#: the driver is at a pedal, for which an engaged car waits before it goes
+_DRIVER: Final = frozenset({"driver_on_brake", "driver_on_throttle"})
+#: with one of these nobody hears the car, or the car nobody
+_UNHEARD: Final = frozenset({"bus_down", "brake_report_stale", "gear_report_stale", "wheel_speeds_stale"})
+
+#: the bell rings at every picture of these until the phase is another
+ALARMS: Final = frozenset({SILENT, GONE, BRAKES})
+
+_KIT_BRAKES: Final = "no command goes out any more; the kit's watchdog brakes only where it is armed: the driver brakes"
+_ADVICE: Final = {
+    SILENT: f"{_KIT_BRAKES}, shifts to P",
+    GONE: f"{_KIT_BRAKES}, shifts to P",
+    BRAKES: "the driver brakes with the pedal, and with the parking brake; the gateway goes on asking for its brakes",
+    NEEDED: "it is not sure that the car is in P and stands: the driver holds it",
+    CONTROL: "nothing is commanded; drive, or brake to rest: the gateway ends by itself",
+    HELD: "then g goes",
+    _ENGAGED_PHASES["engaging"]: "the driver lets go of the pedals",
+    _ENGAGED_PHASES["shifting"]: "the driver lets go of the pedals",
+    _REHEARSAL[ArmingState.READY]: "nothing will be enabled: the driver drives, and brakes",
+    REHEARSAL_HELD: "the kit is not enabled: the driver holds the car",
+    REHEARSING: "no key stops the car: the driver does",
+    _PHASES[ArmingState.STOPPING]: "wait; the driver's brake takes over at once, and ends it",
+    _PHASES[ArmingState.STOPPED]: "the gateway ends once P is reported, or the driver's brake has taken over",
+    _REHEARSAL[ArmingState.STOPPING]: "it ends once the car stands in P",
+    _REHEARSAL[ArmingState.STOPPED]: "it ends once P is reported",
+    _PHASES[ArmingState.FAULT]: "nothing was engaged; r asks again",
+}
+_NOBODY_HEARS: Final = "the car is not heard: brake, shift to P; the gateway ends 60 s after the kit's last word"
+
+
+def phase(status: Mapping[str, Any]) -> str:
+    """Return where the drive stands, in words; a change of it is a transition."""
+    engaged = bool(status.get("engaged"))
+    match status.get("gateway"):
+        case Guard.SILENT if not rehearsal(status):
+            return SILENT
+        case Guard.GONE:
+            return REHEARSED if rehearsal(status) else GONE
+        case Guard.LEFT:
+            return LEFT if engaged else NEVER
+        case Guard.ENDED if not engaged:
+            return NEVER
+    return _by_state(status, engaged) if "state" in status else "starting"
+
+
+def _by_state(status: Mapping[str, Any], engaged: bool) -> str:
+    state, reasons = ArmingState(status["state"]), status.get("reasons", ())
+    if state is ArmingState.FAULT and "driver_override" in reasons:
+        return CONTROL_OVER if status.get("gateway") == Guard.ENDED else CONTROL
+    if state is ArmingState.DISARMED and engaged:
+        return PARKED if status.get("gear") == "park" else OVER
+    if "brake_not_following" in reasons and state in (ArmingState.ENGAGED, ArmingState.STOPPING):
+        return BRAKES
+    if state is ArmingState.STOPPED and "driver_needed" in reasons:
+        return NEEDED
+    if state is ArmingState.ENGAGED:
+        return _engaged(status, reasons)
+    return (_REHEARSAL if rehearsal(status) else _PHASES)[state]
+
+
+def _engaged(status: Mapping[str, Any], reasons: Collection[str]) -> str:
+    if rehearsal(status):
+        return REHEARSAL_HELD if WAITING in reasons else REHEARSING
+    for code, words in _ENGAGED_PHASES.items():
+        if code in reasons:
+            return words
+    # Under way the driver's foot only keeps the throttle shut; before the go it keeps the car waiting.
+    return DRIVING if status.get("went", True) or _DRIVER.isdisjoint(reasons) else HELD
+
+
+def rehearsal(status: Mapping[str, Any]) -> bool:
+    """Whether every enable bit is off."""
+    return "shadow" in status.get("reasons", ())
+
+
+def rings(status: Mapping[str, Any]) -> int:
+    """Return how often the bell rings when the drive comes to this status: twice is stopping, three times trouble."""
+    if phase(status) in ALARMS:
+        return 3
+    return {"stopping": 2, "fault": 3}.get(status.get("state", ""), 1)
+
+
+def advice(status: Mapping[str, Any]) -> str:
+    """Return what the people in the car and at the controls do next; empty where there is nothing to add."""
+    words, plain = phase(status), (_PHASES[ArmingState.STOPPING], _PHASES[ArmingState.STOPPED])
+    if words in plain and not _UNHEARD.isdisjoint(status.get("reasons", ())):
+        return _NOBODY_HEARS
+    return _ADVICE.get(words, "")
+
+
+def transition(status: Mapping[str, Any]) -> str:
+    """Return the line that tells of a transition, with its reasons."""
+    time_s, words = status.get("time_s"), why(status)
+    if len(words) > MOST_IN_A_LINE:
+        words = [*words[:MOST_IN_A_LINE], f"and {len(words) - MOST_IN_A_LINE} more"]
+    line = f"{_number(time_s, '8.2f')} s  {phase(status).upper()}"
+    return f"{line}: {'; '.join(words)}" if words else line
+
+
+def why(status: Mapping[str, Any]) -> list[str]:
+    """Return the reasons for where the drive stands, the gateway's first, in words and with their numbers."""
+    details = status.get("details", {})
+    return [f"{in_words(code)}: {details[code]}" if code in details else in_words(code) for code in _reasons(status)]
+
+
+def answer(key: str, status: Mapping[str, Any]) -> str:
+    """Return the line that answers a key that comes too early."""
+    waits = "; ".join(why(status)) or phase(status)
+    if status.get("state") == ArmingState.ENGAGED:
+        return f"  {key} came too early and stops the drive: {waits}"
+    if status.get("state") == ArmingState.FAULT:
+        return f"  {key} does nothing: a fault waits for r: {waits}"
+    if status.get("state") == ArmingState.READY:
+        return f"  {key} does nothing yet: e engages first"
+    return f"  {key} does nothing yet, it waits for this: {waits}"
+
+
+def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
+    """Return the lines of the picture; `silent` is how long the drive has told nothing [s]."""
+    told = silent < SILENCE
+    lines = [_motion(status, told)]
+    if todo := advice(status):
+        lines.append(f"  > {todo}")
+    lines.append(_health(status))
+    if status.get("gateway") == Guard.SILENT:
+        lines.append("  ! the gateway's process tells nothing: it is not run")
+    if not told and "tick" not in status:
+        lines.append(f"  the drive's process loads the street: {_number(silent, '.0f')} s")
+    elif not told and status.get("gateway") not in (Guard.ENDED, Guard.GONE):
+        lines.append(f"  ! the drive's process has told nothing for {_number(silent, '.1f')} s")
+    words = why(status)
+    words += [f"fix: {in_words(code)}" for code in status.get("pose_reasons", ())]
+    lines += [f"  - {word}" for word in words[:MOST_REASONS]]
+    if len(words) > MOST_REASONS:
+        lines.append(f"  - and {len(words) - MOST_REASONS} more")
+    return lines
+
+
+def _motion(status: Mapping[str, Any], told: bool) -> str:
+    """Say how the car moves; of a drive that is silent what it said last is not shown for what is."""
+    speed = status.get("speed_mps") if told else status.get("wheel_speed_mps")
+    parts = [phase(status).upper(), f"{_number(_times(3.6, speed), '.1f')} km/h"]
+    parts.append(f"{_number(status.get('to_go_m') if told else None, '.0f')} m to go")
+    parts.append(f"ahead {_number(status.get('range_m') if told else None, '.1f')} m")
+    if status.get("note"):
+        parts.append(str(status["note"]))
+    return "  ".join(parts)
+
+
+def _health(status: Mapping[str, Any]) -> str:
+    latency, clock = status.get("latency", {}), status.get("clock", {})
+    fix = "no pose yet" if status.get("speed_mps") is None else "fix good"
+    if status.get("pose_reasons"):
+        fix = "FIX REFUSED"
+    broken = any(code.startswith("record_") for code in (*status.get("reasons", ()), *status.get("faults", ())))
+    p50, p99 = (_number(_times(1000.0, latency.get(name)), ".1f") for name in ("p50", "p99"))
+    times = f"latency {p50}, p99 {p99} ms"
+    parts = [fix, times, f"missed {status.get('missed', 0)}", "RECORD BROKEN" if broken else "recording"]
+    if clock:
+        parts.append(f"clock {clock.get('age')}, drift {_number(clock.get('drift_ppm'), '.1f')} ppm")
+    return "  ".join(parts)
+
+
+def _reasons(status: Mapping[str, Any]) -> list[str]:
+    """All codes once, the gateway's first; what the phase says already is left out.
+
+    The drive's own count as long as something is missing. From then on they come with the setpoints and are among the
+    gateway's; what the drive told the console a tenth of a second ago may be over.
+    """
+    missing = status.get("state", ArmingState.DISARMED) == ArmingState.DISARMED
+    codes = dict.fromkeys([*status.get("reasons", ()), *(status.get("faults", ()) if missing else ())])
+    told = _TOLD | {"drive_over"} if phase(status) in (PARKED, OVER) else _TOLD
+    return [code for code in codes if code not in told]
+
+
+def _number(value: Any, form: str) -> str:
+    return f"{value:{form}}" if isinstance(value, (int, float)) and math.isfinite(value) else "-"
+
+
+def _times(factor: float, value: Any) -> Any:
+    return factor * value if isinstance(value, (int, float)) else None

@@ -1,0 +1,141 @@
+"""Can a message's own time be true, given when it arrived and what arrived before it?
+
+Knows arrivals and the times that messages carry; must not know what else they say. A message can be late by any delay
+but never early: the path has a least delay, and two clocks drift apart slowly. So a time that lies ahead of what the
+fastest arrivals so far allow is a lie, or the sender's clock was changed. One lie must displace nothing; a changed
+clock shows in every message from then on.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Final
+
+DRIFT: Final = 100e-6  #: the most that two clocks drift apart; twice that of a common quartz
+SHARE: Final = 0.4  #: of the interval between messages, by which one may be earlier than the fastest so far
+MOST: Final = 0.02  #: however long the interval is [s]
+YOUNG: Final = 0.1  #: after the first and fastest of all, the next may be faster yet by what the user allows [s]
+
+RUN: Final = 3  #: so many messages in a row that agree with each other and with none before are believed, if they last:
+SMALL: Final = 0.05  #: up to here the path became faster [s], and the run has to last an interval
+LASTING: Final = 0.5  #: beyond, the sender's clock was changed, and the run has to last so long [s]: a gap to the gate
+AGREEMENT: Final = 0.1  #: between the messages of a run [s]: bursts and jitter
+KNOWN: Final = 10  #: of what agreed with a minute or a day, so many count; as many more in a row must speak against it
+
+
+class Judged(enum.Enum):
+    """What is to be thought of a message's time."""
+
+    NEWER = enum.auto()  #: newer than all believed before
+    NOT_NEWER = enum.auto()  #: late, a duplicate, or the sender's clock went back
+    AHEAD = enum.auto()  #: cannot be true by what is known: not to be used for anything
+    CHANGED = enum.auto()  #: as NEWER, the last of a run of AHEAD after which the sender's clock is taken as changed
+
+
+@dataclass(slots=True)
+class _Run:
+    """Messages in a row that are ahead and agree with each other."""
+
+    since: float  #: arrival of the first
+    newest: float  #: time of the last
+    lead: float  #: of the last
+    count: int = 1
+
+
+class Arrivals:
+    """Judges times one by one; a time that is not NEWER or CHANGED leaves nothing behind but the count of its run.
+
+    `least` is the smallest earliness that is told [s]. For `YOUNG` after one that was faster than all before, it is
+    `at_once` [s]: the next of the same burst may be faster yet, and where all arrivals say the same moment, as those of
+    a file do, they tell nothing finer.
+    """
+
+    def __init__(self, least: float, at_once: float) -> None:
+        self._least, self._at_once = least, at_once
+        self._newest = -math.inf  # time that was believed
+        self._lead = math.nan  # time minus arrival of the fastest
+        self._led_at = -math.inf  # arrival of the fastest
+        self._faster_at = -math.inf  # arrival at which it was last found that the path is faster than thought
+        self._interval = math.inf  # between times: the least of the last few
+        self._run: _Run | None = None
+
+    @property
+    def newest(self) -> float:
+        """The newest time that was believed [s]; -inf before the first."""
+        return self._newest
+
+    def judge(self, received: float, time: float) -> Judged:
+        """Judge a message that arrived at `received` and says `time` [s], each on its own clock."""
+        if not math.isfinite(received + time):
+            return Judged.AHEAD
+        if not time > self._newest:
+            return Judged.NOT_NEWER
+        lead, judged = time - received, Judged.NEWER
+        ahead = lead - self._allowed_lead(received)
+        if ahead > self._tolerance(received):
+            judged = self._go_on(received, time, lead, ahead)
+            if judged is Judged.AHEAD:
+                return judged
+            self._lead = math.nan if judged is Judged.CHANGED else -math.inf
+        self._believe(received, time, lead)
+        return judged
+
+    def _allowed_lead(self, received: float) -> float:
+        """The lead that a message as fast as the fastest has by now at most; NaN before the first."""
+        return self._lead + DRIFT * max(received - self._led_at, 0.0)
+
+    def _young(self, received: float) -> bool:
+        return not received - self._faster_at > YOUNG
+
+    def _tolerance(self, received: float) -> float:
+        return self._at_once if self._young(received) else max(self._least, min(SHARE * self._interval, MOST))
+
+    def _go_on(self, received: float, time: float, lead: float, ahead: float) -> Judged:
+        """Take a time that is ahead into the run; say whether the run is to be believed now."""
+        run = self._run
+        if run is not None and time == run.newest:
+            return Judged.AHEAD
+        if run is None or not (time > run.newest and abs(lead - run.lead) <= AGREEMENT):
+            self._run = _Run(received, time, lead)
+            return Judged.AHEAD
+        run.newest, run.lead, run.count = time, lead, run.count + 1
+        lasting = min(self._interval, LASTING) if ahead <= SMALL else LASTING
+        if run.count < RUN or not (self._young(received) or received - run.since >= lasting):
+            return Judged.AHEAD
+        return Judged.NEWER if ahead <= SMALL else Judged.CHANGED
+
+    def _believe(self, received: float, time: float, lead: float) -> None:
+        self._run = None
+        self._interval = min(time - self._newest, 1.01 * self._interval)
+        self._newest = time
+        leaked = self._lead - DRIFT * max(received - self._led_at, 0.0)
+        if lead <= leaked:
+            return
+        if math.isnan(leaked) or (self._young(received) and lead > leaked + self._least):
+            self._faster_at = received
+        self._lead, self._led_at = lead, received
+
+
+class Repeated:
+    """A minute or a day that is said again and again: when is another one believed than the one known?
+
+    Where more in a row agree on it than have said the known one: `RUN` against one, `KNOWN` + 2 at most.
+    """
+
+    def __init__(self) -> None:
+        self._agreed = 1  # that said the known one, the first of all among them
+        self._other = (0, 0)  # how far off the last ones were that agree, and how many they are
+
+    def believe(self, off: int) -> bool:
+        """Whether to believe what lies `off` from the one known; from then on that is the known one."""
+        if off == 0:
+            self._agreed, self._other = min(self._agreed + 1, KNOWN), (0, 0)
+            return True
+        before, count = self._other
+        self._other = (off, count + 1 if off == before else 1)
+        if self._other[1] < self._agreed - 1 + RUN:
+            return False
+        self._agreed, self._other = 1, (0, 0)
+        return True

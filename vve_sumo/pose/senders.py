@@ -1,0 +1,56 @@
+"""Who speaks to the receiver's port: one sender, and what to say of every other.
+
+Knows addresses; must not know sockets, nor what a datagram says. UDP proves nothing: whoever is on the same segment can
+write the receiver's address on a datagram. This tells mistakes and careless strangers, not a determined one.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from collections import Counter
+from typing import Any, Final
+
+#: a fault stands for so long after the last datagram of another sender [s]
+STANDS: Final = 1.0
+#: other senders that are counted by name; a flood may come from as many as it likes
+NAMED: Final = 8
+REST: Final = "others"
+
+
+class Senders:
+    """Lets one sender through: the first that speaks from `source`, by its address and port, for good.
+
+    `source` is an IPv4 address; None lets the first program of this machine through (127.0.0.0/8). A receiver that
+    comes back from another port is another sender: nothing tells it from a second one.
+    """
+
+    def __init__(self, source: str | None) -> None:
+        self._source = source
+        self._first: tuple[str, int] | None = None
+        self._refused: Counter[str] = Counter()
+        self._last: dict[str, float] = {}  # code to the moment of its last datagram [s]
+
+    def accepts(self, now: float, sender: tuple[str, int]) -> bool:
+        """Whether to take a datagram of `sender`, address and port, that is read at monotonic second `now`."""
+        if sender == self._first:
+            return True
+        ours = self._is_ours(sender[0])
+        if ours and self._first is None:
+            self._first = sender
+            return True
+        self._last["pose_two_senders" if ours else "pose_foreign_sender"] = now
+        name = f"{sender[0]}:{sender[1]}"
+        self._refused[name if name in self._refused or len(self._refused) < NAMED else REST] += 1
+        return False
+
+    def found(self, now: float) -> tuple[str, ...]:
+        """Return reason codes of the other senders that spoke lately."""
+        return tuple(code for code, last in self._last.items() if now - last <= STANDS)
+
+    def told(self) -> dict[str, Any]:
+        """Return who is listened to and how many datagrams of whom were refused, as plain JSON."""
+        sender = None if self._first is None else f"{self._first[0]}:{self._first[1]}"
+        return {"sender": sender, "refused": dict(self._refused)}
+
+    def _is_ours(self, address: str) -> bool:
+        return ipaddress.ip_address(address).is_loopback if self._source is None else address == self._source
