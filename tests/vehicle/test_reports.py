@@ -49,8 +49,9 @@ def test_before_the_first_report_nothing_is_known():
     assert math.isnan(silent.wheel_angle)
     assert silent.wheels == ()
     assert silent.unchanged(5.0) == 0.0
-    assert not silent.speed_known(-math.inf)
+    assert not silent.speed_known(0.0)
     assert not silent.in_park(0.0)
+    assert silent.kit_heard == -math.inf
     brake, throttle, steering = silent.brake, silent.throttle, silent.steering
     assert (brake.kind, brake.driver_input, brake.command, brake.output) == (dbw.BrakeReportKind.PEDAL, 0.0, 0.0, 0.0)
     assert (throttle.driver_input, throttle.command, throttle.output) == (0.0, 0.0, 0.0)
@@ -84,6 +85,23 @@ def test_reports_go_stale_in_their_order():
     ]
 
 
+@pytest.mark.parametrize("message", [BRAKE, THROTTLE, STEERING, GEAR])
+def test_any_module_of_the_kit_is_the_kit(message):
+    car = CarReports(RADIUS, dbw.Variant.DBW1_2024)
+    car.take(1.0, [dbw.encode(message)])
+    assert car.kit_heard == 1.0
+    car.take(2.0, [dbw.encode(WHEELS), dbw.encode(YAW_RATE)])
+    assert car.kit_heard == 1.0, "wheels and gyroscope are the car's own"
+    car.take(3.0, [dbw.encode(BRAKE)])
+    assert car.kit_heard == 3.0
+
+
+def test_repeated_bytes_do_not_hide_those_after_them():
+    car = heard()
+    assert car.take(0.0, [dbw.encode(BRAKE), dbw.encode(dbw.YawRate(0.0, 0.25))]) == []
+    assert car.yaw_rate == pytest.approx(0.25)
+
+
 def test_the_same_bytes_again_are_a_report_as_good_as_any():
     """Also after one that says nothing; what counts is what was understood last."""
     car = heard()
@@ -104,6 +122,8 @@ def test_a_command_on_the_bus_is_another_writers(identifier):
 def test_what_nobody_reads_is_passed_over():
     car = heard()
     assert car.take(0.0, [Frame(0x123, b"x"), Frame(dbw.ACCELERATIONS, b"x"), Frame(dbw.BRAKE_INFO, b"x")]) == []
+    assert car.take(0.0, [Frame(dbw.BRAKE_INFO, b"x"), dbw.encode(dbw.YawRate(0.0, 0.25))]) == []
+    assert car.yaw_rate == pytest.approx(0.25), "nor does it hide those after it"
     assert car.take(0.0, [Frame(dbw.BRAKE_REPORT, bytes(7)), dbw.encode(dbw.YawRate(0.0, 0.5))]) == ["report_malformed"]
     assert car.yaw_rate == pytest.approx(0.5), "one that is damaged does not hide those after it"
 
