@@ -255,5 +255,9 @@ def _try(subject: Subject, code: CodeType, tests: Sequence[str], reached: Reache
         return code if name == subject.module else original(loader, name)
 
     SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
-    files = list(dict.fromkeys(test.split("::")[0] for test in tests))
-    return _pytest(files, _Chosen(tests, reached.seconds, writing))
+    # One file after the other: where the first finds the mutant the others need not even be imported.
+    for file in dict.fromkeys(test.split("::")[0] for test in tests):
+        status = _pytest([file], _Chosen(tests, reached.seconds, writing))
+        if status:
+            return status
+    return 0

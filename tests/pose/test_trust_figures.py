@@ -99,7 +99,8 @@ def test_the_reasons_are_those_that_the_source_gives():
     tree = ast.parse(inspect.getsource(trust))
     gate = [n for n in tree.body if isinstance(n, (ast.FunctionDef, ast.ClassDef)) and n.name != "TrustProfile"]
     given = {n.value for body in gate for n in ast.walk(body) if isinstance(n, ast.Constant) and type(n.value) is str}
-    assert {code for code in given if " " not in code and "\n" not in code} == set(REASONS)
+    of_the_chain = {"fix_ahead"}
+    assert {code for code in given if " " not in code and "\n" not in code} == set(REASONS) - of_the_chain
 
 
 # One fix.

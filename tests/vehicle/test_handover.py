@@ -76,6 +76,12 @@ def test_a_gear_that_was_there_and_is_not_is_lost():
     assert subject.in_drive, "it is not asked for anew"
 
 
+def test_a_car_that_is_in_drive_is_given_all_the_time_in_the_world():
+    subject = begun()
+    assert subject.follow(BEGUN, reports(), 0.0) == []
+    assert subject.follow(BEGUN + 60.0, reports(), 0.0) == []
+
+
 def test_a_module_that_drops_out_is_named_once_all_have_confirmed():
     subject, weak = begun(), reports(enabled=False)
     assert subject.dropped_out(weak) == []

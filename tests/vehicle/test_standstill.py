@@ -1,0 +1,148 @@
+"""When a car is believed to stand: evidence step by step, with the times worked out by hand."""
+
+from __future__ import annotations
+
+import pytest
+
+from vve_sumo.vehicle.standstill import Evidence, Standstill
+
+STEP = 0.015625  # [s], a binary fraction
+BRAKING = 4.0  # what the car is told [m/s2]
+#: Wheels are believed where their fall to zero is what 12 m/s2 and their resolution explain in a step [m/s].
+BELIEVED = 12.0 * STEP + 0.02
+
+
+class Weighed:
+    """A standstill and its clock."""
+
+    def __init__(self) -> None:
+        self.subject, self.now = Standstill(), 0.0
+
+    def step(self, wheels: float | None, satellite: float | None, braking: float | None = BRAKING) -> tuple[bool, ...]:
+        """Certain, at rest, moves."""
+        self.now += STEP
+        self.subject.step(self.now, STEP, Evidence(wheels, satellite), braking)
+        return self.subject.certain, self.subject.at_rest, self.subject.moves
+
+    def until(self, flag: str, *evidence: float | None) -> float:
+        """How long the evidence takes to raise the flag [s]."""
+        begun = self.now
+        while not getattr(self.subject, flag):
+            self.step(*evidence)
+            assert self.now < begun + 120.0, "never"
+        return self.now - begun
+
+
+def moving(speed: float) -> Weighed:
+    weighed = Weighed()
+    assert weighed.step(speed, speed) == (False, False, True)
+    return weighed
+
+
+def test_it_knows_nothing_at_first():
+    subject = Standstill()
+    assert (subject.certain, subject.at_rest, subject.moves, subject.contradicted) == (False,) * 4
+
+
+@pytest.mark.parametrize(
+    ("wheels", "satellite", "certain", "moves"),
+    [
+        (0.0, 0.0, True, False),
+        (0.049, 0.299, True, False),
+        (0.05, 0.0, False, True),
+        (0.0, 0.30, False, True),
+        (0.0, None, True, False),
+        (None, 0.0, False, False),
+        (None, None, False, False),
+        (None, 0.30, False, True),
+        (0.05, None, False, True),
+    ],
+)
+def test_a_car_that_has_not_moved_stands_when_wheels_say_so_and_nobody_against_it(wheels, satellite, certain, moves):
+    """Wheels below 0.05 m/s; the receiver below 0.30 m/s, ten sigma of its velocity, or silent."""
+    assert Weighed().step(wheels, satellite) == (certain, False, moves)
+
+
+def test_standing_for_three_tenths_of_a_second_is_rest():
+    weighed = Weighed()
+    assert weighed.until("at_rest", 0.0, 0.0) == pytest.approx(0.3 + STEP, abs=2.0 * STEP)
+    assert weighed.step(0.1, 0.0) == (False, False, True), "and it ends at once"
+
+
+def test_the_receiver_alone_is_believed_after_three_seconds_and_for_rest_only():
+    weighed = moving(5.0)
+    assert weighed.until("at_rest", None, 0.1) == pytest.approx(3.0, abs=2.0 * STEP)
+    assert not weighed.subject.certain
+    assert weighed.subject.contradicted
+    assert weighed.step(None, 0.3) == (False, False, True)
+    assert not weighed.subject.contradicted
+
+
+def test_certain_and_at_rest_is_no_contradiction():
+    weighed = Weighed()
+    weighed.until("at_rest", 0.0, 0.0)
+    assert not weighed.subject.contradicted
+
+
+def test_wheels_that_fall_as_a_car_can_brake_are_believed_at_once():
+    """12 m/s2 and 0.02 m/s of resolution; from 3 m/s."""
+    weighed, speed = moving(3.0), 3.0
+    while speed > 0.0:
+        speed = max(speed - 12.0 * STEP - 0.019, 0.0)
+        certain, _, _ = weighed.step(speed, None)
+    assert certain
+
+
+def test_wheels_that_say_zero_too_soon_wait_for_a_car_with_half_its_brakes():
+    """5 m/s at half of 4 m/s2 take 2.5 s, less what is believed at once."""
+    assert moving(5.0).until("certain", 0.0, None) == pytest.approx((5.0 - BELIEVED) / 2.0, abs=2.0 * STEP)
+
+
+def test_a_car_that_is_told_next_to_nothing_rolls_out():
+    """At 0.3 m/s2 at least, even where it is told to brake with 0.2."""
+    assert moving(5.0).until("certain", 0.0, None, 0.2) == pytest.approx((5.0 - BELIEVED) / 0.3, abs=2.0 * STEP)
+    assert moving(5.0).until("certain", 0.0, None, 0.0) == pytest.approx((5.0 - BELIEVED) / 0.3, abs=2.0 * STEP)
+
+
+def test_wheels_at_the_bound_of_what_a_car_can_brake():
+    """To the last bit: 1.25 m/s less 12 m/s2 in a step and 0.02 m/s."""
+    for wheels, believed in ((1.25 - 12.0 * STEP - 0.02, True), (1.25 - 12.0 * STEP - 0.021, False)):
+        weighed = moving(1.25)
+        weighed.step(wheels, None)
+        possible = wheels if believed else 1.25 - 2.0 * STEP
+        assert weighed.until("certain", 0.0, None) == pytest.approx((possible - BELIEVED) / 2.0, abs=2.0 * STEP)
+
+
+def test_where_the_receiver_confirms_or_a_driver_may_brake_the_hardest_braking_counts():
+    assert moving(5.0).until("certain", 0.0, 0.1) == pytest.approx((5.0 - BELIEVED) / 12.0, abs=2.0 * STEP)
+    assert moving(5.0).until("certain", 0.0, None, None) == pytest.approx((5.0 - BELIEVED) / 12.0, abs=2.0 * STEP)
+
+
+def test_a_receiver_that_sees_the_car_move_is_never_outvoted():
+    weighed = moving(5.0)
+    for _ in range(2000):
+        assert weighed.step(0.0, 5.0) == (False, False, True)
+
+
+def test_silent_wheels_keep_their_last_speed_in_mind():
+    """Silent for a second at half of 4 m/s2, then zero: the rest of 5 m/s takes as long as if they had said zero."""
+    weighed = moving(5.0)
+    for _ in range(64):
+        weighed.step(None, None)
+    assert weighed.until("certain", 0.0, None) == pytest.approx((5.0 - BELIEVED) / 2.0 - 1.0, abs=2.0 * STEP)
+
+
+def test_wheels_that_turn_again_are_believed_again():
+    weighed = moving(5.0)
+    weighed.step(0.0, None)
+    weighed.step(4.9, None)
+    assert weighed.until("certain", 0.0, None) == pytest.approx((4.9 - BELIEVED) / 2.0, abs=2.0 * STEP)
+
+
+def test_a_speed_that_may_be_left_never_falls_below_zero():
+    """A minute of silence does not let the next car jump from 2 m/s to rest."""
+    weighed = Weighed()
+    for _ in range(64 * 60):
+        weighed.step(None, None)
+    weighed.step(2.0, None)
+    assert weighed.until("certain", 0.0, None) == pytest.approx((2.0 - BELIEVED) / 2.0, abs=2.0 * STEP)
