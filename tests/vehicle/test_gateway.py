@@ -478,7 +478,7 @@ def test_stopping_holds_the_angle_that_the_wheels_have():
 
 
 def test_a_steering_report_that_jumps_does_not_turn_the_wheels_at_once():
-    """The wheels at the lock, by a report that lies as the stop begins: the command goes there no faster than it may."""
+    """The wheels at the lock, by a report that lies as the stop begins: the command goes there by the limits."""
     rig = Rig()
     rig.cruise(10.0)
     before = rig.step().steering
