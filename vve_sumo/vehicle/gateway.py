@@ -525,8 +525,8 @@ class Gateway:
             return self._limiter.steer(angle, self._reports.speed, self._elapsed)
         if self._held_steering is None:
             # The angle that the wheels have is the best guess of where the road goes, better than zero and better than
-            # a wish not reached. At rest it leaves the wheels where they are. The limits hold on the way there: a report
-            # that lies must not turn the wheels at once.
+            # a wish not reached. At rest it leaves the wheels where they are. The limits hold on the way there: a
+            # report that lies must not turn the wheels at once.
             self._held_steering = self._measured_steering()
         return self._limiter.steer(self._held_steering, self._reports.speed, self._elapsed)
 
