@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import re
 import socket
 import subprocess
@@ -48,10 +47,10 @@ def driving(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path, int]]
     rig, record = own_rig(folder), folder / "record"
     found = re.search(r"\nport = (\d+)", rig.read_text())
     assert found is not None
+    names = [str(folder / "short.toml"), "--rig", str(rig), "--out", str(record)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "vve_sumo.cli", "drive", "short.toml", "--rig", str(rig), "--out", str(record)],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        [sys.executable, "-m", "vve_sumo.cli", "drive", *names],
+        cwd=REPOSITORY,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=(folder / "said.txt").open("w"),

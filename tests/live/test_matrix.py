@@ -33,6 +33,7 @@ ATTEMPTS = 4
 #: run beside these, are the second: so one row drives while the one before it is judged
 TOGETHER = 2
 DRIVING = Lock()
+STANDING = 0.05  # slower is rest [m/s]
 VARIANT = Variant.DBW1_2024
 
 
@@ -123,6 +124,8 @@ def assert_at_rest(row: Row, evidence: Evidence) -> None:
     after = [step for step in evidence.gateway if step["time_s"] > moment(row, evidence)]
     stopped = [step for step in after if step["state"] != "engaged"]
     assert all(step["throttle_percent"] == 0.0 for step in stopped)
+    stood = [step["time_s"] for step in stopped if step["state"] == "stopped"]
+    assert all(speed_at(evidence, when)[0] < STANDING for when in stood), "a car that moves is not held to stand"
     assert after[len(after) - len(stopped) :] == stopped, "engaged again"
     if row.stops is GATEWAY and CRITICAL.isdisjoint(evidence.summary["reasons"]):
         assert hardest(evidence) < GATEWAY.deceleration + 0.5, "the gateway keeps its own pace"

@@ -5,12 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from tests.drive.street import altered
+from vve_sumo.controller import Guarded
+from vve_sumo.drive.chain import Chain
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement, wrap_angle
-from vve_sumo.pose.ncom import Decoder, Encoder
+from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.ncom import Decoder, Encoder, pack
+from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.values import Point, Pose
+from vve_sumo.sensors.radar import Radar
+from vve_sumo.values import Actors, Point, Pose, Setpoint, Situation
 
 EPOCH = 1_300_000_010.0
 LOT = "+proj=tmerc +lat_0=40.31 +lon_0=-83.55 +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
@@ -46,3 +53,56 @@ def test_a_circle_comes_back_as_it_was_driven(projection, offset, left):
         assert (pose.speed, pose.lateral_speed) == pytest.approx((speed, 0.0), abs=2e-4)
         assert (pose.yaw_rate, pose.acceleration, pose.grade) == pytest.approx((rate, 0.0, 0.01), abs=2e-4)
     assert placed == 6996
+
+
+class _Straight:
+    def step(self, situation: Situation) -> Setpoint:
+        return Setpoint(0.0, 0.0)
+
+
+def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[tuple[str, ...]]]:
+    """Where the chain of a live drive believes the car to be, every 10 ms, while fixes that lie come among the true.
+
+    `lies` says by how much one lies that arrives just before the true fix of a number: dated ahead, and 30 m north.
+    """
+    setting = altered({})
+    frame, speed = MapFrame(LOT), 10.0
+    placement = Placement(frame, Alignment(), Mounting(0.0, 0.0), EPOCH)
+    chain = Chain(
+        decoder=Decoder(),
+        gate=TrustGate(DRIVE, EPOCH),
+        placement=placement,
+        predictor=Predictor(),
+        radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(1)),
+        controller=Guarded(_Straight()),
+        vehicle=setting.vehicle,
+        path=setting.path,
+        desired_speed=speed,
+        clock=Clock(EPOCH, 0.01),
+        epoch=EPOCH,
+    )
+    encoder, places, refused = Encoder(), [], []
+    for k in range(1500):
+        time = 0.01 * k
+        true = Pose(time, Point.REAR_AXLE, speed * time, 0.0, 0.0, speed, 0.0, 0.0, 0.0, 0.0)
+        fix = replace(placement.unplace(true), **QUALITY)
+        if k in lies:
+            wrong = replace(fix, time=fix.time + lies[k], latitude=fix.latitude + 30.0 / 6_371_000.0)
+            chain.receive(time + 0.0095, pack(wrong, 16, bytes(8)))
+        chain.receive(time + 0.01, encoder.encode(fix))
+        chain.see(time + 0.01, Actors(time, (), *(np.empty(0) for _ in range(7))))
+        decided = chain.decide(k, time + 0.01, 0.0)
+        pose = chain.front_bumper_at(time + 0.01)
+        if pose is not None:
+            places.append((pose.x, pose.y))
+        refused.append(decided.pose_reasons)
+    return places, refused
+
+
+@pytest.mark.parametrize("ahead", [0.01, 0.5, 12.0])
+def test_fixes_dated_ahead_displace_and_move_nothing(ahead):
+    """One every 10 ms for nine seconds: each would have made a true one too old."""
+    alone, _ = predicted({})
+    among, refused = predicted(dict.fromkeys(range(500, 1400), ahead + 0.0005))
+    assert among == alone
+    assert set(refused[500:]) == {()}

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.pose.trust import DRIVE, PLAYBACK, REASONS, RTK_FIXED, TrustGate
@@ -314,3 +314,31 @@ def test_a_profile_that_judges_no_quality_can_never_arm():
         replace(PLAYBACK, may_arm=True)
     with pytest.raises(AttributeError):
         TrustGate(PLAYBACK, EPOCH).profile = DRIVE
+
+
+# One bad fix, whatever it says, and a crowd of them from the future.
+
+LYING = ["latitude", "longitude", "heading", "velocity_north", "velocity_east", "yaw_rate", "acceleration", "status"]
+
+
+@settings(max_examples=400, deadline=None)
+@given(
+    st.sampled_from([0.01, 0.05]),
+    st.sampled_from([0.0, 2.0, 10.0]),
+    st.dictionaries(st.sampled_from(LYING), st.floats(-1.0, 1.0), min_size=1),
+    st.sampled_from([1e-7, 1e-6, 1e-2, 0.5, 1.0, 4.0, 30.0, 800.0]),
+    st.sampled_from([0.0, 0.005, 0.019, 0.03, 12.0]),
+)
+def test_one_bad_fix_keeps_true_ones_out_for_no_longer_than_they_settle(period, speed, lies, size, ahead):
+    """Beside the bad one: as long as fixes must agree, and the interval to the next after that."""
+    fixes = drive(round(4.0 / period), speed=speed, period=period)
+    bad = round(1.0 / period)
+    lie = {name: getattr(fixes[bad], name) + size * value for name, value in lies.items()}
+    wrong = replace(fixes[bad], time=fixes[bad].time + 1e-4 + ahead, **lie)
+    gate, refused = TrustGate(DRIVE, EPOCH), []
+    for k, fix in enumerate(fixes):
+        if not gate.step(fix.time - EPOCH + 0.005, fix).trusted:
+            refused.append(fix.time - wrong.time)
+        if k == bad:
+            gate.step(fixes[bad].time - EPOCH + 0.005, wrong)
+    assert max(refused, default=0.0) <= DRIVE.settling + 2 * period + 1e-6

@@ -48,6 +48,7 @@ def calibrate(
 
 def _drive(scenario: str, rig: str, working: FilePath, out: FilePath | None) -> FilePath:
     made = command.plan(scenario, rig, working, out=out, seed=None, controller=None, shadow=False)
+    made = command.named(made, None, None)
     speed = made.setting.scenario.ego.speed_mps
     print(
         f"calibration drive: {made.setting.path.length:.0f} m straight ahead at up to {speed:g} m/s, braking, coasting "

@@ -34,7 +34,7 @@ class Guard(enum.StrEnum):
 SILENT: Final = "gateway silent: brake"
 GONE: Final = "gateway gone: brake"
 BRAKES: Final = "brakes do not answer: brake"
-NEEDED: Final = "at rest: brake, shift to P: the gateway lets go when you do"
+NEEDED: Final = "brake, shift to P: the gateway lets go when you do"
 CONTROL: Final = "driver has control"
 CONTROL_OVER: Final = "driver has control, drive over"
 PARKED: Final = "parked, drive over"
@@ -69,8 +69,15 @@ _ENGAGED_PHASES: Final = {
     "shifting": "engaging: the car shifts to drive",
     WAITING: "engaged and held: g goes, any other key stops",
 }
-#: reasons that are told by the phase itself, or by what is to be done
-_TOLD: Final = frozenset({*_ENGAGED_PHASES, "shadow", "brake_not_following", "driver_needed"})
+#: reasons that are told by every phase that they come with, or by what is to be done
+_TOLD: Final = frozenset({*_ENGAGED_PHASES, "shadow"})
+#: reasons that are told by this phase
+_SAID_BY: Final = {
+    BRAKES: {"brake_not_following"},
+    NEEDED: {"driver_needed"},
+    PARKED: {"drive_over"},
+    OVER: {"drive_over"},
+}
 #: the driver is at a pedal, for which an engaged car waits before it goes
 _DRIVER: Final = frozenset({"driver_on_brake", "driver_on_throttle"})
 #: with one of these nobody hears the car, or the car nobody
@@ -84,7 +91,7 @@ _ADVICE: Final = {
     SILENT: f"{_KIT_BRAKES}, shifts to P",
     GONE: f"{_KIT_BRAKES}, shifts to P",
     BRAKES: "the driver brakes with the pedal, and with the parking brake; the gateway goes on asking for its brakes",
-    NEEDED: "it is not sure that the car is in P and stands: the driver holds it",
+    NEEDED: "the gateway is not sure that the car stands, or is in P: the driver holds it",
     CONTROL: "nothing is commanded; drive, or brake to rest: the gateway ends by itself",
     HELD: "then g goes",
     _ENGAGED_PHASES["engaging"]: "the driver lets go of the pedals",
@@ -124,7 +131,7 @@ def _by_state(status: Mapping[str, Any], engaged: bool) -> str:
         return PARKED if status.get("gear") == "park" else OVER
     if "brake_not_following" in reasons and state in (ArmingState.ENGAGED, ArmingState.STOPPING):
         return BRAKES
-    if state is ArmingState.STOPPED and "driver_needed" in reasons:
+    if "driver_needed" in reasons and state in (ArmingState.STOPPING, ArmingState.STOPPED):
         return NEEDED
     if state is ArmingState.ENGAGED:
         return _engaged(status, reasons)
@@ -148,7 +155,7 @@ def rehearsal(status: Mapping[str, Any]) -> bool:
 
 def rings(status: Mapping[str, Any]) -> int:
     """Return how often the bell rings when the drive comes to this status: twice is stopping, three times trouble."""
-    if phase(status) in ALARMS:
+    if phase(status) in {*ALARMS, NEEDED}:
         return 3
     return {"stopping": 2, "fault": 3}.get(status.get("state", ""), 1)
 
@@ -242,8 +249,7 @@ def _reasons(status: Mapping[str, Any]) -> list[str]:
     """
     missing = status.get("state", ArmingState.DISARMED) == ArmingState.DISARMED
     codes = dict.fromkeys([*status.get("reasons", ()), *(status.get("faults", ()) if missing else ())])
-    told = _TOLD | {"drive_over"} if phase(status) in (PARKED, OVER) else _TOLD
-    return [code for code in codes if code not in told]
+    return [code for code in codes if code not in _TOLD | _SAID_BY.get(phase(status), set())]
 
 
 def _number(value: Any, form: str) -> str:

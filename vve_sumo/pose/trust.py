@@ -247,6 +247,10 @@ def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
 _UNSETTLING: Final = frozenset({"gap", "pose_jump", "pose_drift", "velocity_jump", "heading_jump", "heading_drift"})
 
 
+#: after one of these, what went apart is counted from zero
+_BREAKING: Final = frozenset({"gap", "pose_jump", "velocity_jump", "heading_jump"})
+
+
 class TrustGate:
     """Judges fixes one by one against their history.
 
@@ -302,7 +306,8 @@ class TrustGate:
             return ["time_not_increasing"]
         self._last = fix
         reasons = _of_the_step(last, fix, self._profile)
-        if "gap" in reasons or "pose_jump" in reasons:
+        if not _BREAKING.isdisjoint(reasons):
+            # What is before is nothing to compare with. Fixes that agree for `settling` fill the window again.
             self._drifts.clear()
         else:
             reasons += self._drifting(last, fix)
