@@ -122,7 +122,7 @@ def test_a_broken_drive_never_passes() -> None:
 
 
 def test_a_drive_that_a_fault_ended_passes_only_where_that_was_asked_for() -> None:
-    assert judged(Criteria(), outcome="fault") == ["the drive was fault"]
+    assert judged(Criteria(), outcome="fault") == ["a fault ended the drive"]
     assert judged(Criteria(outcome="fault"), outcome="fault") == []
 
 

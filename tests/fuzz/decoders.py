@@ -8,7 +8,8 @@ with something in between, or random from the first byte. Invariants, at every i
  2. A decoder of fixes holds less than one message of the bytes that it was fed (72 of NCOM, 256 of NMEA); every byte of
     NCOM and every OXTS frame is counted once; an input takes less than a second of processor time on average.
  3. A fix has a finite time, position and time of arrival, latitude within 90 degrees, longitude within 360, heading
-    within 180 or NaN; what is not known is NaN, nothing is infinite. Times increase strictly.
+    within 180 or NaN; what is not known is NaN, nothing is infinite. Times increase strictly, but where the sender's
+    clock was set back, which shows by more than half a minute.
  4. A fix that the trust gate lets through has everything finite that a drive reads of it.
  5. The drive-by-wire codec gives None for an unknown identifier and for no other, `Malformed` for every wrong length,
     and never an infinite number; NaN stands only where the wire has a pattern for "invalid". Encoding a decoded report
@@ -128,7 +129,8 @@ class _Gate:
             hold(3, all(not math.isinf(getattr(fix, name)) for name in NUMBERS), fix)
             hold(3, math.isfinite(fix.time + fix.latitude + fix.longitude) and fix.time_received == now, fix)
             hold(3, abs(fix.latitude) <= math.pi / 2 and abs(fix.longitude) <= math.tau, fix)
-            hold(3, not abs(fix.heading) > math.pi + 1e-9 and fix.time > self._last, fix)
+            hold(3, not abs(fix.heading) > math.pi + 1e-9, fix)
+            hold(3, fix.time > self._last or fix.time < self._last - 30.0, (self._last, fix))
             self._last = fix.time
             if self._gate.step(now, fix).trusted:
                 hold(4, all(math.isfinite(getattr(fix, name)) for name in READ), fix)

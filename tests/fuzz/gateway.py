@@ -142,6 +142,7 @@ class Drive:
         self.variant = dbw.Variant.DBW1_2024 if chance.random() < 0.9 else dbw.Variant.DBW1_2018
         self.old = self.variant is dbw.Variant.DBW1_2018
         self.gateway = Gateway(VEHICLE, period=PERIOD, variant=self.variant, shadow=self.shadow)
+        self.angle_limit = min(VEHICLE.steering_limit, dbw.WHEEL_ANGLE_LIMIT[self.variant] / VEHICLE.steering_ratio)
         self.torque_limit = min(3250.0, dbw.TORQUE_LIMIT[self.variant])
         self.disorder = {
             what: chance.choice(DISORDER) for what in ("setpoint", "report", "act", "found", "time", "car")
@@ -395,7 +396,7 @@ class Drive:
         before, after = self.state, verdict.state  # type: ignore[attr-defined]
         steering, acceleration = verdict.steering, verdict.acceleration  # type: ignore[attr-defined]
         total = steering + acceleration + verdict.brake_torque + verdict.throttle  # type: ignore[attr-defined]
-        hold(8, math.isfinite(total) and abs(steering) <= VEHICLE.steering_limit + 1e-9 and -9.0 <= acceleration <= 2.0)
+        hold(8, math.isfinite(total) and abs(steering) <= self.angle_limit + 1e-9 and -9.0 <= acceleration <= 2.0)
         gap = self.now - self.last_now
         elapsed = min(gap, 2.0 * PERIOD) + 1e-9 if gap > 0.0 else 1e-9
         moved, rate = abs(steering - self.steering), VEHICLE.steering_rate_limit

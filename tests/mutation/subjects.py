@@ -27,7 +27,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "admission": _vehicle("admission", "admission.py", "figures.py"),
     "handover": _vehicle("handover", "handover.py", "figures.py"),
     "reports": _vehicle("reports", "reports.py", "figures.py"),
-    "limits": _vehicle("limits", "limits.py", "figures.py"),
+    "limits": _vehicle("limits", "limits.py", "envelopes.py", "figures.py"),
     "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
     "response": _vehicle("response", "response.py", "figures.py"),
     "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),

@@ -137,12 +137,3 @@ def test_wheels_that_turn_again_are_believed_again():
     weighed.step(0.0, None)
     weighed.step(4.9, None)
     assert weighed.until("certain", 0.0, None) == pytest.approx((4.9 - BELIEVED) / 2.0, abs=2.0 * STEP)
-
-
-def test_a_speed_that_may_be_left_never_falls_below_zero():
-    """A minute of silence does not let the next car jump from 2 m/s to rest."""
-    weighed = Weighed()
-    for _ in range(64 * 60):
-        weighed.step(None, None)
-    weighed.step(2.0, None)
-    assert weighed.until("certain", 0.0, None) == pytest.approx((2.0 - BELIEVED) / 2.0, abs=2.0 * STEP)

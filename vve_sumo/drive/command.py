@@ -229,9 +229,10 @@ def judge(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
                 failed.append(f"{name} is {got:.3f}, expected {_band(wanted)}")
         elif got != wanted:
             failed.append(f"{name} is {got}, expected {wanted}")
-    unasked = {Outcome.BROKEN, Outcome.INTERRUPTED} | ({Outcome.FAULT} if criteria.outcome is None else set())
-    if summary["outcome"] in unasked:
+    if summary["outcome"] in (Outcome.BROKEN, Outcome.INTERRUPTED):
         failed.append(f"the drive was {summary['outcome']}")
+    if summary["outcome"] == Outcome.FAULT and criteria.outcome is None:
+        failed.append("a fault ended the drive")
     return failed
 
 
