@@ -121,6 +121,11 @@ def test_a_broken_drive_never_passes() -> None:
         assert judged(Criteria(), outcome=outcome)
 
 
+def test_a_drive_that_a_fault_ended_passes_only_where_that_was_asked_for() -> None:
+    assert judged(Criteria(), outcome="fault") == ["a fault ended the drive"]
+    assert judged(Criteria(outcome="fault"), outcome="fault") == []
+
+
 def test_a_band_that_nothing_can_meet_is_refused() -> None:
     with pytest.raises(ValueError, match="least 6"):
         Band(min=6.0, max=5.0)

@@ -28,7 +28,15 @@ from vve_sumo.bus import read_log
 from vve_sumo.drive import command as drives
 from vve_sumo.drive.ending import Outcome
 from vve_sumo.drive.lockstep import Run
-from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS, hash_parts, read_pose_chunks, read_table
+from vve_sumo.drive.record import (
+    LIVE_SCHEMAS,
+    SCHEMAS,
+    hash_parts,
+    read_pose_chunks,
+    read_table,
+    whole,
+    write_summary,
+)
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.live.assembly import restored
 from vve_sumo.live.replay import read_live_inputs, replay_drive, replay_gateway
@@ -326,9 +334,15 @@ def test_a_summary_that_its_tables_contradict_is_altered(copy: Path, key: str, v
 
 
 def test_a_gateway_that_is_gone_is_named(copy: Path) -> None:
+    """Also where whoever took it away left no hash of it, and no summary's key that tells of it."""
+    told = json.loads((copy / "summary.json").read_text(encoding="utf-8"))
     (copy / "gateway.parquet").unlink()
-    parts = hash_parts(copy)
-    seal_again(copy, record_parts_sha256=parts)
+    parts = {name: digest for name, digest in told["record_parts_sha256"].items() if name != "gateway"}
+    files = {name: digest for name, digest in told["record_files_sha256"].items() if name != "gateway.parquet"}
+    del told["gateway_steps"]
+    write_summary(
+        copy, told | {"record_sha256": whole(parts), "record_parts_sha256": parts, "record_files_sha256": files}
+    )
     assert "gateway" in (altered_parts(copy) or [])
 
 

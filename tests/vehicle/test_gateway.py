@@ -471,9 +471,23 @@ def test_stopping_holds_the_angle_that_the_wheels_have():
     rig.run(1.0, steering=0.15)
     verdict = rig.step(1.0, steering=-0.3)  # a last wish that is never reached
     measured = rig.car.wheel_angle / FUSION.steering_ratio
-    verdict = rig.step(acceleration=1.0, steering=-0.3, act=Act.STOP)
+    rig.step(acceleration=1.0, steering=-0.3, act=Act.STOP)
+    verdict = rig.step(acceleration=1.0, steering=-0.3)
     assert verdict.steering == pytest.approx(measured, abs=math.radians(0.1) / FUSION.steering_ratio)
     assert {v.steering for v in rig.run(6.0, steering=-0.3)} == {verdict.steering}
+
+
+def test_a_steering_report_that_jumps_does_not_turn_the_wheels_at_once():
+    """The wheels at the lock, by a report that lies as the stop begins: the command goes there by the limits."""
+    rig = Rig()
+    rig.cruise(10.0)
+    before = rig.step().steering
+    rig.car.forged = forged(dbw.SteeringReport(8.0, 0.0, 10.0, 0.0, enabled=True))
+    verdicts = [rig.step(act=Act.STOP), *rig.run(0.1)]
+    largest = 10.0 * FUSION.wheelbase / rig.car.speed**2 * PERIOD
+    for verdict in verdicts:
+        assert abs(verdict.steering - before) <= 1.1 * largest
+        before = verdict.steering
 
 
 def test_stopping_never_releases_brakes_that_are_on():

@@ -237,6 +237,7 @@ def test_where_the_car_is_not_where_it_is_believed_to_be_the_measured_angle_is_h
     while reason not in rig.step(0.0, 0.05, profile=StopProfile(1.0, (-0.05,)), **arguments).reasons:
         pass
     measured = rig.gateway.measured_steering
+    rig.run(0.1, profile=StopProfile(1.0, (-0.05,)), **arguments)  # the limits hold on the way there
     verdicts = rig.run(2.0, profile=StopProfile(1.0, (-0.05,)), **arguments)
     assert [verdict.steering for verdict in verdicts] == pytest.approx([measured] * len(verdicts), abs=1e-3)
     assert measured > 0.02

@@ -231,6 +231,8 @@ def judge(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
             failed.append(f"{name} is {got}, expected {wanted}")
     if summary["outcome"] in (Outcome.BROKEN, Outcome.INTERRUPTED):
         failed.append(f"the drive was {summary['outcome']}")
+    if summary["outcome"] == Outcome.FAULT and criteria.outcome is None:
+        failed.append("a fault ended the drive")
     return failed
 
 

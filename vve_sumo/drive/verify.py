@@ -236,7 +236,9 @@ def _ending(folder: FilePath, resolved: dict[str, Any], told: Told, summary: dic
     outcome, reasons = Outcome(summary["outcome"]), summary["reasons"]
     ticks = read_table(folder, "ticks")
     if "rig" in resolved:
-        yield from _live_ending(outcome, reasons, ticks, read_table(folder, "gateway"))
+        # A recorder that was lost on the way saw neither the end nor what it was ended for.
+        if "record_broken" in summary:
+            yield from _live_ending(outcome, reasons, ticks, read_table(folder, "gateway"))
     elif "pose" in resolved["files_sha256"]:
         if outcome not in (Outcome.PLAYED, Outcome.INTERRUPTED, Outcome.BROKEN):
             yield f"outcome is {outcome}, of a playback"

@@ -259,7 +259,7 @@ def _summary(plan: Plan, why: tuple[str, ...]) -> dict[str, Any]:
         told = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         # The recorder died, or found no room: this is what is left of the drive.
-        told = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": list(why)})
+        told = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": [*why, "record_lost"]})
     done = Run(
         Outcome(told["outcome"]),
         tuple(told["reasons"]),
@@ -270,7 +270,10 @@ def _summary(plan: Plan, why: tuple[str, ...]) -> dict[str, Any]:
     full = drives.summarise(plan.setting, done, plan.folder, told.get("record_parts_sha256", {}))
     extra = {key: told[key] for key in told if key not in full and key not in ("cleared", "warnings", SEAL)}
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow}
-    write_summary(plan.folder, summary)
+    try:
+        write_summary(plan.folder, summary)
+    except OSError as error:
+        print(f"{plan.folder / 'summary.json'} cannot be written: {error.strerror}; make room", file=sys.stderr)
     return summary
 
 
@@ -292,7 +295,7 @@ def drive_live(
         summary = live(made)
     done = drives.Drive(made.folder, summary)
     picture = None
-    with contextlib.suppress(VveError):
+    with contextlib.suppress(VveError, OSError):
         picture = drives.draw(made.setting, done) if summary["ticks"] else None
     drives.show(done, picture)
     if summary["outcome"] == Outcome.BROKEN:

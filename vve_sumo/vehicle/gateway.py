@@ -525,10 +525,10 @@ class Gateway:
             return self._limiter.steer(angle, self._reports.speed, self._elapsed)
         if self._held_steering is None:
             # The angle that the wheels have is the best guess of where the road goes, better than zero and better than
-            # a wish not reached. At rest it leaves the wheels where they are.
+            # a wish not reached. At rest it leaves the wheels where they are. The limits hold on the way there: a
+            # report that lies must not turn the wheels at once.
             self._held_steering = self._measured_steering()
-        self._limiter.steering = self._held_steering
-        return ()
+        return self._limiter.steer(self._held_steering, self._reports.speed, self._elapsed)
 
     def _grade(self) -> float:
         return 0.0 if self._admission.setpoint is None else self._admission.setpoint.grade
