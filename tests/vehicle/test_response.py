@@ -231,3 +231,18 @@ def test_reset_forgets_everything():
     drive.wheels = drive.satellite = 10.0
     drive.step(COAST)
     assert drive.until(COAST, 1.0)[0] == pytest.approx(0.25 / 0.75, abs=1.01 * STEP)
+
+
+def test_the_first_command_waits_for_the_delay_like_any_other():
+    subject = Response(replace(FUSION, brake_delay=0.1, brake_lag=0.0), BARE)
+    subject.step(STEP, BRAKE, 10.0, 10.0, 0.0)
+    assert subject._torque == 0.0
+
+
+def test_half_a_newton_metre_is_braking():
+    assert Drive().until(Pedals(0.5, 0.0), 1.0)[1] == "brake_not_following"
+
+
+def test_what_is_allowed_without_bound_leaves_no_excess():
+    assert response._added(0.2, -math.inf) == 0.0
+    assert response._added(0.2, math.nan) == 0.2
