@@ -261,7 +261,7 @@ def test_a_bias_is_learnt_at_standstill_and_taken_off():
 
 
 def test_what_turns_faster_at_standstill_is_no_bias():
-    for rate, learnt in ((0.049, True), (-0.049, True), (0.051, False), (math.nan, False)):
+    for rate, learnt in ((0.049, True), (-0.049, True), (0.051, False), (-0.051, False), (math.nan, False)):
         drive = Drive(learnt=False, settling=0.0)
         drive.stand(2.0, yaw_rate=rate)
         assert drive.subject._bias == pytest.approx(rate if learnt else 0.0)
@@ -374,6 +374,88 @@ def test_a_pose_is_compared_at_its_own_time():
             toward = math.atan2(drive.subject._y - place.own_y, drive.subject._x - place.own_x)
             assert math.remainder(toward - drive.subject._heading, math.tau) == pytest.approx(0.0, abs=1e-9)
         drive.subject.step(drive.now, STEP, car, setpoint, True)
+
+
+def test_silent_wheels_or_gyroscope_disagree_with_nothing():
+    for name in ("speed", "yaw_rate"):
+        Drive().run(1.0, car={name: math.nan})
+
+
+def test_a_speed_that_nobody_knows_is_a_gross_difference():
+    assert Drive().until(receiver={"speed": math.nan}) == (pytest.approx(0.1), ["speed_mismatch"])
+
+
+def test_a_car_that_is_met_at_speed_has_not_accelerated():
+    drive = Drive(settling=0.0, learnt=False)
+    assert drive.until(receiver={"speed": 0.71}) == (pytest.approx(0.5), ["speed_mismatch"])
+
+
+def test_the_acceleration_is_measured_with_a_lag_of_a_tenth_of_a_second():
+    drive = Drive(5.0)
+    drive.speed += 2.0 * STEP
+    drive.step()
+    assert drive.subject._acceleration == pytest.approx(2.0 * STEP / (0.1 + STEP))
+
+
+def test_a_wrong_steering_report_is_named_beside_whatever_the_receiver_says():
+    assert Drive().until(car={"steering": 0.1})[1] == ["steering_mismatch"]
+
+
+def test_the_bias_is_taken_off_before_the_steering_is_compared():
+    """Learnt 0.02 rad/s; 0.05 rad/s on top of it are allowed, to either side."""
+    for more, found in ((0.05, False), (-0.05, False), (0.07, True), (-0.07, True)):
+        drive = Drive(learnt=False, settling=0.0)
+        drive.stand(2.0, yaw_rate=0.02)
+        assert (drive.until(silent=True, car={"yaw_rate": 0.02 + more})[1] != []) is found
+
+
+def test_a_car_that_stands_does_not_turn_whatever_the_gyroscope_says():
+    drive = Drive(0.0, settling=0.0)
+    drive.run(3.0, car={"yaw_rate": 0.055, "stands": True})
+
+
+def test_dead_reckoning_drives_chords():
+    """A circle's chord points half of the turn off its tangent; the rear axle slips outwards by a constant angle."""
+    subject = Plausibility(FUSION, Calibration())
+    for tick in range(101):
+        subject.step(tick * STEP, STEP, CarMotion(10.0, 0.5, 0.1, (1.0,), math.nan, False), None, False)
+    chord = math.atan2(subject._y, subject._x)
+    assert subject._heading == pytest.approx(0.5 * 100 * STEP)
+    assert chord == pytest.approx(0.5 * subject._heading - math.atan(SLIP * 10.0 * 0.5), abs=1e-6)
+
+
+@pytest.mark.parametrize("ticks", range(6))
+def test_after_a_silence_the_first_pose_is_kept(ticks):
+    drive = Drive()
+    drive.run(ticks * STEP)
+    drive.step(silent=True)
+    drive.step()
+    drive.step()
+    assert drive.until(receiver=drive.left(1.0)) == (pytest.approx(0.0, abs=3 * STEP), ["position_mismatch"])
+
+
+def test_a_heading_is_the_same_after_a_whole_turn():
+    drive = Drive(yaw_rate=0.3)
+    drive.run(0.5, receiver={"heading": -math.tau})
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("turned", "left", "ahead"),
+    [
+        (0.4, 7.35, 8.55),  # ten seconds at 0.012 rad/s, and 0.008: 0.128 rad of which half counts over 100 m
+        (0.48, 7.43, 8.63),
+        (0.5, 7.45, 8.65),
+        (0.6, math.hypot(7.55, 8.75), math.hypot(7.55, 8.75)),  # after half a radian the two are one
+    ],
+)
+def test_what_a_hundred_metres_in_ten_seconds_may_be_off(turned, left, ahead, sign):
+    subject = Plausibility(FUSION, Calibration())
+    then = plausibility._Place(0.0, 5.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for more, found in ((-0.01, []), (0.01, ["position_mismatch"])):
+        for x, y in ((0.0, sign * (left + more)), (sign * (ahead + more), 0.0)):
+            now = plausibility._Place(10.0, 105.0 + x, 6.0 + y, 0.0, 100.0, 0.0, 0.0, 100.0, turned)
+            assert subject._compared(then, now) == found
 
 
 def test_headings_that_are_finite_and_infinitely_far_apart_are_a_mismatch():
