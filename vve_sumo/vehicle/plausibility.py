@@ -100,7 +100,7 @@ class _Frozen:
 
     def step(self, now: float, value: object, reference: float) -> bool:
         """Whether `value` has been the same for too long, `reference` being elsewhere than it was then."""
-        if value != self._value or not math.isfinite(reference - self._reference):
+        if value != self._value or not math.isfinite(reference):
             self._value, self._reference = value, reference
         return self._long.step(now, abs(reference - self._reference) > self._change)
 
