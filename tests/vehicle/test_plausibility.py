@@ -213,6 +213,12 @@ def test_a_steering_report_that_does_not_change_while_it_is_told_to(change, foun
     assert seen.index(True) == 25 if found else not any(seen)
 
 
+def test_what_was_told_before_a_silence_is_not_compared_with_what_is_told_after_it():
+    drive = Drive()
+    told(drive, 0.0, 0.001)
+    assert not any(told(drive, angle) for angle in [0.0] * 50 + [math.nan] + [0.05] * 60)
+
+
 def told(drive: Drive, angle: float, reported: float = 0.0) -> bool:
     drive._tick()
     motion = CarMotion(10.0, 0.0, reported, (float(drive.ticks),), angle, False)
