@@ -339,7 +339,7 @@ class Drive:
             elif frame.id == dbw.BRAKE_REPORT and len(data) == 8 and (data[6] & 3 != 3 or self.old):
                 # Kind 3 of the newer kit is none: such a report says nothing.
                 override = bool(data[7] & 2)
-            elif frame.id == dbw.GEAR_REPORT and len(data) == 2:
+            elif frame.id == dbw.GEAR_REPORT and len(data) == 2 and data[0] & 7 <= 5 and data[0] >> 4 & 7 <= 5:
                 self.in_park = data[0] & 7 == PARK
         self.overridden = override
 

@@ -53,7 +53,7 @@ class Wrong(Gateway):
             gear = Frame(gear.id, b"\x04")
         verdict = output.verdict
         if self.flaw == "jumps" and going:
-            verdict = replace(verdict, steering=-verdict.steering - 0.05)
+            verdict = replace(verdict, steering=0.1 * (brake.data[7] & 1))
         return GatewayOutput(verdict, (brake, throttle, steering, gear))
 
 
