@@ -160,7 +160,7 @@ class Drive:
         # What has been seen, for the invariants.
         self.state, self.counter = STATE.DISARMED, 255
         self.going = False
-        self.good_until = NEVER  # of any sound setpoint
+        self.good_until = self.emergency_until = NEVER  # of any sound setpoint, and of those that are emergencies
         self.wheels_at, self.wheels_stand = NEVER, False
         self.overridden = self.was_overridden = False
         self.in_park = False
@@ -314,7 +314,7 @@ class Drive:
             raise Violation(f"1: {type(error).__name__}: {error}") from error
         self._judge_frames(verdict, frames, act)
         self._judge_state(verdict, setpoint, act, found)
-        self._judge_rates(verdict, setpoint)
+        self._judge_rates(verdict)
         self.state, self.steering, self.acceleration = verdict.state, verdict.steering, verdict.acceleration
         self.last_now = self.now
         self.now = self.after
@@ -329,6 +329,8 @@ class Drive:
         finite = s is not None and all(math.isfinite(getattr(s, name)) for name in NUMBERS)
         if s is not None and finite and s.sequence >= 0 and s.expires - s.time <= 0.1001 and s.time <= now + 1e-3:
             self.good_until = max(self.good_until, s.expires)
+            if s.emergency:
+                self.emergency_until = max(self.emergency_until, s.expires)
         self.was_overridden = override = self.overridden
         for frame in reports:
             data = frame.data
@@ -391,7 +393,7 @@ class Drive:
             hold(13, after is STATE.FAULT)
         hold(14, not (self.gateway.done and after in COMMANDING))
 
-    def _judge_rates(self, verdict: object, setpoint: Setpoint | None) -> None:
+    def _judge_rates(self, verdict: object) -> None:
         before, after = self.state, verdict.state  # type: ignore[attr-defined]
         steering, acceleration = verdict.steering, verdict.acceleration  # type: ignore[attr-defined]
         total = steering + acceleration + verdict.brake_torque + verdict.throttle  # type: ignore[attr-defined]
@@ -404,7 +406,7 @@ class Drive:
             speed = abs(self.gateway.wheel_speed)
             rate = min(rate, 5.0 * VEHICLE.wheelbase / max(speed * speed, 1e-9))
             hold(12, moved <= rate * elapsed + 1e-9, f"steering moved by {moved:g} in {elapsed:g} s")
-            jerk = 30.0 if setpoint is None or setpoint.emergency or self.emergency else 10.0
+            jerk = 30.0 if self.emergency_until >= self.now - 2e-6 else 10.0
             hold(12, rise <= (5.0 if self.acceleration >= 0.0 else 10.0) * elapsed + 1e-9, f"rise {rise:g}")
             hold(12, fall <= jerk * elapsed + 1e-9, f"fall {fall:g}")
         elif before in COMMANDING and after in (STATE.STOPPING, STATE.STOPPED):
