@@ -1,7 +1,7 @@
 """The command: `python -m tests.mutation [MODULE ...] [--list] [--sample N] [--seed S]`.
 
 Exit status 0: every mutant was noticed by a test, or lives for a reason that `equivalent.toml` states. 1: another one
-lives, or a stated one doesn't live or doesn't exist any more. Two minutes for all modules on two processors.
+lives, or a stated one doesn't live or doesn't exist any more.
 """
 
 from __future__ import annotations
