@@ -22,7 +22,7 @@ every step:
 12. While ENGAGED the steering moves at most at the car's rate and with the comfort lateral jerk at the reported speed,
     and the acceleration with the comfort jerk, or the emergency's where the setpoint asks for one, by the time that has
     passed. On the way to rest it falls at most with the emergency's jerk; the steering holds or moves at its rate.
-13. A driver who takes over half a second after engaging or later has the car in that step: FAULT, nothing enabled.
+13. A driver who takes over has the car in that step: FAULT, nothing enabled.
 14. `done` is never said of a car that is commanded.
 """
 
@@ -160,10 +160,9 @@ class Drive:
         # What has been seen, for the invariants.
         self.state, self.counter = STATE.DISARMED, 255
         self.going = False
-        self.engaged_at = math.inf
         self.good_until = NEVER  # of any sound setpoint
         self.wheels_at, self.wheels_stand = NEVER, False
-        self.overridden = False
+        self.overridden = self.was_overridden = False
         self.in_park = False
         self.steering = self.acceleration = 0.0
         self.last_inputs: tuple[object, ...] = ()
@@ -330,7 +329,7 @@ class Drive:
         finite = s is not None and all(math.isfinite(getattr(s, name)) for name in NUMBERS)
         if s is not None and finite and s.sequence >= 0 and s.expires - s.time <= 0.1001 and s.time <= now + 1e-3:
             self.good_until = max(self.good_until, s.expires)
-        override = self.overridden
+        self.was_overridden = override = self.overridden
         for frame in reports:
             data = frame.data
             if frame.id == dbw.WHEEL_SPEEDS and len(data) == 8:
@@ -361,7 +360,7 @@ class Drive:
         hold(6, (flags & 2 == 2) == (gear[0] & 128 == 128) == (engaging and not self.shadow))
         if engaging:
             hold(9, act is Act.ENGAGE and self.state in (STATE.DISARMED, STATE.READY))
-            self.engaged_at, self.going = self.now, False
+            self.going = False
         elif state is not STATE.ENGAGED:
             self.going = False
         elif act is Act.GO and "go_too_early" not in verdict.reasons:  # type: ignore[attr-defined]
@@ -388,7 +387,7 @@ class Drive:
             hold(10, setpoint is None or not setpoint.faults)
             gap = self.now - self.last_now
             hold(10, 0.0 < gap <= 2.0 * PERIOD + 2e-6 or not math.isfinite(self.last_now), "the gap")
-        if before in COMMANDING and self.overridden and self.now - self.engaged_at > 0.5 and not self.shadow:
+        if before in COMMANDING and self.overridden and not self.was_overridden and not self.shadow:
             hold(13, after is STATE.FAULT)
         hold(14, not (self.gateway.done and after in COMMANDING))
 
