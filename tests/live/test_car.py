@@ -93,26 +93,36 @@ class Running:
 
         `wish` gives acceleration and act for the car's speed and the last verdict.
         """
-        decoder, speed, driven, begun = Decoder(), 0.0, 0.0, time.monotonic() - self.tick * PERIOD
+        decoder, speed, place, begun = Decoder(), 0.0, (0.0, 0.0, 0.0), time.monotonic() - self.tick * PERIOD
         for tick in range(self.tick + 1, self.tick + 1 + round(seconds / PERIOD)):
             time.sleep(max(0.0, begun + tick * PERIOD - time.monotonic()))
             heard = len(self.packets)
             self.listen()
             for at, data in self.packets[heard:]:
                 for fix in decoder.feed(data, at):
-                    speed = math.hypot(fix.velocity_north, fix.velocity_east)
-            driven += speed * PERIOD
+                    speed, place = math.hypot(fix.velocity_north, fix.velocity_east), place_of(fix)
             now, last = tick * PERIOD, self.verdicts[-1] if self.verdicts else None
             acceleration, act = wish(speed, last) if last else (0.0, None)
             setpoint = Setpoint(
-                0.0, acceleration, sequence=tick, time=now, expires=now + 0.1, x=driven, y=0.0, heading=0.0,
-                speed=speed, yaw_rate=0.0,
+                0.0, acceleration, sequence=tick, time=now, expires=now + 0.1, x=place[0], y=place[1],
+                heading=place[2], speed=speed, yaw_rate=0.0,
             )  # fmt: skip
+            if place == (0.0, 0.0, 0.0):
+                setpoint = None  # nothing is known yet
             output = gateway.step(now, setpoint, bus.drain(), act)
             for frame in output.frames:
                 bus.send(frame)
             self.verdicts.append(output.verdict)
             self.tick = tick
+
+
+LATITUDE = math.radians(40.002)
+EARTH_RADIUS = 6_371_000.0  # [m]
+
+
+def place_of(fix: Fix) -> tuple[float, float, float]:
+    """East and north of the equator [m], good to compare places that are near each other, and heading [rad]."""
+    return fix.longitude * EARTH_RADIUS * math.cos(LATITUDE), fix.latitude * EARTH_RADIUS, fix.heading
 
 
 @pytest.fixture
