@@ -37,6 +37,8 @@ OPTIONS = (
     ("--collision.check-junctions", "true"),
     # Nobody is lifted out of a jam that a standing ego causes.
     ("--time-to-teleport", "-1"),
+    # Without it a car that changes lanes is on the other one a step later: no radar ever saw a car jump sideways.
+    ("--lanechange.duration", "3"),
     # All demand is read at start, so that a bad route is found before the car moves.
     ("--route-steps", "0"),
     # SUMO wants it as soon as a type acts less often than every step, and would warn and set it by itself.
