@@ -89,6 +89,7 @@ class Actors:
     length: Floats  #: of the box, along the heading [m]
     width: Floats  #: of the box [m]
     radar_cross_section: Floats  #: at 77 GHz [m2]
+    lateral_speed: Floats  #: of the centre across the heading [m/s], left positive: the lateral part of a lane change
 
 
 class Player(NamedTuple):

@@ -159,7 +159,8 @@ def _scanned(radar: Radar, due: float, pose: Pose, bodies: Sequence[Body],
         return newest
     columns = np.array(places, dtype=float).reshape(-1, 4).T.copy()
     sizes = np.array([body[1:] for body in bodies], dtype=float).reshape(-1, 3).T.copy()
-    scan = radar.step(due, pose, Actors(due, tuple(f"body{i}" for i in range(len(bodies))), *columns, *sizes))
+    names = tuple(f"body{i}" for i in range(len(bodies)))
+    scan = radar.step(due, pose, Actors(due, names, *columns, *sizes, np.zeros(len(bodies))))
     return newest if scan is None else replace(scan.detections, time=pose.time)
 
 

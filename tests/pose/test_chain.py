@@ -90,7 +90,7 @@ def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[t
             wrong = replace(fix, time=fix.time + lies[k], latitude=fix.latitude + 30.0 / 6_371_000.0)
             chain.receive(time + 0.0095, pack(wrong, 16, bytes(8)))
         chain.receive(time + 0.01, encoder.encode(fix))
-        chain.see(time + 0.01, Actors(time, (), *(np.empty(0) for _ in range(7))))
+        chain.see(time + 0.01, Actors(time, (), *(np.empty(0) for _ in range(8))))
         decided = chain.decide(k, time + 0.01, 0.0)
         pose = chain.front_bumper_at(time + 0.01)
         if pose is not None:

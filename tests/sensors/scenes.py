@@ -41,9 +41,9 @@ def car(x: float, y: float, heading: float = 0.0, speed: float = 0.0) -> Row:
     return x, y, heading, speed, 4.5, 1.8, 10.0
 
 
-def actors(rows: Sequence[Row], ids: Sequence[str] | None = None) -> Actors:
+def actors(rows: Sequence[Row], ids: Sequence[str] | None = None, lateral_speed: float = 0.0) -> Actors:
     names = tuple(ids) if ids is not None else tuple(f"car{row}" for row in range(len(rows)))
-    return Actors(0.0, names, *np.array(rows, float).reshape(-1, 7).T.copy())
+    return Actors(0.0, names, *np.array(rows, float).reshape(-1, 7).T.copy(), np.full(len(names), lateral_speed))
 
 
 def rear_axle(

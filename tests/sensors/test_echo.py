@@ -20,8 +20,8 @@ MODES = ((174.0, math.radians(10.0)), (60.0, math.radians(45.0)))
 SECTORS = [Sector(far, math.tan(half)) for far, half in MODES]
 
 
-def seen(pose: Pose, rows: Sequence[Row], mount: Mount = Mount()) -> list[Echo]:  # noqa: B008 - frozen
-    found, refused = echoes(antenna_at(pose, mount, FUSION), actors(rows), SECTORS)
+def seen(pose: Pose, rows: Sequence[Row], mount: Mount = Mount(), across: float = 0.0) -> list[Echo]:  # noqa: B008 - frozen
+    found, refused = echoes(antenna_at(pose, mount, FUSION), actors(rows, None, across), SECTORS)
     assert refused == 0
     return found
 
@@ -66,9 +66,10 @@ def test_range_rate_is_the_derivative_of_range(mount: Mount) -> None:
     """Central difference over a curved drive past moving posts, so small that their nearest point stays the same."""
     step, speed, yaw_rate, lateral_speed = 1e-4, 12.0, 0.3, 0.4
 
-    def post_at(time: float, heading: float, target_speed: float) -> Row:
-        along = target_speed * time
-        return 25.0 + along * math.cos(heading), 3.0 + along * math.sin(heading), heading, target_speed, 1e-5, 1e-5, 1.0
+    def post_at(time: float, heading: float, target_speed: float, across: float) -> Row:
+        cos, sin = math.cos(heading), math.sin(heading)
+        x, y = 25.0 + time * (target_speed * cos - across * sin), 3.0 + time * (target_speed * sin + across * cos)
+        return x, y, heading, target_speed, 1e-5, 1e-5, 1.0
 
     def pose_at(time: float) -> Pose:
         turn = yaw_rate * time
@@ -76,9 +77,9 @@ def test_range_rate_is_the_derivative_of_range(mount: Mount) -> None:
         leftward = (speed * (1.0 - math.cos(turn)) + lateral_speed * math.sin(turn)) / yaw_rate
         return rear_axle(forward, leftward, turn, speed, yaw_rate, lateral_speed)
 
-    for heading, target_speed in ((0.0, 5.0), (2.0, 7.0), (-1.0, 0.0)):
+    for target in ((0.0, 5.0, 0.0), (2.0, 7.0, 0.0), (-1.0, 0.0, 0.0), (1.5, 9.0, 1.1), (0.1, 9.0, -3.0)):
         before, now, after = (
-            seen(pose_at(time), [post_at(time, heading, target_speed)], mount)[0] for time in (-step, 0.0, step)
+            seen(pose_at(time), [post_at(time, *target)], mount, target[2])[0] for time in (-step, 0.0, step)
         )
         assert now.range_rate == pytest.approx((after.range - before.range) / (2.0 * step), abs=1e-4)
 
@@ -90,6 +91,8 @@ def test_an_actor_with_a_value_that_is_not_finite_is_left_out_and_counted() -> N
             row = (*good[:column], bad, *good[column + 1 :])
             found, refused = echoes(antenna_at(rear_axle(), Mount(), FUSION), actors([good, row]), SECTORS)
             assert ([echo.row for echo in found], refused) == ([0], 1)
+    for bad in (math.nan, math.inf, -math.inf):
+        assert echoes(antenna_at(rear_axle(), Mount(), FUSION), actors([good], None, bad), SECTORS) == ([], 1)
 
 
 def test_inside_an_actor_the_distance_is_zero_and_the_closing_speed_the_boresights() -> None:

@@ -32,7 +32,7 @@ from vve_sumo.values import Actors, ArmingState, Frame, Pose, Setpoint, Situatio
 from vve_sumo.vehicle.gateway import Act, Gateway
 
 LOT = local_frame(math.radians(40.0), math.radians(-82.98))
-NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(7)))
+NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
 
 
 def winding(length: float = 400.0, swing: float = 3.0, period: float = 80.0) -> Path:

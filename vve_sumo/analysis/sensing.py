@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.drive.figures import CLOSING_FLOOR
+from vve_sumo.drive.record import ACTOR_COLUMNS
 from vve_sumo.drive.setting import radar_of
 from vve_sumo.drive.stopping import AT_REST
 from vve_sumo.scenario.schema import Radar
@@ -214,8 +215,7 @@ def _snapshots(run: Run, ticks: NDArray[np.int64]) -> Iterator[Actors]:
     tick = table["tick"].to_numpy()
     begin, end = np.searchsorted(tick, ticks, "left").tolist(), np.searchsorted(tick, ticks, "right").tolist()
     names = table["actor"].to_numpy(zero_copy_only=False)
-    columns = ("x_m", "y_m", "heading_rad", "speed_mps", "length_m", "width_m", "radar_cross_section_m2")
-    values = [table[name].to_numpy() for name in columns]
+    values = [table[name].to_numpy() for name in ACTOR_COLUMNS]
     for i, j in zip(begin, end, strict=True):
         yield Actors(0.0, tuple(names[i:j]), *(value[i:j] for value in values))
 

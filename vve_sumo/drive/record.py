@@ -15,7 +15,7 @@ import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import pyarrow as pa
@@ -77,9 +77,12 @@ SCHEMAS: dict[str, pa.Schema] = {
             ("length_m", pa.float64(), "of the box, along the heading"),
             ("width_m", pa.float64(), "of the box"),
             ("radar_cross_section_m2", pa.float64(), "at 77 GHz, by the kind of actor: an assumption"),
+            ("lateral_speed_mps", pa.float64(), "of the centre across the heading, left positive"),
         ]
     ),
 }
+#: Columns of the actors' table that hold numbers, as `Actors` orders them.
+ACTOR_COLUMNS: Final = tuple(SCHEMAS["actors"].names[2:])
 
 #: tables that only a live drive has
 LIVE_SCHEMAS: dict[str, pa.Schema] = {"gateway": _row_schema(GatewayRow), "latency": _row_schema(LatencyRow)}
@@ -424,6 +427,7 @@ class Tape:
             actors.length,
             actors.width,
             actors.radar_cross_section,
+            actors.lateral_speed,
         )
         self._tables["actors"].extend((np.full(len(actors.ids), tick), actors.ids, *columns))
 

@@ -21,7 +21,7 @@ from vve_sumo import bus
 from vve_sumo.drive import provenance
 from vve_sumo.drive.chain import Chain, Decided
 from vve_sumo.drive.lockstep import Operator, chain_of
-from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS, read_pose_chunks, read_table
+from vve_sumo.drive.record import ACTOR_COLUMNS, LIVE_SCHEMAS, SCHEMAS, read_pose_chunks, read_table
 from vve_sumo.drive.setting import (
     CONTROLLER,
     PERIOD,
@@ -61,7 +61,7 @@ class Detection(NamedTuple):
     actor: str
 
 
-NOTHING = Actors(0.0, (), *(np.empty(0) for _ in range(7)))
+NOTHING = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,8 +165,7 @@ def read_car_frames(folder: FilePath, epoch: float) -> CarFrames:
 
 
 def _snapshots(table: pa.Table) -> dict[int, Actors]:
-    columns = ("x_m", "y_m", "heading_rad", "speed_mps", "length_m", "width_m", "radar_cross_section_m2")
-    numbers = [table[name].to_numpy() for name in columns]
+    numbers = [table[name].to_numpy() for name in ACTOR_COLUMNS]
     names, tick = table["actor"].to_pylist(), table["tick"].to_numpy()
     edges = np.flatnonzero(np.diff(tick)) + 1
     found = {}

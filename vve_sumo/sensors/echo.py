@@ -13,7 +13,7 @@ from typing import NamedTuple
 from vve_sumo.sensors.visibility import Box, Sector, Sight, nearest_visible
 from vve_sumo.values import Actors, Point, Pose, Vehicle
 
-_COLUMNS = ("x", "y", "heading", "length", "width", "speed", "radar_cross_section")
+_COLUMNS = ("x", "y", "heading", "length", "width", "speed", "lateral_speed", "radar_cross_section")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,27 +66,32 @@ def antenna_at(pose: Pose, mount: Mount, vehicle: Vehicle) -> Antenna:
 def echoes(antenna: Antenna, actors: Actors, sectors: Sequence[Sector]) -> tuple[list[Echo], int]:
     """The nearest visible point of every actor in view, in row order; and how many hold a value that is not finite.
 
-    Those are left out and hide nothing. Actors hide each other, the ego's own body hides nothing. The point moves with
-    its actor's speed along its heading.
+    Those are left out and hide nothing. Actors hide each other, the ego's own body hides nothing. The point moves as
+    its actor's centre does, along the heading and across it.
     """
     targets, refused = _in_view(antenna, actors, sectors)
-    boxes = [target[2] for target in targets]
+    boxes = [target[3] for target in targets]
     return [_echo(antenna, sight, *targets[sight.box]) for sight in nearest_visible(boxes, sectors)], refused
 
 
-def _in_view(antenna: Antenna, actors: Actors, sectors: Sequence[Sector]) -> tuple[list[tuple[int, float, Box]], int]:
-    """Row, speed and box in the antenna's frame of every finite actor near the view; and how many are not finite."""
+def _in_view(
+    antenna: Antenna, actors: Actors, sectors: Sequence[Sector]
+) -> tuple[list[tuple[int, float, float, Box]], int]:
+    """Row, speeds along and across, and box in the antenna's frame of every finite actor near the view.
+
+    And how many actors are not finite.
+    """
     own_x, own_y, own_heading = antenna.x, antenna.y, antenna.heading
     cos, sin = math.cos(own_heading), math.sin(own_heading)
     slope = max(sector.slope_max for sector in sectors)
     farthest, secant = max(sector.range_max for sector in sectors), math.sqrt(1.0 + slope * slope)
-    found: list[tuple[int, float, Box]] = []
+    found: list[tuple[int, float, float, Box]] = []
     if not actors.ids:
         return found, 0
     refused = 0
     columns = zip(*(getattr(actors, name).tolist() for name in _COLUMNS), strict=True)
-    for row, (x, y, heading, length, width, speed, cross_section) in enumerate(columns):
-        if not math.isfinite(x + y + heading + length + width + speed + cross_section):
+    for row, (x, y, heading, length, width, speed, lateral, cross_section) in enumerate(columns):
+        if not math.isfinite(x + y + heading + length + width + speed + lateral + cross_section):
             refused += 1
             continue
         east, north = x - own_x, y - own_y
@@ -95,13 +100,14 @@ def _in_view(antenna: Antenna, actors: Actors, sectors: Sequence[Sector]) -> tup
         if ahead * ahead + aside * aside <= reach * reach and abs(aside) - slope * ahead <= secant * radius:
             turn = heading - own_heading
             box = Box(ahead, aside, math.cos(turn), math.sin(turn), 0.5 * length, 0.5 * width)
-            found.append((row, speed, box))
+            found.append((row, speed, lateral, box))
     return found, refused
 
 
-def _echo(antenna: Antenna, sight: Sight, row: int, speed: float, box: Box) -> Echo:
+def _echo(antenna: Antenna, sight: Sight, row: int, speed: float, lateral: float, box: Box) -> Echo:
     _, x, y, sector = sight
-    speed_x, speed_y = speed * box.cos - antenna.speed, speed * box.sin - antenna.lateral_speed
+    speed_x = speed * box.cos - lateral * box.sin - antenna.speed
+    speed_y = speed * box.sin + lateral * box.cos - antenna.lateral_speed
     distance = math.sqrt(x * x + y * y)
     # Touching: the direction is lost, and what counts is the closing speed along the boresight.
     range_rate = (speed_x * x + speed_y * y) / distance if distance > 0.0 else speed_x

@@ -1,0 +1,71 @@
+"""Cars that change lanes do so in seconds, and what the snapshot says of their motion is how they move."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from tests.isolated import isolated
+from tests.world.streets import FUSION, PERIOD, demand, pose, street
+from vve_sumo.world.street import World
+from vve_sumo.world.surroundings import LARGEST_LATERAL
+
+EAST = '<route edges="east"/>'
+#: Lorries that crawl in the right lane, and cars that overtake them and come back: SUMO's drivers keep to the right.
+OVERTAKING = (
+    '<vType id="lorry" vClass="truck" length="12" maxSpeed="5"/><vType id="car" sigma="0" lcKeepRight="20"/>'
+    + "".join(
+        f'<vehicle id="lorry{i}" type="lorry" depart="0" departPos="{150 + 150 * i}" departLane="0">{EAST}</vehicle>'
+        for i in range(4)
+    )
+    + "".join(
+        f'<vehicle id="car{i}" type="car" depart="{4 * i}" departPos="20" departSpeed="14" departLane="0">{EAST}'
+        "</vehicle>"
+        for i in range(6)
+    )
+)
+SECONDS = 50.0
+
+Moment = tuple[float, float, float, float, float]  #: x, y, heading, speed, speed across
+
+
+def _overtaken(folder: str) -> dict[str, list[Moment]]:
+    """What the snapshots say of every car."""
+    root, told = Path(folder), dict[str, list[Moment]]()
+    with World(street(root), demand=[demand(root, OVERTAKING)], seed=1, period=PERIOD, vehicle=FUSION) as world:
+        for k in range(round(SECONDS / PERIOD)):
+            # Beside the road, where it is in nobody's way.
+            world.place(pose(k * PERIOD, 400.0, -20.0, 0.0, 0.0))
+            assert world.step().faults == ()
+            actors = world.actors()
+            columns = (actors.x, actors.y, actors.heading, actors.speed, actors.lateral_speed)
+            for name, *moment in zip(actors.ids, *(column.tolist() for column in columns), strict=True):
+                told.setdefault(name, []).append(tuple(moment))
+    return told
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Moment]]:
+    return isolated(_overtaken, str(tmp_path_factory.mktemp("street")))
+
+
+def test_no_car_jumps_sideways(told: dict[str, list[Moment]]) -> None:
+    sideways = {name: [abs(b[1] - a[1]) for a, b in zip(rows, rows[1:], strict=False)] for name, rows in told.items()}
+    changed = [name for name, rows in told.items() if max(y for _, y, *_ in rows) - min(y for _, y, *_ in rows) > 3.0]
+    assert len(changed) >= 3, "cars that overtook"
+    assert max(map(max, sideways.values())) < 0.05, "3.2 m take 3 s, which is 0.02 m a step"
+
+
+def test_its_speeds_along_and_across_are_how_it_moves(told: dict[str, list[Moment]]) -> None:
+    """The street goes to the east, so y is the way across: the integral of what is said must give it."""
+    for name, rows in told.items():
+        y = rows[0][1]
+        for before, (_, _, heading, speed, across) in zip(rows, rows[1:], strict=False):
+            middle = before[2] + 0.5 * math.remainder(heading - before[2], math.tau)
+            y += PERIOD * (0.5 * (before[3] + speed) * math.sin(middle) + across * math.cos(middle))
+            assert abs(across) <= LARGEST_LATERAL
+        assert y == pytest.approx(rows[-1][1], abs=0.15), name
+    fastest = max(abs(row[4]) for rows in told.values() for row in rows)
+    assert 0.3 < fastest < 0.8, "half of 3.2 m in 3 s, where SUMO's body begins to turn"
