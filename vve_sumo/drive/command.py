@@ -188,6 +188,7 @@ def summary_of(setting: Driven, done: Run, ticks: pa.Table, actors: pa.Table, pa
         "anchor_speed_error_mps": greatest(ticks["anchor_speed_error_mps"]),
         **done.extra,
         "removed_at_entry": list(done.cleared),
+        "removed_after_standoff": list(done.standoffs),
         "sumo_warnings": list(done.warnings),
         "text": done.text,
         "versions": versions(),

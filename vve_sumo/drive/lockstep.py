@@ -53,6 +53,7 @@ class Run:
     cleared: tuple[str, ...] = ()  #: vehicles taken off the street where the ego entered it
     warnings: tuple[str, ...] = ()  #: SUMO's
     text: str = ""  #: what an exception said, where one ended the drive
+    standoffs: tuple[str, ...] = ()  #: vehicles taken off the street because they and the ego waited for each other
     extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
 
 
@@ -219,6 +220,7 @@ class Lockstep:
             cleared=self._world.cleared,
             warnings=self._world.warnings,
             text=self._chain.failure or self._street.detail,
+            standoffs=self._world.standoffs,
         )
 
     def _tick(self, tick: int, now: float, heard: CarOutput, record: Tape) -> Ticked:

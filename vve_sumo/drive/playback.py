@@ -118,6 +118,7 @@ class Playback:
             cleared=self._world.cleared,
             warnings=self._world.warnings,
             text=self._chain.failure or self._street.detail,
+            standoffs=self._world.standoffs,
             extra={
                 "prediction_error_100ms_mean_m": self._staleness.mean,
                 "prediction_error_100ms_max_m": self._staleness.greatest,

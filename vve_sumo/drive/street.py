@@ -92,6 +92,11 @@ class Street:
         return self._world.cleared
 
     @property
+    def standoffs(self) -> tuple[str, ...]:
+        """Vehicles taken off the street because they and the ego waited for each other."""
+        return self._world.standoffs
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What SUMO complained about so far."""
         return self._world.warnings

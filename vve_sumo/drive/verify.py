@@ -201,6 +201,7 @@ def _figures(folder: FilePath, told: Told, summary: dict[str, Any]) -> Iterator[
         tuple(summary["removed_at_entry"]),
         tuple(summary["sumo_warnings"]),
         summary["text"],
+        tuple(summary["removed_after_standoff"]),
     )
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
     again = summary_of(told, done, ticks, actors, summary["record_parts_sha256"])

@@ -266,9 +266,12 @@ def _summary(plan: Plan, why: tuple[str, ...]) -> dict[str, Any]:
         tuple(told.get("cleared", ())),
         tuple(told.get("warnings", ())),
         told.get("text", ""),
+        tuple(told.get("standoffs", ())),
     )
     full = drives.summarise(plan.setting, done, plan.folder, told.get("record_parts_sha256", {}))
-    extra = {key: told[key] for key in told if key not in full and key not in ("cleared", "warnings", SEAL)}
+    extra = {
+        key: told[key] for key in told if key not in full and key not in ("cleared", "standoffs", "warnings", SEAL)
+    }
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow}
     try:
         write_summary(plan.folder, summary)

@@ -287,6 +287,7 @@ class LiveDrive:
             "outcome": outcome.value,
             "reasons": list(reasons),
             "cleared": list(street.cleared),
+            "standoffs": list(street.standoffs),
             "warnings": list(street.warnings),
             "text": self._chain.failure or self._broken or street.detail,
             "clock": self._chain.clock_report(),

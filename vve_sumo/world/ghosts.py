@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping
 
 import libsumo
 
-from vve_sumo.world.footprint import Rectangle
-from vve_sumo.world.lanes import Cut, Lane, Lanes, in_line
+from vve_sumo.world.footprint import Corners, Rectangle
+from vve_sumo.world.lanes import Cut, Lane, Lanes, holds, in_line
 
 GHOST_TYPE = "ego_ghost"
 
@@ -65,7 +65,8 @@ class Ghosts:
         none). Raises SUMO's errors.
         """
         self._remember(lane)
-        if self._line and in_line(self._line, body.corners()):
+        corners = body.corners()
+        if self._line and in_line(self._line, corners) and not self._in_junction(corners):
             if self._by_lane:
                 self._keep({})
             return
@@ -96,6 +97,11 @@ class Ghosts:
             self._line.clear()
         if name in self._lanes.by_id:
             self._line.appendleft(self._lanes.by_id[name])
+
+    def _in_junction(self, corners: Corners) -> bool:
+        """Whether a part of the body that lies in its own line of lanes lies where other lanes cross those."""
+        inside = [lane.bands for lane in self._line if lane.id.startswith(":")]
+        return any(holds(bands, x, y) for bands in inside for x, y in corners)
 
     def _keep(self, cuts: Mapping[str, Cut]) -> None:
         for name in [name for name in self._by_lane if name not in cuts]:

@@ -22,6 +22,7 @@ from vve_sumo.world.lanes import Lanes, read_lanes
 from vve_sumo.world.obstacles import STAND_IN_TYPE, Obstacle, Obstacles
 from vve_sumo.world.players import Players, box_of
 from vve_sumo.world.simulation import SUMO_ERRORS, Simulation
+from vve_sumo.world.standoff import Standoff
 from vve_sumo.world.surroundings import Surroundings, table
 
 #: Room that traffic needs around the ego when it enters a moving street [m]: SUMO's standstill gap.
@@ -74,6 +75,8 @@ class World:
         self._start, self._steps = 0.0, 0
         self._snapshot: Actors | None = None
         self._cleared: tuple[str, ...] = ()
+        self._standoff = Standoff()
+        self._standoffs: tuple[str, ...] = ()
         self._playing: Sequence[Player] = ()
 
     @property
@@ -85,6 +88,11 @@ class World:
     def cleared(self) -> tuple[str, ...]:
         """Vehicles taken off the street because they could not have avoided the ego, or a player, that entered."""
         return self._cleared
+
+    @property
+    def standoffs(self) -> tuple[str, ...]:
+        """Vehicles taken off the street because they and the ego waited for each other, nose to nose."""
+        return self._standoffs
 
     @property
     def ghost_lanes(self) -> tuple[str, ...]:
@@ -136,6 +144,7 @@ class World:
             for entered in self._players.place(self._playing):
                 self._cleared += _clear(box_of(entered), entered.speed, self._hidden())
             self._players.show()
+            self._end_standoffs()
             if self._anchor.entered():
                 self._surroundings.watch()
             self._simulation.step()
@@ -219,6 +228,15 @@ class World:
         for declared, box in self._obstacles.declared:
             if overlap(body, box):
                 raise ConfigError(f"obstacle {declared.id}: it stands where the ego starts")
+
+    def _end_standoffs(self) -> None:
+        """Take drivers off the street that wait for the ego in its way; raises SUMO's errors."""
+        if self._pose is None or self._body is None or self._snapshot is None:
+            return
+        drivers = self._surroundings.standing(self._snapshot, self._body)
+        for name in self._standoff.over(self._snapshot.time, self._body, self._pose.speed, drivers):
+            libsumo.vehicle.remove(name)
+            self._standoffs += (name,)
 
     def _hidden(self) -> frozenset[str]:
         return self._ghosts.ids | self._players.ids | self._obstacles.stand_ins | {EGO}

@@ -16,6 +16,7 @@ from vve_sumo.values import Actors, Player
 from vve_sumo.world.anchor import EGO
 from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.obstacles import Obstacle
+from vve_sumo.world.standoff import STANDING
 
 #: Mean radar cross section at 77 GHz by SUMO vehicle class [m2]. Assumptions of the usual order of magnitude:
 #: car 10, lorry 100 (Skolnik, "Introduction to Radar Systems", 3rd ed., table 2.1: car 100, pickup truck 200 at
@@ -43,6 +44,9 @@ OTHER_CROSS_SECTION = 10.0
 
 #: SUMO measures to the front bumper; no road vehicle's centre is farther behind it [m].
 LONGEST_HALF = 15.0
+
+#: Whose centre is farther off than this along an axis of the map is in nobody's way [m].
+CLOSE = 30.0
 
 QUARTER = 0.5 * math.pi
 
@@ -112,6 +116,18 @@ class Surroundings:
         ]
         limit = self._reach * self._reach
         return table(time, [row for row in found if (row[1] - x) ** 2 + (row[2] - y) ** 2 <= limit])
+
+    def standing(self, seen: Actors, near: Rectangle) -> list[tuple[str, Rectangle]]:
+        """Return the vehicles of the last snapshot that stand within `CLOSE` of a body, with the ground they cover."""
+        at = np.flatnonzero(
+            (np.abs(seen.speed) < STANDING) & (np.abs(seen.x - near.x) < CLOSE) & (np.abs(seen.y - near.y) < CLOSE)
+        )
+        columns = (seen.x, seen.y, seen.heading, seen.length, seen.width)
+        return [
+            (seen.ids[row], Rectangle(*(float(column[row]) for column in columns)))
+            for row in at.tolist()
+            if seen.ids[row] in self._before
+        ]
 
     def _vehicles(self, time: float, hidden: Set[str]) -> Iterator[Row]:
         seen = libsumo.vehicle.getContextSubscriptionResults(EGO)

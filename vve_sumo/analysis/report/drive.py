@@ -106,6 +106,8 @@ def _figures(figures: Figures) -> Html:
     removed = figures.get("removed_at_entry") or ()
     if removed:
         rows.append(("vehicles removed where the car entered", str(len(removed))))
+    if standoffs := figures.get("removed_after_standoff"):
+        rows.append(("vehicles removed after a standoff with the car", str(len(standoffs))))
     return sub("Figures", table(("figure", Column("value", True)), rows, "figures of the drive"))
 
 

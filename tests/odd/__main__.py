@@ -1,0 +1,50 @@
+"""The command: `python -m tests.odd [--hours H] [--seed S] [--level LEVEL]`.
+
+Hours of odd driving in traffic, in episodes of five minutes, each in a process of its own. Exit status 1 where a driver
+could have avoided an overlap with the ego, or ego and traffic waited for each other for longer than two minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from typing import Final
+
+from tests.odd.episode import drive
+
+EPISODE: Final = 300.0  #: [s]
+LONGEST_WAIT: Final = 120.0  #: [s]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(prog="python -m tests.odd", description=__doc__.splitlines()[2])
+    parser.add_argument("--hours", type=float, default=3.0, help="simulated; default 3")
+    parser.add_argument("--seed", type=int, default=1, help="of the first episode")
+    parser.add_argument("--level", default="heavy", help="of the shipped traffic")
+    options = parser.parse_args(arguments)
+    count = max(round(options.hours * 3600.0 / EPISODE), 1)
+    seeds = range(options.seed, options.seed + count)
+    context = multiprocessing.get_context("forkserver")
+    seconds = driven = 0.0
+    avoidable, overlaps, jumps, longest = 0, 0, 0, 0.0
+    with ProcessPoolExecutor(os.cpu_count(), mp_context=context, max_tasks_per_child=1) as pool:
+        for told in pool.map(drive, seeds, [EPISODE] * count, [options.level] * count):
+            print(*told.overlaps, *told.waits, *told.jumps, sep="\n", end="\n" * bool(told.overlaps or told.waits))
+            seconds, driven, jumps = seconds + told.seconds, driven + told.driven, jumps + len(told.jumps)
+            avoidable, overlaps = avoidable + told.avoidable, overlaps + len(told.overlaps)
+            longest = max(longest, told.longest_wait)
+            print(
+                f"seed {told.seed}: {seconds / 3600.0:.2f} h, {driven / 1000.0:.1f} km; overlaps {overlaps}, of which "
+                f"avoidable {avoidable}; longest wait {longest:.0f} s; {jumps} jumps; up to {told.most_standing} "
+                f"standing near the ego",
+                flush=True,
+            )
+    return 1 if avoidable or longest > LONGEST_WAIT else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,119 @@
+"""One episode of odd driving on Linden's streets: says what touched the ego, and who waited for whom."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from tests.odd.ego import OddEgo
+from tests.odd.judge import Memory, judge
+from vve_sumo.drive.setting import PERIOD, read_path
+from vve_sumo.vehicle.fusion import vehicle
+from vve_sumo.world.footprint import Rectangle
+from vve_sumo.world.network import read_network
+from vve_sumo.world.street import World
+
+REPOSITORY: Final = Path(__file__).parent.parent.parent
+PATHS: Final = ("linden_loop", "linden_17th", "linden_leap", "linden_cleveland")
+WARM_UP: Final = 120.0  #: [s]
+NEAR: Final = 60.0  #: who is farther off is not remembered [m]
+APART: Final = 2.0  #: an overlap is a new one where there was none for so long [s]
+STANDS: Final = 0.1  #: slower is standing [m/s]
+JUMP: Final = 0.2  #: sideways in one step [m]
+
+
+@dataclass(slots=True)
+class Told:
+    """What became of an episode."""
+
+    seed: int
+    seconds: float = 0.0
+    driven: float = 0.0  #: by the ego [m]
+    overlaps: list[str] = field(default_factory=list)  #: a line each
+    avoidable: int = 0
+    longest_wait: float = 0.0  #: for somebody who stands in the way of an ego that means to move [s]
+    waits: list[str] = field(default_factory=list)  #: a line for each beyond a minute
+    jumps: list[str] = field(default_factory=list)  #: a line for each actor's step sideways
+    cleared: tuple[str, ...] = ()
+    most_standing: int = 0  #: actors that stood near the ego at one time
+
+
+def drive(seed: int, seconds: float, level: str) -> Told:
+    """Drive oddly for so long."""
+    chance = random.Random(seed)
+    network = read_network(REPOSITORY / "networks" / "linden.net.xml")
+    path, route = read_path(REPOSITORY / "routes" / f"{PATHS[seed % len(PATHS)]}.csv", network.frame(), network)
+    ego = OddEgo(path, vehicle(), chance.uniform(10.0, path.length - 200.0), chance)
+    demand = [REPOSITORY / "routes" / f"linden_{level}.rou.xml"]
+    told, memory, touched = Told(seed), Memory(PERIOD), dict[str, float]()
+    with World(
+        network.path, demand=demand, seed=seed, period=PERIOD, vehicle=vehicle(), warm_up=WARM_UP, route=route
+    ) as world:
+        world.place(ego.pose())
+        report = world.step()
+        before: dict[str, Rectangle] = {}
+        waited, lane = 0.0, ""
+        for k in range(round(seconds / PERIOD)):
+            now, actors = k * PERIOD, world.actors()
+            pose = ego.step(PERIOD, actors, report.lane.startswith(":"))
+            world.place(pose)
+            report = world.step()
+            if report.faults:
+                told.overlaps.append(f"seed {seed} at {now:.2f} s: {report.faults}")
+            told.driven += abs(pose.speed) * PERIOD
+            others = _near(world, pose.x, pose.y)
+            memory.keep(now, ego.body(), others)
+            _look_for_jumps(told, now, before, others)
+            told.most_standing = max(told.most_standing, sum(speed < STANDS for _, _, speed in others))
+            for name in world.contacts():
+                if now - touched.get(name, -math.inf) > APART and (moments := memory.of(name)):
+                    verdict = judge(moments)
+                    told.avoidable += verdict.avoidable
+                    told.overlaps.append(
+                        f"seed {seed} at {now:.2f} s: {name} at {verdict.impact:.1f} m/s, {ego.manoeuvre.name} at "
+                        f"{pose.speed:.1f} m/s on {report.lane or 'no lane'}, which lay across its way for "
+                        f"{verdict.lay:.1f} s, from when it drove {verdict.speed:.1f} m/s: "
+                        f"{'AVOIDABLE' if verdict.avoidable else 'not avoidable'}"
+                    )
+                touched[name] = now
+            waiting = now - ego.blocked_since
+            if waiting > 0.0:
+                waited, lane = waiting, f"{ego.blocked_by} on {report.lane or 'no lane'}, {ego.manoeuvre.name}"
+                told.longest_wait = max(told.longest_wait, waited)
+            elif waited > 0.0:
+                if waited > 60.0:
+                    told.waits.append(f"seed {seed} until {now:.0f} s: {waited:.0f} s for {lane}")
+                waited = 0.0
+        if waited > 60.0:
+            told.waits.append(f"seed {seed} until the end: {waited:.0f} s for {lane}")
+        told.seconds, told.cleared = seconds, world.cleared
+    return told
+
+
+def _near(world: World, x: float, y: float) -> list[tuple[str, Rectangle, float]]:
+    actors = world.actors()
+    columns = (actors.x, actors.y, actors.heading, actors.length, actors.width, actors.speed)
+    return [
+        (name, Rectangle(at_x, at_y, heading, length, width), speed)
+        for name, at_x, at_y, heading, length, width, speed in zip(
+            actors.ids, *(column.tolist() for column in columns), strict=True
+        )
+        if abs(at_x - x) < NEAR and abs(at_y - y) < NEAR
+    ]
+
+
+def _look_for_jumps(
+    told: Told, now: float, before: dict[str, Rectangle], others: list[tuple[str, Rectangle, float]]
+) -> None:
+    for name, box, _ in others:
+        last = before.get(name)
+        if last is not None:
+            middle = last.heading + 0.5 * math.remainder(box.heading - last.heading, math.tau)
+            aside = (box.y - last.y) * math.cos(middle) - (box.x - last.x) * math.sin(middle)
+            if abs(aside) > JUMP:
+                told.jumps.append(f"seed {told.seed} at {now:.2f} s: {name} by {aside:.2f} m")
+    before.clear()
+    before.update({name: box for name, box, _ in others})

@@ -1,0 +1,48 @@
+"""Ends a standoff: ego and a driver stand nose to nose, each in the other's way, and SUMO's driver never backs up.
+
+Plain geometry and times; must not know SUMO.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from vve_sumo.world.footprint import Rectangle, overlap
+
+#: A driver who can't go on because of the ego, and the ego because of him, is taken off the street after so long [s].
+#: Longer than a left turn waits inside a junction for a phase of a signal.
+PATIENCE: Final = 60.0
+
+#: Slower is standing [m/s]: a measured pose is never quite at rest.
+STANDING: Final = 0.2
+
+#: What lies so far ahead of a body [m], and so far beside that [m], is in its way.
+AHEAD: Final = 6.0
+BESIDE: Final = 0.5
+
+
+class Standoff:
+    """Since when each driver has been in a standoff with the ego."""
+
+    def __init__(self) -> None:
+        self._since: dict[str, float] = {}
+
+    def over(self, time: float, ego: Rectangle, speed: float, drivers: Iterable[tuple[str, Rectangle]]) -> list[str]:
+        """Return the drivers whose standoff with the ego has lasted too long at a drive time [s].
+
+        `speed` [m/s] is the ego's; `drivers` are those near it that stand, with the ground that they cover.
+        """
+        if abs(speed) >= STANDING:
+            self._since.clear()
+            return []
+        way = _way(ego)
+        opposed = {name for name, box in drivers if overlap(way, box) and overlap(_way(box), ego)}
+        self._since = {name: self._since.get(name, time) for name in sorted(opposed)}
+        return [name for name, since in self._since.items() if time - since >= PATIENCE]
+
+
+def _way(body: Rectangle) -> Rectangle:
+    """Return the ground on which nothing may be if the body is to go on."""
+    wide = Rectangle(body.x, body.y, body.heading, body.length, body.width + 2.0 * BESIDE)
+    return wide.stretched(AHEAD)
