@@ -25,7 +25,16 @@ HIDDEN = {
 #: calls that take a code
 TAKERS = frozenset({"append", "_fail", "_refused"})
 #: words in tuples of such statements that are no codes
-OTHERS = frozenset({"emergency_used", "removed_at_entry", "removed_after_standoff", "sumo_warnings", "driver_has_control", "pose_reasons"})
+OTHERS = frozenset(
+    {
+        "emergency_used",
+        "removed_at_entry",
+        "removed_after_standoff",
+        "sumo_warnings",
+        "driver_has_control",
+        "pose_reasons",
+    }
+)
 UNIT = re.compile(r".*_(m|s|ms|mps|mps2|rad|radps|deg|nm|percent)$")
 
 

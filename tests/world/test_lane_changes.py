@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -52,7 +53,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Moment]]:
 
 
 def test_no_car_jumps_sideways(told: dict[str, list[Moment]]) -> None:
-    sideways = {name: [abs(b[1] - a[1]) for a, b in zip(rows, rows[1:], strict=False)] for name, rows in told.items()}
+    sideways = {name: [abs(b[1] - a[1]) for a, b in pairwise(rows)] for name, rows in told.items()}
     changed = [name for name, rows in told.items() if max(y for _, y, *_ in rows) - min(y for _, y, *_ in rows) > 3.0]
     assert len(changed) >= 3, "cars that overtook"
     assert max(map(max, sideways.values())) < 0.05, "3.2 m take 3 s, which is 0.02 m a step"
@@ -62,7 +63,7 @@ def test_its_speeds_along_and_across_are_how_it_moves(told: dict[str, list[Momen
     """The street goes to the east, so y is the way across: the integral of what is said must give it."""
     for name, rows in told.items():
         y = rows[0][1]
-        for before, (_, _, heading, speed, across) in zip(rows, rows[1:], strict=False):
+        for before, (_, _, heading, speed, across) in pairwise(rows):
             middle = before[2] + 0.5 * math.remainder(heading - before[2], math.tau)
             y += PERIOD * (0.5 * (before[3] + speed) * math.sin(middle) + across * math.cos(middle))
             assert abs(across) <= LARGEST_LATERAL

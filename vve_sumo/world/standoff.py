@@ -17,9 +17,11 @@ PATIENCE: Final = 60.0
 #: Slower is standing [m/s]: a measured pose is never quite at rest.
 STANDING: Final = 0.2
 
-#: What lies so far ahead of a body [m], and so far beside that [m], is in its way.
-AHEAD: Final = 6.0
-BESIDE: Final = 0.5
+#: What lies so far ahead of a body [m], and so far beside that [m], is in its way. A driver who meets the ego on the
+#: wrong side stops 7.4 m before it, for SUMO takes every body to lie behind its front as the lane goes; and SUMO's
+#: drivers need their whole lane, which is some 0.8 m wider than they are on either side.
+AHEAD: Final = 8.0
+BESIDE: Final = 0.8
 
 
 class Standoff:

@@ -22,7 +22,7 @@ from vve_sumo.world.lanes import Lanes, read_lanes
 from vve_sumo.world.obstacles import STAND_IN_TYPE, Obstacle, Obstacles
 from vve_sumo.world.players import Players, box_of
 from vve_sumo.world.simulation import SUMO_ERRORS, Simulation
-from vve_sumo.world.standoff import Standoff
+from vve_sumo.world.standoff import STANDING, Standoff
 from vve_sumo.world.surroundings import Surroundings, table
 
 #: Room that traffic needs around the ego when it enters a moving street [m]: SUMO's standstill gap.
@@ -233,7 +233,8 @@ class World:
         """Take drivers off the street that wait for the ego in its way; raises SUMO's errors."""
         if self._pose is None or self._body is None or self._snapshot is None:
             return
-        drivers = self._surroundings.standing(self._snapshot, self._body)
+        stands = abs(self._pose.speed) < STANDING
+        drivers = self._surroundings.standing(self._snapshot, self._body) if stands else ()
         for name in self._standoff.over(self._snapshot.time, self._body, self._pose.speed, drivers):
             libsumo.vehicle.remove(name)
             self._standoffs += (name,)
