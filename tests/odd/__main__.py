@@ -13,7 +13,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from typing import Final
 
-from tests.odd.episode import drive
+from tests.odd.episode import odd
 
 EPISODE: Final = 300.0  #: [s]
 LONGEST_WAIT: Final = 120.0  #: [s]
@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
     seconds = driven = 0.0
     avoidable, overlaps, jumps, longest = 0, 0, 0, 0.0
     with ProcessPoolExecutor(os.cpu_count(), mp_context=context, max_tasks_per_child=1) as pool:
-        for told in pool.map(drive, seeds, [EPISODE] * count, [options.level] * count):
+        for told in pool.map(odd, seeds, [EPISODE] * count, [options.level] * count):
             print(*told.overlaps, *told.waits, *told.jumps, sep="\n", end="\n" * bool(told.overlaps or told.waits))
             seconds, driven, jumps = seconds + told.seconds, driven + told.driven, jumps + len(told.jumps)
             avoidable, overlaps = avoidable + told.avoidable, overlaps + len(told.overlaps)

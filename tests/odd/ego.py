@@ -56,8 +56,9 @@ def plan(chance: random.Random) -> Iterator[Manoeuvre]:
 class OddEgo:
     """The ego on its way; `step` moves it."""
 
-    def __init__(self, path: Path, vehicle: Vehicle, start: float, chance: random.Random) -> None:
-        self._path, self._vehicle, self._plan = path, vehicle, plan(chance)
+    def __init__(self, path: Path, vehicle: Vehicle, start: float, means: Iterator[Manoeuvre]) -> None:
+        """Begin at a station of the path [m], for the rear axle; `means` is what it does, one after the other."""
+        self._path, self._vehicle, self._plan = path, vehicle, means
         self._s, self._offset, self._turn, self._speed = start, 0.0, 0.0, 0.0
         self._time = self._until = 0.0
         self._next: Manoeuvre | None = None

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from tests.odd.ego import OddEgo
+from tests.odd.ego import Manoeuvre, OddEgo, plan
 from tests.odd.judge import Memory, judge
 from vve_sumo.drive.setting import PERIOD, read_path
 from vve_sumo.vehicle.fusion import vehicle
@@ -41,16 +42,24 @@ class Told:
     most_standing: int = 0  #: actors that stood near the ego at one time
 
 
-def drive(seed: int, seconds: float, level: str) -> Told:
-    """Drive oddly for so long."""
+def odd(seed: int, seconds: float, level: str) -> Told:
+    """Drive oddly for so long, from a place of chance."""
     chance = random.Random(seed)
+    path = PATHS[seed % len(PATHS)]
+    return drive(seed, seconds, level, path, chance.random(), plan(chance), WARM_UP)
+
+
+def drive(
+    seed: int, seconds: float, level: str, along: str, start: float, means: Iterator[Manoeuvre], warm_up: float
+) -> Told:
+    """Drive as a driver means to for so long, from a share of the path on."""
     network = read_network(REPOSITORY / "networks" / "linden.net.xml")
-    path, route = read_path(REPOSITORY / "routes" / f"{PATHS[seed % len(PATHS)]}.csv", network.frame(), network)
-    ego = OddEgo(path, vehicle(), chance.uniform(10.0, path.length - 200.0), chance)
+    path, route = read_path(REPOSITORY / "routes" / f"{along}.csv", network.frame(), network)
+    ego = OddEgo(path, vehicle(), start * (path.length - 200.0), means)
     demand = [REPOSITORY / "routes" / f"linden_{level}.rou.xml"]
     told, memory, touched = Told(seed), Memory(PERIOD), dict[str, float]()
     with World(
-        network.path, demand=demand, seed=seed, period=PERIOD, vehicle=vehicle(), warm_up=WARM_UP, route=route
+        network.path, demand=demand, seed=seed, period=PERIOD, vehicle=vehicle(), warm_up=warm_up, route=route
     ) as world:
         world.place(ego.pose())
         report = world.step()

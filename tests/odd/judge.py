@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -90,17 +91,26 @@ def _across(ego: Rectangle, ahead: Sequence[tuple[float, Rectangle]]) -> bool:
 
 
 def _touches(moments: Sequence[Moment], driven: Sequence[float]) -> bool:
-    """Whether the other touches the ego if it brakes after the time of reaction."""
-    s, speed, i = driven[0], moments[0].speed, 0
-    for k, (before, now) in enumerate(pairwise(moments), 1):
-        period = now.time - before.time
-        if now.time - moments[0].time <= REACTION:
-            s, speed = driven[k], now.speed
+    """Whether the other touches the ego if it brakes after the time of reaction, until it has come to rest.
+
+    What the ego would have done after the overlap nobody knows: it goes on as it did.
+    """
+    first, last = moments[0], moments[-1]
+    period = last.time - moments[-2].time if len(moments) > 1 else 0.0
+    away = (last.ego.x - moments[-2].ego.x, last.ego.y - moments[-2].ego.y) if len(moments) > 1 else (0.0, 0.0)
+    s, speed, i, k = driven[0], first.speed, 0, 0
+    while True:
+        ahead = max(k - len(moments) + 1, 0)
+        ego = moments[min(k, len(moments) - 1)].ego
+        if overlap(replace(ego, x=ego.x + ahead * away[0], y=ego.y + ahead * away[1]), moments[i].other):
+            return True
+        k += 1
+        if k * period <= REACTION and k < len(moments):
+            s, speed = driven[k], moments[k].speed
         else:
             slower = max(speed - DECELERATION * period, 0.0)
-            s, speed = min(s + 0.5 * (speed + slower) * period, driven[k]), slower
+            s, speed = s + 0.5 * (speed + slower) * period, slower
+        if k >= len(moments) and (speed == 0.0 or moments[i] is last):
+            return False
         while i + 1 < len(driven) and driven[i + 1] <= s + 1e-9:
             i += 1
-        if overlap(now.ego, moments[i].other):
-            return True
-    return False
