@@ -132,11 +132,11 @@ def errors(fix: Fix, true: Fix) -> dict[str, float]:
         "time [s]": fix.time - true.time,
         "position [m]": math.hypot(north, east),
         "altitude [m]": fix.altitude - true.altitude,
-        "velocity [m/s]": math.hypot(
-            fix.velocity_north - true.velocity_north, fix.velocity_east - true.velocity_east
-        ),
+        "velocity [m/s]": math.hypot(fix.velocity_north - true.velocity_north, fix.velocity_east - true.velocity_east),
         "vertical velocity [m/s]": fix.velocity_down - true.velocity_down,
-        "heading [rad]": math.remainder(fix.heading - true.heading, math.tau) if math.isfinite(fix.heading) else math.nan,
+        "heading [rad]": math.remainder(fix.heading - true.heading, math.tau)
+        if math.isfinite(fix.heading)
+        else math.nan,
         "pitch [rad]": fix.pitch - true.pitch,
         "roll [rad]": fix.roll - true.roll,
         "yaw rate [rad/s]": fix.yaw_rate - true.yaw_rate,
