@@ -1,7 +1,7 @@
 """The command: `python -m tests.fuzz decoders|gateway|damaged [--count N] [--seed S]`.
 
-Runs of the seeds S, S + 1, ... until N inputs, steps or packets were tried; one that is broken off goes on with the seed
-that its last line names. Exit status 1 and the input at the first violation of an invariant.
+Runs of the seeds S, S + 1, ... until N inputs, steps or packets were tried; one that is broken off goes on with the
+seed that its last line names. Exit status 1 and the input at the first violation of an invariant.
 """
 
 from __future__ import annotations

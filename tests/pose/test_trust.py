@@ -391,7 +391,7 @@ def table(path: Path) -> list[dict[str, float]]:
 
 
 def test_a_suburban_drive_with_height_tilt_and_rates_jumps_nowhere(shared_data):
-    """17 minutes at 9.64 Hz; axes as the data's description has them, "ENU" and a lidar whose heading is against ours."""
+    """17 minutes at 9.64 Hz; positions and headings are those of the UTM grid."""
     rows = table(shared_data / "drives" / "boreas" / "boreas-2021-09-02-11-42_lidar_poses.csv")
     begin, template = rows[0], drive(1)[0]
     fixes = [

@@ -98,9 +98,9 @@ class TrustProfile:
 
 
 #: A car may drive on it. 0.10 m and 100 ms are the figures the rest of the chain is built on (a setpoint lives 100 ms);
-#: 0.01 rad puts a point 10 m ahead 0.1 m off; 0.25 m is ten sigma of RTK noise and less than a lane margin; heights are
-#: about half as good. 0.1 rad/s is ten times what a gyroscope in a shaken car is wrong by. An acceleration may go all at
-#: once, as that of a car does that full brakes have brought to rest.
+#: 0.01 rad puts a point 10 m ahead 0.1 m off; 0.25 m is ten sigma of RTK noise and less than a lane margin, and heights
+#: are half as good. A gyroscope in a shaken car may be 0.1 rad/s off for a moment. An acceleration may go all at once, as
+#: it does where full brakes have brought the car to rest.
 DRIVE: Final = TrustProfile(
     name="drive",
     may_arm=True,
@@ -323,10 +323,10 @@ _BREAKING: Final = frozenset({"gap", "pose_jump", "velocity_jump", "heading_jump
 class TrustGate:
     """Judges fixes one by one against their history.
 
-    `epoch` is the GNSS second of drive time 0. The history moves on with every fix that is finite, not absurd, newer than
-    the one before and not from the future, trusted or not; so a jump is one reason once, and then `settling`. A jump of
-    what is neither position, horizontal velocity nor heading costs its fix alone, for the history does not move on: the
-    next is compared with the one before it. Where that goes on, it is a gap like any other.
+    `epoch` is the GNSS second of drive time 0. The history moves on with every fix that is finite, not absurd, newer
+    than the one before and not from the future, trusted or not; so a jump is one reason once, and then `settling`. A
+    jump of what is neither position, horizontal velocity nor heading costs its fix alone, for the history does not move
+    on: the next is compared with the one before it. Where that goes on, it is a gap like any other.
     """
 
     def __init__(self, profile: TrustProfile, epoch: float) -> None:
