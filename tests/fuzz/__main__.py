@@ -1,7 +1,7 @@
-"""The command: `python -m tests.fuzz decoders|gateway [--count N] [--seed S]`.
+"""The command: `python -m tests.fuzz decoders|gateway|damaged [--count N] [--seed S]`.
 
-Runs of the seeds S, S + 1, ... until N inputs or steps were tried; one that is broken off goes on with the seed that
-its last line names. Exit status 1 and the input at the first violation of an invariant.
+Runs of the seeds S, S + 1, ... until N inputs, steps or packets were tried; one that is broken off goes on with the
+seed that its last line names. Exit status 1 and the input at the first violation of an invariant.
 """
 
 from __future__ import annotations
@@ -10,17 +10,21 @@ import argparse
 import sys
 import time
 
-from tests.fuzz import decoders, gateway
+from tests.fuzz import damaged, decoders, gateway
 from tests.fuzz.invariant import Violation
 
-WHAT = {"decoders": (decoders.run, "inputs"), "gateway": (gateway.run, "steps")}
+WHAT = {
+    "decoders": (decoders.run, "inputs"),
+    "gateway": (gateway.run, "steps"),
+    "damaged": (damaged.run, "packets"),
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__.splitlines()[2])
     parser.add_argument("what", choices=WHAT)
-    parser.add_argument("--count", type=int, default=100_000, help="inputs or steps to try")
+    parser.add_argument("--count", type=int, default=100_000, help="inputs, steps or packets to try")
     parser.add_argument("--seed", type=int, default=0, help="of the first run")
     options = parser.parse_args(arguments)
     run, unit = WHAT[options.what]
@@ -37,6 +41,8 @@ def main(arguments: list[str] | None = None) -> int:
             said = time.monotonic()
             rate = done / (said - begun)
             print(f"{options.what}: {done} of {options.count} {unit}, {rate:.0f}/s; next seed {seed}", flush=True)
+    if options.what == "damaged":
+        print(*damaged.told(damaged.ALL), sep="\n")
     print(f"{options.what}: {done} {unit} of the seeds {options.seed} to {seed - 1}, 0 violations")
     return 0
 

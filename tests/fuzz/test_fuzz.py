@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from tests.fuzz import decoders, gateway
+from tests.fuzz import damaged, decoders, gateway
 from tests.fuzz.__main__ import main
 from tests.fuzz.invariant import Violation
+from vve_sumo.pose import trust
 from vve_sumo.values import ArmingState, Fix, Frame
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
 
@@ -19,6 +20,21 @@ def test_no_decoder_breaks_an_invariant():
 
 def test_the_gateway_breaks_no_invariant():
     assert [gateway.run(seed) for seed in range(20)] == [600] * 20
+
+
+def test_no_damaged_packet_is_trusted_farther_off_than_its_bounds():
+    tally = damaged.Tally()
+    assert [damaged.run(seed, tally) for seed in range(4)] == [2000] * 4
+    assert tally.fixes > 7900
+    assert tally.given > 80
+    assert tally.trusted < 0.2 * tally.given
+    assert tally.worst["position [m]"] > 0.0, "it hardly ever happens that none is too small to see"
+
+
+def test_a_gate_that_trusts_what_is_damaged_is_found(monkeypatch):
+    monkeypatch.setattr(trust, "_of_the_rest", lambda last, fix, profile: [])
+    with pytest.raises(Violation, match=r"invariant 1: .*\n  seed \d+"):
+        [damaged.run(seed, damaged.Tally()) for seed in range(4)]
 
 
 def test_drives_reach_every_state_and_move_the_car(monkeypatch):
@@ -84,7 +100,7 @@ def test_a_fix_that_is_none_is_found():
             gate.judge(0.0, [replace(bad, **wrong)])
 
 
-@pytest.mark.parametrize("what", ["decoders", "gateway"])
-def test_the_command_says_what_it_tried(capsys, what):
-    assert main([what, "--count", "1200", "--seed", "7"]) == 0
+@pytest.mark.parametrize(("what", "count"), [("decoders", 1200), ("gateway", 1200), ("damaged", 4000)])
+def test_the_command_says_what_it_tried(capsys, what, count):
+    assert main([what, "--count", str(count), "--seed", "7"]) == 0
     assert capsys.readouterr().out.endswith("of the seeds 7 to 8, 0 violations\n")

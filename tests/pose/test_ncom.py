@@ -489,6 +489,39 @@ def test_one_wrong_minute_costs_its_packet_and_no_other(minutes):
     assert decoder.counts[Outcome.MINUTE_DOUBTED] == 1
 
 
+def with_minute(packet: bytes, low: int, high: int) -> bytes:
+    """The packet with the two lower bytes of the minute in its channel 0 replaced, under right sums."""
+    assert packet[62] == 0
+    return sealed(packet[:63] + bytes((low, high)) + packet[65:])
+
+
+@pytest.fixture(scope="module")
+def ten_minutes() -> list[tuple[float, bytes]]:
+    return drive(600.0)
+
+
+@pytest.mark.parametrize(("low", "high", "days"), [(0xFF, 0xFF, 17.9), (0x00, 0x00, -27.6)])
+def test_two_wrong_bytes_of_one_minute_cost_one_fix_of_sixty_thousand(ten_minutes, low, high, days):
+    rows = list(ten_minutes)
+    received, packet = rows[1000]
+    rows[1000] = (received, with_minute(packet, low, high))
+    said, told = (int.from_bytes(p[63:67], "little") for p in (packet, rows[1000][1]))
+    assert (told - said) / 1440.0 == pytest.approx(days, abs=0.05)
+    decoder = Decoder()
+    times = [round((fix.time - START) * 1000.0) for fix in arrived(rows, decoder)]
+    assert times == [10 * k for k in range(60_000) if k != 1000]
+    assert decoder.counts[Outcome.MINUTE_DOUBTED] == 1
+
+
+@pytest.mark.parametrize(("low", "high"), [(0xFF, 0xFF), (0x00, 0x00)])
+def test_a_first_minute_that_is_wrong_is_put_right_by_the_third_that_contradicts_it(low, high):
+    """Nothing speaks against it before; a channel 0 comes every 0.2 s here."""
+    rows = drive(5.0)
+    rows[0] = (rows[0][0], with_minute(rows[0][1], low, high))
+    true = [fix for fix in arrived(rows) if abs(fix.time - START) < 10.0]
+    assert [fix.time - START for fix in true] == pytest.approx([0.01 * k for k in range(60, 500)], abs=1e-6)
+
+
 @pytest.mark.parametrize("ahead", [-20.0, -1.0, 0.01, 0.05, 0.9, 12.0, 29.0])
 @pytest.mark.parametrize("channel", [0, 3, 16])
 def test_one_packet_that_is_dated_wrongly_displaces_no_other(ahead, channel):
@@ -567,6 +600,52 @@ def test_whatever_is_put_in_left_out_or_lied_about_the_truth_is_back_within_a_se
     assert len([time for received, time in found if 3.0 < received < 6.0]) > 100
 
 
+def torn(chance: random.Random, data: bytes, packets: int) -> bytes:
+    """A stretch of a stream as a bad line leaves it."""
+    kind, at = chance.randrange(6), chance.randrange(len(data))
+    if kind == 0:  # garbage comes in, as much as three packets
+        return data[:at] + chance.randbytes(chance.randrange(1, 217)) + data[at:]
+    if kind == 1:  # garbage full of beginnings of packets
+        return data[:at] + b"".join(chance.choice((b"\xe7", data[:40])) for _ in range(5)) + data[at:]
+    if kind == 2:  # bytes get lost, across packets
+        return data[:at] + data[at + chance.randrange(1, 217) :]
+    if kind == 3:  # a packet is cut short, another one is doubled
+        return data[: chance.randrange(1, 72)] + data[72:] + data[-72:]
+    if kind == 4:  # all of it comes twice
+        return data + data
+    # several bytes change under right sums, one of the packets says anything at all
+    place = 72 * chance.randrange(packets)
+    wrong = sealed(b"\xe7" + chance.randbytes(20) + bytes((4,)) + chance.randbytes(50))
+    return data[:place] + wrong + data[place + 72 :]
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 7, 72, 300]))
+def test_after_every_tear_of_a_serial_line_true_fixes_go_on_within_a_second(seed, portion):
+    """A tear of up to five packets each second, the stream fed in portions; counted from the last torn packet."""
+    assert worst_time_to_recover(seed, portion, seconds=10) <= 0.05
+
+
+def worst_time_to_recover(seed: int, portion: int, seconds: int) -> float:
+    """From the end of a torn stretch until a fix made after it comes out [s]; no false date ever does."""
+    chance, decoder = random.Random(seed), Decoder()
+    rows = drive(seconds + 1.0)
+    found: list[tuple[float, float]] = []
+    ends, number = [], 0
+    while number < len(rows):
+        count = chance.randrange(1, 6) if number % 100 == 50 else 1
+        stretch = rows[number : number + count]
+        received, data = stretch[-1][0], b"".join(packet for _, packet in stretch)
+        if number % 100 == 50:
+            data = torn(chance, data, len(stretch))
+            ends.append(received)
+        for start in range(0, len(data), portion):
+            found += [(received, fix.time - START) for fix in decoder.feed(data[start : start + portion], received)]
+        number += count
+    assert all(-0.005 <= received - time < 0.1 for received, time in found)
+    return max(next(received for received, time in found if time > end) - end for end in ends)
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.0002, 0.005, 0.02]), st.sampled_from([0.0, 0.048, 0.5]),
@@ -590,8 +669,10 @@ def test_no_true_packet_is_refused_whatever_the_network_does(seed, jitter, burst
         if received < 4.0:
             early = decoder.counts[Outcome.AHEAD]
     assert early <= 60
-    # The least delay of an exponential jitter of 20 ms is not always seen within 4 s.
-    assert decoder.counts[Outcome.AHEAD] - early <= (3 if jitter == 0.02 else 0)
+    # The least delay of an exponential jitter of 20 ms is not always seen within 4 s, the less so between long bursts:
+    # of 900 such streams three refused 3 to 6 true packets.
+    late = decoder.counts[Outcome.AHEAD] - early
+    assert late <= (0 if jitter < 0.02 else 12 if bursts == 0.5 else 3)
     assert decoder.counts[Outcome.NOT_INCREASING] == decoder.counts[Outcome.MINUTE_DOUBTED] == 0
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import math
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.pose.recordings import BOREAS_COURSE
 from vve_sumo.pose.trust import DRIVE, PLAYBACK, REASONS, RTK_FIXED, TrustGate
 from vve_sumo.values import Fix
 
@@ -318,7 +321,8 @@ def test_a_profile_that_judges_no_quality_can_never_arm():
 
 # One bad fix, whatever it says, and a crowd of them from the future.
 
-LYING = ["latitude", "longitude", "heading", "velocity_north", "velocity_east", "yaw_rate", "acceleration", "status"]
+ALONE = ["altitude", "velocity_down", "pitch", "roll", "yaw_rate", "acceleration"]
+LYING = ["latitude", "longitude", "heading", "velocity_north", "velocity_east", "status", *ALONE]
 
 
 @settings(max_examples=400, deadline=None)
@@ -342,3 +346,105 @@ def test_one_bad_fix_keeps_true_ones_out_for_no_longer_than_they_settle(period, 
         if k == bad:
             gate.step(fixes[bad].time - EPOCH + 0.005, wrong)
     assert max(refused, default=0.0) <= DRIVE.settling + 2 * period + 1e-6
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.sampled_from([0.01, 0.05]),
+    st.sampled_from([0.0, 2.0, 10.0]),
+    st.dictionaries(st.sampled_from(ALONE), st.floats(-1.0, 1.0), min_size=1),
+    st.sampled_from([1e-3, 1e-2, 0.1, 1.0, 30.0, 800.0, 1e30]),
+)
+def test_one_bad_fix_of_these_keeps_no_true_one_out_and_stops_no_drive(period, speed, lies, size):
+    fixes = drive(round(2.0 / period), speed=speed, period=period)
+    bad = round(1.0 / period)
+    lie = {name: getattr(fixes[bad], name) + size * value for name, value in lies.items()}
+    gate = TrustGate(DRIVE, EPOCH)
+    for k, fix in enumerate(fixes):
+        said = replace(fix, **lie) if k == bad else fix
+        now = fix.time - EPOCH + 0.02
+        assert gate.step(now, said).trusted or k == bad
+        assert gate.stale(now) == ()
+
+
+@pytest.mark.parametrize("name", ["altitude", "roll"])
+@pytest.mark.parametrize("value", [math.inf, -math.inf])
+def test_infinity_of_what_nobody_needs_is_refused_from_the_first_fix_on(name, value):
+    (verdict,) = judged([replace(drive(1)[0], **{name: value})])
+    assert not verdict.trusted
+
+
+# Real drives: none of them is damaged.
+
+OF_A_JUMP = {"altitude_absurd", "tilt_absurd", "motion_absurd", "altitude_jump", "tilt_jump", "motion_jump"}
+
+
+def told(fixes: list[Fix]) -> set[str]:
+    """All that the gate of a real car says of them."""
+    gate = TrustGate(DRIVE, 0.0)
+    return {reason for fix in fixes for reason in gate.step(fix.time, fix).reasons}
+
+
+def table(path: Path) -> list[dict[str, float]]:
+    with path.open(newline="") as file:
+        return [{name: float(cell or "nan") for name, cell in row.items()} for row in csv.DictReader(file)]
+
+
+def test_a_suburban_drive_with_height_tilt_and_rates_jumps_nowhere(shared_data):
+    """17 minutes at 9.64 Hz; positions and headings are those of the UTM grid."""
+    rows = table(shared_data / "drives" / "boreas" / "boreas-2021-09-02-11-42_lidar_poses.csv")
+    begin, template = rows[0], drive(1)[0]
+    fixes = [
+        replace(
+            template,
+            time=(row["GPSTime"] - begin["GPSTime"]) * 1e-6,
+            latitude=0.764 + (row["northing"] - begin["northing"]) / RADIUS,
+            longitude=-1.387 + (row["easting"] - begin["easting"]) / (RADIUS * math.cos(0.764)),
+            altitude=row["altitude"],
+            heading=math.remainder(math.pi / 2 - BOREAS_COURSE + row["heading"], -math.tau),
+            pitch=row["pitch"],
+            roll=row["roll"],
+            velocity_north=row["vel_north"],
+            velocity_east=row["vel_east"],
+            velocity_down=-row["vel_up"],
+            yaw_rate=row["angvel_z"],
+        )
+        for row in rows
+    ]
+    assert len(fixes) > 9000
+    assert OF_A_JUMP.isdisjoint(told(fixes))
+    assert OF_A_JUMP.isdisjoint(told([replace(fix, velocity_down=math.nan) for fix in fixes]))
+
+
+def test_a_minute_of_traffic_with_height_jumps_nowhere(shared_data):
+    """20 Hz; its vertical velocity is not told."""
+    rows = table(shared_data / "drives" / "comma2k19" / "tidy_pose_20hz.csv")
+    fixes = [
+        replace(
+            drive(1)[0],
+            time=row["gps_tow"] - rows[0]["gps_tow"],
+            latitude=math.radians(row["lat"]),
+            longitude=math.radians(row["lon"]),
+            altitude=row["h"],
+            heading=math.radians(90.0 - row["course_deg"]),
+            velocity_north=row["vn"],
+            velocity_east=row["ve"],
+            velocity_down=math.nan,
+        )
+        for row in rows
+    ]
+    assert len(fixes) > 1000
+    assert OF_A_JUMP.isdisjoint(told(fixes))
+
+
+@pytest.mark.parametrize("name", ["car_50km", "car_60km", "collision_assist_activated", "lkast_activated"])
+@pytest.mark.parametrize("felt", ["ax_raw_mps2", "ax_comp_mps2"])
+def test_a_ford_fusion_s_own_rates_jump_nowhere(shared_data, name, felt):
+    """About 80 Hz, emergency braking among them; position and heading are left out of it."""
+    fixes = [
+        replace(drive(1)[0], time=row["t"], yaw_rate=row["yaw_rate_radps"], acceleration=row[felt])
+        for row in table(shared_data / "drives" / "ford_fusion" / f"tidy_{name}.csv")
+    ]
+    fixes = [fix for fix in fixes if math.isfinite(fix.yaw_rate + fix.acceleration)]
+    assert len(fixes) > 400
+    assert OF_A_JUMP.isdisjoint(told(fixes))

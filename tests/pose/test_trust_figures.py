@@ -47,19 +47,22 @@ FIGURES = {
         "may_arm": True, "live": True, "position_sigma_limit": 0.10, "velocity_sigma_limit": 0.10,
         "heading_sigma_limit": 0.01, "pitch_needed": True, "corrections_age_limit": 10.0, "age_limit": 0.10,
         "gap_limit": 0.15, "stale_limit": 0.15, "jump_limit": 0.25, "heading_jump_limit": 0.05, "course_limit": 0.20,
-        "course_speed": 3.0, "settling": 0.5,
+        "course_speed": 3.0, "settling": 0.5, "altitude_jump_limit": 0.5, "yaw_rate_jump_limit": 0.1,
+        "acceleration_jump_limit": 12.0,
     },
     "nmea": {
         "may_arm": True, "live": True, "position_sigma_limit": 0.10, "velocity_sigma_limit": 0.10,
         "heading_sigma_limit": 0.01, "pitch_needed": False, "corrections_age_limit": 10.0, "age_limit": 0.15,
         "gap_limit": 0.25, "stale_limit": 0.25, "jump_limit": 0.25, "heading_jump_limit": 0.08, "course_limit": 0.20,
-        "course_speed": 3.0, "settling": 0.5,
+        "course_speed": 3.0, "settling": 0.5, "altitude_jump_limit": 0.5, "yaw_rate_jump_limit": 0.8,
+        "acceleration_jump_limit": 12.0,
     },
     "playback": {
         "may_arm": False, "live": False, "position_sigma_limit": math.inf, "velocity_sigma_limit": math.inf,
         "heading_sigma_limit": math.inf, "pitch_needed": False, "corrections_age_limit": math.inf,
         "age_limit": math.inf, "gap_limit": 1.0, "stale_limit": 1.0, "jump_limit": 1.0,
         "heading_jump_limit": math.inf, "course_limit": 0.35, "course_speed": 3.0, "settling": 0.0,
+        "altitude_jump_limit": math.inf, "yaw_rate_jump_limit": math.inf, "acceleration_jump_limit": math.inf,
     },
 }  # fmt: skip
 
@@ -148,6 +151,20 @@ def test_a_trusted_fix_counts_until_its_limit(profile, limit):
         ({"acceleration": -20.0}, ()),
         ({"acceleration": 20.001}, ("motion_absurd",)),
         ({"acceleration": -20.001}, ("motion_absurd",)),
+        ({"altitude": -600.0}, ()),
+        ({"altitude": -600.1}, ("altitude_absurd",)),
+        ({"altitude": 7000.0}, ()),
+        ({"altitude": 7000.1}, ("altitude_absurd",)),
+        ({"altitude": math.inf}, ("altitude_absurd",)),
+        ({"altitude": math.nan, "roll": math.nan, "velocity_down": math.nan}, ()),  # a receiver need not say them
+        ({"pitch": 0.7}, ()),
+        ({"pitch": -0.7}, ()),
+        ({"pitch": 0.701}, ("tilt_absurd",)),
+        ({"pitch": -0.701}, ("tilt_absurd",)),
+        ({"roll": 0.7}, ()),
+        ({"roll": -0.7}, ()),
+        ({"roll": 0.701}, ("tilt_absurd",)),
+        ({"roll": -0.701}, ("tilt_absurd",)),
         ({"velocity_north": math.nan}, ("not_finite",)),
         ({"heading": math.nan}, ("heading_invalid",)),
     ],
@@ -268,6 +285,99 @@ def test_a_fix_from_the_future_leaves_no_trace():
     assert gate.step(0.0, STANDING).trusted
     assert gate.step(STEP, replace(STANDING, time=100.0)).reasons == ("fix_from_future",)
     assert gate.step(STEP, replace(STANDING, time=STEP)).trusted
+
+
+# What is neither position, horizontal velocity nor heading: a jump costs its fix alone.
+
+
+def close(count: int) -> list[Fix]:
+    """A standing car's fixes, two a step: where one is refused, the next is no gap yet."""
+    return [replace(STANDING, time=0.5 * k * STEP) for k in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("field", "limit", "reason"),
+    [
+        ("altitude", 0.51171875, "altitude_jump"),  # 0.5 m, and a quarter of 12 m/s2 times 0.0625 s squared
+        ("velocity_down", 1.25, "altitude_jump"),  # 12 m/s2 for 0.0625 s and 0.5 m/s of noise
+        ("pitch", 0.0725, "tilt_jump"),  # 1 rad/s for 0.0625 s and 0.01 rad of noise
+        ("roll", 0.0725, "tilt_jump"),
+        ("yaw_rate", 0.725, "motion_jump"),  # 10 rad/s2 for 0.0625 s and 0.1 rad/s of noise
+        ("acceleration", 12.0, "motion_jump"),
+    ],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_one_step_is_refused_alone(field, limit, reason, sign):
+    for size, reasons in ((limit - 1e-4, ()), (limit + 1e-4, (reason,))):
+        three = close(3)
+        three[1] = replace(three[1], **{field: getattr(STANDING, field) + sign * size})
+        assert judged(three) == [(), reasons, ()]
+
+
+@pytest.mark.parametrize(("rate", "reasons"), [(2.0, ()), (2.3, ("motion_jump",))])
+def test_the_yaw_rate_of_differenced_headings_may_jump_farther(rate, reasons):
+    """10 rad/s2 for 0.125 s and 0.8 rad/s of noise are 2.05 rad/s."""
+    one, two = replace(STANDING, yaw_rate=0.5 * rate), replace(STANDING, time=STEP, yaw_rate=-0.5 * rate)
+    assert judged([one, two], NMEA) == [(), reasons]
+
+
+@pytest.mark.parametrize(("down", "altitude", "reasons"), [
+    (-4.0, 1.0, ()), (-4.0, 0.5, ()), (-4.0, 0.04, ()), (-4.0, -0.06, ("altitude_jump",)),
+    (4.0, -1.04, ()), (4.0, -1.06, ("altitude_jump",)), (4.0, 0.06, ("altitude_jump",)),
+])  # fmt: skip
+def test_the_altitude_is_where_the_vertical_velocities_lead(down, altitude, reasons):
+    """4 m/s for 0.125 s are 0.5 m, give or take 0.547 m."""
+    one, two = (replace(STANDING, time=k * STEP, velocity_down=down) for k in range(2))
+    assert judged([one, replace(two, altitude=STANDING.altitude + altitude)]) == [(), reasons]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("east", "limit"), [(0.0, 0.546875), (8.0, 1.046875)])
+def test_where_no_vertical_velocity_is_said_the_altitude_is_within_the_steepest_road(east, limit, sign):
+    """8 m/s for 0.125 s are 1 m; half of it may be climbed."""
+    one = replace(STANDING, velocity_east=east, velocity_down=math.nan)
+    for size, reasons in ((limit - 1e-4, ()), (limit + 1e-4, ("altitude_jump",))):
+        there = replace(one, time=STEP, longitude=east * STEP / RADIUS, altitude=STANDING.altitude + sign * size)
+        assert judged([one, there]) == [(), reasons]
+
+
+@pytest.mark.parametrize("field", ["altitude", "pitch", "roll", "velocity_down"])
+def test_what_is_not_said_is_nothing_to_compare_with(field):
+    three = fixes(3)
+    three[1] = replace(three[1], **{field: math.nan})
+    assert judged(three, NMEA) == [(), (), ()]
+
+
+@pytest.mark.parametrize(
+    ("lie", "reason"),
+    [
+        ({"altitude": 300.0}, "altitude_jump"),
+        ({"altitude": 9000.0}, "altitude_absurd"),
+        ({"velocity_down": 3.0}, "altitude_jump"),
+        ({"pitch": 0.3}, "tilt_jump"),
+        ({"roll": -1.0}, "tilt_absurd"),
+        ({"yaw_rate": 1.9}, "motion_jump"),
+        ({"yaw_rate": -50.0}, "motion_absurd"),
+        ({"acceleration": 15.0}, "motion_jump"),
+        ({"acceleration": -500.0}, "motion_absurd"),
+    ],
+)
+def test_such_a_fix_leaves_no_trace_whatever_else_it_says(lie, reason):
+    """Its position and heading, 5 m and 1 rad off, are not compared with anything: the next true one is trusted."""
+    three = close(3)
+    three[1] = replace(three[1], latitude=5.0 / RADIUS, heading=1.0, **lie)
+    assert judged(three) == [(), (reason,), ()]
+
+
+def test_such_a_step_that_stays_is_a_gap_and_then_settles():
+    """Two are refused, the third comes 0.1875 s after the last that counted."""
+    these = [replace(fix, altitude=250.0 if k < 5 else 255.0) for k, fix in enumerate(close(20))]
+    assert judged(these) == [()] * 5 + [("altitude_jump",)] * 2 + [("gap",)] + [("settling",)] * 7 + [()] * 5
+
+
+def test_such_a_step_of_a_recording_is_judged_by_its_own_limits():
+    steps = {"altitude": 400.0, "yaw_rate": 1.9, "acceleration": 19.0}
+    assert judged([STANDING, replace(STANDING, time=STEP, **steps)], PLAYBACK) == [(), ()]
 
 
 # Over half a second.

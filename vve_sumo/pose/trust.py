@@ -1,7 +1,8 @@
 """The trust gate: is this one fix good enough, given the fixes before it?
 
 Knows fixes and nothing of the car, the map, the controller or the gateway. There is no way to override it: a fix is
-trusted when no reason speaks against it. Every comparison is written so that NaN fails it.
+trusted when no reason speaks against it. Every comparison is written so that NaN fails it, except where NaN means that
+a receiver does not say what no drive needs: that is nothing to compare with.
 """
 
 from __future__ import annotations
@@ -25,6 +26,13 @@ VELOCITY_NOISE: Final = 0.5  #: what two velocities may differ by besides accele
 FROZEN_SPEED: Final = 0.2  #: above it two fixes cannot have the same position to the last bit [m/s]
 ABSURD_ACCELERATION: Final = 20.0  #: specific force that only a crash or a broken sensor shows [m/s2]
 ACCELERATION_LIMIT: Final = 12.0  #: no car accelerates more [m/s2]: bounds the way it can leave a straight line
+LOWEST: Final = -600.0  #: no road lies lower [m]: the Dead Sea's shore, and what ellipsoid and sea level differ by
+HIGHEST: Final = 7000.0  #: nor higher [m]
+TILT_LIMIT: Final = 0.7  #: pitched or rolled farther no car stands on its wheels [rad]
+TILT_RATE: Final = 1.0  #: a car pitches and rolls no faster over what it may drive over [rad/s]
+TILT_NOISE: Final = 0.01  #: what two pitches or rolls may differ by besides [rad]
+STEEPEST: Final = 0.5  #: climb over way, where the receiver says no vertical velocity
+YAW_ACCELERATION_LIMIT: Final = 10.0  #: no car begins to turn faster [rad/s2]
 
 REASONS: Final[dict[str, str]] = {
     "not_finite": "time, position, velocity, yaw rate or acceleration is missing or not a number",
@@ -47,6 +55,11 @@ REASONS: Final[dict[str, str]] = {
     "velocity_jump": "the velocity changed by more than a car can accelerate",
     "heading_jump": "the heading changed by more than the yaw rate explains",
     "motion_absurd": "yaw rate or acceleration is more than a car on its wheels can do",
+    "altitude_absurd": "the altitude is one at which there are no roads",
+    "tilt_absurd": "pitch or roll is more than a car on its wheels can have",
+    "altitude_jump": "altitude or vertical velocity is not where the fix before leads",
+    "tilt_jump": "pitch or roll changed faster than a car can tilt",
+    "motion_jump": "yaw rate or acceleration changed by more than a car can change them",
     "frozen_pose": "the position stands still to the last bit while the velocity says that the car moves",
     "heading_off_course": "the heading and the direction of travel disagree",
     "settling": "a jump or gap was seen a moment ago; fixes must agree for a while before they count again",
@@ -71,6 +84,9 @@ class TrustProfile:
     stale_limit: float  #: since the last trusted fix's own time [s]
     jump_limit: float  #: from where the velocity leads, from fix to fix and over `DRIFT_WINDOW` [m]
     heading_jump_limit: float  #: from where the yaw rate leads, from fix to fix [rad]
+    altitude_jump_limit: float  #: from where the vertical velocity leads, from fix to fix [m]
+    yaw_rate_jump_limit: float  #: from fix to fix, on top of what a car can begin to turn [rad/s]
+    acceleration_jump_limit: float  #: from fix to fix [m/s2]
     course_limit: float  #: heading against course [rad], on top of what a bend explains
     course_speed: float  #: the course is judged above it [m/s]
     settling: float  #: how long fixes must agree after a jump or gap [s]
@@ -82,7 +98,9 @@ class TrustProfile:
 
 
 #: A car may drive on it. 0.10 m and 100 ms are the figures the rest of the chain is built on (a setpoint lives 100 ms);
-#: 0.01 rad puts a point 10 m ahead 0.1 m off; 0.25 m is ten sigma of RTK noise and less than a lane margin.
+#: 0.01 rad puts a point 10 m ahead 0.1 m off; 0.25 m is ten sigma of RTK noise and less than a lane margin, and heights
+#: are half as good. A gyroscope in a shaken car may be 0.1 rad/s off for a moment. An acceleration may go all at once,
+#: as it does where full brakes have brought the car to rest.
 DRIVE: Final = TrustProfile(
     name="drive",
     may_arm=True,
@@ -97,6 +115,9 @@ DRIVE: Final = TrustProfile(
     stale_limit=0.15,
     jump_limit=0.25,
     heading_jump_limit=0.05,
+    altitude_jump_limit=0.5,
+    yaw_rate_jump_limit=0.1,
+    acceleration_jump_limit=12.0,
     course_limit=0.20,
     course_speed=3.0,
     settling=0.5,
@@ -108,6 +129,7 @@ DRIVE: Final = TrustProfile(
 #: of which may be lost, and 50 ms on the wire; braking at 5 m/s2 that a prediction over 0.25 s knows nothing of makes
 #: it 0.16 m wrong. The yaw rate is differenced heading, late by 50 ms: a bend entered at 0.6 rad/s of yaw is 0.03 rad
 #: off it, and 0.01 rad are noise. In return a step of the heading shows by half: 0.16 rad is the least that is found.
+#: Noise of 0.08 rad makes 0.8 rad/s of a yaw rate that is differenced over 0.1 s.
 NMEA: Final = TrustProfile(
     name="nmea",
     may_arm=True,
@@ -122,6 +144,9 @@ NMEA: Final = TrustProfile(
     stale_limit=0.25,
     jump_limit=0.25,
     heading_jump_limit=0.08,
+    altitude_jump_limit=0.5,
+    yaw_rate_jump_limit=0.8,
+    acceleration_jump_limit=12.0,
     course_limit=0.20,
     course_speed=3.0,
     settling=0.5,
@@ -142,6 +167,9 @@ PLAYBACK: Final = TrustProfile(
     stale_limit=1.0,
     jump_limit=1.0,
     heading_jump_limit=math.inf,
+    altitude_jump_limit=math.inf,
+    yaw_rate_jump_limit=math.inf,
+    acceleration_jump_limit=math.inf,
     course_limit=0.35,
     course_speed=3.0,
     settling=0.0,
@@ -164,6 +192,10 @@ def _of_the_fix(fix: Fix, profile: TrustProfile) -> list[str]:
         reasons.append("not_finite")
     if abs(fix.yaw_rate) > YAW_RATE_LIMIT or abs(fix.acceleration) > ABSURD_ACCELERATION:
         reasons.append("motion_absurd")
+    if fix.altitude < LOWEST or fix.altitude > HIGHEST:
+        reasons.append("altitude_absurd")
+    if abs(fix.pitch) > TILT_LIMIT or abs(fix.roll) > TILT_LIMIT:
+        reasons.append("tilt_absurd")
     if not math.isfinite(fix.heading):
         reasons.append("heading_invalid")
     elif _off_course(fix, profile):
@@ -221,6 +253,40 @@ def _off_the_yaw_rate(last: Fix, fix: Fix) -> float:
     return math.remainder(turned, math.tau) if math.isfinite(turned) else 0.0
 
 
+def _off_the_climb(last: Fix, fix: Fix) -> float:
+    """How far the newer altitude lies from where the vertical velocities lead [m].
+
+    Where a receiver does not say them, how far beyond what the steepest road explains.
+    """
+    step, climbed = fix.time - last.time, fix.altitude - last.altitude
+    down = fix.velocity_down + last.velocity_down
+    if math.isfinite(down):
+        return abs(climbed + 0.5 * step * down)
+    fast = math.hypot(fix.velocity_north, fix.velocity_east) + math.hypot(last.velocity_north, last.velocity_east)
+    return abs(climbed) - STEEPEST * 0.5 * step * fast
+
+
+def _of_the_rest(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
+    """What the fix before speaks against this one in all but position, horizontal velocity and heading."""
+    step = fix.time - last.time
+    reasons = []
+    faster = abs(fix.velocity_down - last.velocity_down)
+    if (
+        _off_the_climb(last, fix) > profile.altitude_jump_limit + 0.25 * ACCELERATION_LIMIT * step * step
+        or faster > ACCELERATION_LIMIT * step + VELOCITY_NOISE
+    ):
+        reasons.append("altitude_jump")
+    tilt = TILT_RATE * step + TILT_NOISE
+    if abs(fix.pitch - last.pitch) > tilt or abs(fix.roll - last.roll) > tilt:
+        reasons.append("tilt_jump")
+    if (
+        abs(fix.yaw_rate - last.yaw_rate) > YAW_ACCELERATION_LIMIT * step + profile.yaw_rate_jump_limit
+        or abs(fix.acceleration - last.acceleration) > profile.acceleration_jump_limit
+    ):
+        reasons.append("motion_jump")
+    return reasons
+
+
 def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
     """What the fix before speaks against this one; both finite, `fix` the newer."""
     step = fix.time - last.time
@@ -243,6 +309,9 @@ def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
     return reasons
 
 
+#: what has one of these is no fix of this car: it leaves no trace, and the next one is compared with the one before it
+_TRACELESS: Final = frozenset({"not_finite", "fix_from_future", "motion_absurd", "altitude_absurd", "tilt_absurd"})
+
 #: after one of these, fixes must agree among themselves for a while
 _UNSETTLING: Final = frozenset({"gap", "pose_jump", "pose_drift", "velocity_jump", "heading_jump", "heading_drift"})
 
@@ -254,8 +323,10 @@ _BREAKING: Final = frozenset({"gap", "pose_jump", "velocity_jump", "heading_jump
 class TrustGate:
     """Judges fixes one by one against their history.
 
-    `epoch` is the GNSS second of drive time 0. The history moves on with every fix that is finite, newer than the one
-    before and not from the future, trusted or not; so a jump is one reason once, and then `settling`.
+    `epoch` is the GNSS second of drive time 0. The history moves on with every fix that is finite, not absurd, newer
+    than the one before and not from the future, trusted or not; so a jump is one reason once, and then `settling`. A
+    jump of what is neither position, horizontal velocity nor heading costs its fix alone, for the history does not move
+    on: the next is compared with the one before it. Where that goes on, it is a gap like any other.
     """
 
     def __init__(self, profile: TrustProfile, epoch: float) -> None:
@@ -281,7 +352,7 @@ class TrustGate:
         if profile.live:
             reasons += _of_the_receiver(fix, profile)
             reasons += self._of_the_age(now, fix)
-        if "not_finite" not in reasons and "fix_from_future" not in reasons:
+        if _TRACELESS.isdisjoint(reasons):
             reasons += self._of_the_history(fix)
         if not reasons:
             self._trusted_until = fix.time - self._epoch + profile.stale_limit
@@ -304,6 +375,8 @@ class TrustGate:
             return []
         if not fix.time > last.time:
             return ["time_not_increasing"]
+        if fix.time - last.time <= self._profile.gap_limit and (jumps := _of_the_rest(last, fix, self._profile)):
+            return jumps
         self._last = fix
         reasons = _of_the_step(last, fix, self._profile)
         if not _BREAKING.isdisjoint(reasons):
