@@ -34,12 +34,17 @@ LEAD: Final = 1.5
 LOWEST: Final = (0.0, 4e-6, 0.03)
 HIGHEST: Final = (0.7, 0.25, 1.0)
 STEPS: Final = (2e-3, 1e-4, 1e-2)
-#: from the best of these mean delays and lags [s] the search begins
-BEGINNINGS: Final = (*((delay, 0.015) for delay in np.arange(0.04, 0.6, 0.08).tolist()), (0.14, 0.1), (0.26, 0.2))
+#: of each of these lags [s] the search begins at the best of these mean delays [s], and the best that it finds counts:
+#: a long lag can hide in the throttle's
+LAGS: Final = (0.015, 0.1, 0.25)
+DELAYS: Final = tuple(np.arange(0.04, 0.62, 0.04).tolist())
 MOST_STEPS: Final = 20
 #: a model that leaves more than this of the speed, root mean square, describes no such brakes [m/s]: a road without
 #: grip, a foot on the pedal
 MISFIT: Final = 0.02
+#: nor do brakes as strong as this over declared: 15 % of mass and 10 % of gain together are 0.78 to 1.29. Where the
+#: tyres slide, or the kit's limit is reached, more torque slows the car no more, and the fit finds a few tenths or less
+STRENGTH: Final = (0.65, 1.6)
 
 
 class Interval(NamedTuple):
@@ -74,6 +79,8 @@ def brake_answer(run: Run, stop: Stop) -> BrakeAnswer:
     torque, throttle = _commands(run, time[rows])
     if len(rows) < LEAST_SAMPLES or not np.isfinite(speed[rows]).all() or not np.ptp(torque.value) > 0.0:
         return UNKNOWN
+    declared = run.vehicle.mass * run.vehicle.wheel_radius
+    torque = Series(torque.time, torque.value / declared)
     return _fitted(_Model(time[rows], speed[rows], torque, throttle), round(MEMORY / run.period))
 
 
@@ -99,6 +106,7 @@ class _Model:
     """The speed of a stretch, and what any dead time and lags leave of it."""
 
     def __init__(self, time: Floats, speed: Floats, torque: Series, throttle: Series) -> None:
+        """`torque` is what it declares to be as a deceleration [m/s2], `throttle` may be in any unit."""
         self._time = time
         self._torque, self._throttle = torque, throttle
         self.pushed = bool(np.ptp(throttle.value) > 0.0)
@@ -108,14 +116,21 @@ class _Model:
 
     def residual(self, guess: Floats) -> Floats:
         """What the best strengths leave of the speed [m/s] at a guess: mean delay, lag squared, throttle's lag."""
+        return self._solved(guess)[0]
+
+    def strength(self, guess: Floats) -> float:
+        """Return the best strength of the brakes over the declared one at a guess."""
+        return self._solved(guess)[1]
+
+    def _solved(self, guess: Floats) -> tuple[Floats, float]:
         lag = math.sqrt(guess[1])
-        columns = [*self._steady, Answer(self._torque, guess[0] - lag, lag).integral(self._time) / ASSUMED.brake_gain]
+        columns = [*self._steady, -Answer(self._torque, guess[0] - lag, lag).integral(self._time)]
         if self.pushed:
             columns.append(Answer(self._throttle, THROTTLE_DELAY, guess[2]).integral(self._time))
         # Integrals from the stretch's beginning, or a large constant would cost their last digits.
         matrix = np.column_stack([columns[0], *(column - column[0] for column in columns[1:])])
-        left: Floats = matrix @ np.linalg.lstsq(matrix, self._speed)[0] - self._speed
-        return left
+        factors = np.linalg.lstsq(matrix, self._speed)[0]
+        return matrix @ factors - self._speed, float(factors[len(self._steady)])
 
     def slopes(self, guess: Floats) -> Floats:
         """Its change with each parameter of the guess, over STEPS: the square root of a lag has no smaller one."""
@@ -128,24 +143,42 @@ class _Model:
 
 
 def _fitted(model: _Model, memory: int) -> BrakeAnswer:
+    found = min((_search(model, lag) for lag in LAGS), key=lambda one: one.misfit)
+    low, high = STRENGTH
+    if not (found.misfit <= MISFIT and low <= model.strength(found.guess) <= high):
+        return UNKNOWN
+    mean, square = found.guess[:2].tolist()
+    mean_sigma, square_sigma = sigmas(found.slopes, found.residual, memory)[:2].tolist()
+    return _intervals(mean, 2.0 * mean_sigma, square, 2.0 * square_sigma)
+
+
+class _Found(NamedTuple):
+    """Where a search ended."""
+
+    guess: Floats
+    residual: Floats
+    slopes: Floats
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of what is left of the speed [m/s]."""
+        return math.sqrt(np.mean(self.residual**2))
+
+
+def _search(model: _Model, lag: float) -> _Found:
     from scipy.optimize import least_squares
 
     many = 3 if model.pushed else 2
-    guesses = [np.array((delay, lag * lag, ASSUMED.drive_lag)[:many]) for delay, lag in BEGINNINGS]
-    start = min(guesses, key=lambda guess: float(np.sum(model.residual(guess) ** 2)))
-    found = least_squares(
+    guesses = [np.array((delay, lag * lag, ASSUMED.drive_lag)[:many]) for delay in DELAYS if delay > lag]
+    ended = least_squares(
         model.residual,
-        start,
+        min(guesses, key=lambda guess: float(np.sum(model.residual(guess) ** 2))),
         jac=model.slopes,
         bounds=(LOWEST[:many], HIGHEST[:many]),
         x_scale=STEPS[:many],
         max_nfev=MOST_STEPS,
     )
-    if not math.sqrt(np.mean(found.fun**2)) <= MISFIT:
-        return UNKNOWN
-    mean, square = found.x[:2].tolist()
-    mean_sigma, square_sigma = sigmas(np.asarray(found.jac), found.fun, memory)[:2].tolist()
-    return _intervals(mean, 2.0 * mean_sigma, square, 2.0 * square_sigma)
+    return _Found(ended.x, ended.fun, np.asarray(ended.jac))
 
 
 def _intervals(mean: float, mean_reach: float, square: float, square_reach: float) -> BrakeAnswer:
