@@ -30,10 +30,11 @@ SLOWEST: Final = 1.1 * ASSUMED.creep_speed
 #: commands from so long before that stretch still act in it, through the throttle's lag [s]
 LEAD: Final = 1.5
 
-#: mean delay (dead time plus lag) [s], lag squared [s2], throttle's lag [s]: limits of the search, steps of its slopes
-LOWEST: Final = (0.0, 4e-6, 0.03)
-HIGHEST: Final = (0.7, 0.25, 1.0)
-STEPS: Final = (2e-3, 1e-4, 1e-2)
+#: mean delay (dead time plus lag) [s], square of the lag's share in it, throttle's lag [s]: limits of the search, and
+#: steps of its slopes
+LOWEST: Final = (1e-3, 1e-4, 0.03)
+HIGHEST: Final = (0.7, 1.0, 1.0)
+STEPS: Final = (2e-3, 3e-2, 1e-2)
 #: of each of these lags [s] the search begins at the best of these mean delays [s], and the best that it finds counts:
 #: a long lag can hide in the throttle's
 LAGS: Final = (0.015, 0.1, 0.25)
@@ -71,8 +72,8 @@ def brake_answer(run: Run, stop: Stop) -> BrakeAnswer:
 
     Fitted to the speed: what a constant push (rolling, grade), the assumed air drag, the fading throttle and the
     commanded torque after dead time and lag leave of it. Strength of brakes and throttle, the push and the throttle's
-    lag are found with them, so that a wrong mass, brake gain or grade is no delay. The lag enters squared: a short one
-    shows as the square, also at zero.
+    lag are found with them, so that a wrong mass, brake gain or grade is no delay. The lag enters as a squared share of
+    the whole delay: a short one shows as its square, also at zero, and none is longer than the whole.
     """
     time, speed = run.motion.time, run.motion.speed
     rows = _stretch(run, stop)
@@ -115,7 +116,7 @@ class _Model:
         self._steady = [np.ones_like(time), time - time[0]]
 
     def residual(self, guess: Floats) -> Floats:
-        """What the best strengths leave of the speed [m/s] at a guess: mean delay, lag squared, throttle's lag."""
+        """What the best strengths leave of the speed [m/s] at a guess, as LOWEST and HIGHEST have it."""
         return self._solved(guess)[0]
 
     def strength(self, guess: Floats) -> float:
@@ -123,7 +124,7 @@ class _Model:
         return self._solved(guess)[1]
 
     def _solved(self, guess: Floats) -> tuple[Floats, float]:
-        lag = math.sqrt(guess[1])
+        lag = guess[0] * math.sqrt(guess[1])
         columns = [*self._steady, -Answer(self._torque, guess[0] - lag, lag).integral(self._time)]
         if self.pushed:
             columns.append(Answer(self._throttle, THROTTLE_DELAY, guess[2]).integral(self._time))
@@ -147,9 +148,8 @@ def _fitted(model: _Model, memory: int) -> BrakeAnswer:
     low, high = STRENGTH
     if not (found.misfit <= MISFIT and low <= model.strength(found.guess) <= high):
         return UNKNOWN
-    mean, square = found.guess[:2].tolist()
-    mean_sigma, square_sigma = sigmas(found.slopes, found.residual, memory)[:2].tolist()
-    return _intervals(mean, 2.0 * mean_sigma, square, 2.0 * square_sigma)
+    reach = 2.0 * sigmas(found.slopes, found.residual, memory)
+    return _intervals(*found.guess[:2].tolist(), *reach[:2].tolist())
 
 
 class _Found(NamedTuple):
@@ -169,7 +169,7 @@ def _search(model: _Model, lag: float) -> _Found:
     from scipy.optimize import least_squares
 
     many = 3 if model.pushed else 2
-    guesses = [np.array((delay, lag * lag, ASSUMED.drive_lag)[:many]) for delay in DELAYS if delay > lag]
+    guesses = [np.array((delay, (lag / delay) ** 2, ASSUMED.drive_lag)[:many]) for delay in DELAYS if delay > lag]
     ended = least_squares(
         model.residual,
         min(guesses, key=lambda guess: float(np.sum(model.residual(guess) ** 2))),
@@ -181,10 +181,8 @@ def _search(model: _Model, lag: float) -> _Found:
     return _Found(ended.x, ended.fun, np.asarray(ended.jac))
 
 
-def _intervals(mean: float, mean_reach: float, square: float, square_reach: float) -> BrakeAnswer:
-    low, lag, high = (math.sqrt(max(value, 0.0)) for value in (square - square_reach, square, square + square_reach))
-    return BrakeAnswer(
-        Interval(mean - lag, mean - mean_reach - high, mean + mean_reach - low),
-        Interval(lag, low, high),
-        Interval(mean, mean - mean_reach, mean + mean_reach),
-    )
+def _intervals(mean: float, share: float, mean_reach: float, share_reach: float) -> BrakeAnswer:
+    """Return the parts, the intervals of dead time and lag as wide as both reaches together can make them."""
+    low, lag, high = (mean * math.sqrt(max(value, 0.0)) for value in (share - share_reach, share, share + share_reach))
+    reaction = Interval(mean - lag, max(mean - mean_reach - high, 0.0), mean + mean_reach - low)
+    return BrakeAnswer(reaction, Interval(lag, low, high), Interval(mean, mean - mean_reach, mean + mean_reach))
