@@ -78,7 +78,7 @@ def brake_answer(run: Run, stop: Stop) -> BrakeAnswer:
     time, speed = run.motion.time, run.motion.speed
     rows = _stretch(run, stop)
     torque, throttle = _commands(run, time[rows])
-    if len(rows) < LEAST_SAMPLES or not np.isfinite(speed[rows]).all() or not np.ptp(torque.value) > 0.0:
+    if len(rows) < LEAST_SAMPLES or not np.isfinite(speed[rows]).all() or not np.any(torque.value > 0.0):
         return UNKNOWN
     declared = run.vehicle.mass * run.vehicle.wheel_radius
     torque = Series(torque.time, torque.value / declared)
@@ -107,7 +107,7 @@ class _Model:
     """The speed of a stretch, and what any dead time and lags leave of it."""
 
     def __init__(self, time: Floats, speed: Floats, torque: Series, throttle: Series) -> None:
-        """`torque` is what it declares to be as a deceleration [m/s2], `throttle` may be in any unit."""
+        """`torque` is commanded, as the deceleration [m/s2] that it is declared to give; `throttle` is in any unit."""
         self._time = time
         self._torque, self._throttle = torque, throttle
         self.pushed = bool(np.ptp(throttle.value) > 0.0)
