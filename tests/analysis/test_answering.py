@@ -222,7 +222,7 @@ def _drive(folder: Path) -> None:
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("answers")
-    isolated(_drive, folder)
+    isolated(_drive, folder, timeout=900.0)
     return folder
 
 
