@@ -1,4 +1,4 @@
-"""The stopping bound that a run set itself, beside what happened.
+"""The stopping bound that a run set itself, beside what happened, and how its brakes answered beside their declaration.
 
 Knows stops and the closed form of stopping; it must not know what was wrong with the car.
 """
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from vve_sumo.analysis.answering import UNKNOWN, BrakeAnswer, Interval, brake_answer
 from vve_sumo.analysis.braking import Stop, stop_of
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
 #: a stop longer than its bound by no more than this keeps it [m]: a pose that is trusted may be so far off, and no
 #: distance of a record is known better
 TOLERANCE: Final = 0.10
+
+#: brakes that answer later or build up more slowly than declared by no more than this are as declared [s]; of nominal
+#: drives the fit says 15 ms too much at most, at the lower end of its interval and on an estimated speed
+LATE: Final = 0.03
 
 #: columns of a sweep's rows that a certificate takes
 ROW_COLUMNS: Final = ("stop_distance_m", "stop_bound_m")
@@ -46,6 +51,7 @@ class Certificate:
     brake_lag: float  #: declared lag of the brakes [s]
     bound: float  #: the closed form of them [m]
     distance: float  #: what the car took [m]
+    answer: BrakeAnswer  #: how the brakes did answer, as far as the record tells
 
     @property
     def excess(self) -> float:
@@ -53,14 +59,36 @@ class Certificate:
         return self.distance - self.bound
 
     @property
+    def missed(self) -> tuple[str, ...]:
+        """What was not held: "distance", "reaction", "build-up".
+
+        Where the brakes answered late together, and neither part is late for sure, it is "reaction or build-up".
+        """
+        declared, answer = (self.brake_delay, self.brake_lag), self.answer
+        parts = zip(("reaction", "build-up"), (answer.reaction, answer.build_up), declared, strict=True)
+        late = [name for name, found, promised in parts if _late(found, promised)]
+        if not late and _late(answer.together, sum(declared)):
+            late = ["reaction or build-up"]
+        return (*(["distance"] if self.excess > TOLERANCE else []), *late)
+
+    @property
     def held(self) -> bool:
-        """Whether there was a stop and it kept its bound."""
-        return self.excess <= TOLERANCE
+        """Whether there was a stop, it kept its bound, and its brakes did not answer late, as far as that is known."""
+        return self.excess <= TOLERANCE and not self.missed
 
     @property
     def broken(self) -> bool:
-        """Whether there was a stop and it broke its bound."""
-        return self.excess > TOLERANCE
+        """Whether there was a stop, and it broke its bound or its brakes answered late."""
+        return bool(self.missed)
+
+
+def _late(found: Interval, declared: float) -> bool:
+    """Whether a part of the brakes' answer is later than tolerated, for sure; never where it is not known."""
+    return found.low > declared + LATE
+
+
+#: of a drive without a stop
+NONE: Final = Certificate(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, UNKNOWN)
 
 
 def certificate(run: Run) -> Certificate:
@@ -68,21 +96,31 @@ def certificate(run: Run) -> Certificate:
 
     The bound is `laws.stopping_distance` of the onset's speed, the demand, the run's own worst latency plus the brakes'
     declared dead time, and their declared lag. Nothing in it was measured on the brakes: a car that answers
-    late or gives less than was granted breaks it, and a loop that then asks for more breaks it the sooner.
+    late or gives less than was granted breaks it. But a loop that closes over speed makes up for what late brakes lost,
+    and the distance hardly shows it. So dead time and lag are fitted to the commanded torque and judged by themselves.
     """
     stop = stop_of(run)
     if stop is None:
-        return Certificate(*[math.nan] * 7)
+        return NONE
     latency, car = _latency(run, stop), run.vehicle
-    bound = stop.bound(car, latency)
-    return Certificate(stop.onset_speed, stop.demand, latency, car.brake_delay, car.brake_lag, bound, stop.distance)
+    return Certificate(
+        stop.onset_speed,
+        stop.demand,
+        latency,
+        car.brake_delay,
+        car.brake_lag,
+        stop.bound(car, latency),
+        stop.distance,
+        brake_answer(run, stop),
+    )
 
 
 def certificates(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the certificates of a sweep's rows, a row each, by their index: the columns of MEANINGS.
 
-    A sweep is driven in lockstep, so their bound has no latency in it. A run without a stop is NaN, and neither held
-    nor broken. Raises ConfigError where the rows do not have what it takes.
+    A sweep is driven in lockstep, so their bound has no latency in it. They judge the distance alone: rows hold no
+    commanded torque to fit. A run without a stop is NaN, and neither held nor broken. Raises ConfigError where the rows
+    do not have what it takes.
     """
     import pandas as pd
 

@@ -251,13 +251,13 @@ def _fit(model: Model, measured: Series, start: Sequence[float], limits: Sequenc
     curve = Curve(measured.time, measured.value, found.fun + measured.value)
     return _Fit(
         found.x.tolist(),
-        _sigmas(np.asarray(found.jac), found.fun, memory).tolist(),
+        sigmas(np.asarray(found.jac), found.fun, memory).tolist(),
         curve,
         (found.active_mask != 0).tolist(),
     )
 
 
-def _sigmas(jacobian: Floats, residual: Floats, memory: int) -> Floats:
+def sigmas(jacobian: Floats, residual: Floats, memory: int) -> Floats:
     """Standard deviations of least-squares parameters whose residuals hang together for `memory` samples.
 
     Newey and West, Econometrica 55 (1987). A parameter that changes nothing has an infinite one.

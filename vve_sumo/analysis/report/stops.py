@@ -5,10 +5,11 @@ Knows stops and certificates; measures nothing itself.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from vve_sumo.analysis.braking import Stop, comfort, stop_of
-from vve_sumo.analysis.certificate import TOLERANCE, certificate, certificates
+from vve_sumo.analysis.certificate import LATE, TOLERANCE, Certificate, certificate, certificates
 from vve_sumo.analysis.report.html import Column, Html, folded, sub, table, tag
 from vve_sumo.analysis.report.tables import about
 from vve_sumo.analysis.report.words import count, number, said
@@ -61,15 +62,10 @@ def _felt(run: Run, found: Stop) -> Html:
 
 
 def promised(run: Run) -> Html:
-    """Return the certificate of a drive's stop: the bound that it set itself, and what happened."""
+    """Return the certificate of a drive's stop: what the car as declared promised of it, and what happened."""
     found = certificate(run)
     if not (found.held or found.broken):
         return Html("")
-    held = (
-        f"kept its bound of {number(found.bound, 'm')}"
-        if found.held
-        else f"BROKE its bound of {number(found.bound, 'm')}"
-    )
     rows = [
         ("speed at the onset", number(found.onset_speed, "m/s")),
         ("deceleration granted, as a constant one", number(found.demand, "m/s²")),
@@ -79,12 +75,48 @@ def promised(run: Run) -> Html:
         ("what it took", number(found.distance, "m")),
         ("beyond the bound; negative is better than promised", number(found.excess, "m")),
     ]
+    figures = table(("what", Column("value", True)), rows, "certificate")
+    return sub("Certificate", _of_distance(found), figures, *_of_answer(found))
+
+
+def _of_distance(found: Certificate) -> Html:
+    if math.isnan(found.excess):
+        return tag("p", "The record does not tell what the stop promised: the loop's latency was not taken down.")
+    broke = "distance" in found.missed
+    kept = f"{'BROKE' if broke else 'kept'} its bound of {number(found.bound, 'm')}"
     text = (
-        f"The stop took {number(found.distance, 'm')} and {held}, which a car with the declared brakes needs at most "
+        f"The stop took {number(found.distance, 'm')} and {kept}, which a car with the declared brakes needs at most "
         f"for what was commanded; {number(TOLERANCE, 'm')} more are tolerated."
     )
-    looks = {"class_": "no"} if found.broken else {}
-    return sub("Certificate", tag("p", text, **looks), table(("what", Column("value", True)), rows, "certificate"))
+    return tag("p", text, **_looks(broke))
+
+
+def _of_answer(found: Certificate) -> list[Html]:
+    """How the brakes answered: what was not held of it, and the figures."""
+    answer, late = found.answer, [part for part in found.missed if part != "distance"]
+    if math.isnan(answer.together.value):
+        return [tag("p", "The record does not tell how fast the brakes answered.")]
+    said = f"NOT HELD: {' and '.join(late)}" if late else "No part of it is later for sure"
+    text = (
+        f"How the brakes answered the commanded torque, fitted to the speed. {said}, where "
+        f"{number(1000.0 * LATE, 'ms', 0)} beyond the declaration are tolerated."
+    )
+    declared = (found.brake_delay, found.brake_lag, found.brake_delay + found.brake_lag)
+    named = ("reaction: dead time", "build-up: lag", "together")
+    rows = [
+        (name, _ms(part.value), f"{_ms(part.low)} to {_ms(part.high)}", _ms(wanted))
+        for name, part, wanted in zip(named, answer, declared, strict=True)
+    ]
+    columns = ("part", Column("found [ms]", True), Column("between [ms]", True), Column("declared [ms]", True))
+    return [tag("p", text, **_looks(bool(late))), table(columns, rows, "how the brakes answered")]
+
+
+def _ms(time: float) -> str:
+    return number(1000.0 * time, digits=0)
+
+
+def _looks(bad: bool) -> dict[str, str]:
+    return {"class_": "no"} if bad else {}
 
 
 def flagged(rows: pd.DataFrame) -> Html:
