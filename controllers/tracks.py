@@ -31,7 +31,7 @@ LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen
 EVEN = 0.0  #: the same for full braking, where it is too near for waiting
 CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], its spectral density [m2/s5]
 BRAKES = 3.0  #: standard deviations of acceleration that tell braking from noise
-HARDER = 1.5  #: standard deviations by which one who brakes may do so harder than it seems
+HARDER = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
 ONCOMING = -2.0  #: what comes nearer than this along the path is judged by where it is, not by where it will be [m/s]
 GATE = 3.5  #: standard deviations within which a detection belongs to a track
 LANE = 8.0  #: detections farther beside the path are left alone [m]
@@ -164,11 +164,12 @@ class Track:
             self._correct(speed - self.speed, gain_s, gain_v, self.p_sv, self.p_v)
             self.pace.update(speed, variance)
 
-    @property
-    def braking(self) -> float:
-        """Deceleration [m/s2] that one who surely brakes may have, else 0."""
-        change, doubt = self.pace.rate, math.sqrt(self.pace.rate_variance)
-        return HARDER * doubt - change if -change > BRAKES * doubt else 0.0
+    def braking(self, age: float) -> float:
+        """Deceleration [m/s2] that one who surely braked may have so long after it was measured [s], else 0."""
+        pace, change = self.pace, self.pace.rate
+        if not -change > BRAKES * math.sqrt(pace.rate_variance):
+            return 0.0
+        return HARDER * math.sqrt(pace.rate_variance + pace.density * age) - change
 
     @property
     def drives(self) -> bool:
@@ -273,7 +274,8 @@ class Tracker:
 
 def _danger(track: Track, time: float, bumper: float) -> Target:
     """Return what a track has become at a time [s]: since it was measured, one who surely brakes has become slower."""
-    since, speed, braking = time - track.time, track.pace.value, track.braking
+    since, speed = time - track.time, track.pace.value
+    braking = track.braking(since)
     slower = min(braking * since, max(speed, 0.0))
     return Target(track.s + (track.speed - 0.5 * slower) * since - bumper, speed - slower, braking)
 
