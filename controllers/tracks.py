@@ -7,6 +7,7 @@ averages its noise away. It must not know what is done about the things.
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -30,12 +31,13 @@ LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen
 EVEN = 0.0  #: the same for full braking, where it is too near for waiting
 CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], its spectral density [m2/s5]
 BRAKES = 3.0  #: standard deviations of acceleration that tell braking from noise
-HARDER = 1.5  #: standard deviations by which one who brakes may do so harder than it seems
+HARDER = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
 ONCOMING = -2.0  #: what comes nearer than this along the path is judged by where it is, not by where it will be [m/s]
 GATE = 3.5  #: standard deviations within which a detection belongs to a track
 LANE = 8.0  #: detections farther beside the path are left alone [m]
 HORIZON = 150.0  #: detections farther along the path are left alone [m]
 CONFIRMED = 3  #: hits before a track counts
+REMEMBERED = 1.0  #: where the car was is remembered for so long [s]: as long as the slowest radar takes
 COAST, COAST_TENTATIVE, COAST_AT_REST = 0.6, 0.2, 5.0  #: a track lives on unseen for so long [s]
 MARGIN = 0.3  #: kept on both sides of the swept body [m]
 HYSTERESIS = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
@@ -58,6 +60,46 @@ class Sighting(NamedTuple):
     offset_variance: float  #: [m2]
     speed: float  #: along the path [m/s] of one that does not cross; NaN where the line of sight crosses the path
     skew: float = 0.0  #: by how much a speed across the path adds to `speed`
+
+
+class Motion(NamedTuple):
+    """Where the rear axle was at a time, and how it moved."""
+
+    time: float  #: [s]
+    x: float  #: [m]
+    y: float  #: [m]
+    heading: float  #: [rad]
+    speed: float  #: [m/s]
+    lateral_speed: float  #: [m/s]
+    yaw_rate: float  #: [rad/s]
+
+    def moved(self, dt: float) -> Motion:
+        """Return where it was or will be after a time [s] of steady motion."""
+        heading = self.heading + self.yaw_rate * dt
+        cos, sin = math.cos(heading), math.sin(heading)
+        x = self.x + (self.speed * cos - self.lateral_speed * sin) * dt
+        y = self.y + (self.speed * sin + self.lateral_speed * cos) * dt
+        return self._replace(time=self.time + dt, x=x, y=y, heading=heading)
+
+
+class Memory:
+    """Where the car was of late: a scan is looked at from where it was made, and it is old when it comes."""
+
+    def __init__(self) -> None:
+        self._past: deque[Motion] = deque()
+
+    def add(self, pose: Pose) -> None:
+        """Remember a pose newer than all before."""
+        self._past.append(
+            Motion(pose.time, pose.x, pose.y, pose.heading, pose.speed, pose.lateral_speed, pose.yaw_rate)
+        )
+        while self._past[0].time < pose.time - REMEMBERED:
+            self._past.popleft()
+
+    def at(self, time: float) -> Motion:
+        """Return the motion at a time [s], from the last pose remembered up to it, else from the first one."""
+        past = next((past for past in reversed(self._past) if past.time <= time), self._past[0])
+        return past.moved(time - past.time)
 
 
 class Track:
@@ -122,11 +164,12 @@ class Track:
             self._correct(speed - self.speed, gain_s, gain_v, self.p_sv, self.p_v)
             self.pace.update(speed, variance)
 
-    @property
-    def braking(self) -> float:
-        """Deceleration [m/s2] that one who surely brakes may have, else 0."""
-        change, doubt = self.pace.rate, math.sqrt(self.pace.rate_variance)
-        return HARDER * doubt - change if -change > BRAKES * doubt else 0.0
+    def braking(self, age: float) -> float:
+        """Deceleration [m/s2] that one who surely braked may have so long after it was measured [s], else 0."""
+        pace, change = self.pace, self.pace.rate
+        if not -change > BRAKES * math.sqrt(pace.rate_variance):
+            return 0.0
+        return HARDER * math.sqrt(pace.rate_variance + pace.density * age) - change
 
     @property
     def drives(self) -> bool:
@@ -156,23 +199,26 @@ class Tracker:
         self._corridor: Corridor | None = None
         self._tracks: list[Track] = []
         self._dangers: list[Track] = []
+        self._memory = Memory()
         self._scanned = -math.inf
 
     def step(self, situation: Situation, station: Station) -> Target | None:
         """Take in a scan if it is new, and return the nearest target at the situation's time."""
         if self._corridor is None:
             self._corridor = self._corridor_of(situation.path)
-        scan = situation.detections.time
+        self._memory.add(situation.pose)
+        scan, now = situation.detections.time, situation.time
         if scan > self._scanned:
             self._scanned = scan
-            self._take_in(scan, _sightings(situation, station, self._vehicle.rear_axle_to_bumper))
+            then = self._memory.at(scan)
+            self._take_in(scan, _sightings(situation, then, station, self._vehicle.rear_axle_to_bumper))
             self._forget(scan, situation.pose)
-            self._judge(self._corridor)
+            self._judge(self._corridor, now - scan)
             bumper = station.s + self._vehicle.rear_axle_to_bumper
             self._dangers = [
                 track
                 for track in self._tracks
-                if track.hits >= CONFIRMED and _endangers(track, self._corridor, bumper, situation.pose.speed)
+                if track.hits >= CONFIRMED and _endangers(track, self._corridor, bumper, situation.pose.speed, now)
             ]
         return self._nearest(situation.time, station.s + self._vehicle.rear_axle_to_bumper)
 
@@ -182,10 +228,7 @@ class Tracker:
         Unlike the nearest in the way: who is about to cross is among them, who will have crossed is not.
         """
         bumper = station + self._vehicle.rear_axle_to_bumper
-        return [
-            Target(track.s + track.speed * (time - track.time) - bumper, track.pace.value, track.braking)
-            for track in self._dangers
-        ]
+        return [_danger(track, time, bumper) for track in self._dangers]
 
     def _take_in(self, time: float, sightings: list[Sighting]) -> None:
         for track in self._tracks:
@@ -211,13 +254,13 @@ class Tracker:
         vehicle = self._vehicle
         return Corridor(path, vehicle.rear_axle_to_bumper, vehicle.rear_overhang, vehicle.width, MARGIN)
 
-    def _judge(self, corridor: Corridor) -> None:
+    def _judge(self, corridor: Corridor, age: float) -> None:
         for track in self._tracks:
             # In: surely inside the band, by one standard deviation. Out: clear of it by the hysteresis.
             shift = -HYSTERESIS if track.in_way else math.sqrt(track.offset_variance)
             outward = max(abs(track.offset) + shift, 0.0)
             is_in = corridor.contains(track.s, math.copysign(outward, track.offset))
-            track.in_way = is_in or (track.drives and _is_coming(track, corridor))
+            track.in_way = is_in or (track.drives and _is_coming(track, corridor, age))
 
     def _nearest(self, time: float, bumper: float) -> Target | None:
         nearest = None
@@ -229,9 +272,17 @@ class Tracker:
         return nearest
 
 
-def _is_coming(track: Track, corridor: Corridor) -> bool:
-    """Tell whether a car that goes along is likely to be in the band soon."""
-    return _comes_over(track, corridor, SOON, DOUBTED if track.in_way else LIKELY)
+def _danger(track: Track, time: float, bumper: float) -> Target:
+    """Return what a track has become at a time [s]: since it was measured, one who surely brakes has become slower."""
+    since, speed = time - track.time, track.pace.value
+    braking = track.braking(since)
+    slower = min(braking * since, max(speed, 0.0))
+    return Target(track.s + (track.speed - 0.5 * slower) * since - bumper, speed - slower, braking)
+
+
+def _is_coming(track: Track, corridor: Corridor, age: float) -> bool:
+    """Tell whether a car that goes along, as a scan of some age [s] shows it, is likely to be in the band soon."""
+    return _comes_over(track, corridor, age + SOON, DOUBTED if track.in_way else LIKELY)
 
 
 def _comes_over(track: Track, corridor: Corridor, within: float, surely: float) -> bool:
@@ -239,18 +290,22 @@ def _comes_over(track: Track, corridor: Corridor, within: float, surely: float) 
     return track.time - track.seen < FRESH and comes_over(track.across, left, right, within, surely)
 
 
-def _endangers(track: Track, corridor: Corridor, bumper: float, speed: float) -> bool:
-    """Tell whether a track is in the band now, or will be when a car of this speed [m/s] gets there."""
-    across, drives = track.across, track.drives
+def _endangers(track: Track, corridor: Corridor, bumper: float, speed: float, now: float) -> bool:
+    """Tell whether a track is in the band, or will be when a car of this speed [m/s] gets there; `bumper` is its now.
+
+    What is foretold of the track counts from when it was measured.
+    """
+    across, drives, age = track.across, track.drives, now - track.time
     if not crosses(across, COMES_OVER if drives else CROSSES):
         return _is_inside(track, corridor, track.offset, track.offset_variance)
-    gap, closing, (left, right) = track.s - bumper, speed - track.speed, corridor.half_widths(track.s)
-    arrival = max(gap, 0.0) / closing if closing > 0.0 else math.inf
+    gap, closing = track.s + track.speed * age - bumper, speed - track.speed
+    left, right = corridor.half_widths(track.s)
+    arrival = age + max(gap, 0.0) / closing if closing > 0.0 else math.inf
     if _is_inside(track, corridor, across.value, across.variance):
         return not will_have_left(across, left, right, arrival)
     if drives:
         past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
-        return gap > 0.0 and _comes_over(track, corridor, min(past, SOON), EVEN)
+        return gap > 0.0 and _comes_over(track, corridor, age + min(past, SOON), EVEN)
     return gap > 0.0 and track.speed > ONCOMING and will_be_in(across, left - INSIDE, right - INSIDE, arrival)
 
 
@@ -259,23 +314,19 @@ def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float)
     return corridor.contains(track.s, math.copysign(abs(offset) + 2.0 * math.sqrt(variance), offset))
 
 
-def _sightings(situation: Situation, station: Station, front: float) -> list[Sighting]:
+def _sightings(situation: Situation, then: Motion, station: Station, front: float) -> list[Sighting]:
     """Bring a scan's detections onto the path, from where the car was when the scan was made."""
-    pose, scan = situation.pose, situation.detections
+    scan, heading = situation.detections, then.heading
     if not scan.range.size:
         return []
-    since = situation.time - scan.time
-    heading = pose.heading - pose.yaw_rate * since
-    cos, sin = math.cos(heading), math.sin(heading)
-    bumper_x = pose.x - (pose.speed * cos - pose.lateral_speed * sin) * since + front * cos
-    bumper_y = pose.y - (pose.speed * sin + pose.lateral_speed * cos) * since + front * sin
+    bumper_x, bumper_y = then.x + front * math.cos(heading), then.y + front * math.sin(heading)
     ranges, azimuths = scan.range.tolist(), scan.azimuth.tolist()
     sights = [(math.cos(heading + azimuth), math.sin(heading + azimuth)) for azimuth in azimuths]
     lines = np.array(sights)
     s, offset = situation.path.locate(
         bumper_x + scan.range * lines[:, 0], bumper_y + scan.range * lines[:, 1], station.s, station.s + HORIZON
     )
-    across = pose.lateral_speed + pose.yaw_rate * front
+    across = then.lateral_speed + then.yaw_rate * front
     found = []
     columns = zip(ranges, azimuths, sights, scan.range_rate.tolist(), s.tolist(), offset.tolist(), strict=True)
     for reach, azimuth, (sight_x, sight_y), rate, at_s, at_offset in columns:
@@ -284,7 +335,7 @@ def _sightings(situation: Situation, station: Station, front: float) -> list[Sig
         direction = situation.path.at(at_s).heading
         cos_path, sin_path = math.cos(direction), math.sin(direction)
         along_sight = cos_path * sight_x + sin_path * sight_y
-        radial = rate + pose.speed * math.cos(azimuth) + across * math.sin(azimuth)
+        radial = rate + then.speed * math.cos(azimuth) + across * math.sin(azimuth)
         speed, skew = math.nan, 0.0
         if along_sight > 0.5:
             speed, skew = radial / along_sight, (cos_path * sight_y - sin_path * sight_x) / along_sight

@@ -109,7 +109,7 @@ class Player(NamedTuple):
 class Detections:
     """One radar scan as a controller sees it: a column per quantity, one row per detection."""
 
-    time: float  #: drive time that the scan is dated with [s]; -inf before the first scan
+    time: float  #: drive time at which they were measured, not at which they came [s]; -inf before the first scan
     range: Floats  #: from the middle of the front bumper to the seen point [m]
     azimuth: Floats  #: direction of the seen point from the middle of the front bumper [rad], left positive
     range_rate: Floats  #: radial velocity at the antenna [m/s], opening positive
@@ -260,7 +260,8 @@ class TickRow:
     true_speed_mps: float = _column("as true_x_m")
     true_acceleration_mps2: float = _column("as true_x_m")
     lateral_deviation_m: float = _column("true rear axle against the path, left positive; NaN for a real car")
-    scanned: bool = _column("the radar scanned at this tick")
+    scanned: bool = _column("a radar scan came out at this tick")
+    scan_time_s: float = _column("drive time at which the newest scan was measured; NaN before the first")
     detections: int = _column("rows in the newest scan")
     steering_setpoint_rad: float = _column("road-wheel angle asked by the controller, left positive; NaN for none")
     acceleration_setpoint_mps2: float = _column("acceleration asked by the controller; NaN for none")

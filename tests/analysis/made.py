@@ -36,6 +36,7 @@ def write(folder: Path, ticks: list[dict[str, Any]], summary: dict[str, Any] | N
     folder.mkdir()
     plain = {f.name: KINDS[str(f.type)] for f in dataclasses.fields(TickRow)}
     rows = [plain | {"tick": i, "time_s": i * PERIOD} | row for i, row in enumerate(ticks)]
+    rows = [{**row, "scan_time_s": row["scan_time_s"] or row["time_s"]} for row in rows]
     tables = {"ticks": rows, "detections": [], "actors": []}
     for name, held in tables.items():
         pq.write_table(pa.Table.from_pylist(held, SCHEMAS[name]), folder / f"{name}.parquet")

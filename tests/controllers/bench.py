@@ -155,13 +155,11 @@ def ride(controller: Controller, speed: float, bodies: Sequence[Body], seconds: 
 
 def _scanned(radar: Radar, due: float, pose: Pose, bodies: Sequence[Body],
              places: Sequence[tuple[float, float, float, float]], newest: Detections) -> Detections:  # fmt: skip
-    if not radar.due(due):
-        return newest
     columns = np.array(places, dtype=float).reshape(-1, 4).T.copy()
     sizes = np.array([body[1:] for body in bodies], dtype=float).reshape(-1, 3).T.copy()
     names = tuple(f"body{i}" for i in range(len(bodies)))
     scan = radar.step(due, pose, Actors(due, names, *columns, *sizes, np.zeros(len(bodies))))
-    return newest if scan is None else replace(scan.detections, time=pose.time)
+    return newest if scan is None else replace(scan.detections, time=scan.detections.time - (due - pose.time))
 
 
 def _contact(s: float, v: float, bodies: Sequence[Body], places: Sequence[tuple[float, float, float, float]]

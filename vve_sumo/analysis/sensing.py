@@ -34,10 +34,10 @@ Truths = NDArray[np.bool_]
 BRAKING = -1.0
 
 MEANINGS = {
-    "first_tick": "tick of the first detection",
-    "first_s": "drive time of the first detection",
+    "first_tick": "tick at which the first detection came out",
+    "first_s": "drive time of that tick",
     "first_range_m": "range of the first detection as measured, from the middle of the front bumper",
-    "first_ttc_s": "true range over true closing range rate at the first detection; NaN where it did not close in",
+    "first_ttc_s": "true range over true closing range rate when that was measured; NaN where it did not close in",
     "scans_visible": "scans in which a part of it that nothing hid lay in the field of view",
     "scans_detected": "scans that detected it",
     "detected_share": "of the scans in which it was visible those that detected it",
@@ -48,7 +48,7 @@ MEANINGS = {
     "range_error_std_m": "sample standard deviation of the same",
     "range_rate_error_mean_mps": "range rate measured minus the true one of that point, opening positive",
     "range_rate_error_std_mps": "sample standard deviation of the same",
-    "ghosts": "detections at ticks at which the street had no actor of that name",
+    "ghosts": "detections of an actor that the street did not have when they were measured; a false alarm has no name",
 }
 
 BRAKED_MEANINGS = {
@@ -63,10 +63,11 @@ BRAKED_MEANINGS = {
 
 @dataclass(frozen=True, slots=True)
 class _Scans:
-    """The ticks at which the radar scanned, in order."""
+    """The scans, in the order in which they came out."""
 
-    tick: NDArray[np.int64]
-    time: Floats  #: drive time [s]
+    tick: NDArray[np.int64]  #: at which each came out
+    time: Floats  #: drive time of that [s]
+    measured: NDArray[np.intp]  #: row of the tick at which it was measured
 
 
 class DropOuts(NamedTuple):
@@ -81,18 +82,26 @@ def radar_statistics(run: Run) -> pd.DataFrame:
     """Return a row for each actor that ever was in the radar's field of view or was detected, the first seen first.
 
     Visible is the nearest point of its box that lies in the field and that no other box hides, from the rear axle's
-    true pose (without a truth: the chain's estimate) and the recorded actors; errors are measured against that point.
-    A detection of an actor that is not visible from there has no error. The columns' meanings are in `attrs`.
+    true pose (without a truth: the chain's estimate) and the recorded actors at the tick at which the scan was
+    measured; errors are measured against that point. A detection of an actor that is not visible from there has no
+    error. The columns' meanings are in `attrs`.
     """
     import pandas as pd
 
-    at = np.flatnonzero(run.arrow("ticks")["scanned"].to_numpy())
-    scans = _Scans(run.arrow("ticks")["tick"].to_numpy()[at], run.time[at])
-    truth = pd.DataFrame(_truths(run, at), columns=["tick", "actor", "true_range", "true_rate"])
+    scans = _scans(run)
+    truth = pd.DataFrame(_truths(run, scans), columns=["tick", "actor", "true_range", "true_rate"])
     looks = truth.merge(_detections(run, scans), on=["tick", "actor"], how="outer").sort_values("tick", kind="stable")
     rows = {str(actor): _row(looked, scans) for actor, looked in looks.groupby("actor", sort=False)}
     table = pd.DataFrame.from_dict(rows, orient="index", columns=list(MEANINGS))
     return described(table.rename_axis("actor"), MEANINGS)
+
+
+def _scans(run: Run) -> _Scans:
+    ticks = run.arrow("ticks")
+    at = np.flatnonzero(ticks["scanned"].to_numpy())
+    # Halfway to the next tick: a time that was written is not looked for by its last bit.
+    measured = np.searchsorted(run.time, ticks["scan_time_s"].to_numpy()[at] - 0.5 * run.period)
+    return _Scans(ticks["tick"].to_numpy()[at], run.time[at], measured)
 
 
 def braked_for_nothing(run: Run) -> pd.DataFrame:
@@ -179,20 +188,23 @@ def _first(found: pd.DataFrame, scans: _Scans) -> dict[str, Any]:
 
 
 def _detections(run: Run, scans: _Scans) -> pd.DataFrame:
-    """Every detection of the scans, and whether the street had an actor of its name at that tick."""
+    """Every detection of the scans, and whether the street had an actor of its name when they were measured."""
     found = run.detections[["tick", "actor", "range_m", "range_rate_mps"]]
     found = found[found["tick"].isin(scans.tick)]
-    there = run.actors[["tick", "actor"]].drop_duplicates().assign(there=True)
-    joined = found.merge(there, on=["tick", "actor"], how="left")
+    measured = run.arrow("ticks")["tick"].to_numpy()[scans.measured]
+    found = found.assign(looked=measured[np.searchsorted(scans.tick, found["tick"])])
+    there = run.actors[["tick", "actor"]].drop_duplicates().rename(columns={"tick": "looked"}).assign(there=True)
+    joined = found.merge(there, on=["looked", "actor"], how="left")
     return joined.assign(there=joined["there"].notna())
 
 
-def _truths(run: Run, at: NDArray[np.intp]) -> Iterator[tuple[int, str, float, float]]:
-    """Tick, actor, range from the bumper [m] and range rate [m/s] of every actor that a scan could see."""
+def _truths(run: Run, scans: _Scans) -> Iterator[tuple[int, str, float, float]]:
+    """Scan's tick, actor, range from the bumper [m] and range rate [m/s] of every actor that it could see."""
     radar = radar_of(Radar.model_validate(run.resolved["settings"]["radar"]))
     sectors = [Sector(mode.range_max, math.tan(mode.half_angle)) for mode in radar.modes]
-    ticks = run.arrow("ticks")["tick"].to_numpy()[at]
-    for tick, pose, actors in zip(ticks.tolist(), _poses(run, at), _snapshots(run, ticks), strict=True):
+    looked = run.arrow("ticks")["tick"].to_numpy()[scans.measured]
+    looks = zip(scans.tick.tolist(), _poses(run, scans.measured), _snapshots(run, looked), strict=True)
+    for tick, pose, actors in looks:
         if not all(math.isfinite(value) for value in (pose.x, pose.y, pose.heading, pose.speed, pose.yaw_rate)):
             continue
         seen, _refused = echoes(antenna_at(pose, radar.mount, run.vehicle), actors, sectors)

@@ -43,7 +43,7 @@ class Decided:
     pose: Pose | None  #: of the rear axle at the tick; None before the first trusted fix
     station: float  #: distance along the path of the pose [m]
     deviation: float  #: of the pose from the path [m], left positive
-    scan: Scan | None  #: of this tick; None where none was due
+    scan: Scan | None  #: that came out at this tick; None where none did
     detections: Detections  #: the newest scan's
     pose_age: float  #: tick minus epoch of the newest trusted fix [s]
     pose_reasons: tuple[str, ...]  #: why the newest fix was not trusted
@@ -146,9 +146,9 @@ class Chain:
         pose, scan = self._predictor.at(now), None
         if pose is not None:
             scan = self._radar.step(now, pose, actors)
+            faults += ("actors_not_finite",) if self._radar.refused else ()
             if scan is not None:
                 self._detections = scan.detections
-                faults += ("actors_not_finite",) if scan.refused else ()
         self._seen = _Seen(pose, scan, faults)
 
     def decide(self, tick: int, now: float, steering: float, found: tuple[str, ...] = ()) -> Decided:

@@ -238,7 +238,7 @@ class Lockstep:
         output = self._gateway.step(now, decided.setpoint, reports, self._operator.act())
         record.saw_frames(now, CAR_BUS, output.frames)
         self._operator.saw(output.verdict)
-        keep_scan(record, tick, decided, street)
+        keep_scan(record, tick, decided)
         truth = self._alignment.apply(self._car.truth())
         chain.prepare(now + PERIOD, steering)
         asked = chain.front_bumper_at((tick + 1) * PERIOD)

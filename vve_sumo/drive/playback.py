@@ -131,7 +131,7 @@ class Playback:
         decided = chain.decide(tick, now, math.nan, street.found)
         output = self._gateway.step(now, decided.setpoint, ())
         record.saw_frames(now, CAR_BUS, output.frames)
-        keep_scan(record, tick, decided, street)
+        keep_scan(record, tick, decided)
         chain.prepare(now + PERIOD, math.nan)
         asked = chain.front_bumper_at((tick + 1) * PERIOD)
         report = street.advance(asked)

@@ -235,9 +235,9 @@ def compare_decided(inputs: ChainInputs, row: dict[str, Any], decided: Decided) 
     difference = compare(tick, row, decided_columns(decided))
     if difference is not None or decided.scan is None:
         return difference
-    seen, names = decided.detections, inputs.actors.get(tick, NOTHING).ids
+    seen = decided.scan.detections
     columns = (column.tolist() for column in (seen.range, seen.azimuth, seen.range_rate, seen.mode))
-    mine = list(map(Detection, *columns, [names[at] for at in decided.scan.actor_rows]))
+    mine = list(map(Detection, *columns, decided.scan.actors))
     for number, (then, now) in enumerate(zip_longest(inputs.scans.get(tick, []), mine)):
         if then != now:
             return Difference(tick, f"detection {number}", repr(then), repr(now))
@@ -263,6 +263,7 @@ def decided_columns(decided: Decided) -> Iterator[tuple[str, Any]]:
     yield "pose_age_s", decided.pose_age
     yield "pose_reasons", "+".join(decided.pose_reasons)
     yield "scanned", decided.scan is not None
+    yield "scan_time_s", decided.detections.time if math.isfinite(decided.detections.time) else nan
     yield "detections", len(decided.detections.range)
     yield "steering_setpoint_rad", setpoint.steering if setpoint else nan
     yield "acceleration_setpoint_mps2", setpoint.acceleration if setpoint else nan

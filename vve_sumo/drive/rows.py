@@ -32,11 +32,10 @@ class Moment(NamedTuple):
     verdict: Verdict  #: the gateway's newest
 
 
-def keep_scan(record: Scans, tick: int, decided: Decided, street: Street) -> None:
-    """Keep a tick's radar scan, where it had one, with the names behind its detections; before the street advances."""
+def keep_scan(record: Scans, tick: int, decided: Decided) -> None:
+    """Keep the radar scan that came out at a tick, where one did, with the names behind its detections."""
     if decided.scan is not None:
-        seen = street.actors.ids
-        record.scanned(tick, decided.detections, [seen[row] for row in decided.scan.actor_rows])
+        record.scanned(tick, decided.scan.detections, decided.scan.actors)
 
 
 def tick_row(
@@ -72,6 +71,7 @@ def tick_row(
         true_acceleration_mps2=truth.acceleration if truth else nan,
         lateral_deviation_m=beside,
         scanned=decided.scan is not None,
+        scan_time_s=decided.detections.time if math.isfinite(decided.detections.time) else nan,
         detections=len(decided.detections.range),
         steering_setpoint_rad=setpoint.steering if setpoint else nan,
         acceleration_setpoint_mps2=setpoint.acceleration if setpoint else nan,

@@ -215,7 +215,7 @@ class LiveDrive:
         """Prepare the way to rest, let the street reach the next tick, and record this one."""
         chain, street, tap = self._chain, self._street, self._tap
         chain.prepare(begun.due + PERIOD, steering)
-        keep_scan(tap, begun.tick, decided, street)
+        keep_scan(tap, begun.tick, decided)
         tap.snapshot(begun.tick, street.actors)
         asked, report = self._advance(begun)
         verdict = self._feedback.verdict if self._feedback else _NOTHING

@@ -81,8 +81,19 @@ class Ego(Table):
 class Radar(Table):
     """The virtual radar, where it differs from the Delphi ESR defaults."""
 
-    ideal: bool = Field(default=False, description="no noise, no quanta, every visible target detected")
+    ideal: bool = Field(
+        default=False, description="no latency, noise, quanta or false alarms, every visible target detected"
+    )
     range_limit_m: Positive | None = Field(default=None, description="blind beyond this range in every mode")
+    latency_s: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
+        default=0.09, description="from measuring to a scan's coming out; it is dated when it was measured"
+    )
+    noise_correlation: Annotated[float, Field(ge=0.0, lt=1.0)] = Field(
+        default=0.0, description="of one actor's errors from scan to scan; 0 is white noise"
+    )
+    false_alarms: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
+        default=0.0, description="mean number a scan, anywhere in the field of view"
+    )
 
 
 class Control(Table):

@@ -1,24 +1,24 @@
 """A geometric radar: what an antenna on the ego's front measures of the boxes on the street, once every cycle.
 
 Must not know SUMO, the controller, or what an actor is for. Randomness comes from the generator passed in, time from
-the tick. Defaults are the Delphi ESR's where a source is named, and said to be assumptions where none is.
+the tick. A scan comes out some time after it was made, as a real sensor's does. Defaults are the Delphi ESR's where a
+source is named, and said to be assumptions where none is.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 import numpy as np
-from numpy.random.bit_generator import ISeedSequence
-from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.sensors.chance import Luck, stream
 from vve_sumo.sensors.echo import Echo, Mount, antenna_at, echoes
+from vve_sumo.sensors.falsealarm import false_alarms
 from vve_sumo.sensors.visibility import Sector
 from vve_sumo.values import Actors, Detections, Pose, Vehicle
 
@@ -26,8 +26,8 @@ from vve_sumo.values import Actors, Detections, Pose, Vehicle
 MICROSECONDS = 1_000_000
 #: Cross-section that `detection_probability` is stated for [m2]: a car seen from behind, 10 dBsm.
 REFERENCE_CROSS_SECTION = 10.0
-#: Draws made at once for an actor: one by one they would cost several times as much.
-BLOCK = 8
+#: Name of what stands behind a false alarm: no actor has it.
+NOBODY = ""
 #: Dated before every drive, and empty: what a controller holds until the first scan.
 BEFORE_FIRST_SCAN = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
 
@@ -66,24 +66,29 @@ class RadarConfig:
     modes: tuple[RadarMode, ...] = ESR_MODES  #: `Detections.mode` is the index of the first one that covers the point
     mount: Mount = _GRILLE  #: of the antenna
     period: float = 0.05  #: cycle [s] (ESR: 50 ms)
+    latency: float = 0.09  #: from measuring to a scan's coming out [s] (Denso tracks, measured: docs/radar.md)
     range_sigma: float = 0.25  #: [m] (assumption, within the 0.1 to 0.4 m of long-range radars in 3GPP TR 22.837)
     range_rate_sigma: float = 0.12  #: [m/s] (ESR)
     azimuth_sigma: float = math.radians(0.5)  #: [rad] (assumption: no ESR figure found; Delphi's MRR states 1 deg)
     range_quantum: float = 0.1  #: [m] (ESR track messages, opendbc ESR.dbc)
     range_rate_quantum: float = 0.01  #: [m/s] (ESR track messages)
     azimuth_quantum: float = math.radians(0.1)  #: [rad] (ESR track messages)
+    noise_correlation: float = 0.0  #: of errors a period apart (0.45 in the Denso's range rates: docs/radar.md)
     detection_probability: float = 0.9  #: of a 10 m2 target at its mode's range_max (assumption); 1 misses nothing
-    false_alarm_probability: float = 1e-6  #: sets the threshold an echo must pass (assumption); none are generated
+    false_alarm_probability: float = 1e-6  #: sets the threshold an echo must pass (assumption)
+    false_alarms: float = 0.0  #: mean number a scan
     max_targets: int = 64  #: the nearest are kept (ESR: 64)
 
     def __post_init__(self) -> None:
         if not self.modes:
             raise ConfigError("radar: modes must name at least one mode, got none")
-        for name in (*_SIGMAS, *_QUANTA, "max_targets"):
+        for name in (*_SIGMAS, *_QUANTA, "latency", "false_alarms", "max_targets"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise ConfigError(f"radar: {name} must be finite and not negative, got {getattr(self, name)}")
         if not 1e-3 <= self.period < math.inf:
             raise ConfigError(f"radar: period must be at least 0.001 s, got {self.period}")
+        if not 0.0 <= self.noise_correlation < 1.0:
+            raise ConfigError(f"radar: noise_correlation must be from 0 to below 1, got {self.noise_correlation}")
         if not 0.0 < self.false_alarm_probability < self.detection_probability <= 1.0:
             raise ConfigError(
                 "radar: 0 < false_alarm_probability < detection_probability <= 1 must hold, got "
@@ -91,16 +96,19 @@ class RadarConfig:
             )
 
     def ideal(self) -> RadarConfig:
-        """The same radar without noise, quantisation or misses."""
+        """The same radar without latency, noise, quantisation, misses or false alarms."""
         return replace(
             self,
+            latency=0.0,
             range_sigma=0.0,
             range_rate_sigma=0.0,
             azimuth_sigma=0.0,
             range_quantum=0.0,
             range_rate_quantum=0.0,
             azimuth_quantum=0.0,
+            noise_correlation=0.0,
             detection_probability=1.0,
+            false_alarms=0.0,
         )
 
 
@@ -108,17 +116,12 @@ class RadarConfig:
 class Scan:
     """One cycle's result, with the truth that the record keeps and no controller may see."""
 
-    detections: Detections  #: nearest first, as measured
-    actor_rows: NDArray[np.intp]  #: row of `Actors` behind each detection
-    refused: int  #: rows of `Actors` left out because a value in them is not finite
+    detections: Detections  #: nearest first, dated when they were measured
+    actors: tuple[str, ...]  #: name behind each detection; NOBODY behind a false alarm
 
 
-#: What chance adds to one actor in one scan: uniform in [0, 1), and standard normal for range, azimuth and range rate.
-_Draw = tuple[float, float, float, float]
-
-
-#: A detection before it becomes a row: range, azimuth, range rate, mode and row of its actor; sorts nearest first.
-_Measurement = tuple[float, float, float, int, int]
+#: A detection before it becomes a row: range, azimuth, range rate, mode and name of its actor; sorts nearest first.
+_Measurement = tuple[float, float, float, int, str]
 
 
 def detection_probability(cross_section: float, range_: float, mode: RadarMode, config: RadarConfig) -> float:
@@ -146,74 +149,77 @@ def _signal_at_range_max(detection_probability: float, false_alarm_probability: 
 
 
 class Radar:
-    """Scans once every period and measures with the noise, quanta and misses of its configuration.
+    """Scans once every period, measures with the flaws of its configuration, and says so after its latency.
 
     The generator gives one seed; from it and an actor's name every actor gets a stream of its own, so that the noise
-    on one car does not change because another one drives by.
+    on one car does not change because another one drives by. False alarms have a stream of their own too.
     """
 
     def __init__(self, config: RadarConfig, vehicle: Vehicle, generator: np.random.Generator) -> None:
         self._config = config
         self._vehicle = vehicle
         self._sectors = [Sector(mode.range_max, math.tan(mode.half_angle)) for mode in config.modes]
-        self._period = round(config.period * MICROSECONDS)
+        self._period, self._latency = round(config.period * MICROSECONDS), round(config.latency * MICROSECONDS)
         self._next_due = 0
+        self._coming: deque[tuple[int, Scan]] = deque()
         self._seed = generator.bytes(32)
-        self._draws: dict[str, Iterator[_Draw]] = {}
-
-    def due(self, time: float) -> bool:
-        """Whether a tick at this drive time [s] is the first at or after the next multiple of the period."""
-        return round(time * MICROSECONDS) >= self._next_due
+        self._luck: dict[str, Luck] = {}
+        self._nothing = stream(self._seed, NOBODY)
+        self.refused = 0  #: rows of `Actors` that this tick's measuring left out: a value in them is not finite
 
     def step(self, time: float, pose: Pose, actors: Actors) -> Scan | None:
-        """The scan dated at this tick, or None where none is due or the rear axle's pose is not finite.
+        """Measure where a cycle begins, and return the scan that comes out at this tick; None where none does.
 
-        A scan that cannot be made stays due: the last one grows old, which is what tells a controller.
+        A cycle begins with the first tick at or after each multiple of the period. Its scan is dated at that tick and
+        comes out at the first one at or after the end of the latency; of two that wait, the newer. Without a finite
+        pose of the rear axle nothing is measured and the cycle stays due: the last scan grows old, which is what tells
+        a controller.
         """
-        if not self.due(time) or not _finite(pose):
-            return None
-        self._next_due = (round(time * MICROSECONDS) // self._period + 1) * self._period
-        antenna = antenna_at(pose, self._config.mount, self._vehicle)
-        seen, refused = echoes(antenna, actors, self._sectors)
-        nearest = sorted(self._measured(seen, actors))[: self._config.max_targets]
-        return _scan(time, nearest, refused)
+        now, self.refused, out = round(time * MICROSECONDS), 0, None
+        if now >= self._next_due and _finite(pose):
+            self._next_due = (now // self._period + 1) * self._period
+            self._coming.append((now + self._latency, self._measure(time, now, pose, actors)))
+        while self._coming and self._coming[0][0] <= now:
+            _, out = self._coming.popleft()
+        return out
 
-    def _measured(self, seen: Sequence[Echo], actors: Actors) -> Iterator[_Measurement]:
-        config, mount, modes, ids = self._config, self._config.mount, self._config.modes, actors.ids
-        range_quantum, azimuth_quantum = config.range_quantum, config.azimuth_quantum
+    def _measure(self, time: float, now: int, pose: Pose, actors: Actors) -> Scan:
+        antenna = antenna_at(pose, self._config.mount, self._vehicle)
+        seen, self.refused = echoes(antenna, actors, self._sectors)
+        found = [*self._measured(now, seen, actors), *self._imagined()]
+        return _scan(time, sorted(found)[: self._config.max_targets])
+
+    def _measured(self, now: int, seen: Sequence[Echo], actors: Actors) -> Iterator[_Measurement]:
+        config, modes, ids = self._config, self._config.modes, actors.ids
         cross_sections = actors.radar_cross_section.tolist()
         for row, distance, direction, speed, mode in seen:
-            chance, of_range, of_azimuth, of_rate = next(self._draws_for(ids[row]))
+            chance, of_range, of_azimuth, of_rate = self._luck_of(ids[row]).at(now)
             if chance < detection_probability(cross_sections[row], distance, modes[mode], config):
-                range_ = max(_quantised(distance + config.range_sigma * of_range, range_quantum), 0.0)
-                azimuth = _quantised(direction + config.azimuth_sigma * of_azimuth, azimuth_quantum)
-                range_rate = _quantised(speed + config.range_rate_sigma * of_rate, config.range_rate_quantum)
-                yield *from_bumper(range_, azimuth, mount), range_rate, mode, row
+                yield self._reported(
+                    distance + config.range_sigma * of_range,
+                    direction + config.azimuth_sigma * of_azimuth,
+                    speed + config.range_rate_sigma * of_rate,
+                    mode,
+                    ids[row],
+                )
 
-    def _draws_for(self, actor: str) -> Iterator[_Draw]:
-        draws = self._draws.get(actor)
-        if draws is None:
-            draws = self._draws[actor] = _draws(self._seed, actor)
-        return draws
+    def _imagined(self) -> Iterator[_Measurement]:
+        for alarm in false_alarms(self._nothing, self._config.false_alarms, self._sectors):
+            yield self._reported(*alarm, NOBODY)
 
+    def _reported(self, range_: float, azimuth: float, range_rate: float, mode: int, name: str) -> _Measurement:
+        """Bring what the antenna has measured into quanta, and to the bumper."""
+        config = self._config
+        reach = max(_quantised(range_, config.range_quantum), 0.0)
+        side = _quantised(azimuth, config.azimuth_quantum)
+        return *from_bumper(reach, side, config.mount), _quantised(range_rate, config.range_rate_quantum), mode, name
 
-class _NamedSeed(ISeedSequence):
-    """The state of a stream from the drive's seed and an actor's name; a fraction of the cost of a SeedSequence."""
-
-    def __init__(self, seed: bytes, name: str) -> None:
-        self._digest = hashlib.blake2b(name.encode(), key=seed).digest()
-
-    def generate_state(self, n_words: int, dtype: Any = np.uint32) -> NDArray[Any]:
-        """The first words of the digest, the same on machines of either byte order."""
-        return np.frombuffer(self._digest, "<u8", n_words).astype(dtype)
-
-
-def _draws(seed: bytes, actor: str) -> Iterator[_Draw]:
-    """An actor's own endless stream of draws, one for every scan that sees it."""
-    # numpy's own stubs know no seed but SeedSequence; at run time its interface suffices.
-    stream = np.random.Generator(np.random.PCG64(_NamedSeed(seed, actor)))  # type: ignore[arg-type]
-    while True:
-        yield from zip(stream.random(BLOCK).tolist(), *stream.standard_normal((3, BLOCK)).tolist(), strict=True)
+    def _luck_of(self, actor: str) -> Luck:
+        luck = self._luck.get(actor)
+        if luck is None:
+            source = stream(self._seed, actor)
+            luck = self._luck[actor] = Luck(source, self._config.noise_correlation, self._period)
+        return luck
 
 
 def _quantised(value: float, quantum: float) -> float:
@@ -227,8 +233,8 @@ def from_bumper(range_: float, azimuth: float, mount: Mount) -> tuple[float, flo
     return math.sqrt(x * x + y * y), math.atan2(y, x)
 
 
-def _scan(time: float, measured: Sequence[_Measurement], refused: int) -> Scan:
-    ranges, azimuths, range_rates, modes, rows = zip(*measured, strict=True) if measured else ((),) * 5
+def _scan(time: float, measured: Sequence[_Measurement]) -> Scan:
+    ranges, azimuths, range_rates, modes, names = zip(*measured, strict=True) if measured else ((),) * 5
     detections = Detections(
         time,
         np.array(ranges, np.float64),
@@ -239,7 +245,7 @@ def _scan(time: float, measured: Sequence[_Measurement], refused: int) -> Scan:
     # The record holds the arrays that the controller is given.
     for column in (detections.range, detections.azimuth, detections.range_rate, detections.mode):
         column.setflags(write=False)
-    return Scan(detections, np.array(rows, np.intp), refused)
+    return Scan(detections, names)
 
 
 def _finite(pose: Pose) -> bool:

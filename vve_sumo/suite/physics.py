@@ -10,9 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vve_sumo.sensors.radar import RadarConfig
 from vve_sumo.values import Floats, Vehicle
 
-DETECTION = 0.2  #: from where a target can be seen, or brakes, to a confirmed track: three scans of 50 ms and more [s]
+#: from where a target can be seen, or brakes, to a confirmed track: three scans of 50 ms and more, told late [s]
+DETECTION = 0.2 + RadarConfig().latency
 TICK = 0.02  #: that a command waits on its way [s]
 FIRST_ORDER_RAMP = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T
 STEP = 0.001  #: of time, at which courses are compared [s]
