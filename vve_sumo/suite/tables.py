@@ -44,8 +44,8 @@ R152_PEDESTRIAN_SPEED: Final = 5.0  #: [km/h] [S] as the table
 # 01 series: the impact speeds of car-to-car hold for pedestrians too. [S] GRVA-04-10 as globalautoregs.com sums it up;
 # the draft on slide AEBS-08-07 has the laden column for both loads.
 R152_PEDESTRIAN_01: Final = tuple(entry for entry in R152_STATIONARY if entry.speed >= R152_PEDESTRIAN[0].speed)
-# 02 series: bicycles that cross. Its table is in none of our sources. Assumed: what the 01 series allows for pedestrians,
-# at the bicycle's speed in Euro NCAP's CBNA ([S] vectorgrp/OSC-NCAP-scenarios).
+# 02 series: bicycles that cross. Its table is in none of our sources. Assumed: what the 01 series allows for
+# pedestrians, at the bicycle's speed in Euro NCAP's CBNA ([S] vectorgrp/OSC-NCAP-scenarios).
 R152_BICYCLE: Final = R152_PEDESTRIAN_01
 R152_BICYCLE_SPEED: Final = 15.0  #: [km/h]
 # [S] a summary of the regulation in a public repository, written by a machine; the tolerance from a paper (RegulaRAG).
