@@ -269,7 +269,11 @@ def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypat
     record = out / "records" / "between_two_cars_whole" / "seed_1"
     assert (record / "summary.json").is_file()
     driven_at = record.stat().st_mtime_ns
+    torn = record.with_name("seed_2")  # of a drive that was killed
+    torn.mkdir()
+    (torn / "scenario.toml").write_text("half a", encoding="utf-8")
     assert suite("few", Asked(out=out, workers=1, keep=True, resume=True, seeds=2)) == 0
     assert "2 rows: 1 passed, 1 not applicable; 2 of 2 drives passed" in capsys.readouterr().out
     assert record.stat().st_mtime_ns == driven_at
+    assert (torn / "summary.json").is_file()
     assert len((out / "journal.jsonl").read_text(encoding="utf-8").splitlines()) == 2

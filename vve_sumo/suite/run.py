@@ -48,15 +48,17 @@ def run(
 
         def finished(job: Job, result: Result) -> None:
             row, seed = wanted[job.key]
-            outcome = judge(row, seed, result, folder / row.id / f"seed_{seed}")
+            record = record_of(folder, row, seed)
+            outcome = judge(row, seed, result, record)
             if records is None:
-                shutil.rmtree(folder / row.id / f"seed_{seed}", ignore_errors=True)
+                shutil.rmtree(record, ignore_errors=True)
                 outcome = replace(outcome, record=None)
             outcomes[row.id, seed] = outcome
             if done is not None:
                 done(outcome)
 
-        for row, _seed in wanted.values():
+        for row, seed in wanted.values():
+            shutil.rmtree(record_of(folder, row, seed), ignore_errors=True)  # of a drive that was killed
             (folder / row.id).mkdir(parents=True, exist_ok=True)
         engine.run([job_of(name, row, seed, working, folder) for row, seed in wanted.values()], finished)
     return [
@@ -75,6 +77,11 @@ def key(row: Row, seed: int) -> str:
     return f"{row.id}_seed_{seed}"
 
 
+def record_of(folder: Path, row: Row, seed: int) -> Path:
+    """Return where a drive's record goes."""
+    return folder / row.id / f"seed_{seed}"
+
+
 def job_of(name: str, row: Row, seed: int, working: Path, folder: Path) -> Job:
     """Return the job of a row's drive, its record in `folder`; raises ValueError where there is nothing to drive."""
     if row.scenario is None:
@@ -85,7 +92,7 @@ def job_of(name: str, row: Row, seed: int, working: Path, folder: Path) -> Job:
         table=row.scenario.model_copy(update={"seed": seed}).model_dump(mode="json", exclude_unset=True),
         file=Path(f"suite {name}, row {row.id}"),
         working=working,
-        keep=folder / row.id / f"seed_{seed}",
+        keep=record_of(folder, row, seed),
         time_limit_s=TIME_LIMIT,
     )
 
