@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
+import pyarrow.compute as pc
 import pytest
 
 from tests.conftest import REPOSITORY
 from vve_sumo import laws
+from vve_sumo.drive.record import read_table
 from vve_sumo.errors import ConfigError
 from vve_sumo.suite import catalogue, sheet
 from vve_sumo.suite.command import Asked, driven_by, suite
@@ -37,7 +40,6 @@ SAMPLE = {
     "fmvss127_pedestrian": (
         "crossing_right_25_20",
         "crossing_left_50_30",
-        "obstructed_crossing_right_50_30",
         "stationary_right_25_55",
         "along_path_right_25_65",
     ),
@@ -67,6 +69,21 @@ def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
         if outcome.row.demand:
             # What is asked for is what the declared brakes give at most, whatever the load makes of it.
             assert outcome.demand_mps2 == pytest.approx(CAR.deceleration_limit, rel=0.03)
+
+
+def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
+    """First echo of the child in the record, against the geometry of the row; a scan comes every 50 ms."""
+    row = next(row for row in catalogue.rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
+    outcome = driven("hidden", [row], tmp_path / "records", workers=1)[row.id]
+    assert outcome.verdict is Verdict.PASSED
+    seen = read_table(outcome.record, "detections").filter(pc.field("actor") == "target")["tick"][0].as_py()
+    (ego,) = read_table(outcome.record, "ticks").filter(pc.field("tick") == seen).to_pylist()
+    here = (pc.field("tick") == seen) & (pc.field("actor") == "target")
+    (child,) = read_table(outcome.record, "actors").filter(here).to_pylist()
+    along = (child["x_m"] - ego["true_x_m"]) * math.cos(ego["true_heading_rad"])
+    along += (child["y_m"] - ego["true_y_m"]) * math.sin(ego["true_heading_rad"])
+    speed = row.scenario.ego.speed_mps
+    assert along - CAR.rear_axle_to_bumper == pytest.approx(row.need.there, abs=0.05 * speed + 0.1)
 
 
 def test_seeds_are_drives_of_their_own_and_the_same_each_time():
