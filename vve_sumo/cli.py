@@ -165,15 +165,19 @@ def _add_suite(commands: Commands) -> None:  # type: ignore[valid-type]
         "examples:\n"
         "  vve-sumo suite                            the list\n"
         "  vve-sumo suite r152 --out r152            the table, also as CSV, JSON and Markdown\n"
-        "  vve-sumo suite fmvss127 --out a --keep    with the full record of every row\n"
+        "  vve-sumo suite r152 --seeds 10 --out r152 ten drives a row; a row is passed where all of them are\n"
+        "  vve-sumo suite r152 --seeds 10 --out r152 --resume   go on after a kill\n"
+        "  vve-sumo suite fmvss127 --out a --keep    with the full record of every drive\n"
         "  vve-sumo suite r152 --controller mine.py:make",
         SUITE_CODES,
     )
     suite.add_argument("name", nargs="?", help="of the suite")
     suite.add_argument("--out", type=Path, metavar="DIR", help="folder for the table, absent or empty")
-    suite.add_argument("--workers", type=int, metavar="N", help="rows at a time (default: as many as processors)")
+    suite.add_argument("--seeds", type=int, default=1, metavar="N", help="drives of each row, by seed (default: 1)")
+    suite.add_argument("--workers", type=int, metavar="N", help="drives at a time (default: as many as processors)")
     suite.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point, untuned")
-    suite.add_argument("--keep", action="store_true", help="keep every row's record under DIR/records")
+    suite.add_argument("--keep", action="store_true", help="keep every drive's record under DIR/records")
+    suite.add_argument("--resume", action="store_true", help="go on with the suite in DIR; finished drives stay")
     suite.set_defaults(run=_suite)
 
 
@@ -616,15 +620,17 @@ def _drive_live(arguments: argparse.Namespace) -> int:
 
 
 def _suite(arguments: argparse.Namespace) -> int:
-    from vve_sumo.suite.command import suite
+    from vve_sumo.suite.command import Asked, suite
 
-    return suite(
-        arguments.name,
+    asked = Asked(
         out=arguments.out,
+        seeds=arguments.seeds,
         workers=arguments.workers,
         controller=arguments.controller,
         keep=arguments.keep,
+        resume=arguments.resume,
     )
+    return suite(arguments.name, asked)
 
 
 def _sweep(arguments: argparse.Namespace) -> int:

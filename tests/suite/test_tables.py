@@ -35,7 +35,12 @@ def test_r152_pedestrians(printed):
     table = printed["UN_R152_M1_pedestrian_max_impact_kmh_00series"]
     assert [list(row) for row in tables.R152_PEDESTRIAN] == table["rows"]
     assert table["pedestrian_speed_kmh"] == tables.R152_PEDESTRIAN_SPEED
+    draft = printed["UN_R152_M1_pedestrian_max_impact_kmh_step2_draft"]
+    assert [[row.speed, row.laden] for row in tables.R152_PEDESTRIAN_01] == draft["rows"]
+    assert all(row.unladen <= row.laden for row in tables.R152_PEDESTRIAN_01)
     other = printed["UN_R152_other"]
+    assert other["min_brake_demand_mps2"] == tables.R152_BRAKING_DEMAND
+    assert other["test_speeds_stationary_kmh"] == list(tables.R152_TEST_SPEEDS)
     assert other["functional_part_starts_at_TTC_s_min"] == tables.R152_LEAST_TTC
     assert {row[1] for row in other["test_speeds_moving"]} == {tables.R152_MOVING_TARGET_SPEED}
 
@@ -58,6 +63,17 @@ def test_fmvss_127(printed):
     assert false["limit_g"] == tables.FMVSS_127_FALSE_ACTIVATION
     assert false["pass_through"]["speed_kmh"] == false["steel_trench_plate"]["speed_kmh"] == tables.FMVSS_127_PASS_SPEED
     assert false["pass_through"]["gap_between_front_wheels_m"] == tables.FMVSS_127_PASS_GAP
+
+
+def test_fmvss_127_pedestrians(printed):
+    table = printed["FMVSS_127_ped"]
+    assert table["columns"] == ["case", "overlap_pct", "obstructed", "VSV_kmh", "VP_kmh"]
+    rows = [
+        [f"{walk.kind} {walk.side}", walk.overlap, walk.obstructed, list(walk.subject), walk.speed]
+        for walk in tables.FMVSS_127_WALKS
+    ]
+    assert rows == table["rows"]
+    assert table["L0"] == f"{tables.FMVSS_127_WALK_START} s * (VSV-VPy)"
 
 
 def _range(value: Any) -> list[float]:

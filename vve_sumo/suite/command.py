@@ -11,46 +11,83 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from vve_sumo.drive.setting import resolve
 from vve_sumo.errors import ConfigError
 from vve_sumo.suite import catalogue, sheet
-from vve_sumo.suite.row import Outcome, Row, Verdict
-from vve_sumo.suite.run import Done, run
+from vve_sumo.suite.journal import NAME, Journal
+from vve_sumo.suite.row import Judged, Outcome, Row, Verdict
+from vve_sumo.suite.run import Done, drives, run
 from vve_sumo.sweep.engine import Local
 from vve_sumo.sweep.progress import Tally, telling
 
 #: verdicts that make the command fail
 BAD = (Verdict.FAILED, Verdict.INVALID)
-WIDTH = 160  #: of the table where nobody's screen says how wide it is
+WIDTH = 190  #: of the table where nobody's screen says how wide it is
 
 
-def suite(name: str | None, *, out: Path | None, workers: int | None, controller: str | None, keep: bool) -> int:
+class Asked(NamedTuple):
+    """What the command line asks of a suite, besides its name."""
+
+    out: Path | None = None  #: folder of the tables and the journal
+    seeds: int = 1  #: drives of each row
+    workers: int | None = None  #: drives at a time; None: as many as processors
+    controller: str | None = None  #: another than the row's
+    keep: bool = False  #: the records
+    resume: bool = False  #: with what is in `out`
+
+
+def suite(name: str | None, asked: Asked) -> int:
     """Run the command: list the suites, or drive one; return the exit code."""
     if name is None:
         for known, listed in catalogue.SUITES.items():
-            print(f"{known:<14} {listed.title}")
+            print(f"{known:<20} {listed.title}")
         return 0
-    if keep and out is None:
-        raise ConfigError("--keep: expected --out DIR beside it, the folder for the records")
     rows = catalogue.rows(name)
     working = Path.cwd()
-    if controller is not None:
-        rows = [driven_by(row, controller) for row in rows]
+    if asked.controller is not None:
+        rows = [driven_by(row, asked.controller) for row in rows]
     check(name, rows, working)
-    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise ConfigError(f"--out: {out} is not empty, expected an empty or absent folder")
-    records = out / "records" if keep and out is not None else None
-    count = workers if workers is not None else len(os.sched_getaffinity(0))
-    if count < 1:
-        raise ConfigError(f"--workers: expected 1 or more, got {count}")
-    with _progress(sum(row.scenario is not None for row in rows)) as done:
-        outcomes = run(name, rows, Local(count), working, records, done)
-    _show(catalogue.SUITES[name].title, outcomes)
-    if out is not None:
-        for file in sheet.write(name, outcomes, out):
+    check_asked(asked)
+    judged = drive(name, rows, asked, working)
+    _show(catalogue.SUITES[name].title, judged)
+    if asked.out is not None:
+        for file in sheet.write(name, judged, asked.out):
             print(f"written: {file}")
-    return 1 if any(outcome.verdict in BAD for outcome in outcomes) else 0
+    return 1 if any(row.verdict in BAD for row in judged) else 0
+
+
+def drive(name: str, rows: Sequence[Row], asked: Asked, working: Path) -> list[Judged]:
+    """Drive what is not in the journal of the folder asked for."""
+    engine = Local(asked.workers if asked.workers is not None else len(os.sched_getaffinity(0)))
+    total = sum(1 for _ in drives(rows, asked.seeds))
+    if asked.out is None:
+        with _progress(total, []) as done:
+            return run(name, rows, engine, working, done=done, seeds=asked.seeds)
+    records = asked.out / "records" if asked.keep else None
+    with Journal(asked.out, rows, resume=asked.resume) as journal:
+        known = [outcome for outcome in journal.known if outcome.seed <= asked.seeds]
+        with _progress(total, known, journal.add) as done:
+            return run(name, rows, engine, working, records, done, seeds=asked.seeds, known=known)
+
+
+def check_asked(asked: Asked) -> None:
+    """Raise ConfigError, before anything is driven, where what is asked for does not fit together."""
+    if asked.seeds < 1:
+        raise ConfigError(f"--seeds: expected 1 or more, got {asked.seeds}")
+    if asked.workers is not None and asked.workers < 1:
+        raise ConfigError(f"--workers: expected 1 or more, got {asked.workers}")
+    for wanted, option, what in ((asked.keep, "--keep", "the records"), (asked.resume, "--resume", "the journal")):
+        if wanted and asked.out is None:
+            raise ConfigError(f"{option}: expected --out DIR beside it, the folder of {what}")
+    out = asked.out
+    if out is None or not out.exists():
+        return
+    if asked.resume and not (out / NAME).is_file():
+        raise ConfigError(f"--resume: {out} holds no {NAME}, expected the folder of a suite that was begun")
+    if not asked.resume and (not out.is_dir() or any(out.iterdir())):
+        raise ConfigError(f"--out: {out} is not empty, expected an empty or absent folder; --resume goes on with one")
 
 
 def driven_by(row: Row, controller: str) -> Row:
@@ -68,21 +105,22 @@ def check(name: str, rows: Sequence[Row], working: Path) -> None:
 
 
 @contextlib.contextmanager
-def _progress(total: int) -> Iterator[Done]:
-    tally = Tally(total, finished=0, failed=0, faults=0)
+def _progress(total: int, known: Sequence[Outcome], also: Done = lambda outcome: None) -> Iterator[Done]:
+    tally = Tally(total, finished=len(known), failed=sum(outcome.verdict in BAD for outcome in known), faults=0)
     with telling(tally, quiet=False) as told:
 
         def done(outcome: Outcome) -> None:
+            also(outcome)
             tally.count(outcome.verdict not in BAD, "")
             told()
 
         yield done
 
 
-def _show(title: str, outcomes: Sequence[Outcome]) -> None:
+def _show(title: str, rows: Sequence[Judged]) -> None:
     from rich.console import Console
 
     console = Console(width=None if sys.stdout.isatty() else WIDTH)
-    console.print(sheet.table(title, outcomes))
-    for line in (*sheet.whys(outcomes), sheet.counted(outcomes)):
+    console.print(sheet.table(title, rows))
+    for line in (*sheet.whys(rows), sheet.counted(rows)):
         print(line)

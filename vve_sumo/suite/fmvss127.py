@@ -14,6 +14,7 @@ from vve_sumo.suite.track import (
     GRAVITY,
     KMH,
     TARGET,
+    gate,
     gone_by,
     impact_at_most,
     said,
@@ -25,7 +26,6 @@ from vve_sumo.suite.track import (
 STEP = 10.0  #: between the speeds of a range [km/h]; the standard allows any in it
 STEADY = 3.0  #: the car ahead keeps its speed so long, then brakes [s]
 RAMP = 0.5  #: in which its braking builds up, within the standard's 1.5 s [s]
-WIDTH = 1.8  #: of the cars beside the way [m]
 NO_OVERRIDE = "a driver who brakes takes over: the override hands the car to him"
 TOLERANCE = tables.FMVSS_127_SPEED_TOLERANCE * KMH
 
@@ -109,13 +109,11 @@ def pass_through_rows() -> Iterator[Row]:
     """Return the rows of the tests for false activation."""
     speed, limit = tables.FMVSS_127_PASS_SPEED * KMH, tables.FMVSS_127_FALSE_ACTIVATION * GRAVITY
     ahead = tables.FMVSS_127_START * speed
-    aside = 0.5 * (tables.FMVSS_127_PASS_GAP + WIDTH)
-    pair = [
-        target(speed, ahead, width_m=WIDTH, offset_m=aside),
-        target(speed, ahead, width_m=WIDTH, offset_m=-aside) | {"id": "other"},
-    ]
+    pair = gate(speed, ahead, tables.FMVSS_127_PASS_GAP)
     required = f"deceleration <= {tables.FMVSS_127_FALSE_ACTIVATION:g} g"
-    for id, what, tuning in (("aeb", "emergency braking alone", AEB), ("whole", "the whole controller", {})):
+    # The whole controller may slow down as it likes; what is demanded is that it does not brake.
+    driven = (("aeb", "emergency braking alone", AEB, TOLERANCE), ("whole", "the whole controller", {}, speed))
+    for id, what, tuning, below in driven:
         yield Row(
             id=f"between_two_cars_{id}",
             what=f"between two cars {tables.FMVSS_127_PASS_GAP:g} m apart, 80 km/h, {what}",
@@ -129,7 +127,7 @@ def pass_through_rows() -> Iterator[Row]:
                 criteria={"max_deceleration_mps2": {"max": limit}},
                 abort=gone_by(speed, ahead),
             ),
-            approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+            approach=Approach(TARGET, speed, below, TOLERANCE),
         )
     plate = "the radar is geometric: it sees boxes of road users, and a plate in the road is none"
     yield Row("steel_plate", "over a steel plate in the road, 80 km/h", required, None, not_applicable=plate)

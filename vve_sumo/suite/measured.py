@@ -1,4 +1,4 @@
-"""What a row's record says of how the test was driven: the approach, and how the target came into the lane.
+"""What a drive's record says of how the test was driven: the approach, the cut-in, and the braking asked for.
 
 Reads records of drives; judges nothing.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -19,24 +20,36 @@ from vve_sumo.values import Floats
 
 BRAKING = 0.15 * GRAVITY  #: the car brakes when it decelerates by more [m/s2]; FMVSS 127, S4 [P]
 
+MOVING = 0.5  #: slower, brakes hold the car rather than slow it [m/s]
 #: columns of the ego's truth and of an actor's row
 EGO = ("x_m", "y_m", "heading_rad", "speed_mps")
 
 
-def measure(row: Row, record: Path) -> tuple[tuple[float, float] | None, float | None]:
-    """Return least and greatest speed of the approach [m/s] and the time to collision of a cut-in [s].
+class Measured(NamedTuple):
+    """What was found; None for what the row does not ask for, and where its target never entered."""
 
-    None for what the row does not ask for, and where its target never entered.
-    """
+    approach: tuple[float, float] | None = None  #: least and greatest speed of it [m/s]
+    ttc: float | None = None  #: time to collision of a cut-in [s]
+    demand: float | None = None  #: the most asked of the service brakes, as a deceleration of the declared car [m/s2]
+
+
+def measure(row: Row, record: Path) -> Measured:
+    """Return what the record of a row's drive says."""
     if row.approach is None:
-        return None, None
+        return Measured()
     ticks, actors = read_table(record, "ticks"), read_table(record, "actors")
     seen = actors.filter(pc.equal(actors["actor"], row.approach.target))
     if not seen.num_rows:
-        return None, None
+        return Measured()
     entry = int(seen["tick"][0].as_py()) - int(ticks["tick"][0].as_py())
     cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, seen)
-    return _speeds(ticks, entry, cut), ttc
+    return Measured(_speeds(ticks, entry, cut), ttc, _demand(ticks, entry) if row.demand > 0.0 else None)
+
+
+def _demand(ticks: pa.Table, entry: int) -> float:
+    """Return the most torque asked of the service brakes after the entry, over the declared mass and wheels [m/s2]."""
+    torque, speed = (ticks[name].to_numpy()[entry:] for name in ("brake_torque_nm", "true_speed_mps"))
+    return float(torque[speed > MOVING].max(initial=0.0)) / (CAR.mass * CAR.wheel_radius)
 
 
 def _speeds(ticks: pa.Table, entry: int, cut: int | None) -> tuple[float, float]:

@@ -64,11 +64,18 @@ class Need(NamedTuple):
         return self.there > self.way
 
 
+def reaction_time(vehicle: Vehicle, detection: float = DETECTION) -> float:
+    """Return the time from where there is something to brake for to the first brake torque [s].
+
+    Every delay of the chain that no controller can shorten is a term of this sum, and of no other.
+    """
+    return detection + TICK + vehicle.brake_delay
+
+
 def full_braking(vehicle: Vehicle, speed: float, mass_factor: float = 1.0, detection: float = DETECTION) -> Course:
-    """Return the hardest braking of the car: its declared delay, lag and ceiling, and a time [s] to see why."""
-    delay = detection + TICK + vehicle.brake_delay
+    """Return the hardest braking of the car: its reaction time, and its declared lag and ceiling."""
     ceiling = vehicle.deceleration_limit / mass_factor
-    return Course(speed, ceiling, delay, FIRST_ORDER_RAMP * vehicle.brake_lag)
+    return Course(speed, ceiling, reaction_time(vehicle, detection), FIRST_ORDER_RAMP * vehicle.brake_lag)
 
 
 def gap_used(ego: Course, lead: Course, allowed: float = 0.0) -> float:
@@ -77,3 +84,16 @@ def gap_used(ego: Course, lead: Course, allowed: float = 0.0) -> float:
     (own, speed), (others, other) = ego.at(times), lead.at(times)
     closing = speed - other > allowed + ROUNDING
     return max(0.0, float((own - others)[closing].max(initial=0.0)))
+
+
+def seen_past(corner: float, before: float, speed: float, pace: float, reach: float) -> float:
+    """Return how far ahead one is who crosses behind a corner when he is first seen from the middle of the bumper [m].
+
+    The corner is `corner` [m] beside the middle of the car's way and `before` [m] nearer than his way. The car drives
+    at `speed`, he walks at `pace` [m/s], his front is `reach` [m] before his middle, and his middle would be in the
+    middle of the car's way as the car arrives. With d to go his front is p d / v - r aside, and the sight past the
+    corner reaches c d / (d - b) aside. Both are equal where p/v d^2 - (p/v b + r + c) d + r b = 0: the greater root.
+    """
+    slope = pace / speed
+    linear = slope * before + reach + corner
+    return (linear + math.sqrt(linear * linear - 4.0 * slope * reach * before)) / (2.0 * slope)

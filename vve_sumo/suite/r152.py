@@ -1,4 +1,7 @@
-"""UN R152 for cars (M1): a car that stands still or moves, and a child that crosses, laden and unladen."""
+"""UN R152 for cars (M1) by series of amendments: cars and a child (00), a child (01), a bicycle (02).
+
+A later series keeps what the earlier ones demand; its suite holds what it adds or changes.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from vve_sumo.suite.track import (
     KMH,
     LOADS,
     TARGET,
+    gate,
     gone_by,
     impact_at_most,
     said,
@@ -27,7 +31,7 @@ BELOW = 0.2
 
 
 def rows() -> Iterator[Row]:
-    """Return the suite's rows."""
+    """Return the rows of the 00 series."""
     moving = tables.R152_MOVING_TARGET_SPEED
     for load in LOADS:
         for entry in tables.R152_STATIONARY:
@@ -37,7 +41,22 @@ def rows() -> Iterator[Row]:
             yield from _car(entry, load, moving)
     for load in LOADS:
         for entry in tables.R152_PEDESTRIAN:
-            yield from _pedestrian(entry, load)
+            yield from _crossing("child", tables.R152_PEDESTRIAN_SPEED, entry, load)
+    yield from _false_reaction()
+
+
+def rows_01() -> Iterator[Row]:
+    """Return what the 01 series changes."""
+    for load in LOADS:
+        for entry in tables.R152_PEDESTRIAN_01:
+            yield from _crossing("child", tables.R152_PEDESTRIAN_SPEED, entry, load)
+
+
+def rows_02() -> Iterator[Row]:
+    """Return what the 02 series adds."""
+    for load in LOADS:
+        for entry in tables.R152_BICYCLE:
+            yield from _crossing("bicycle", tables.R152_BICYCLE_SPEED, entry, load)
 
 
 def _car(entry: tables.Impact, load: str, target_kmh: float) -> Iterator[Row]:
@@ -49,13 +68,45 @@ def _car(entry: tables.Impact, load: str, target_kmh: float) -> Iterator[Row]:
     yield from _row(kind, what, entry, load, ahead, actor, lead=target_kmh * KMH)
 
 
-def _pedestrian(entry: tables.Impact, load: str) -> Iterator[Row]:
-    time, pace = tables.R152_LEAST_TTC, tables.R152_PEDESTRIAN_SPEED * KMH
+def _crossing(kind: str, kmh: float, entry: tables.Impact, load: str) -> Iterator[Row]:
+    time, pace = tables.R152_LEAST_TTC, kmh * KMH
     ahead = time * entry.speed * KMH
     # From the right; it would be in the middle of the car's way when the car comes by.
-    actor = {"kind": "child", "speed_mps": pace, "offset_m": -time * pace, "turned_deg": 90.0}
-    what = f"child crossing at {tables.R152_PEDESTRIAN_SPEED:g} km/h, {entry.speed:g} km/h"
-    yield from _row("child", what, entry, load, ahead, actor, abort=gone_by(entry.speed * KMH, ahead))
+    actor = {"kind": kind, "speed_mps": pace, "offset_m": -time * pace, "turned_deg": 90.0}
+    what = f"{kind} crossing at {kmh:g} km/h, {entry.speed:g} km/h"
+    yield from _row(kind, what, entry, load, ahead, actor, abort=gone_by(entry.speed * KMH, ahead))
+
+
+def _false_reaction() -> Iterator[Row]:
+    """Return the rows in which nothing is in the way; the two cars stand as FMVSS 127 has them."""
+    required = "no emergency braking"
+    for kmh in tables.R152_TEST_SPEEDS:
+        speed = kmh * KMH
+        ahead = tables.R152_LEAST_TTC * speed
+        what = f"between two cars {tables.FMVSS_127_PASS_GAP:g} m apart, {kmh:g} km/h"
+        yield Row(
+            id=f"between_two_cars_{kmh:g}",
+            what=what,
+            required=required,
+            scenario=scenario(
+                f"R152: {what}",
+                speed - BELOW * KMH,
+                lasts=tables.R152_LEAST_TTC + time_to_brake(speed),
+                controller={"tuning": AEB},
+                actors=gate(speed - BELOW * KMH, ahead, tables.FMVSS_127_PASS_GAP),
+                criteria={"emergency_used": False},
+                abort=gone_by(speed - BELOW * KMH, ahead),
+            ),
+            approach=_approach(speed),
+        )
+    plate = "the radar is geometric: it sees boxes of road users, and a plate in the road is none"
+    yield Row("steel_plate", "over a steel plate in the road", required, None, not_applicable=plate)
+    unknown = "how its road users stand and move is in none of our sources"
+    yield Row("false_reaction", "the other scenes of annex 3, appendix 2", required, None, not_applicable=unknown)
+
+
+def _approach(speed: float) -> Approach:
+    return Approach(TARGET, speed, *(limit * KMH for limit in tables.R152_SPEED_TOLERANCE))
 
 
 def _row(
@@ -79,7 +130,7 @@ def _row(
     yield Row(
         id=f"{kind}_{entry.speed:g}_{load}",
         what=f"{what}, {load}",
-        required=said(allowed),
+        required=said(allowed, tables.R152_BRAKING_DEMAND),
         scenario=scenario(
             f"R152: {what}, {load}",
             driven,
@@ -90,6 +141,7 @@ def _row(
             criteria=impact_at_most(allowed * KMH),
             abort=abort or {"contact": True},
         ),
-        approach=Approach(TARGET, speed, *(limit * KMH for limit in tables.R152_SPEED_TOLERANCE)),
+        approach=_approach(speed),
         need=Need(needed, ahead),
+        demand=tables.R152_BRAKING_DEMAND,
     )

@@ -1,4 +1,4 @@
-"""What a row of a suite is before it is driven, and what came of it.
+"""What a row of a suite is before it is driven, and what came of its drives.
 
 Values only; knows neither how a drive is run nor how a table is printed.
 """
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vve_sumo.scenario.schema import Scenario
+from vve_sumo.statistics import wilson
 from vve_sumo.suite.physics import Need
 
 
@@ -43,7 +44,8 @@ class Row:
     not_applicable: str = ""  #: why not
     approach: Approach | None = None
     cut_in: CutIn | None = None
-    need: Need | None = None  #: None where no braking is demanded
+    need: Need | None = None  #: None where there is nothing to brake for
+    demand: float = 0.0  #: braking that has to be asked of the service brakes, at least [m/s2]; 0: none
 
 
 class Verdict(enum.StrEnum):
@@ -56,11 +58,16 @@ class Verdict(enum.StrEnum):
     NOT_APPLICABLE = "not applicable"
 
 
+#: verdicts of a row's drives, the one that decides the row's first
+DECIDING = (Verdict.INVALID, Verdict.FAILED, Verdict.UNAVOIDABLE, Verdict.PASSED)
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a row; None where there is nothing to say."""
+    """What came of one drive of a row; None where there is nothing to say."""
 
     row: Row
+    seed: int  #: of the drive's noise
     verdict: Verdict
     why: str = ""  #: of what is not passed
     approach_mps: tuple[float, float] | None = None  #: least and greatest speed from the target's entry to the braking
@@ -68,5 +75,37 @@ class Outcome:
     impact_mps: float | None = None  #: relative, 0 without contact
     least_gap_m: float | None = None
     deceleration_mps2: float | None = None  #: the greatest
+    demand_mps2: float | None = None  #: the most asked of the service brakes, as a deceleration of the declared car
     record: Path | None = None  #: where it is kept
     cpu_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What came of a row: all of its drives, by seed; none where the row is not applicable."""
+
+    row: Row
+    drives: tuple[Outcome, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """The first of DECIDING that a drive came to: a row is passed where every drive is."""
+        came = {drive.verdict for drive in self.drives}
+        return next((verdict for verdict in DECIDING if verdict in came), Verdict.NOT_APPLICABLE)
+
+    @property
+    def passed(self) -> int:
+        """How many drives passed."""
+        return sum(drive.verdict is Verdict.PASSED for drive in self.drives)
+
+    @property
+    def why(self) -> str:
+        """Why the row is not passed: what the first drive that decides it says, and how many passed beside it."""
+        if not self.drives:
+            return self.row.not_applicable
+        why = next(drive.why for drive in self.drives if drive.verdict is self.verdict)
+        driven = len(self.drives)
+        if driven == 1 or self.verdict is Verdict.PASSED:
+            return why
+        share = wilson(self.passed, driven)
+        return f"{why}; {self.passed} of {driven} drives passed (95 %: {share.low:.2f} to {share.high:.2f})"

@@ -1,6 +1,6 @@
-"""Prints a suite's outcomes as a table, and writes them as CSV and JSON.
+"""Prints what came of a suite's rows as a table, and writes it as CSV, JSON and Markdown.
 
-Knows outcomes; nothing of how they came about.
+Knows rows that were judged; nothing of how that came about.
 """
 
 from __future__ import annotations
@@ -8,14 +8,14 @@ from __future__ import annotations
 import csv
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.table import Table
 from rich.text import Text
 
-from vve_sumo.suite.row import Outcome, Verdict
+from vve_sumo.suite.row import Judged, Verdict
 
 IN_KMH = 3.6  #: km/h in a m/s
 
@@ -28,27 +28,63 @@ COLOURS = {
 }
 
 
-def record_of(outcome: Outcome) -> dict[str, Any]:
-    """Return an outcome as one flat row of plain values; None where there is nothing to say."""
-    row, need = outcome.row, outcome.row.need
-    low, high = outcome.approach_mps or (None, None)
+def record_of(judged: Judged) -> dict[str, Any]:
+    """Return what came of a row as one flat row of plain values, the worst of its drives; None for nothing to say."""
+    row, need, worst = judged.row, judged.row.need, Worst.of(judged)
     return {
         "id": row.id,
         "what": row.what,
         "required": row.required,
-        "verdict": outcome.verdict.value,
-        "why": outcome.why,
-        "impact_kmh": _scaled(outcome.impact_mps),
-        "least_gap_m": _rounded(outcome.least_gap_m),
-        "max_deceleration_mps2": _rounded(outcome.deceleration_mps2),
-        "approach_least_kmh": _scaled(low),
-        "approach_greatest_kmh": _scaled(high),
-        "cut_in_ttc_s": _rounded(outcome.cut_in_ttc_s),
+        "verdict": judged.verdict.value,
+        "why": judged.why,
+        "driven": len(judged.drives),
+        "passed": judged.passed,
+        "impact_kmh": _scaled(worst.impact),
+        "least_gap_m": _rounded(worst.gap),
+        "max_deceleration_mps2": _rounded(worst.deceleration),
+        "least_demand_mps2": _rounded(worst.demand),
+        "approach_least_kmh": _scaled(least(low for low, _high in _approaches(judged))),
+        "approach_greatest_kmh": _scaled(greatest(high for _low, high in _approaches(judged))),
+        "cut_in_ttc_s": _rounded(least(drive.cut_in_ttc_s for drive in judged.drives)),
         "needed_m": None if need is None else _rounded(need.way),
         "there_m": None if need is None else _rounded(need.there),
         "avoidable": None if need is None else need.avoidable,
-        "record": None if outcome.record is None else str(outcome.record),
+        "records": ";".join(str(drive.record) for drive in judged.drives if drive.record is not None) or None,
     }
+
+
+class Worst(NamedTuple):
+    """The worst figures of a row's drives, each for itself; None where no drive has one."""
+
+    impact: float | None  #: greatest [m/s]
+    gap: float | None  #: least [m]
+    deceleration: float | None  #: greatest [m/s2]
+    demand: float | None  #: least of what each asked for at most [m/s2]
+
+    @classmethod
+    def of(cls, judged: Judged) -> Worst:
+        """Return the worst of a row's drives."""
+        drives = judged.drives
+        return cls(
+            greatest(drive.impact_mps for drive in drives),
+            least(drive.least_gap_m for drive in drives),
+            greatest(drive.deceleration_mps2 for drive in drives),
+            least(drive.demand_mps2 for drive in drives),
+        )
+
+
+def least(values: Iterable[float | None]) -> float | None:
+    """Return the least of the values that there are."""
+    return min((value for value in values if value is not None), default=None)
+
+
+def greatest(values: Iterable[float | None]) -> float | None:
+    """Return the greatest of the values that there are."""
+    return max((value for value in values if value is not None), default=None)
+
+
+def _approaches(judged: Judged) -> list[tuple[float, float]]:
+    return [drive.approach_mps for drive in judged.drives if drive.approach_mps is not None]
 
 
 def _scaled(speed: float | None) -> float | None:
@@ -59,69 +95,75 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 3)
 
 
-def cells(outcome: Outcome) -> tuple[str, ...]:
-    """Return an outcome's cells, in the order of HEADINGS."""
-    row, need = outcome.row, outcome.row.need
-    impact = None if outcome.impact_mps is None else IN_KMH * outcome.impact_mps
-    numbers = (impact, outcome.least_gap_m, outcome.deceleration_mps2)
+def cells(judged: Judged) -> tuple[str, ...]:
+    """Return a row's cells, in the order of HEADINGS."""
+    row, need, worst = judged.row, judged.row.need, Worst.of(judged)
+    impact = None if worst.impact is None else IN_KMH * worst.impact
+    numbers = (impact, worst.gap, worst.deceleration, worst.demand)
     way = ("", "") if need is None else (f"{need.way:.1f}", f"{need.there:.1f}")
-    return (row.what, row.required, *(_cell(number) for number in numbers), *way, outcome.verdict.value)
+    share = f"{judged.passed}/{len(judged.drives)}" if judged.drives else ""
+    return (row.what, row.required, share, *(_cell(number) for number in numbers), *way, judged.verdict.value)
 
 
 def _cell(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}"
 
 
-#: the last two numbers: the way that full braking needs by closed form, and the gap that there is to begin with
-HEADINGS = ("test", "required", "impact km/h", "least gap m", "braked m/s²", "needs m", "there m", "verdict")
-NUMBERS = range(2, 7)  #: of the cells, those with numbers
+#: the last two numbers: the way that full braking needs by closed form,
+#: and the gap that there is to begin with
+HEADINGS = (
+    "test", "required", "passed", "impact km/h", "least gap m", "braked m/s²", "demand m/s²", "needs m", "there m",
+    "verdict",
+)  # fmt: skip
+NUMBERS = range(2, 9)  #: of the cells, those with numbers
 
 
-def table(title: str, outcomes: Sequence[Outcome]) -> Table:
-    """Return the outcomes as a table for the screen."""
+def table(title: str, rows: Sequence[Judged]) -> Table:
+    """Return the rows as a table for the screen."""
     drawn = Table(title=Text(title), title_justify="left")
     for number, heading in enumerate(HEADINGS):
         drawn.add_column(heading, justify="right" if number in NUMBERS else "left")
-    for outcome in outcomes:
-        *others, verdict = (Text(cell) for cell in cells(outcome))
-        verdict.stylize(COLOURS[outcome.verdict])
+    for judged in rows:
+        *others, verdict = (Text(cell) for cell in cells(judged))
+        verdict.stylize(COLOURS[judged.verdict])
         drawn.add_row(*others, verdict)
     return drawn
 
 
-def whys(outcomes: Sequence[Outcome]) -> list[str]:
+def whys(rows: Sequence[Judged]) -> list[str]:
     """Say why rows were not passed, in a line for each reason."""
     named: dict[str, list[str]] = {}
-    for outcome in outcomes:
-        if outcome.why:
-            named.setdefault(f"{outcome.verdict}: {outcome.why}", []).append(outcome.row.id)
+    for judged in rows:
+        if judged.why:
+            named.setdefault(f"{judged.verdict}: {judged.why}", []).append(judged.row.id)
     return [f"{', '.join(ids)}: {why}" for why, ids in named.items()]
 
 
-def markdown(outcomes: Sequence[Outcome]) -> str:
-    """Return the outcomes as a table of a document, what is to be said of them below it."""
+def markdown(rows: Sequence[Judged]) -> str:
+    """Return the rows as a table of a document, what is to be said of them below it."""
     rule = "|".join("---:" if number in NUMBERS else "---" for number in range(len(HEADINGS)))
-    rows = [f"| {' | '.join(cells(outcome))} |" for outcome in outcomes]
-    reasons = [f"* {why}" for why in whys(outcomes)]
-    return "\n".join([f"| {' | '.join(HEADINGS)} |", f"|{rule}|", *rows, "", f"{counted(outcomes)}.", "", *reasons])
+    lines = [f"| {' | '.join(cells(judged))} |" for judged in rows]
+    reasons = [f"* {why}" for why in whys(rows)]
+    return "\n".join([f"| {' | '.join(HEADINGS)} |", f"|{rule}|", *lines, "", f"{counted(rows)}.", "", *reasons])
 
 
-def counted(outcomes: Sequence[Outcome]) -> str:
-    """Say how many rows came to which verdict."""
-    counts = Counter(outcome.verdict for outcome in outcomes)
+def counted(rows: Sequence[Judged]) -> str:
+    """Say how many rows came to which verdict, and how many of their drives passed."""
+    counts = Counter(judged.verdict for judged in rows)
     said = (f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict])
-    return f"{len(outcomes)} rows: {', '.join(said)}"
+    driven, passed = sum(len(judged.drives) for judged in rows), sum(judged.passed for judged in rows)
+    return f"{len(rows)} rows: {', '.join(said)}; {passed} of {driven} drives passed"
 
 
-def write(name: str, outcomes: Sequence[Outcome], folder: Path) -> tuple[Path, ...]:
+def write(name: str, rows: Sequence[Judged], folder: Path) -> tuple[Path, ...]:
     """Write NAME.csv, NAME.json and NAME.md into `folder` and return their places."""
     folder.mkdir(parents=True, exist_ok=True)
-    rows = [record_of(outcome) for outcome in outcomes]
+    records = [record_of(judged) for judged in rows]
     files = tuple(folder / f"{name}.{ending}" for ending in ("csv", "json", "md"))
     with files[0].open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
+        writer = csv.DictWriter(file, list(records[0]))
         writer.writeheader()
-        writer.writerows(rows)
-    files[1].write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    files[2].write_text(markdown(outcomes).rstrip() + "\n", encoding="utf-8")
+        writer.writerows(records)
+    files[1].write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
+    files[2].write_text(markdown(rows).rstrip() + "\n", encoding="utf-8")
     return files

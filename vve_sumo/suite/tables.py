@@ -41,7 +41,16 @@ R152_PEDESTRIAN: Final = (
     Impact(60.0, 45.0, 45.0),
 )
 R152_PEDESTRIAN_SPEED: Final = 5.0  #: [km/h] [S] as the table
+# 01 series: the impact speeds of car-to-car hold for pedestrians too. [S] GRVA-04-10 as globalautoregs.com sums it up;
+# the draft on slide AEBS-08-07 has the laden column for both loads.
+R152_PEDESTRIAN_01: Final = tuple(entry for entry in R152_STATIONARY if entry.speed >= R152_PEDESTRIAN[0].speed)
+# 02 series: bicycles that cross. Its table is in none of our sources. Assumed: what the 01 series allows for
+# pedestrians, at the bicycle's speed in Euro NCAP's CBNA ([S] vectorgrp/OSC-NCAP-scenarios).
+R152_BICYCLE: Final = R152_PEDESTRIAN_01
+R152_BICYCLE_SPEED: Final = 15.0  #: [km/h]
 # [S] a summary of the regulation in a public repository, written by a machine; the tolerance from a paper (RegulaRAG).
+R152_BRAKING_DEMAND: Final = 5.0  #: of the service brakes in an emergency braking, at least [m/s2]
+R152_TEST_SPEEDS: Final = (20.0, 42.0, 60.0)  #: against a stationary car [km/h]
 R152_MOVING_TARGET_SPEED: Final = 20.0  #: [km/h]
 R152_LEAST_TTC: Final = 4.0  #: at the start of the functional part [s]
 R152_SPEED_TOLERANCE: Final = (2.0, 0.0)  #: below and above [km/h]
@@ -76,6 +85,43 @@ FMVSS_127_LEAD_RAMP: Final = 1.5  #: time in which the car ahead reaches its dec
 FMVSS_127_FALSE_ACTIVATION: Final = 0.25  #: deceleration that must not be reached [g]
 FMVSS_127_PASS_SPEED: Final = 80.0  #: between two cars, and over the steel plate [km/h]
 FMVSS_127_PASS_GAP: Final = 4.5  #: between the two cars, within 0.1 [m]
+
+
+class Walk(NamedTuple):
+    """A row of FMVSS 127's table of pedestrian tests."""
+
+    kind: str  #: crossing, stationary, along path
+    side: str  #: from which it comes, or on which it is: right, left
+    overlap: float  #: of the car's width, from that side to where it would be hit [%]
+    obstructed: bool  #: it comes out from behind parked cars
+    subject: tuple[float, float]  #: least and greatest speed of the car under test [km/h]
+    speed: float  #: of the pedestrian [km/h]
+
+
+# FMVSS 127, table 2 to S8.1.1. [P] as above.
+FMVSS_127_WALKS: Final = (
+    Walk("crossing", "right", 25.0, False, (10.0, 60.0), 5.0),
+    Walk("crossing", "right", 50.0, False, (10.0, 60.0), 5.0),
+    Walk("crossing", "left", 50.0, False, (10.0, 60.0), 8.0),
+    Walk("crossing", "right", 50.0, True, (10.0, 50.0), 5.0),
+    Walk("stationary", "right", 25.0, False, (10.0, 55.0), 0.0),
+    Walk("along path", "right", 25.0, False, (10.0, 65.0), 5.0),
+)
+FMVSS_127_WALK_START: Final = 4.0  #: of relative speed are the distance L0 at the start [s]
+
+
+class Kerb(NamedTuple):
+    """Where a pedestrian who crosses begins."""
+
+    aside: float  #: from the middle of the car's way [m]
+    speeding_up: float  #: way in which it comes to its speed [m]
+
+
+# Where the pedestrians of FMVSS 127 begin and how the parked cars stand is in none of our sources. Assumed: as in Euro
+# NCAP's CPNA, CPFA and CPNCO. [S] vectorgrp/OSC-NCAP-scenarios.
+KERBS: Final = {"right": Kerb(4.0, 1.0), "left": Kerb(6.0, 1.5)}
+PARKED_GAP: Final = 1.0  #: from the pedestrian's way to the first parked car, and between the two [m]
+PARKED_ASIDE: Final = 1.0  #: from the side of the car under test to that of the parked cars [m]
 
 
 # Euro NCAP AEB car-to-car, protocol v4.3.1 (2023). [S] variation files of vectorgrp/OSC-NCAP-scenarios.

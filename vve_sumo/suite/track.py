@@ -16,13 +16,13 @@ GRAVITY = 9.80665  #: standard [m/s2]
 LANE_WIDTH = 4.0  #: of the test track [m]
 CAR = fusion.vehicle()
 
-#: true mass over declared. Declared is what the recorded car weighed with its occupants: this is the car unladen. Laden
-#: it carries 250 kg more, an assumption: its maximum mass is in none of our sources.
-LOADS = {"laden": 1.15, "unladen": 1.0}
+#: True mass over declared. Declared is what the recorded car weighed with its occupants: this is the car unladen.
+LOADS = {"laden": fusion.MAXIMUM_MASS / CAR.mass, "unladen": 1.0}
 #: what the driver of an emergency-braking test does: nothing
 AEB = {"comfort": False}
 
 TARGET = "target"  #: the actor of a row that has one
+WIDTH = 1.8  #: of the cars that stand beside the way [m]
 SPEEDING_UP = 1.5  #: of the shipped controller [m/s2]
 SETTLING = 4.0  #: of steady driving beyond the run-up before a target enters, and what the run-up takes more [s]
 FOREMOST = 6.0  #: station of the front bumper at the start, or a little more [m]
@@ -59,6 +59,13 @@ def target(speed: float, ahead: float, **keys: Any) -> dict[str, Any]:
     return {"id": TARGET, "ahead_m": ahead, "enters": {"ego_at_m": entry_station(speed)}} | keys
 
 
+def gate(speed: float, ahead: float, gap: float) -> list[dict[str, Any]]:
+    """Return two cars that stand `ahead` [m] of the car on both sides of its way, `gap` [m] apart."""
+    aside = 0.5 * (gap + WIDTH)
+    left = target(speed, ahead, width_m=WIDTH, offset_m=aside)
+    return [left, target(speed, ahead, width_m=WIDTH, offset_m=-aside) | {"id": "other"}]
+
+
 def gone_by(speed: float, ahead: float) -> dict[str, Any]:
     """Return what ends a row early: a contact, or the car past where its target was, `ahead` [m] at entry."""
     return {"contact": True, "ego_at_m": entry_station(speed) + ahead + 20.0}
@@ -74,6 +81,7 @@ def time_to_brake(speed: float) -> float:
     return speed / 3.0 + 6.0
 
 
-def said(limit_kmh: float) -> str:
-    """Say what impact a row allows."""
-    return f"impact <= {limit_kmh:g} km/h" if limit_kmh > 0.0 else "no contact"
+def said(limit_kmh: float, demand: float = 0.0) -> str:
+    """Say what impact a row allows, and what braking it demands [m/s2]; 0 demands none."""
+    impact = f"impact <= {limit_kmh:g} km/h" if limit_kmh > 0.0 else "no contact"
+    return f"{impact}, demand >= {demand:g} m/s²" if demand > 0.0 else impact

@@ -13,6 +13,10 @@ from vve_sumo.values import Vehicle
 STEERING_RATIO: Final = 14.8  # Dataspeed's default for this car (dbw_mkz_can, twist controller)
 WHEEL_ANGLE_LIMIT: Final = math.radians(470.0)  # of the steering wheel; Dataspeed's joystick demo, Apollo
 WHEEL_RATE_LIMIT: Final = 8.7  # of the steering wheel [rad/s]; Dataspeed's SteeringCmd.msg of 2018
+#: Of the car with all it may carry [kg]: 1.24 times the declared mass, an assumption. The rating on the car's own label
+#: is in none of our sources. Secondary ones: a Fusion Hybrid weighs 3668 lb empty (maplecar.ca) and may carry 800 to
+#: 1000 lb (kevinsautos.com), together 2027 to 2117 kg.
+MAXIMUM_MASS: Final = 2095.0
 
 
 def vehicle() -> Vehicle:

@@ -1,0 +1,63 @@
+"""Drives suites with ten seeds a row and writes their tables into docs/suites.md.
+
+`python -m benchmarks.suites FOLDER [SUITE …]` drives into a folder of each suite under FOLDER; what was driven there
+already stays, so a run that was killed goes on. `--page` drives nothing and writes the page with the tables that FOLDER
+has. A suite without a table there keeps the one that the page has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from vve_sumo.suite import catalogue
+from vve_sumo.suite.command import Asked, suite
+from vve_sumo.suite.journal import NAME
+
+PAGE = Path(__file__).parent.parent / "docs" / "suites.md"
+SEEDS = 10
+BEGIN, END = "<!-- written by benchmarks/suites.py; do not edit -->", "<!-- end of what it wrote -->"
+HEADING = re.compile(r"^### `(\w+)`\n", re.MULTILINE)
+
+
+def main() -> None:
+    """Drive, unless only the page is wanted; then write it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("suites", nargs="*", metavar="suite", help="left out: all")
+    parser.add_argument("--page", action="store_true", help="write the page, drive nothing")
+    parser.add_argument("--workers", type=int, help="drives at a time (default: as many as processors)")
+    asked = parser.parse_args()
+    if not asked.page:
+        drive(asked.folder, asked.suites or catalogue.names(), asked.workers)
+    page = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(written(page, tables(asked.folder)), encoding="utf-8")
+
+
+def drive(folder: Path, names: Sequence[str], workers: int | None) -> None:
+    """Drive suites, each into a folder of its own, or go on with what is there."""
+    for name in names:
+        out = folder / name
+        suite(name, Asked(out=out, seeds=SEEDS, workers=workers, resume=(out / NAME).is_file()))
+
+
+def tables(folder: Path) -> dict[str, str]:
+    """Return the tables that a folder has, by suite."""
+    files = {name: folder / name / f"{name}.md" for name in catalogue.names()}
+    return {name: file.read_text(encoding="utf-8").strip() for name, file in files.items() if file.is_file()}
+
+
+def written(page: str, fresh: dict[str, str]) -> str:
+    """Return a page with fresh tables, those of other suites as they were, in the order of the list of suites."""
+    head, _begin, rest = page.partition(BEGIN)
+    body, _end, foot = rest.partition(END)
+    pieces = HEADING.split(body)
+    known = {name: text.strip() for name, text in zip(pieces[1::2], pieces[2::2], strict=True)} | fresh
+    sections = [f"### `{name}`\n\n{known[name]}" for name in catalogue.names() if name in known]
+    return head + "\n\n".join([BEGIN, *sections, END]) + foot
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""What a suite has driven is found again, to the last bit; a journal of anything else is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.suite import catalogue
+from vve_sumo.suite.journal import NAME, Journal
+from vve_sumo.suite.row import Outcome, Verdict
+
+ROWS = catalogue.rows("pass_through")
+NUMBERS = st.none() | st.floats(allow_nan=False)
+OUTCOMES = st.builds(
+    Outcome,
+    row=st.sampled_from(ROWS[:2]),
+    seed=st.integers(1, 99),
+    verdict=st.sampled_from(Verdict),
+    why=st.text(),
+    approach_mps=st.none() | st.tuples(st.floats(allow_nan=False), st.floats(allow_nan=False)),
+    cut_in_ttc_s=NUMBERS,
+    impact_mps=NUMBERS,
+    least_gap_m=NUMBERS,
+    deceleration_mps2=NUMBERS,
+    demand_mps2=NUMBERS,
+    record=st.none() | st.just(Path("records/seed_1")),
+    cpu_s=st.floats(0.0, 1e6),
+)
+
+
+@given(outcomes=st.lists(OUTCOMES, max_size=4), torn=st.integers(1, 60))
+def test_what_was_written_is_read_again_but_for_a_torn_line(tmp_path_factory, outcomes, torn):
+    folder = tmp_path_factory.mktemp("journal")
+    with Journal(folder, ROWS, resume=False) as journal:
+        for outcome in outcomes:
+            journal.add(outcome)
+    file = folder / NAME
+    file.write_bytes(file.read_bytes() + b'{"row": "between'[:torn])
+    with Journal(folder, ROWS, resume=True) as journal:
+        assert journal.known == outcomes
+    with Journal(folder, ROWS, resume=True) as journal:
+        assert journal.known == outcomes
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("{}", "line 2 is no finished drive"),
+        ("nonsense", "line 2 is no finished drive"),
+        ("[1]", "line 2 is no finished drive"),
+        ('{"row": "stopped_10", "digest": "0"}', "line 2: row 'stopped_10' was another test then"),
+    ],
+)
+def test_a_journal_of_something_else_is_refused(line, said, tmp_path):
+    with Journal(tmp_path, ROWS, resume=False) as journal:
+        journal.add(Outcome(ROWS[0], 1, Verdict.PASSED))
+    file = tmp_path / NAME
+    file.write_text(file.read_text(encoding="utf-8") + line + "\n", encoding="utf-8")
+    before = file.read_bytes()
+    with pytest.raises(ConfigError, match=said):
+        Journal(tmp_path, ROWS, resume=True)
+    assert file.read_bytes() == before
+
+
+def test_a_row_that_demands_something_else_is_another_test(tmp_path):
+    with Journal(tmp_path, ROWS, resume=False) as journal:
+        journal.add(Outcome(ROWS[0], 1, Verdict.PASSED))
+    with pytest.raises(ConfigError, match="was another test then"):
+        Journal(tmp_path, [replace(ROWS[0], demand=5.0), *ROWS[1:]], resume=True)

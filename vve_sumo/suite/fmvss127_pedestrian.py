@@ -1,0 +1,127 @@
+"""FMVSS 127: braking for a pedestrian who crosses, stands or walks along the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from vve_sumo.scenario.cast import SIZES
+from vve_sumo.suite import tables
+from vve_sumo.suite.fmvss127 import STEP, TOLERANCE
+from vve_sumo.suite.physics import Course, Need, full_braking, gap_used, seen_past
+from vve_sumo.suite.row import Approach, Row
+from vve_sumo.suite.track import (
+    AEB,
+    CAR,
+    KMH,
+    TARGET,
+    WIDTH,
+    gone_by,
+    impact_at_most,
+    said,
+    scenario,
+    target,
+    time_to_brake,
+)
+
+PARKED_LENGTH = 4.5  #: of the cars that hide a pedestrian [m]
+DARK = "the radar is geometric: it knows no light, the rows above stand for darkness too"
+
+
+def rows() -> Iterator[Row]:
+    """Return the suite's rows."""
+    for walk in tables.FMVSS_127_WALKS:
+        for kmh in speeds(walk.subject):
+            yield _crossing(walk, kmh) if walk.kind == "crossing" else _on_the_way(walk, kmh)
+    for beam in ("lower", "upper"):
+        what = f"every row in darkness, {beam} beam"
+        yield Row(f"dark_{beam}_beam", what, said(0.0), None, not_applicable=DARK)
+
+
+def speeds(ends: tuple[float, float]) -> list[float]:
+    """Return the speeds that are driven of a range: its ends, and between them every STEP [km/h]."""
+    low, high = ends
+    steps = [low + number * STEP for number in range(int((high - low) / STEP) + 1)]
+    return steps if steps[-1] == high else [*steps, high]
+
+
+def _crossing(walk: tables.Walk, kmh: float) -> Row:
+    """Return the row of one who waits at the kerb, and sets out so that the car would hit him at the overlap."""
+    speed, pace, kerb = kmh * KMH, walk.speed * KMH, tables.KERBS[walk.side]
+    ahead = tables.FMVSS_127_WALK_START * speed
+    side = -1.0 if walk.side == "right" else 1.0
+    way = kerb.aside - side * aside(walk)
+    walking = (way + kerb.speeding_up) / pace
+    sets_out = {
+        "when": {"after_s": tables.FMVSS_127_WALK_START - walking},
+        "speed_mps": pace,
+        "acceleration_mps2": pace * pace / (2.0 * kerb.speeding_up),
+    }
+    actor = target(
+        speed,
+        ahead,
+        kind="child" if walk.obstructed else "pedestrian",
+        offset_m=side * kerb.aside,
+        turned_deg=-90.0 * side,
+        acts=[sets_out],
+    )
+    parked = _parked(speed, ahead) if walk.obstructed else []
+    # There is something to brake for when he sets out, or comes in sight.
+    there = speed * walking
+    if walk.obstructed:
+        corner = 0.5 * CAR.width + tables.PARKED_ASIDE
+        there = seen_past(corner, tables.PARKED_GAP, speed, pace, 0.5 * SIZES["child"].length)
+    return _row(walk, kmh, [actor, *parked], Need(_needed(speed, 0.0), there), gone_by(speed, ahead))
+
+
+def _on_the_way(walk: tables.Walk, kmh: float) -> Row:
+    speed, pace = kmh * KMH, walk.speed * KMH
+    ahead = tables.FMVSS_127_WALK_START * (speed - pace)
+    actor = target(speed, ahead, kind="pedestrian", speed_mps=pace, offset_m=aside(walk))
+    return _row(walk, kmh, [actor], Need(_needed(speed, pace), ahead), {"contact": True})
+
+
+def aside(walk: tables.Walk) -> float:
+    """Return where the overlap is, beside the middle of the car's way [m], left positive."""
+    from_side = walk.overlap / 100.0 * CAR.width
+    return from_side - 0.5 * CAR.width if walk.side == "right" else 0.5 * CAR.width - from_side
+
+
+def _needed(speed: float, pace: float) -> float:
+    return gap_used(full_braking(CAR, speed), Course(pace))
+
+
+def _parked(speed: float, ahead: float) -> list[dict[str, Any]]:
+    """Return the two cars behind which a pedestrian comes out."""
+    offset = -(0.5 * CAR.width + tables.PARKED_ASIDE + 0.5 * WIDTH)
+    size = {"length_m": PARKED_LENGTH, "width_m": WIDTH}
+    rear = [ahead - number * (tables.PARKED_GAP + PARKED_LENGTH) for number in (1, 2)]
+    return [
+        target(speed, back, offset_m=offset, **size) | {"id": id}
+        for id, back in zip(("nearer", "farther"), rear, strict=True)
+    ]
+
+
+def _row(walk: tables.Walk, kmh: float, actors: list[dict[str, Any]], need: Need, abort: dict[str, Any]) -> Row:
+    speed = kmh * KMH
+    id = f"{walk.kind}_{walk.side}_{walk.overlap:g}_{kmh:g}".replace(" ", "_")
+    what = f"{walk.kind}" + (f" at {walk.speed:g} km/h" if walk.speed else "")
+    what += f", {walk.side} {walk.overlap:g} %, {kmh:g} km/h"
+    if walk.obstructed:
+        id, what = f"obstructed_{id}", f"child behind parked cars, {what}"
+    return Row(
+        id=id,
+        what=what,
+        required=said(0.0),
+        scenario=scenario(
+            f"FMVSS 127: pedestrian {what}",
+            speed,
+            lasts=tables.FMVSS_127_WALK_START + time_to_brake(speed),
+            controller={"tuning": AEB},
+            actors=actors,
+            criteria=impact_at_most(0.0),
+            abort=abort,
+        ),
+        approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+        need=need,
+    )

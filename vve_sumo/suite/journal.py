@@ -1,0 +1,99 @@
+"""The drives that a suite has finished, a line each as they finish, so that a suite that was killed can go on.
+
+Knows outcomes and lines of JSON; neither how a drive is run nor what is printed of it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Self
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.suite.row import Outcome, Row, Verdict
+
+NAME = "journal.jsonl"
+#: of an outcome, what a line holds as it is
+PLAIN = ("why", "cut_in_ttc_s", "impact_mps", "least_gap_m", "deceleration_mps2", "demand_mps2", "cpu_s")
+
+
+class Journal:
+    """A journal that is open for what finishes next."""
+
+    def __init__(self, folder: Path, rows: Sequence[Row], *, resume: bool) -> None:
+        """Begin a journal in `folder`, or go on with the one there; raises ConfigError where that is not of `rows`."""
+        file = folder / NAME
+        self._digests = {row.id: digest(row) for row in rows}
+        #: drives that were finished before
+        self.known = _read(file, {row.id: row for row in rows}, self._digests) if resume else []
+        folder.mkdir(parents=True, exist_ok=True)
+        fresh = file.with_suffix(".new")
+        with fresh.open("w", encoding="utf-8") as new:
+            new.writelines(self._line(outcome) for outcome in self.known)
+        fresh.replace(file)
+        self._file = file.open("a", encoding="utf-8")
+
+    def __enter__(self) -> Self:
+        """Return the journal."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def add(self, outcome: Outcome) -> None:
+        """Append a finished drive."""
+        self._file.write(self._line(outcome))
+        self._file.flush()
+
+    def _line(self, outcome: Outcome) -> str:
+        fields: dict[str, Any] = {
+            "row": outcome.row.id,
+            "digest": self._digests[outcome.row.id],
+            "seed": outcome.seed,
+            "verdict": outcome.verdict.value,
+            "approach_mps": outcome.approach_mps,
+            "record": None if outcome.record is None else str(outcome.record),
+        }
+        return json.dumps(fields | {name: getattr(outcome, name) for name in PLAIN}) + "\n"
+
+
+def digest(row: Row) -> str:
+    """Return what is another where the row's scenario is, or what it demands."""
+    scenario = None if row.scenario is None else row.scenario.model_dump(mode="json")
+    whole = json.dumps(scenario, sort_keys=True) + repr((row.approach, row.cut_in, row.need, row.demand))
+    return hashlib.sha256(whole.encode()).hexdigest()
+
+
+def _read(file: Path, rows: dict[str, Row], digests: dict[str, str]) -> list[Outcome]:
+    """Return the drives of a journal up to its last whole line; none where there is no journal."""
+    try:
+        lines = file.read_bytes().split(b"\n")[:-1]  # what follows the last end of a line was torn
+    except FileNotFoundError:
+        return []
+    outcomes = []
+    for number, line in enumerate(lines, 1):
+        try:
+            fields = json.loads(line)
+            id, of = fields["row"], fields["digest"]
+            if digests.get(id) == of:
+                outcomes.append(_outcome(rows[id], fields))
+                continue
+        except (ValueError, KeyError, TypeError):
+            raise ConfigError(f"{file}: line {number} is no finished drive: the file was damaged") from None
+        raise ConfigError(f"{file}: line {number}: row {id!r} was another test then, expected the suite that was begun")
+    return outcomes
+
+
+def _outcome(row: Row, fields: dict[str, Any]) -> Outcome:
+    approach, record = fields["approach_mps"], fields["record"]
+    return Outcome(
+        row=row,
+        seed=fields["seed"],
+        verdict=Verdict(fields["verdict"]),
+        approach_mps=None if approach is None else (approach[0], approach[1]),
+        record=None if record is None else Path(record),
+        **{name: fields[name] for name in PLAIN},
+    )
