@@ -15,6 +15,7 @@ from vve_sumo.path import Corridor, Path, Station
 from vve_sumo.values import Pose, Situation, Vehicle
 
 from .crossing import COMES_OVER, CROSSES, comes_over, crosses, will_be_in, will_have_left
+from .parting import goes_past
 from .trend import Trend
 
 RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
@@ -169,10 +170,13 @@ class Tracker:
             self._forget(scan, situation.pose)
             self._judge(self._corridor)
             bumper = station.s + self._vehicle.rear_axle_to_bumper
+            # Unseen it may go on being one, but becomes none: where it would be by now, nobody has seen it.
             self._dangers = [
                 track
                 for track in self._tracks
-                if track.hits >= CONFIRMED and _endangers(track, self._corridor, bumper, situation.pose.speed)
+                if track.hits >= CONFIRMED
+                and (track.seen == scan or track in self._dangers)
+                and _endangers(track, situation.path, self._corridor, bumper, situation.pose.speed)
             ]
         return self._nearest(situation.time, station.s + self._vehicle.rear_axle_to_bumper)
 
@@ -239,15 +243,17 @@ def _comes_over(track: Track, corridor: Corridor, within: float, surely: float) 
     return track.time - track.seen < FRESH and comes_over(track.across, left, right, within, surely)
 
 
-def _endangers(track: Track, corridor: Corridor, bumper: float, speed: float) -> bool:
+def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, speed: float) -> bool:
     """Tell whether a track is in the band now, or will be when a car of this speed [m/s] gets there."""
-    across, drives = track.across, track.drives
+    # What is faster across than along crosses, or is long and turns: then its nearest point runs along its flank.
+    across, drives = track.across, track.drives and abs(track.across.rate) < track.speed
     if not crosses(across, COMES_OVER if drives else CROSSES):
         return _is_inside(track, corridor, track.offset, track.offset_variance)
     gap, closing, (left, right) = track.s - bumper, speed - track.speed, corridor.half_widths(track.s)
     arrival = max(gap, 0.0) / closing if closing > 0.0 else math.inf
     if _is_inside(track, corridor, across.value, across.variance):
-        return not will_have_left(across, left, right, arrival)
+        past = will_have_left(across, left, right, arrival)
+        return not (past or goes_past(path, corridor, track.s, across, track.speed, bumper, speed))
     if drives:
         past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
         return gap > 0.0 and _comes_over(track, corridor, min(past, SOON), EVEN)
