@@ -14,7 +14,7 @@ import numpy as np
 from vve_sumo.path import Corridor, Path, Station
 from vve_sumo.values import Pose, Situation, Vehicle
 
-from .crossing import COMES_OVER, CROSSES, comes_over, crosses, will_be_in, will_have_left
+from .crossing import COMES_OVER, CROSSES, ON_FOOT, comes_over, crosses, will_be_in, will_have_left
 from .parting import goes_past
 from .trend import Trend
 
@@ -24,6 +24,7 @@ DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
 DRIVES = 3.0  #: what is faster than this along the path is a car that keeps its lane or changes it [m/s]
 CHANGE_AGILITY = 0.2  #: spectral density of its acceleration across the path [m2/s3]
+BUS, TURNING = 12.5, 1.5  #: length of a body [m]; for so long [s] its nearest point may run along its flank
 LENGTH = 9.0  #: of such a car and of the own, more than which it takes to get past it [m]
 FRESH = 0.13  #: who was seen longer ago than this may have gone straight on since [s]
 SOON = 2.0  #: it counts from so long before it is in the way [s]
@@ -68,8 +69,8 @@ class Track:
     """
 
     __slots__ = (
-        "across", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace", "s", "seen", "speed",
-        "time",
+        "across", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace", "part_until", "s", "seen",
+        "speed", "time",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
@@ -80,7 +81,7 @@ class Track:
         self.p_s, self.p_sv = RANGE_SIGMA**2, 0.0
         self.p_v = 4.0 if math.isnan(sighting.speed) else self._rate_variance(sighting)
         self.pace = Trend(self.speed, self.p_v, CHANGE**2, JERK)
-        self.hits, self.in_way = 1, False
+        self.hits, self.in_way, self.part_until = 1, False, -math.inf
 
     def predict(self, time: float) -> None:
         """Move on to a time [s] at constant speed."""
@@ -133,6 +134,12 @@ class Track:
     def drives(self) -> bool:
         """Whether it surely goes along with the car, faster than who is on foot."""
         return self.speed > DRIVES and (self.speed - DRIVES) ** 2 > 4.0 * self.p_v
+
+    def may_reach_to(self, sighting: Sighting) -> bool:
+        """Whether it is a vehicle that comes nearer or crosses, or a part of one, as long as to reach to a sighting."""
+        near = math.hypot(sighting.s - self.s, sighting.offset - self.across.value) < BUS
+        moves = math.hypot(self.speed, self.across.rate) > DRIVES and not self.drives
+        return near and (self.time < self.part_until or (self.hits >= CONFIRMED and moves))
 
     def _rate_variance(self, sighting: Sighting) -> float:
         """Of the speed along the path that a sighting stands for [m2/s2]: how fast it crosses is known only so well."""
@@ -201,7 +208,14 @@ class Tracker:
                 near.update(sighting)
                 free.remove(near)
             else:
-                self._tracks.append(Track(time, sighting))
+                self._tracks.append(self._begun(time, sighting))
+
+    def _begun(self, time: float, sighting: Sighting) -> Track:
+        """Return a new track; one that begins beside a body on its way may be another place of that body."""
+        track = Track(time, sighting)
+        if any(other.may_reach_to(sighting) for other in self._tracks):
+            track.part_until = time + TURNING
+        return track
 
     def _forget(self, time: float, pose: Pose) -> None:
         long = COAST_AT_REST if pose.speed < 0.1 else COAST
@@ -249,6 +263,8 @@ def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, spee
     across, drives = track.across, track.drives and abs(track.across.rate) < track.speed
     if not crosses(across, COMES_OVER if drives else CROSSES):
         return _is_inside(track, corridor, track.offset, track.offset_variance)
+    if track.time < track.part_until and abs(across.rate) > ON_FOOT:
+        return _is_inside(track, corridor, across.value, across.variance)
     gap, closing, (left, right) = track.s - bumper, speed - track.speed, corridor.half_widths(track.s)
     arrival = max(gap, 0.0) / closing if closing > 0.0 else math.inf
     if _is_inside(track, corridor, across.value, across.variance):
