@@ -263,13 +263,13 @@ def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, spee
     across, drives = track.across, track.drives and abs(track.across.rate) < track.speed
     if not crosses(across, COMES_OVER if drives else CROSSES):
         return _is_inside(track, corridor, track.offset, track.offset_variance)
-    if track.time < track.part_until and abs(across.rate) > ON_FOOT:
-        return _is_inside(track, corridor, across.value, across.variance)
     gap, closing, (left, right) = track.s - bumper, speed - track.speed, corridor.half_widths(track.s)
     arrival = max(gap, 0.0) / closing if closing > 0.0 else math.inf
     if _is_inside(track, corridor, across.value, across.variance):
         past = will_have_left(across, left, right, arrival)
         return not (past or goes_past(path, corridor, track.s, across, track.speed, bumper, speed))
+    if track.time < track.part_until and abs(across.rate) > ON_FOOT:
+        return False
     if drives:
         past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
         return gap > 0.0 and _comes_over(track, corridor, min(past, SOON), EVEN)
