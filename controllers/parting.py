@@ -22,7 +22,9 @@ STEP = 0.1  #: of the forecast [s]
 BODY = np.linspace(0.0, LONGEST, 13)  #: places along it that are looked at [m]
 
 
-def goes_past(path: Path, corridor: Corridor, s: float, across: Trend, along: float, bumper: float, pace: float) -> bool:
+def goes_past(
+    path: Path, corridor: Corridor, s: float, across: Trend, along: float, bumper: float, pace: float
+) -> bool:
     """Tell whether all of it leaves the corridor before the front bumper comes within ROOM of it.
 
     It is seen at station `s` [m], goes at `along` [m/s] along the path and as the trend says across; the bumper is at

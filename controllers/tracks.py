@@ -24,8 +24,8 @@ DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
 DRIVES = 3.0  #: what is faster than this along the path is a car that keeps its lane or changes it [m/s]
 CHANGE_AGILITY = 0.2  #: spectral density of its acceleration across the path [m2/s3]
-BUS, TURNING = 12.5, 1.5  #: length of a body [m]; for so long [s] its nearest point may run along its flank
-LENGTH = 9.0  #: of such a car and of the own, more than which it takes to get past it [m]
+BUS, TURNING = 12.5, 1.5  #: of a long body [m]; for so long [s] its nearest point may run along its flank
+LENGTH = 9.0  #: of a car that goes along and of the own, more than which it takes to get past it [m]
 FRESH = 0.13  #: who was seen longer ago than this may have gone straight on since [s]
 SOON = 2.0  #: it counts from so long before it is in the way [s]
 LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen there to be followed, and on followed
@@ -69,8 +69,8 @@ class Track:
     """
 
     __slots__ = (
-        "across", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace", "part_until", "s", "seen",
-        "speed", "time",
+        "across", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace", "part_until", "s",
+        "seen", "speed", "time",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:

@@ -123,8 +123,8 @@ def write_demand(
     samples = [places.trip(drawn) for _ in range(SAMPLES)]
     mean = sum(_travel_time(edges) for edges, _kerb in samples) / len(samples)
     trips = list(_trips(places, drawn, mean / LEVELS[level], LONGEST_TRIP * mean, duration))
-    drawn_as = f"{level} traffic, seed {seed}" + (", nobody with right of way over the ego's path" if unhindered else "")
-    return _write(out, trips, drawn_as, frozenset(clear), mean)
+    spares = ", nobody with right of way over the ego's path" if unhindered else ""
+    return _write(out, trips, f"{level} traffic, seed {seed}{spares}", frozenset(clear), mean)
 
 
 class _Choice:
