@@ -266,8 +266,8 @@ def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, spee
     gap, closing, (left, right) = track.s - bumper, speed - track.speed, corridor.half_widths(track.s)
     arrival = max(gap, 0.0) / closing if closing > 0.0 else math.inf
     if _is_inside(track, corridor, across.value, across.variance):
-        past = will_have_left(across, left, right, arrival)
-        return not (past or goes_past(path, corridor, track.s, across, track.speed, bumper, speed))
+        leaves = will_have_left(across, left, right, arrival)
+        return not (leaves or goes_past(path, corridor, track.s, across, track.speed, bumper, speed))
     if track.time < track.part_until and abs(across.rate) > ON_FOOT:
         return False
     if drives:
