@@ -15,7 +15,8 @@ import numpy as np
 from vve_sumo.path import Corridor, Path, Station
 from vve_sumo.values import Pose, Situation, Vehicle
 
-from .crossing import COMES_OVER, CROSSES, comes_over, crosses, will_be_in, will_have_left
+from .crossing import COMES_OVER, CROSSES, ON_FOOT, comes_over, crosses, will_be_in, will_have_left
+from .parting import goes_past
 from .trend import Trend
 
 RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
@@ -24,7 +25,8 @@ DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
 DRIVES = 3.0  #: what is faster than this along the path is a car that keeps its lane or changes it [m/s]
 CHANGE_AGILITY = 0.2  #: spectral density of its acceleration across the path [m2/s3]
-LENGTH = 9.0  #: of such a car and of the own, more than which it takes to get past it [m]
+BUS, TURNING = 12.5, 1.5  #: of a long body [m]; for so long [s] its nearest point may run along its flank
+LENGTH = 9.0  #: of a car that goes along and of the own, more than which it takes to get past it [m]
 FRESH = 0.13  #: who was seen longer ago than this may have gone straight on since [s]
 SOON = 2.0  #: it counts from so long before it is in the way [s]
 LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen there to be followed, and on followed
@@ -109,8 +111,8 @@ class Track:
     """
 
     __slots__ = (
-        "across", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace", "s", "seen", "speed",
-        "time",
+        "across", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace", "part_until", "s",
+        "seen", "speed", "time",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
@@ -121,7 +123,7 @@ class Track:
         self.p_s, self.p_sv = RANGE_SIGMA**2, 0.0
         self.p_v = 4.0 if math.isnan(sighting.speed) else self._rate_variance(sighting)
         self.pace = Trend(self.speed, self.p_v, CHANGE**2, JERK)
-        self.hits, self.in_way = 1, False
+        self.hits, self.in_way, self.part_until = 1, False, -math.inf
 
     def predict(self, time: float) -> None:
         """Move on to a time [s] at constant speed."""
@@ -176,6 +178,12 @@ class Track:
         """Whether it surely goes along with the car, faster than who is on foot."""
         return self.speed > DRIVES and (self.speed - DRIVES) ** 2 > 4.0 * self.p_v
 
+    def may_reach_to(self, sighting: Sighting) -> bool:
+        """Whether it is a vehicle that comes nearer or crosses, or a part of one, as long as to reach to a sighting."""
+        near = math.hypot(sighting.s - self.s, sighting.offset - self.across.value) < BUS
+        moves = math.hypot(self.speed, self.across.rate) > DRIVES and not self.drives
+        return near and (self.time < self.part_until or (self.hits >= CONFIRMED and moves))
+
     def _rate_variance(self, sighting: Sighting) -> float:
         """Of the speed along the path that a sighting stands for [m2/s2]: how fast it crosses is known only so well."""
         return RATE_SIGMA**2 + sighting.skew**2 * self.across.rate_variance
@@ -215,10 +223,13 @@ class Tracker:
             self._forget(scan, situation.pose)
             self._judge(self._corridor, now - scan)
             bumper = station.s + self._vehicle.rear_axle_to_bumper
+            # Unseen it may go on being one, but becomes none: where it would be by now, nobody has seen it.
             self._dangers = [
                 track
                 for track in self._tracks
-                if track.hits >= CONFIRMED and _endangers(track, self._corridor, bumper, situation.pose.speed, now)
+                if track.hits >= CONFIRMED
+                and (track.seen == scan or track in self._dangers)
+                and _endangers(track, situation.path, self._corridor, bumper, situation.pose.speed, now)
             ]
         return self._nearest(situation.time, station.s + self._vehicle.rear_axle_to_bumper)
 
@@ -240,7 +251,14 @@ class Tracker:
                 near.update(sighting)
                 free.remove(near)
             else:
-                self._tracks.append(Track(time, sighting))
+                self._tracks.append(self._begun(time, sighting))
+
+    def _begun(self, time: float, sighting: Sighting) -> Track:
+        """Return a new track; one that begins beside a body on its way may be another place of that body."""
+        track = Track(time, sighting)
+        if any(other.may_reach_to(sighting) for other in self._tracks):
+            track.part_until = time + TURNING
+        return track
 
     def _forget(self, time: float, pose: Pose) -> None:
         long = COAST_AT_REST if pose.speed < 0.1 else COAST
@@ -290,19 +308,23 @@ def _comes_over(track: Track, corridor: Corridor, within: float, surely: float) 
     return track.time - track.seen < FRESH and comes_over(track.across, left, right, within, surely)
 
 
-def _endangers(track: Track, corridor: Corridor, bumper: float, speed: float, now: float) -> bool:
+def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, speed: float, now: float) -> bool:
     """Tell whether a track is in the band, or will be when a car of this speed [m/s] gets there; `bumper` is its now.
 
     What is foretold of the track counts from when it was measured.
     """
-    across, drives, age = track.across, track.drives, now - track.time
+    # What is faster across than along crosses, or is long and turns: then its nearest point runs along its flank.
+    across, drives, age = track.across, track.drives and abs(track.across.rate) < track.speed, now - track.time
     if not crosses(across, COMES_OVER if drives else CROSSES):
         return _is_inside(track, corridor, track.offset, track.offset_variance)
     gap, closing = track.s + track.speed * age - bumper, speed - track.speed
     left, right = corridor.half_widths(track.s)
     arrival = age + max(gap, 0.0) / closing if closing > 0.0 else math.inf
     if _is_inside(track, corridor, across.value, across.variance):
-        return not will_have_left(across, left, right, arrival)
+        leaves = will_have_left(across, left, right, arrival)
+        return not (leaves or goes_past(path, corridor, track.s, across, track.speed, bumper - speed * age, speed))
+    if track.time < track.part_until and abs(across.rate) > ON_FOOT:
+        return False
     if drives:
         past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
         return gap > 0.0 and _comes_over(track, corridor, age + min(past, SOON), EVEN)

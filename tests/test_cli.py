@@ -73,7 +73,7 @@ WRONG_SCENARIOS = {
     "value out of range": (edited("speed_mps = 11.176", "speed_mps = -3.0"), ["ego.speed_mps", "-3.0"]),
     "not a number": (edited("speed_mps = 11.176", "speed_mps = nan"), ["ego.speed_mps"]),
     "unknown network": (edited('network = "linden"', 'network = "atlantis"'), ["atlantis", "linden"]),
-    "unknown demand": (edited('demand = ["linden_light"]', 'demand = ["rush"]'), ["rush", "linden_light"]),
+    "unknown demand": (edited('demand = ["linden_17th_light"]', 'demand = ["rush"]'), ["rush", "linden_light"]),
     "unknown path": (edited('path = "linden_17th"', 'path = "nowhere"'), ["nowhere"]),
     "obstacle beyond the path": (edited("at_m = ", "at_m = 9"), ["parked_car", "beyond"]),
     "not TOML": ("title = \n", ["TOML"]),

@@ -519,6 +519,12 @@ def _add_network(commands: Commands) -> None:  # type: ignore[valid-type]
         help="edges where no vehicle comes out of nothing or vanishes: those of the ego's path",
     )
     demand.add_argument("--path", metavar="NAME", help="path whose edges stay clear, a name under routes/ or a file")
+    demand.add_argument(
+        "--unhindered",
+        metavar="NAME",
+        help="path over which nobody has the right of way: others go around the junctions where the ego would have to "
+        "give way, at signals too",
+    )
     demand.add_argument("--out", type=Path, required=True, metavar="ROU", help="route file to write (.rou.xml)")
     demand.set_defaults(run=_network_demand)
 
@@ -799,6 +805,7 @@ def _network_demand(arguments: argparse.Namespace) -> int:
         level=arguments.level,
         seed=arguments.seed,
         clear=(*arguments.clear, *_edges_of(arguments.path)),
+        unhindered=_edges_of(arguments.unhindered),
     )
     print(f"{arguments.level} traffic of {drawn.vehicles} vehicles written to {arguments.out}")
     return 0

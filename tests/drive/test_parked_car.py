@@ -63,6 +63,15 @@ def test_stops_at_the_gap_for_every_seed(seed: int) -> None:
     assert not summary["emergency_used"]
 
 
+@pytest.mark.parametrize(("speed", "seed"), [(5.0, 12), (5.0, 19), (13.4, 5)])
+def test_its_traffic_calls_for_no_emergency(speed: float, seed: int) -> None:
+    """As shipped. With traffic that had the right of way over the path the first two met a car in a junction."""
+    summary = isolated(drive_once, {"seed": seed, "ego.speed_mps": speed})
+    check(summary, 0.5)
+    assert not summary["emergency_used"]
+    assert summary["failed"] == []
+
+
 ERRORS = [
     pytest.param({"grade_percent": 3.0, "mass_factor": 1.15, "brake_gain_factor": 0.9}, id="uphill-heavy-weak"),
     pytest.param({"grade_percent": -3.0, "mass_factor": 1.15, "brake_gain_factor": 0.9}, id="downhill-heavy-weak"),

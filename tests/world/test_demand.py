@@ -15,6 +15,7 @@ from vve_sumo.world.demand import LEVELS, TYPES, write_demand
 
 TIMES = (0.0, 30.0, 60.0, 120.0)
 PATHS = ("linden_17th", "linden_loop")
+LEVEL = {**{f"linden_{level}": level for level in LEVELS}, "linden_17th_light": "light"}  #: of each shipped file
 
 
 @pytest.fixture(scope="module")
@@ -22,10 +23,34 @@ def linden(repository: Path) -> Path:
     return repository / "networks" / "linden.net.xml"
 
 
+def _route(repository: Path, path: str) -> list[str]:
+    lines = (repository / "routes" / f"{path}.csv").read_text().splitlines()
+    return next(line.split()[2:] for line in lines if line.startswith("# edges: "))
+
+
 @pytest.fixture(scope="module")
 def clear(repository: Path) -> set[str]:
-    lines = [line for name in PATHS for line in (repository / "routes" / f"{name}.csv").read_text().splitlines()]
-    return {edge for line in lines if line.startswith("# edges: ") for edge in line.split()[2:]}
+    return {edge for name in PATHS for edge in _route(repository, name)}
+
+
+def _ways(repository: Path, name: str) -> list[list[str]]:
+    root = ET.parse(repository / "routes" / f"{name}.rou.xml").getroot()
+    return [route.attrib["edges"].split() for route in root.iter("route")]
+
+
+def _prior(network: Path, route: list[str]) -> set[tuple[str, str]]:
+    """Ways through junctions that a route must give way to, from the file's own table: link i answers to link j."""
+    root = ET.parse(network).getroot()
+    links = {link.attrib["via"]: link for link in root.iter("connection") if "via" in link.attrib}
+    found = set()
+    for junction in root.iter("junction"):
+        inside = [links[lane] for lane in junction.attrib["intLanes"].split() if lane in links]
+        ways = [(link.attrib["from"], link.attrib["to"]) for link in inside]
+        for request in junction.iter("request"):
+            index, response = int(request.attrib["index"]), request.attrib["response"][::-1]
+            if index < len(ways) and ways[index] in pairwise(route):
+                found |= {way for way, before in zip(ways, response, strict=False) if before == "1"}
+    return found
 
 
 def _run(network: str, routes: str, step: float, until: float, log: str) -> tuple[list[int], int, int, list[str]]:
@@ -48,9 +73,9 @@ def _run(network: str, routes: str, step: float, until: float, log: str) -> tupl
     return counts, contacts, teleports, warnings
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_the_streets_are_as_busy_as_asked_from_the_start(repository, linden, tmp_path, level):
-    routes = repository / "routes" / f"linden_{level}.rou.xml"
+@pytest.mark.parametrize("name", LEVEL)
+def test_the_streets_are_as_busy_as_asked_from_the_start(repository, linden, tmp_path, name):
+    routes, level = repository / "routes" / f"{name}.rou.xml", LEVEL[name]
     counts, contacts, teleports, warnings = isolated(_run, str(linden), str(routes), 0.1, 120.0, str(tmp_path / "log"))
     assert len(counts) == len(TIMES)
     assert all(0.75 * LEVELS[level] <= count <= 1.25 * LEVELS[level] for count in counts), counts
@@ -64,21 +89,50 @@ def test_heavy_traffic_touches_nobody_at_the_ticks_step(repository, linden, tmp_
     assert (contacts, teleports, warnings) == (0, 0, [])
 
 
-@pytest.mark.parametrize("level", ["light", "heavy"])
-def test_the_shipped_files_are_what_is_drawn(repository, linden, clear, tmp_path, level):
-    written = write_demand(linden, tmp_path / "drawn.rou.xml", level=level, clear=clear)
-    shipped = (repository / "routes" / f"linden_{level}.rou.xml").read_text()
-    assert (tmp_path / "drawn.rou.xml").read_text() == shipped
+@pytest.mark.parametrize("name", ["linden_light", "linden_heavy", "linden_17th_light"])
+def test_the_shipped_files_are_what_is_drawn(repository, linden, clear, tmp_path, name):
+    unhindered = _route(repository, "linden_17th") if name == "linden_17th_light" else ()
+    drawn = tmp_path / "drawn.rou.xml"
+    written = write_demand(linden, drawn, level=LEVEL[name], clear=clear, unhindered=unhindered)
+    shipped = (repository / "routes" / f"{name}.rou.xml").read_text()
+    assert drawn.read_text() == shipped
     assert written.vehicles == shipped.count("<vehicle ")
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_nobody_appears_or_vanishes_on_the_egos_paths(repository, clear, level):
-    root = ET.parse(repository / "routes" / f"linden_{level}.rou.xml").getroot()
-    ways = [route.attrib["edges"].split() for route in root.iter("route")]
+@pytest.mark.parametrize("name", LEVEL)
+def test_nobody_appears_or_vanishes_on_the_egos_paths(repository, clear, name):
+    ways = _ways(repository, name)
     assert len(clear) > 25
     assert not any(way[0] in clear or way[-1] in clear for way in ways)
     assert any(clear & set(way) for way in ways)  # but they do drive there
+
+
+def test_nobody_has_the_right_of_way_over_the_demonstration(repository, linden):
+    """The ego gives way to nobody; yet somebody comes towards it, and somebody drives on its street."""
+    route = _route(repository, "linden_17th")
+    prior, (_, _, there, beyond) = _prior(linden, route), route
+    assert len({end for _, end in prior}) > 4
+    for name, hinders in (("linden_17th_light", False), ("linden_light", True)):
+        assert any(prior & set(pairwise(way)) for way in _ways(repository, name)) is hinders
+    ways = _ways(repository, "linden_17th_light")
+    assert sum(f"-{beyond}" in way for way in ways) > 5
+    assert any(beyond in way and there not in way for way in ways)
+
+
+def test_who_would_have_the_right_of_way_goes_around(linden, repository, tmp_path):
+    """A route over a signal: there everybody who crosses it has the right of way at times."""
+    route = _route(repository, "linden_cleveland")
+    write_demand(linden, tmp_path / "x.rou.xml", level="light", duration=120.0, unhindered=route)
+    ways = [way.attrib["edges"].split() for way in ET.parse(tmp_path / "x.rou.xml").getroot().iter("route")]
+    net = sumolib.net.readNet(str(linden))
+    signals = {net.getEdge(edge).getToNode() for edge in route[:-1]}
+    signals = {node for node in signals if node.getType() == "traffic_light"}
+    ends = {edge.getID() for node in signals for edge in node.getIncoming()} - set(route) - {f"-{e}" for e in route}
+    crossing = [pair for way in ways for pair in pairwise(way) if pair[0] in ends]
+    assert signals
+    assert ends
+    # Off a side street only into the street's other half, which the route does not touch.
+    assert not any(pair[1] in route for pair in crossing)
 
 
 def test_ways_are_connected_and_times_run_on_to_the_end(repository, linden):
@@ -115,6 +169,8 @@ def test_another_seed_draws_other_traffic(linden, tmp_path):
         ({"level": "rush"}, "no traffic level 'rush'; known: light, moderate, heavy"),
         ({"level": "light", "duration": 0.0}, "expected a time above zero"),
         ({"level": "light", "duration": float("nan")}, "expected a time above zero"),
+        ({"level": "light", "unhindered": ("21354771", "nowhere")}, "there is no edge 'nowhere'"),
+        ({"level": "light", "unhindered": ("21354771", "-21405924#2")}, "does not lead to edge '-21405924#2'"),
     ],
 )
 def test_traffic_that_cannot_be_drawn_is_refused(linden, tmp_path, options, message):

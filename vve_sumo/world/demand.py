@@ -93,13 +93,22 @@ class Demand(NamedTuple):
 
 
 def write_demand(
-    network: Path, out: Path, *, level: str, duration: float = DURATION, seed: int = SEED, clear: Collection[str] = ()
+    network: Path,
+    out: Path,
+    *,
+    level: str,
+    duration: float = DURATION,
+    seed: int = SEED,
+    clear: Collection[str] = (),
+    unhindered: Sequence[str] = (),
 ) -> Demand:
     """Draw the traffic of a level ("light", "moderate", "heavy") and write it to `out` as a SUMO route file.
 
     It is as if the streets had been busy for long: the vehicles under way at time 0 stand in the file with the place
     that they would have reached. `clear` are edges (the ego's path) where no vehicle comes out of nothing, neither at
-    time 0 nor later, and none vanishes. Raises ConfigError on an unknown level or a network without streets to use.
+    time 0 nor later, and none vanishes. `unhindered` is a route, edge by edge, along which nobody has the right of way
+    over the ego: who would go around those junctions. Raises ConfigError on an unknown level or edge, edges that do not
+    follow each other, or a network without streets to use.
     """
     if level not in LEVELS:
         raise ConfigError(f"no traffic level {level!r}; known: {', '.join(LEVELS)}")
@@ -109,11 +118,13 @@ def write_demand(
     roads = Roads(network)
     for name in clear:
         roads.edge(name)  # refuses one that the network does not have
+    roads.close(roads.prior(unhindered))
     places = _Places(roads, frozenset(clear))
     samples = [places.trip(drawn) for _ in range(SAMPLES)]
     mean = sum(_travel_time(edges) for edges, _kerb in samples) / len(samples)
     trips = list(_trips(places, drawn, mean / LEVELS[level], LONGEST_TRIP * mean, duration))
-    return _write(out, trips, level, seed, frozenset(clear), mean)
+    spares = ", nobody with right of way over the ego's path" if unhindered else ""
+    return _write(out, trips, f"{level} traffic, seed {seed}{spares}", frozenset(clear), mean)
 
 
 class _Choice:
@@ -221,7 +232,7 @@ def _type(name: str) -> ET.Element:
     return ET.Element("vType", {"id": name, "accel": f"{kind.accel}", "decel": f"{kind.decel}"} | size | looks | DRIVER)
 
 
-def _write(out: Path, trips: Sequence[Trip], level: str, seed: int, clear: frozenset[str], mean: float) -> Demand:
+def _write(out: Path, trips: Sequence[Trip], drawn_as: str, clear: frozenset[str], mean: float) -> Demand:
     root = ET.Element("routes")
     root.extend(_type(name) for name in TYPES)
     named = ((f"{trip.kind}.{i}", trip) for i, trip in enumerate(trips))
@@ -229,7 +240,7 @@ def _write(out: Path, trips: Sequence[Trip], level: str, seed: int, clear: froze
     vehicles.sort(key=lambda vehicle: float(vehicle.attrib["depart"]))
     root.extend(vehicles)
     ET.indent(root)
-    head = f"<!-- {level} traffic, seed {seed}: drawn trips, no counts of real traffic. {ATTRIBUTION} -->"
+    head = f"<!-- {drawn_as}: drawn trips, no counts of real traffic. {ATTRIBUTION} -->"
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(f"{head}\n{ET.tostring(root, encoding='unicode')}\n", encoding="utf-8")
     at_start = sum(vehicle.attrib["depart"] == "0.00" for vehicle in vehicles)

@@ -10,7 +10,7 @@ import gzip
 import math
 import xml.etree.ElementTree as ET
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,6 +25,7 @@ from vve_sumo.frames import MapFrame
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  #: least x, least y, greatest x, greatest y, map [m]
+Movement = tuple[str, str]  #: a way through a junction: the edge before it and the edge after it
 
 LANE_WIDTH = 3.2  #: of a lane that states none, SUMO's default [m]
 GZIP_MAGIC = b"\x1f\x8b"
@@ -178,6 +179,27 @@ class Roads:
             raise ConfigError(f"{self.network.path}: no way for a car from edge {start!r} to edge {end!r}")
         return [edge.getID() for edge in found[1:]]
 
+    def prior(self, route: Sequence[str]) -> frozenset[Movement]:
+        """Return the ways through junctions to whose traffic a car on a route, edge by edge, must give way.
+
+        Where both cross or merge and the other has the right of way; at a signal it has it at times. Raises ConfigError
+        when an edge is unknown or does not lead to the next one.
+        """
+        found: set[Movement] = set()
+        for start, end in pairwise(route):
+            node, own = self.edge(start).getToNode(), self.edge(start).getConnections(self.edge(end))
+            if not own:
+                raise ConfigError(f"{self.network.path}: edge {start!r} does not lead to edge {end!r}")
+            for other in node.getConnections():
+                if any(_goes_first(node, other, mine) for mine in own):
+                    found.add((other.getFrom().getID(), other.getTo().getID()))
+        return frozenset(found)
+
+    def close(self, movements: Iterable[Movement]) -> None:
+        """Leave these ways through junctions out of all ways that are looked for from now on."""
+        for start, end in movements:
+            self.edge(start).getOutgoing().pop(self.edge(end), None)
+
     def fastest(self, start: Any, end: Any) -> tuple[Any, ...]:
         """Return the fastest way for a car between two of sumolib's edges, empty when there is none."""
         found, _cost = self._net.getFastestPath(start, end, vClass="passenger")
@@ -207,3 +229,12 @@ class Roads:
         if not index.isdigit() or int(index) >= len(lanes):
             raise ConfigError(f"{self.network.path}: there is no lane {name!r}")
         return lanes[int(index)]
+
+
+def _goes_first(node: Any, other: Any, own: Any) -> bool:
+    """Tell whether traffic of the connection `other` of a junction may have the right of way over `own`."""
+    links = node.getLinkIndex(other), node.getLinkIndex(own)
+    if min(links) < 0 or links[0] == links[1]:
+        return False
+    signal = node.getType().startswith("traffic_light")
+    return bool(node.forbids(other, own) or (signal and node.areFoes(*links)))

@@ -1,0 +1,53 @@
+"""Foresees whether what crosses the way has gone past, whole, before the car gets there.
+
+It is taken to go straight on over the ground: where the path bends, that is neither along nor across the path. It must
+not know brakes, nor who is worth braking for.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vve_sumo.path import Corridor, Path
+
+from .crossing import FORESIGHT, LEFT, ON_FOOT
+from .trend import Trend
+
+LONGEST = 18.0  #: of the body that may follow the point that is seen, an articulated bus [m]
+ROOM = 2.0  #: that must stay between it and the front bumper [m]
+ASIDE = 5.0  #: what is in the band so far behind the bumper would be met by the car's side [m]
+STEP = 0.1  #: of the forecast [s]
+BODY = np.linspace(0.0, LONGEST, 13)  #: places along it that are looked at [m]
+
+
+def goes_past(
+    path: Path, corridor: Corridor, s: float, across: Trend, along: float, bumper: float, pace: float
+) -> bool:
+    """Tell whether all of it leaves the corridor before the front bumper comes within ROOM of it.
+
+    It is seen at station `s` [m], goes at `along` [m/s] along the path and as the trend says across; the bumper is at
+    station `bumper` [m] and keeps its `pace` [m/s]. One on foot may stop at any step: of them this foretells nothing.
+    """
+    here = path.at(s)
+    cos, sin = math.cos(here.heading), math.sin(here.heading)
+    vx, vy = along * cos - across.rate * sin, along * sin + across.rate * cos
+    speed = math.sqrt(vx * vx + vy * vy)
+    if speed <= ON_FOOT:
+        return False
+    x, y = here.x - across.value * sin - BODY * (vx / speed), here.y + across.value * cos - BODY * (vy / speed)
+    for step in range(round(FORESIGHT / STEP) + 1):
+        time = step * STEP
+        sigma = LEFT * math.sqrt(across.ahead(time)[1])
+        stations, offsets = path.locate(x + vx * time, y + vy * time, bumper - ASIDE, s + LONGEST)
+        inside = [
+            at
+            for at, offset in zip(stations.tolist(), offsets.tolist(), strict=True)
+            if corridor.contains(at, math.copysign(max(abs(offset) - sigma, 0.0), offset))
+        ]
+        if not inside:
+            return True
+        if min(inside) < bumper + pace * time + ROOM:
+            return False
+    return False
