@@ -292,7 +292,7 @@ def test_a_fix_from_the_future_leaves_no_trace():
 
 def close(count: int) -> list[Fix]:
     """A standing car's fixes, two a step: where one is refused, the next is no gap yet."""
-    return [replace(STANDING, time=0.5 * k * STEP) for k in range(count)]
+    return [replace(STANDING, time=8.0 + 0.5 * k * STEP) for k in range(count)]
 
 
 @pytest.mark.parametrize(
@@ -300,18 +300,40 @@ def close(count: int) -> list[Fix]:
     [
         ("altitude", 0.51171875, "altitude_jump"),  # 0.5 m, and a quarter of 12 m/s2 times 0.0625 s squared
         ("velocity_down", 1.25, "altitude_jump"),  # 12 m/s2 for 0.0625 s and 0.5 m/s of noise
-        ("pitch", 0.0725, "tilt_jump"),  # 1 rad/s for 0.0625 s and 0.01 rad of noise
-        ("roll", 0.0725, "tilt_jump"),
-        ("yaw_rate", 0.725, "motion_jump"),  # 10 rad/s2 for 0.0625 s and 0.1 rad/s of noise
+        ("pitch", 0.0625 + 0.01, "tilt_jump"),  # 1 rad/s for 0.0625 s and 0.01 rad of noise
+        ("roll", 0.0625 + 0.01, "tilt_jump"),
+        ("yaw_rate", 0.625 + 0.1, "motion_jump"),  # 10 rad/s2 for 0.0625 s and 0.1 rad/s of noise
         ("acceleration", 12.0, "motion_jump"),
     ],
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_one_step_is_refused_alone(field, limit, reason, sign):
-    for size, reasons in ((limit - 1e-4, ()), (limit + 1e-4, (reason,))):
+    for size, reasons in ((limit - 1e-4, ()), (limit, ()), (limit + 1e-4, (reason,))):
         three = close(3)
         three[1] = replace(three[1], **{field: getattr(STANDING, field) + sign * size})
         assert judged(three) == [(), reasons, ()]
+
+
+@pytest.mark.parametrize(
+    ("fields", "jumped", "reasons"),
+    [
+        ({"pitch": 0.3}, {"pitch": 0.37}, ()),
+        ({"pitch": 0.3}, {"pitch": 0.22}, ("tilt_jump",)),
+        ({"roll": -0.3}, {"roll": -0.37}, ()),
+        ({"roll": -0.3}, {"roll": -0.38}, ("tilt_jump",)),
+        ({"acceleration": 8.0}, {"acceleration": 19.0}, ()),
+        ({"acceleration": 8.0}, {"acceleration": -5.0}, ("motion_jump",)),
+    ],
+)
+def test_a_step_is_counted_from_the_fix_before(fields, jumped, reasons):
+    one, two = close(2)
+    assert judged([replace(one, **fields), replace(two, **jumped)]) == [(), reasons]
+
+
+def test_such_a_step_is_one_up_to_the_limit_of_a_gap():
+    there = {"altitude": 255.0}
+    assert judged([STANDING, replace(STANDING, time=0.15, **there)]) == [(), ("altitude_jump",)]
+    assert judged([STANDING, replace(STANDING, time=0.15 + 1e-9, **there)]) == [(), ("gap",)]
 
 
 @pytest.mark.parametrize(("rate", "reasons"), [(2.0, ()), (2.3, ("motion_jump",))])
@@ -351,6 +373,7 @@ def test_what_is_not_said_is_nothing_to_compare_with(field):
 @pytest.mark.parametrize(
     ("lie", "reason"),
     [
+        ({"velocity_north": math.nan}, "not_finite"),
         ({"altitude": 300.0}, "altitude_jump"),
         ({"altitude": 9000.0}, "altitude_absurd"),
         ({"velocity_down": 3.0}, "altitude_jump"),
