@@ -112,11 +112,11 @@ def pass_through_rows() -> Iterator[Row]:
     pair = gate(speed, ahead, tables.FMVSS_127_PASS_GAP)
     required = f"deceleration <= {tables.FMVSS_127_FALSE_ACTIVATION:g} g"
     # The whole controller may slow down as it likes; what is demanded is that it does not brake.
-    driven: tuple[tuple[str, str, dict[str, bool], float], ...] = (
+    drivers: tuple[tuple[str, str, dict[str, bool], float], ...] = (
         ("aeb", "emergency braking alone", AEB, TOLERANCE),
         ("whole", "the whole controller", {}, speed),
     )
-    for id, what, tuning, below in driven:
+    for id, what, tuning, below in drivers:
         yield Row(
             id=f"between_two_cars_{id}",
             what=f"between two cars {tables.FMVSS_127_PASS_GAP:g} m apart, 80 km/h, {what}",
