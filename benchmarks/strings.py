@@ -23,6 +23,7 @@ os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 
 from vve_sumo.world.build import netconvert
 from vve_sumo.world.demand import DRIVER, TYPES
+from vve_sumo.world.simulation import OPTIONS
 
 STEP = 0.02  #: [s]
 GREEN, RED, CYCLES = 40.0, 60.0, 6  #: [s]
@@ -36,7 +37,8 @@ HEAVY = ("truck", "bus")
 
 NODES = """<nodes><node id="a" x="0" y="0"/><node id="b" x="800" y="0" type="traffic_light"/>
 <node id="c" x="6000" y="0"/><node id="d" x="800" y="-300"/><node id="e" x="800" y="300"/></nodes>"""
-EDGES = """<edges><edge id="ab" from="a" to="b" speed="{limit}"/><edge id="bc" from="b" to="c" speed="{limit}"/>
+EDGES = """<edges><edge id="ab" from="a" to="b" numLanes="{lanes}" speed="{limit}"/>
+<edge id="bc" from="b" to="c" numLanes="{lanes}" speed="{limit}"/>
 <edge id="db" from="d" to="b" speed="13.9"/><edge id="be" from="b" to="e" speed="13.9"/></edges>"""
 
 STRINGS: dict[str, dict[str, str]] = {
@@ -49,10 +51,10 @@ STRINGS: dict[str, dict[str, str]] = {
 }
 
 
-def street(folder: Path, limit: float) -> Path:
-    """Build two streets that cross at a signal."""
+def street(folder: Path, limit: float, lanes: int = 1) -> Path:
+    """Build two streets that cross at a signal, one of them with so many lanes a way."""
     (folder / "a.nod.xml").write_text(NODES)
-    (folder / "a.edg.xml").write_text(EDGES.format(limit=limit))
+    (folder / "a.edg.xml").write_text(EDGES.format(limit=limit, lanes=lanes))
     files = ["--node-files", str(folder / "a.nod.xml"), "--edge-files", str(folder / "a.edg.xml"), "--no-turnarounds"]
     netconvert(files, folder / "a.nod.xml", folder / "a.net.xml")
     return folder / "a.net.xml"
@@ -64,18 +66,18 @@ def start(network: Path, routes: str, seed: int) -> None:
 
     file = network.with_suffix(".rou.xml")
     file.write_text(routes)
-    options = ["--step-length", f"{STEP}", "--step-method.ballistic", "true", "--time-to-teleport", "-1"]
-    quiet = ["--no-step-log", "true", "--no-warnings", "true"]
-    libsumo.start(["sumo", "-n", str(network), "-r", str(file), "--seed", str(seed), *options, *quiet])
+    options = [word for option in OPTIONS for word in option]
+    files = ["-n", str(network), "-r", str(file), "--no-warnings", "true"]
+    libsumo.start(["sumo", *files, "--seed", str(seed), "--step-length", f"{STEP}", *options])
 
 
-def saturation(tau: float, seed: int) -> float:
-    """Return the mean saturation headway [s] with a driver's headway wish `tau` [s]."""
+def saturation(tau: float, seed: int, lanes: int = 1) -> float:
+    """Return the mean saturation headway of a lane [s] with a driver's headway wish `tau` [s]."""
     import libsumo
 
     drawn = random.Random(seed)
     shares = [kind.share for kind in TYPES.values()]
-    names = drawn.choices(list(TYPES), shares, k=250)
+    names = drawn.choices(list(TYPES), shares, k=250 * lanes)
     driver = " ".join(f'{key}="{value}"' for key, value in (DRIVER | {"tau": f"{tau}"}).items())
     types = "".join(
         f'<vType id="{name}" accel="{kind.accel}" decel="{kind.decel}" length="{kind.length}" '
@@ -83,11 +85,12 @@ def saturation(tau: float, seed: int) -> float:
         for name, kind in TYPES.items()
     )
     cars = "".join(
-        f'<vehicle id="{i}" type="{name}" depart="{i}" departSpeed="max"><route edges="ab bc"/></vehicle>'
+        f'<vehicle id="{i}" type="{name}" depart="{i / lanes}" departLane="best" departSpeed="max">'
+        '<route edges="ab bc"/></vehicle>'
         for i, name in enumerate(names)
     )
     with tempfile.TemporaryDirectory() as folder:
-        start(street(Path(folder), 15.6), f"<routes>{types}{cars}</routes>", seed)
+        start(street(Path(folder), 15.6, lanes), f"<routes>{types}{cars}</routes>", seed)
         (signal,) = libsumo.trafficlight.getIDList()
         links = libsumo.trafficlight.getControlledLinks(signal)
         found: list[float] = []
@@ -95,22 +98,25 @@ def saturation(tau: float, seed: int) -> float:
             for colour, duration in (("r", RED), ("G", GREEN)):
                 state = "".join(colour if link[0][0].startswith("ab") else "r" for link in links)
                 libsumo.trafficlight.setRedYellowGreenState(signal, state)
-                crossed = crossings(duration)
-            settled = crossed[SETTLED - 1 : SETTLED + COUNTED]
-            found += [later - sooner for sooner, later in pairwise(settled)]
+                crossed = crossings(duration, lanes)
+            for times in crossed:
+                settled = times[SETTLED - 1 : SETTLED + COUNTED]
+                found += [later - sooner for sooner, later in pairwise(settled)]
         libsumo.close()
     return statistics.fmean(found)
 
 
-def crossings(duration: float) -> list[float]:
-    """Step for `duration` [s] and return when vehicles left the street before the stop line."""
+def crossings(duration: float, lanes: int) -> list[list[float]]:
+    """Step for `duration` [s] and return, for each lane, when vehicles left the street before the stop line."""
     import libsumo
 
-    times, before = [], set(libsumo.edge.getLastStepVehicleIDs("ab"))
+    times: list[list[float]] = [[] for _ in range(lanes)]
+    before: dict[str, int] = {}
     for _ in range(round(duration / STEP)):
         libsumo.simulationStep()
-        now = set(libsumo.edge.getLastStepVehicleIDs("ab"))
-        times += [libsumo.simulation.getTime()] * len(before - now)
+        now = {name: lane for lane in range(lanes) for name in libsumo.lane.getLastStepVehicleIDs(f"ab_{lane}")}
+        for name in before.keys() - now.keys():
+            times[before[name]].append(libsumo.simulation.getTime())
         before = now
     return times
 
@@ -150,6 +156,8 @@ def main() -> None:
         for tau in (0.9, 1.0, 1.1, 1.2, 1.3):
             values = pool.starmap(saturation, [(tau, seed) for seed in (1, 2, 3, 4)], chunksize=1)
             print(f"  tau {tau:.1f} s: {statistics.fmean(values):.3f} s ({min(values):.3f} to {max(values):.3f})")
+        values = pool.starmap(saturation, [(1.1, seed, 2) for seed in (1, 2, 3, 4)], chunksize=1)
+        print(f"  tau 1.1 s, two lanes: {statistics.fmean(values):.3f} s ({min(values):.3f} to {max(values):.3f})")
         print(f"a dip of {DIP:g} m/s behind {FOLLOWERS} followers at {CRUISE:g} m/s, the last one's over the leader's")
         for name, driver in STRINGS.items():
             values = pool.starmap(amplification, [(driver, seed) for seed in (1, 2, 3)], chunksize=1)
