@@ -7,11 +7,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, demand, pose, street
 from vve_sumo.world.street import World
-from vve_sumo.world.surroundings import LARGEST_LATERAL
+from vve_sumo.world.surroundings import LARGEST_LATERAL, followed
 
 EAST = '<route edges="east"/>'
 #: Lorries that crawl in the right lane, and cars that overtake them and come back: SUMO's drivers keep to the right.
@@ -70,3 +72,13 @@ def test_its_speeds_along_and_across_are_how_it_moves(told: dict[str, list[Momen
         assert y == pytest.approx(rows[-1][1], abs=0.15), name
     fastest = max(abs(row[4]) for rows in told.values() for row in rows)
     assert 0.3 < fastest < 0.8, "half of 3.2 m in 3 s, where SUMO's body begins to turn"
+
+
+@given(st.floats(-3.14, 3.14), st.floats(-3.14, 3.14), st.floats(0.001, 0.5))
+def test_a_body_turns_by_no_more_than_it_can_and_comes_to_where_sumo_has_it(before, heading, most):
+    at = before
+    for _ in range(math.ceil(math.pi / most) + 1):
+        last, at = at, followed(at, heading, most)
+        assert abs(math.remainder(at - last, math.tau)) <= most + 1e-12
+        assert abs(math.remainder(heading - at, math.tau)) <= abs(math.remainder(heading - last, math.tau)) + 1e-12
+    assert at == heading
