@@ -28,6 +28,7 @@ BOX = {
     "width_m": 2.0,
     "y_m": 0.0,
     "radar_cross_section_m2": 10.0,
+    "lateral_speed_mps": 0.0,
 }
 
 

@@ -33,7 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
     avoidable, overlaps, jumps, longest = 0, 0, 0, 0.0
     with ProcessPoolExecutor(os.cpu_count(), mp_context=context, max_tasks_per_child=1) as pool:
         for told in pool.map(odd, seeds, [EPISODE] * count, [options.level] * count):
-            print(*told.overlaps, *told.waits, *told.jumps, sep="\n", end="\n" * bool(told.overlaps or told.waits))
+            for line in (*told.overlaps, *told.waits, *told.jumps):
+                print(line)
             seconds, driven, jumps = seconds + told.seconds, driven + told.driven, jumps + len(told.jumps)
             avoidable, overlaps = avoidable + told.avoidable, overlaps + len(told.overlaps)
             longest = max(longest, told.longest_wait)

@@ -14,6 +14,7 @@ import pytest
 from tests.conftest import REPOSITORY
 from vve_sumo import laws
 from vve_sumo.drive.record import read_table
+from vve_sumo.drive.setting import PERIOD
 from vve_sumo.errors import ConfigError
 from vve_sumo.suite import catalogue, sheet
 from vve_sumo.suite.command import Asked, driven_by, suite
@@ -76,8 +77,10 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     row = next(row for row in catalogue.rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
     outcome = driven("hidden", [row], tmp_path / "records", workers=1)[row.id]
     assert outcome.verdict is Verdict.PASSED
-    seen = read_table(outcome.record, "detections").filter(pc.field("actor") == "target")["tick"][0].as_py()
-    (ego,) = read_table(outcome.record, "ticks").filter(pc.field("tick") == seen).to_pylist()
+    told = read_table(outcome.record, "detections").filter(pc.field("actor") == "target")["tick"][0].as_py()
+    ticks = read_table(outcome.record, "ticks")
+    seen = round(ticks.filter(pc.field("tick") == told)["scan_time_s"][0].as_py() / PERIOD)
+    (ego,) = ticks.filter(pc.field("tick") == seen).to_pylist()
     here = (pc.field("tick") == seen) & (pc.field("actor") == "target")
     (child,) = read_table(outcome.record, "actors").filter(here).to_pylist()
     along = (child["x_m"] - ego["true_x_m"]) * math.cos(ego["true_heading_rad"])
