@@ -7,6 +7,7 @@ import inspect
 import itertools
 import math
 import pickle
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -16,6 +17,7 @@ from tests.vehicle.car import FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState, Frame, Setpoint, StopProfile
 from vve_sumo.vehicle import admission, dbw, fusion, gateway, handover, plausibility, reports, response
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, REASONS
+from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dbw import Gear
 from vve_sumo.vehicle.gateway import Act, Gateway
 
@@ -215,6 +217,15 @@ def test_the_emergency_envelope_is_for_those_who_ask_for_it():
     assert rig.run(1.0, acceleration=-9.0)[-1].acceleration == -3.5
     assert rig.run(0.4, acceleration=-9.0, emergency=True)[-1].acceleration == -9.0
     assert rig.commands()[0].value == FUSION.brake_torque_limit
+
+
+@pytest.mark.parametrize(("declared", "calibrated"), [(900.0, 3250.0), (3250.0, 900.0), (900.0, 900.0)])
+def test_no_more_torque_goes_out_than_car_and_calibration_both_allow(declared: float, calibrated: float) -> None:
+    car = replace(FUSION, brake_torque_limit=declared)
+    rig = Rig(gateway=Gateway(car, calibration=Calibration(brake_torque_limit=calibrated), period=PERIOD))
+    rig.cruise(12.0)
+    rig.run(0.4, acceleration=-9.0, emergency=True)
+    assert rig.commands()[0].value == pytest.approx(900.0, abs=0.5)
 
 
 def test_counters_count_once_a_step_whatever_happens():
