@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.suite import tables
@@ -52,22 +53,38 @@ def _closing(entry: tables.Lead) -> Iterator[Row]:
         speed, lead = kmh * KMH, entry.lead * KMH
         ahead = tables.FMVSS_127_START * (speed - lead)
         what = f"lead {entry.kind}, {kmh:g} km/h" + (f" against {entry.lead:g}" if lead else "")
-        yield Row(
-            id=f"{entry.kind}_{kmh:g}",
-            what=what,
-            required=said(0.0),
-            scenario=scenario(
-                f"FMVSS 127: {what}",
-                speed,
-                lasts=tables.FMVSS_127_START + time_to_brake(speed),
-                controller={"tuning": AEB},
-                actors=[target(speed, ahead, speed_mps=lead)],
-                criteria=impact_at_most(0.0),
-                abort={"contact": True},
-            ),
-            approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
-            need=Need(gap_used(full_braking(CAR, speed), Course(lead)), ahead),
-        )
+        need = Need(gap_used(full_braking(CAR, speed), Course(lead)), ahead)
+        actors = [target(speed, ahead, speed_mps=lead)]
+        yield untouched(f"{entry.kind}_{kmh:g}", what, what, speed, tables.FMVSS_127_START, actors, need)
+
+
+def untouched(
+    id: str,
+    what: str,
+    title: str,
+    speed: float,
+    start: float,
+    actors: list[dict[str, Any]],
+    need: Need,
+    abort: dict[str, Any] | None = None,
+) -> Row:
+    """Return a row that allows no contact: emergency braking alone, at `speed` [m/s], `start` [s] from the target."""
+    return Row(
+        id=id,
+        what=what,
+        required=said(0.0),
+        scenario=scenario(
+            f"FMVSS 127: {title}",
+            speed,
+            lasts=start + time_to_brake(speed),
+            controller={"tuning": AEB},
+            actors=actors,
+            criteria=impact_at_most(0.0),
+            abort=abort or {"contact": True},
+        ),
+        approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+        need=need,
+    )
 
 
 def _decelerating(kmh: float, headways: tuple[float, ...], decelerations: tuple[float, ...]) -> Iterator[Row]:

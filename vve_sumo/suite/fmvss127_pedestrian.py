@@ -7,21 +7,16 @@ from typing import Any
 
 from vve_sumo.scenario.cast import SIZES
 from vve_sumo.suite import tables
-from vve_sumo.suite.fmvss127 import STEP, TOLERANCE
+from vve_sumo.suite.fmvss127 import STEP, untouched
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used, seen_past
-from vve_sumo.suite.row import Approach, Row
+from vve_sumo.suite.row import Row
 from vve_sumo.suite.track import (
-    AEB,
     CAR,
     KMH,
-    TARGET,
     WIDTH,
     gone_by,
-    impact_at_most,
     said,
-    scenario,
     target,
-    time_to_brake,
 )
 
 PARKED_LENGTH = 4.5  #: of the cars that hide a pedestrian [m]
@@ -109,19 +104,4 @@ def _row(walk: tables.Walk, kmh: float, actors: list[dict[str, Any]], need: Need
     what += f", {walk.side} {walk.overlap:g} %, {kmh:g} km/h"
     if walk.obstructed:
         id, what = f"obstructed_{id}", f"child behind parked cars, {what}"
-    return Row(
-        id=id,
-        what=what,
-        required=said(0.0),
-        scenario=scenario(
-            f"FMVSS 127: pedestrian {what}",
-            speed,
-            lasts=tables.FMVSS_127_WALK_START + time_to_brake(speed),
-            controller={"tuning": AEB},
-            actors=actors,
-            criteria=impact_at_most(0.0),
-            abort=abort,
-        ),
-        approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
-        need=need,
-    )
+    return untouched(id, what, f"pedestrian {what}", speed, tables.FMVSS_127_WALK_START, actors, need, abort)

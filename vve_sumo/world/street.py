@@ -236,8 +236,10 @@ class World:
         stands = abs(self._pose.speed) < STANDING
         drivers = self._surroundings.standing(self._snapshot, self._body) if stands else ()
         for name in self._standoff.over(self._snapshot.time, self._body, self._pose.speed, drivers):
-            libsumo.vehicle.remove(name)
-            self._standoffs += (name,)
+            # One that was in the way of a player, too, is gone already; SUMO raises where it is to go twice.
+            if name not in self._cleared:
+                libsumo.vehicle.remove(name)
+                self._standoffs += (name,)
 
     def _hidden(self) -> frozenset[str]:
         return self._ghosts.ids | self._players.ids | self._obstacles.stand_ins | {EGO}

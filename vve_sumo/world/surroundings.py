@@ -170,9 +170,12 @@ def _persons() -> Iterator[Row]:
 
 
 def followed(before: float, heading: float, most: float) -> float:
-    """Return the heading [rad] that follows another one, turning by at most so much [rad]."""
+    """Return the heading [rad] that follows another one, turning by at most so much [rad].
+
+    One that is not a number stays that, for the radar to refuse it, and holds up no heading after it.
+    """
     turn = math.remainder(heading - before, math.tau)
-    return heading if abs(turn) <= most else math.remainder(before + math.copysign(most, turn), math.tau)
+    return math.remainder(before + math.copysign(most, turn), math.tau) if abs(turn) > most else heading
 
 
 def _centre(front_x: float, front_y: float, heading: float, body: Body) -> Place:
