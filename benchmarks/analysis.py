@@ -22,13 +22,13 @@ REPOSITORY = Path(__file__).parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from vve_sumo.analysis import Sweep, load  # noqa: E402
-from vve_sumo.analysis.report import write_report  # noqa: E402
-from vve_sumo.drive.setting import versions  # noqa: E402
-from vve_sumo.rows import FIGURES, Plan  # noqa: E402
+from vve_sumo.drive.resolved_scenario import versions  # noqa: E402
+from vve_sumo.record.sweep_folder import FIGURES, Plan  # noqa: E402
+from vve_sumo.report import write_report  # noqa: E402
 from vve_sumo.scenario.load import read  # noqa: E402
-from vve_sumo.sweep.cells import Cell, key_of  # noqa: E402
 from vve_sumo.sweep.dataset import Dataset  # noqa: E402
 from vve_sumo.sweep.job import Result  # noqa: E402
+from vve_sumo.sweep.run_specs import RunSpec, key_of  # noqa: E402
 
 SPEED, DELAY, OFFSET = "ego.speed_mps", "ego.car.gnss_delay_s", "obstacles.parked_car.offset_m"
 SEEDS = 5
@@ -79,7 +79,7 @@ def make(folder: Path, design: str, runs: int) -> None:
         key = key_of("parked_car", values, seed)
         fault = "timed_out" if number % 997 == 0 else ""
         result = Result(key, {} if fault else figures(values, chance), fault, 1.5, 1.4, 300.0)
-        dataset.add(Cell(number, key, dict(values), seed), result)
+        dataset.add(RunSpec(number, key, dict(values), seed), result)
     dataset.close()
 
 

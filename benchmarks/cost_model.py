@@ -34,12 +34,12 @@ sys.path.insert(0, str(REPOSITORY))
 
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 
-from vve_sumo.drive.setting import versions  # noqa: E402
-from vve_sumo.rows import FIGURES, Plan  # noqa: E402
-from vve_sumo.sweep.cells import Cell  # noqa: E402
+from vve_sumo.drive.resolved_scenario import versions  # noqa: E402
+from vve_sumo.record.sweep_folder import FIGURES, Plan  # noqa: E402
 from vve_sumo.sweep.dataset import Dataset  # noqa: E402
 from vve_sumo.sweep.engine import Local  # noqa: E402
 from vve_sumo.sweep.job import Job, Result  # noqa: E402
+from vve_sumo.sweep.run_specs import RunSpec  # noqa: E402
 
 MILLION = 1_000_000
 PERIOD = 0.02
@@ -134,7 +134,7 @@ def kept(results: list[Result]) -> Sizes:
         begun = spent(resource.RUSAGE_SELF)
         for number in range(ROWS):
             chance = random.Random(number)
-            cell = Cell(number, f"{number:016x}", {name: chance.random() for name in PARAMETERS}, 1)
+            cell = RunSpec(number, f"{number:016x}", {name: chance.random() for name in PARAMETERS}, 1)
             journal = folder / "journal.jsonl"
             length = journal.stat().st_size
             dataset.add(cell, changed(results[number % len(results)], number))

@@ -23,12 +23,12 @@ import numpy as np
 
 from controllers import follow_and_stop
 from tests.vehicle.closed_loop import ClosedLoop
-from vve_sumo.drive.chain import Chain
-from vve_sumo.drive.setting import PERIOD
+from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.path import Path
 from vve_sumo.plant import fusion
 from vve_sumo.plant.car import CarParameters
-from vve_sumo.values import ArmingState, Setpoint, Situation
+from vve_sumo.values import ArmingState, Observation, Setpoint
 
 LEG = 180.0  # [s]
 ROAD = 2500.0  # longer than a leg [m]
@@ -45,7 +45,7 @@ STANDS = {"stop": (0.5, 5.0), "hard_stop": (0.5, 5.0), "emergency": (1.0, 5.0), 
 LONGEST_STOP = 30.0  # [s]
 
 
-class NoWayToRest(Chain):
+class NoWayToRest(Pipeline):
     """The chain without the way to rest, a fifth of what a tick costs."""
 
     def prepare(self, time: float, steering: float) -> None:
@@ -63,7 +63,7 @@ class Driver:
         self._stood = math.inf  # since when
         self.phases: Counter[str] = Counter()
 
-    def step(self, situation: Situation) -> Setpoint:
+    def step(self, situation: Observation) -> Setpoint:
         """Answer one situation."""
         if situation.time >= self._until:
             self._next(situation.time)

@@ -17,7 +17,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from vve_sumo.scenario import words
+from vve_sumo.scenario import descriptions
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Scenario
 
@@ -53,7 +53,7 @@ def drive(name: str, seed: int) -> dict[str, Any]:
 def paint(name: str) -> None:
     """Draw a scenario's picture."""
     from vve_sumo.drive.command import choose
-    from vve_sumo.drive.scenario_picture import draw
+    from vve_sumo.plotting.scenario import draw
 
     draw(choose(name, REPOSITORY), PICTURES / f"{name}.png")
 
@@ -83,7 +83,7 @@ def section(name: str, scenario: Scenario) -> Iterator[str]:
         f"![{name}: the street from above, what moves how and which trigger fires when](scenarios/{name}.png)",
         "",
     )
-    yield from (f"Passes if: {words.passes(scenario.criteria)}.", "")
+    yield from (f"Passes if: {descriptions.passes(scenario.criteria)}.", "")
     if scenario.parameters:
         yield from ("| parameter | from | to | meaning |", "|---|---|---|---|")
         for key, one in scenario.parameters.items():

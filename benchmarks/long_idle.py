@@ -19,7 +19,7 @@ from controllers import follow_and_stop
 from tests.vehicle.closed_loop import ClosedLoop
 from vve_sumo.path import Path
 from vve_sumo.plant import fusion
-from vve_sumo.values import ArmingState, Setpoint, Situation
+from vve_sumo.values import ArmingState, Observation, Setpoint
 
 EVERY = 900.0  # between lines [s]
 CYCLE = 120.0  # stands for the first part of each, then drives [s]
@@ -34,7 +34,7 @@ class Dawdling:
     def __init__(self) -> None:
         self._follower = follow_and_stop.make(fusion.parameters().vehicle, {})
 
-    def step(self, situation: Situation) -> Setpoint:
+    def step(self, situation: Observation) -> Setpoint:
         """Answer one situation."""
         cycle, into = divmod(situation.time, CYCLE)
         speed = SPEEDS[int(cycle) % len(SPEEDS)]

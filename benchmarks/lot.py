@@ -32,11 +32,11 @@ def measured(name: str, calls: list[Callable[[], object]], rounds: int) -> None:
 
 def main() -> None:
     """Lay the paper's path into the shipped lot and time each of its metres."""
-    from vve_sumo.drive.setting import resolve
-    from vve_sumo.drive.street import standing
+    from vve_sumo.drive.resolved_scenario import resolve_scenario
+    from vve_sumo.drive.virtual_road import standing
     from vve_sumo.frames import Alignment
-    from vve_sumo.lot.profile import way_to_rest
-    from vve_sumo.lot.stops import Driven
+    from vve_sumo.lot.fallback import fallback_path
+    from vve_sumo.lot.geofence import Driven
     from vve_sumo.rig.load import load
     from vve_sumo.rig.resolve import fence_of, frame_of
     from vve_sumo.scenario.load import load as load_scenario
@@ -45,7 +45,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     rounds = parser.parse_args().rounds
     file = REPOSITORY / "scenarios" / "parked_car.toml"
-    setting = resolve("parked_car", load_scenario(file), file, REPOSITORY)
+    setting = resolve_scenario("parked_car", load_scenario(file), file, REPOSITORY)
     rig = load(REPOSITORY / "rigs" / "twin.toml")
     start, begin, path = rig.car_start, setting.path.at(0.0), setting.path
     assert start is not None
@@ -63,7 +63,7 @@ def main() -> None:
     print(f"{'':28} {'median':>7} {'p95':>7} {'worst':>7}  us")
     measured("check", [lambda p=p: fence.check(p.pose, p.steering, p.profile) for p in drive], rounds)
     measured("check, near an edge", [lambda p=p: near_an_edge(p) for p in drive], rounds)
-    ways = [lambda p=p: way_to_rest(p.pose, p.steering, path, p.station, vehicle) for p in drive]
+    ways = [lambda p=p: fallback_path(p.pose, p.steering, path, p.station, vehicle) for p in drive]
     measured("way to rest", ways, rounds)
     begun = time.perf_counter()
     fence.along(path, setting.scenario.ego.speed_mps)

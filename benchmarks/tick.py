@@ -113,8 +113,8 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
     import libsumo
 
     from vve_sumo.drive.lockstep import Lockstep
-    from vve_sumo.drive.record import Record
-    from vve_sumo.drive.setting import EPOCH
+    from vve_sumo.drive.resolved_scenario import EPOCH
+    from vve_sumo.record.record import Record
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -147,7 +147,7 @@ def serve_steps(pipe: Connection, vehicles: int, boxes: bool) -> None:
     """Step the same street without ego and chain, a block for every request, and answer with what SUMO cost."""
     import libsumo
 
-    from vve_sumo.drive.street import open_world
+    from vve_sumo.drive.virtual_road import open_world
 
     with tempfile.TemporaryDirectory() as scratch:
         world = open_world(setting(Path(scratch), vehicles, boxes))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp, jerk_limit, stopping_distance
-from vve_sumo.values import Setpoint, Situation, Vehicle
+from vve_sumo.values import Observation, Setpoint, Vehicle
 
 from .deviation import DeviationObserver
 from .preview import PreviewSteering, PreviewTuning
@@ -45,7 +45,7 @@ class BrakeAt:
         self._acceleration = 0.0
         self._since: float | None = None  # when it began to brake [s]
 
-    def step(self, situation: Situation) -> Setpoint:
+    def step(self, situation: Observation) -> Setpoint:
         """Answer one situation; called once every PERIOD."""
         pose, path = situation.pose, situation.path
         station = path.project(pose.x, pose.y, self._station)
@@ -61,7 +61,7 @@ class BrakeAt:
         braking = min(JERK * (situation.time - self._since), self._deceleration)
         return Setpoint(steering, -braking, note="brake")
 
-    def _onset(self, situation: Situation, target: Target | None, to_end: float) -> float | None:
+    def _onset(self, situation: Observation, target: Target | None, to_end: float) -> float | None:
         """When the trigger was passed, inside the last tick [s]; None before that.
 
         Ticks are 20 ms apart, which at 14 m/s is 0.28 m: counted from the passing itself, the brake does not depend
@@ -75,7 +75,7 @@ class BrakeAt:
         passed, closing = self._trigger - target.gap, speed - target.speed
         return situation.time - (min(PERIOD, passed / closing) if closing > 0.0 else 0.0)
 
-    def _cruise(self, situation: Situation, s: float) -> float:
+    def _cruise(self, situation: Observation, s: float) -> float:
         if self._profile is None:
             self._profile = SpeedProfile(situation.path)
         pose = situation.pose

@@ -11,7 +11,7 @@ from vve_sumo.controller import Tuning, settle
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp, jerk_limit
 from vve_sumo.path import Path
-from vve_sumo.values import Setpoint, Situation, Vehicle
+from vve_sumo.values import Observation, Setpoint, Vehicle
 
 from .approach import NOWHERE, Approach, Goal, Standstill
 from .deviation import Deviation, DeviationObserver
@@ -60,7 +60,7 @@ RANGES: dict[str, tuple[float, float]] = {
 class SteeringLaw(Protocol):
     """What all steering laws have in common."""
 
-    def steer(self, deviation: Deviation, situation: Situation) -> float:
+    def steer(self, deviation: Deviation, situation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
         ...
 
@@ -89,7 +89,7 @@ class FollowAndStop:
         self._acceleration = 0.0
         self._cruising = True
 
-    def step(self, situation: Situation) -> Setpoint:
+    def step(self, situation: Observation) -> Setpoint:
         """Answer one situation; called once every PERIOD."""
         pose = situation.pose
         station = situation.path.project(pose.x, pose.y, self._station)
@@ -109,14 +109,14 @@ class FollowAndStop:
             acceleration, note = self._accelerate(situation, station.s, None)
         return Setpoint(self._steer(deviation, situation), acceleration, note=note)
 
-    def _steer(self, deviation: Deviation, situation: Situation) -> float:
+    def _steer(self, deviation: Deviation, situation: Observation) -> float:
         trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, self._saturated)
         wanted = self._law.steer(deviation, situation) + trim
         granted = clamp(wanted, -self._steering_limit, self._steering_limit)
         self._saturated = granted != wanted
         return granted
 
-    def _accelerate(self, situation: Situation, s: float, target: Target | None) -> tuple[float, str]:
+    def _accelerate(self, situation: Observation, s: float, target: Target | None) -> tuple[float, str]:
         speed, measured = situation.pose.speed, situation.pose.acceleration
         profile = self._profiled(situation.path)
         wishes = {"cruise": self._keeper.step(profile, s, speed, measured, situation.desired_speed, self._cruising)}

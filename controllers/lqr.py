@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from vve_sumo.path import Floats
-from vve_sumo.values import Situation, Vehicle
+from vve_sumo.values import Observation, Vehicle
 
 from .deviation import Deviation, steady_steering
 
@@ -66,7 +66,7 @@ class LateralRegulator:
             rows.append([round(gain, DIGITS) for gain in found.tolist()])
         self._table = rows
 
-    def steer(self, deviation: Deviation, situation: Situation) -> float:
+    def steer(self, deviation: Deviation, situation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
         speed, psi, psi_rate = deviation.speed, deviation.heading_error, deviation.yaw_rate_error
         sine = math.sin(psi)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from vve_sumo.values import Situation, Vehicle
+from vve_sumo.values import Observation, Vehicle
 
 from .deviation import Deviation, turned
 
@@ -20,7 +20,7 @@ class PurePursuit:
         self._vehicle = vehicle
         self._time, self._least = look_ahead_time, look_ahead_least
 
-    def steer(self, deviation: Deviation, situation: Situation) -> float:
+    def steer(self, deviation: Deviation, situation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
         pose, path, vehicle = situation.pose, situation.path, self._vehicle
         goal = path.at(deviation.station + max(self._least, self._time * deviation.speed))

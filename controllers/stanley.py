@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from vve_sumo.values import Situation, Vehicle
+from vve_sumo.values import Observation, Vehicle
 
 from .deviation import Deviation
 
@@ -24,7 +24,7 @@ class Stanley:
         """`rate` is k [1/s]."""
         self._vehicle, self._rate = vehicle, rate
 
-    def steer(self, deviation: Deviation, situation: Situation) -> float:
+    def steer(self, deviation: Deviation, situation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
         vehicle, speed = self._vehicle, deviation.speed
         front = deviation.offset + vehicle.wheelbase * math.sin(deviation.heading_error)

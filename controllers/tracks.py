@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vve_sumo.path import Corridor, Path, Station
-from vve_sumo.values import Pose, Situation, Vehicle
+from vve_sumo.values import Observation, Pose, Vehicle
 
 from .crossing import COMES_OVER, CROSSES, ON_FOOT, comes_over, crosses, will_be_in, will_have_left
 from .parting import goes_past
@@ -210,7 +210,7 @@ class Tracker:
         self._memory = Memory()
         self._scanned = -math.inf
 
-    def step(self, situation: Situation, station: Station) -> Target | None:
+    def step(self, situation: Observation, station: Station) -> Target | None:
         """Take in a scan if it is new, and return the nearest target at the situation's time."""
         if self._corridor is None:
             self._corridor = self._corridor_of(situation.path)
@@ -336,7 +336,7 @@ def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float)
     return corridor.contains(track.s, math.copysign(abs(offset) + 2.0 * math.sqrt(variance), offset))
 
 
-def _sightings(situation: Situation, then: Motion, station: Station, front: float) -> list[Sighting]:
+def _sightings(situation: Observation, then: Motion, station: Station, front: float) -> list[Sighting]:
     """Bring a scan's detections onto the path, from where the car was when the scan was made."""
     scan, heading = situation.detections, then.heading
     if not scan.range.size:

@@ -11,7 +11,7 @@ from tests.vehicle.car import Rig
 from vve_sumo.bus import Bus, candump_line, read_log
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.gateway import Act
+from vve_sumo.vehicle.gateway import OperatorCommand
 
 FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8))
 
@@ -20,7 +20,7 @@ def test_the_gateways_frames_cross_a_bus_and_come_back_bit_identical():
     rig, sent, heard = Rig(), [], []
     with Bus("virtual", "crossing") as ours, can.Bus(interface="virtual", channel="crossing") as theirs:
         for tick in range(50):
-            rig.step(act=Act.ENGAGE if tick == 0 else None)
+            rig.step(act=OperatorCommand.ENGAGE if tick == 0 else None)
             for frame in rig.frames:
                 ours.send(frame)
                 sent.append(frame)

@@ -12,12 +12,12 @@ from tests.controllers.street import FUSION
 from vve_sumo.controller import Guarded, known, load, module, origin, settle, sources
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
-from vve_sumo.values import Detections, Point, Pose, Setpoint, Situation
+from vve_sumo.values import Detections, Observation, Point, Pose, Setpoint
 
 POSE = Pose(0.0, Point.REAR_AXLE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PATH = Path.from_points([0.0, 9.0], [0.0, 0.0])
 NOTHING = Detections(-math.inf, np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int8))
-SITUATION = Situation(0, 0.0, POSE, PATH, 5.0, NOTHING, math.nan)
+SITUATION = Observation(0, 0.0, POSE, PATH, 5.0, NOTHING, math.nan)
 
 CONSTANT = """
 from vve_sumo.values import Setpoint

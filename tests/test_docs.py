@@ -17,12 +17,12 @@ from pydantic import BaseModel
 
 from tests.conftest import REPOSITORY
 from tests.live import matrix
-from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS
-from vve_sumo.plant import rehearsed
+from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
+from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS
 from vve_sumo.rig.load import parse as parse_rig
-from vve_sumo.rig.refusal import arming_refusal
 from vve_sumo.rig.schema import Rig
+from vve_sumo.rig.validation import arming_refusal
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sweep.spec import Boundary, Spec, Worst, parse_spec
@@ -80,9 +80,9 @@ def _schema(table: str) -> str:
 
 def _kinds() -> str:
     lines = ["| kind | what happens | value |", "|---|---|---|"]
-    for kind, words in rehearsed.KINDS.items():
-        usual, least, most = rehearsed.VALUES.get(kind, rehearsed.NO_VALUE)
-        value = f"{least:g} to {most:g}; {usual:g} where none is given" if kind in rehearsed.VALUES else ""
+    for kind, words in injected_faults.KINDS.items():
+        usual, least, most = injected_faults.VALUES.get(kind, injected_faults.NO_VALUE)
+        value = f"{least:g} to {most:g}; {usual:g} where none is given" if kind in injected_faults.VALUES else ""
         lines.append(f"| `{kind}` | {words} | {value} |")
     return "\n".join(lines)
 

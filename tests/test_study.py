@@ -12,8 +12,8 @@ import pytest
 from tests import isolated
 from tests.conftest import REPOSITORY
 from tests.sweep.test_dataset import fill
-from vve_sumo.analysis.cliff import cliff_of
 from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.latency_margin import latency_margin_of
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep.study import DELAYS_MS, FACTORS, cliff_study
 
@@ -56,7 +56,7 @@ def test_a_study_end_to_end(folder: Path) -> None:
     ):
         assert word in done.stdout
     assert (folder / "cliff" / "cliff.png").stat().st_size > 10_000
-    study = cliff_of(Sweep(folder / "cliff"))
+    study = latency_margin_of(Sweep(folder / "cliff"))
     bears = re.search(r"by its design the steering loop bears (\d+) ms", done.stdout)
     assert bears is not None
     assert 1000.0 * study.design_margin == pytest.approx(float(bears[1]), abs=0.5)
@@ -107,14 +107,14 @@ def test_what_is_usual_goes_with_the_scenario(folder: Path) -> None:
 def test_a_note_that_is_none_is_named(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "cliff", tmp_path / "cliff")
     (tmp_path / "cliff" / "study.json").unlink()
-    assert math.isnan(cliff_of(Sweep(tmp_path / "cliff")).design_margin)
+    assert math.isnan(latency_margin_of(Sweep(tmp_path / "cliff")).design_margin)
     for text, says in (("{", "not what a study writes"), ('{"design_delay_margin_s": "long"}', "expected a number")):
         (tmp_path / "cliff" / "study.json").write_text(text, encoding="utf-8")
         with pytest.raises(ConfigError, match=rf"study\.json: .*{says}"):
-            cliff_of(Sweep(tmp_path / "cliff"))
+            latency_margin_of(Sweep(tmp_path / "cliff"))
 
 
 def test_another_sweep_is_no_study(tmp_path: Path) -> None:
     fill(tmp_path).close()
     with pytest.raises(ConfigError, match="no study of delay and noise: it varied"):
-        cliff_of(Sweep(tmp_path))
+        latency_margin_of(Sweep(tmp_path))

@@ -700,13 +700,13 @@ def _scenarios_schema(arguments: argparse.Namespace) -> int:
 
 
 def _doctor(arguments: argparse.Namespace) -> int:
-    from vve_sumo.live.doctor import doctor
+    from vve_sumo.commissioning.doctor import doctor
 
     return doctor(arguments.scenario, arguments.rig)
 
 
 def _align(arguments: argparse.Namespace) -> int:
-    from vve_sumo.live.align import align
+    from vve_sumo.commissioning.align import align
 
     return align(
         arguments.scenario,
@@ -726,7 +726,7 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 def _calibrate(arguments: argparse.Namespace) -> int:
-    from vve_sumo.live.calibration import calibrate
+    from vve_sumo.commissioning.calibration_drive import calibrate
 
     return calibrate(
         arguments.rig, record=arguments.record, out=arguments.out, write=arguments.write, leave=arguments.leave
@@ -740,7 +740,7 @@ def _redrive(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from vve_sumo.analysis.report.command import report
+    from vve_sumo.report.command import report
 
     return report(arguments.folder)
 
@@ -815,7 +815,7 @@ def _edges_of(path: str | None) -> tuple[str, ...]:
     """The edges that a path's file says it runs along."""
     if path is None:
         return ()
-    from vve_sumo.drive.setting import EDGES
+    from vve_sumo.drive.resolved_scenario import EDGES
     from vve_sumo.workspace import find
 
     file = find("path", path, Path.cwd())

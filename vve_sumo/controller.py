@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.values import Setpoint, Situation, Vehicle
+from vve_sumo.values import Observation, Setpoint, Vehicle
 
 ENTRY_POINTS = "vve_sumo.controllers"
 
@@ -34,7 +34,7 @@ Tuning = Mapping[str, TuningValue]
 class Controller(Protocol):
     """Anything that answers a situation with a setpoint, once a tick, in the order of the ticks."""
 
-    def step(self, situation: Situation) -> Setpoint:
+    def step(self, situation: Observation) -> Setpoint:
         """Return steering [rad] and acceleration [m/s2]; the tick stamps the rest."""
         ...
 
@@ -187,7 +187,7 @@ class Guarded:
         self._controller = controller
         self.text = ""  #: what the last failure said, for the record
 
-    def step(self, situation: Situation) -> tuple[Setpoint | None, tuple[str, ...]]:
+    def step(self, situation: Observation) -> tuple[Setpoint | None, tuple[str, ...]]:
         """Return the controller's setpoint and no reason, or None and why there is none.
 
         What comes back holds the four fields that a controller fills, as plain numbers and a printable note.

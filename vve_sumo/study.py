@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING
 from vve_sumo.drive.command import choose, design_at
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep.command import engine_of, fill
-from vve_sumo.sweep.plan import Asked
+from vve_sumo.sweep.plan import SweepQuery
 from vve_sumo.sweep.study import cliff_study
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
-    from vve_sumo.analysis.cliff import Cliff
+    from vve_sumo.analysis.latency_margin import LatencyMargin
 
 PICTURE = "cliff.png"
 
@@ -59,23 +59,23 @@ def _steps(delays_ms: Sequence[float] | None, factors: Sequence[float] | None, s
     )
 
 
-def _conclude(name: str, out: Path, wanted: Asked) -> int:
-    from vve_sumo.analysis.cliff import NOTE, cliff_of
+def _conclude(name: str, out: Path, wanted: SweepQuery) -> int:
     from vve_sumo.analysis.dataset import Sweep
-    from vve_sumo.analysis.plots.cliffs import cliff as drawn
-    from vve_sumo.analysis.plots.style import save
+    from vve_sumo.analysis.latency_margin import NOTE, latency_margin_of
+    from vve_sumo.plotting.latency_margins import latency_margin as drawn
+    from vve_sumo.plotting.style import save
 
     margin, why = _design(name, wanted)
     note = {"design_delay_margin_s": margin if math.isfinite(margin) else None}
     (out / NOTE).write_text(json.dumps(note) + "\n", encoding="utf-8")
-    found = cliff_of(Sweep(out))
+    found = latency_margin_of(Sweep(out))
     _show(found, why)
     save(drawn(found), out / PICTURE)
     print(f"rows: {out / 'rows'}\npicture: {out / PICTURE}")
     return SimulationError.exit_code if not found.steps["judged"].any() else 0
 
 
-def _design(name: str, wanted: Asked) -> tuple[float, str]:
+def _design(name: str, wanted: SweepQuery) -> tuple[float, str]:
     """Return the delay that the steering bears by its design [s], or NaN and why nobody knows."""
     setting = choose(name, Path(wanted.plan.working))
     try:
@@ -84,7 +84,7 @@ def _design(name: str, wanted: Asked) -> tuple[float, str]:
         return math.nan, f"no design margin: {error}"
 
 
-def _show(found: Cliff, why: str) -> None:
+def _show(found: LatencyMargin, why: str) -> None:
     from rich.console import Console
 
     console = Console(soft_wrap=True, highlight=False, markup=False, width=None if sys.stdout.isatty() else 120)

@@ -92,7 +92,7 @@ class Actors:
     lateral_speed: Floats  #: of the centre across the heading [m/s], left positive: the lateral part of a lane change
 
 
-class Player(NamedTuple):
+class ActorState(NamedTuple):
     """An actor that the scenario moves, at one time; its box is what radar and contact tests see."""
 
     id: str  #: unlike any other actor's
@@ -160,7 +160,7 @@ class Vehicle:
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class Observation:
     """All that a controller may know at one tick."""
 
     tick: int  #: number of the tick
@@ -173,7 +173,7 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True)
-class StopProfile:
+class FallbackPath:
     """The way to rest: the curvature that the rear axle shall follow from where the setpoint found it."""
 
     spacing: float  #: distance from one knot to the next along the rear axle's way [m], positive
@@ -202,7 +202,7 @@ class Setpoint:
     yaw_rate: float = math.nan  #: GNSS yaw rate [rad/s]
     grade: float = 0.0  #: slope along the heading [rad], uphill positive, to be fed forward
     faults: tuple[str, ...] = ()  #: reason codes that the drive found; any of them asks for a stop
-    profile: StopProfile | None = None  #: the way to rest, checked to lie inside the lot; None where there is none
+    profile: FallbackPath | None = None  #: the way to rest, checked to lie inside the lot; None where there is none
 
 
 class ArmingState(enum.StrEnum):
@@ -217,7 +217,7 @@ class ArmingState(enum.StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class GatewayStatus:
     """What the gateway made of a setpoint."""
 
     state: ArmingState  #: after this step

@@ -13,8 +13,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vve_sumo.drive.record import LIVE_SCHEMAS, SCHEMAS, write_summary
-from vve_sumo.drive.setting import LAYOUT
+from vve_sumo.drive.resolved_scenario import LAYOUT
+from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS, write_summary
 from vve_sumo.values import TickRow
 from vve_sumo.vehicle import fusion
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.analysis import made
-from tests.drive.test_stopping import Columns, braked
+from tests.metrics.test_stopping import Columns, braked
 from vve_sumo import laws
 from vve_sumo.analysis.braking import Stop, comfort, stop_of
 from vve_sumo.analysis.run import Run

@@ -18,10 +18,10 @@ from scipy import stats
 from tests.sweep.test_dataset import COUNT, ORDER, PLAN, cell, fill, result
 from vve_sumo.analysis import Sweep
 from vve_sumo.errors import ConfigError
-from vve_sumo.rows import FIGURES, MACHINE, MEANINGS
-from vve_sumo.sweep.cells import Cell
+from vve_sumo.record.sweep_folder import FIGURES, MACHINE, MEANINGS
 from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.run_specs import RunSpec
 
 RUNS = 60
 
@@ -84,7 +84,7 @@ def test_a_column_says_its_unit_its_meaning_and_what_is_missing(tmp_path: Path) 
     assert rows["ticks"].dtype == "Int64"
 
 
-def made() -> Iterator[tuple[Cell, Result]]:
+def made() -> Iterator[tuple[RunSpec, Result]]:
     chance = random.Random(5)
     for number in range(RUNS):
         values: dict[str, Any] = {"speed": float(number // 20), "kind": "ab"[number % 2]}
@@ -92,7 +92,7 @@ def made() -> Iterator[tuple[Cell, Result]]:
         gap = chance.gauss(4.0, 1.0) if number % 7 else None
         figures: dict[str, Any] = {"outcome": "stopped", "passed": passed, "collision": not passed, "stop_gap_m": gap}
         fault = "timed_out" if number % 11 == 0 else ""
-        yield Cell(number, f"{number:016x}", values, 1), Result("", {} if fault else figures, fault)
+        yield RunSpec(number, f"{number:016x}", values, 1), Result("", {} if fault else figures, fault)
 
 
 @pytest.fixture(scope="module")

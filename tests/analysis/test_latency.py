@@ -11,9 +11,9 @@ import pytest
 
 from tests.analysis.made import PERIOD, moving, put, write
 from vve_sumo.analysis.latency import MEANINGS, latency_breakdown, legs_over_time
-from vve_sumo.analysis.report.drive import report
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive.ledger import LEGS, TOTAL, Ledger
+from vve_sumo.drive.latency_monitor import LEGS, TOTAL, LatencyMonitor
+from vve_sumo.report.drive import report
 from vve_sumo.values import LatencyRow
 
 TICKS = 400
@@ -26,7 +26,7 @@ FIX_AGE, SIMULATE = 10.0, 3.0
 def live(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     """A record whose legs are drawn at random, kept by a ledger; every 50th tick is woken by its deadline."""
     folder = write(tmp_path_factory.mktemp("live") / "record", _ticks())
-    ledger = Ledger(0.05, 3)
+    ledger = LatencyMonitor(0.05, 3)
     generator = np.random.default_rng(4)
     for tick in range(TICKS):
         took = [1e-3 * (least + generator.exponential(0.5)) for least in LEAST.values()]

@@ -14,9 +14,9 @@ import pytest
 from tests.analysis.made import BOX, CAR, PERIOD, moving, put, write
 from vve_sumo.analysis import Run, encroachment_of, exposure, over_time, zone_times
 from vve_sumo.analysis.over_time import EXPOSURE, MEANINGS, slope
-from vve_sumo.drive import figures
-from vve_sumo.drive.record import SCHEMAS
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics import drive_metrics
+from vve_sumo.record.record import SCHEMAS
 
 BUMPER = CAR.rear_axle_to_bumper
 TIME = np.arange(100) * PERIOD
@@ -89,7 +89,7 @@ def test_the_page_of_measures_names_every_column(repository: Path) -> None:
 
 def test_extremes_are_the_figures_of_the_drive(approach: Run) -> None:
     frame = over_time(approach)
-    told = figures.measure(approach.arrow("ticks"), approach.arrow("actors"), approach.path, approach.vehicle)
+    told = drive_metrics.measure(approach.arrow("ticks"), approach.arrow("actors"), approach.path, approach.vehicle)
     assert frame["ttc_s"].min() == told.min_ttc_s
     assert frame["drac_mps2"].max() == told.max_drac_mps2
 

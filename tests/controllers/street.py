@@ -14,7 +14,7 @@ import numpy as np
 
 from vve_sumo.controller import Controller
 from vve_sumo.path import Path
-from vve_sumo.values import Detections, Point, Pose, Setpoint, Situation, Vehicle
+from vve_sumo.values import Detections, Observation, Point, Pose, Setpoint, Vehicle
 
 PERIOD = 0.02
 SUBSTEPS = 10
@@ -184,7 +184,7 @@ def drive(controller: Controller, path: Path, desired_speed: float, obstacles: l
         if time >= next_scan - 1e-9:
             newest = scan(time, pose, path, obstacles, sight, random, vehicle)
             next_scan += 0.05
-        setpoint = controller.step(Situation(tick, time, pose, path, desired_speed, newest, car.wheel))
+        setpoint = controller.step(Observation(tick, time, pose, path, desired_speed, newest, car.wheel))
         station = path.project(car.x, car.y, near)
         near = station.s
         gap = min((box.station for box in obstacles), default=math.inf) - station.s - vehicle.rear_axle_to_bumper

@@ -12,7 +12,7 @@ import pytest
 from tests.controllers.street import FUSION
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
-from vve_sumo.values import Detections, Point, Pose, Situation
+from vve_sumo.values import Detections, Observation, Point, Pose
 
 #: CommonRoad vehicle models, parameter set 2, with the cornering stiffness of its single track.
 BMW = replace(
@@ -36,10 +36,10 @@ def situation(path: Path, s: float, speed: float, offset: float = 0.0, turned: f
         1.0, Point.REAR_AXLE, at.x - offset * math.sin(at.heading), at.y + offset * math.cos(at.heading),
         at.heading + turned - slip, speed, speed * math.tan(slip), speed * at.curvature, 0.0, 0.0,
     )  # fmt: skip
-    return Situation(50, 1.0, pose, path, speed, NOTHING, math.nan)
+    return Observation(50, 1.0, pose, path, speed, NOTHING, math.nan)
 
 
-def steered(part, law, vehicle, now: Situation) -> float:
+def steered(part, law, vehicle, now: Observation) -> float:
     observer = part("deviation").DeviationObserver(vehicle)
     station = now.path.project(now.pose.x, now.pose.y)
     return law.steer(observer.step(now.pose, now.path, station, 0.02), now)
@@ -82,13 +82,13 @@ def test_they_steer_back_and_mirror(part, law):
     assert right == pytest.approx(-left)
 
 
-def rolled(part, law, speed: float, offset: float, seconds: float) -> list[Situation]:
+def rolled(part, law, speed: float, offset: float, seconds: float) -> list[Observation]:
     """A car without slip or lag on a straight road under a law."""
     path = Path.from_points([0.0, 1000.0], [0.0, 0.0])
     x, y, heading, wheel, states = 10.0, offset, 0.0, 0.0, []
     for _ in range(round(seconds / STEP)):
         pose = Pose(0.0, Point.REAR_AXLE, x, y, heading, speed, 0.0, speed * wheel / FUSION.wheelbase, 0.0, 0.0)
-        now = Situation(0, 0.0, pose, path, speed, NOTHING, math.nan)
+        now = Observation(0, 0.0, pose, path, speed, NOTHING, math.nan)
         states.append(now)
         wheel = steered(part, law, NO_SLIP, now)
         x, y = x + speed * STEP * math.cos(heading), y + speed * STEP * math.sin(heading)

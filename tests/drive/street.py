@@ -25,7 +25,7 @@ def altered(changes: dict[str, Any]) -> Any:
     """Return the setting of `parked_car` with dotted keys replaced, such as {"ego.speed_mps": 5.0}."""
     import tomllib
 
-    from vve_sumo.drive.setting import resolve
+    from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.scenario.load import parse
 
     file = REPOSITORY / "scenarios" / "parked_car.toml"
@@ -37,7 +37,7 @@ def altered(changes: dict[str, Any]) -> Any:
         for parent in parents:
             inner = inner[int(parent)] if isinstance(inner, list) else inner.setdefault(parent, {})
         inner[last] = value
-    return resolve("parked_car", parse(table, file), file, REPOSITORY)
+    return resolve_scenario("parked_car", parse(table, file), file, REPOSITORY)
 
 
 #: station of the default path where its last bend is behind the car [m]

@@ -12,9 +12,9 @@ import pytest
 
 from tests.drive.street import altered, drive_once
 from tests.isolated import isolated
-from vve_sumo.drive import figures
-from vve_sumo.drive.ending import abort_reason
-from vve_sumo.drive.record import read_table
+from vve_sumo.drive.termination import abort_reason
+from vve_sumo.metrics import drive_metrics
+from vve_sumo.record.record import read_table
 from vve_sumo.scenario.schema import Abort
 
 NAN = math.nan
@@ -77,4 +77,4 @@ def test_a_drive_ends_at_the_first_tick_at_which_it_shall(tmp_path: Path) -> Non
 
 def _ttc(ticks: pa.Table, actors: pa.Table) -> Any:
     setting = altered(BLIND)
-    return figures.time_to_collision(figures.ahead(ticks, actors, setting.path, setting.vehicle))
+    return drive_metrics.time_to_collision(drive_metrics.ahead(ticks, actors, setting.path, setting.vehicle))

@@ -14,11 +14,11 @@ import pytest
 
 from tests.drive.street import REPOSITORY, altered, drive_once
 from tests.isolated import isolated
-from vve_sumo.drive.record import read_table
 from vve_sumo.drive.replay import changed_since, read_car_frames, read_chain_inputs, replay, setting_of
-from vve_sumo.drive.setting import EPOCH
+from vve_sumo.drive.resolved_scenario import EPOCH
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path as Curve
+from vve_sumo.record.record import read_table
 
 LEAD = {
     "id": "lead",
@@ -176,12 +176,12 @@ def test_a_wrong_recording_is_one_line_that_names_file_and_line(tmp_path: Path, 
 
 
 def _waited() -> list[tuple[str, ...]]:
-    from vve_sumo.drive.street import Street, cast_of, open_world, standing
+    from vve_sumo.drive.virtual_road import VirtualRoad, cast_of, open_world, standing
     from vve_sumo.values import Point
 
     setting = altered(changes(actors=[LEAD, WALKER | {"enters": {"drive_s": 0.04}}]))
     here = setting.path.at(5.0)
-    street, seen = Street(open_world(setting), cast_of(setting)), []
+    street, seen = VirtualRoad(open_world(setting), cast_of(setting)), []
     for tick, (waits, speed) in enumerate([(True, 0.0), (True, 0.1), (False, 0.0), (True, 0.0), (False, 0.0)]):
         asked = replace(standing(here.x, here.y, here.heading), time=9.0 + 0.02 * tick, speed=speed)
         street.advance(replace(asked, point=Point.FRONT_BUMPER), waits=waits)

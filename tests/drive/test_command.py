@@ -15,19 +15,19 @@ import pytest
 from tests.drive.street import REPOSITORY, altered
 from vve_sumo.controller import Guarded
 from vve_sumo.drive import command
-from vve_sumo.drive.chain import Chain
-from vve_sumo.drive.record import Record
-from vve_sumo.drive.street import standing
+from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
+from vve_sumo.record.record import Record
 from vve_sumo.scenario.schema import Band, Criteria
 from vve_sumo.sensors.radar import Radar
 from vve_sumo.values import ArmingState, Setpoint
-from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 from vve_sumo.world.surroundings import table
 
 GOOD = {
@@ -203,7 +203,7 @@ def test_the_playback_profile_can_never_arm() -> None:
     """The operator's act is refused whatever the car reports, and no frame ever enables anything."""
     setting = altered({})
     frame = local_frame(0.7, -1.4)
-    chain = Chain(
+    chain = Pipeline(
         decoder=Decoder(),
         gate=TrustGate(PLAYBACK, 0.0),
         placement=Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0),
@@ -217,8 +217,8 @@ def test_the_playback_profile_can_never_arm() -> None:
     gateway = Gateway(setting.vehicle)
     placement = Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0)
     reports = [
-        dbw.encode(dbw.BrakeReport(dbw.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, enabled=False)),
-        dbw.encode(dbw.WheelSpeeds(0.0, 0.0, 0.0, 0.0)),
+        codec.encode(codec.BrakeReport(codec.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, enabled=False)),
+        codec.encode(codec.WheelSpeeds(0.0, 0.0, 0.0, 0.0)),
     ]
     for tick in range(200):
         now = 0.02 * tick
@@ -226,8 +226,8 @@ def test_the_playback_profile_can_never_arm() -> None:
         chain.accept(now, dataclasses.replace(placement.unplace(pose), time=now, pitch=0.0, altitude=0.0))
         chain.see(now, table(now, ()))
         decided = chain.decide(tick, now, gateway.measured_steering)
-        output = gateway.step(now, decided.setpoint, reports, Act.ENGAGE)
+        output = gateway.step(now, decided.setpoint, reports, OperatorCommand.ENGAGE)
         assert output.verdict.state is not ArmingState.ENGAGED
         assert "profile_may_not_arm" in decided.faults
-        commands = [dbw.decode(each, dbw.Variant.DBW1_2024) for each in output.frames]
+        commands = [codec.decode(each, codec.Variant.DBW1_2024) for each in output.frames]
         assert not any(getattr(each, "enable", False) for each in commands)

@@ -33,14 +33,14 @@ def _probed(changes: dict[str, Any]) -> Stop:
     from pathlib import Path
 
     from vve_sumo.drive import command
-    from vve_sumo.drive.record import read_table
-    from vve_sumo.drive.setting import resolve
+    from vve_sumo.drive.resolved_scenario import resolve_scenario
+    from vve_sumo.record.record import read_table
     from vve_sumo.scenario.load import parse
-    from vve_sumo.sweep.vary import laid
+    from vve_sumo.sweep.overrides import apply_overrides
 
     file = REPOSITORY / "scenarios" / "delay_probe.toml"
-    table = laid(tomllib.loads(file.read_text(encoding="utf-8")), changes)
-    setting = resolve("delay_probe", parse(table, file), file, REPOSITORY)
+    table = apply_overrides(tomllib.loads(file.read_text(encoding="utf-8")), changes)
+    setting = resolve_scenario("delay_probe", parse(table, file), file, REPOSITORY)
     with tempfile.TemporaryDirectory() as scratch:
         done = command.run(setting, Path(scratch) / "record", REPOSITORY)
         ticks = read_table(done.folder, "ticks")

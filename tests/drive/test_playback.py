@@ -13,10 +13,10 @@ import pytest
 from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
 from tests.pose import recordings
-from vve_sumo.drive.record import read_table
 from vve_sumo.errors import ConfigError
-from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.messages import BrakeCommand, SteeringCommand, ThrottleCommand
+from vve_sumo.record.record import read_table
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.messages import BrakeCommand, SteeringCommand, ThrottleCommand
 
 
 def play(file: str, folder: str, changes: dict[str, Any]) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def enabled(folder: Path) -> int:
     count = 0
     for line in (folder / "can.log").read_text(encoding="ascii").splitlines():
         identifier, _, data = line.split()[2].partition("#")
-        message = dbw.decode(dbw.Frame(int(identifier, 16), bytes.fromhex(data)), dbw.Variant.DBW1_2024)
+        message = codec.decode(codec.Frame(int(identifier, 16), bytes.fromhex(data)), codec.Variant.DBW1_2024)
         if isinstance(message, BrakeCommand | ThrottleCommand | SteeringCommand):
             count += message.enable
     return count

@@ -13,7 +13,7 @@ from tests.isolated import isolated
 from vve_sumo.analysis import load, radar_statistics
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.replay import read_car_frames, read_chain_inputs, replay, setting_of
-from vve_sumo.drive.setting import EPOCH
+from vve_sumo.drive.resolved_scenario import EPOCH
 from vve_sumo.sensors.radar import NOBODY
 
 RATE, LATENCY = 0.1, 0.09

@@ -15,9 +15,9 @@ from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
 from vve_sumo.drive.lockstep import chain_of
-from vve_sumo.drive.record import read_table
 from vve_sumo.drive.redrive import BRAKES, compared, side_by_side
 from vve_sumo.drive.replay import answers, read_chain_inputs, setting_of
+from vve_sumo.record.record import read_table
 
 #: steers by a constant, says what it sees, and knows the tick at which to fail
 OTHER = """

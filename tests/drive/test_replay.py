@@ -13,7 +13,6 @@ from tests.drive.forge import cut_off
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
-from vve_sumo.drive.record import hash_parts, read_pose_chunks, read_table
 from vve_sumo.drive.replay import (
     Difference,
     changed_controller,
@@ -23,9 +22,10 @@ from vve_sumo.drive.replay import (
     replay,
     setting_of,
 )
-from vve_sumo.drive.setting import EPOCH
+from vve_sumo.drive.resolved_scenario import EPOCH
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.record import hash_parts, read_pose_chunks, read_table
 
 DRIVES: dict[str, dict[str, Any]] = {
     "traffic": {"street.demand": ["linden_heavy"], "duration_s": 30.0, "seed": 4},

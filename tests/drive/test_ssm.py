@@ -14,13 +14,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from tests.drive.test_figures import ticks_of
 from tests.isolated import isolated
+from tests.metrics.test_drive import ticks_of
 from tests.world.streets import FUSION, PERIOD, demand, pose, street
-from vve_sumo.analysis import following
-from vve_sumo.drive import figures
-from vve_sumo.drive.record import SCHEMAS
+from vve_sumo.metrics import drive_metrics, following
 from vve_sumo.path import Path as Curve
+from vve_sumo.record.record import SCHEMAS
 from vve_sumo.values import Actors, Floats
 
 LANE = -1.6  #: y of the one lane to the east [m]
@@ -68,8 +67,8 @@ def closing_in(folder: str) -> Driven:
     """Drive."""
     import libsumo
 
-    from vve_sumo.world.anchor import EGO_TYPE
-    from vve_sumo.world.street import World
+    from vve_sumo.world.ego_sync import EGO_TYPE
+    from vve_sumo.world.world import World
 
     root = Path(folder)
     ego: list[dict[str, float]] = []
@@ -108,10 +107,10 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
     return isolated(closing_in, str(tmp_path_factory.mktemp("ssm")))
 
 
-def seen_by(driven: Driven) -> figures.Ahead:
+def seen_by(driven: Driven) -> drive_metrics.LeadVehicle:
     ticks, actors = ticks_of(driven.ego), pa.Table.from_pylist(driven.actors, SCHEMAS["actors"])
     line = np.arange(0.0, 1000.0, 5.0)
-    return figures.ahead(ticks, actors, Curve.from_points(line, np.full_like(line, LANE)), FUSION)
+    return drive_metrics.ahead(ticks, actors, Curve.from_points(line, np.full_like(line, LANE)), FUSION)
 
 
 def device(driven: Driven, name: str) -> Floats:
@@ -122,7 +121,7 @@ def device(driven: Driven, name: str) -> Floats:
 def test_sumos_safety_device_on_the_ego_sees_what_the_figures_say(driven: Driven) -> None:
     """Tick for tick; the device writes two decimals."""
     seen = seen_by(driven)
-    ttc, drac = figures.time_to_collision(seen), figures.deceleration_to_avoid(seen)
+    ttc, drac = drive_metrics.time_to_collision(seen), drive_metrics.deceleration_to_avoid(seen)
     their_ttc, their_drac = device(driven, "TTC"), device(driven, "DRAC")
     # Where the two do not agree on whether the gap closes, it hardly does.
     differ = np.isnan(ttc) != np.isnan(their_ttc)

@@ -32,9 +32,10 @@ from typing import Any, Final
 from tests.fuzz.invariant import Violation, hold
 from vve_sumo.pose import ncom, nmea, oxts_can
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.values import ArmingState, Fix, Frame, Setpoint, StopProfile, Verdict
-from vve_sumo.vehicle import dbw, link
-from vve_sumo.vehicle.gateway import Act
+from vve_sumo.values import ArmingState, FallbackPath, Fix, Frame, GatewayStatus, Setpoint
+from vve_sumo.vehicle import link
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.gateway import OperatorCommand
 
 INPUTS: Final = 1000  # of a run
 PATIENCE: Final = 1.0  # processor time of one input [s]
@@ -241,17 +242,17 @@ def _oxts_can(chance: random.Random, told: list[object]) -> None:
 
 
 def _dbw(chance: random.Random, told: list[object]) -> None:
-    variants = tuple(dbw.Variant)
+    variants = tuple(codec.Variant)
     for _ in range(INPUTS):
         identifier = chance.choice(tuple(LENGTHS)) if chance.random() < 0.9 else chance.randrange(0x800)
         length = LENGTHS.get(identifier, 8) if chance.random() < 0.9 else chance.randrange(65)
         frame, variant = Frame(identifier, chance.randbytes(length)), chance.choice(variants)
         told[:] = [frame, variant]
-        message = dbw.decode(frame, variant)
+        message = codec.decode(frame, variant)
         hold(5, (message is None) == (identifier not in LENGTHS), message)
         if message is None:
             continue
-        malformed = isinstance(message, dbw.Malformed)
+        malformed = isinstance(message, codec.Malformed)
         clear_alone = identifier in (0x060, 0x062, 0x064) and length == 4
         hold(5, length == LENGTHS[identifier] or clear_alone or malformed, message)
         if malformed:
@@ -261,7 +262,7 @@ def _dbw(chance: random.Random, told: list[object]) -> None:
             if isinstance(value, float):
                 hold(5, math.isfinite(value) or (value != value and name in MAY_BE_NAN), message)
         if identifier in REPORTS:
-            again = dbw.decode(dbw.encode(message, variant), variant)
+            again = codec.decode(codec.encode(message, variant), variant)
             hold(5, repr(again) == repr(message), (message, again))
 
 
@@ -274,7 +275,7 @@ def _setpoint(chance: random.Random) -> Setpoint:
     return Setpoint(
         numbers[0], numbers[1], chance.random() < 0.5, _text(chance), chance.choice((0, -1, 7, (1 << 63) - 1)),
         *numbers[2:9], numbers[9], tuple(_text(chance) for _ in range(chance.choice((0, 0, 1, 64)))),
-        None if chance.random() < 0.5 else StopProfile(_number(chance, 2.0), knots),
+        None if chance.random() < 0.5 else FallbackPath(_number(chance, 2.0), knots),
     )  # fmt: skip
 
 
@@ -285,14 +286,14 @@ def _text(chance: random.Random) -> str:
 def _feedback(chance: random.Random) -> link.Feedback:
     numbers = [_number(chance, 100.0) for _ in range(8)]
     codes = tuple(_text(chance) for _ in range(chance.choice((0, 1, 5))))
-    verdict = Verdict(chance.choice(tuple(ArmingState)), codes, *numbers[:2], codes[:1], *numbers[2:4])
+    verdict = GatewayStatus(chance.choice(tuple(ArmingState)), codes, *numbers[:2], codes[:1], *numbers[2:4])
     return link.Feedback(numbers[4], chance.randrange(1 << 40), numbers[5], verdict, *numbers[6:8], _text(chance), 12)
 
 
 def _links(chance: random.Random, told: list[object]) -> None:
     kinds: tuple[tuple[Callable[[bytes], Any], Callable[[Any], bytes], Callable[[random.Random], Any]], ...] = (
         (link.decode_setpoint, link.encode_setpoint, _setpoint),
-        (link.decode_act, link.encode_act, lambda one: one.choice(tuple(Act))),
+        (link.decode_act, link.encode_act, lambda one: one.choice(tuple(OperatorCommand))),
         (link.decode_feedback, link.encode_feedback, _feedback),
     )
     for _ in range(INPUTS):

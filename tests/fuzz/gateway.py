@@ -34,10 +34,11 @@ import struct
 from typing import Final
 
 from tests.fuzz.invariant import Violation, hold
-from vve_sumo.values import ArmingState, Frame, Setpoint, StopProfile
-from vve_sumo.vehicle import dbw, fusion
+from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
+from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.arming import COMMANDING
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 STEPS: Final = 600  # of a drive
 PERIOD: Final = 0.02  # [s]
@@ -45,16 +46,16 @@ VEHICLE: Final = fusion.vehicle()
 STATE: Final = ArmingState
 DISORDER: Final = (0.0, 0.0, 0.0005, 0.002, 0.01, 0.05, 0.3, 1.0)  # how likely each input is disturbed in a step
 ODD: Final = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, -1.0, 1e-300, 1e9, -1e9, 1.7e308, -1.7e308)
-ACTS: Final = tuple(Act)
+ACTS: Final = tuple(OperatorCommand)
 REPORT_IDS: Final = (
-    dbw.BRAKE_REPORT,
-    dbw.THROTTLE_REPORT,
-    dbw.STEERING_REPORT,
-    dbw.GEAR_REPORT,
-    dbw.WHEEL_SPEEDS,
-    dbw.YAW_RATE,
+    codec.BRAKE_REPORT,
+    codec.THROTTLE_REPORT,
+    codec.STEERING_REPORT,
+    codec.GEAR_REPORT,
+    codec.WHEEL_SPEEDS,
+    codec.YAW_RATE,
 )
-LENGTHS: Final = {dbw.GEAR_REPORT: 2, dbw.YAW_RATE: 4}
+LENGTHS: Final = {codec.GEAR_REPORT: 2, codec.YAW_RATE: 4}
 NUMBERS: Final = ("steering", "acceleration", "time", "expires", "x", "y", "heading", "speed", "yaw_rate", "grade")
 PEDALS: Final = struct.Struct("<HHHBB")
 STEERING: Final = struct.Struct("<hHhbB")
@@ -123,12 +124,12 @@ class _Car:
         wheel = min(round(self.speed / VEHICLE.wheel_radius * 100.0) + (noise & 1 if self.speed > 0.1 else 0), 32000)
         yaw = min(max(round(self.yaw_rate / 2e-4) + (noise >> 1 & 1), -32000), 32000)
         return [
-            Frame(dbw.BRAKE_REPORT, PEDALS.pack(0, 0, 0, 0, pedal | self.faults)),
-            Frame(dbw.THROTTLE_REPORT, PEDALS.pack(0, 0, 0, 0, self.enabled)),
-            Frame(dbw.STEERING_REPORT, STEERING.pack(self.angle, self.angle & 0x7FFF, 0, 0, self.enabled)),
-            Frame(dbw.GEAR_REPORT, bytes((self.gear, 0))),
-            Frame(dbw.WHEEL_SPEEDS, FOUR.pack(wheel, wheel, wheel, wheel)),
-            Frame(dbw.YAW_RATE, TWO.pack(0, yaw)),
+            Frame(codec.BRAKE_REPORT, PEDALS.pack(0, 0, 0, 0, pedal | self.faults)),
+            Frame(codec.THROTTLE_REPORT, PEDALS.pack(0, 0, 0, 0, self.enabled)),
+            Frame(codec.STEERING_REPORT, STEERING.pack(self.angle, self.angle & 0x7FFF, 0, 0, self.enabled)),
+            Frame(codec.GEAR_REPORT, bytes((self.gear, 0))),
+            Frame(codec.WHEEL_SPEEDS, FOUR.pack(wheel, wheel, wheel, wheel)),
+            Frame(codec.YAW_RATE, TWO.pack(0, yaw)),
         ]
 
 
@@ -139,11 +140,11 @@ class Drive:
         chance = random.Random(f"gateway {seed}")
         self.chance = chance
         self.shadow = chance.random() < 0.05
-        self.variant = dbw.Variant.DBW1_2024 if chance.random() < 0.9 else dbw.Variant.DBW1_2018
-        self.old = self.variant is dbw.Variant.DBW1_2018
+        self.variant = codec.Variant.DBW1_2024 if chance.random() < 0.9 else codec.Variant.DBW1_2018
+        self.old = self.variant is codec.Variant.DBW1_2018
         self.gateway = Gateway(VEHICLE, period=PERIOD, variant=self.variant, shadow=self.shadow)
-        self.angle_limit = min(VEHICLE.steering_limit, dbw.WHEEL_ANGLE_LIMIT[self.variant] / VEHICLE.steering_ratio)
-        self.torque_limit = min(3250.0, dbw.TORQUE_LIMIT[self.variant])
+        self.angle_limit = min(VEHICLE.steering_limit, codec.WHEEL_ANGLE_LIMIT[self.variant] / VEHICLE.steering_ratio)
+        self.torque_limit = min(3250.0, codec.TORQUE_LIMIT[self.variant])
         self.disorder = {
             what: chance.choice(DISORDER) for what in ("setpoint", "report", "act", "found", "time", "car")
         }
@@ -214,7 +215,7 @@ class Drive:
             "speed": car.speed,
             "yaw_rate": car.yaw_rate,
             "grade": 0.0,
-            "profile": None if self.sequence & 1 else StopProfile(1.0, (0.01, 0.02, 0.0)),
+            "profile": None if self.sequence & 1 else FallbackPath(1.0, (0.01, 0.02, 0.0)),
         }
         if self._hit("setpoint"):
             kind = chance.randrange(8)
@@ -231,7 +232,7 @@ class Drive:
             elif kind == 3:
                 fields["faults"] = (chance.choice(("pose_stale", "outside_geofence", "no_such_code")),)
             elif kind == 4:
-                fields["profile"] = StopProfile(
+                fields["profile"] = FallbackPath(
                     chance.choice((1.0, 0.0, math.nan, 1e-300)),
                     tuple(chance.choices(ODD, k=chance.choice((0, 1, 64, 65)))),
                 )
@@ -281,7 +282,7 @@ class Drive:
                 frames.append(Frame(chance.randrange(0x60, 0x76), chance.randbytes(8)))
         return frames
 
-    def _act(self) -> Act | None:
+    def _act(self) -> OperatorCommand | None:
         chance = self.chance
         if self._hit("act"):
             return chance.choice(ACTS)
@@ -290,13 +291,13 @@ class Drive:
             return None
         match self.state:
             case STATE.READY:
-                return Act.ENGAGE
+                return OperatorCommand.ENGAGE
             case STATE.ENGAGED if not self.going:
-                return Act.GO
+                return OperatorCommand.GO
             case STATE.ENGAGED if lot < 0.0003:
-                return Act.STOP
+                return OperatorCommand.STOP
             case STATE.FAULT if lot < 0.02:
-                return Act.DISARM
+                return OperatorCommand.DISARM
             case _:
                 return None
 
@@ -334,18 +335,18 @@ class Drive:
         self.was_overridden = override = self.overridden
         for frame in reports:
             data = frame.data
-            if frame.id == dbw.WHEEL_SPEEDS and len(data) == 8:
+            if frame.id == codec.WHEEL_SPEEDS and len(data) == 8:
                 wheels = FOUR.unpack(data)
                 self.wheels_at = now
                 self.wheels_stand = all(abs(w) * 0.01 * VEHICLE.wheel_radius < 0.05 for w in wheels)
-            elif frame.id == dbw.BRAKE_REPORT and len(data) == 8 and (data[6] & 3 != 3 or self.old):
+            elif frame.id == codec.BRAKE_REPORT and len(data) == 8 and (data[6] & 3 != 3 or self.old):
                 # Kind 3 of the newer kit is none: such a report says nothing.
                 override = bool(data[7] & 2)
-            elif frame.id == dbw.GEAR_REPORT and len(data) == 2 and data[0] & 7 <= 5 and data[0] >> 4 & 7 <= 5:
+            elif frame.id == codec.GEAR_REPORT and len(data) == 2 and data[0] & 7 <= 5 and data[0] >> 4 & 7 <= 5:
                 self.in_park = data[0] & 7 == PARK
         self.overridden = override
 
-    def _judge_frames(self, verdict: object, frames: tuple[Frame, ...], act: Act | None) -> None:
+    def _judge_frames(self, verdict: object, frames: tuple[Frame, ...], act: OperatorCommand | None) -> None:
         brake, throttle, steering, gear = (frame.data for frame in frames)
         ids = [frame.id for frame in frames]
         hold(2, ids == [0x60, 0x62, 0x64, 0x66] and [*map(len, (brake, throttle, steering, gear))] == [8, 8, 8, 1])
@@ -361,11 +362,11 @@ class Drive:
         engaging = state is STATE.ENGAGED and self.state is not STATE.ENGAGED
         hold(6, (flags & 2 == 2) == (gear[0] & 128 == 128) == (engaging and not self.shadow))
         if engaging:
-            hold(9, act is Act.ENGAGE and self.state in (STATE.DISARMED, STATE.READY))
+            hold(9, act is OperatorCommand.ENGAGE and self.state in (STATE.DISARMED, STATE.READY))
             self.going = False
         elif state is not STATE.ENGAGED:
             self.going = False
-        elif act is Act.GO and "go_too_early" not in verdict.reasons:  # type: ignore[attr-defined]
+        elif act is OperatorCommand.GO and "go_too_early" not in verdict.reasons:  # type: ignore[attr-defined]
             self.going = True
         torque, percent = brake[0] + 256 * brake[1], throttle[0] + 256 * throttle[1]
         hold(7, torque <= self.torque_limit and not (torque and percent) and (self.going or not percent))
@@ -377,11 +378,13 @@ class Drive:
             hold(11, wish == (PARK if state is STATE.STOPPED else DRIVE) and state in (STATE.STOPPED, STATE.ENGAGED))
             hold(11, wish == PARK or not self.going)
 
-    def _judge_state(self, verdict: object, setpoint: Setpoint | None, act: Act | None, found: tuple[str, ...]) -> None:
+    def _judge_state(
+        self, verdict: object, setpoint: Setpoint | None, act: OperatorCommand | None, found: tuple[str, ...]
+    ) -> None:
         before, after = self.state, verdict.state  # type: ignore[attr-defined]
         hold(9, after in AFTER[before], f"{before} -> {after}")
         if before is STATE.FAULT and after is STATE.DISARMED:
-            hold(9, act is Act.DISARM)
+            hold(9, act is OperatorCommand.DISARM)
         if before is STATE.STOPPED and after is STATE.DISARMED:
             hold(9, self.in_park and self.wheels_stand, "let go")
         if after is STATE.ENGAGED:

@@ -24,9 +24,10 @@ from vve_sumo.live.priority import CAR
 from vve_sumo.live.slcan import Adapter
 from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, Setpoint
-from vve_sumo.vehicle import dbw, link
+from vve_sumo.vehicle import link
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.gateway import Act
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.limits import Limits
 
 EPOCH = 1000.0
@@ -36,17 +37,17 @@ WAITING = "waiting_for_go"
 
 
 #: frames of one step, in order
-COMMANDS = [dbw.BRAKE_COMMAND, dbw.THROTTLE_COMMAND, dbw.STEERING_COMMAND, dbw.GEAR_COMMAND]
+COMMANDS = [codec.BRAKE_COMMAND, codec.THROTTLE_COMMAND, codec.STEERING_COMMAND, codec.GEAR_COMMAND]
 
 
 class Heard(NamedTuple):
     """What the car was told in one step of the gateway."""
 
     time: float  #: drive time of the last of the four frames [s]
-    brake: dbw.BrakeCommand
-    throttle: dbw.ThrottleCommand
-    steering: dbw.SteeringCommand
-    gear: dbw.GearCommand
+    brake: codec.BrakeCommand
+    throttle: codec.ThrottleCommand
+    steering: codec.SteeringCommand
+    gear: codec.GearCommand
 
 
 @dataclasses.dataclass
@@ -129,7 +130,7 @@ class Bench:
         """What the gateway last told the console."""
         return self.feedbacks[-1].verdict.reasons if self.feedbacks else ()
 
-    def act(self, act: Act) -> None:
+    def act(self, act: OperatorCommand) -> None:
         """Do what an operator does."""
         self.console.send(link.encode_act(act))
 
@@ -158,9 +159,9 @@ class Bench:
         A machine that stands still for 40 ms stops the car, as it should, and then there is nothing to be tested.
         """
         self.run_until(lambda: self._stalled or self.state is ArmingState.READY)
-        self.act(Act.ENGAGE)
+        self.act(OperatorCommand.ENGAGE)
         self.run_until(lambda: self._stalled or WAITING in self.reasons)
-        self.act(Act.GO)
+        self.act(OperatorCommand.GO)
         self.run_until(lambda: self._stalled or self.car.speed > speed)
         return not self._stalled
 
@@ -207,7 +208,7 @@ class Bench:
             if len(self._group) == 4 and [frame.id for frame in self._group] != COMMANDS:
                 self._group.clear()  # the bus did not take all of this step
             elif len(self._group) == 4:
-                self.heard.append(Heard(self.now, *(dbw.decode(f, self.car.variant) for f in self._group)))
+                self.heard.append(Heard(self.now, *(codec.decode(f, self.car.variant) for f in self._group)))
                 self.car.hear(tuple(self._group))
                 self._group.clear()
         for data in self.console.receive():

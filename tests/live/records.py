@@ -16,8 +16,8 @@ from pathlib import Path
 
 from tests.conftest import REPOSITORY
 from tests.live.stage import DRIVES
-from vve_sumo.drive.record import read_table
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.record import read_table
 
 #: what becomes of the shipped scenario, so that a drive takes seconds: slow, and the parked car is near
 SHORTER = {

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from vve_sumo.controller import Controller, Maker, Tuning, load
-from vve_sumo.values import Setpoint, Situation, Vehicle
+from vve_sumo.values import Observation, Setpoint, Vehicle
 from vve_sumo.workspace import shipped_root
 
 MOMENT = "VVE_TEST_MOMENT"  # environment variable: name of the file
@@ -32,7 +32,7 @@ class Spoilt:
         self._inner, self._spoil, self._speed = inner, spoil, speed
         self._spoilt = False
 
-    def step(self, situation: Situation) -> Setpoint:
+    def step(self, situation: Observation) -> Setpoint:
         """Answer a situation."""
         answer = self._inner.step(situation)
         if not self._spoilt and situation.pose.speed > self._speed:
@@ -151,7 +151,7 @@ class Mutating:
     def __init__(self, inner: Controller) -> None:
         self._inner, self._said = inner, False
 
-    def step(self, situation: Situation) -> Setpoint:
+    def step(self, situation: Observation) -> Setpoint:
         """Answer, and move the pose."""
         answer = self._inner.step(situation)
         if situation.pose.speed > SPEED or self._said:

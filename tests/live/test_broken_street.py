@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from vve_sumo.drive.pacing import Begun
+from vve_sumo.drive.tick_scheduler import ScheduledTick
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.drive import LiveDrive
 from vve_sumo.values import Point, Pose
 
-BEGUN = Begun(tick=3, due=0.06, catch_up=1, missed=0, woken_by="clock", faults=())
+BEGUN = ScheduledTick(tick=3, due=0.06, catch_up=1, missed=0, woken_by="clock", faults=())
 
 
 class Broken:

@@ -21,15 +21,16 @@ from tests.live.bench import LIFETIME, Bench, Heard, LiveCar, stop
 from tests.live.patience import until
 from tests.vehicle.car import FUSION, PERIOD
 from vve_sumo.bus import read_log
-from vve_sumo.drive.record import read_table
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
 from vve_sumo.live.gateway import GONE, LATEST, SOONEST, Inbox, due, kit_is_gone
 from vve_sumo.live.priority import KEPT
+from vve_sumo.record.record import read_table
 from vve_sumo.values import ArmingState, Frame, Setpoint
-from vve_sumo.vehicle import dbw, link
-from vve_sumo.vehicle.dbw import Gear
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.vehicle import link
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 Open = Callable[..., Bench]
 
@@ -114,32 +115,32 @@ def test_a_flipped_bit_is_found_and_asks_for_a_stop(where, bit):
 
 def test_the_drive_has_no_say_in_acts():
     inbox = Inbox()
-    for act in Act:
+    for act in OperatorCommand:
         inbox.take_from_drive(link.encode_act(act))
     assert inbox.empty() == (None, b"", None, ())
-    assert inbox.refused == len(Act)
+    assert inbox.refused == len(OperatorCommand)
 
 
-@given(st.lists(st.sampled_from([*Act, None]), max_size=6))
+@given(st.lists(st.sampled_from([*OperatorCommand, None]), max_size=6))
 def test_acts_come_in_their_order_and_stop_before_all_others(acts):
     inbox = Inbox()
     for act in acts:
         inbox.take_from_console(b"prose" if act is None else link.encode_act(act))
-    stops = any(act in (Act.STOP, None) for act in acts)
+    stops = any(act in (OperatorCommand.STOP, None) for act in acts)
     assert inbox.fresh is stops
     taken = [inbox.empty().act for _ in range(len(acts) + 1)]
-    assert taken == ([Act.STOP] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
+    assert taken == ([OperatorCommand.STOP] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
 
 
 def test_a_stop_asked_for_again_and_again_is_urgent_once():
     inbox = Inbox()
-    inbox.take_from_console(link.encode_act(Act.STOP))
+    inbox.take_from_console(link.encode_act(OperatorCommand.STOP))
     assert inbox.fresh
-    assert inbox.empty().act is Act.STOP
+    assert inbox.empty().act is OperatorCommand.STOP
     for _ in range(50):
-        inbox.take_from_console(link.encode_act(Act.STOP))
+        inbox.take_from_console(link.encode_act(OperatorCommand.STOP))
         assert not inbox.fresh
-        assert inbox.empty().act is Act.STOP
+        assert inbox.empty().act is OperatorCommand.STOP
 
 
 @given(st.floats(0.0, 1e6), st.floats(0.0, 1e3))
@@ -148,7 +149,7 @@ def test_a_kit_is_gone_a_minute_after_its_last_word(heard: float, later: float) 
     assert GONE == 60.0
 
 
-IDS = [dbw.BRAKE_REPORT, dbw.THROTTLE_REPORT, dbw.STEERING_REPORT, dbw.GEAR_REPORT]
+IDS = [codec.BRAKE_REPORT, codec.THROTTLE_REPORT, codec.STEERING_REPORT, codec.GEAR_REPORT]
 
 
 @given(st.lists(st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=40))
@@ -158,7 +159,7 @@ def test_a_bus_that_babbles_is_no_word_of_the_kit(frames: list[Frame]) -> None:
     core.step(5.0, None, [])
     assert core.kit_heard == -math.inf
     core.step(5.0 + PERIOD, None, frames)
-    understood = [frame for frame in frames if not isinstance(dbw.decode(frame), dbw.Malformed)]
+    understood = [frame for frame in frames if not isinstance(codec.decode(frame), codec.Malformed)]
     assert (core.kit_heard > 0.0) is any(frame.id in IDS for frame in understood)
     core.step(5.0 + 2 * PERIOD, None, [Frame(0x3FF, b"babble!!")] * 40)
     assert core.kit_heard <= 5.0 + PERIOD
@@ -178,7 +179,7 @@ def test_each_module_of_the_kit_is_heard(number: int) -> None:
 @pytest.mark.live
 def test_a_drive_from_ready_to_park(bench: Open) -> None:
     b = bench(3.0)
-    b.act(Act.END)
+    b.act(OperatorCommand.END)
     b.rest()
     told = {code for feedback in b.feedbacks for code in feedback.verdict.reasons}
     assert "drive_over" in told
@@ -194,7 +195,7 @@ def test_a_drive_from_ready_to_park(bench: Open) -> None:
 def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
     """The core, run again over the record, says the same bytes in the same order."""
     b = bench(2.0)
-    b.act(Act.STOP)
+    b.act(OperatorCommand.STOP)
     b.rest()
     finish(b)
     rows = read_table(b.folder, "gateway").to_pylist()
@@ -205,7 +206,7 @@ def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
         sent = log[at + row["heard"] : at + row["heard"] + row["sent"]]
         at += row["heard"] + row["sent"]
         said = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
-        act = Act(row["act"]) if row["act"] else None
+        act = OperatorCommand(row["act"]) if row["act"] else None
         output = again.step(row["time_s"], said, heard, act, [code for code in row["found"].split("+") if code])
         assert list(output.frames) == sent, row["step"]
         assert "+".join(output.verdict.reasons) == row["reasons"]
@@ -275,7 +276,7 @@ def test_signals_hammered_at_a_moving_gateway_change_nothing(bench: Open) -> Non
     b.run(0.2)
     assert b.gateway.poll() is None
     assert b.state is ArmingState.ENGAGED or SLOW.intersection(b.reasons), b.reasons
-    b.act(Act.STOP)
+    b.act(OperatorCommand.STOP)
     b.rest()
 
 
@@ -301,7 +302,7 @@ def test_acts_from_the_drive_are_refused_and_counted(bench: Open) -> None:
     b = bench(sender=False)
     b.run_until(lambda: b.state is ArmingState.READY)
     for _ in range(10):
-        b.drive_end.send(link.encode_act(Act.ENGAGE))
+        b.drive_end.send(link.encode_act(OperatorCommand.ENGAGE))
         b.run(0.05)
     assert b.state is ArmingState.READY
     b.console.close()
@@ -390,7 +391,7 @@ def test_the_stop_button_on_the_bus_stops_the_car(bench: Open) -> None:
 @pytest.mark.live
 def test_a_second_master_on_the_bus_stops_the_car(bench: Open) -> None:
     b = bench(2.0)
-    b.adapter.send([dbw.encode(dbw.BrakeCommand(dbw.BrakeKind.TORQUE, 0.0, True, 7, False), b.car.variant)])
+    b.adapter.send([codec.encode(codec.BrakeCommand(codec.BrakeKind.TORQUE, 0.0, True, 7, False), b.car.variant)])
     b.rest()
     assert "another_writer" in reasons_of(b)
 

@@ -20,8 +20,8 @@ from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig
 from tests.live.patience import until
 from tests.live.stage import SCENARIO, read_truth
-from vve_sumo.drive.record import read_table
 from vve_sumo.pose.ncom import pack
+from vve_sumo.record.record import read_table
 from vve_sumo.values import Fix
 
 pytestmark = pytest.mark.live

@@ -24,9 +24,10 @@ from vve_sumo.drive import reasons
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve
 from vve_sumo.values import Setpoint
-from vve_sumo.vehicle import dbw, fusion, link
+from vve_sumo.vehicle import fusion, link
 from vve_sumo.vehicle.arming import CRITICAL
-from vve_sumo.vehicle.dbw import Variant
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Variant
 
 ATTEMPTS = 4
 #: two drives of four real-time processes each leave two cores half idle, a third would not; the other live tests, which
@@ -138,9 +139,9 @@ def assert_at_rest(row: Row, evidence: Evidence) -> None:
 def assert_driver_has_control(evidence: Evidence) -> None:
     """Every enable bit is off in the frames that follow the report of the override, and the counter goes on."""
     frames = [frame for _time, _bus, frame in read_log(evidence.folder / "can.log")]
-    said = [dbw.decode(frame, VARIANT) for frame in frames]
+    said = [codec.decode(frame, VARIANT) for frame in frames]
     latched = next(index for index, message in enumerate(said) if getattr(message, "override", False))
-    kinds = (dbw.BrakeCommand, dbw.ThrottleCommand, dbw.SteeringCommand)
+    kinds = (codec.BrakeCommand, codec.ThrottleCommand, codec.SteeringCommand)
     for kind in kinds:
         before = [message for message in said[:latched] if isinstance(message, kind)]
         after = [message for message in said[latched:] if isinstance(message, kind)]

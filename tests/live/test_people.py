@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from tests import isolated
+from tests.commissioning.test_doctor import real_rig
 from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig, vve_sumo
-from tests.live.test_doctor import real_rig
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.command import Plan, named, plan
 

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.drive.test_record import actors, row
 from tests.live.patience import until
+from tests.record.test_record import actors, row
 from vve_sumo.bus import read_log
-from vve_sumo.drive.record import LiveRecord, Record, hash_parts, read_pose_chunks, read_table, whole
 from vve_sumo.live.channel import pair
+from vve_sumo.live.recorder_client import BACKLOG, RecorderClient
 from vve_sumo.live.spawn import start
 from vve_sumo.live.summary import summarise
-from vve_sumo.live.tap import BACKLOG, Tap
+from vve_sumo.record.record import LiveRecord, Record, hash_parts, read_pose_chunks, read_table, whole
 from vve_sumo.values import Detections, Frame, GatewayRow, LatencyRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": "", "bytes": b"\x00\xff"}
@@ -33,7 +33,7 @@ def plain(kind: type, **changes: object):
     return kind(**({f.name: KINDS[str(f.type)] for f in dataclasses.fields(kind)} | changes))
 
 
-def say_tick(tap: Tap | LiveRecord | Record, tick: int, boxes: int = 3) -> None:
+def say_tick(tap: RecorderClient | LiveRecord | Record, tick: int, boxes: int = 3) -> None:
     """Say what a drive says of a tick."""
     tap.received_pose(0.02 * tick, bytes([tick % 256] * 72))
     tap.scanned(tick, DETECTIONS, ["car0"])
@@ -41,7 +41,7 @@ def say_tick(tap: Tap | LiveRecord | Record, tick: int, boxes: int = 3) -> None:
     tap.ticked(row(tick))
 
 
-def say_step(tap: Tap | LiveRecord, step: int, **changes: object) -> None:
+def say_step(tap: RecorderClient | LiveRecord, step: int, **changes: object) -> None:
     """Say what a gateway says of a step."""
     tap.saw_frames(0.02 * step, "can0", [Frame(0x061, bytes([step % 256] * 8))])
     tap.saw_frames(0.02 * step + 0.001, "can0", [Frame(0x060, bytes([step % 256] * 8))])
@@ -57,7 +57,7 @@ class Desk:
     def __post_init__(self) -> None:
         self.to_drive, drive = pair()
         self.to_gateway, gateway = pair()
-        self.drive, self.gateway = Tap(self.to_drive), Tap(self.to_gateway)
+        self.drive, self.gateway = RecorderClient(self.to_drive), RecorderClient(self.to_gateway)
         config = {"folder": str(self.folder), "resolved": {"a": 1}, "epoch": 1000.0, "provenance": "{}", "log": None}
         self.process = start("recorder", config, {"drive": drive, "gateway": gateway}, own_session=True)
         until(lambda: (self.folder / "latency.arrows").exists())

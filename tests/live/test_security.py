@@ -18,11 +18,11 @@ import pytest
 from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig
 from tests.live.patience import until
-from vve_sumo.drive.record import read_table
 from vve_sumo.pose.ncom import Encoder
+from vve_sumo.record.record import read_table
 from vve_sumo.values import Fix, Setpoint
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.gateway import Act
+from vve_sumo.vehicle.gateway import OperatorCommand
 
 pytestmark = pytest.mark.live
 
@@ -96,8 +96,8 @@ def bait() -> list[bytes]:
         heading_sigma=math.radians(0.1), differential_age=1.0,
     )  # fmt: skip
     return [
-        link.encode_act(Act.ENGAGE),
-        link.encode_act(Act.GO),
+        link.encode_act(OperatorCommand.ENGAGE),
+        link.encode_act(OperatorCommand.GO),
         link.encode_setpoint(setpoint),
         b"e",
         b"engage\n",

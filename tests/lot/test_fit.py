@@ -11,8 +11,8 @@ import shapely
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
 from vve_sumo.lot.fit import Fit, fit
+from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
-from vve_sumo.lot.stops import Fence, Stop
 from vve_sumo.path import Path
 from vve_sumo.vehicle import fusion
 
@@ -26,8 +26,8 @@ def turned(points: list[tuple[float, float]], angle: float) -> list[tuple[float,
     return [(c * x - s * y + 300.0, s * x + c * y - 200.0) for x, y in points]
 
 
-def fence(lot: Lot) -> Fence:
-    return Fence(lot, VEHICLE, Alignment(), gateway=GATEWAY, watchdog=WATCHDOG)
+def fence(lot: Lot) -> Geofence:
+    return Geofence(lot, VEHICLE, Alignment(), gateway=GATEWAY, watchdog=WATCHDOG)
 
 
 def bend(radius: float, before: int, after: int) -> Path:

@@ -11,11 +11,11 @@ from typing import Final
 
 from tests.odd.ego import Manoeuvre, OddEgo, plan
 from tests.odd.judge import Memory, judge
-from vve_sumo.drive.setting import PERIOD, read_path
+from vve_sumo.drive.resolved_scenario import PERIOD, read_path
 from vve_sumo.vehicle.fusion import vehicle
 from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.network import read_network
-from vve_sumo.world.street import World
+from vve_sumo.world.world import World
 
 REPOSITORY: Final = Path(__file__).parent.parent.parent
 PATHS: Final = ("linden_loop", "linden_17th", "linden_leap", "linden_cleveland")

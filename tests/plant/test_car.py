@@ -12,12 +12,12 @@ import pytest
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.plant import fusion
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
-from vve_sumo.plant.kit import KitParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import Frame
-from vve_sumo.vehicle import dbw
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.messages import (
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
+from vve_sumo.vehicle.dataspeed.messages import (
     BrakeCommand,
     BrakeInfo,
     BrakeKind,
@@ -44,10 +44,10 @@ def commands(tick: int, command: Command) -> list[Frame]:
     torque, throttle, wheel = command
     count = tick & 255
     return [
-        dbw.encode(BrakeCommand(BrakeKind.TORQUE, torque, True, count)),
-        dbw.encode(ThrottleCommand(ThrottleKind.PERCENT, throttle, True, count)),
-        dbw.encode(SteeringCommand(wheel, 0.0, True, count)),
-        dbw.encode(GearCommand(Gear.DRIVE)),
+        codec.encode(BrakeCommand(BrakeKind.TORQUE, torque, True, count)),
+        codec.encode(ThrottleCommand(ThrottleKind.PERCENT, throttle, True, count)),
+        codec.encode(SteeringCommand(wheel, 0.0, True, count)),
+        codec.encode(GearCommand(Gear.DRIVE)),
     ]
 
 
@@ -91,8 +91,8 @@ def test_truth_does_not_depend_on_the_noise() -> None:
 def test_reports_come_at_their_rates() -> None:
     frames = [frame for output in ride(make(), 10.0, town) for _, frame in output.reports]
     assert Counter(frame.id for frame in frames) == {
-        dbw.BRAKE_REPORT: 500, dbw.THROTTLE_REPORT: 500, dbw.STEERING_REPORT: 500, dbw.BRAKE_INFO: 500,
-        dbw.GEAR_REPORT: 200, dbw.WHEEL_SPEEDS: 1000, dbw.ACCELERATIONS: 1000, dbw.YAW_RATE: 1000,
+        codec.BRAKE_REPORT: 500, codec.THROTTLE_REPORT: 500, codec.STEERING_REPORT: 500, codec.BRAKE_INFO: 500,
+        codec.GEAR_REPORT: 200, codec.WHEEL_SPEEDS: 1000, codec.ACCELERATIONS: 1000, codec.YAW_RATE: 1000,
     }  # fmt: skip
 
 
@@ -104,13 +104,13 @@ def test_what_is_said_is_said_in_order_and_within_its_step() -> None:
             assert all(tick * TICK - 1e-9 < time <= (tick + 1) * TICK + 1e-9 for time in times)
 
 
-@pytest.mark.parametrize("variant", list(dbw.Variant))
-def test_sensors_report_the_motion(variant: dbw.Variant) -> None:
-    parameters = fusion.parameters(noise=0.0, kit=KitParameters(variant=variant))
+@pytest.mark.parametrize("variant", list(codec.Variant))
+def test_sensors_report_the_motion(variant: codec.Variant) -> None:
+    parameters = fusion.parameters(noise=0.0, kit=DbwControllerParameters(variant=variant))
     car, radius = make(parameters), parameters.vehicle.wheel_radius
     for output in ride(car, 9.0, town):
         truth = car.truth()
-        said = {type(message): message for _, frame in output.reports if (message := dbw.decode(frame, variant))}
+        said = {type(message): message for _, frame in output.reports if (message := codec.decode(frame, variant))}
         wheels, yaw, steering = said[WheelSpeeds], said[YawRate], said[SteeringReport]
         assert isinstance(wheels, WheelSpeeds)
         assert isinstance(yaw, YawRate)
@@ -195,7 +195,7 @@ def test_perturbations_scale_the_deceleration(gain: float, mass: float) -> None:
     drag = Calibration().drag(car.truth().speed) / 1690.0
     engine = 0.4 * 6500.0 / 1690.0 * math.exp(-(1.0 - 0.05) / 0.25)
     assert car.truth().acceleration == pytest.approx((-3.0 * gain + engine) / mass - drag, abs=0.03)
-    info = [message for _, frame in last.reports if isinstance(message := dbw.decode(frame), BrakeInfo)]
+    info = [message for _, frame in last.reports if isinstance(message := codec.decode(frame), BrakeInfo)]
     assert info[-1].torque_actual == pytest.approx(1650.0, abs=2.0), "the car doesn't know its brakes are worn"
 
 
@@ -207,7 +207,7 @@ def test_steering_bias_bends_the_path_of_a_wheel_that_is_reported_straight() -> 
     vehicle, truth = fusion.parameters().vehicle, car.truth()
     length = vehicle.wheelbase + vehicle.understeer_gradient * truth.speed**2
     assert truth.yaw_rate == pytest.approx(-truth.speed * bias / vehicle.steering_ratio / length, rel=0.02)
-    steering = [message for _, frame in last.reports if isinstance(message := dbw.decode(frame), SteeringReport)]
+    steering = [message for _, frame in last.reports if isinstance(message := codec.decode(frame), SteeringReport)]
     assert steering[-1].wheel_angle == pytest.approx(0.0, abs=1e-3)
 
 
@@ -219,7 +219,7 @@ def test_a_dead_host_is_braked_to_rest_by_the_kit() -> None:
     assert speed > 4.0
     for tick in range(350, 350 + 250):
         output = car.step((tick + 1) * TICK, [])
-    report = [message for _, frame in output.reports if isinstance(message := dbw.decode(frame), BrakeReport)][-1]
+    report = [message for _, frame in output.reports if isinstance(message := codec.decode(frame), BrakeReport)][-1]
     assert (report.watchdog_braking, report.fault_watchdog, report.enabled) == (True, True, False)
     assert car.truth().speed == 0.0
 
@@ -229,7 +229,7 @@ def test_gear_reports_follow_the_shift() -> None:
         message.gear
         for output in ride(make(), 1.0, lambda _: (1500.0, 0.0, 0.0))
         for _, frame in output.reports
-        if isinstance(message := dbw.decode(frame), GearReport)
+        if isinstance(message := codec.decode(frame), GearReport)
     ]
     assert gears == sorted(gears)
     assert {gears[0], gears[-1]} == {Gear.PARK, Gear.DRIVE}

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from tests.conftest import REPOSITORY
 from vve_sumo.errors import ConfigError
 from vve_sumo.rig.load import load, parse, parse_json
-from vve_sumo.rig.refusal import arming_refusal
+from vve_sumo.rig.validation import arming_refusal
 
 TWIN = REPOSITORY / "rigs" / "twin.toml"
 EXAMPLE = REPOSITORY / "rigs" / "fusion_example.toml"

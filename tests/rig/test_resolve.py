@@ -12,7 +12,7 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from tests.rig.test_load import DAY, TWIN, real, twin
-from vve_sumo.drive.setting import resolve as resolve_scenario
+from vve_sumo.drive.resolved_scenario import resolve_scenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
 from vve_sumo.rig import resolve
@@ -25,7 +25,7 @@ from vve_sumo.scenario.load import load as load_scenario
 from vve_sumo.values import Point, Pose, Vehicle
 from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dbw import Variant
+from vve_sumo.vehicle.dataspeed.codec import Variant
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 

@@ -11,9 +11,9 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from tests.isolated import isolated
-from vve_sumo.analysis.certificate import TOLERANCE
+from vve_sumo.analysis.stopping_bound import TOLERANCE
 from vve_sumo.scenario.load import load, parse
-from vve_sumo.sweep.vary import laid
+from vve_sumo.sweep.overrides import apply_overrides
 
 FOLDER = REPOSITORY / "scenarios"
 NAMES = sorted(file.stem for file in FOLDER.glob("*.toml"))
@@ -55,7 +55,9 @@ def test_every_bound_of_a_parameter_is_a_scenario_too(name: str) -> None:
     table = table_of(name)
     for parameter, stated in table.get("parameters", {}).items():
         for value in (stated["min"], stated["max"]):
-            varied = parse(laid(table, {parameter: value}), FOLDER / f"{name}.toml").model_dump(mode="python")
+            varied = parse(apply_overrides(table, {parameter: value}), FOLDER / f"{name}.toml").model_dump(
+                mode="python"
+            )
             assert {at(varied, place) for place in stated["sets"]} == {value}
 
 
@@ -65,9 +67,13 @@ def test_every_scenario_but_the_calibration_has_parameters_to_vary() -> None:
 
 def _foreseen() -> dict[str, str | None]:
     from vve_sumo.drive.command import choose
-    from vve_sumo.drive.foreseen import foresee
+    from vve_sumo.drive.no_brake_preview import preview_without_braking
 
-    found = {name: foresee(choose(name, REPOSITORY)).contact for name in NAMES if name not in WITHOUT_CONFLICT}
+    found = {
+        name: preview_without_braking(choose(name, REPOSITORY)).contact
+        for name in NAMES
+        if name not in WITHOUT_CONFLICT
+    }
     return {name: None if contact is None else contact.id for name, contact in found.items()}
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from vve_sumo import laws
 from vve_sumo.errors import ConfigError
-from vve_sumo.scenario.cast import SIZES
+from vve_sumo.scenario.engine import SIZES
 from vve_sumo.scenario.schema import Actor, Scenario
-from vve_sumo.suite import catalogue, tables
+from vve_sumo.suite import catalogue, requirements
 from vve_sumo.suite.physics import DETECTION, TICK, Course, full_braking, gap_used, reaction_time
 from vve_sumo.suite.row import Row
 from vve_sumo.suite.track import CAR, LOADS
@@ -36,14 +36,16 @@ def named(name: str, *starts: str) -> list[Row]:
 
 
 def test_every_row_of_the_tables_is_there():
-    r152 = [*tables.R152_STATIONARY, *tables.R152_MOVING, *tables.R152_PEDESTRIAN]
+    r152 = [*requirements.R152_STATIONARY, *requirements.R152_MOVING, *requirements.R152_PEDESTRIAN]
     impacts = sum((row.laden is not None) + (row.unladen is not None) for row in r152)
-    assert len(ALL["r152"]) == impacts + len(tables.R152_TEST_SPEEDS) + 2
-    assert len(ALL["r152_01"]) == len(ALL["r152_02"]) == 2 * len(tables.R152_PEDESTRIAN_01)
+    assert len(ALL["r152"]) == impacts + len(requirements.R152_TEST_SPEEDS) + 2
+    assert len(ALL["r152_01"]) == len(ALL["r152_02"]) == 2 * len(requirements.R152_PEDESTRIAN_01)
     walks = [row.id for row in ALL["fmvss127_pedestrian"].values() if row.scenario is not None]
     assert len(walks) == 6 + 6 + 6 + 5 + 6 + 7
     assert {"stationary_right_25_55", "along_path_right_25_65", "obstructed_crossing_right_50_50"} <= set(walks)
-    euro = len(tables.EURO_NCAP_OVERLAPS) * (len(tables.EURO_NCAP_CCRS) + len(tables.EURO_NCAP_CCRM)) + 4
+    euro = (
+        len(requirements.EURO_NCAP_OVERLAPS) * (len(requirements.EURO_NCAP_CCRS) + len(requirements.EURO_NCAP_CCRM)) + 4
+    )
     assert len(ALL["euroncap"]) == euro + 1
     assert sum(row.scenario is None for row in ALL["fmvss127"].values()) == 4
     assert all(row.not_applicable for rows in ALL.values() for row in rows.values() if row.scenario is None)
@@ -68,7 +70,7 @@ def test_r152_begins_four_seconds_before_contact():
     for row in [*named("r152"), *named("r152_01"), *named("r152_02")]:
         scenario, actor = scene(row)
         lead = actor.speed_mps if actor.kind == "car" else 0.0
-        assert actor.ahead_m / (scenario.ego.speed_mps - lead) >= tables.R152_LEAST_TTC
+        assert actor.ahead_m / (scenario.ego.speed_mps - lead) >= requirements.R152_LEAST_TTC
         assert row.approach.above == 0.0
         assert row.approach.speed - row.approach.below < scenario.ego.speed_mps < row.approach.speed
         assert scenario.ego.car.mass_factor == LOADS.get(row.id.rsplit("_", 1)[1], 1.0)
@@ -78,7 +80,7 @@ def test_r152_demands_its_braking_wherever_something_is_in_the_way():
     for name in ("r152", "r152_01", "r152_02"):
         for row in named(name):
             free = row.id.startswith("between")
-            assert row.demand == (0.0 if free else tables.R152_BRAKING_DEMAND)
+            assert row.demand == (0.0 if free else requirements.R152_BRAKING_DEMAND)
             assert ("demand >= 5" in row.required) is not free
             assert row.scenario.criteria.emergency_used is (False if free else None)
 
@@ -90,8 +92,8 @@ def test_laden_is_the_vehicle_at_its_maximum_mass():
 
 
 def test_r152_allows_what_the_table_says():
-    for entry in (*tables.R152_STATIONARY, *tables.R152_PEDESTRIAN):
-        kind = "child" if entry in tables.R152_PEDESTRIAN else "stationary"
+    for entry in (*requirements.R152_STATIONARY, *requirements.R152_PEDESTRIAN):
+        kind = "child" if entry in requirements.R152_PEDESTRIAN else "stationary"
         for load, allowed in (("laden", entry.laden), ("unladen", entry.unladen)):
             criteria = scene(ALL["r152"][f"{kind}_{entry.speed:g}_{load}"])[0].criteria
             assert criteria.impact_speed_mps.max == pytest.approx(allowed * KMH)
@@ -112,7 +114,7 @@ def test_a_pedestrian_of_fmvss_127_would_be_hit_at_the_overlap():
     for row in named("fmvss127_pedestrian", "crossing", "obstructed"):
         scenario, actor = scene(row)
         arrives = actor.ahead_m / scenario.ego.speed_mps
-        assert arrives == pytest.approx(tables.FMVSS_127_WALK_START)
+        assert arrives == pytest.approx(requirements.FMVSS_127_WALK_START)
         (act,) = actor.acts
         assert act.when.after_s > 0.0
         way, speed, step = 0.0, 0.0, 1e-4
@@ -166,7 +168,7 @@ def test_fmvss_127_begins_five_seconds_of_relative_speed_ahead():
         assert scenario.ego.speed_mps == actor.speed_mps == pytest.approx(float(kmh) * KMH)
         assert actor.ahead_m == float(headway)
         assert act.acceleration_mps2 == pytest.approx(float(share) * 9.80665)
-        assert 0.0 < act.build_up_s <= tables.FMVSS_127_LEAD_RAMP
+        assert 0.0 < act.build_up_s <= requirements.FMVSS_127_LEAD_RAMP
         assert act.speed_mps == 0.0
 
 
@@ -174,7 +176,7 @@ def test_the_two_cars_leave_a_gap_of_four_and_a_half_metres():
     for row in named("pass_through", "between"):
         left, right = sorted(row.scenario.actors, key=lambda actor: -actor.offset_m)
         gap = (left.offset_m - 0.5 * left.width_m) - (right.offset_m + 0.5 * right.width_m)
-        assert gap == pytest.approx(tables.FMVSS_127_PASS_GAP)
+        assert gap == pytest.approx(requirements.FMVSS_127_PASS_GAP)
         assert row.scenario.criteria.max_deceleration_mps2.max == pytest.approx(0.25 * 9.80665)
 
 
@@ -200,7 +202,7 @@ def test_a_cut_in_comes_over_the_edge_of_the_lane_just_before_the_rule_ends():
                 break
         gap = actor.ahead_m + half[0] + (other - ego) * time + min(corner.real for corner in corners)
         assert gap / (ego - other) == pytest.approx(row.cut_in.ttc, abs=0.005)
-        assert row.cut_in.ttc - row.cut_in.tolerance == pytest.approx(tables.cut_in_time(ego - other))
+        assert row.cut_in.ttc - row.cut_in.tolerance == pytest.approx(requirements.cut_in_time(ego - other))
 
 
 def test_targets_are_as_wide_as_cars():
@@ -210,7 +212,7 @@ def test_targets_are_as_wide_as_cars():
         for actor in row.scenario.actors
         if actor.kind == "car"
     }
-    assert widths == {1.8, tables.EURO_NCAP_TARGET_WIDTH}
+    assert widths == {1.8, requirements.EURO_NCAP_TARGET_WIDTH}
 
 
 @pytest.mark.parametrize("speed", [2.0, 5.6, 11.1, 22.2])

@@ -13,10 +13,10 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from vve_sumo import laws
-from vve_sumo.drive.record import read_table
-from vve_sumo.drive.setting import PERIOD
+from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.errors import ConfigError
-from vve_sumo.suite import catalogue, sheet
+from vve_sumo.record.record import read_table
+from vve_sumo.suite import catalogue, table
 from vve_sumo.suite.command import Asked, driven_by, suite
 from vve_sumo.suite.physics import DETECTION, TICK, Need
 from vve_sumo.suite.row import Approach, CutIn, Judged, Outcome, Row, Verdict
@@ -237,7 +237,7 @@ def test_the_tables_hold_every_row_and_the_worst_of_its_drives(tmp_path):
         ),
         Judged(none),
     ]
-    files = sheet.write("spoilt", rows, tmp_path / "out")
+    files = table.write("spoilt", rows, tmp_path / "out")
     with files[0].open(encoding="utf-8", newline="") as file:
         written = list(csv.DictReader(file))
     read = json.loads(files[1].read_text(encoding="utf-8"))
@@ -248,7 +248,7 @@ def test_the_tables_hold_every_row_and_the_worst_of_its_drives(tmp_path):
     assert (read[0]["approach_least_kmh"], read[0]["approach_greatest_kmh"]) == (28.8, 36.0)
     assert (written[0]["there_m"], written[0]["avoidable"]) == ("11.0", "True")
     lines = files[2].read_text(encoding="utf-8").splitlines()
-    assert {line.count("|") for line in lines[: 2 + len(rows)]} == {len(sheet.HEADINGS) + 1}
+    assert {line.count("|") for line in lines[: 2 + len(rows)]} == {len(table.HEADINGS) + 1}
     assert "| 2/3 | 18.00 | -0.02 | 6.00 | 5.40 |" in lines[2]
     assert "4 rows: 1 failed, 2 failed, not avoidable by closed form, 1 not applicable; 2 of 5 drives passed." in lines
     assert lines[-3:] == [

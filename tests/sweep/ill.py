@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from vve_sumo.values import Setpoint, Situation, Vehicle
+from vve_sumo.values import Observation, Setpoint, Vehicle
 
 BEGINS = 25  #: tick at which the illness breaks out
 
@@ -29,7 +29,7 @@ class Ill:
         self._note = note
         self._ticks = 0
 
-    def step(self, situation: Situation) -> Setpoint:
+    def step(self, situation: Observation) -> Setpoint:
         self._ticks += 1
         if self._ticks == BEGINS:
             self._breaks_out(self._note)

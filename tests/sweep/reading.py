@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
-from vve_sumo.rows import read_tables
+from vve_sumo.record.sweep_folder import read_tables
 
 
 def load_rows(folder: Path) -> pd.DataFrame:

@@ -15,9 +15,9 @@ from threading import Thread, main_thread
 import pytest
 
 from tests.sweep.test_processes import REPOSITORY, alive, driven, eventually, job, seeded, written
-from vve_sumo.drive.setting import versions
+from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.sweep import kin
+from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.cluster import Cluster
 from vve_sumo.sweep.engine import Engine
 from vve_sumo.sweep.job import Job, Result
@@ -65,8 +65,8 @@ class Machines:
 
     def runs(self) -> list[int]:
         """Processes that the workers have started."""
-        known = kin.everyone()
-        return [run for worker in self.workers for run in kin.descendants(worker.pid, known)]
+        known = process_tree.everyone()
+        return [run for worker in self.workers for run in process_tree.descendants(worker.pid, known)]
 
     def end(self) -> None:
         """End all of them, and see that what they started ends as well."""

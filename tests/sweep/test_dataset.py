@@ -19,10 +19,10 @@ import pytest
 from tests.isolated import isolated
 from tests.sweep.reading import load_rows
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.rows import MACHINE, Plan
-from vve_sumo.sweep.cells import Cell
+from vve_sumo.record.sweep_folder import MACHINE, Plan
 from vve_sumo.sweep.dataset import Dataset, refuse_mixed
 from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.run_specs import RunSpec
 
 COUNT, PER_PART = 5, 2
 #: the order in which runs finish: the second part is whole before the first, and one is long in coming
@@ -42,8 +42,8 @@ PLAN = Plan(
 )
 
 
-def cell(number: int) -> Cell:
-    return Cell(number, f"{number:016x}", {"speed": 0.1 * number, "kind": "a"}, 1 + number)
+def cell(number: int) -> RunSpec:
+    return RunSpec(number, f"{number:016x}", {"speed": 0.1 * number, "kind": "a"}, 1 + number)
 
 
 def result(number: int) -> Result:

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.sweep import kin
+from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.engine import Local
 from vve_sumo.sweep.job import Job, Result
 from vve_sumo.sweep.worker import Worker
@@ -71,10 +71,10 @@ def driven(*jobs: Job, workers: int = 1) -> dict[str, Result]:
 def in_process(one: Job, folder: Path) -> dict[str, Any]:
     """The summary of a job's drive without any of the sweep's processes; call it through `isolated`."""
     from vve_sumo.drive import command
-    from vve_sumo.drive.setting import resolve
+    from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.scenario.load import parse
 
-    setting = resolve(one.name, parse(one.table, one.file), one.file, one.working)
+    setting = resolve_scenario(one.name, parse(one.table, one.file), one.file, one.working)
     return command.run(setting, folder, one.working).summary
 
 
@@ -246,7 +246,7 @@ def test_nothing_outlives_the_engine(number: signal.Signals, tmp_path: Path, scr
     command = [sys.executable, "-c", SCRIPT, str(scratch), str(note)]
     engine = subprocess.Popen(command, cwd=REPOSITORY, stderr=subprocess.PIPE)
     child = written(note)
-    everyone = kin.descendants(engine.pid, kin.everyone())
+    everyone = process_tree.descendants(engine.pid, process_tree.everyone())
     assert child in everyone
     assert len(everyone) == 2
     engine.send_signal(number)

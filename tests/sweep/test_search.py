@@ -22,14 +22,14 @@ from tests.conftest import REPOSITORY
 from tests.sweep.reading import load_rows
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import stopping_distance
-from vve_sumo.rows import Plan, read_tables
+from vve_sumo.record.sweep_folder import Plan, read_tables
 from vve_sumo.sweep import boundary, worst
-from vve_sumo.sweep.cells import Cell, Cells
 from vve_sumo.sweep.dataset import Dataset
-from vve_sumo.sweep.found import lines, table_of
 from vve_sumo.sweep.job import Result
-from vve_sumo.sweep.plan import asked
-from vve_sumo.sweep.search import Hunt, least_runs, met
+from vve_sumo.sweep.plan import query_of
+from vve_sumo.sweep.run_specs import RunSpec, RunSpecs
+from vve_sumo.sweep.search import AdaptiveSearch, least_runs, met
+from vve_sumo.sweep.search_results import lines, table_of
 from vve_sumo.sweep.spec import Spec, parse_spec
 from vve_sumo.vehicle.fusion import vehicle
 
@@ -116,17 +116,17 @@ def spec_of(text: str) -> Spec:
 
 def driven(
     folder: Path, text: str, drive: Drive = collides, *, most: int = 10**9, order: int = 0
-) -> tuple[Hunt, list[int]]:
+) -> tuple[AdaptiveSearch, list[int]]:
     """Search as far as `most` runs go, every batch's results coming in an order of their own; and what was driven."""
     spec = spec_of(text)
     seeds = range(1, 1 + spec.repeats)
-    cells = Cells(spec, "s", seeds)
+    cells = RunSpecs(spec, "s", seeds)
     kinds = {name: axis.kind for name, axis in spec.parameters.items()}
     plan = Plan(tomllib.loads(text), "s", {}, "/s.toml", "/", cells.count, kinds, [], {}, {})
     dataset = Dataset(folder, plan, resume=True, rows_per_part=16)
     held = {row["number"]: row for table in read_tables(folder) for row in table.to_pylist()}
-    hunt = Hunt(cells, held, folder)
-    waiting: list[Cell] = []
+    hunt = AdaptiveSearch(cells, held, folder)
+    waiting: list[RunSpec] = []
     numbers: list[int] = []
     for cell in hunt.cells():
         if cell is not None:
@@ -293,8 +293,8 @@ def test_criteria_are_judged_from_rows() -> None:
 
 
 def test_a_search_counts_what_it_drives_at_least() -> None:
-    assert least_runs(Cells(spec_of(BOUNDARY), "s", range(1, 4))) == 2 * 3 * 4
-    assert least_runs(Cells(spec_of(WORST), "s", range(1, 3))) == 60 * 2
+    assert least_runs(RunSpecs(spec_of(BOUNDARY), "s", range(1, 4))) == 2 * 3 * 4
+    assert least_runs(RunSpecs(spec_of(WORST), "s", range(1, 3))) == 60 * 2
 
 
 UNFIT = {
@@ -314,7 +314,7 @@ UNFIT = {
 def test_what_no_row_says_cannot_be_searched_for(tmp_path: Path, text: str) -> None:
     (tmp_path / "mine.toml").write_text(f"scenario = 'parked_car'\n{text}\n", encoding="utf-8")
     with pytest.raises(ConfigError, match=UNFIT[text]) as found:
-        asked(str(tmp_path / "mine.toml"), REPOSITORY, yes=False, search=True)
+        query_of(str(tmp_path / "mine.toml"), REPOSITORY, yes=False, search=True)
     assert "\n" not in str(found.value)
 
 

@@ -10,7 +10,7 @@ import pytest
 from tests.conftest import REPOSITORY
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.load import load
-from vve_sumo.sweep.cells import cells_of
+from vve_sumo.sweep.run_specs import cells_of
 from vve_sumo.sweep.spec import Spec, fit, parse_spec, read_spec
 
 FILE = Path("mine.toml")

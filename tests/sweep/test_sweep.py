@@ -17,9 +17,9 @@ import pytest
 from tests.conftest import REPOSITORY
 from tests.sweep.reading import load_rows
 from vve_sumo.errors import ConfigError
-from vve_sumo.rows import FIGURES, Plan
+from vve_sumo.record.sweep_folder import FIGURES, Plan
 from vve_sumo.sweep.command import rerun, sweep
-from vve_sumo.sweep.plan import asked
+from vve_sumo.sweep.plan import query_of
 
 #: drives straight on for a second, notes that it began, and on one mark takes the process with it
 CONTROLLER = """
@@ -224,7 +224,7 @@ def test_a_wrong_sweep_is_one_line_before_anything_runs(tmp_path: Path, text: st
     file = tmp_path / "sweeps" / "wrong.toml"
     file.write_text(f'scenario = "second"\n{text}\n', encoding="utf-8")
     with pytest.raises(ConfigError, match=WRONG[text]) as found:
-        asked("wrong", tmp_path, yes=False)
+        query_of("wrong", tmp_path, yes=False)
     assert str(found.value).startswith(f"{file}: ")
     assert "\n" not in str(found.value)
     assert not begun(tmp_path)

@@ -20,9 +20,9 @@ from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
-from vve_sumo.values import ArmingState, Detections, Frame, Setpoint, Situation
+from vve_sumo.values import ArmingState, Detections, Frame, Observation, Setpoint
 from vve_sumo.vehicle import fusion
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 REPOSITORY = FilePath(__file__).parent.parent.parent
 PERIOD, EPOCH = 0.02, 1_451_260_818.0
@@ -45,7 +45,7 @@ class CalibrationDrive:
         vehicle = fusion.vehicle()
         self._gateway = Gateway(vehicle, period=PERIOD)
         self._controller = load("calibration_run", vehicle, {}, [REPOSITORY / "controllers"])
-        self._act: Act | None = None
+        self._act: OperatorCommand | None = None
         self._chunks: list[bytes] = []
         self._lines: list[str] = []
         self.notes: list[str] = []  #: one a tick
@@ -89,7 +89,9 @@ class CalibrationDrive:
         output = self._gateway.step(now, self._setpoint(tick, now), reports, self._act)
         verdict = output.verdict
         waiting = verdict.state is ArmingState.ENGAGED and "waiting_for_go" in verdict.reasons
-        self._act = Act.ENGAGE if verdict.state is ArmingState.READY else Act.GO if waiting else None
+        self._act = (
+            OperatorCommand.ENGAGE if verdict.state is ArmingState.READY else OperatorCommand.GO if waiting else None
+        )
         self._lines.append(candump_lines(EPOCH + now, "can0", output.frames))
         return output.frames
 
@@ -101,7 +103,7 @@ class CalibrationDrive:
             self.notes.append("")
             return None
         steering = self._gateway.measured_steering
-        wish = self._controller.step(Situation(tick, now, pose, self.path, SPEED, NOTHING, steering))
+        wish = self._controller.step(Observation(tick, now, pose, self.path, SPEED, NOTHING, steering))
         self.notes.append(wish.note)
         return Setpoint(
             wish.steering,

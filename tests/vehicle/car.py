@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from vve_sumo.values import ArmingState, Frame, Setpoint, Verdict
-from vve_sumo.vehicle import dbw, fusion
-from vve_sumo.vehicle.dbw import Gear
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
+from vve_sumo.vehicle import fusion
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 PERIOD = 0.02
 GRAVITY = 9.80665
@@ -30,7 +31,7 @@ class Car:
     brake_lag: float = 0.05
     shift_time: float = 0.5
     gear: Gear = Gear.PARK
-    variant: dbw.Variant = dbw.Variant.DBW1_2024
+    variant: codec.Variant = codec.Variant.DBW1_2024
     speed: float = 0.0
     wheel_angle: float = 0.0
     x: float = 0.0
@@ -51,7 +52,7 @@ class Car:
 
     def hear(self, frames: tuple[Frame, ...]) -> None:
         """Obey command frames, as the kit does."""
-        brake, throttle, steering, gear = (dbw.decode(frame, self.variant) for frame in frames)
+        brake, throttle, steering, gear = (codec.decode(frame, self.variant) for frame in frames)
         if brake.clear and throttle.clear and steering.clear:
             self.override = False
         self.enabled = brake.enable and throttle.enable and steering.enable and not self.override
@@ -77,8 +78,8 @@ class Car:
         """Frames of one period."""
         wheel = self.speed / FUSION.wheel_radius
         messages = [
-            dbw.BrakeReport(
-                dbw.BrakeReportKind.PEDAL,
+            codec.BrakeReport(
+                codec.BrakeReportKind.PEDAL,
                 0.19 if self.driver_brake else 0.15,
                 0.15,
                 0.15,
@@ -86,15 +87,15 @@ class Car:
                 override=self.override,
                 driver=self.driver_brake,
             ),
-            dbw.ThrottleReport(0.15, 0.15, 0.15, self.enabled),
-            dbw.SteeringReport(self.wheel_angle, self._angle_wish, abs(self.speed), 0.0, self.enabled),
-            dbw.GearReport(self.gear, self._wanted),
-            dbw.WheelSpeeds(wheel, wheel, wheel, wheel),
-            dbw.Accelerations(0.0, 0.0, GRAVITY),
-            dbw.YawRate(0.0, self.yaw_rate),
-            dbw.BrakeInfo(0.0, max(self._torque, 0.0), self.speed == 0.0),
+            codec.ThrottleReport(0.15, 0.15, 0.15, self.enabled),
+            codec.SteeringReport(self.wheel_angle, self._angle_wish, abs(self.speed), 0.0, self.enabled),
+            codec.GearReport(self.gear, self._wanted),
+            codec.WheelSpeeds(wheel, wheel, wheel, wheel),
+            codec.Accelerations(0.0, 0.0, GRAVITY),
+            codec.YawRate(0.0, self.yaw_rate),
+            codec.BrakeInfo(0.0, max(self._torque, 0.0), self.speed == 0.0),
         ]
-        frames = [dbw.encode(message, self.variant) for message in messages]
+        frames = [codec.encode(message, self.variant) for message in messages]
         return [self.forged.get(frame.id, frame) for frame in frames if frame.id not in self.silent]
 
     @property
@@ -166,11 +167,11 @@ class Rig:
         self,
         acceleration: float | None = 0.0,
         steering: float = 0.0,
-        act: Act | None = None,
+        act: OperatorCommand | None = None,
         extra: tuple[Frame, ...] = (),
         found: tuple[str, ...] = (),
         **changes: object,
-    ) -> Verdict:
+    ) -> GatewayStatus:
         """One tick; acceleration None sends no setpoint."""
         self.tick += 1
         setpoint = None if acceleration is None else self.setpoint(acceleration, steering, **changes)
@@ -180,13 +181,13 @@ class Rig:
         self.car.advance()
         return output.verdict
 
-    def run(self, duration: float, acceleration: float | None = 0.0, **arguments: object) -> list[Verdict]:
+    def run(self, duration: float, acceleration: float | None = 0.0, **arguments: object) -> list[GatewayStatus]:
         """Ticks for `duration` seconds."""
         return [self.step(acceleration, **arguments) for _ in range(round(duration / PERIOD))]
 
     def stand_by(self) -> None:
         """Bring the car to "engaged, in drive, held", or to where that fails."""
-        self.step(act=Act.ENGAGE)
+        self.step(act=OperatorCommand.ENGAGE)
         for _ in range(200):
             if self.step().reasons == ("waiting_for_go",):
                 return
@@ -194,7 +195,7 @@ class Rig:
     def engage(self) -> None:
         """Bring the car to "engaged, in drive, standing, free to go"."""
         self.stand_by()
-        self.step(act=Act.GO)
+        self.step(act=OperatorCommand.GO)
 
     def cruise(self, speed: float = 10.0) -> None:
         """Engage, and accelerate to about `speed`."""
@@ -203,6 +204,6 @@ class Rig:
             assert self.step(1.5).state is ArmingState.ENGAGED
         self.run(1.0)
 
-    def commands(self) -> list[dbw.Message]:
+    def commands(self) -> list[codec.Message]:
         """What the frames of the last tick say."""
-        return [dbw.decode(frame, self.car.variant) for frame in self.frames]
+        return [codec.decode(frame, self.car.variant) for frame in self.frames]

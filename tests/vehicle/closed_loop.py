@@ -15,21 +15,21 @@ import numpy as np
 
 from controllers import follow_and_stop
 from vve_sumo.controller import Controller, Guarded
-from vve_sumo.drive.chain import Chain
-from vve_sumo.drive.lockstep import Operator
-from vve_sumo.drive.setting import EPOCH, PERIOD
+from vve_sumo.drive.lockstep import ScriptedOperator
+from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.resolved_scenario import EPOCH, PERIOD
 from vve_sumo.frames import Alignment, Placement, local_frame
 from vve_sumo.path import Path
 from vve_sumo.plant import fusion
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
-from vve_sumo.plant.rehearsed import STARTED, Rehearsed
-from vve_sumo.plant.rehearsed_car import RehearsedCar
+from vve_sumo.plant.fault_injected_car import FaultInjectedCar
+from vve_sumo.plant.injected_faults import STARTED, InjectedFault
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.sensors.radar import Radar, RadarConfig
-from vve_sumo.values import Actors, ArmingState, Frame, Pose, Setpoint, Situation, Verdict
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.values import Actors, ArmingState, Frame, GatewayStatus, Observation, Pose, Setpoint
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 LOT = local_frame(math.radians(40.0), math.radians(-82.98))
 NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
@@ -51,7 +51,7 @@ class Ticked(NamedTuple):
     """One tick, seen from outside."""
 
     now: float  #: [s]
-    verdict: Verdict
+    verdict: GatewayStatus
     truth: Pose  #: at `now`
     deviation: float  #: true one, from the path, left positive [m]
     found: tuple[str, ...]  #: faults of the drive
@@ -64,20 +64,20 @@ class ClosedLoop:
         self,
         path: Path,
         speed: float,
-        faults: Iterable[Rehearsed] = (),
+        faults: Iterable[InjectedFault] = (),
         parameters: CarParameters | None = None,
         seed: int = 1,
         controller: Controller | None = None,
         deviation_limit: float = math.inf,
-        chain: type[Chain] = Chain,
+        chain: type[Pipeline] = Pipeline,
     ) -> None:
         parameters = parameters or fusion.parameters()
         vehicle, begin = parameters.vehicle, path.at(0.0)
         seeds = np.random.SeedSequence(seed).spawn(3)
         start = begin.x, begin.y, begin.heading
         faults = tuple(faults)
-        self.car: Car | RehearsedCar = (
-            RehearsedCar(parameters, start, LOT, EPOCH, seeds[0], faults, seeds[2])
+        self.car: Car | FaultInjectedCar = (
+            FaultInjectedCar(parameters, start, LOT, EPOCH, seeds[0], faults, seeds[2])
             if faults
             else Car(parameters, start, LOT, EPOCH, seeds[0])
         )
@@ -94,7 +94,7 @@ class ClosedLoop:
             deviation_limit=deviation_limit,
         )
         self.gateway = Gateway(vehicle, calibration=parameters.calibration, period=PERIOD)
-        self._path, self._operator = path, Operator()
+        self._path, self._operator = path, ScriptedOperator()
         self._station: float | None = None
 
     def ticks(self) -> Iterator[Ticked]:
@@ -107,7 +107,9 @@ class ClosedLoop:
             heard = self.car.step((tick + 1) * PERIOD, frames)
             yield ticked
 
-    def _tick(self, tick: int, now: float, heard: CarOutput, act: Act | None) -> tuple[Ticked, tuple[Frame, ...]]:
+    def _tick(
+        self, tick: int, now: float, heard: CarOutput, act: OperatorCommand | None
+    ) -> tuple[Ticked, tuple[Frame, ...]]:
         chain, gateway = self.chain, self.gateway
         for time, data in heard.ncom:
             chain.receive(time, data)
@@ -128,7 +130,7 @@ class Slowing:
     def __init__(self, other: Controller, since: float, deceleration: float) -> None:
         self._other, self._since, self._deceleration = other, since, deceleration
 
-    def step(self, situation: Situation) -> Setpoint:
+    def step(self, situation: Observation) -> Setpoint:
         setpoint = self._other.step(situation)
         if situation.time < self._since:
             return setpoint

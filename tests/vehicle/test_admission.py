@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from vve_sumo.values import Setpoint, StopProfile
-from vve_sumo.vehicle.admission import Admission, Persistence, Refusal
+from vve_sumo.values import FallbackPath, Setpoint
+from vve_sumo.vehicle.setpoint_validation import Debounce, Refusal, SetpointValidator
 
 GOOD = Setpoint(
     steering=0.1, acceleration=-1.0, sequence=5, time=2.0, expires=2.1, x=1.0, y=2.0, heading=0.3, speed=4.0,
@@ -18,11 +18,11 @@ NUMBERS = ("steering", "acceleration", "x", "y", "heading", "speed", "yaw_rate",
 
 
 def taken(now: float = 2.05, **changes: object) -> Refusal | None:
-    return Admission().take(now, replace(GOOD, **changes))
+    return SetpointValidator().take(now, replace(GOOD, **changes))
 
 
 def test_a_good_one_is_taken_and_kept():
-    admission = Admission()
+    admission = SetpointValidator()
     assert admission.setpoint is None
     assert admission.take(2.05, GOOD) is None
     assert admission.setpoint is GOOD
@@ -46,12 +46,12 @@ def test_a_sequence_begins_with_nought():
 
 
 def test_a_way_that_is_none_is_invalid():
-    assert taken(profile=StopProfile(1.0, (0.0,))) is None
-    assert taken(profile=StopProfile(0.0, (0.0,))) == Refusal("profile_invalid", fatal=True)
+    assert taken(profile=FallbackPath(1.0, (0.0,))) is None
+    assert taken(profile=FallbackPath(0.0, (0.0,))) == Refusal("profile_invalid", fatal=True)
 
 
 def test_a_sequence_counts_up_and_a_refused_one_does_not_count():
-    admission = Admission()
+    admission = SetpointValidator()
     assert admission.take(2.05, GOOD) is None
     for sequence in (4, 5):
         old = admission.take(2.05, replace(GOOD, sequence=sequence))
@@ -77,7 +77,7 @@ def test_none_comes_from_the_future(ahead, refused):
     ("late", "valid"), [(-0.1, True), (0.0, True), (0.5e-6, True), (2e-6, False), (math.nan, False)]
 )
 def test_one_counts_until_it_expires(late, valid):
-    admission = Admission()
+    admission = SetpointValidator()
     assert not admission.valid(0.0)
     admission.take(2.05, replace(GOOD, faults=("pose_stale", "outside_geofence")))
     assert admission.valid(2.1 + late) is valid
@@ -85,14 +85,14 @@ def test_one_counts_until_it_expires(late, valid):
 
 
 def test_without_a_setpoint_there_is_no_fault():
-    assert Admission().faults(0.0) == []
+    assert SetpointValidator().faults(0.0) == []
 
 
 # Persistence.
 
 
 def test_what_is_bad_for_the_whole_time_persists_and_a_break_begins_anew():
-    bad = Persistence(0.5)
+    bad = Debounce(0.5)
     assert not bad.step(1.0, True)
     assert not bad.step(1.4999, True)
     assert bad.step(1.5, True)
@@ -111,13 +111,13 @@ def test_rounding_of_times_does_not_decide():
 
 
 def _after(short: float) -> bool:
-    bad = Persistence(0.5)
+    bad = Debounce(0.5)
     bad.step(0.0, True)
     return bad.step(0.5 - short, True)
 
 
 def test_time_that_runs_backwards_counts_from_the_earliest():
-    bad = Persistence(0.5)
+    bad = Debounce(0.5)
     assert not bad.step(2.0, True)
     assert not bad.step(1.0, True)
     assert bad.step(1.5, True)

@@ -10,24 +10,24 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from vve_sumo.values import Frame
-from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.dbw import Gear, GearReject, ParkingBrake, Variant, WatchdogSource
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear, GearReject, ParkingBrake, Variant, WatchdogSource
 
-DBC = dbw.load_dbc()
+DBC = codec.load_dbc()
 NAMES = {
-    dbw.BRAKE_COMMAND: "BrakeCommand",
-    dbw.BRAKE_REPORT: "BrakeReport",
-    dbw.THROTTLE_COMMAND: "ThrottleCommand",
-    dbw.THROTTLE_REPORT: "ThrottleReport",
-    dbw.STEERING_COMMAND: "SteeringCommand",
-    dbw.STEERING_REPORT: "SteeringReport",
-    dbw.GEAR_COMMAND: "GearCommand",
-    dbw.GEAR_REPORT: "GearReport",
-    dbw.MISC_COMMAND: "MiscCommand",
-    dbw.WHEEL_SPEEDS: "WheelSpeeds",
-    dbw.ACCELERATIONS: "Accelerations",
-    dbw.YAW_RATE: "YawRate",
-    dbw.BRAKE_INFO: "BrakeInfo",
+    codec.BRAKE_COMMAND: "BrakeCommand",
+    codec.BRAKE_REPORT: "BrakeReport",
+    codec.THROTTLE_COMMAND: "ThrottleCommand",
+    codec.THROTTLE_REPORT: "ThrottleReport",
+    codec.STEERING_COMMAND: "SteeringCommand",
+    codec.STEERING_REPORT: "SteeringReport",
+    codec.GEAR_COMMAND: "GearCommand",
+    codec.GEAR_REPORT: "GearReport",
+    codec.MISC_COMMAND: "MiscCommand",
+    codec.WHEEL_SPEEDS: "WheelSpeeds",
+    codec.ACCELERATIONS: "Accelerations",
+    codec.YAW_RATE: "YawRate",
+    codec.BRAKE_INFO: "BrakeInfo",
 }
 COUNTERS = st.integers(0, 255)
 FLAGS = st.booleans()
@@ -50,26 +50,26 @@ def floats(low: float, high: float):
 
 def brake_commands(limit=3412.0):
     kinds = {
-        dbw.BrakeKind.NONE: st.just(0.0),
-        dbw.BrakeKind.PEDAL: floats(0.15, 0.5),
-        dbw.BrakeKind.PERCENT: floats(0.0, 1.0),
-        dbw.BrakeKind.TORQUE: floats(0.0, limit),
-        dbw.BrakeKind.TORQUE_CLOSED_LOOP: floats(0.0, limit),
-        dbw.BrakeKind.DECELERATION: floats(0.0, 10.0),
+        codec.BrakeKind.NONE: st.just(0.0),
+        codec.BrakeKind.PEDAL: floats(0.15, 0.5),
+        codec.BrakeKind.PERCENT: floats(0.0, 1.0),
+        codec.BrakeKind.TORQUE: floats(0.0, limit),
+        codec.BrakeKind.TORQUE_CLOSED_LOOP: floats(0.0, limit),
+        codec.BrakeKind.DECELERATION: floats(0.0, 10.0),
     }
     return st.sampled_from(list(kinds)).flatmap(
-        lambda kind: st.builds(dbw.BrakeCommand, st.just(kind), kinds[kind], FLAGS, COUNTERS, FLAGS)
+        lambda kind: st.builds(codec.BrakeCommand, st.just(kind), kinds[kind], FLAGS, COUNTERS, FLAGS)
     )
 
 
 def throttle_commands():
     kinds = {
-        dbw.ThrottleKind.NONE: st.just(0.0),
-        dbw.ThrottleKind.PEDAL: floats(0.15, 0.8),
-        dbw.ThrottleKind.PERCENT: floats(0.0, 1.0),
+        codec.ThrottleKind.NONE: st.just(0.0),
+        codec.ThrottleKind.PEDAL: floats(0.15, 0.8),
+        codec.ThrottleKind.PERCENT: floats(0.0, 1.0),
     }
     return st.sampled_from(list(kinds)).flatmap(
-        lambda kind: st.builds(dbw.ThrottleCommand, st.just(kind), kinds[kind], FLAGS, COUNTERS, FLAGS)
+        lambda kind: st.builds(codec.ThrottleCommand, st.just(kind), kinds[kind], FLAGS, COUNTERS, FLAGS)
     )
 
 
@@ -85,7 +85,7 @@ def test_the_dbc_holds_every_identifier_and_strictly_loads():
 
 @given(brake_commands())
 def test_brake_command_is_what_the_dbc_says(command):
-    wire = fields(dbw.encode(command))
+    wire = fields(codec.encode(command))
     scale = {0: 1, 1: 65535, 2: 65535, 3: 1, 4: 1, 6: 1000}[command.kind]
     assert wire["PCMD"] == within(command.value * scale, 1.0)
     assert (wire["CMD_TYPE"], wire["COUNT"]) == (command.kind, command.counter)
@@ -94,15 +94,15 @@ def test_brake_command_is_what_the_dbc_says(command):
 
 @given(throttle_commands())
 def test_throttle_command_is_what_the_dbc_says(command):
-    wire = fields(dbw.encode(command))
+    wire = fields(codec.encode(command))
     assert wire["PCMD"] == within(command.value * 65535, 1.0)
     assert (wire["CMD_TYPE"], wire["COUNT"]) == (command.kind, command.counter)
     assert (wire["EN"], wire["CLEAR"], wire["IGNORE"]) == (command.enable, command.clear, 0)
 
 
-@given(st.builds(dbw.SteeringCommand, floats(-9.6, 9.6), floats(0.0, 17.5), FLAGS, COUNTERS, FLAGS))
+@given(st.builds(codec.SteeringCommand, floats(-9.6, 9.6), floats(0.0, 17.5), FLAGS, COUNTERS, FLAGS))
 def test_steering_command_is_what_the_dbc_says(command):
-    wire = fields(dbw.encode(command))
+    wire = fields(codec.encode(command))
     assert wire["SCMD"] == within(math.degrees(command.wheel_angle), 0.1)
     assert (wire["EN"], wire["CLEAR"], wire["IGNORE"]) == (command.enable, command.clear, 0)
     assert (wire["QUIET"], wire["ALERT"], wire["CMD_TYPE"], wire["COUNT"]) == (0, 0, 0, command.counter)
@@ -117,23 +117,23 @@ def test_steering_command_is_what_the_dbc_says(command):
 
 @given(floats(0.001, 8.7), floats(-8.2, 8.2))
 def test_the_older_generation_counts_steering_rate_in_two_degrees(rate, angle):
-    frame = dbw.encode(dbw.SteeringCommand(angle, rate, True, 0), OLD)
+    frame = codec.encode(codec.SteeringCommand(angle, rate, True, 0), OLD)
     assert frame.data[3] == max(1, math.floor(math.degrees(rate) / 2.0 + 1e-6))
-    assert dbw.decode(frame, OLD).wheel_rate == pytest.approx(math.radians(2.0) * frame.data[3])
+    assert codec.decode(frame, OLD).wheel_rate == pytest.approx(math.radians(2.0) * frame.data[3])
 
 
 @given(st.sampled_from(Gear), FLAGS)
 def test_gear_command_is_what_the_dbc_says(gear, clear):
-    wire = fields(dbw.encode(dbw.GearCommand(gear, clear)))
+    wire = fields(codec.encode(codec.GearCommand(gear, clear)))
     assert wire == {"GCMD": gear, "CLEAR": clear}
 
 
 BRAKE_REPORTS = st.sampled_from(
-    [(dbw.BrakeReportKind.PEDAL, 1.0, 1.0), (dbw.BrakeReportKind.DECELERATION, 3412.0, 10.0),
-     (dbw.BrakeReportKind.TORQUE, 3412.0, 3412.0)]
+    [(codec.BrakeReportKind.PEDAL, 1.0, 1.0), (codec.BrakeReportKind.DECELERATION, 3412.0, 10.0),
+     (codec.BrakeReportKind.TORQUE, 3412.0, 3412.0)]
 ).flatmap(
     lambda kind: st.builds(
-        dbw.BrakeReport, st.just(kind[0]), floats(0, kind[1]), floats(0, kind[2]), floats(0, kind[2]),
+        codec.BrakeReport, st.just(kind[0]), floats(0, kind[1]), floats(0, kind[2]), floats(0, kind[2]),
         *[FLAGS] * 6, st.sampled_from(WatchdogSource), *[FLAGS] * 4,
     )
 )  # fmt: skip
@@ -141,7 +141,7 @@ BRAKE_REPORTS = st.sampled_from(
 
 @given(BRAKE_REPORTS)
 def test_brake_report_is_what_the_dbc_says(report):
-    wire = fields(dbw.encode(report))
+    wire = fields(codec.encode(report))
     driver_scale = {0: 65535, 1: 1, 2: 1}[report.kind]
     scale = {0: 65535, 1: 1000, 2: 1}[report.kind]
     assert wire["PI"] == within(report.driver_input * driver_scale, 1.0)
@@ -152,13 +152,13 @@ def test_brake_report_is_what_the_dbc_says(report):
 
 
 THROTTLE_REPORTS = st.builds(
-    dbw.ThrottleReport, *[floats(0, 1)] * 3, *[FLAGS] * 4, st.sampled_from(WatchdogSource), *[FLAGS] * 4
+    codec.ThrottleReport, *[floats(0, 1)] * 3, *[FLAGS] * 4, st.sampled_from(WatchdogSource), *[FLAGS] * 4
 )
 
 
 @given(THROTTLE_REPORTS)
 def test_throttle_report_is_what_the_dbc_says(report):
-    wire = fields(dbw.encode(report))
+    wire = fields(codec.encode(report))
     assert [wire[name] for name in ("PI", "PC", "PO")] == pytest.approx(
         [report.driver_input, report.command, report.output], abs=0.5001 / 65535
     )
@@ -175,7 +175,7 @@ def check_pedal_flags(wire, report):
 
 STEERING_REPORTS = FLAGS.flatmap(
     lambda torque_mode: st.builds(
-        dbw.SteeringReport,
+        codec.SteeringReport,
         floats(-50.0, 50.0), floats(-20.0, 20.0), floats(-90.0, 90.0), floats(-7.9, 7.9), *[FLAGS] * 3,
         st.just(torque_mode), *[FLAGS] * 5,
     )
@@ -184,7 +184,7 @@ STEERING_REPORTS = FLAGS.flatmap(
 
 @given(STEERING_REPORTS)
 def test_steering_report_is_what_the_dbc_says(report):
-    wire = fields(dbw.encode(report))
+    wire = fields(codec.encode(report))
     assert wire["ANGLE"] == within(math.degrees(report.wheel_angle), 0.1)
     # The DBC scales the command as an angle; in torque mode its count is 1/128 N m.
     command = wire["CMD"] / 0.1 / 128.0 if report.torque_mode else math.radians(wire["CMD"])
@@ -200,13 +200,13 @@ def test_steering_report_is_what_the_dbc_says(report):
 
 
 GEAR_REPORTS = st.builds(
-    dbw.GearReport, st.sampled_from(Gear), st.sampled_from(Gear), FLAGS, FLAGS, st.sampled_from(GearReject)
+    codec.GearReport, st.sampled_from(Gear), st.sampled_from(Gear), FLAGS, FLAGS, st.sampled_from(GearReject)
 )
 
 
 @given(GEAR_REPORTS)
 def test_gear_report_is_what_the_dbc_says(report):
-    assert fields(dbw.encode(report)) == {
+    assert fields(codec.encode(report)) == {
         "STATE": report.gear, "OVERRIDE": report.override, "CMD": report.command, "FLTBUS": report.fault_bus,
         "REJECT": report.reject,
     }  # fmt: skip
@@ -214,27 +214,27 @@ def test_gear_report_is_what_the_dbc_says(report):
 
 @given(st.lists(floats(-327.0, 327.0), min_size=4, max_size=4))
 def test_wheel_speeds_and_accelerations_are_what_the_dbc_says(values):
-    wheels = fields(dbw.encode(dbw.WheelSpeeds(*values)))
+    wheels = fields(codec.encode(codec.WheelSpeeds(*values)))
     assert list(wheels.values()) == [within(value, 0.01) for value in values]
-    felt = fields(dbw.encode(dbw.Accelerations(*values[:3])))
+    felt = fields(codec.encode(codec.Accelerations(*values[:3])))
     names = ("LONGITUDINAL", "LATERAL", "VERTICAL")
     assert [felt[name] for name in names] == [within(value, 0.01) for value in values[:3]]
 
 
 @given(floats(-6.5, 6.5), floats(-6.5, 6.5))
 def test_yaw_rate_is_what_the_dbc_says(roll, yaw):
-    assert fields(dbw.encode(dbw.YawRate(roll, yaw))) == {"ROLL": within(roll, 2e-4), "YAW": within(yaw, 2e-4)}
+    assert fields(codec.encode(codec.YawRate(roll, yaw))) == {"ROLL": within(roll, 2e-4), "YAW": within(yaw, 2e-4)}
 
 
 BRAKE_INFOS = st.builds(
-    dbw.BrakeInfo, floats(0, 16000), floats(0, 16000), FLAGS, st.sampled_from(ParkingBrake), floats(-17.8, 17.8),
+    codec.BrakeInfo, floats(0, 16000), floats(0, 16000), FLAGS, st.sampled_from(ParkingBrake), floats(-17.8, 17.8),
     FLAGS, FLAGS, FLAGS,
 )  # fmt: skip
 
 
 @given(BRAKE_INFOS)
 def test_brake_info_is_what_the_dbc_says(info):
-    wire = fields(dbw.encode(info))
+    wire = fields(codec.encode(info))
     assert wire["TORQUE_REQUESTED"] == within(info.torque_requested, 4.0)
     assert wire["TORQUE_ACTUAL"] == within(info.torque_actual, 4.0)
     assert wire["OVER_GROUND"] == within(info.acceleration_over_ground, 0.035)
@@ -245,30 +245,30 @@ def test_brake_info_is_what_the_dbc_says(info):
 
 ALL = st.one_of(
     brake_commands(), throttle_commands(), BRAKE_REPORTS, THROTTLE_REPORTS, STEERING_REPORTS, GEAR_REPORTS, BRAKE_INFOS,
-    st.builds(dbw.SteeringCommand, floats(-9.6, 9.6), floats(0.0, 17.5), FLAGS, COUNTERS, FLAGS),
-    st.builds(dbw.GearCommand, st.sampled_from(Gear), FLAGS),
-    st.builds(dbw.WheelSpeeds, *[floats(-327, 327)] * 4),
-    st.builds(dbw.Accelerations, *[floats(-327, 327)] * 3),
-    st.builds(dbw.YawRate, *[floats(-6.5, 6.5)] * 2),
+    st.builds(codec.SteeringCommand, floats(-9.6, 9.6), floats(0.0, 17.5), FLAGS, COUNTERS, FLAGS),
+    st.builds(codec.GearCommand, st.sampled_from(Gear), FLAGS),
+    st.builds(codec.WheelSpeeds, *[floats(-327, 327)] * 4),
+    st.builds(codec.Accelerations, *[floats(-327, 327)] * 3),
+    st.builds(codec.YawRate, *[floats(-6.5, 6.5)] * 2),
 )  # fmt: skip
 
 
 def within_bounds(message):
     """A pedal command whose count, the nearest to a bound, stands for a little more than it: said as the bound."""
-    if not isinstance(message, dbw.BrakeCommand | dbw.ThrottleCommand) or message.kind.name != "PEDAL":
+    if not isinstance(message, codec.BrakeCommand | codec.ThrottleCommand) or message.kind.name != "PEDAL":
         return message
-    low, high = (0.15, 0.5) if isinstance(message, dbw.BrakeCommand) else (0.15, 0.8)
+    low, high = (0.15, 0.5) if isinstance(message, codec.BrakeCommand) else (0.15, 0.8)
     return message._replace(value=min(max(message.value, low), high))
 
 
-@example(dbw.BrakeCommand(dbw.BrakeKind.PEDAL, 0.5, False, 0))
-@example(dbw.ThrottleCommand(dbw.ThrottleKind.PEDAL, 0.15, False, 0))
+@example(codec.BrakeCommand(codec.BrakeKind.PEDAL, 0.5, False, 0))
+@example(codec.ThrottleCommand(codec.ThrottleKind.PEDAL, 0.15, False, 0))
 @given(ALL)
 def test_what_was_said_is_understood(message):
-    frame = dbw.encode(message)
-    understood = dbw.decode(frame)
+    frame = codec.encode(message)
+    understood = codec.decode(frame)
     assert type(understood) is type(message)
-    assert dbw.encode(within_bounds(understood)) == frame
+    assert codec.encode(within_bounds(understood)) == frame
     for name, said, heard in zip(message._fields, message, understood, strict=True):
         if type(said) is float:
             assert heard == pytest.approx(said, abs=2.01 if name.startswith("torque_") else 0.51), name
@@ -280,41 +280,41 @@ def test_what_was_said_is_understood(message):
 def test_any_bytes_are_understood_or_refused_but_never_break(row):
     frame = Frame(*row)
     for variant in Variant:
-        message = dbw.decode(frame, variant)
-        if frame.id == dbw.MISC_COMMAND:
+        message = codec.decode(frame, variant)
+        if frame.id == codec.MISC_COMMAND:
             assert message is None
         elif len(frame.data) not in (DBC.get_message_by_frame_id(frame.id).length, 4):
-            assert message == dbw.Malformed(frame.id, "length")
+            assert message == codec.Malformed(frame.id, "length")
 
 
-COMMANDS = st.sampled_from([dbw.BRAKE_COMMAND, dbw.THROTTLE_COMMAND, dbw.STEERING_COMMAND])
+COMMANDS = st.sampled_from([codec.BRAKE_COMMAND, codec.THROTTLE_COMMAND, codec.STEERING_COMMAND])
 
 
 @given(COMMANDS, st.binary(min_size=8, max_size=8))
 def test_a_command_that_ignores_the_driver_is_refused(identifier, data):
-    place = 2 if identifier == dbw.STEERING_COMMAND else 3
+    place = 2 if identifier == codec.STEERING_COMMAND else 3
     bad = bytearray(data)
     bad[place] |= 4
-    assert isinstance(dbw.decode(Frame(identifier, bytes(bad))), dbw.Malformed)
+    assert isinstance(codec.decode(Frame(identifier, bytes(bad))), codec.Malformed)
 
 
 def test_clear_alone_goes_out_with_four_bytes():
     for command in (
-        dbw.BrakeCommand(dbw.BrakeKind.NONE, 0.0, False, None, clear=True),
-        dbw.ThrottleCommand(dbw.ThrottleKind.NONE, 0.0, False, None, clear=True),
-        dbw.SteeringCommand(0.0, 0.0, False, None, clear=True),
+        codec.BrakeCommand(codec.BrakeKind.NONE, 0.0, False, None, clear=True),
+        codec.ThrottleCommand(codec.ThrottleKind.NONE, 0.0, False, None, clear=True),
+        codec.SteeringCommand(0.0, 0.0, False, None, clear=True),
     ):
-        frame = dbw.encode(command)
+        frame = codec.encode(command)
         assert len(frame.data) == 4
-        assert dbw.decode(frame) == command
+        assert codec.decode(frame) == command
         with pytest.raises(ValueError, match="CLEAR alone"):
-            dbw.encode(command._replace(enable=True))
+            codec.encode(command._replace(enable=True))
         with pytest.raises(ValueError, match="CLEAR alone"):
-            dbw.encode(command._replace(clear=False))
+            codec.encode(command._replace(clear=False))
 
 
-BRAKE = dbw.BrakeCommand(dbw.BrakeKind.TORQUE, 100.0, True, 0)
-STEER = dbw.SteeringCommand(0.0, 1.0, True, 0)
+BRAKE = codec.BrakeCommand(codec.BrakeKind.TORQUE, 100.0, True, 0)
+STEER = codec.SteeringCommand(0.0, 1.0, True, 0)
 
 
 @pytest.mark.parametrize(
@@ -325,56 +325,56 @@ STEER = dbw.SteeringCommand(0.0, 1.0, True, 0)
         (BRAKE._replace(value=-1.0), MODERN),
         (BRAKE._replace(value=math.nan), MODERN),
         (BRAKE._replace(value=math.inf), MODERN),
-        (BRAKE._replace(kind=dbw.BrakeKind.PERCENT, value=1.01), MODERN),
-        (BRAKE._replace(kind=dbw.BrakeKind.PEDAL, value=0.51), MODERN),
-        (BRAKE._replace(kind=dbw.BrakeKind.DECELERATION, value=10.1), MODERN),
+        (BRAKE._replace(kind=codec.BrakeKind.PERCENT, value=1.01), MODERN),
+        (BRAKE._replace(kind=codec.BrakeKind.PEDAL, value=0.51), MODERN),
+        (BRAKE._replace(kind=codec.BrakeKind.DECELERATION, value=10.1), MODERN),
         (BRAKE._replace(counter=256), MODERN),
         (BRAKE._replace(counter=-1), MODERN),
-        (dbw.ThrottleCommand(dbw.ThrottleKind.PERCENT, 1.01, True, 0), MODERN),
-        (dbw.ThrottleCommand(dbw.ThrottleKind.PERCENT, math.nan, True, 0), MODERN),
+        (codec.ThrottleCommand(codec.ThrottleKind.PERCENT, 1.01, True, 0), MODERN),
+        (codec.ThrottleCommand(codec.ThrottleKind.PERCENT, math.nan, True, 0), MODERN),
         (STEER._replace(wheel_angle=9.61), MODERN),
         (STEER._replace(wheel_angle=-8.21), OLD),
         (STEER._replace(wheel_angle=math.nan), MODERN),
         (STEER._replace(wheel_rate=17.6), MODERN),
         (STEER._replace(wheel_rate=8.8), OLD),
         (STEER._replace(wheel_rate=math.nan), MODERN),
-        (dbw.WheelSpeeds(0.0, 0.0, 0.0, 328.0), MODERN),
-        (dbw.WheelSpeeds(0.0, 0.0, 0.0, math.inf), MODERN),
-        (dbw.YawRate(0.0, -6.56), MODERN),
-        (dbw.BrakeInfo(16_380.0, 0.0, False), MODERN),
-        (dbw.BrakeReport(dbw.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, True), OLD),
-        (dbw.SteeringReport(0.0, 0.0, -1.0, 0.0, True), OLD),
+        (codec.WheelSpeeds(0.0, 0.0, 0.0, 328.0), MODERN),
+        (codec.WheelSpeeds(0.0, 0.0, 0.0, math.inf), MODERN),
+        (codec.YawRate(0.0, -6.56), MODERN),
+        (codec.BrakeInfo(16_380.0, 0.0, False), MODERN),
+        (codec.BrakeReport(codec.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, True), OLD),
+        (codec.SteeringReport(0.0, 0.0, -1.0, 0.0, True), OLD),
     ],
 )
 def test_what_does_not_fit_is_refused_and_never_wrapped(message, variant):
     with pytest.raises(ValueError, match=r"got|reports"):
-        dbw.encode(message, variant)
+        codec.encode(message, variant)
 
 
 def test_invalid_patterns_and_nan_are_the_same_thing():
-    assert all(map(math.isnan, dbw.decode(Frame(dbw.WHEEL_SPEEDS, struct.pack("<4h", *[-32768] * 4)))))
-    assert all(map(math.isnan, dbw.decode(Frame(dbw.ACCELERATIONS, struct.pack("<3h", *[-32768] * 3)))))
-    assert all(map(math.isnan, dbw.decode(Frame(dbw.YAW_RATE, struct.pack("<2h", *[-32768] * 2)))))
-    steering = dbw.decode(Frame(dbw.STEERING_REPORT, bytes.fromhex("0080004000808000")))
+    assert all(map(math.isnan, codec.decode(Frame(codec.WHEEL_SPEEDS, struct.pack("<4h", *[-32768] * 4)))))
+    assert all(map(math.isnan, codec.decode(Frame(codec.ACCELERATIONS, struct.pack("<3h", *[-32768] * 3)))))
+    assert all(map(math.isnan, codec.decode(Frame(codec.YAW_RATE, struct.pack("<2h", *[-32768] * 2)))))
+    steering = codec.decode(Frame(codec.STEERING_REPORT, bytes.fromhex("0080004000808000")))
     assert all(map(math.isnan, steering[:4]))
-    info = dbw.decode(Frame(dbw.BRAKE_INFO, bytes.fromhex("ff0fff0f00000002")))
+    info = codec.decode(Frame(codec.BRAKE_INFO, bytes.fromhex("ff0fff0f00000002")))
     assert all(map(math.isnan, (info.torque_requested, info.torque_actual, info.acceleration_over_ground)))
-    for message in (dbw.WheelSpeeds(*[math.nan] * 4), dbw.YawRate(math.nan, math.nan), steering, info):
-        again = dbw.decode(dbw.encode(message))
+    for message in (codec.WheelSpeeds(*[math.nan] * 4), codec.YawRate(math.nan, math.nan), steering, info):
+        again = codec.decode(codec.encode(message))
         assert [str(value) for value in again] == [str(value) for value in message]
 
 
 def test_the_older_generation_reports_pedal_travel_and_speed_without_sign():
-    brake = dbw.BrakeReport(dbw.BrakeReportKind.PEDAL, 0.25, 0.5, 0.75, True, lights=True)
-    frame = dbw.encode(brake, OLD)
+    brake = codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.25, 0.5, 0.75, True, lights=True)
+    frame = codec.encode(brake, OLD)
     assert fields(frame)["BTYPE"] == 2, "BC of the older generation lies in the high bit of BTYPE"
-    assert dbw.decode(frame, OLD) == pytest.approx(brake, abs=1e-5)
-    steering = dbw.SteeringReport(-1.0, 2.0, 100.0, 0.5, True)
-    frame = dbw.encode(steering, OLD)
+    assert codec.decode(frame, OLD) == pytest.approx(brake, abs=1e-5)
+    steering = codec.SteeringReport(-1.0, 2.0, 100.0, 0.5, True)
+    frame = codec.encode(steering, OLD)
     assert struct.unpack_from("<hhH", frame.data) == (-573, 1146, 36000)
-    assert dbw.decode(frame, OLD) == pytest.approx(steering, abs=1e-3)
+    assert codec.decode(frame, OLD) == pytest.approx(steering, abs=1e-3)
 
 
 def test_nothing_public_can_ask_to_ignore_the_driver():
-    for kind in (dbw.BrakeCommand, dbw.ThrottleCommand, dbw.SteeringCommand, dbw.GearCommand):
+    for kind in (codec.BrakeCommand, codec.ThrottleCommand, codec.SteeringCommand, codec.GearCommand):
         assert not any("ignore" in name for name in kind._fields)

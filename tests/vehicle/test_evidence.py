@@ -11,15 +11,15 @@ import pytest
 
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.dbw import Gear
-from vve_sumo.vehicle.gateway import Act
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.gateway import OperatorCommand
 
 S = ArmingState
 
 
 def wheels(speed: float) -> dict[int, object]:
-    frame = dbw.encode(dbw.WheelSpeeds(*(speed / FUSION.wheel_radius,) * 4))
+    frame = codec.encode(codec.WheelSpeeds(*(speed / FUSION.wheel_radius,) * 4))
     return {frame.id: frame}
 
 
@@ -72,10 +72,10 @@ def test_one_wheel_that_turns_is_a_car_that_moves():
     rig = Rig()
     rig.cruise(4.0)
     rig.car.shift_time = math.inf
-    rig.step(act=Act.STOP)
+    rig.step(act=OperatorCommand.STOP)
     rig.run(5.0)
     assert rig.commands()[3].gear is Gear.PARK
-    frame = dbw.encode(dbw.WheelSpeeds(0.0, 0.0, 0.0, 1.0))
+    frame = codec.encode(codec.WheelSpeeds(0.0, 0.0, 0.0, 1.0))
     rig.car.forged = {frame.id: frame}
     rig.step()
     assert rig.commands()[3].gear is Gear.NONE
@@ -133,7 +133,7 @@ def test_dead_brakes_are_noticed_in_six_tenths_of_a_second(speed):
     rig.cruise(speed)
     rig.car.brake_gain = 0.0
     begun = rig.now
-    verdict = rig.step(act=Act.STOP)
+    verdict = rig.step(act=OperatorCommand.STOP)
     while "brake_not_following" not in verdict.reasons:
         verdict = rig.step(0.0)
         assert rig.now - begun <= 0.6
@@ -160,7 +160,7 @@ def test_brakes_at_half_are_noticed_within_one_stop_that_stays_inside_the_bound(
     rig.cruise(speed)
     rig.car.brake_gain = 0.5
     begun = rig.car.speed
-    driven = stopping_distance(rig, act=Act.STOP)
+    driven = stopping_distance(rig, act=OperatorCommand.STOP)
     assert "brake_not_following" in rig.step().reasons
     assert driven < bound(begun, 2.4, 5.0, 0.03 + 0.09)
 
@@ -257,7 +257,7 @@ def test_a_gyroscope_with_a_bias_that_was_seen_at_standstill_is_no_lie():
     honest = rig.car.reports
 
     def biased() -> list[object]:
-        yaw = dbw.encode(dbw.YawRate(0.0, rig.car.yaw_rate + 0.01))
+        yaw = codec.encode(codec.YawRate(0.0, rig.car.yaw_rate + 0.01))
         return [yaw if frame.id == yaw.id else frame for frame in honest()]
 
     rig.car.reports = biased  # type: ignore[method-assign]
@@ -299,7 +299,7 @@ def test_frozen_wheel_speeds_do_not_make_the_car_faster():
 def test_a_frozen_steering_report_is_found_in_the_next_bend():
     rig = Rig()
     rig.cruise(5.0)
-    rig.car.forged = {f.id: f for f in rig.car.reports() if f.id == dbw.STEERING_REPORT}
+    rig.car.forged = {f.id: f for f in rig.car.reports() if f.id == codec.STEERING_REPORT}
     rig.run(1.0)
     begun = rig.now
     verdict = rig.step(0.0, steering=0.06)
@@ -312,7 +312,7 @@ def test_a_frozen_steering_report_is_found_in_the_next_bend():
 def test_a_frozen_gyroscope_is_found_in_the_next_bend():
     rig = Rig()
     rig.cruise(5.0)
-    frame = dbw.encode(dbw.YawRate(0.0, 0.0))
+    frame = codec.encode(codec.YawRate(0.0, 0.0))
     rig.car.forged = {frame.id: frame}
     begun = rig.now
     verdict = rig.step(0.0, steering=0.05)

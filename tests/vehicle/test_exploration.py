@@ -16,10 +16,10 @@ import pytest
 
 from tests.vehicle.car import FUSION
 from vve_sumo.values import ArmingState, Frame, Setpoint
-from vve_sumo.vehicle import dbw
 from vve_sumo.vehicle.arming import COMMANDING
-from vve_sumo.vehicle.dbw import Gear
-from vve_sumo.vehicle.gateway import Act, Gateway, GatewayOutput
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
 
 S = ArmingState
 PERIOD = 0.1
@@ -60,16 +60,16 @@ WORLDS = [
 def reports(world: World) -> tuple[Frame, ...]:
     wheel, on = world.speed / FUSION.wheel_radius, world.enabled
     said = [
-        dbw.BrakeReport(
-            dbw.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, on, override=world.override, driver=world.driver == "brake"
+        codec.BrakeReport(
+            codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, on, override=world.override, driver=world.driver == "brake"
         ),
-        dbw.ThrottleReport(0.15, 0.15, 0.15, on, driver=world.driver == "throttle"),
-        dbw.SteeringReport(0.0, 0.0, world.speed, 0.0, on),
-        dbw.GearReport(world.gear),
-        dbw.WheelSpeeds(wheel, wheel, wheel, wheel),
-        dbw.YawRate(0.0, 0.0),
+        codec.ThrottleReport(0.15, 0.15, 0.15, on, driver=world.driver == "throttle"),
+        codec.SteeringReport(0.0, 0.0, world.speed, 0.0, on),
+        codec.GearReport(world.gear),
+        codec.WheelSpeeds(wheel, wheel, wheel, wheel),
+        codec.YawRate(0.0, 0.0),
     ]
-    return tuple(map(dbw.encode, said))
+    return tuple(map(codec.encode, said))
 
 
 class Explored:
@@ -83,7 +83,7 @@ class Explored:
         self._pickled = self._pickled or pickle.dumps(self.gateway)
         return Explored(pickle.loads(self._pickled), self.tick, self.x)
 
-    def step(self, world: World, act: Act | None = None) -> GatewayOutput:
+    def step(self, world: World, act: OperatorCommand | None = None) -> GatewayOutput:
         self.tick += 1
         now = self.tick * PERIOD
         self.x += world.speed * PERIOD
@@ -118,22 +118,22 @@ class Explored:
         )
 
 
-def watched(before: Explored, world: World, act: Act | None) -> None:
+def watched(before: Explored, world: World, act: OperatorCommand | None) -> None:
     """One step, and all that must hold of any step whatever."""
     was, going = before.state, before.going
     verdict, frames = before.step(world, act)
-    brake, throttle, steering, gear = map(dbw.decode, frames)
+    brake, throttle, steering, gear = map(codec.decode, frames)
     state = verdict.state
     assert brake.enable == throttle.enable == steering.enable == (state in COMMANDING)
     if state is S.ENGAGED and was is not S.ENGAGED:
-        assert act is Act.ENGAGE
+        assert act is OperatorCommand.ENGAGE
         assert was in (S.DISARMED, S.READY)
         assert (world.said, world.found, world.speed, world.driver) in (
             ("good", (), 0.0, ""), ("good", (), 0.0, "brake")
         )  # fmt: skip
         assert not before.going
     if was is S.ENGAGED and before.going and not going:
-        assert act is Act.GO
+        assert act is OperatorCommand.GO
         assert (world.enabled, world.gear, world.driver) == (True, Gear.DRIVE, "")
     if throttle.value > 0.0:
         assert state is S.ENGAGED
@@ -157,7 +157,7 @@ def watched(before: Explored, world: World, act: Act | None) -> None:
 def successors(place: Explored) -> Iterator[Explored]:
     """Where one gateway can get: by every act in every world, and by every world that goes on for long."""
     for world in WORLDS:
-        for act in (None, *Act):
+        for act in (None, *OperatorCommand):
             after = place.copy()
             watched(after, world, act)
             yield after
@@ -225,7 +225,7 @@ def test_no_run_without_the_act_of_engaging_ever_engages(reached):
     while idle:
         place = idle.pop()
         for world in WORLDS:
-            for act in (None, Act.GO, Act.STOP, Act.DISARM):
+            for act in (None, OperatorCommand.GO, OperatorCommand.STOP, OperatorCommand.DISARM):
                 after = place.copy()
                 after.step(world, act)
                 assert after.state not in COMMANDING

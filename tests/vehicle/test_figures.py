@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle import admission, handover, reports, standstill
+from vve_sumo.vehicle import engagement, reports, setpoint_validation, standstill
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, ENDING, Event
 from vve_sumo.vehicle.limits import COMFORT, EMERGENCY, Limits
 
@@ -48,9 +48,9 @@ def test_limits():
 
 def test_times():
     """The kit gives up after 100 ms; reports come at 50 Hz, the gear at 20 Hz, of which three may be lost."""
-    assert admission.MAX_LIFETIME == reports.MAX_AGE == 0.1
+    assert setpoint_validation.MAX_LIFETIME == reports.MAX_AGE == 0.1
     assert reports.MAX_GEAR_AGE == 4 / 20
     assert reports.TOLERANCE == 1e-6
-    assert (handover.HANDSHAKE_TIME, handover.SHIFT_TIME) == (0.4, 3.0)
+    assert (engagement.HANDSHAKE_TIME, engagement.SHIFT_TIME) == (0.4, 3.0)
     assert (standstill.REST_TIME, standstill.SATELLITE_REST_TIME) == (0.3, 3.0)
-    assert (handover.STEERING_DIFFERENCE, handover.STEERING_DIFFERENCE_TIME) == (0.1, 0.5)
+    assert (engagement.STEERING_DIFFERENCE, engagement.STEERING_DIFFERENCE_TIME) == (0.1, 0.5)

@@ -14,15 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig
-from vve_sumo.values import ArmingState, Frame, Setpoint, StopProfile
-from vve_sumo.vehicle import admission, dbw, fusion, gateway, handover, plausibility, reports, response
+from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
+from vve_sumo.vehicle import brake_monitor, engagement, fusion, gateway, plausibility, reports, setpoint_validation
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, REASONS
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dbw import Gear
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 S = ArmingState
-IGNORE_PLACES = {dbw.BRAKE_COMMAND: 3, dbw.THROTTLE_COMMAND: 3, dbw.STEERING_COMMAND: 2}
+IGNORE_PLACES = {codec.BRAKE_COMMAND: 3, codec.THROTTLE_COMMAND: 3, codec.STEERING_COMMAND: 2}
 
 
 def slope(rig: Rig, duration: float, **arguments) -> float:
@@ -49,11 +50,11 @@ def test_nothing_is_commanded_before_the_operator_acts():
         assert (brake.value, throttle.value, steering.wheel_angle, gear.gear) == (0.0, 0.0, 0.0, Gear.NONE)
 
 
-@pytest.mark.parametrize("variant", dbw.Variant)
+@pytest.mark.parametrize("variant", codec.Variant)
 @pytest.mark.parametrize("gear", [Gear.PARK, Gear.DRIVE])
 def test_two_acts_one_to_hold_the_car_and_one_to_let_it_go(gear, variant):
     rig = Rig(Car(gear=gear, variant=variant, driver_brake=gear is Gear.DRIVE))
-    verdict = rig.step(1.0, 0.2, act=Act.ENGAGE)
+    verdict = rig.step(1.0, 0.2, act=OperatorCommand.ENGAGE)
     assert (verdict.state, verdict.reasons) == (S.ENGAGED, ("engaging",))
     assert all(command.clear for command in rig.commands())
     seen = []
@@ -68,7 +69,7 @@ def test_two_acts_one_to_hold_the_car_and_one_to_let_it_go(gear, variant):
     for verdict in rig.run(2.0, acceleration=2.0, steering=0.2):
         assert (verdict.reasons, verdict.throttle, verdict.steering) == (("waiting_for_go",), 0.0, 0.0)
         assert verdict.acceleration == rig.car.speed == 0.0
-    assert rig.step(1.0, act=Act.GO).reasons == ()
+    assert rig.step(1.0, act=OperatorCommand.GO).reasons == ()
     rig.run(1.0, acceleration=1.0)
     assert rig.car.speed > 0.4
     assert enabled(rig) == {True}
@@ -76,28 +77,28 @@ def test_two_acts_one_to_hold_the_car_and_one_to_let_it_go(gear, variant):
 
 def test_go_counts_only_when_it_is_waited_for():
     rig = Rig()
-    assert rig.step(1.0, act=Act.GO).reasons == ("go_too_early",)
-    assert rig.step(1.0, act=Act.ENGAGE).reasons == ("engaging",)
-    assert rig.step(1.0, act=Act.GO).reasons == ("go_too_early", "shifting")
+    assert rig.step(1.0, act=OperatorCommand.GO).reasons == ("go_too_early",)
+    assert rig.step(1.0, act=OperatorCommand.ENGAGE).reasons == ("engaging",)
+    assert rig.step(1.0, act=OperatorCommand.GO).reasons == ("go_too_early", "shifting")
     while rig.step(1.0).reasons == ("shifting",):
         pass
     rig.car.driver_brake = True
-    assert rig.step(1.0, act=Act.GO).reasons == ("go_too_early", "driver_on_brake")
+    assert rig.step(1.0, act=OperatorCommand.GO).reasons == ("go_too_early", "driver_on_brake")
     rig.car.driver_brake = False
     rig.car.forged = forged(ENABLED_THROTTLE._replace(driver=True))
-    assert rig.step(1.0, act=Act.GO).reasons == ("go_too_early", "driver_on_throttle")
+    assert rig.step(1.0, act=OperatorCommand.GO).reasons == ("go_too_early", "driver_on_throttle")
     rig.car.forged = {}
     assert {verdict.throttle for verdict in rig.run(1.0, acceleration=1.0)} == {0.0}
-    assert rig.step(1.0, act=Act.GO).reasons == ()
-    assert rig.step(1.0, act=Act.GO).reasons == ()
-    rig.step(act=Act.STOP)
-    assert "go_too_early" in rig.step(1.0, act=Act.GO).reasons
+    assert rig.step(1.0, act=OperatorCommand.GO).reasons == ()
+    assert rig.step(1.0, act=OperatorCommand.GO).reasons == ()
+    rig.step(act=OperatorCommand.STOP)
+    assert "go_too_early" in rig.step(1.0, act=OperatorCommand.GO).reasons
 
 
 def test_a_go_of_the_drive_before_does_not_count_for_the_next():
     rig = Rig()
     rig.engage()
-    rig.step(act=Act.STOP)
+    rig.step(act=OperatorCommand.STOP)
     rig.run(4.0)
     assert rig.step().state is S.READY
     rig.stand_by()
@@ -112,24 +113,24 @@ def test_a_go_of_the_drive_before_does_not_count_for_the_next():
         ("gear_not_park_or_drive", {"gear": Gear.NEUTRAL}, {}),
         ("driver_not_on_brake", {"gear": Gear.DRIVE}, {}),
         ("kit_already_enabled", {"enabled": True}, {}),
-        ("profile_invalid", {}, {"profile": StopProfile(0.0, (0.0,))}),
+        ("profile_invalid", {}, {"profile": FallbackPath(0.0, (0.0,))}),
         ("bus_down", {}, {"found": ("bus_down",)}),
         ("a_code_that_nobody_knows", {}, {"found": ("a_code_that_nobody_knows",)}),
         ("no_setpoint", {}, {"acceleration": None}),
         ("setpoint_lifetime", {}, {"expires": 0.2}),
         ("setpoint_not_finite", {}, {"acceleration": math.nan}),
         ("pose_not_trusted", {}, {"faults": ("pose_not_trusted",)}),
-        ("brake_report_stale", {"silent": {dbw.BRAKE_REPORT}}, {}),
-        ("throttle_report_stale", {"silent": {dbw.THROTTLE_REPORT}}, {}),
-        ("steering_report_stale", {"silent": {dbw.STEERING_REPORT}}, {}),
-        ("gear_report_stale", {"silent": {dbw.GEAR_REPORT}}, {}),
-        ("wheel_speeds_stale", {"silent": {dbw.WHEEL_SPEEDS}}, {}),
-        ("yaw_rate_stale", {"silent": {dbw.YAW_RATE}}, {}),
+        ("brake_report_stale", {"silent": {codec.BRAKE_REPORT}}, {}),
+        ("throttle_report_stale", {"silent": {codec.THROTTLE_REPORT}}, {}),
+        ("steering_report_stale", {"silent": {codec.STEERING_REPORT}}, {}),
+        ("gear_report_stale", {"silent": {codec.GEAR_REPORT}}, {}),
+        ("wheel_speeds_stale", {"silent": {codec.WHEEL_SPEEDS}}, {}),
+        ("yaw_rate_stale", {"silent": {codec.YAW_RATE}}, {}),
     ],
 )
 def test_what_is_missing_is_named_and_the_act_is_refused(reason, car, step):
     rig = Rig(Car(**car))
-    verdict = rig.step(act=Act.ENGAGE, **({"acceleration": 0.0} | step))
+    verdict = rig.step(act=OperatorCommand.ENGAGE, **({"acceleration": 0.0} | step))
     assert verdict.state is S.DISARMED
     assert reason in verdict.reasons
     assert enabled(rig) == {False}
@@ -137,8 +138,8 @@ def test_what_is_missing_is_named_and_the_act_is_refused(reason, car, step):
 
 def test_a_foot_on_the_throttle_is_not_ready():
     rig = Rig()
-    report = dbw.ThrottleReport(0.2, 0.15, 0.15, enabled=False, driver=True)
-    verdict = rig.step(act=Act.ENGAGE, extra=(dbw.encode(report),))
+    report = codec.ThrottleReport(0.2, 0.15, 0.15, enabled=False, driver=True)
+    verdict = rig.step(act=OperatorCommand.ENGAGE, extra=(codec.encode(report),))
     assert (verdict.state, verdict.reasons) == (S.DISARMED, ("driver_on_throttle",))
 
 
@@ -153,8 +154,8 @@ def test_an_override_latched_from_before_is_cleared_by_the_act_and_by_nothing_el
 
 def test_a_kit_that_does_not_confirm_in_time_is_given_up_at_rest():
     rig = Rig()
-    rig.car.forged[dbw.STEERING_REPORT] = dbw.encode(dbw.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=False))
-    rig.step(act=Act.ENGAGE)
+    rig.car.forged[codec.STEERING_REPORT] = codec.encode(codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=False))
+    rig.step(act=OperatorCommand.ENGAGE)
     verdicts = rig.run(0.4)
     assert verdicts[-1].state is S.ENGAGED
     verdict = rig.step()
@@ -167,8 +168,8 @@ def test_a_kit_that_does_not_confirm_in_time_is_given_up_at_rest():
 
 def test_a_gear_that_does_not_come_is_given_up_at_rest():
     rig = Rig(Car(shift_time=math.inf))
-    rig.step(act=Act.ENGAGE)
-    verdicts = rig.run(3.2, acceleration=2.0, act=Act.GO)
+    rig.step(act=OperatorCommand.ENGAGE)
+    verdicts = rig.run(3.2, acceleration=2.0, act=OperatorCommand.GO)
     assert verdicts[-1].state is S.STOPPED
     assert verdicts[-1].reasons == ("gear_not_confirmed", "go_too_early")
     assert {verdict.throttle for verdict in verdicts} == {0.0}
@@ -177,7 +178,7 @@ def test_a_gear_that_does_not_come_is_given_up_at_rest():
 def test_a_shift_that_comes_too_late_does_not_find_the_car_let_go():
     """Given up in park while the gear box is on its way to drive: the car must be held until that has come out."""
     rig = Rig(Car(shift_time=3.1))
-    rig.step(act=Act.ENGAGE)
+    rig.step(act=OperatorCommand.ENGAGE)
     while rig.step().state is S.ENGAGED:
         pass
     rig.car.gear, rig.car.shift_time = Gear.DRIVE, math.inf  # the shift comes out after all
@@ -232,7 +233,10 @@ def test_counters_count_once_a_step_whatever_happens():
     rig = Rig()
     counters = []
     for tick in range(700):
-        rig.step(-1.0 if tick % 3 else None, act=(Act.ENGAGE, Act.STOP, Act.DISARM, None)[tick // 50 % 4])
+        rig.step(
+            -1.0 if tick % 3 else None,
+            act=(OperatorCommand.ENGAGE, OperatorCommand.STOP, OperatorCommand.DISARM, None)[tick // 50 % 4],
+        )
         brake, throttle, steering, _ = rig.commands()
         assert brake.counter == throttle.counter == steering.counter
         counters.append(brake.counter)
@@ -250,14 +254,14 @@ def test_every_tick_sends_the_same_four_frames():
 # Everything that stops the car. Each row: reason, what is done to the rig from then on (a dict of arguments for every
 # step, after an optional change of the car), and whether the stop must be the hard one.
 
-ENABLED_BRAKE = dbw.BrakeReport(dbw.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=True)
-ENABLED_THROTTLE = dbw.ThrottleReport(0.15, 0.15, 0.15, enabled=True)
-ENABLED_STEERING = dbw.SteeringReport(0.0, 0.0, 10.0, 0.0, enabled=True)
+ENABLED_BRAKE = codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=True)
+ENABLED_THROTTLE = codec.ThrottleReport(0.15, 0.15, 0.15, enabled=True)
+ENABLED_STEERING = codec.SteeringReport(0.0, 0.0, 10.0, 0.0, enabled=True)
 FAULTS = [
     *[(f"{name}_report_stale", {"silent": {identifier}}, {}) for name, identifier in (
-        ("brake", dbw.BRAKE_REPORT), ("throttle", dbw.THROTTLE_REPORT), ("steering", dbw.STEERING_REPORT),
-        ("gear", dbw.GEAR_REPORT))],
-    ("yaw_rate_stale", {"silent": {dbw.YAW_RATE}}, {}),
+        ("brake", codec.BRAKE_REPORT), ("throttle", codec.THROTTLE_REPORT), ("steering", codec.STEERING_REPORT),
+        ("gear", codec.GEAR_REPORT))],
+    ("yaw_rate_stale", {"silent": {codec.YAW_RATE}}, {}),
     *[(reason, {"forged": report}, {}) for reason, report in (
         ("brake_fault", ENABLED_BRAKE._replace(fault_channel_1=True)),
         ("brake_fault", ENABLED_BRAKE._replace(fault_channel_2=True)),
@@ -280,11 +284,11 @@ FAULTS = [
         ("steering_disabled", ENABLED_STEERING._replace(enabled=False)),
         ("kit_watchdog", ENABLED_STEERING._replace(fault_watchdog=True)),
         ("report_invalid", ENABLED_STEERING._replace(wheel_angle=math.nan)),
-        ("report_invalid", dbw.YawRate(0.0, math.nan)),
-        ("gear_fault", dbw.GearReport(Gear.DRIVE, fault_bus=True)),
-        ("gear_lost", dbw.GearReport(Gear.NEUTRAL)))],
-    ("report_malformed", {"forged": Frame(dbw.BRAKE_REPORT, bytes(7))}, {}),
-    *[("another_writer", {}, {"extra": (Frame(identifier, bytes(8)),)}) for identifier in sorted(dbw.COMMAND_IDS)],
+        ("report_invalid", codec.YawRate(0.0, math.nan)),
+        ("gear_fault", codec.GearReport(Gear.DRIVE, fault_bus=True)),
+        ("gear_lost", codec.GearReport(Gear.NEUTRAL)))],
+    ("report_malformed", {"forged": Frame(codec.BRAKE_REPORT, bytes(7))}, {}),
+    *[("another_writer", {}, {"extra": (Frame(identifier, bytes(8)),)}) for identifier in sorted(codec.COMMAND_IDS)],
     ("setpoint_expired", {}, {"acceleration": None}),
     ("setpoint_expired", {}, {"sequence": 7}),
     ("setpoint_expired", {}, {"expires": 1e9}),
@@ -301,18 +305,18 @@ FAULTS = [
     ("setpoint_not_finite", {}, {"speed": math.nan}),
     ("yaw_rate_mismatch", {}, {"yaw_rate": 0.15}),
     ("setpoint_not_finite", {}, {"yaw_rate": math.nan}),
-    ("profile_invalid", {}, {"profile": StopProfile(1.0, (0.0, math.nan))}),
+    ("profile_invalid", {}, {"profile": FallbackPath(1.0, (0.0, math.nan))}),
     ("bus_down", {}, {"found": ("bus_down",)}),
     ("setpoint_corrupt", {}, {"found": ("setpoint_corrupt",)}),
     ("operator_gone", {}, {"found": ("operator_gone",)}),
     ("a_code_that_nobody_knows", {}, {"found": ("a_code_that_nobody_knows",)}),
-    ("stop_asked", {}, {"act": Act.STOP}),
-    ("disarm_asked", {}, {"act": Act.DISARM}),
+    ("stop_asked", {}, {"act": OperatorCommand.STOP}),
+    ("disarm_asked", {}, {"act": OperatorCommand.DISARM}),
 ]  # fmt: skip
 
 
 def forged(message: object) -> dict[int, Frame]:
-    frame = message if isinstance(message, Frame) else dbw.encode(message)
+    frame = message if isinstance(message, Frame) else codec.encode(message)
     return {frame.id: frame}
 
 
@@ -350,7 +354,7 @@ def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, c
     assert enabled(rig) == {True}
     rig.car.forged, rig.car.silent = {}, set()
     for tick in range(round(20.0 / PERIOD)):
-        verdict = rig.step(2.0, act=(Act.ENGAGE, Act.GO, Act.DISARM)[tick % 3])
+        verdict = rig.step(2.0, act=(OperatorCommand.ENGAGE, OperatorCommand.GO, OperatorCommand.DISARM)[tick % 3])
         assert verdict.state is S.STOPPED, "no way from stopped to engaged, and none to a car that creeps"
         assert rig.car.speed == 0.0
     assert not rig.gateway.done
@@ -359,7 +363,7 @@ def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, c
 def test_without_wheel_speeds_the_car_is_stopped_blindly_and_held():
     rig = Rig()
     rig.cruise(10.0)
-    rig.car.silent = {dbw.WHEEL_SPEEDS}
+    rig.car.silent = {codec.WHEEL_SPEEDS}
     verdicts = rig.run(10.0, acceleration=1.0, speed=0.0, faults=("pose_stale",))
     assert verdicts[-1].state is S.STOPPING, "nobody can tell that it stands, and a guessed pose says nothing"
     assert "wheel_speeds_stale" in verdicts[-1].reasons
@@ -371,7 +375,7 @@ def test_without_wheel_speeds_the_receiver_tells_after_a_while_that_the_car_stan
     """It is held then, and left to its driver: nobody asks for park on the word of one."""
     rig = Rig()
     rig.cruise(10.0)
-    rig.car.silent = {dbw.WHEEL_SPEEDS}
+    rig.car.silent = {codec.WHEEL_SPEEDS}
     stood = math.inf
     while rig.step(1.0).state is not S.STOPPED:
         stood = rig.now if rig.car.speed > 0.3 else stood
@@ -390,7 +394,7 @@ def test_an_invalid_wheel_counts_as_no_speed(wheel):
     rig.cruise(10.0)
     speeds = [30.0] * 4
     speeds[wheel] = math.nan
-    rig.car.forged = forged(dbw.WheelSpeeds(*speeds))
+    rig.car.forged = forged(codec.WheelSpeeds(*speeds))
     verdicts = rig.run(6.0, acceleration=1.0)
     assert verdicts[0].state is S.STOPPING
     assert "report_invalid" in verdicts[0].reasons
@@ -430,10 +434,10 @@ def test_its_own_troubles_latch_before_engaging_too(trouble):
         rig.tick += 10
         verdict = rig.step()
     else:
-        verdict = rig.step(extra=(Frame(dbw.GEAR_COMMAND, b"\x04"),))
+        verdict = rig.step(extra=(Frame(codec.GEAR_COMMAND, b"\x04"),))
     assert (verdict.state, verdict.reasons) == (S.FAULT, (trouble,))
-    assert rig.step(act=Act.ENGAGE).state is S.FAULT
-    assert rig.step(act=Act.DISARM).state is S.DISARMED
+    assert rig.step(act=OperatorCommand.ENGAGE).state is S.FAULT
+    assert rig.step(act=OperatorCommand.DISARM).state is S.DISARMED
     assert rig.step().state is S.READY
 
 
@@ -459,7 +463,7 @@ def test_small_differences_between_satellite_and_car_are_forgiven(speed, yaw_rat
     rig.cruise(10.0)
     for tick in range(100):
         # A gyroscope is never still to the last bit.
-        rig.car.forged = forged(dbw.YawRate(0.0, 0.001 * (tick % 2)))
+        rig.car.forged = forged(codec.YawRate(0.0, 0.001 * (tick % 2)))
         verdict = rig.step(0.0, speed=rig.car.speed + speed, yaw_rate=yaw_rate)
     assert verdict.state is S.ENGAGED
 
@@ -482,7 +486,7 @@ def test_stopping_holds_the_angle_that_the_wheels_have():
     rig.run(1.0, steering=0.15)
     verdict = rig.step(1.0, steering=-0.3)  # a last wish that is never reached
     measured = rig.car.wheel_angle / FUSION.steering_ratio
-    rig.step(acceleration=1.0, steering=-0.3, act=Act.STOP)
+    rig.step(acceleration=1.0, steering=-0.3, act=OperatorCommand.STOP)
     verdict = rig.step(acceleration=1.0, steering=-0.3)
     assert verdict.steering == pytest.approx(measured, abs=math.radians(0.1) / FUSION.steering_ratio)
     assert {v.steering for v in rig.run(6.0, steering=-0.3)} == {verdict.steering}
@@ -493,8 +497,8 @@ def test_a_steering_report_that_jumps_does_not_turn_the_wheels_at_once():
     rig = Rig()
     rig.cruise(10.0)
     before = rig.step().steering
-    rig.car.forged = forged(dbw.SteeringReport(8.0, 0.0, 10.0, 0.0, enabled=True))
-    verdicts = [rig.step(act=Act.STOP), *rig.run(0.1)]
+    rig.car.forged = forged(codec.SteeringReport(8.0, 0.0, 10.0, 0.0, enabled=True))
+    verdicts = [rig.step(act=OperatorCommand.STOP), *rig.run(0.1)]
     largest = 10.0 * FUSION.wheelbase / rig.car.speed**2 * PERIOD
     for verdict in verdicts:
         assert abs(verdict.steering - before) <= 1.1 * largest
@@ -567,7 +571,7 @@ def test_stopping_sets_in_with_bounded_jerk_after_the_throttle_is_gone():
     rig = Rig()
     rig.cruise(10.0)
     rig.run(1.0, acceleration=1.5)
-    granted = [rig.step(1.5, act=Act.STOP).acceleration] + [v.acceleration for v in rig.run(1.0)]
+    granted = [rig.step(1.5, act=OperatorCommand.STOP).acceleration] + [v.acceleration for v in rig.run(1.0)]
     assert granted[0] == pytest.approx(-5.0 * PERIOD)
     assert max(a - b for a, b in itertools.pairwise(granted)) <= 5.0 * PERIOD + 1e-12
     assert granted[-1] == -2.4
@@ -576,9 +580,9 @@ def test_stopping_sets_in_with_bounded_jerk_after_the_throttle_is_gone():
 def test_a_worse_fault_on_the_way_makes_it_brake_harder():
     rig = Rig()
     rig.cruise(12.0)
-    rig.step(act=Act.STOP)
+    rig.step(act=OperatorCommand.STOP)
     assert rig.run(1.0)[-1].acceleration == -2.4
-    rig.step(extra=(Frame(dbw.BRAKE_COMMAND, bytes(8)),))
+    rig.step(extra=(Frame(codec.BRAKE_COMMAND, bytes(8)),))
     verdict = rig.run(0.3)[-1]
     assert (verdict.acceleration, verdict.reasons) == (-4.0, ("stop_asked", "another_writer"))
 
@@ -586,14 +590,14 @@ def test_a_worse_fault_on_the_way_makes_it_brake_harder():
 def test_stopped_uphill_it_never_touches_the_throttle():
     rig = Rig(Car(grade=0.03))
     rig.cruise(3.0)
-    verdicts = [rig.step(2.0, act=Act.STOP), *rig.run(6.0)]
+    verdicts = [rig.step(2.0, act=OperatorCommand.STOP), *rig.run(6.0)]
     assert {verdict.throttle for verdict in verdicts} == {0.0}
 
 
 def test_rest_is_standing_for_a_while():
     rig = Rig()
     rig.cruise(5.0)
-    verdicts = [rig.step(act=Act.STOP)]
+    verdicts = [rig.step(act=OperatorCommand.STOP)]
     standing = 0
     while verdicts[-1].state is not S.STOPPED:
         verdicts.append(rig.step())
@@ -604,11 +608,11 @@ def test_rest_is_standing_for_a_while():
 def test_at_rest_it_asks_for_park_and_lets_go_only_there():
     rig = Rig(Car(shift_time=2.0))
     rig.cruise(5.0)
-    rig.step(act=Act.STOP)
+    rig.step(act=OperatorCommand.STOP)
     while rig.step().state is not S.STOPPED:
         assert rig.commands()[3].gear is Gear.NONE
     assert rig.commands()[3].gear is Gear.PARK
-    verdict = rig.step(act=Act.DISARM)
+    verdict = rig.step(act=OperatorCommand.DISARM)
     assert (verdict.state, verdict.reasons) == (S.STOPPED, ("stop_asked", "not_in_park"))
     while rig.car.gear is not Gear.PARK:
         assert rig.step().state is S.STOPPED
@@ -630,21 +634,21 @@ def test_at_rest_it_asks_for_park_and_lets_go_only_there():
 @pytest.mark.parametrize(
     "trouble",
     [
-        {"silent": {dbw.GEAR_REPORT}},
-        {"silent": {dbw.WHEEL_SPEEDS}},
-        {"forged": dbw.GearReport(Gear.PARK, fault_bus=True)},
+        {"silent": {codec.GEAR_REPORT}},
+        {"silent": {codec.WHEEL_SPEEDS}},
+        {"forged": codec.GearReport(Gear.PARK, fault_bus=True)},
     ],
 )
 def test_a_park_that_nobody_can_be_sure_of_lets_nothing_go(trouble):
     rig = Rig()
     rig.cruise(5.0)
-    rig.step(act=Act.STOP)
+    rig.step(act=OperatorCommand.STOP)
     while rig.step().state is not S.STOPPED:
         pass
     rig.car.silent = trouble.get("silent", set())
     rig.car.forged = forged(trouble["forged"]) if "forged" in trouble else {}
     assert {v.state for v in rig.run(10.0)} == {S.STOPPED}
-    assert rig.car.gear is Gear.PARK or dbw.WHEEL_SPEEDS in rig.car.silent
+    assert rig.car.gear is Gear.PARK or codec.WHEEL_SPEEDS in rig.car.silent
     assert enabled(rig) == {True}
     rig.car.silent, rig.car.forged = set(), {}
     rig.run(2.0)
@@ -653,13 +657,13 @@ def test_a_park_that_nobody_can_be_sure_of_lets_nothing_go(trouble):
 
 def test_no_gear_is_asked_for_while_the_wheels_turn():
     rig = Rig(Car(shift_time=math.inf))
-    rig.step(act=Act.ENGAGE)
+    rig.step(act=OperatorCommand.ENGAGE)
     rig.run(1.0)
     assert rig.commands()[3].gear is Gear.DRIVE
     rig.car.speed = 0.5
     rig.step()
     assert rig.commands()[3].gear is Gear.NONE
-    rig.step(act=Act.STOP)
+    rig.step(act=OperatorCommand.STOP)
     while rig.step().state is not S.STOPPED:
         assert rig.commands()[3].gear is Gear.NONE
     rig.step()
@@ -672,11 +676,11 @@ def test_no_gear_is_asked_for_while_the_wheels_turn():
 def test_after_parking_another_controller_may_count_from_zero():
     rig = Rig()
     rig.engage()
-    rig.step(act=Act.STOP)
+    rig.step(act=OperatorCommand.STOP)
     rig.run(3.0)
     rig.sequence = -1
     assert rig.gateway.sequence > 100
-    rig.step(act=Act.DISARM)
+    rig.step(act=OperatorCommand.DISARM)
     assert rig.gateway.sequence == -1
     rig.run(0.1)
     assert rig.gateway.sequence == rig.sequence
@@ -696,7 +700,7 @@ def test_after_parking_another_controller_may_count_from_zero():
         ENABLED_BRAKE._replace(override=True, enabled=False),
         ENABLED_THROTTLE._replace(override=True, enabled=False),
         ENABLED_STEERING._replace(override=True, enabled=False),
-        dbw.GearReport(Gear.DRIVE, override=True),
+        codec.GearReport(Gear.DRIVE, override=True),
     ],
 )
 def test_the_driver_has_the_car_within_the_same_step_and_for_good(report, before):
@@ -704,15 +708,15 @@ def test_the_driver_has_the_car_within_the_same_step_and_for_good(report, before
     rig.cruise(10.0)
     if before != "driving":
         rig.car.shift_time = math.inf
-        rig.step(act=Act.STOP)
+        rig.step(act=OperatorCommand.STOP)
         rig.run(1.0 if before == "stopping" else 7.0)
     counter = rig.commands()[0].counter
-    verdict = rig.step(1.0, extra=(dbw.encode(report),))
+    verdict = rig.step(1.0, extra=(codec.encode(report),))
     assert (verdict.state, verdict.brake_torque, verdict.throttle) == (S.FAULT, 0.0, 0.0)
     assert "driver_override" in verdict.reasons
     assert enabled(rig) == {False}
     assert {command.counter for command in rig.commands()[:3]} == {(counter + 1) % 256}
-    for verdict in rig.run(1.0, acceleration=2.0, act=Act.ENGAGE):
+    for verdict in rig.run(1.0, acceleration=2.0, act=OperatorCommand.ENGAGE):
         assert verdict.state is S.FAULT
         assert set(verdict.reasons) <= {"driver_override", "stop_asked"}
         assert enabled(rig) == {False}
@@ -728,7 +732,7 @@ def test_a_driver_at_the_pedals_cuts_the_throttle_at_once_and_as_long(report):
     before = rig.run(1.0, acceleration=1.0)[-1]
     assert before.throttle > 0.0
     rig.car.forged = forged(report)
-    name = "driver_on_brake" if isinstance(report, dbw.BrakeReport) else "driver_on_throttle"
+    name = "driver_on_brake" if isinstance(report, codec.BrakeReport) else "driver_on_throttle"
     for verdict in rig.run(1.0, acceleration=1.0):
         assert (verdict.state, verdict.throttle) == (S.ENGAGED, 0.0)
         assert verdict.brake_torque < 200.0, "no more than the push that still fades"
@@ -757,16 +761,16 @@ def test_an_act_of_the_same_moment_does_not_wipe_away_that_the_driver_took_over(
     rig = Rig()
     rig.cruise(5.0)
     rig.car.override = True
-    verdict = rig.step(1.0, act=Act.DISARM)
+    verdict = rig.step(1.0, act=OperatorCommand.DISARM)
     assert (verdict.state, verdict.reasons) == (S.FAULT, ("driver_override",))
-    assert rig.step(1.0, act=Act.DISARM).state is S.DISARMED
+    assert rig.step(1.0, act=OperatorCommand.DISARM).state is S.DISARMED
 
 
 def test_an_override_that_the_act_does_not_clear_is_not_fought():
     rig = Rig(Car(override=True))
-    latched = dbw.encode(ENABLED_BRAKE._replace(override=True, enabled=False))
+    latched = codec.encode(ENABLED_BRAKE._replace(override=True, enabled=False))
     rig.car.forged = forged(latched)
-    rig.step(act=Act.ENGAGE)
+    rig.step(act=OperatorCommand.ENGAGE)
     verdicts = rig.run(1.0)
     assert verdicts[-1].reasons == ("handshake_timeout",)
 
@@ -796,7 +800,7 @@ ODD_FRAMES = st.builds(Frame, st.integers(0x060, 0x075), st.binary(max_size=8))
         st.tuples(
             st.none() | ODD_SETPOINTS | st.tuples(st.floats(-9, 3), st.floats(-1, 1), st.booleans()),
             st.lists(ODD_FRAMES, max_size=2),
-            st.none() | st.sampled_from(Act),
+            st.none() | st.sampled_from(OperatorCommand),
         ),
         min_size=1,
         max_size=60,
@@ -816,13 +820,15 @@ def test_whatever_comes_it_never_breaks_and_never_says_what_it_must_not(engaged,
         for frame in out:
             if frame.id in IGNORE_PLACES:
                 assert not frame.data[IGNORE_PLACES[frame.id]] & 4
-        brake, throttle, steering, gear = (dbw.decode(frame) for frame in out)
+        brake, throttle, steering, gear = (codec.decode(frame) for frame in out)
         assert brake.value == 0.0 or throttle.value == 0.0
         assert brake.enable == throttle.enable == steering.enable == (verdict.state in COMMANDING)
         assert brake.clear == gear.clear == (state is not S.ENGAGED and verdict.state is S.ENGAGED)
-        going = verdict.state is S.ENGAGED and (going or (act is Act.GO and "go_too_early" not in verdict.reasons))
+        going = verdict.state is S.ENGAGED and (
+            going or (act is OperatorCommand.GO and "go_too_early" not in verdict.reasons)
+        )
         assert going or throttle.value == 0.0
-        assert not brake.clear or act is Act.ENGAGE
+        assert not brake.clear or act is OperatorCommand.ENGAGE
         state = verdict.state
         assert all(map(math.isfinite, (verdict.steering, verdict.acceleration, verdict.brake_torque, verdict.throttle)))
         assert verdict.state is S.ENGAGED or throttle.value == 0.0
@@ -853,7 +859,7 @@ OF_ITS_PROCESS = {"bus_down", "drive_gone", "operator_gone", "setpoint_corrupt",
 def test_every_reason_it_can_give_has_plain_words():
     """All string literals in the modules that give reasons and look like codes."""
     given_codes = set()
-    for module in (gateway, admission, handover, plausibility, reports, response):
+    for module in (gateway, setpoint_validation, engagement, plausibility, reports, brake_monitor):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and "_" in node.value:
                 given_codes.add(node.value)
@@ -870,9 +876,9 @@ def test_a_calibrated_wheel_bias_is_taken_off_the_report_and_put_onto_the_comman
     """Commanded straight, the wheel is asked to the angle at which the wheels point straight, and reads as straight."""
     bias = math.radians(3.0)
     gateway = Gateway(fusion.vehicle(), wheel_bias=bias)
-    report = dbw.encode(dbw.SteeringReport(bias, math.nan, 0.0, 0.0, enabled=False))
+    report = codec.encode(codec.SteeringReport(bias, math.nan, 0.0, 0.0, enabled=False))
     output = gateway.step(0.0, None, [report])
     assert gateway.measured_steering == pytest.approx(0.0, abs=math.radians(0.05) / fusion.STEERING_RATIO)
-    command = dbw.decode(output.frames[2], dbw.Variant.DBW1_2024)
-    assert isinstance(command, dbw.SteeringCommand)
+    command = codec.decode(output.frames[2], codec.Variant.DBW1_2024)
+    assert isinstance(command, codec.SteeringCommand)
     assert command.wheel_angle == pytest.approx(bias, abs=math.radians(0.06))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.dbw import Gear
-from vve_sumo.vehicle.handover import Handover
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.engagement import Engagement
 from vve_sumo.vehicle.reports import CarReports
 
 LAG = 0.05  # [rad]
@@ -15,26 +15,26 @@ BEGUN = 10.0  # [s]
 
 def reports(enabled: bool = True, gear: Gear = Gear.DRIVE) -> CarReports:
     """A car that says this; the brake module alone may not be enabled."""
-    said = CarReports(0.3, dbw.Variant.DBW1_2024)
+    said = CarReports(0.3, codec.Variant.DBW1_2024)
     for message in (
-        dbw.BrakeReport(dbw.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=enabled),
-        dbw.ThrottleReport(0.15, 0.15, 0.15, enabled=True),
-        dbw.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=True),
-        dbw.GearReport(gear),
+        codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=enabled),
+        codec.ThrottleReport(0.15, 0.15, 0.15, enabled=True),
+        codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=True),
+        codec.GearReport(gear),
     ):
-        said.take(0.0, [dbw.encode(message)])
+        said.take(0.0, [codec.encode(message)])
     return said
 
 
-def begun(rehearsal: bool = False) -> Handover:
-    subject = Handover(LAG, rehearsal)
+def begun(rehearsal: bool = False) -> Engagement:
+    subject = Engagement(LAG, rehearsal)
     subject.begin(BEGUN)
     return subject
 
 
 @pytest.mark.parametrize("rehearsal", [False, True])
 def test_nothing_is_handed_over_before_it_begins(rehearsal):
-    subject = Handover(LAG, rehearsal)
+    subject = Engagement(LAG, rehearsal)
     assert (subject.enabled, subject.in_drive, subject.going) == (False, False, False)
     assert not subject.settled(100.0)
     assert subject.dropped_out(reports(enabled=False)) == []

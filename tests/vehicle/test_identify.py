@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vve_sumo.vehicle import fusion, identify
+from vve_sumo.vehicle import fusion, identification
 from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY, Calibration
-from vve_sumo.vehicle.identify import Answer, Log, Series
+from vve_sumo.vehicle.identification import Answer, Log, Series
 
 FUSION, DECLARED = fusion.vehicle(), Calibration()
 
@@ -130,7 +130,7 @@ def _rolled(true, braking, pulling, pitch):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_finds_all_that_the_car_was_given(seed):
-    found = identify.identify(simulate(seed=seed), FUSION, DECLARED).estimates
+    found = identification.identify(simulate(seed=seed), FUSION, DECLARED).estimates
     assert found.keys() == TRUE.keys()
     for name, estimate in found.items():
         assert estimate.good, (name, estimate)
@@ -140,7 +140,7 @@ def test_finds_all_that_the_car_was_given(seed):
 
 
 def test_a_slope_that_the_receiver_reports_is_no_drag():
-    found = identify.identify(simulate(pitch=0.02), FUSION, DECLARED).estimates
+    found = identification.identify(simulate(pitch=0.02), FUSION, DECLARED).estimates
     assert found["rolling_resistance"].value == pytest.approx(TRUE["rolling_resistance"], abs=5e-4)
     assert found["brake_gain"].value == pytest.approx(TRUE["brake_gain"], rel=0.005)
 
@@ -148,13 +148,13 @@ def test_a_slope_that_the_receiver_reports_is_no_drag():
 def test_a_heavier_car_shows_as_weaker_pedals():
     """Mass is not told apart: 20 % more of it is 20 % more torque for the same deceleration."""
     heavy = TRUE | {"brake_gain": 1.2 * 640.0, "drive_force_limit": 5200.0 / 1.2, "creep_force": 450.0 / 1.2}
-    found = identify.identify(simulate(heavy), FUSION, DECLARED).estimates
+    found = identification.identify(simulate(heavy), FUSION, DECLARED).estimates
     assert found["brake_gain"].value == pytest.approx(768.0, rel=0.005)
     assert found["drive_force_limit"].value == pytest.approx(5200.0 / 1.2, rel=0.005)
 
 
 def test_without_braking_there_is_no_brake_gain():
-    found = identify.identify(simulate(brakes=0.0), FUSION, DECLARED).estimates
+    found = identification.identify(simulate(brakes=0.0), FUSION, DECLARED).estimates
     for name in ("brake_gain", "brake_delay", "brake_lag"):
         assert not found[name].good, name
     assert found["brake_gain"].trouble == "nothing in this drive to learn it from"
@@ -162,7 +162,7 @@ def test_without_braking_there_is_no_brake_gain():
 
 
 def test_without_steering_there_is_no_ratio():
-    found = identify.identify(simulate(wheel=0.0), FUSION, DECLARED).estimates
+    found = identification.identify(simulate(wheel=0.0), FUSION, DECLARED).estimates
     for name in ("steering_delay", "steering_lag", "steering_ratio"):
         assert not found[name].good, name
     assert found["brake_gain"].good
@@ -170,7 +170,7 @@ def test_without_steering_there_is_no_ratio():
 
 def test_a_steering_motor_that_cannot_keep_up_is_no_lag():
     """Half the rate that the commands have: no delay and lag describe that."""
-    found = identify.identify(simulate(rate=0.4), FUSION, DECLARED).estimates
+    found = identification.identify(simulate(rate=0.4), FUSION, DECLARED).estimates
     assert "what is tolerated" in found["steering_lag"].trouble
 
 
@@ -178,26 +178,26 @@ def test_air_drag_that_does_not_show_is_left_as_declared():
     """At parking speeds the fit of all else must not suffer from what it cannot tell."""
     noisy = simulate(noise=3.0)
     slow = replace(noisy, end=12.0)
-    found = identify.identify(slow, FUSION, DECLARED).estimates
+    found = identification.identify(slow, FUSION, DECLARED).estimates
     assert not found["drag_area"].good
     assert found["brake_gain"].value == pytest.approx(TRUE["brake_gain"], rel=0.05)
 
 
 def test_a_drive_that_holds_nothing_is_all_poor():
     empty = replace(simulate(), begin=0.0, end=0.1)
-    estimates = identify.identify(empty, FUSION, DECLARED).estimates
+    estimates = identification.identify(empty, FUSION, DECLARED).estimates
     assert {name for name, found in estimates.items() if found.good} == {"acceleration_bias"}
 
 
 def test_standard_deviations_are_those_of_repetitions():
     """A line under noise that hangs together, many times over: the scatter of its slope is what one fit says."""
     time = np.arange(0.0, 40.0, 0.01)
-    limits = (identify.UNBOUND, identify.UNBOUND)
+    limits = (identification.UNBOUND, identification.UNBOUND)
     slopes, sigmas = [], []
     for seed in range(60):
         white = np.random.default_rng(seed).standard_normal(len(time))
         together = np.convolve(white, np.full(20, 1.0 / 20.0), mode="same")
-        fit = identify._fit(
+        fit = identification._fit(
             lambda guess: guess[0] + guess[1] * time, Series(time, 1.0 + 2.0 * time + together), (0.0, 0.0), limits
         )
         slopes.append(fit.values[1])
@@ -235,6 +235,6 @@ def test_the_answer_is_that_of_small_steps(delay, lag, targets, spacing):
 
 def test_commands_are_passed_on_no_faster_than_the_kit_turns():
     commands = Series(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 2.0, -2.0, -2.0]))
-    passed = identify.slewed(commands, 4.0)
-    assert np.abs(np.diff(passed.value)).max() <= 4.0 * identify.SLEW_STEP + 1e-12
+    passed = identification.slewed(commands, 4.0)
+    assert np.abs(np.diff(passed.value)).max() <= 4.0 * identification.SLEW_STEP + 1e-12
     assert passed.at(np.array([0.9, 1.25, 1.6, 2.5, 2.99])) == pytest.approx([0.0, 1.0, 2.0, 0.0, -1.96], abs=0.03)

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from vve_sumo.values import ArmingState, Setpoint, StopProfile, Verdict
+from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.gateway import Act
-from vve_sumo.vehicle.profile import well_formed
+from vve_sumo.vehicle.fallback import well_formed
+from vve_sumo.vehicle.gateway import OperatorCommand
 
 FLOATS = st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", struct.pack("<Q", bits))[0]) | st.floats()
 SHORT = st.text(st.characters(), max_size=60)  # surrogates too; at most four bytes each
 CODES = st.lists(SHORT, max_size=64).map(tuple)
-PROFILES = st.builds(StopProfile, FLOATS, st.lists(FLOATS, max_size=65).map(tuple))
+PROFILES = st.builds(FallbackPath, FLOATS, st.lists(FLOATS, max_size=65).map(tuple))
 SETPOINTS = st.builds(
     Setpoint,
     steering=FLOATS,
@@ -35,7 +35,7 @@ SETPOINTS = st.builds(
     faults=CODES,
     profile=st.none() | PROFILES,
 )
-VERDICTS = st.builds(Verdict, st.sampled_from(ArmingState), CODES, FLOATS, FLOATS, CODES, FLOATS, FLOATS)
+VERDICTS = st.builds(GatewayStatus, st.sampled_from(ArmingState), CODES, FLOATS, FLOATS, CODES, FLOATS, FLOATS)
 FEEDBACKS = st.builds(
     link.Feedback,
     FLOATS,
@@ -82,7 +82,7 @@ def test_a_feedback_comes_back_bit_for_bit(feedback):
     assert isinstance(back.verdict.state, ArmingState)
 
 
-@pytest.mark.parametrize("act", Act)
+@pytest.mark.parametrize("act", OperatorCommand)
 def test_an_act_comes_back(act):
     assert link.decode_act(link.encode_act(act)) is act
 
@@ -93,11 +93,11 @@ def test_the_layout_on_the_wire():
     message += struct.pack("<ddqdddddddd", 0.1, -2.0, 7, 1.5, 1.6, 3.0, 4.0, 0.7, 8.0, 0.2, 0.01) + b"\x01"
     message += b"\x03why" + b"\x02\x01a\x02bb" + b"\x01" + struct.pack("<dB2d", 0.5, 2, 0.03, 0.04)
     setpoint = Setpoint(
-        0.1, -2.0, True, "why", 7, 1.5, 1.6, 3.0, 4.0, 0.7, 8.0, 0.2, 0.01, ("a", "bb"), StopProfile(0.5, (0.03, 0.04))
+        0.1, -2.0, True, "why", 7, 1.5, 1.6, 3.0, 4.0, 0.7, 8.0, 0.2, 0.01, ("a", "bb"), FallbackPath(0.5, (0.03, 0.04))
     )  # fmt: skip
     assert link.encode_setpoint(setpoint) == sealed(message)
     assert link.decode_setpoint(sealed(message)) == setpoint
-    assert link.encode_act(Act.GO) == sealed(b"VV\x02\x02\x02go")
+    assert link.encode_act(OperatorCommand.GO) == sealed(b"VV\x02\x02\x02go")
 
 
 @given(st.binary(max_size=300))
@@ -115,7 +115,7 @@ def test_no_body_breaks_it_even_under_a_right_sum(kind, body):
         if kind != own:
             assert message == link.Malformed("wrong_kind")
         else:
-            assert isinstance(message, (link.Malformed, Setpoint, link.Feedback, Act))
+            assert isinstance(message, (link.Malformed, Setpoint, link.Feedback, OperatorCommand))
 
 
 @given(st.one_of(SETPOINTS.map(link.encode_setpoint), FEEDBACKS.map(link.encode_feedback)), st.data())
@@ -136,7 +136,7 @@ def test_a_flipped_bit_is_found(setpoint, draws):
 
 
 def test_what_is_wrong_is_said():
-    right = link.encode_act(Act.STOP)
+    right = link.encode_act(OperatorCommand.STOP)
     assert link.decode_act(right[:7]) == link.Malformed("too_short")
     assert link.decode_act(right[:-1]) == link.Malformed("wrong_crc")
     assert link.decode_act(sealed(b"VX\x01\x02\x04stop")) == link.Malformed("wrong_magic")
@@ -147,14 +147,14 @@ def test_what_is_wrong_is_said():
 
 
 def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so():
-    said = Setpoint(0.0, 0.0, note="ä" * 1000, faults=("x" * 300,) * 100, profile=StopProfile(1.0, (0.0,) * 10_000))
+    said = Setpoint(0.0, 0.0, note="ä" * 1000, faults=("x" * 300,) * 100, profile=FallbackPath(1.0, (0.0,) * 10_000))
     data = link.encode_setpoint(said)
     assert len(data) < 20_000
     back = link.decode_setpoint(data)
     assert back.note == "ä" * 127
     assert back.faults == ("x" * 255,) * 64
     assert not well_formed(back.profile)
-    verdict = Verdict(ArmingState.FAULT, ("y",) * 1000, 0.0, 0.0, (), 0.0, 0.0)
+    verdict = GatewayStatus(ArmingState.FAULT, ("y",) * 1000, 0.0, 0.0, (), 0.0, 0.0)
     feedback = link.decode_feedback(
         link.encode_feedback(link.Feedback(0.0, 1 << 80, math.nan, verdict, 0.0, 0.0, "", 1))
     )

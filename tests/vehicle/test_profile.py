@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from tests.vehicle.car import FUSION, PERIOD, Rig
 from tests.vehicle.whole_car import VEHICLE, WholeCar
-from vve_sumo.values import ArmingState, StopProfile
-from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.gateway import Act
-from vve_sumo.vehicle.profile import Way, well_formed
+from vve_sumo.values import ArmingState, FallbackPath
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.fallback import FallbackTracker, well_formed
+from vve_sumo.vehicle.gateway import OperatorCommand
 
 S = ArmingState
 #: A car that steers at once and neutrally, so that the wheel angle tells the curvature and nothing else.
@@ -24,10 +24,10 @@ PLAIN = replace(
     FUSION, steering_delay=0.0, steering_lag=0.0,
     cornering_stiffness_front=FUSION.cornering_stiffness_rear * 1.58 / 1.27, front_axle_to_mass=1.27,
 )  # fmt: skip
-RAMP = StopProfile(1.0, tuple(0.005 * i for i in range(64)))  # its curvature tells the distance
+RAMP = FallbackPath(1.0, tuple(0.005 * i for i in range(64)))  # its curvature tells the distance
 
 
-def curvature(way: Way) -> float:
+def curvature(way: FallbackTracker) -> float:
     angle = way.steering()
     assert angle is not None
     return math.tan(angle) / PLAIN.wheelbase
@@ -43,14 +43,14 @@ def test_the_plain_car_is_neutral():
 @pytest.mark.parametrize(
     "profile",
     [
-        StopProfile(0.0, (0.0,)),
-        StopProfile(-1.0, (0.0,)),
-        StopProfile(math.nan, (0.0,)),
-        StopProfile(math.inf, (0.0,)),
-        StopProfile(1.0, ()),
-        StopProfile(1.0, (0.0,) * 65),
-        StopProfile(1.0, (0.0, math.nan)),
-        StopProfile(1.0, (math.inf, 0.0)),
+        FallbackPath(0.0, (0.0,)),
+        FallbackPath(-1.0, (0.0,)),
+        FallbackPath(math.nan, (0.0,)),
+        FallbackPath(math.inf, (0.0,)),
+        FallbackPath(1.0, ()),
+        FallbackPath(1.0, (0.0,) * 65),
+        FallbackPath(1.0, (0.0, math.nan)),
+        FallbackPath(1.0, (math.inf, 0.0)),
     ],
 )
 def test_what_is_no_way_is_refused_and_stops_the_car(profile):
@@ -61,7 +61,7 @@ def test_what_is_no_way_is_refused_and_stops_the_car(profile):
     assert (verdict.state, verdict.reasons[0]) == (S.STOPPING, "profile_invalid")
 
 
-@pytest.mark.parametrize("profile", [StopProfile(1e-300, (0.1, -0.1)), StopProfile(2.0, (0.0,) * 64)])
+@pytest.mark.parametrize("profile", [FallbackPath(1e-300, (0.1, -0.1)), FallbackPath(2.0, (0.0,) * 64)])
 def test_what_is_a_way_is_taken(profile):
     assert well_formed(profile)
     rig = Rig()
@@ -78,16 +78,16 @@ def test_what_is_a_way_is_taken(profile):
     st.floats(0.0, 400.0),
 )
 def test_curvature_is_linear_between_knots_and_holds_the_last_one(spacing, knots, distance):
-    way = Way(PLAIN)
+    way = FallbackTracker(PLAIN)
     way.move(0.02, distance / 0.05)
-    way.take(0.05, StopProfile(spacing, tuple(knots)))
+    way.take(0.05, FallbackPath(spacing, tuple(knots)))
     expected = np.interp(distance, spacing * np.arange(len(knots)), knots)
     assert curvature(way) == pytest.approx(expected, abs=1e-9 + 1e-6 * 0.4 / spacing)
 
 
 @given(st.floats(0.5, 12.0), st.floats(0.5, 6.0), st.floats(0.0, 0.1), st.lists(st.floats(0.002, 0.05), max_size=60))
 def test_the_distance_is_that_of_even_braking(speed, deceleration, age, steps):
-    way = Way(PLAIN)
+    way = FallbackTracker(PLAIN)
     way.move(0.02, speed)
     way.take(age, RAMP)
     time = 0.0
@@ -103,9 +103,9 @@ def test_the_distance_is_that_of_even_braking(speed, deceleration, age, steps):
 
 def test_at_speed_the_steady_circle_asks_for_the_understeer_too():
     vehicle = replace(PLAIN, cornering_stiffness_front=90_000.0)
-    way = Way(vehicle)
+    way = FallbackTracker(vehicle)
     way.move(0.02, 10.0)
-    way.take(0.0, StopProfile(1.0, (0.02,)))
+    way.take(0.0, FallbackPath(1.0, (0.02,)))
     rear = vehicle.wheelbase - vehicle.front_axle_to_mass
     load = vehicle.mass * 10.0**2 * 0.02 / vehicle.wheelbase
     slip = load * rear / 90_000.0 - load * vehicle.front_axle_to_mass / vehicle.cornering_stiffness_rear
@@ -113,7 +113,7 @@ def test_at_speed_the_steady_circle_asks_for_the_understeer_too():
 
 
 def test_the_angle_is_the_one_that_is_due_when_the_steering_has_answered():
-    way = Way(replace(PLAIN, steering_delay=0.1, steering_lag=0.2))
+    way = FallbackTracker(replace(PLAIN, steering_delay=0.1, steering_lag=0.2))
     way.move(0.02, 8.0)
     way.take(0.0, RAMP)
     assert curvature(way) == pytest.approx(0.005 * 8.0 * 0.3)
@@ -121,7 +121,7 @@ def test_the_angle_is_the_one_that_is_due_when_the_steering_has_answered():
 
 @pytest.mark.parametrize("duration", [0.101, 3.0, 0.0, -0.02, math.nan, math.inf])
 def test_a_gap_in_which_the_kit_lets_go_loses_the_way_until_the_next(duration):
-    way = Way(PLAIN)
+    way = FallbackTracker(PLAIN)
     way.move(0.02, 5.0)
     way.take(0.0, RAMP)
     way.move(0.1, 5.0)
@@ -134,7 +134,7 @@ def test_a_gap_in_which_the_kit_lets_go_loses_the_way_until_the_next(duration):
 
 
 def test_without_speed_there_is_no_knowing():
-    way = Way(PLAIN)
+    way = FallbackTracker(PLAIN)
     way.take(0.0, RAMP)
     assert way.steering() is None
     way.move(0.02, 5.0)
@@ -148,9 +148,9 @@ def test_without_speed_there_is_no_knowing():
 @given(st.floats(), st.floats(), st.floats(1e-9, 1e9), st.lists(st.floats(-1e308, 1e308), min_size=1, max_size=5))
 def test_no_number_breaks_it(speed, age, spacing, knots):
     for vehicle in (FUSION, replace(FUSION, cornering_stiffness_rear=50_000.0)):
-        way = Way(vehicle)
+        way = FallbackTracker(vehicle)
         way.move(0.02, speed)
-        way.take(age, StopProfile(spacing, tuple(knots)))
+        way.take(age, FallbackPath(spacing, tuple(knots)))
         way.move(0.02, speed)
         angle = way.steering()
         assert angle is None or not math.isnan(angle)
@@ -159,9 +159,9 @@ def test_no_number_breaks_it(speed, age, spacing, knots):
 # In the gateway.
 
 
-def bend() -> StopProfile:
+def bend() -> FallbackPath:
     """Straight for 5 m, then a bend to the left."""
-    return StopProfile(1.0, (*(0.0,) * 6, *(0.05,) * 30))
+    return FallbackPath(1.0, (*(0.0,) * 6, *(0.05,) * 30))
 
 
 def test_a_stop_follows_the_way_although_nobody_speaks_any_more():
@@ -207,19 +207,19 @@ def test_a_way_that_comes_too_late_to_be_acted_on_is_not_taken():
 def test_a_newer_way_counts_on_the_way_to_rest_too():
     rig = Rig()
     rig.cruise(8.0)
-    rig.step(0.0, act=Act.STOP, profile=StopProfile(1.0, (0.0,)))
-    assert {verdict.steering for verdict in rig.run(1.0, profile=StopProfile(1.0, (0.0,)))} == {0.0}
-    assert rig.run(1.0, profile=StopProfile(1.0, (-0.05,)))[-1].steering < -0.1
+    rig.step(0.0, act=OperatorCommand.STOP, profile=FallbackPath(1.0, (0.0,)))
+    assert {verdict.steering for verdict in rig.run(1.0, profile=FallbackPath(1.0, (0.0,)))} == {0.0}
+    assert rig.run(1.0, profile=FallbackPath(1.0, (-0.05,)))[-1].steering < -0.1
 
 
 ASTRAY = [
     ("speed_mismatch", {}, {"speed": 3.0}),
     ("yaw_rate_mismatch", {}, {"yaw_rate": 1.0}),
-    ("steering_report_stale", {"silent": {dbw.STEERING_REPORT}}, {}),
-    ("wheel_speeds_stale", {"silent": {dbw.WHEEL_SPEEDS}}, {}),
-    ("steering_fault", {"forged": dbw.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=True, fault_bus_1=True)}, {}),
-    ("steering_disabled", {"forged": dbw.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False)}, {}),
-    ("steering_timeout", {"forged": dbw.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False, timeout=True)}, {}),
+    ("steering_report_stale", {"silent": {codec.STEERING_REPORT}}, {}),
+    ("wheel_speeds_stale", {"silent": {codec.WHEEL_SPEEDS}}, {}),
+    ("steering_fault", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=True, fault_bus_1=True)}, {}),
+    ("steering_disabled", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False)}, {}),
+    ("steering_timeout", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False, timeout=True)}, {}),
     ("steering_not_following", {"found": ("steering_not_following",)}, {}),
 ]
 
@@ -228,17 +228,17 @@ ASTRAY = [
 def test_where_the_car_is_not_where_it_is_believed_to_be_the_measured_angle_is_held(reason, car, step):
     rig = Rig()
     rig.cruise(8.0)
-    rig.run(1.0, steering=0.05, profile=StopProfile(1.0, (-0.05,)))
+    rig.run(1.0, steering=0.05, profile=FallbackPath(1.0, (-0.05,)))
     rig.car.silent = car.get("silent", set())
     if "forged" in car:
-        frame = dbw.encode(car["forged"])
+        frame = codec.encode(car["forged"])
         rig.car.forged = {frame.id: frame}
     arguments = step | ({"found": car["found"]} if "found" in car else {})
-    while reason not in rig.step(0.0, 0.05, profile=StopProfile(1.0, (-0.05,)), **arguments).reasons:
+    while reason not in rig.step(0.0, 0.05, profile=FallbackPath(1.0, (-0.05,)), **arguments).reasons:
         pass
     measured = rig.gateway.measured_steering
-    rig.run(0.1, profile=StopProfile(1.0, (-0.05,)), **arguments)  # the limits hold on the way there
-    verdicts = rig.run(2.0, profile=StopProfile(1.0, (-0.05,)), **arguments)
+    rig.run(0.1, profile=FallbackPath(1.0, (-0.05,)), **arguments)  # the limits hold on the way there
+    verdicts = rig.run(2.0, profile=FallbackPath(1.0, (-0.05,)), **arguments)
     assert [verdict.steering for verdict in verdicts] == pytest.approx([measured] * len(verdicts), abs=1e-3)
     assert measured > 0.02
 
@@ -246,17 +246,17 @@ def test_where_the_car_is_not_where_it_is_believed_to_be_the_measured_angle_is_h
 def test_at_rest_the_wheels_stay_where_they_are():
     rig = Rig()
     rig.cruise(3.0)
-    rig.step(0.0, profile=StopProfile(1.0, (0.05,)))
+    rig.step(0.0, profile=FallbackPath(1.0, (0.05,)))
     while rig.step(None).state is not S.STOPPED:
         pass
-    verdicts = rig.run(0.8, profile=StopProfile(1.0, (-0.05,)))
+    verdicts = rig.run(0.8, profile=FallbackPath(1.0, (-0.05,)))
     assert [verdict.steering for verdict in verdicts] == pytest.approx([rig.gateway.measured_steering] * 40, abs=1e-3)
 
 
 def test_the_limits_have_the_last_word():
     rig = Rig()
     rig.cruise(10.0)
-    rig.step(0.0, profile=StopProfile(1.0, (0.5,)))
+    rig.step(0.0, profile=FallbackPath(1.0, (0.5,)))
     verdicts = rig.run(0.6, acceleration=None)
     assert "lateral_acceleration" in verdicts[-1].limited
     lateral = rig.car.speed**2 * math.tan(verdicts[-1].steering) / FUSION.wheelbase
@@ -280,7 +280,7 @@ def blind_stop(name: str, with_profile: bool) -> float:
         speed, here = whole.car.truth().speed, whole.car.truth()
         ahead = float(road(whole.distance + 0.12 * speed))
         steering = math.atan(VEHICLE.wheelbase * ahead) + VEHICLE.understeer_gradient * ahead * speed**2
-        way = StopProfile(1.0, tuple(map(float, road(whole.distance + np.arange(40.0)))))
+        way = FallbackPath(1.0, tuple(map(float, road(whole.distance + np.arange(40.0)))))
         begin = whole.distance
         verdict = whole.step(min(8.0 - speed, 2.0), steering, profile=way if with_profile else None)
         assert verdict.state is S.ENGAGED

@@ -7,37 +7,37 @@ import math
 import pytest
 
 from vve_sumo.values import Frame
-from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.dbw import Gear
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.reports import CarReports
 
 RADIUS = 0.5  # [m]
-BRAKE = dbw.BrakeReport(dbw.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=True)
-THROTTLE = dbw.ThrottleReport(0.15, 0.15, 0.15, enabled=True)
-STEERING = dbw.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=True)
-GEAR = dbw.GearReport(Gear.PARK)
-WHEELS = dbw.WheelSpeeds(0.0, 0.0, 0.0, 0.0)
-YAW_RATE = dbw.YawRate(0.0, 0.0)
+BRAKE = codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=True)
+THROTTLE = codec.ThrottleReport(0.15, 0.15, 0.15, enabled=True)
+STEERING = codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=True)
+GEAR = codec.GearReport(Gear.PARK)
+WHEELS = codec.WheelSpeeds(0.0, 0.0, 0.0, 0.0)
+YAW_RATE = codec.YawRate(0.0, 0.0)
 ALL = (BRAKE, THROTTLE, STEERING, GEAR, WHEELS, YAW_RATE)
 STALE = {
-    dbw.BrakeReport: "brake_report_stale",
-    dbw.ThrottleReport: "throttle_report_stale",
-    dbw.SteeringReport: "steering_report_stale",
-    dbw.WheelSpeeds: "wheel_speeds_stale",
-    dbw.YawRate: "yaw_rate_stale",
-    dbw.GearReport: "gear_report_stale",
+    codec.BrakeReport: "brake_report_stale",
+    codec.ThrottleReport: "throttle_report_stale",
+    codec.SteeringReport: "steering_report_stale",
+    codec.WheelSpeeds: "wheel_speeds_stale",
+    codec.YawRate: "yaw_rate_stale",
+    codec.GearReport: "gear_report_stale",
 }
 
 
 def heard(*messages: object, now: float = 0.0) -> CarReports:
     """A car that has said all that it should, and then these."""
-    reports = CarReports(RADIUS, dbw.Variant.DBW1_2024)
-    assert reports.take(now, [dbw.encode(message) for message in (*ALL, *messages)]) == []
+    reports = CarReports(RADIUS, codec.Variant.DBW1_2024)
+    assert reports.take(now, [codec.encode(message) for message in (*ALL, *messages)]) == []
     return reports
 
 
 def test_before_the_first_report_nothing_is_known():
-    silent = CarReports(RADIUS, dbw.Variant.DBW1_2024)
+    silent = CarReports(RADIUS, codec.Variant.DBW1_2024)
     assert set(silent.stale(0.0)) == set(STALE.values())
     assert silent.faults() == ["report_invalid"]
     assert not silent.any_enabled()
@@ -53,7 +53,7 @@ def test_before_the_first_report_nothing_is_known():
     assert not silent.in_park(0.0)
     assert silent.kit_heard == -math.inf
     brake, throttle, steering = silent.brake, silent.throttle, silent.steering
-    assert (brake.kind, brake.driver_input, brake.command, brake.output) == (dbw.BrakeReportKind.PEDAL, 0.0, 0.0, 0.0)
+    assert (brake.kind, brake.driver_input, brake.command, brake.output) == (codec.BrakeReportKind.PEDAL, 0.0, 0.0, 0.0)
     assert (throttle.driver_input, throttle.command, throttle.output) == (0.0, 0.0, 0.0)
     assert all(map(math.isnan, (steering.wheel_angle, steering.command, steering.speed, steering.torque)))
 
@@ -70,7 +70,7 @@ def test_each_report_counts_for_its_time(late):
     car = heard()
     for now, stale in ((limit, []), (limit + 0.5e-6, []), (limit + 2e-6, [STALE[type(late)]])):
         others = [message for message in ALL if message is not late]
-        assert car.take(now, [dbw.encode(message) for message in others]) == []
+        assert car.take(now, [codec.encode(message) for message in others]) == []
         assert car.stale(now) == stale
 
 
@@ -87,28 +87,28 @@ def test_reports_go_stale_in_their_order():
 
 @pytest.mark.parametrize("message", [BRAKE, THROTTLE, STEERING, GEAR])
 def test_any_module_of_the_kit_is_the_kit(message):
-    car = CarReports(RADIUS, dbw.Variant.DBW1_2024)
-    car.take(1.0, [dbw.encode(message)])
+    car = CarReports(RADIUS, codec.Variant.DBW1_2024)
+    car.take(1.0, [codec.encode(message)])
     assert car.kit_heard == 1.0
-    car.take(2.0, [dbw.encode(WHEELS), dbw.encode(YAW_RATE)])
+    car.take(2.0, [codec.encode(WHEELS), codec.encode(YAW_RATE)])
     assert car.kit_heard == 1.0, "wheels and gyroscope are the car's own"
-    car.take(3.0, [dbw.encode(BRAKE)])
+    car.take(3.0, [codec.encode(BRAKE)])
     assert car.kit_heard == 3.0
 
 
 def test_repeated_bytes_do_not_hide_those_after_them():
     car = heard()
-    assert car.take(0.0, [dbw.encode(BRAKE), dbw.encode(dbw.YawRate(0.0, 0.25))]) == []
+    assert car.take(0.0, [codec.encode(BRAKE), codec.encode(codec.YawRate(0.0, 0.25))]) == []
     assert car.yaw_rate == pytest.approx(0.25)
 
 
 def test_the_same_bytes_again_are_a_report_as_good_as_any():
     """Also after one that says nothing; what counts is what was understood last."""
     car = heard()
-    frames = [dbw.encode(message) for message in ALL]
+    frames = [codec.encode(message) for message in ALL]
     assert car.take(0.15, frames) == []
     assert car.stale(0.2) == []
-    assert car.take(0.3, [Frame(dbw.WHEEL_SPEEDS, b"")]) == ["report_malformed"]
+    assert car.take(0.3, [Frame(codec.WHEEL_SPEEDS, b"")]) == ["report_malformed"]
     assert "wheel_speeds_stale" in car.stale(0.3)
     assert car.take(0.3, frames) == []
     assert car.stale(0.3) == []
@@ -121,10 +121,12 @@ def test_a_command_on_the_bus_is_another_writers(identifier):
 
 def test_what_nobody_reads_is_passed_over():
     car = heard()
-    assert car.take(0.0, [Frame(0x123, b"x"), Frame(dbw.ACCELERATIONS, b"x"), Frame(dbw.BRAKE_INFO, b"x")]) == []
-    assert car.take(0.0, [Frame(dbw.BRAKE_INFO, b"x"), dbw.encode(dbw.YawRate(0.0, 0.25))]) == []
+    assert car.take(0.0, [Frame(0x123, b"x"), Frame(codec.ACCELERATIONS, b"x"), Frame(codec.BRAKE_INFO, b"x")]) == []
+    assert car.take(0.0, [Frame(codec.BRAKE_INFO, b"x"), codec.encode(codec.YawRate(0.0, 0.25))]) == []
     assert car.yaw_rate == pytest.approx(0.25), "nor does it hide those after it"
-    assert car.take(0.0, [Frame(dbw.BRAKE_REPORT, bytes(7)), dbw.encode(dbw.YawRate(0.0, 0.5))]) == ["report_malformed"]
+    assert car.take(0.0, [Frame(codec.BRAKE_REPORT, bytes(7)), codec.encode(codec.YawRate(0.0, 0.5))]) == [
+        "report_malformed"
+    ]
     assert car.yaw_rate == pytest.approx(0.5), "one that is damaged does not hide those after it"
 
 
@@ -202,7 +204,7 @@ def test_the_drivers_feet_are_told_apart():
 
 
 def test_the_rear_axle_moves_with_the_mean_of_its_wheels():
-    car = heard(dbw.WheelSpeeds(front_left=40.0, front_right=-50.0, rear_left=10.0, rear_right=30.0))
+    car = heard(codec.WheelSpeeds(front_left=40.0, front_right=-50.0, rear_left=10.0, rear_right=30.0))
     assert car.speed == pytest.approx(20.0 * RADIUS)
     assert car.fastest_wheel == pytest.approx(50.0 * RADIUS)
     assert car.wheels == pytest.approx((40.0, -50.0, 10.0, 30.0))
@@ -217,7 +219,9 @@ def test_the_fastest_wheel_is_any_of_the_four(wheel, speed):
 
 @pytest.mark.parametrize("wheel", WHEELS._fields)
 def test_one_invalid_wheel_leaves_no_speed(wheel):
-    car = heard(dbw.WheelSpeeds(1.0, 1.0, 1.0, 1.0), dbw.WheelSpeeds(1.0, 1.0, 1.0, 1.0)._replace(**{wheel: math.nan}))
+    car = heard(
+        codec.WheelSpeeds(1.0, 1.0, 1.0, 1.0), codec.WheelSpeeds(1.0, 1.0, 1.0, 1.0)._replace(**{wheel: math.nan})
+    )
     assert math.isnan(car.speed)
     assert math.isnan(car.fastest_wheel)
     assert not car.speed_known(0.0)
@@ -231,7 +235,7 @@ def test_a_speed_is_known_while_it_is_fresh():
 def test_park_is_what_the_car_has_just_said():
     car = heard()
     assert [car.in_park(now) for now in (0.0, 0.2, 0.2 + 0.5e-6, 0.2 + 2e-6)] == [True, True, True, False]
-    assert not heard(dbw.GearReport(Gear.NEUTRAL)).in_park(0.0)
+    assert not heard(codec.GearReport(Gear.NEUTRAL)).in_park(0.0)
     assert not heard(GEAR._replace(fault_bus=True)).in_park(0.0)
 
 
@@ -243,20 +247,20 @@ def test_an_angle_that_is_valid_outlives_one_that_is_not():
 
 def test_wheels_that_turn_and_never_change_are_counted():
     car = heard()
-    same = dbw.encode(dbw.WheelSpeeds(1.0, 1.0, 1.0, 1.0))
+    same = codec.encode(codec.WheelSpeeds(1.0, 1.0, 1.0, 1.0))
     for now in (1.0, 2.0, 3.5):
         car.take(now, [same])
     assert car.unchanged(3.5) == 2.5
-    car.take(4.0, [dbw.encode(dbw.WheelSpeeds(1.0, 1.0, 1.0, 1.01))])
+    car.take(4.0, [codec.encode(codec.WheelSpeeds(1.0, 1.0, 1.0, 1.01))])
     assert car.unchanged(4.25) == 0.25
-    car.take(5.0, [dbw.encode(WHEELS)])
+    car.take(5.0, [codec.encode(WHEELS)])
     assert car.unchanged(9.0) == 0.0, "wheels that stand are still"
-    car.take(10.0, [dbw.encode(WHEELS._replace(rear_left=1.0))])
+    car.take(10.0, [codec.encode(WHEELS._replace(rear_left=1.0))])
     assert car.unchanged(10.0) == 0.0
     assert car.unchanged(10.5) == 0.5
 
 
 def test_a_first_report_begins_the_count():
-    car = CarReports(RADIUS, dbw.Variant.DBW1_2024)
-    car.take(7.0, [dbw.encode(dbw.WheelSpeeds(1.0, 1.0, 1.0, 1.0))])
+    car = CarReports(RADIUS, codec.Variant.DBW1_2024)
+    car.take(7.0, [codec.encode(codec.WheelSpeeds(1.0, 1.0, 1.0, 1.0))])
     assert car.unchanged(8.0) == 1.0

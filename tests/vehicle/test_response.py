@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 
 from tests.vehicle.car import FUSION
-from vve_sumo.vehicle import response
+from vve_sumo.vehicle import brake_monitor
 from vve_sumo.vehicle.actuation import Pedals
+from vve_sumo.vehicle.brake_monitor import BrakeMonitor
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.response import Response
 
 STEP = 0.02  # [s]
 #: 550 N m are 1 m/s2. Nothing else acts on the car unless a test says so.
@@ -27,7 +27,7 @@ class Drive:
     def __init__(
         self, calibration: Calibration = BARE, delay: float = 0.0, lag: float = 0.0, speed: float = 10.0
     ) -> None:
-        self.response = Response(replace(FUSION, brake_delay=delay, brake_lag=lag), calibration)
+        self.response = BrakeMonitor(replace(FUSION, brake_delay=delay, brake_lag=lag), calibration)
         self.wheels = self.satellite = speed
         self.step(COAST)
 
@@ -52,10 +52,10 @@ class Drive:
 
 def test_figures():
     """Weak brakes: 15 % more mass and 10 % less torque are 0.78. A grade of 1.5 % is 0.15 m/s2."""
-    assert (response.BRAKE_SHARE, response.ACCELERATION_MARGIN) == (0.75, 0.25)
-    assert (response.PUSH_SHARE, response.PUSH_MARGIN) == (1.5, 0.3)
-    assert (response.SPEED_EXCESS, response.SATELLITE_EXCESS) == (0.25, 0.1)
-    assert (response.ROLLING, response.ACCELERATION_LAG) == (0.5, 0.1)
+    assert (brake_monitor.BRAKE_SHARE, brake_monitor.ACCELERATION_MARGIN) == (0.75, 0.25)
+    assert (brake_monitor.PUSH_SHARE, brake_monitor.PUSH_MARGIN) == (1.5, 0.3)
+    assert (brake_monitor.SPEED_EXCESS, brake_monitor.SATELLITE_EXCESS) == (0.25, 0.1)
+    assert (brake_monitor.ROLLING, brake_monitor.ACCELERATION_LAG) == (0.5, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_reset_forgets_everything():
 
 
 def test_the_first_command_waits_for_the_delay_like_any_other():
-    subject = Response(replace(FUSION, brake_delay=0.1, brake_lag=0.0), BARE)
+    subject = BrakeMonitor(replace(FUSION, brake_delay=0.1, brake_lag=0.0), BARE)
     subject.step(STEP, BRAKE, 10.0, 10.0, 0.0)
     assert subject._torque == 0.0
 
@@ -244,5 +244,5 @@ def test_half_a_newton_metre_is_braking():
 
 
 def test_what_is_allowed_without_bound_leaves_no_excess():
-    assert response._added(0.2, -math.inf) == 0.0
-    assert response._added(0.2, math.nan) == 0.2
+    assert brake_monitor._added(0.2, -math.inf) == 0.0
+    assert brake_monitor._added(0.2, math.nan) == 0.2

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.vehicle.whole_car import PARAMETERS, PERIOD, VEHICLE, WholeCar
-from vve_sumo.plant.kit import HANDS_OFF, DriverInputs
-from vve_sumo.values import ArmingState, StopProfile
-from vve_sumo.vehicle import dbw
+from vve_sumo.values import ArmingState, FallbackPath
 from vve_sumo.vehicle.arming import COMMANDING
-from vve_sumo.vehicle.dbw import Gear
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed.controller import HANDS_OFF, DriverInputs
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 S = ArmingState
 
@@ -25,7 +25,7 @@ def test_a_drive_from_park_to_park():
     for _ in range(300):
         whole.step(min(8.0 - whole.car.truth().speed, 1.5))
     assert whole.car.truth().speed > 6.0
-    whole.step(act=Act.STOP)
+    whole.step(act=OperatorCommand.STOP)
     states = []
     while not whole.gateway.done:
         states.append(whole.step().state)
@@ -44,15 +44,15 @@ def test_in_drive_the_driver_hands_over_with_the_foot_on_the_brake():
     for _ in range(10):
         verdict = whole.step(driver=foot)
     assert verdict.state is S.READY
-    whole.step(act=Act.ENGAGE, driver=foot)
+    whole.step(act=OperatorCommand.ENGAGE, driver=foot)
     for _ in range(50):
         assert whole.step(1.0, driver=foot).state is S.ENGAGED
-    assert whole.step(1.0, act=Act.GO, driver=foot).reasons == ("go_too_early", "driver_on_brake")
+    assert whole.step(1.0, act=OperatorCommand.GO, driver=foot).reasons == ("go_too_early", "driver_on_brake")
     for _ in range(50):
         verdict = whole.step(1.0)
     assert verdict.reasons == ("waiting_for_go",)
     assert whole.car.truth().speed == 0.0
-    whole.step(1.0, act=Act.GO)
+    whole.step(1.0, act=OperatorCommand.GO)
     for _ in range(100):
         whole.step(1.0)
     assert whole.car.truth().speed > 1.0
@@ -73,7 +73,7 @@ def test_a_driver_who_takes_over_has_the_car_and_the_watchdog_keeps_still(limb, 
     for _ in range(200):
         whole.step(1.5)
     if after:
-        whole.step(act=Act.STOP)
+        whole.step(act=OperatorCommand.STOP)
         for _ in range(round(after / PERIOD)):
             whole.step()
     ticks, throttle = 0, []
@@ -84,9 +84,9 @@ def test_a_driver_who_takes_over_has_the_car_and_the_watchdog_keeps_still(limb, 
     assert limb == "wheel" or throttle[-1] == 0.0, "cut before that"
     assert "driver_override" in verdict.reasons
     for _ in range(100):
-        counters = {dbw.decode(frame).counter for frame in whole.frames[:3]}
+        counters = {codec.decode(frame).counter for frame in whole.frames[:3]}
         verdict = whole.step(1.5, driver=TAKING_OVER[limb] if limb == "brake" else HANDS_OFF)
-        commands = [dbw.decode(frame) for frame in whole.frames[:3]]
+        commands = [codec.decode(frame) for frame in whole.frames[:3]]
         assert not any(command.enable or command.clear for command in commands)
         assert {command.counter for command in commands} == {(counter + 1) % 256 for counter in counters}
         assert not whole.car.kit.fault
@@ -101,9 +101,9 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
     for _ in range(10):
         verdict = whole.step()
     assert (verdict.state, verdict.reasons) == (S.READY, ("shadow",))
-    verdict = whole.step(act=Act.ENGAGE)
+    verdict = whole.step(act=OperatorCommand.ENGAGE)
     assert (verdict.state, verdict.reasons) == (S.ENGAGED, ("shadow", "waiting_for_go"))
-    verdict = whole.step(1.0, act=Act.GO)
+    verdict = whole.step(1.0, act=OperatorCommand.GO)
     whole.car.kit.gear = Gear.DRIVE
     seen = []
     for tick in range(400):
@@ -111,14 +111,14 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
             DriverInputs(throttle_pedal=0.35, steering_torque=4.0) if tick < 200 else DriverInputs(brake_pedal=0.24)
         )
         seen.append(whole.step(1.0 if tick < 200 else -2.0, 0.05, driver=driver))
-        for command in map(dbw.decode, whole.frames[:3]):
+        for command in map(codec.decode, whole.frames[:3]):
             assert (command.enable, command.clear) == (False, False)
-        assert dbw.decode(whole.frames[3]) == dbw.GearCommand(Gear.NONE)
+        assert codec.decode(whole.frames[3]) == codec.GearCommand(Gear.NONE)
     assert {(verdict.state, verdict.reasons) for verdict in seen} == {(S.ENGAGED, ("shadow",))}
     assert max(verdict.throttle for verdict in seen) > 0.1
     assert max(verdict.brake_torque for verdict in seen) > 800.0
     assert seen[150].steering == pytest.approx(0.05)
-    whole.step(act=Act.STOP, driver=DriverInputs(brake_pedal=0.24))
+    whole.step(act=OperatorCommand.STOP, driver=DriverInputs(brake_pedal=0.24))
     for _ in range(50):
         verdict = whole.step(driver=DriverInputs(brake_pedal=0.24))
     assert (verdict.state, verdict.reasons) == (S.STOPPED, ("stop_asked", "shadow"))
@@ -131,9 +131,9 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
 TROUBLES = st.one_of(
     st.builds(lambda code: {"found": (code,)}, st.sampled_from(["bus_down", "operator_gone", "what_is_this"])),
     st.builds(lambda code: {"faults": (code,)}, st.sampled_from(["pose_stale", "lot_edge"])),
-    st.builds(lambda act: {"act": act}, st.sampled_from(Act)),
+    st.builds(lambda act: {"act": act}, st.sampled_from(OperatorCommand)),
     st.builds(lambda profile: {"profile": profile}, st.builds(
-        StopProfile, st.floats(-1.0, 5.0), st.lists(st.floats(-0.2, 0.2), max_size=66).map(tuple)
+        FallbackPath, st.floats(-1.0, 5.0), st.lists(st.floats(-0.2, 0.2), max_size=66).map(tuple)
     )),
     st.builds(lambda limb: {"driver": limb}, st.sampled_from([
         *TAKING_OVER.values(), DriverInputs(brake_pedal=0.19), DriverInputs(throttle_pedal=0.2)
@@ -153,9 +153,9 @@ def test_whatever_happens_the_kits_watchdog_has_nothing_to_do(driven, phases):
         nonlocal was, going, drivers
         truth = whole.car.truth()
         verdict = whole.step(**({"acceleration": 1.5} | arguments))
-        brake, throttle, steering, gear = map(dbw.decode, whole.frames)
+        brake, throttle, steering, gear = map(codec.decode, whole.frames)
         taken_over = any(module.override for module in whole.car.kit.modules)
-        if arguments.get("act") is Act.GO and was is S.ENGAGED and "go_too_early" not in verdict.reasons:
+        if arguments.get("act") is OperatorCommand.GO and was is S.ENGAGED and "go_too_early" not in verdict.reasons:
             going = True
         going = going and verdict.state is S.ENGAGED
         assert throttle.value == 0.0 or going
@@ -168,7 +168,7 @@ def test_whatever_happens_the_kits_watchdog_has_nothing_to_do(driven, phases):
         was = verdict.state
 
     for index in range(80 + driven):
-        tick(act={10: Act.ENGAGE, 60: Act.GO}.get(index))
+        tick(act={10: OperatorCommand.ENGAGE, 60: OperatorCommand.GO}.get(index))
     for ticks, trouble in phases:
         for _ in range(ticks):
             tick(**(trouble or {}))

@@ -11,9 +11,9 @@ import numpy as np
 from vve_sumo.frames import MapFrame
 from vve_sumo.plant import fusion
 from vve_sumo.plant.car import Car
-from vve_sumo.plant.kit import HANDS_OFF, DriverInputs
-from vve_sumo.values import ArmingState, Frame, Setpoint, Verdict
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
+from vve_sumo.vehicle.dataspeed.controller import HANDS_OFF, DriverInputs
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 PERIOD = 0.02
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
@@ -57,11 +57,11 @@ class WholeCar:
         self,
         acceleration: float | None = 0.0,
         steering: float = 0.0,
-        act: Act | None = None,
+        act: OperatorCommand | None = None,
         driver: DriverInputs = HANDS_OFF,
         found: tuple[str, ...] = (),
         **changes: Any,
-    ) -> Verdict:
+    ) -> GatewayStatus:
         """One tick; acceleration None sends no setpoint."""
         self.tick += 1
         setpoint = None if acceleration is None else self.setpoint(acceleration, steering, **changes)
@@ -77,8 +77,8 @@ class WholeCar:
         """Bring the car to "engaged, in drive, free to go"."""
         for _ in range(10):
             self.step()
-        self.step(act=Act.ENGAGE)
+        self.step(act=OperatorCommand.ENGAGE)
         for _ in range(100):
             if self.step().reasons == ("waiting_for_go",):
                 break
-        assert self.step(act=Act.GO).state is ArmingState.ENGAGED
+        assert self.step(act=OperatorCommand.GO).state is ArmingState.ENGAGED

@@ -15,13 +15,14 @@ from pathlib import Path
 from tests.vm.sender import PERIOD, Sender
 from tests.vm.wires import Heard, Wire, Witness
 from vve_sumo.frames import MapFrame
-from vve_sumo.live.car import CarConfig
 from vve_sumo.live.channel import pair
+from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.live.spawn import start
 from vve_sumo.plant import fusion
 from vve_sumo.values import ArmingState, Frame, GatewayRow
-from vve_sumo.vehicle import dbw, link
-from vve_sumo.vehicle.gateway import Act
+from vve_sumo.vehicle import link
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.limits import Limits
 
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
@@ -74,7 +75,7 @@ class Bench:
 
     def __init__(self, wire: Wire, car: LiveCar, *, cruise: bool) -> None:
         self.car, self.t0 = car, car.t0
-        self.witness = Witness(wire.car, dbw.COMMAND_IDS | {dbw.GEAR_REPORT})
+        self.witness = Witness(wire.car, codec.COMMAND_IDS | {codec.GEAR_REPORT})
         self.begun = self.now
         self.rows: list[GatewayRow] = []
         self.sent: list[Frame] = []
@@ -110,7 +111,7 @@ class Bench:
         """Drive time [s]."""
         return time.monotonic() - self.t0
 
-    def act(self, act: Act) -> None:
+    def act(self, act: OperatorCommand) -> None:
         """Do what an operator does."""
         assert self.console.send(link.encode_act(act))
 
@@ -135,9 +136,9 @@ class Bench:
         """Take the car over and let it go."""
         # The first words come when Python has imported everything, some two seconds of the machine's clock.
         self.until(lambda: ArmingState.READY in self.states, patience=30.0)
-        self.act(Act.ENGAGE)
+        self.act(OperatorCommand.ENGAGE)
         self.until(lambda: "waiting_for_go" in self.reasons)
-        self.act(Act.GO)
+        self.act(OperatorCommand.GO)
 
     def finish(self) -> None:
         """Wait for the gateway's own end, and let everything be said."""
@@ -157,7 +158,7 @@ class Bench:
                 if verb == "stepped":
                     self.rows.append(said[0])
                 elif verb == "saw_frames":
-                    self.sent += [Frame(*frame) for frame in said[2] if frame[0] in dbw.COMMAND_IDS]
+                    self.sent += [Frame(*frame) for frame in said[2] if frame[0] in codec.COMMAND_IDS]
 
     def commands(self, kind: int) -> list[Heard]:
         """Everything that the wire carried of one kind, on drive time."""

@@ -24,17 +24,18 @@ from tests.vm.wires import FRAME, WIRES, Heard, Wire, ip, open_raw
 from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError
 from vve_sumo.values import ArmingState, Frame
-from vve_sumo.vehicle import dbw, link
-from vve_sumo.vehicle.gateway import Act
+from vve_sumo.vehicle import link
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.gateway import OperatorCommand
 
 LINK_DOWN = 0.5  # [s]
 #: Gateway's and kit's stop alike are harder than this, and begin sooner [m/s2], [s].
 STOP_DECELERATION, STOP_DELAY = 2.2, 0.45
 GAP = 0.040  # longest between two commands of a gateway that is well [s]
 COUNTED = {
-    dbw.BRAKE_COMMAND: dbw.BrakeCommand,
-    dbw.THROTTLE_COMMAND: dbw.ThrottleCommand,
-    dbw.STEERING_COMMAND: dbw.SteeringCommand,
+    codec.BRAKE_COMMAND: codec.BrakeCommand,
+    codec.THROTTLE_COMMAND: codec.ThrottleCommand,
+    codec.STEERING_COMMAND: codec.SteeringCommand,
 }
 
 
@@ -86,7 +87,7 @@ def check_nominal(wire: Wire, car: LiveCar) -> str:
         bench.engage()
         bench.until(lambda: bench.speed > SPEED - 0.1)
         bench.until(lambda: bench.speed < 0.01)
-        bench.act(Act.STOP)
+        bench.act(OperatorCommand.STOP)
         bench.finish()
     finally:
         bench.close()
@@ -100,7 +101,7 @@ def check_nominal(wire: Wire, car: LiveCar) -> str:
     top = max(speed for _, _, speed in truth)
     assert abs(top - SPEED) < 0.3, top
     # Every command that the gateway says it sent was on the wire, once and in this order; nobody else sent one.
-    heard = [heard.frame for heard in bench.witness.heard if heard.frame.id in dbw.COMMAND_IDS]
+    heard = [heard.frame for heard in bench.witness.heard if heard.frame.id in codec.COMMAND_IDS]
     assert heard == bench.sent
     return f"top {top:.2f} m/s, {truth[-1][1] - truth[0][1]:.1f} m, {len(heard)} command frames"
 
@@ -123,9 +124,9 @@ def check_frozen_sender(wire: Wire, car: LiveCar) -> str:
     _alive_until_park(bench)
     expired = _last_expiry(bench, frozen)
     assert expired < frozen + LIFETIME + 0.001
-    after = [heard for heard in bench.commands(dbw.THROTTLE_COMMAND) if heard.time > expired + PERIOD * 1.25]
+    after = [heard for heard in bench.commands(codec.THROTTLE_COMMAND) if heard.time > expired + PERIOD * 1.25]
     assert len(after) > 50
-    assert all(dbw.decode(heard.frame).value == 0.0 for heard in after)
+    assert all(codec.decode(heard.frame).value == 0.0 for heard in after)
     _brakes_only(bench, expired + PERIOD * 1.25)
     assert bench.rows[-1].reasons.split("+")[0] == "setpoint_expired", bench.rows[-1].reasons
     return _stopped_within(bench, frozen, LIFETIME)
@@ -154,7 +155,7 @@ def check_link_down(wire: Wire, car: LiveCar) -> str:
     assert down < found[0] < down + 0.2, (down, found[0])
     assert up - 0.1 < found[-1] < up + 0.2, (up, found[-1])
     assert "bus_down" in bench.rows[-1].reasons.split("+"), bench.rows[-1].reasons
-    times = [heard.time for heard in bench.commands(dbw.BRAKE_COMMAND)]
+    times = [heard.time for heard in bench.commands(codec.BRAKE_COMMAND)]
     gap = max(later - earlier for earlier, later in pairwise(times))
     assert gap > LINK_DOWN - GAP, gap
     assert [time for time in times if time > up], "nothing was sent after the link was up again"
@@ -165,29 +166,29 @@ def check_link_down(wire: Wire, car: LiveCar) -> str:
 def _ended_well(bench: Bench) -> None:
     assert bench.gateway.returncode == 0, bench.gateway.returncode
     assert bench.car.truth(bench.begun)[-1][2] == 0.0, "the car moves"
-    assert _gears(bench)[-1][1] is dbw.Gear.PARK
+    assert _gears(bench)[-1][1] is codec.Gear.PARK
 
 
-def _gears(bench: Bench) -> list[tuple[float, dbw.Gear]]:
-    return [(heard.time, dbw.decode(heard.frame).gear) for heard in bench.commands(dbw.GEAR_REPORT)]
+def _gears(bench: Bench) -> list[tuple[float, codec.Gear]]:
+    return [(heard.time, codec.decode(heard.frame).gear) for heard in bench.commands(codec.GEAR_REPORT)]
 
 
 def _alive_until_park(bench: Bench) -> None:
     """From engaging to park reported: enabled, counting by one, 50 times a second, no IGNORE bit."""
     gears = _gears(bench)
-    in_drive = [at for at, gear in gears if gear is dbw.Gear.DRIVE]
-    parked = next(at for at, gear in gears if at > in_drive[-1] and gear is dbw.Gear.PARK)
+    in_drive = [at for at, gear in gears if gear is codec.Gear.DRIVE]
+    parked = next(at for at, gear in gears if at > in_drive[-1] and gear is codec.Gear.PARK)
     for kind, command_type in COUNTED.items():
         heard = bench.commands(kind)
         _counts(heard)
-        commands = [(at, dbw.decode(frame)) for at, frame in heard]
+        commands = [(at, codec.decode(frame)) for at, frame in heard]
         assert all(isinstance(command, command_type) for _, command in commands)
         engaged = next(at for at, command in commands if command.enable)
         assert all(command.enable for at, command in commands if engaged <= at <= parked)
 
 
 def _counts(heard: list[Heard]) -> None:
-    counters = [dbw.decode(frame).counter for _, frame in heard]
+    counters = [codec.decode(frame).counter for _, frame in heard]
     assert all(later == (earlier + 1) & 0xFF for earlier, later in pairwise(counters)), "the counter skips"
     gap = max(later.time - earlier.time for earlier, later in pairwise(heard))
     assert gap < GAP, f"{gap:.3f} s between commands"
@@ -202,12 +203,12 @@ def _last_expiry(bench: Bench, before: float) -> float:
 
 def _brakes_only(bench: Bench, since: float) -> None:
     """No throttle, no steering away from straight on, and brakes that stay on: a stop and nothing else."""
-    for kind, bound in ((dbw.THROTTLE_COMMAND, 0.0), (dbw.STEERING_COMMAND, math.radians(1.0))):
+    for kind, bound in ((codec.THROTTLE_COMMAND, 0.0), (codec.STEERING_COMMAND, math.radians(1.0))):
         for at, frame in bench.commands(kind):
-            command = dbw.decode(frame)
-            value = command.wheel_angle if kind == dbw.STEERING_COMMAND else command.value
+            command = codec.decode(frame)
+            value = command.wheel_angle if kind == codec.STEERING_COMMAND else command.value
             assert at <= since or abs(value) <= bound, (at, command)
-    torques = [dbw.decode(frame) for at, frame in bench.commands(dbw.BRAKE_COMMAND) if at > since + 0.2]
+    torques = [codec.decode(frame) for at, frame in bench.commands(codec.BRAKE_COMMAND) if at > since + 0.2]
     assert all(command.value > 0.0 for command in torques if command.enable)
 
 

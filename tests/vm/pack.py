@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parents[2]
-IMPORTED = ("tests.vm.guest", "vve_sumo.live.car", "vve_sumo.live.gateway", "can.interfaces.socketcan")
+IMPORTED = ("tests.vm.guest", "vve_sumo.live.simulated_vehicle", "vve_sumo.live.gateway", "can.interfaces.socketcan")
 #: Names of folders and files that nothing at run time comes from.
 LEFT_OUT = re.compile(
     r"tests?|site-packages|dist-packages|config-.*|idlelib|tkinter|_tkinter.*|turtledemo|lib2to3|ensurepip"

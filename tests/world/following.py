@@ -9,7 +9,7 @@ import libsumo
 
 from tests.world.streets import FUSION, PERIOD, demand, street
 from vve_sumo.values import Pose
-from vve_sumo.world.street import World
+from vve_sumo.world.world import World
 
 #: It acts in every step, so it sees every twitch of the ego.
 FOLLOWER = (

@@ -17,8 +17,8 @@ from tests.isolated import isolated
 from tests.world.following import follower_accelerations
 from tests.world.streets import FUSION, PERIOD, along, crossing, demand, grid, lane_points, pose, street, trips, way
 from vve_sumo.values import Point
-from vve_sumo.world.anchor import TOLERANCE, compass, heading_of
-from vve_sumo.world.street import World
+from vve_sumo.world.ego_sync import TOLERANCE, compass, heading_of
+from vve_sumo.world.world import World
 
 BLOCK = ["B1C1", "C1C2", "C2B2", "B2B1"]
 TICKS = 30_000

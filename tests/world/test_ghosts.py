@@ -13,7 +13,7 @@ from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, along, crossing, demand, grid, lane_points, pose, street, trips, way
 from vve_sumo.values import Actors
 from vve_sumo.world.footprint import Rectangle, behind_bumper
-from vve_sumo.world.street import World
+from vve_sumo.world.world import World
 
 CAR = '<vType id="car" sigma="0" lcStrategic="0" lcSpeedGain="0" lcCooperative="0" lcKeepRight="0"/>'
 START = 'type="car" begin="0" end="300" period="6" departPos="300" departSpeed="15"'

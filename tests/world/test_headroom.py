@@ -12,20 +12,20 @@ from hypothesis import strategies as st
 
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, demand, grid, pose, trips
-from vve_sumo.world.headroom import LIMIT, NEAR, RANK, SETTLING, WINDOW, Budget, Measure
 from vve_sumo.world.obstacles import LaneSpot, Obstacle
-from vve_sumo.world.street import World
+from vve_sumo.world.step_time import LIMIT, NEAR, RANK, SETTLING, WINDOW, Measure, StepTimeJudge
+from vve_sumo.world.world import World
 
 QUICK, SLOW = 0.5 * LIMIT, 2.0 * LIMIT
 
 
-def fed(budget: Budget, took: float, steps: int) -> list[Measure]:
+def fed(budget: StepTimeJudge, took: float, steps: int) -> list[Measure]:
     """What is said to so many equal steps."""
     return [budget.step(took) for _ in range(steps)]
 
 
 def test_quick_steps_fit_once_enough_of_them_were_measured():
-    budget = Budget()
+    budget = StepTimeJudge()
     assert set(fed(budget, QUICK, SETTLING - 1)) == {Measure.NOTHING}
     assert not budget.summary.fits
     budget.step(QUICK)
@@ -34,7 +34,7 @@ def test_quick_steps_fit_once_enough_of_them_were_measured():
 
 
 def test_two_hiccups_are_the_machines_and_three_the_traffics():
-    budget = Budget()
+    budget = StepTimeJudge()
     fed(budget, QUICK, WINDOW)
     said = []
     for _ in range(RANK - 1):
@@ -45,7 +45,7 @@ def test_two_hiccups_are_the_machines_and_three_the_traffics():
 
 @pytest.mark.parametrize("took", [SLOW, math.nan, math.inf, -1.0])
 def test_the_street_is_closed_first_and_thinned_where_that_is_not_enough(took):
-    budget = Budget()
+    budget = StepTimeJudge()
     said = fed(budget, took, 2 * SETTLING + RANK)
     assert said.index(Measure.REFUSE) == RANK - 1
     assert [i for i, one in enumerate(said) if one is Measure.THIN] == [RANK - 1 + SETTLING, RANK - 1 + 2 * SETTLING]
@@ -55,13 +55,13 @@ def test_the_street_is_closed_first_and_thinned_where_that_is_not_enough(took):
 
 
 def test_twice_the_limit_takes_half_of_the_traffic():
-    budget = Budget()
+    budget = StepTimeJudge()
     fed(budget, SLOW, RANK)
     assert budget.share == pytest.approx(0.5)
 
 
 def test_the_street_opens_when_there_is_room_and_each_time_later():
-    budget = Budget()
+    budget = StepTimeJudge()
     waits = []
     for _ in range(3):
         fed(budget, SLOW, RANK)
@@ -73,7 +73,7 @@ def test_the_street_opens_when_there_is_room_and_each_time_later():
 
 
 def test_where_it_is_just_enough_the_street_stays_closed():
-    budget = Budget()
+    budget = StepTimeJudge()
     fed(budget, SLOW, RANK)
     assert Measure.ADMIT not in fed(budget, 0.9 * LIMIT, 20 * WINDOW)
     assert budget.summary.fits
@@ -82,7 +82,7 @@ def test_where_it_is_just_enough_the_street_stays_closed():
 @settings(deadline=None)
 @given(st.lists(st.sampled_from([0.0, QUICK, LIMIT, SLOW, math.nan]), max_size=800))
 def test_measures_come_in_order_and_with_time_between(times):
-    budget, last, closed = Budget(), -math.inf, False
+    budget, last, closed = StepTimeJudge(), -math.inf, False
     for i, took in enumerate(times):
         measure = budget.step(took)
         if measure is Measure.NOTHING:

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, demand, pose, street
-from vve_sumo.world.street import World
 from vve_sumo.world.surroundings import followed
+from vve_sumo.world.world import World
 
 EAST = '<route edges="east"/>'
 #: Lorries that crawl in the right lane, and cars that overtake them and come back: SUMO's drivers keep to the right.

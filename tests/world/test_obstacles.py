@@ -14,7 +14,7 @@ from tests.world.streets import FUSION, PERIOD, crossing, demand, pose, street
 from vve_sumo.errors import ConfigError
 from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.obstacles import LaneSpot, MapSpot, Obstacle
-from vve_sumo.world.street import World
+from vve_sumo.world.world import World
 
 CAR = '<vType id="car" sigma="0" speedDev="0" maxSpeed="15"/>'
 

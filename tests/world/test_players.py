@@ -13,16 +13,16 @@ from shapely import Polygon
 
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, crossing, demand, grid, pose, street
-from vve_sumo.values import Actors, Player
+from vve_sumo.values import Actors, ActorState
 from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.lanes import Lanes, cuts, read_lanes
-from vve_sumo.world.street import World
+from vve_sumo.world.world import World
 
 CAR = (
     '<vType id="car" sigma="0" speedDev="0" maxSpeed="15"'
     ' lcStrategic="0" lcSpeedGain="0" lcCooperative="0" lcKeepRight="0"/>'
 )
-Track = Callable[[float], tuple[Player, ...]]
+Track = Callable[[float], tuple[ActorState, ...]]
 
 
 def _boxes(actors: Actors) -> dict[str, Polygon]:
@@ -93,15 +93,15 @@ def _car(name: str, at: float, speed: float, lane: int = 0, edge: str = "east") 
     return f'<vehicle id="{name}" type="car" depart="0" {place}><route edges="{edge}"/></vehicle>'
 
 
-def car(x: float, y: float, speed: float, heading: float = 0.0) -> Player:
-    return Player("lead", "car", x, y, heading, speed, 4.5, 1.8)
+def car(x: float, y: float, speed: float, heading: float = 0.0) -> ActorState:
+    return ActorState("lead", "car", x, y, heading, speed, 4.5, 1.8)
 
 
 def _followed(folder: str, deceleration: float) -> Seen:
     """A car at 15 m/s, 25 m behind a player at 15 m/s that brakes to a stand after 2 s; east_0 is at y = -4.8."""
     root = Path(folder)
 
-    def track(time: float) -> tuple[Player, ...]:
+    def track(time: float) -> tuple[ActorState, ...]:
         braking = min(max(time - 2.0, 0.0), 15.0 / deceleration)
         x = 200.0 + 15.0 * min(time, 2.0) + 15.0 * braking - 0.5 * deceleration * braking * braking
         return (car(x, -4.8, 15.0 - deceleration * braking),)
@@ -136,9 +136,9 @@ def _crossed(folder: str, kind: str, until: float) -> Seen:
     root = Path(folder)
     length, width, speed = CROSSERS[kind]
 
-    def track(time: float) -> tuple[Player, ...]:
+    def track(time: float) -> tuple[ActorState, ...]:
         y = -6.4 - 0.5 * length + speed * (time - 5.0)
-        return (Player("someone", kind, 300.0, min(y, until), 0.5 * math.pi, speed * (y < until), length, width),)
+        return (ActorState("someone", kind, 300.0, min(y, until), 0.5 * math.pi, speed * (y < until), length, width),)
 
     cars = _car("right", 195.0, 15.0, 0) + _car("left", 155.0, 15.0, 1) + _car("oncoming", 525.0, 15.0, 0, "west")
     with _open(root, street(root), cars) as world:
@@ -169,7 +169,7 @@ def _entered(folder: str, x: float, speed: float) -> Seen:
     """A player appears after 2 s on a lane with a car under way at 15 m/s, then at 120 + 2 * 15 = 150 m."""
     root = Path(folder)
 
-    def track(time: float) -> tuple[Player, ...]:
+    def track(time: float) -> tuple[ActorState, ...]:
         return () if time < 2.0 else (car(x + speed * (time - 2.0), -4.8, speed),)
 
     with _open(root, street(root), _car("driver", 120.0, 15.0)) as world:
@@ -190,7 +190,7 @@ def _yielded(folder: str, arrives: float) -> tuple[set[tuple[str, str]], float]:
     """A player drives along the major road of a crossing at 10 m/s while a car comes from the minor one."""
     root = Path(folder)
 
-    def track(time: float) -> tuple[Player, ...]:
+    def track(time: float) -> tuple[ActorState, ...]:
         return (car(-10.0 * arrives + 10.0 * time, -1.6, 10.0),)
 
     with _open(root, crossing(root), _car("minor", 200.0, 10.0, 0, "sc cn")) as world:

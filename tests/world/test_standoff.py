@@ -13,7 +13,7 @@ from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, demand, pose, street
 from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.standoff import PATIENCE, Standoff
-from vve_sumo.world.street import World
+from vve_sumo.world.world import World
 
 EGO = Rectangle(0.0, 0.0, 0.0, 4.9, 1.9)
 

@@ -15,7 +15,7 @@ from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, demand, grid, pose, street, trips
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.world.simulation import SUMO_VERSION, check_version
-from vve_sumo.world.street import World
+from vve_sumo.world.world import World
 
 EAST = '<route edges="east"/>'
 PARKED = (

@@ -12,7 +12,7 @@ import numpy as np
 
 from vve_sumo.analysis.over_time import SLOPE_REACH, slope
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive import stopping
+from vve_sumo.metrics import stopping
 
 #: over so long ISO 15622 averages the deceleration of adaptive cruise control [s]
 AVERAGED: Final = 2.0

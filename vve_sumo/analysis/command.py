@@ -33,7 +33,7 @@ def compare(one: Path, other: Path, out: Path | None) -> int:
     compared = lay_together(_record(one), _record(other))
     _show(compared)
     if out is not None:
-        from vve_sumo.analysis.plots import comparison, save
+        from vve_sumo.plotting import comparison, save
 
         save(comparison(compared), out)
         print(f"picture: {out}")

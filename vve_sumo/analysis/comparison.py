@@ -13,12 +13,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from vve_sumo.analysis.likeness import pearson, rms, shift_of, theil_u
 from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.similarity import pearson, rms, shift_of, theil_u
 from vve_sumo.analysis.units import described, unit_of
-from vve_sumo.drive.figures import Ahead, ahead, measure
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.drive_metrics import LeadVehicle, ahead, measure
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class _Side(NamedTuple):
     time: Floats  #: from first motion [s]
     station: Floats  #: along the path [m]
     signals: dict[str, Floats]
-    ahead: Ahead
+    ahead: LeadVehicle
     begin: float  #: drive time of first motion [s]
 
 

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from vve_sumo.analysis import told
+from vve_sumo.analysis import json_models
 from vve_sumo.analysis.groups import COUNTS, grouped, meanings
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described, unit_of
 from vve_sumo.errors import ConfigError
-from vve_sumo.rows import FIGURES, MEANINGS, Held, unreadable
+from vve_sumo.record.sweep_folder import FIGURES, MEANINGS, Held, unreadable
 
 if TYPE_CHECKING:
     import duckdb
@@ -39,7 +39,7 @@ class Sweep:
         """
         self.folder = folder
         self._held = Held.of(folder)
-        told.check(self.plan, told.Sweep, folder / "sweep.json")
+        json_models.check(self.plan, json_models.Sweep, folder / "sweep.json")
         if self._held.finished == 0:
             raise ConfigError(f"{folder}: no run of this sweep is finished; vve-sumo sweep … --resume goes on with it")
 
@@ -95,7 +95,7 @@ class Sweep:
             raise unreadable(file, error) from None
         if not isinstance(found, dict) or "search" not in found:
             raise ConfigError(f"{file}: not what a search writes: no search in it")
-        told.check(found, told.Boundaries if found["search"] == "boundary" else told.Worst, file)
+        json_models.check(found, json_models.Boundaries if found["search"] == "boundary" else json_models.Worst, file)
         return found
 
     def rows(self, columns: Sequence[str] | None = None) -> pd.DataFrame:

@@ -12,7 +12,7 @@ import numpy as np
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
-from vve_sumo.drive.ledger import DATAGRAM, LEGS, TOTAL, legs, percentiles, rows_of
+from vve_sumo.drive.latency_monitor import DATAGRAM, LEGS, TOTAL, legs, percentiles, rows_of
 from vve_sumo.values import LatencyRow
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive.record import SCHEMAS
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.record import SCHEMAS
 
 WANTED = "expected a drive's record (scenario.json) or a sweep's folder (sweep.json)"
 

@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.analysis import following
-from vve_sumo.analysis.boxes import Boxes, time_to_collision_of_boxes
-from vve_sumo.analysis.crossing import Encroachment, encroachment, time_to_collision_zone
 from vve_sumo.analysis.run import Run
-from vve_sumo.analysis.tracking import WINDOW, Tracking, track
 from vve_sumo.analysis.units import described, unit_of
-from vve_sumo.drive import figures
-from vve_sumo.drive.figures import HORIZON, locate
-from vve_sumo.drive.stopping import AT_REST
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics import drive_metrics, following
+from vve_sumo.metrics.boxes import Boxes, time_to_collision_of_boxes
+from vve_sumo.metrics.crossing import Encroachment, encroachment, time_to_collision_zone
+from vve_sumo.metrics.drive_metrics import HORIZON, locate
+from vve_sumo.metrics.stopping import AT_REST
+from vve_sumo.metrics.tracking import WINDOW, Tracking, track
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -193,14 +192,14 @@ def _following(run: Run, leader: _Leader) -> dict[str, Floats]:
     motion, seen = run.motion, run.ahead
     gap, closing = seen.gap, seen.closing_speed
     speed = np.where(np.abs(motion.speed) < AT_REST, 0.0, motion.speed)
-    drac = figures.deceleration_to_avoid(seen)
+    drac = drive_metrics.deceleration_to_avoid(seen)
     modified = following.modified_time_to_collision(gap, closing, motion.acceleration - leader.acceleration)
     needed = following.deceleration_to_avoid(gap, closing, run.vehicle.brake_delay)
     leader_speed = np.where(np.abs(leader.speed) < AT_REST, 0.0, leader.speed)
     return {
         "headway_s": _finite(following.headway(gap, speed)),
         "headway_front_s": _finite(following.headway_front(gap, speed, leader.length)),
-        "ttc_s": figures.time_to_collision(seen),
+        "ttc_s": drive_metrics.time_to_collision(seen),
         "mttc_s": np.where(gap > 0.0, _finite(modified), np.nan),
         "drac_mps2": drac,
         "required_deceleration_mps2": np.where(np.isnan(drac), np.nan, needed),
@@ -228,7 +227,7 @@ def _ego(run: Run) -> Boxes:
 
 def _cast(run: Run) -> _Cast:
     table = run.arrow("actors")
-    at = figures.index_of_tick(run.arrow("ticks"), table)
+    at = drive_metrics.index_of_tick(run.arrow("ticks"), table)
     rows = np.flatnonzero(at >= 0)
     names = table["actor"].combine_chunks().dictionary_encode()
     columns = ("x_m", "y_m", "heading_rad", "length_m", "width_m", "speed_mps")

@@ -18,14 +18,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vve_sumo.analysis import told
+from vve_sumo.analysis import json_models
 from vve_sumo.analysis.units import described
-from vve_sumo.drive import figures
-from vve_sumo.drive.figures import Ahead
-from vve_sumo.drive.record import LIVE_SCHEMAS, PROVENANCE, SCHEMAS, read_table
-from vve_sumo.drive.setting import refuse_layout
+from vve_sumo.drive.resolved_scenario import refuse_layout
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics import drive_metrics
+from vve_sumo.metrics.drive_metrics import LeadVehicle
 from vve_sumo.path import Path
+from vve_sumo.record.record import LIVE_SCHEMAS, PROVENANCE, SCHEMAS, read_table
 from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
@@ -118,10 +118,10 @@ class Run:
         return described(arrow.to_pandas(), meanings)
 
     @cached_property
-    def provenance(self) -> told.Provenance | None:
+    def provenance(self) -> json_models.Provenance | None:
         """Where the drive came from: its code, machine and people; None where the record does not say it."""
         try:
-            return told.Provenance.model_validate_json((self.folder / PROVENANCE).read_bytes())
+            return json_models.Provenance.model_validate_json((self.folder / PROVENANCE).read_bytes())
         except (OSError, ValueError):
             return None
 
@@ -156,9 +156,9 @@ class Run:
         return time
 
     @cached_property
-    def ahead(self) -> Ahead:
+    def ahead(self) -> LeadVehicle:
         """What stood ahead in the ego's way, and its gap, tick by tick."""
-        return figures.ahead(self.arrow("ticks"), self.arrow("actors"), self.path, self.vehicle)
+        return drive_metrics.ahead(self.arrow("ticks"), self.arrow("actors"), self.path, self.vehicle)
 
     def engaged(self) -> NDArray[np.bool_]:
         """Whether the gateway obeyed the controller, tick by tick."""
@@ -212,7 +212,7 @@ def _resolved(folder: FilePath) -> dict[str, Any]:
     if not isinstance(resolved, dict) or "settings" not in resolved:
         raise ConfigError(f"{file}: not what a drive writes: no settings in it")
     refuse_layout(resolved, file)
-    told.check(resolved, told.Record, file)
+    json_models.check(resolved, json_models.Record, file)
     return resolved
 
 
@@ -226,7 +226,7 @@ def _summary(folder: FilePath) -> dict[str, Any] | None:
         raise ConfigError(f"{file}: cannot be read: {error}") from None
     if not isinstance(summary, dict) or "outcome" not in summary:
         raise ConfigError(f"{file}: not what a drive writes: no outcome in it")
-    told.check(summary, told.Summary, file)
+    json_models.check(summary, json_models.Summary, file)
     return summary
 
 

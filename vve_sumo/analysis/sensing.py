@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
-from vve_sumo.drive.figures import CLOSING_FLOOR
-from vve_sumo.drive.record import ACTOR_COLUMNS
-from vve_sumo.drive.setting import radar_of
-from vve_sumo.drive.stopping import AT_REST
+from vve_sumo.drive.resolved_scenario import radar_of
+from vve_sumo.metrics.drive_metrics import CLOSING_FLOOR
+from vve_sumo.metrics.stopping import AT_REST
+from vve_sumo.record.record import ACTOR_COLUMNS
 from vve_sumo.scenario.schema import Radar
 from vve_sumo.sensors.echo import antenna_at, echoes
 from vve_sumo.sensors.radar import from_bumper

@@ -20,14 +20,15 @@ import pyarrow as pa
 
 from vve_sumo import workspace
 from vve_sumo.controller import module, sources
-from vve_sumo.drive import figures, provenance
-from vve_sumo.drive.ending import Outcome
-from vve_sumo.drive.lockstep import Lockstep, Run, Watch
+from vve_sumo.drive import provenance
+from vve_sumo.drive.lockstep import DriveEnd, Lockstep, Watch
 from vve_sumo.drive.playback import Playback
-from vve_sumo.drive.record import PROVENANCE, Record, Tape, claim, hash_files, read_table, whole
-from vve_sumo.drive.setting import PERIOD, Setting, resolve, versions
+from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario, resolve_scenario, versions
+from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError, SimulationError, VveError
+from vve_sumo.metrics import drive_metrics
 from vve_sumo.path import Path
+from vve_sumo.record.record import PROVENANCE, MemoryRecorder, Record, claim, hash_files, read_table, whole
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Band, Criteria, Scenario
 from vve_sumo.values import ArmingState, Vehicle
@@ -44,7 +45,7 @@ class Shell(Protocol):
     epoch: float  #: GNSS second of drive time 0
     laid: dict[str, Any]  #: what ties the drive to time and earth
 
-    def run(self, record: Tape, watch: Watch) -> Run:
+    def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         """Drive to the end."""
         ...
 
@@ -66,7 +67,7 @@ class Drive:
         return self.summary["passed"] is not False
 
 
-def choose(name: str, working: FilePath, *, seed: int | None = None, controller: str | None = None) -> Setting:
+def choose(name: str, working: FilePath, *, seed: int | None = None, controller: str | None = None) -> ResolvedScenario:
     """Return the setting of a scenario by name or file, with the command line's wishes laid over it.
 
     Raises ConfigError for whatever is missing or wrong.
@@ -77,12 +78,12 @@ def choose(name: str, working: FilePath, *, seed: int | None = None, controller:
         if not 0 <= seed < 2**31:
             raise ConfigError(f"--seed: expected 0 to 2147483647, got {seed}")
         scenario = scenario.model_copy(update={"seed": seed})
-    setting = resolve(file.name.removesuffix(".toml"), scenario, file, working)
+    setting = resolve_scenario(file.name.removesuffix(".toml"), scenario, file, working)
     return setting if controller is None else setting.driven_by(controller)
 
 
 def run(
-    setting: Setting,
+    setting: ResolvedScenario,
     folder: FilePath,
     working: FilePath,
     *,
@@ -103,7 +104,7 @@ def run(
         if pose is not None:
             setting = replace(setting, files={**setting.files, "pose": pose})
         resolved = setting.resolved(working) | shell.laid
-        record = Record(folder, resolved, shell.epoch) if kept else Tape(resolved, shell.epoch)
+        record = Record(folder, resolved, shell.epoch) if kept else MemoryRecorder(resolved, shell.epoch)
         if kept:
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             record.attach(PROVENANCE, provenance.text_of(provenance.provenance(setting, now)))
@@ -122,9 +123,9 @@ def run(
     return Drive(folder, summary)
 
 
-def guarded(shell: Shell, record: Tape, watch: Watch) -> Run:
+def guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
     """Drive to the end; whatever breaks under way is how the drive ended, but for a wrong input."""
-    broken = Run(Outcome.BROKEN, ())
+    broken = DriveEnd(Outcome.BROKEN, ())
     try:
         return shell.run(record, watch)
     except KeyboardInterrupt:
@@ -139,7 +140,7 @@ def guarded(shell: Shell, record: Tape, watch: Watch) -> Run:
         return replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
 
 
-def summarise(setting: Setting, done: Run, folder: FilePath, parts: dict[str, str]) -> dict[str, Any]:
+def summarise(setting: ResolvedScenario, done: DriveEnd, folder: FilePath, parts: dict[str, str]) -> dict[str, Any]:
     """Return what `summary.json` says of the drive whose record lies in `folder`; `parts` are its hashes."""
     told = summary_of(setting, done, read_table(folder, "ticks"), read_table(folder, "actors"), parts)
     return told | {"record_files_sha256": hash_files(folder)}
@@ -169,9 +170,11 @@ class Driven(Protocol):
         ...
 
 
-def summary_of(setting: Driven, done: Run, ticks: pa.Table, actors: pa.Table, parts: dict[str, str]) -> dict[str, Any]:
+def summary_of(
+    setting: Driven, done: DriveEnd, ticks: pa.Table, actors: pa.Table, parts: dict[str, str]
+) -> dict[str, Any]:
     """Return what a summary says of a drive, but for the hashes of files; `parts` are those of its record."""
-    measured = figures.measure(ticks, actors, setting.path, setting.vehicle)
+    measured = drive_metrics.measure(ticks, actors, setting.path, setting.vehicle)
     summary: dict[str, Any] = {
         "scenario": setting.name,
         "title": setting.scenario.title,
@@ -243,11 +246,11 @@ def _band(band: Band) -> str:
     return f"at least {band.min:g}" if band.max is None else f"{band.min:g} to {band.max:g}"
 
 
-def draw(setting: Setting, drive: Drive) -> FilePath:
+def draw(setting: ResolvedScenario, drive: Drive) -> FilePath:
     """Write `drive.png` into a record and return its place."""
-    from vve_sumo.drive.picture import bounds
-    from vve_sumo.drive.picture import draw as paint
-    from vve_sumo.drive.sheet import Sheet, said
+    from vve_sumo.plotting.drive_page import bounds
+    from vve_sumo.plotting.drive_page import draw as paint
+    from vve_sumo.plotting.page import Sheet, said
     from vve_sumo.world.network import lane_shapes
 
     ticks, actors = read_table(drive.folder, "ticks"), read_table(drive.folder, "actors")
@@ -256,7 +259,7 @@ def draw(setting: Setting, drive: Drive) -> FilePath:
         subtitle=said(drive.summary),
         ticks=ticks,
         actors=actors,
-        seen=figures.ahead(ticks, actors, setting.path, setting.vehicle),
+        seen=drive_metrics.ahead(ticks, actors, setting.path, setting.vehicle),
         path=setting.path,
         vehicle=setting.vehicle,
         lanes=lane_shapes(setting.network.path, bounds(ticks)),
@@ -267,7 +270,7 @@ def draw(setting: Setting, drive: Drive) -> FilePath:
 
 
 @contextlib.contextmanager
-def _progress(setting: Setting, quiet: bool) -> Iterator[Watch]:
+def _progress(setting: ResolvedScenario, quiet: bool) -> Iterator[Watch]:
     if quiet or not sys.stderr.isatty():
         yield lambda tick, now, speed, station: None
         return
@@ -288,7 +291,7 @@ def _progress(setting: Setting, quiet: bool) -> Iterator[Watch]:
         yield watch
 
 
-def folder_for(setting: Setting, working: FilePath) -> FilePath:
+def folder_for(setting: ResolvedScenario, working: FilePath) -> FilePath:
     """Return a record folder that is not there yet, named by the time and the scenario."""
     stem = f"{time.strftime('%Y%m%d-%H%M%S')}_{setting.name}"
     names = (stem if number == 1 else f"{stem}_{number}" for number in range(1, 1000))
@@ -385,7 +388,7 @@ def design(name: str, latency: float) -> int:
     return 0
 
 
-def design_at(setting: Setting, working: FilePath) -> Any:
+def design_at(setting: ResolvedScenario, working: FilePath) -> Any:
     """Return the row of the design's table at the scenario's speed: its `delay_margin` [s] and the rest.
 
     Raises ConfigError where the scenario's controller does not steer by the preview law, which alone the design knows.
@@ -398,7 +401,7 @@ def design_at(setting: Setting, working: FilePath) -> Any:
     return gains.margins(setting.vehicle, preview, [setting.scenario.ego.speed_mps])[0]
 
 
-def _designed(setting: Setting, working: FilePath) -> tuple[Any, Any]:
+def _designed(setting: ResolvedScenario, working: FilePath) -> tuple[Any, Any]:
     """Return the module of the gain design and the scenario's tuning of the preview steering."""
     tuning = setting.scenario.controller.tuning
     if tuning.get("steering", "preview") != "preview":

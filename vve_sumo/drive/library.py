@@ -11,7 +11,7 @@ from pathlib import Path as FilePath
 
 from vve_sumo import workspace
 from vve_sumo.errors import ConfigError
-from vve_sumo.scenario import words
+from vve_sumo.scenario import descriptions
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Scenario
 
@@ -50,7 +50,13 @@ def listed() -> int:
 
 
 def _row(name: str, scenario: Scenario) -> tuple[str, str, str, str, str]:
-    return name, scenario.title, scenario.street.network, words.others(scenario), words.passes(scenario.criteria)
+    return (
+        name,
+        scenario.title,
+        scenario.street.network,
+        descriptions.others(scenario),
+        descriptions.passes(scenario.criteria),
+    )
 
 
 def shown(name: str | None, out: FilePath | None, every: FilePath | None) -> int:
@@ -73,7 +79,7 @@ def shown(name: str | None, out: FilePath | None, every: FilePath | None) -> int
 
 def _draw(name: str, file: FilePath) -> None:
     from vve_sumo.drive.command import choose
-    from vve_sumo.drive.scenario_picture import draw
+    from vve_sumo.plotting.scenario import draw
 
     if not file.parent.is_dir():
         raise ConfigError(f"--out: there is no folder {file.parent}")

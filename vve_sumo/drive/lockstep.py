@@ -16,24 +16,24 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from vve_sumo.controller import Controller, Guarded
-from vve_sumo.drive import figures
-from vve_sumo.drive.chain import Chain, Decided
-from vve_sumo.drive.ending import Ending, Outcome, abort_reason
-from vve_sumo.drive.record import Tape
-from vve_sumo.drive.rows import Moment, keep_scan, tick_row
-from vve_sumo.drive.setting import EPOCH, PERIOD, Setting
-from vve_sumo.drive.street import Street, cast_of, laid, open_world, standing
+from vve_sumo.drive.pipeline import Pipeline, TickResult
+from vve_sumo.drive.resolved_scenario import EPOCH, PERIOD, ResolvedScenario
+from vve_sumo.drive.termination import Outcome, TerminationMonitor, abort_reason
+from vve_sumo.drive.tick_rows import RecordedTick, keep_scan, tick_row
+from vve_sumo.drive.virtual_road import VirtualRoad, cast_of, laid, open_world, standing
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
+from vve_sumo.metrics import drive_metrics
 from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
+from vve_sumo.record.record import MemoryRecorder
 from vve_sumo.scenario.schema import Abort
 from vve_sumo.sensors.radar import Radar
-from vve_sumo.values import Actors, ArmingState, Fix, Pose, Verdict
-from vve_sumo.vehicle.gateway import Act, Gateway, GatewayOutput
+from vve_sumo.values import Actors, ArmingState, Fix, GatewayStatus, Pose
+from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and station [m]
 Watch = Callable[[int, float, float, float], None]
@@ -45,7 +45,7 @@ CAR_BUS = "can0"  #: the car's bus as it is called in the record
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class DriveEnd:
     """How a drive went, beside what its record holds."""
 
     outcome: Outcome
@@ -57,7 +57,7 @@ class Run:
     extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
 
 
-def car_parameters(setting: Setting) -> CarParameters:
+def car_parameters(setting: ResolvedScenario) -> CarParameters:
     """Return the hardware-free car as the scenario perturbs it."""
     wanted = setting.scenario.ego.car
     return plant.parameters(
@@ -77,14 +77,14 @@ def car_parameters(setting: Setting) -> CarParameters:
 class Laid:
     """The chain and the gateway of a lockstep drive, and how the lot lies on the street."""
 
-    chain: Chain
+    chain: Pipeline
     gateway: Gateway
     lot: MapFrame
     alignment: Alignment
     start: Pose  #: of the rear axle in the lot
 
 
-def chain_of(setting: Setting, controller: Controller) -> Laid:
+def chain_of(setting: ResolvedScenario, controller: Controller) -> Laid:
     """Put the chain of a lockstep drive together; nothing in it knows whether a street runs or a record is replayed."""
     scenario = setting.scenario
     lot = scenario.ego.lot
@@ -93,7 +93,7 @@ def chain_of(setting: Setting, controller: Controller) -> Laid:
     alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
     parameters = car_parameters(setting)
     radar_seeds = seeds_of(setting)[1]
-    chain = Chain(
+    chain = Pipeline(
         decoder=Decoder(),
         gate=TrustGate(DRIVE, EPOCH),
         placement=Placement(frame, alignment, parameters.receiver.mounting, EPOCH),
@@ -109,12 +109,12 @@ def chain_of(setting: Setting, controller: Controller) -> Laid:
     return Laid(chain, gateway, frame, alignment, start)
 
 
-def seeds_of(setting: Setting) -> list[np.random.SeedSequence]:
+def seeds_of(setting: ResolvedScenario) -> list[np.random.SeedSequence]:
     """Return the seeds of the car and of the radar."""
     return np.random.SeedSequence(setting.scenario.seed).spawn(2)
 
 
-class Operator:
+class ScriptedOperator:
     """Engages once, as soon as the gateway is ready, says go as soon as it waits for that, and never again.
 
     A fault from before it ever engaged, when nothing was commanded, it acknowledges.
@@ -122,30 +122,30 @@ class Operator:
 
     def __init__(self) -> None:
         self._engaged = False
-        self._next: Act | None = None
+        self._next: OperatorCommand | None = None
 
-    def act(self) -> Act | None:
+    def act(self) -> OperatorCommand | None:
         """Return what is done before a tick."""
         return self._next
 
-    def saw(self, verdict: Verdict) -> None:
+    def saw(self, verdict: GatewayStatus) -> None:
         """Take note of what the gateway said at a tick."""
         self._engaged |= verdict.state is ArmingState.ENGAGED
         if verdict.state is ArmingState.READY and not self._engaged:
-            self._next = Act.ENGAGE
+            self._next = OperatorCommand.ENGAGE
         elif verdict.state is ArmingState.ENGAGED and WAITING in verdict.reasons:
-            self._next = Act.GO
+            self._next = OperatorCommand.GO
         elif verdict.state is ArmingState.FAULT and not self._engaged:
-            self._next = Act.DISARM
+            self._next = OperatorCommand.DISARM
         else:
             self._next = None
 
 
 @dataclass(frozen=True, slots=True)
-class Ticked:
+class LockstepTick:
     """One tick of a lockstep drive."""
 
-    decided: Decided
+    decided: TickResult
     output: GatewayOutput
     truth: Pose  #: where the car really was, on the street
     around: Actors  #: what was on the street then
@@ -154,7 +154,9 @@ class Ticked:
 class Lockstep:
     """One drive with the hardware-free car. Making it starts SUMO; `close` it in any case."""
 
-    def __init__(self, setting: Setting, working: FilePath, alter: Callable[[Fix], Fix | None] = unaltered) -> None:
+    def __init__(
+        self, setting: ResolvedScenario, working: FilePath, alter: Callable[[Fix], Fix | None] = unaltered
+    ) -> None:
         """Put everything together; raises ConfigError where something in the setting is not usable.
 
         `alter` injects faults into the receiver: from a fix to another one, or to None for a lost packet.
@@ -166,17 +168,17 @@ class Lockstep:
         self._car = Car(car_parameters(setting), begin, put.lot, EPOCH, seeds_of(setting)[0], alter)
         self._setting = setting
         self._world = open_world(setting)
-        self._street = Street(self._world, cast_of(setting))
-        self._ending = Ending(setting.path.length, setting.scenario.after_stop_s)
+        self._street = VirtualRoad(self._world, cast_of(setting))
+        self._ending = TerminationMonitor(setting.path.length, setting.scenario.after_stop_s)
         self._abort = None if setting.scenario.abort == Abort() else setting.scenario.abort
-        self._operator = Operator()
+        self._operator = ScriptedOperator()
         self._datagrams = 0
 
     def close(self) -> None:
         """End the simulation."""
         self._world.close()
 
-    def ticks(self, record: Tape) -> Iterator[Ticked]:
+    def ticks(self, record: MemoryRecorder) -> Iterator[LockstepTick]:
         """Tick after tick, for ever."""
         heard = CarOutput([], [])
         for tick in count():
@@ -184,7 +186,7 @@ class Lockstep:
             heard = self._car.step((tick + 1) * PERIOD, ticked.output.frames)
             yield ticked
 
-    def run(self, record: Tape, watch: Watch) -> Run:
+    def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         """Drive to the end and return how it went; everything else is in the record."""
         last = round(self._setting.scenario.duration_s / PERIOD) - 1
         for tick, ticked in enumerate(self.ticks(record)):
@@ -200,7 +202,7 @@ class Lockstep:
                 return self._run(outcome, verdict.reasons)
         raise AssertionError("ticks never end by themselves")
 
-    def _abort_reason(self, wanted: Abort, ticked: Ticked) -> str:
+    def _abort_reason(self, wanted: Abort, ticked: LockstepTick) -> str:
         """Return why the scenario ends the drive at this tick, by the truth as the figures see it; empty for not."""
         truth, station = ticked.truth, ticked.decided.station
         path, vehicle = self._setting.path, self._setting.vehicle
@@ -209,12 +211,12 @@ class Lockstep:
             place = path.project(truth.x, truth.y, station)
             bumper, deviation = place.s + vehicle.rear_axle_to_bumper, place.offset
         if wanted.ttc_s is not None:
-            seen = figures.ahead_now(truth, station, ticked.around, path, vehicle)
-            ttc = float(figures.time_to_collision(seen)[0])
+            seen = drive_metrics.ahead_now(truth, station, ticked.around, path, vehicle)
+            ttc = float(drive_metrics.time_to_collision(seen)[0])
         return abort_reason(wanted, bool(self._street.contacts), bumper, deviation, ttc)
 
-    def _run(self, outcome: Outcome, reasons: tuple[str, ...]) -> Run:
-        return Run(
+    def _run(self, outcome: Outcome, reasons: tuple[str, ...]) -> DriveEnd:
+        return DriveEnd(
             outcome=outcome,
             reasons=reasons,
             cleared=self._world.cleared,
@@ -223,7 +225,7 @@ class Lockstep:
             standoffs=self._world.standoffs,
         )
 
-    def _tick(self, tick: int, now: float, heard: CarOutput, record: Tape) -> Ticked:
+    def _tick(self, tick: int, now: float, heard: CarOutput, record: MemoryRecorder) -> LockstepTick:
         for time, said in groupby(heard.reports, key=itemgetter(0)):
             record.saw_frames(time, CAR_BUS, [frame for _time, frame in said])
         for time, data in heard.ncom:
@@ -243,8 +245,8 @@ class Lockstep:
         chain.prepare(now + PERIOD, steering)
         asked = chain.front_bumper_at((tick + 1) * PERIOD)
         report = street.advance(asked)
-        moment = Moment(tick, now, self._datagrams, steering, decided, output.verdict)
+        moment = RecordedTick(tick, now, self._datagrams, steering, decided, output.verdict)
         record.ticked(tick_row(moment, truth, self._setting.path, asked, report, street))
         if report is not None:
             record.snapshot(tick + 1, street.actors)
-        return Ticked(decided, output, truth, around)
+        return LockstepTick(decided, output, truth, around)

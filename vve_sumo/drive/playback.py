@@ -13,20 +13,20 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from vve_sumo.controller import Guarded
-from vve_sumo.drive.chain import Chain
-from vve_sumo.drive.ending import Outcome
-from vve_sumo.drive.lockstep import CAR_BUS, Run, Watch
-from vve_sumo.drive.record import Tape
-from vve_sumo.drive.rows import Moment, keep_scan, tick_row
-from vve_sumo.drive.setting import PERIOD, Setting
-from vve_sumo.drive.staleness import Staleness
-from vve_sumo.drive.street import Street, cast_of, laid, open_world, standing
+from vve_sumo.drive.lockstep import CAR_BUS, DriveEnd, Watch
+from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.prediction_error import PredictionError
+from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
+from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.tick_rows import RecordedTick, keep_scan, tick_row
+from vve_sumo.drive.virtual_road import VirtualRoad, cast_of, laid, open_world, standing
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose import recording
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
+from vve_sumo.record.record import MemoryRecorder
 from vve_sumo.sensors.radar import Radar
 from vve_sumo.values import Fix
 from vve_sumo.vehicle.gateway import Gateway
@@ -64,7 +64,7 @@ def _first_usable(file: FilePath) -> tuple[float, Fix]:
 class Playback:
     """One recorded drive. Making it starts SUMO; `close` it in any case."""
 
-    def __init__(self, setting: Setting, file: FilePath, working: FilePath) -> None:
+    def __init__(self, setting: ResolvedScenario, file: FilePath, working: FilePath) -> None:
         """Match the recording's first usable fix with the start of the path; raises ConfigError where that fails."""
         self.epoch, first = _first_usable(file)
         self._fixes = recording.fixes(file)
@@ -75,7 +75,7 @@ class Playback:
         self.laid = laid(frame, alignment, self.epoch)
         self._setting, self._begin = setting, first.time - self.epoch
         controller = setting.controller(working)
-        self._chain = Chain(
+        self._chain = Pipeline(
             decoder=Decoder(),
             gate=TrustGate(PLAYBACK, self.epoch),
             placement=Placement(frame, alignment, AT_REAR_AXLE, self.epoch),
@@ -89,14 +89,14 @@ class Playback:
         self._gateway = Gateway(setting.vehicle, period=PERIOD)
         self._datagrams = 0
         self._world = open_world(setting)
-        self._street = Street(self._world, cast_of(setting))
-        self._staleness = Staleness()
+        self._street = VirtualRoad(self._world, cast_of(setting))
+        self._staleness = PredictionError()
 
     def close(self) -> None:
         """End the simulation."""
         self._world.close()
 
-    def run(self, record: Tape, watch: Watch) -> Run:
+    def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         """Play to the end of the recording and return how it went; everything else is in the record."""
         tick = math.ceil(self._begin / PERIOD)
         coming = next(self._fixes, None)
@@ -112,7 +112,7 @@ class Playback:
                 coming = next(self._fixes, None)
             reasons = self._tick(tick, now, record, watch)
             tick += 1
-        return Run(
+        return DriveEnd(
             outcome=Outcome.PLAYED,
             reasons=reasons,
             cleared=self._world.cleared,
@@ -125,7 +125,7 @@ class Playback:
             },
         )
 
-    def _tick(self, tick: int, now: float, record: Tape, watch: Watch) -> tuple[str, ...]:
+    def _tick(self, tick: int, now: float, record: MemoryRecorder, watch: Watch) -> tuple[str, ...]:
         street, chain = self._street, self._chain
         chain.see(now, street.actors)
         decided = chain.decide(tick, now, math.nan, street.found)
@@ -135,7 +135,7 @@ class Playback:
         chain.prepare(now + PERIOD, math.nan)
         asked = chain.front_bumper_at((tick + 1) * PERIOD)
         report = street.advance(asked)
-        moment = Moment(tick, now, self._datagrams, math.nan, decided, output.verdict)
+        moment = RecordedTick(tick, now, self._datagrams, math.nan, decided, output.verdict)
         record.ticked(tick_row(moment, None, self._setting.path, asked, report, street))
         if report is not None:
             record.snapshot(tick + 1, street.actors)

@@ -20,9 +20,9 @@ from typing import Any, Final
 import pyproj
 
 import vve_sumo
-from vve_sumo.drive.record import PROVENANCE
-from vve_sumo.drive.setting import PARTS_THAT_DECIDE, Setting, digests, versions
+from vve_sumo.drive.resolved_scenario import DECISIVE_LIBRARIES, ResolvedScenario, digests, versions
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.record import PROVENANCE
 
 #: the package's own folder, and the folder in it that holds the shipped workspace, whose files are hashed as they are
 #: used
@@ -34,7 +34,7 @@ ENDINGS: Final = (".py", ".dbc")
 GIT_PATIENCE: Final = 2.0
 
 
-def provenance(setting: Setting, began_utc: str) -> dict[str, Any]:
+def provenance(setting: ResolvedScenario, began_utc: str) -> dict[str, Any]:
     """Return what is to be known of where a drive comes from; `began_utc` is the wall clock's word for its begin.
 
     A scenario that a program made has no file, and so no hash of one.
@@ -126,7 +126,7 @@ def libraries() -> dict[str, str]:
         declared = []  # run from a checkout that was never installed
     named = (re.match(r"[A-Za-z0-9._-]+", line) for line in declared if "extra ==" not in line)
     known = versions()  # to read a version takes a millisecond or two
-    names = sorted({*PARTS_THAT_DECIDE, *(found[0] for found in named if found)})
+    names = sorted({*DECISIVE_LIBRARIES, *(found[0] for found in named if found)})
     return {name: known[name] if name in known else _version(name) for name in names}
 
 

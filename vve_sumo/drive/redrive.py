@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from vve_sumo.drive.chain import Decided
+from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.replay import codes
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Floats, Setpoint
@@ -68,7 +68,7 @@ class Comparison:
     other: Answers
 
 
-def side_by_side(pairs: Iterable[tuple[dict[str, Any], Decided]]) -> pa.Table:
+def side_by_side(pairs: Iterable[tuple[dict[str, Any], TickResult]]) -> pa.Table:
     """Return a row a tick of both answers, of recorded rows with what another controller came to.
 
     Before the first trusted fix nobody is asked: NaN, no note. A controller that failed gave NaN and a reason code.
@@ -76,7 +76,7 @@ def side_by_side(pairs: Iterable[tuple[dict[str, Any], Decided]]) -> pa.Table:
     return pa.Table.from_pylist([_row(row, decided) for row, decided in pairs], schema=_SCHEMA)
 
 
-def _row(row: dict[str, Any], decided: Decided) -> dict[str, Any]:
+def _row(row: dict[str, Any], decided: TickResult) -> dict[str, Any]:
     setpoint = decided.setpoint or Setpoint(math.nan, math.nan)
     recorded = (row["steering_setpoint_rad"], row["acceleration_setpoint_mps2"], row["emergency"], row["note"])
     other = (setpoint.steering, setpoint.acceleration, setpoint.emergency, setpoint.note)

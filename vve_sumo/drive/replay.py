@@ -19,23 +19,23 @@ import pyarrow as pa
 
 from vve_sumo import bus
 from vve_sumo.drive import provenance
-from vve_sumo.drive.chain import Chain, Decided
-from vve_sumo.drive.lockstep import Operator, chain_of
-from vve_sumo.drive.record import ACTOR_COLUMNS, LIVE_SCHEMAS, SCHEMAS, read_pose_chunks, read_table
-from vve_sumo.drive.setting import (
+from vve_sumo.drive.lockstep import ScriptedOperator, chain_of
+from vve_sumo.drive.pipeline import Pipeline, TickResult
+from vve_sumo.drive.resolved_scenario import (
     CONTROLLER,
     PERIOD,
-    Setting,
+    ResolvedScenario,
     changed_code,
     digests,
     read_resolved,
-    resolve,
+    resolve_scenario,
     versions,
 )
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.record import ACTOR_COLUMNS, LIVE_SCHEMAS, SCHEMAS, read_pose_chunks, read_table
 from vve_sumo.scenario.load import parse
-from vve_sumo.values import Actors, Frame, Verdict
-from vve_sumo.vehicle.dbw import COMMAND_IDS
+from vve_sumo.values import Actors, Frame, GatewayStatus
+from vve_sumo.vehicle.dataspeed.codec import COMMAND_IDS
 
 #: a candump log has microseconds; what happens lies milliseconds apart [s]
 SLACK = 1e-5
@@ -83,7 +83,7 @@ class CarFrames:
     commands: dict[int, list[Frame]]
 
 
-def setting_of(folder: FilePath, working: FilePath) -> Setting:
+def setting_of(folder: FilePath, working: FilePath) -> ResolvedScenario:
     """Return the setting that a record was driven in; nothing of its controller is run.
 
     Raises ConfigError where the record is none of a lockstep drive, or a file that it names is gone.
@@ -95,10 +95,10 @@ def setting_of(folder: FilePath, working: FilePath) -> Setting:
         raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
     if "pose" in hashes:
         raise ConfigError(f"{folder}: a playback, expected a drive with the hardware-free car")
-    return resolve(name, parse(settings, file), file, working)
+    return resolve_scenario(name, parse(settings, file), file, working)
 
 
-def changed_since(folder: FilePath, setting: Setting) -> list[str]:
+def changed_since(folder: FilePath, setting: ResolvedScenario) -> list[str]:
     """Return a line for every file and every version that is not what a record says of it, but for the controller's."""
     resolved = read_resolved(folder)
     then, now = resolved["files_sha256"], digests(setting.files)
@@ -109,7 +109,7 @@ def changed_since(folder: FilePath, setting: Setting) -> list[str]:
     return changed + provenance.changed_since(provenance.read(folder))
 
 
-def changed_controller(folder: FilePath, setting: Setting, working: FilePath) -> list[str]:
+def changed_controller(folder: FilePath, setting: ResolvedScenario, working: FilePath) -> list[str]:
     """Return a line for every file of the recorded controller's code that is not as it was; none of it is run.
 
     Raises ConfigError where there is no such controller any more.
@@ -184,7 +184,7 @@ def _scans(table: pa.Table) -> dict[int, list[Detection]]:
     return found
 
 
-def answers(chain: Chain, inputs: ChainInputs) -> Iterator[tuple[dict[str, Any], Decided]]:
+def answers(chain: Pipeline, inputs: ChainInputs) -> Iterator[tuple[dict[str, Any], TickResult]]:
     """Ask the chain again, tick by tick: each recorded row with what comes out now."""
     taken = 0
     for row in inputs.ticks:
@@ -202,9 +202,9 @@ def codes(joined: str) -> tuple[str, ...]:
     return tuple(code for code in joined.split("+") if code)
 
 
-def replay(setting: Setting, inputs: ChainInputs, frames: CarFrames, working: FilePath) -> Difference | None:
+def replay(setting: ResolvedScenario, inputs: ChainInputs, frames: CarFrames, working: FilePath) -> Difference | None:
     """Run a lockstep record through chain and gateway; return the first difference, None where all is the same."""
-    put, operator = chain_of(setting, setting.controller(working)), Operator()
+    put, operator = chain_of(setting, setting.controller(working)), ScriptedOperator()
     for row, decided in answers(put.chain, inputs):
         tick = int(row["tick"])
         reports, commands = frames.reports.get(tick, []), frames.commands.get(tick, [])
@@ -229,7 +229,7 @@ def compare(number: int, row: dict[str, Any], mine: Iterable[tuple[str, Any]]) -
     return None
 
 
-def compare_decided(inputs: ChainInputs, row: dict[str, Any], decided: Decided) -> Difference | None:
+def compare_decided(inputs: ChainInputs, row: dict[str, Any], decided: TickResult) -> Difference | None:
     """Return what the chain came to otherwise than its row and its scan say."""
     tick = int(row["tick"])
     difference = compare(tick, row, decided_columns(decided))
@@ -249,7 +249,7 @@ def compare_frames(number: int, recorded: list[Frame], mine: tuple[Frame, ...]) 
     return None if list(mine) == recorded else Difference(number, "frames", _spelt(recorded), _spelt(mine))
 
 
-def decided_columns(decided: Decided) -> Iterator[tuple[str, Any]]:
+def decided_columns(decided: TickResult) -> Iterator[tuple[str, Any]]:
     """Name what the chain came to by the record's columns."""
     pose, setpoint, nan = decided.pose, decided.setpoint, math.nan
     yield "x_m", pose.x if pose else nan
@@ -272,7 +272,7 @@ def decided_columns(decided: Decided) -> Iterator[tuple[str, Any]]:
     yield "faults", "+".join(decided.faults)
 
 
-def verdict_columns(verdict: Verdict) -> Iterator[tuple[str, Any]]:
+def verdict_columns(verdict: GatewayStatus) -> Iterator[tuple[str, Any]]:
     """Name what the gateway came to by the record's columns."""
     yield "state", verdict.state.value
     yield "reasons", "+".join(verdict.reasons)

@@ -18,10 +18,13 @@ import pyarrow as pa
 
 from vve_sumo.drive import provenance
 from vve_sumo.drive.command import summary_of
-from vve_sumo.drive.ending import UNDER_WAY, Ending, Outcome
-from vve_sumo.drive.ledger import summarize
-from vve_sumo.drive.lockstep import Run
-from vve_sumo.drive.record import (
+from vve_sumo.drive.latency_monitor import summarize
+from vve_sumo.drive.lockstep import DriveEnd
+from vve_sumo.drive.resolved_scenario import PERIOD, read_resolved
+from vve_sumo.drive.termination import UNDER_WAY, Outcome, TerminationMonitor
+from vve_sumo.errors import ConfigError
+from vve_sumo.path import Path
+from vve_sumo.record.record import (
     CLOSED_ENDING,
     HASHED_FILES,
     LIVE_SCHEMAS,
@@ -37,9 +40,6 @@ from vve_sumo.drive.record import (
     sealed,
     whole,
 )
-from vve_sumo.drive.setting import PERIOD, read_resolved
-from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Abort, Scenario
 from vve_sumo.values import ArmingState, Vehicle
@@ -195,7 +195,7 @@ def _told(resolved: dict[str, Any], file: FilePath) -> Told:
 
 def _figures(folder: FilePath, told: Told, summary: dict[str, Any]) -> Iterator[str]:
     """Reckon every figure and the verdict again from the tables."""
-    done = Run(
+    done = DriveEnd(
         Outcome(summary["outcome"]),
         tuple(summary["reasons"]),
         tuple(summary["removed_at_entry"]),
@@ -264,7 +264,7 @@ def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, told
 
 def _ended(ticks: pa.Table, told: Told) -> Outcome | None:
     """Return how a lockstep drive ended by its rows: what the first of them shows that shows an end; None for none."""
-    ending = Ending(told.path.length, told.scenario.after_stop_s)
+    ending = TerminationMonitor(told.path.length, told.scenario.after_stop_s)
     last = round(told.scenario.duration_s / PERIOD) - 1
     names = ("tick", "time_s", "true_speed_mps", "station_m", "state", "contacts")
     for tick, time, speed, station, state, contacts in zip(*(ticks[name].to_pylist() for name in names), strict=True):

@@ -17,12 +17,12 @@ import numpy as np
 
 from vve_sumo.bus import Bus
 from vve_sumo.controller import Guarded
-from vve_sumo.drive.chain import Chain, Feed
-from vve_sumo.drive.setting import PERIOD, Setting, resolve
+from vve_sumo.drive.pipeline import FixDecoder, Pipeline
+from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario, resolve_scenario
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.frames import Placement
-from vve_sumo.live.ground import Ground, Stood, stand
-from vve_sumo.pose import ncom, nmea, oxts_can, receive
+from vve_sumo.live.alignment import LotAlignment, StandingPose, standing_pose
+from vve_sumo.pose import ncom, nmea, oxts_can, sources
 from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, NMEA, PLAYBACK, TrustGate, TrustProfile
@@ -48,7 +48,7 @@ _PROFILES: Final[dict[str, TrustProfile]] = {
 }
 
 
-def told(setting: Setting, scenario_file: FilePath, rig_name: str, rig: Rig) -> dict[str, Any]:
+def told(setting: ResolvedScenario, scenario_file: FilePath, rig_name: str, rig: Rig) -> dict[str, Any]:
     """Return what `restored` needs beside the record's own keys, as plain JSON."""
     return {
         "scenario_file": str(scenario_file),
@@ -58,18 +58,18 @@ def told(setting: Setting, scenario_file: FilePath, rig_name: str, rig: Rig) -> 
     }
 
 
-def restored(resolved: Mapping[str, Any], working: FilePath) -> tuple[Setting, Rig]:
+def restored(resolved: Mapping[str, Any], working: FilePath) -> tuple[ResolvedScenario, Rig]:
     """Return the setting and the rig of a live drive from what its record says.
 
     Raises ConfigError where something that it names is not there any more.
     """
     file = FilePath(resolved["scenario_file"])
-    setting = resolve(resolved["scenario"], parse(resolved["settings"], file), file, working)
+    setting = resolve_scenario(resolved["scenario"], parse(resolved["settings"], file), file, working)
     rig = rigs.parse_json(resolved["rig"], FilePath(resolved["rig_name"]))
     return fitted(setting, rig), rig
 
 
-def fitted(setting: Setting, rig: Rig) -> Setting:
+def fitted(setting: ResolvedScenario, rig: Rig) -> ResolvedScenario:
     """Return a scenario's setting with the rig's car; raises ConfigError for a speed that the lot does not allow."""
     wanted, allowed = setting.scenario.ego.speed_mps, rig.limits.speed_mps
     if wanted > allowed:
@@ -94,14 +94,14 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
     }
 
 
-def chain_of(setting: Setting, rig: Rig, ground: Ground, working: FilePath) -> Chain:
+def chain_of(setting: ResolvedScenario, rig: Rig, ground: LotAlignment, working: FilePath) -> Pipeline:
     """Put the chain of a live drive together; raises ConfigError as `Setting.controller` does."""
     scenario, epoch = setting.scenario, ground.epoch
     frame = meaning.frame_of(rig)
     if frame.projection != ground.projection:
         raise ConfigError("the rig's lot is not the one that the drive was laid out in")
     radar_seeds = np.random.SeedSequence(scenario.seed).spawn(2)[1]
-    return Chain(
+    return Pipeline(
         decoder=decoder_of(rig),
         gate=TrustGate(profile_of(rig), epoch),
         placement=Placement(frame, ground.alignment, meaning.mounting_of(rig), epoch),
@@ -128,7 +128,7 @@ def profile_of(rig: Rig) -> TrustProfile:
     return _PROFILES[rig.pose.kind]
 
 
-def decoder_of(rig: Rig) -> Feed:
+def decoder_of(rig: Rig) -> FixDecoder:
     """Return a fresh decoder for what the rig's receiver speaks."""
     pose = rig.pose
     match pose.kind:
@@ -144,24 +144,24 @@ def decoder_of(rig: Rig) -> Feed:
             )
 
 
-def source_of(rig: Rig) -> receive.Source:
+def source_of(rig: Rig) -> sources.Source:
     """Open the rig's receiver; raises RigError naming the rig's key."""
     pose = rig.pose
     match pose.kind:
         case "ncom_udp" | "nmea_udp":
-            return receive.open_udp(pose.address, pose.port, pose.source)
+            return sources.open_udp(pose.address, pose.port, pose.source)
         case "nmea_tcp":
-            return receive.open_tcp(pose.address, pose.port)
+            return sources.open_tcp(pose.address, pose.port)
         case "nmea_serial":
             assert pose.device is not None
-            return receive.open_serial(pose.device, pose.baud)
+            return sources.open_serial(pose.device, pose.baud)
         case "oxts_can":
             assert pose.interface is not None
             assert pose.channel is not None
             return FrameSource(Bus(pose.interface, pose.channel, pose.bitrate))
         case _:
             assert pose.file is not None
-            return receive.open_file(FilePath(pose.file))
+            return sources.open_file(FilePath(pose.file))
 
 
 def wall_epoch(t0: float) -> float:
@@ -174,11 +174,11 @@ def absolute_epoch(rig: Rig, t0: float) -> float | None:
     return wall_epoch(t0) if rig.pose.clock == "absolute" else None
 
 
-def stood(rig: Rig, source: receive.Source, t0: float) -> Stood:
+def stood(rig: Rig, source: sources.Source, t0: float) -> StandingPose:
     """Wait for what the rig's receiver says of the standing car; raises RigError as `ground.stand`."""
     delay = minimum_delay_of(rig)
     try:
-        return stand(source, decoder_of(rig), profile_of(rig), delay, t0, absolute_epoch(rig, t0))
+        return standing_pose(source, decoder_of(rig), profile_of(rig), delay, t0, absolute_epoch(rig, t0))
     except RigError as error:
         if refused := source.told().get("refused"):
             raise RigError(f"{error}; refused were datagrams of {', '.join(refused)}: see pose.source") from None

@@ -16,28 +16,29 @@ from pathlib import Path as FilePath
 from typing import Any, Final
 
 from vve_sumo import workspace
+from vve_sumo.commissioning import doctor_result
 from vve_sumo.drive import command as drives
 from vve_sumo.drive import provenance
-from vve_sumo.drive.ending import Outcome
-from vve_sumo.drive.lockstep import Run
-from vve_sumo.drive.record import SEAL, claim, hash_file, read_table, write_summary
-from vve_sumo.drive.setting import Setting
-from vve_sumo.drive.street import standing
+from vve_sumo.drive.lockstep import DriveEnd
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
-from vve_sumo.live import assembly, doctor_verdict, spawn, stand_in
+from vve_sumo.live import assembly, spawn, start_simulated_vehicle
+from vve_sumo.live.alignment import LotAlignment, lot_alignment
 from vve_sumo.live.channel import pair
-from vve_sumo.live.console import Console, Crew
-from vve_sumo.live.ground import Ground, lay
+from vve_sumo.live.console import Console, ProcessGroup
 from vve_sumo.live.keys import Keys
 from vve_sumo.live.priority import stand_back
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
-from vve_sumo.pose.receive import Source
+from vve_sumo.pose.sources import Source
+from vve_sumo.record.record import SEAL, claim, hash_file, read_table, write_summary
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import held
-from vve_sumo.rig.refusal import PTY, arming_refusal
 from vve_sumo.rig.schema import Rig
+from vve_sumo.rig.validation import PTY, arming_refusal
 from vve_sumo.scenario.schema import Abort
 
 #: for a process to end by itself once all is over [s]; the recorder writes its tables in this time
@@ -50,7 +51,7 @@ LONGEST_NAME: Final = 100
 class Plan:
     """A live drive before anything of it runs."""
 
-    setting: Setting
+    setting: ResolvedScenario
     scenario_file: FilePath
     rig: Rig
     rig_file: FilePath
@@ -124,7 +125,7 @@ def _provenance(plan: Plan) -> str:
     now = datetime.datetime.now(datetime.UTC)
     told = provenance.provenance(plan.setting, now.isoformat(timespec="seconds"))
     told |= {"rig_file_sha256": hash_file(plan.rig_file), "operator": plan.operator, "driver": plan.driver}
-    return provenance.text_of(told | {"doctor": doctor_verdict.last(plan.rig_file, plan.working, now)})
+    return provenance.text_of(told | {"doctor": doctor_result.last(plan.rig_file, plan.working, now)})
 
 
 def live(plan: Plan) -> dict[str, Any]:
@@ -144,7 +145,7 @@ def live(plan: Plan) -> dict[str, Any]:
         if plan.rig.car == "hardware_free":
             scenario = plan.setting.scenario
             friction = scenario.weather.friction
-            car = stand_in.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
+            car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
         ground = _ground(plan, source)
         resolved = plan.setting.resolved(plan.working) | ground.as_dict()
         resolved |= assembly.told(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
@@ -169,7 +170,7 @@ def live(plan: Plan) -> dict[str, Any]:
 _ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
 
 
-def _ground(plan: Plan, source: Source) -> Ground:
+def _ground(plan: Plan, source: Source) -> LotAlignment:
     """Find where the lot lies on the street, and GNSS time, while the car stands; the drive is to open the receiver."""
     rig, setting = plan.rig, plan.setting
     print("waiting for trusted fixes of the standing car", file=sys.stderr)
@@ -180,10 +181,10 @@ def _ground(plan: Plan, source: Source) -> Ground:
     begin = setting.path.at(0.0)
     stored = meaning.alignment_of(rig, setting.scenario.street.network)
     start = standing(begin.x, begin.y, begin.heading)
-    return lay(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, stored)
+    return lot_alignment(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, stored)
 
 
-def not_ready(plan: Plan, ground: Ground) -> tuple[str, ...]:
+def not_ready(plan: Plan, ground: LotAlignment) -> tuple[str, ...]:
     """Reason codes of what stands against this drive from its beginning to its end."""
     fence = meaning.fence_of(plan.rig, ground.alignment)
     leaves = fence.along(plan.setting.path, plan.setting.scenario.ego.speed_mps)
@@ -197,7 +198,12 @@ def not_ready(plan: Plan, ground: Ground) -> tuple[str, ...]:
     return ("path_leaves_lot",)
 
 
-def _crew(plan: Plan, resolved: dict[str, Any], ground: Ground, car: stand_in.StandIn | None) -> Crew:
+def _crew(
+    plan: Plan,
+    resolved: dict[str, Any],
+    ground: LotAlignment,
+    car: start_simulated_vehicle.SimulatedVehicleProcess | None,
+) -> ProcessGroup:
     """Start recorder, gateway and drive, each with the ends that it needs and no others."""
     console_gateway, gateway_console = pair()
     console_drive, drive_console = pair()
@@ -233,10 +239,10 @@ def _crew(plan: Plan, resolved: dict[str, Any], ground: Ground, car: stand_in.St
         own_session=True,
     )
     process, to_car = (car.process, car.channel) if car is not None else (None, None)
-    return Crew(gateway, drive, recorder, process, console_gateway, console_drive, to_car)
+    return ProcessGroup(gateway, drive, recorder, process, console_gateway, console_drive, to_car)
 
 
-def _note_processes(plan: Plan, crew: Crew) -> None:
+def _note_processes(plan: Plan, crew: ProcessGroup) -> None:
     """Write down who is who and when it began, for whoever has to look after a process by hand."""
     numbers: dict[str, float] = {"gateway": crew.gateway.pid, "drive": crew.drive.pid, "recorder": crew.recorder.pid}
     numbers |= {"car": crew.car.pid} if crew.car is not None else {}
@@ -260,7 +266,7 @@ def _summary(plan: Plan, why: tuple[str, ...]) -> dict[str, Any]:
     except (OSError, ValueError):
         # The recorder died, or found no room: this is what is left of the drive.
         told = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": [*why, "record_lost"]})
-    done = Run(
+    done = DriveEnd(
         Outcome(told["outcome"]),
         tuple(told["reasons"]),
         tuple(told.get("cleared", ())),

@@ -15,15 +15,15 @@ import time
 from dataclasses import dataclass
 from typing import Any, Final
 
-from vve_sumo.drive.lockstep import WAITING, Operator
+from vve_sumo.drive.lockstep import WAITING, ScriptedOperator
 from vve_sumo.live.channel import ALIVE, Channel
-from vve_sumo.live.keys import Keys, Wish
+from vve_sumo.live.keys import KeyCommand, Keys
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.wording import Guard, answer, why
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING
-from vve_sumo.vehicle.gateway import Act
+from vve_sumo.vehicle.gateway import OperatorCommand
 
 #: between two looks at everything [s]
 LOOK: Final = 0.05
@@ -37,15 +37,19 @@ DRIVE_PATIENCE: Final = 8.0
 #: a rig that drives by itself and is not ready by then never will be [s]
 READY_LIMIT: Final = 60.0
 
-_ACTS: Final = {Wish.ENGAGE: Act.ENGAGE, Wish.GO: Act.GO, Wish.RESET: Act.DISARM}
+_ACTS: Final = {
+    KeyCommand.ENGAGE: OperatorCommand.ENGAGE,
+    KeyCommand.GO: OperatorCommand.GO,
+    KeyCommand.RESET: OperatorCommand.DISARM,
+}
 #: wishes that count only while the gateway waits for them, and their keys
-_KEYS: Final = {Wish.ENGAGE: "e", Wish.GO: "g"}
+_KEYS: Final = {KeyCommand.ENGAGE: "e", KeyCommand.GO: "g"}
 #: the gateway's word for a go that it did not take
 TOO_EARLY: Final = "go_too_early"
 
 
 @dataclass(slots=True)
-class Crew:
+class ProcessGroup:
     """The processes of a live drive as the console holds them."""
 
     gateway: subprocess.Popen[bytes]
@@ -82,10 +86,10 @@ def _end(process: subprocess.Popen[bytes], patience: float) -> None:
 class Console:
     """Runs until the gateway has let go of the car."""
 
-    def __init__(self, crew: Crew, keys: Keys, screen: Screen, automatic: bool) -> None:
+    def __init__(self, crew: ProcessGroup, keys: Keys, screen: Screen, automatic: bool) -> None:
         """Have wishes come from `keys`, and with `automatic` from the rig itself."""
         self._crew, self._keys, self._screen = crew, keys, screen
-        self._operator = Operator() if automatic else None
+        self._operator = ScriptedOperator() if automatic else None
         self._state = ArmingState.DISARMED
         self._engaged = self._over = self._stops = self._ends = self._left = False
         self._heard_at = math.inf  # when the gateway last told something; never yet
@@ -136,8 +140,8 @@ class Console:
     def _alive(channel: Channel) -> list[int]:
         return [] if channel.closed else [channel.fileno()]
 
-    def _obey(self, wish: Wish) -> None:
-        if wish is Wish.GONE:
+    def _obey(self, wish: KeyCommand) -> None:
+        if wish is KeyCommand.GONE:
             # The gateway finds nobody at the controls, and brings the car to rest for that.
             self._leave()
             return
@@ -145,30 +149,30 @@ class Console:
         if wish in _KEYS and not waited_for and self._is_early(wish):
             self._screen.say(answer(_KEYS[wish], self._status))
         if self._engaged and not waited_for:
-            wish = Wish.STOP
-        if wish is Wish.STOP:
+            wish = KeyCommand.STOP
+        if wish is KeyCommand.STOP:
             self._stops = True
             if not self._engaged:
                 # Nothing moves yet: to stop is not to begin.
                 self._leave()
-        elif wish is Wish.RESET or waited_for:
+        elif wish is KeyCommand.RESET or waited_for:
             self._act(_ACTS[wish])
 
-    def _waited_for(self, wish: Wish) -> bool:
+    def _waited_for(self, wish: KeyCommand) -> bool:
         """Whether the gateway waits for this now."""
-        if wish is Wish.GO:
+        if wish is KeyCommand.GO:
             return self._state is ArmingState.ENGAGED and WAITING in self._status.get("reasons", ())
-        return wish is Wish.ENGAGE and self._state is ArmingState.READY
+        return wish is KeyCommand.ENGAGE and self._state is ArmingState.READY
 
-    def _is_early(self, wish: Wish) -> bool:
+    def _is_early(self, wish: KeyCommand) -> bool:
         """Whether somebody is to be told that the time for this has not come; once the car goes, every key stops."""
         if not self._engaged:
             return not self._over
-        return wish is Wish.GO and self._state is ArmingState.ENGAGED and not self._status["went"]
+        return wish is KeyCommand.GO and self._state is ArmingState.ENGAGED and not self._status["went"]
 
-    def _act(self, act: Act) -> None:
+    def _act(self, act: OperatorCommand) -> None:
         self._crew.to_gateway.send(link.encode_act(act))
-        if act is Act.GO:
+        if act is OperatorCommand.GO:
             self._status["went"] = True
 
     def _speak(self) -> None:
@@ -177,7 +181,7 @@ class Console:
             return
         self._crew.to_gateway.send(ALIVE)
         if (self._stops or self._ends) and self._state in (ArmingState.READY, ArmingState.ENGAGED):
-            self._crew.to_gateway.send(link.encode_act(Act.STOP if self._stops else Act.END))
+            self._crew.to_gateway.send(link.encode_act(OperatorCommand.STOP if self._stops else OperatorCommand.END))
 
     def _leave(self) -> None:
         self._over = self._left = True

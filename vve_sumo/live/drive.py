@@ -19,25 +19,25 @@ from collections.abc import Mapping
 from pathlib import Path as FilePath
 from typing import Any, Final
 
-from vve_sumo.drive.chain import Decided
-from vve_sumo.drive.ending import Ending, Outcome
-from vve_sumo.drive.ledger import Ledger
+from vve_sumo.drive.latency_monitor import LatencyMonitor
 from vve_sumo.drive.lockstep import WAITING
-from vve_sumo.drive.pacing import Begun, Pacer
-from vve_sumo.drive.rows import Moment, keep_scan, tick_row
-from vve_sumo.drive.setting import PERIOD
-from vve_sumo.drive.street import Street, cast_of, open_world
+from vve_sumo.drive.pipeline import TickResult
+from vve_sumo.drive.resolved_scenario import PERIOD
+from vve_sumo.drive.termination import Outcome, TerminationMonitor
+from vve_sumo.drive.tick_rows import RecordedTick, keep_scan, tick_row
+from vve_sumo.drive.tick_scheduler import ScheduledTick, TickScheduler
+from vve_sumo.drive.virtual_road import VirtualRoad, cast_of, open_world
 from vve_sumo.errors import VveError
-from vve_sumo.live import signals, spawn, start
+from vve_sumo.live import signals, spawn, start_pose
+from vve_sumo.live.alignment import LotAlignment
 from vve_sumo.live.assembly import chain_of, restored, source_of
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.ground import Ground
 from vve_sumo.live.priority import DRIVE, TAKEN_NEXT, prefer, when_memory_ends
-from vve_sumo.live.tap import Tap
-from vve_sumo.values import ArmingState, LatencyRow, Pose, Setpoint, Verdict
+from vve_sumo.live.recorder_client import RecorderClient
+from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Pose, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING
-from vve_sumo.world.anchor import AnchorReport
+from vve_sumo.world.ego_sync import EgoSyncReport
 
 #: between two looks of the console at the drive [s]
 STATUS_PERIOD: Final = 0.1
@@ -48,7 +48,7 @@ LONGEST_WAIT: Final = 0.1
 #: what the last words to the recorder may take [s]
 PATIENCE: Final = 5.0
 
-_NOTHING: Final = Verdict(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
+_NOTHING: Final = GatewayStatus(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
 
 
 class LiveDrive:
@@ -58,19 +58,19 @@ class LiveDrive:
         """Put everything together; raises VveError where something in the configuration is not usable."""
         self._t0: float = config["t0"]
         self._gateway, self._console = channels["gateway"], channels["console"]
-        self._tap = Tap(channels["recorder"])
+        self._tap = RecorderClient(channels["recorder"])
         working = FilePath(config["working"])
         self._setting, self._rig = restored(config["resolved"], working)
-        ground = Ground.of(config["resolved"])
+        ground = LotAlignment.of(config["resolved"])
         self._chain = chain_of(self._setting, self._rig, ground, working)
         self._found: tuple[str, ...] = tuple(config["not_ready"])
         self._broken = ""  # the story of a mistake of ours that the street ended with
-        self._street = Street(open_world(self._setting, time.perf_counter), cast_of(self._setting))
+        self._street = VirtualRoad(open_world(self._setting, time.perf_counter), cast_of(self._setting))
         self._source = source_of(self._rig)
         latency = self._rig.latency
-        self._ledger = Ledger(latency.budget_ms / 1000.0, latency.breaches)
-        self._pacer = Pacer(self._clock(), PERIOD, latency.deadline_ms / 1000.0)
-        self._ending = Ending(self._setting.path.length, self._setting.scenario.after_stop_s)
+        self._ledger = LatencyMonitor(latency.budget_ms / 1000.0, latency.breaches)
+        self._pacer = TickScheduler(self._clock(), PERIOD, latency.deadline_ms / 1000.0)
+        self._ending = TerminationMonitor(self._setting.path.length, self._setting.scenario.after_stop_s)
         self._feedback: link.Feedback | None = None
         self._late: tuple[str, ...] = ()
         self._datagrams = 0
@@ -176,7 +176,7 @@ class LiveDrive:
             self._clocks = self._chain.clock_report()
             gc.collect(0)
 
-    def _faults(self, begun: Begun) -> tuple[str, ...]:
+    def _faults(self, begun: ScheduledTick) -> tuple[str, ...]:
         recording = (self._tap.failure,) if self._tap.failure else ()
         street = self._before_engaging() + self._street.found
         return self._found + street + begun.faults + self._late + recording + self._source.found()
@@ -187,13 +187,13 @@ class LiveDrive:
             return ()
         waits = () if self._street.fits else ("street_not_measured",)
         pose = self._chain.pose
-        return waits if pose is None else waits + start.of(pose, self._setting.path).faults()
+        return waits if pose is None else waits + start_pose.of(pose, self._setting.path).faults()
 
-    def _details(self, decided: Decided) -> dict[str, str]:
+    def _details(self, decided: TickResult) -> dict[str, str]:
         """Return the numbers behind reason codes of this tick, in words."""
         if decided.pose is None:
             return {}
-        stands = start.of(decided.pose, self._setting.path)
+        stands = start_pose.of(decided.pose, self._setting.path)
         numbers = {
             "start_position": stands.place(),
             "start_heading": stands.turn(),
@@ -211,7 +211,7 @@ class LiveDrive:
             return math.nan
         return self._clock()
 
-    def _keep(self, begun: Begun, decided: Decided, steering: float) -> None:
+    def _keep(self, begun: ScheduledTick, decided: TickResult, steering: float) -> None:
         """Prepare the way to rest, let the street reach the next tick, and record this one."""
         chain, street, tap = self._chain, self._street, self._tap
         chain.prepare(begun.due + PERIOD, steering)
@@ -219,10 +219,10 @@ class LiveDrive:
         tap.snapshot(begun.tick, street.actors)
         asked, report = self._advance(begun)
         verdict = self._feedback.verdict if self._feedback else _NOTHING
-        moment = Moment(begun.tick, begun.due, self._datagrams, steering, decided, verdict)
+        moment = RecordedTick(begun.tick, begun.due, self._datagrams, steering, decided, verdict)
         tap.ticked(tick_row(moment, None, self._setting.path, asked, report, street))
 
-    def _advance(self, begun: Begun) -> tuple[Pose | None, AnchorReport | None]:
+    def _advance(self, begun: ScheduledTick) -> tuple[Pose | None, EgoSyncReport | None]:
         """Have the street reach the next tick and return what it was asked and says; nothing once it broke.
 
         What breaks in it, SUMO, traffic or the scenario's actors, stops the car by this process, which goes on: the
@@ -240,7 +240,7 @@ class LiveDrive:
             self._found += ("street_failed",)
         return asked, report
 
-    def _watch_for_the_end(self, now: float, decided: Decided, verdict: Verdict) -> None:
+    def _watch_for_the_end(self, now: float, decided: TickResult, verdict: GatewayStatus) -> None:
         """Find how the drive ends; its time counts from the operator's go."""
         if verdict.state in ENDING:
             self._why = verdict.reasons
@@ -295,7 +295,7 @@ class LiveDrive:
             "headroom": street.load,
         }
 
-    def _tell(self, begun: Begun, decided: Decided, verdict: Verdict) -> None:
+    def _tell(self, begun: ScheduledTick, decided: TickResult, verdict: GatewayStatus) -> None:
         """Tell the console how it goes; it may be slow, and then it misses something."""
         now = self._clock()
         if now - self._told_at < STATUS_PERIOD and self._outcome is None:

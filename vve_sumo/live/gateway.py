@@ -22,13 +22,14 @@ from vve_sumo.errors import RigError, VveError
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.priority import GATEWAY, KEPT, prefer, when_memory_ends
+from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.spawn import begin
-from vve_sumo.live.tap import Tap
-from vve_sumo.values import ArmingState, Frame, GatewayRow, Setpoint, Vehicle, Verdict
-from vve_sumo.vehicle import dbw, link
+from vve_sumo.values import ArmingState, Frame, GatewayRow, GatewayStatus, Setpoint, Vehicle
+from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.gateway import Act, Gateway, GatewayOutput
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 CAR_BUS: Final = "can0"  #: the car's bus as it is called in the record
@@ -70,7 +71,7 @@ class Taken(NamedTuple):
 
     setpoint: Setpoint | None
     datagram: bytes  #: the setpoint's, as it came
-    act: Act | None
+    act: OperatorCommand | None
     wrong: tuple[str, ...]  #: reason codes
 
 
@@ -82,7 +83,7 @@ class Inbox:
         self._setpoint: Setpoint | None = None
         self._datagram = b""
         self._wrong: list[str] = []
-        self._acts: deque[Act] = deque()
+        self._acts: deque[OperatorCommand] = deque()
         self._stopped = False  # a stop has been handed on
 
     @property
@@ -91,7 +92,7 @@ class Inbox:
 
         The core counts in periods: whoever hammers a key must not make them shorter.
         """
-        return self._setpoint is not None or (Act.STOP in self._acts and not self._stopped)
+        return self._setpoint is not None or (OperatorCommand.STOP in self._acts and not self._stopped)
 
     def take_from_drive(self, datagram: bytes) -> None:
         """Take in what the drive sent."""
@@ -101,7 +102,7 @@ class Inbox:
                 # It is passed over for a newer one; what it said is wrong is not.
                 self._wrong += self._setpoint.faults
             self._setpoint, self._datagram = setpoint, datagram
-        elif isinstance(link.decode_act(datagram), Act):
+        elif isinstance(link.decode_act(datagram), OperatorCommand):
             self.refused += 1
         else:
             self._wrong.append("setpoint_corrupt")
@@ -109,16 +110,16 @@ class Inbox:
     def take_from_console(self, datagram: bytes) -> None:
         """Take in what the operator did; what can't be understood is taken for the act that is always right."""
         act = link.decode_act(datagram)
-        if act is Act.STOP or not isinstance(act, Act):
+        if act is OperatorCommand.STOP or not isinstance(act, OperatorCommand):
             self._acts.clear()
-            act = Act.STOP
-        if Act.STOP not in self._acts:
+            act = OperatorCommand.STOP
+        if OperatorCommand.STOP not in self._acts:
             self._acts.append(act)
 
     def empty(self) -> Taken:
         """Return what goes into the next step, which is then taken."""
         act = self._acts.popleft() if self._acts else None
-        self._stopped |= act is Act.STOP
+        self._stopped |= act is OperatorCommand.STOP
         taken = Taken(self._setpoint, self._datagram, act, tuple(self._wrong))
         self._setpoint, self._datagram, self._wrong = None, b"", []
         return taken
@@ -134,7 +135,7 @@ class Process:
         self._stop_id: int | None = config["stop_can_id"]
         self._drive, self._console = channels["drive"], channels["console"]
         self._recorder = channels["recorder"]
-        self._tap = Tap(self._recorder)
+        self._tap = RecorderClient(self._recorder)
         self._bus = bus
         self._bus_number = bus.fileno()
         self._inbox = Inbox()
@@ -217,7 +218,7 @@ class Process:
 
     # A step.
 
-    def _step(self) -> Verdict:
+    def _step(self) -> GatewayStatus:
         self._hear_bus()
         self._hear_drive()
         self._hear_console()
@@ -329,7 +330,7 @@ def gateway_of(config: Mapping[str, Any]) -> Gateway:
         Limits(**{**limits, **nested}),
         Calibration(**config["calibration"]),
         config["period"],
-        dbw.Variant[config["variant"]],
+        codec.Variant[config["variant"]],
         config["shadow"],
         config["wheel_bias"],
     )

@@ -18,7 +18,7 @@ from typing import Any, Final, Self
 from vve_sumo.live.signals import ASKING
 
 
-class Wish(enum.StrEnum):
+class KeyCommand(enum.StrEnum):
     """What an operator asks for."""
 
     ENGAGE = "engage"
@@ -30,7 +30,7 @@ class Wish(enum.StrEnum):
 
 
 #: keys of a terminal; everything else that is pressed in a hurry means stop
-KEYS: Final = {"e": Wish.ENGAGE, "g": Wish.GO, "r": Wish.RESET}
+KEYS: Final = {"e": KeyCommand.ENGAGE, "g": KeyCommand.GO, "r": KeyCommand.RESET}
 #: Enter: of the command line before anything moves, a hand that hits the keyboard after
 ENTER: Final = frozenset("\r\n")
 
@@ -84,18 +84,18 @@ class Keys:
         """What to wait on."""
         return [self._wake, sys.stdin.fileno()] if self._open else [self._wake]
 
-    def wishes(self) -> list[Wish]:
+    def wishes(self) -> list[KeyCommand]:
         """Return what was asked for since the last call, in order; never blocks."""
-        found: list[Wish] = []
+        found: list[KeyCommand] = []
         with contextlib.suppress(BlockingIOError):
             os.read(self._wake, 4096)
         if self._signalled:
             self._signalled = False
-            found.append(Wish.STOP)
+            found.append(KeyCommand.STOP)
         if self._open:
             found += self._read()
         elif os.getppid() != self._parent:
-            found.append(Wish.GONE)
+            found.append(KeyCommand.GONE)
         return found
 
     def _note(self, number: int, frame: object) -> None:
@@ -103,7 +103,7 @@ class Keys:
         with contextlib.suppress(OSError):
             os.write(self._woken, b"!")
 
-    def _read(self) -> list[Wish]:
+    def _read(self) -> list[KeyCommand]:
         try:
             data = os.read(sys.stdin.fileno(), 4096)
         except BlockingIOError:
@@ -113,15 +113,15 @@ class Keys:
         if not data:
             # The end of what an operator can say: nobody could stop the car any more.
             self._open = False
-            return [Wish.STOP]
+            return [KeyCommand.STOP]
         text = data.decode(errors="replace")
         return _of_keys(text) if self._terminal else self._of_words(text)
 
-    def _of_words(self, text: str) -> list[Wish]:
+    def _of_words(self, text: str) -> list[KeyCommand]:
         *lines, self._text = (self._text + text).split("\n")
         words = [line.strip().lower() for line in lines if line.strip()]
-        return [Wish(word) if word in list(Wish) else Wish.STOP for word in words]
+        return [KeyCommand(word) if word in list(KeyCommand) else KeyCommand.STOP for word in words]
 
 
-def _of_keys(text: str) -> list[Wish]:
-    return [Wish.NOTHING if key in ENTER else KEYS.get(key.lower(), Wish.STOP) for key in text]
+def _of_keys(text: str) -> list[KeyCommand]:
+    return [KeyCommand.NOTHING if key in ENTER else KEYS.get(key.lower(), KeyCommand.STOP) for key in text]

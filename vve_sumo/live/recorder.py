@@ -12,12 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from vve_sumo.drive.record import PROVENANCE, LiveRecord, write_summary
 from vve_sumo.live import signals
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import TAKEN_FIRST, stand_back, when_memory_ends
 from vve_sumo.live.spawn import begin
 from vve_sumo.live.summary import summarise
+from vve_sumo.record.record import PROVENANCE, LiveRecord, write_summary
 
 #: between two writes [s]; a kill, with what is still on its way, may cost at most 0.2 s
 FLUSH: Final = 0.1

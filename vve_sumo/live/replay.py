@@ -14,7 +14,7 @@ from pathlib import Path as FilePath
 from typing import Any, Final
 
 from vve_sumo import bus
-from vve_sumo.drive.chain import Chain
+from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     ChainInputs,
     Difference,
@@ -27,14 +27,14 @@ from vve_sumo.drive.replay import (
     read_rows,
     verdict_columns,
 )
-from vve_sumo.drive.setting import read_resolved
+from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.errors import ConfigError
+from vve_sumo.live.alignment import LotAlignment
 from vve_sumo.live.assembly import chain_of, restored
 from vve_sumo.live.gateway import gateway_of
-from vve_sumo.live.ground import Ground
-from vve_sumo.values import Frame, Setpoint, Verdict
+from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.gateway import Act, Gateway
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 #: what scenario.json must say for a live drive to be put together again
 KEYS: Final = frozenset(
@@ -82,7 +82,7 @@ def _whole_steps(steps: list[dict[str, Any]], frames: int) -> int:
     return next(torn, len(steps))
 
 
-def chain_again(resolved: dict[str, Any], working: FilePath, controller: str | None = None) -> Chain:
+def chain_again(resolved: dict[str, Any], working: FilePath, controller: str | None = None) -> Pipeline:
     """Put the chain of a live drive together again, with another `controller` if one is named.
 
     Raises ConfigError where something that the record names is not there any more.
@@ -90,7 +90,7 @@ def chain_again(resolved: dict[str, Any], working: FilePath, controller: str | N
     setting, rig = restored(resolved, working)
     if controller is not None:
         setting = setting.driven_by(controller)
-    return chain_of(setting, rig, Ground.of(resolved), working)
+    return chain_of(setting, rig, LotAlignment.of(resolved), working)
 
 
 def replay_drive(inputs: LiveInputs, working: FilePath) -> Difference | None:
@@ -127,7 +127,7 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
         setpoint = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
         if isinstance(setpoint, link.Malformed):
             return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
-        act = Act(row["act"]) if row["act"] else None
+        act = OperatorCommand(row["act"]) if row["act"] else None
         output = gateway.step(row["time_s"], setpoint, heard, act, codes(row["found"]))
         difference = compare(step, row, _gateway_columns(step, gateway, output.verdict)) or compare_frames(
             step, sent, output.frames[: row["sent"]]
@@ -137,7 +137,7 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
     return None
 
 
-def _gateway_columns(step: int, gateway: Gateway, verdict: Verdict) -> Iterator[tuple[str, Any]]:
+def _gateway_columns(step: int, gateway: Gateway, verdict: GatewayStatus) -> Iterator[tuple[str, Any]]:
     """Name what the gateway came to by the record's columns."""
     yield "step", step
     yield from verdict_columns(verdict)

@@ -13,10 +13,9 @@ from typing import Any
 
 from vve_sumo.drive import redrive
 from vve_sumo.drive import replay as lockstep
-from vve_sumo.drive.chain import Chain
 from vve_sumo.drive.lockstep import chain_of
+from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.redrive import BRAKES, Comparison
-from vve_sumo.drive.redrive_picture import draw
 from vve_sumo.drive.replay import (
     ChainInputs,
     Difference,
@@ -25,10 +24,11 @@ from vve_sumo.drive.replay import (
     changed_since,
     read_chain_inputs,
 )
-from vve_sumo.drive.setting import EPOCH, Setting
+from vve_sumo.drive.resolved_scenario import EPOCH, ResolvedScenario
 from vve_sumo.drive.verify import alterations
 from vve_sumo.live import replay as live
 from vve_sumo.live.assembly import restored
+from vve_sumo.plotting.redrive import draw
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def replayed(folder: FilePath) -> int:
     return 1 if found.differences else 0
 
 
-def _lockstep(folder: FilePath, setting: Setting) -> Found:
+def _lockstep(folder: FilePath, setting: ResolvedScenario) -> Found:
     inputs = read_chain_inputs(folder)
     difference = lockstep.replay(setting, inputs, lockstep.read_car_frames(folder, EPOCH), FilePath.cwd())
     return Found(f"{len(inputs.ticks)} ticks", _torn(inputs), _told("tick", inputs.ticks, difference))
@@ -129,7 +129,7 @@ def redriven(folder: FilePath, controller: str, out: FilePath | None) -> int:
     return 0
 
 
-def _with(folder: FilePath, is_live: bool, controller: str) -> tuple[Setting, ChainInputs, Chain]:
+def _with(folder: FilePath, is_live: bool, controller: str) -> tuple[ResolvedScenario, ChainInputs, Pipeline]:
     """Return a record's setting and inputs, and its chain with another controller in it."""
     working = FilePath.cwd()
     if is_live:

@@ -11,10 +11,10 @@ from typing import Any
 
 import pyarrow as pa
 
-from vve_sumo.drive.ending import Outcome
-from vve_sumo.drive.ledger import summarize
-from vve_sumo.drive.record import hash_files, hash_parts, read_table, whole
+from vve_sumo.drive.latency_monitor import summarize
+from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.record import hash_files, hash_parts, read_table, whole
 from vve_sumo.vehicle.arming import ENDING
 
 

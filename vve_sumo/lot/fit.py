@@ -14,8 +14,8 @@ from scipy.optimize import linprog
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, wrap_angle
+from vve_sumo.lot.geofence import Driven, Geofence
 from vve_sumo.lot.polygon import Raster
-from vve_sumo.lot.stops import Driven, Fence
 from vve_sumo.path import Path
 from vve_sumo.values import Floats
 
@@ -69,7 +69,7 @@ class _Ground:
         return Alignment(wrap_angle(placement.rotation), *shift).inverse()
 
 
-def fit(path: Path, fence: Fence, speed: float) -> Fit:
+def fit(path: Path, fence: Geofence, speed: float) -> Fit:
     """Return the alignment under which a drive of the path at `speed` [m/s] has most room in the fence's lot.
 
     Where no placement takes the whole path, the one that takes most of it, to about `CUT_TO`. Raises ConfigError where
@@ -99,12 +99,12 @@ def fit(path: Path, fence: Fence, speed: float) -> Fit:
     return best
 
 
-def measured(path: Path, fence: Fence, speed: float, alignment: Alignment) -> Fit | None:
+def measured(path: Path, fence: Geofence, speed: float, alignment: Alignment) -> Fit | None:
     """Return how a drive of the path at `speed` [m/s] lies in the lot under an alignment; None for an unfit start."""
     return _measured(fence, fence.driven(path, speed), alignment)
 
 
-def shortened(path: Path, fence: Fence, speed: float, station: float) -> Path:
+def shortened(path: Path, fence: Geofence, speed: float, station: float) -> Path:
     """Return the path up to about a station [m], such that a drive of it at `speed` [m/s] can always stop in the lot.
 
     Beyond its new end the car is taken to go straight on, which may ask for a place to end a little sooner. Raises
@@ -120,7 +120,7 @@ def shortened(path: Path, fence: Fence, speed: float, station: float) -> Path:
     raise ConfigError(f"the lot takes less than {SHORTEST:g} m of the path")
 
 
-def _ground(fence: Fence, drive: list[Driven]) -> _Ground:
+def _ground(fence: Geofence, drive: list[Driven]) -> _Ground:
     """Fill what the drive may cover with points: corners, edges and middles of the rectangles that it sweeps."""
     points, stations = [], []
     for place in [*drive[::EVERY], drive[-1]]:
@@ -242,7 +242,7 @@ def _turned(points: Floats, angle: float) -> Floats:
     return np.asarray(points @ np.array([[cosine, sine], [-sine, cosine]]), dtype=np.float64)
 
 
-def _measured(fence: Fence, drive: list[Driven], alignment: Alignment) -> Fit | None:
+def _measured(fence: Geofence, drive: list[Driven], alignment: Alignment) -> Fit | None:
     """Follow the drive under an alignment, without tables; None where not even its start fits."""
     laid, to_lot = fence.laid(alignment), alignment.inverse()
     room, last = math.inf, None

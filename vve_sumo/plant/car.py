@@ -14,13 +14,19 @@ import numpy as np
 from vve_sumo.frames import MapFrame
 from vve_sumo.plant.actuators import Lagged, Steering
 from vve_sumo.plant.dynamics import Chassis, Dynamics
-from vve_sumo.plant.kit import HANDS_OFF, DriverInputs, Kit, KitParameters, pedal_to_torque
 from vve_sumo.plant.noise import White
 from vve_sumo.plant.receiver import Receiver, ReceiverParameters, unaltered
 from vve_sumo.plant.reports import Axles, Reports, drive_sign
 from vve_sumo.values import Fix, Frame, Point, Pose, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.messages import Gear
+from vve_sumo.vehicle.dataspeed.controller import (
+    HANDS_OFF,
+    DbwController,
+    DbwControllerParameters,
+    DriverInputs,
+    pedal_to_torque,
+)
+from vve_sumo.vehicle.dataspeed.messages import Gear
 
 STEP = 0.005  # of the integration and of the kit [s]
 STEPS_A_SECOND = round(1.0 / STEP)
@@ -33,7 +39,7 @@ class CarParameters:
 
     vehicle: Vehicle  #: as declared
     calibration: Calibration  #: as declared
-    kit: KitParameters
+    kit: DbwControllerParameters
     receiver: ReceiverParameters
     track: float  #: between the wheels of an axle [m]
     mass_height: float  #: of the centre of mass above ground [m]
@@ -93,7 +99,7 @@ class Car:
         vehicle, calibration = parameters.vehicle, parameters.calibration
         self._parameters = parameters
         self._motion = Dynamics(chassis(parameters), start, grade=parameters.grade)
-        self._kit = Kit(parameters.kit, STEP)
+        self._kit = DbwController(parameters.kit, STEP)
         self._brakes = Lagged(vehicle.brake_delay, vehicle.brake_lag, STEP)
         self._engine = Lagged(parameters.throttle_delay, calibration.drive_lag, STEP)
         self._steering = Steering(
@@ -117,7 +123,7 @@ class Car:
         self._steps = 0
 
     @property
-    def kit(self) -> Kit:
+    def kit(self) -> DbwController:
         """The drive-by-wire kit, for looking at."""
         return self._kit
 

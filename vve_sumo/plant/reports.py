@@ -9,19 +9,19 @@ import math
 from typing import NamedTuple
 
 from vve_sumo.plant.dynamics import Dynamics
-from vve_sumo.plant.kit import (
+from vve_sumo.plant.noise import White
+from vve_sumo.values import Frame
+from vve_sumo.vehicle.calibration import GRAVITY
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.controller import (
     PEDAL_REST,
     REST,
     THROTTLE_TRAVEL_END,
-    Kit,
+    DbwController,
     pedal_to_torque,
     torque_to_pedal,
 )
-from vve_sumo.plant.noise import White
-from vve_sumo.values import Frame
-from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.calibration import GRAVITY
-from vve_sumo.vehicle.messages import (
+from vve_sumo.vehicle.dataspeed.messages import (
     Accelerations,
     BrakeInfo,
     BrakeReport,
@@ -61,17 +61,17 @@ class Reports:
         self._gyro_noise = gyro_noise
         self._white = white
 
-    def fast(self, motion: Dynamics, road_angle: float, variant: dbw.Variant) -> list[Frame]:
+    def fast(self, motion: Dynamics, road_angle: float, variant: codec.Variant) -> list[Frame]:
         """What is sent at 100 Hz: wheel speeds, accelerometers, gyroscope."""
         felt = motion.acceleration + GRAVITY * math.sin(motion.grade)
         yaw_rate = motion.yaw_rate + self._gyro_bias + self._gyro_noise * self._white.draw()
         return [
-            dbw.encode(self._wheels(motion, road_angle), variant),
-            dbw.encode(Accelerations(felt, motion.speed * motion.yaw_rate, GRAVITY), variant),
-            dbw.encode(YawRate(0.0, yaw_rate), variant),
+            codec.encode(self._wheels(motion, road_angle), variant),
+            codec.encode(Accelerations(felt, motion.speed * motion.yaw_rate, GRAVITY), variant),
+            codec.encode(YawRate(0.0, yaw_rate), variant),
         ]
 
-    def slow(self, kit: Kit, motion: Dynamics, wheel_angle: float, brake_torque: float) -> list[Frame]:
+    def slow(self, kit: DbwController, motion: Dynamics, wheel_angle: float, brake_torque: float) -> list[Frame]:
         """What is sent at 50 Hz: brake, throttle and steering modules, and the car's brake controller.
 
         `wheel_angle` is the steering wheel's [rad], `brake_torque` what the brake controller believes to apply [N m].
@@ -84,15 +84,15 @@ class Reports:
             acceleration_over_ground=motion.acceleration,
         )
         return [
-            dbw.encode(self._brake(kit), variant),
-            dbw.encode(self._throttle(kit), variant),
-            dbw.encode(self._steering(kit, wheel_angle, motion.speed), variant),
-            dbw.encode(info, variant),
+            codec.encode(self._brake(kit), variant),
+            codec.encode(self._throttle(kit), variant),
+            codec.encode(self._steering(kit, wheel_angle, motion.speed), variant),
+            codec.encode(info, variant),
         ]
 
-    def gear(self, kit: Kit) -> Frame:
+    def gear(self, kit: DbwController) -> Frame:
         """What is sent at 20 Hz: the shift module."""
-        return dbw.encode(GearReport(kit.gear, kit.gear_command, reject=kit.gear_reject), kit.parameters.variant)
+        return codec.encode(GearReport(kit.gear, kit.gear_command, reject=kit.gear_reject), kit.parameters.variant)
 
     def _wheels(self, motion: Dynamics, road_angle: float) -> WheelSpeeds:
         """Each wheel rolls with the speed of its place on the car along its own plane."""
@@ -105,11 +105,11 @@ class Reports:
             (left * along + across) / radius, (right * along + across) / radius, left / radius, right / radius
         )
 
-    def _brake(self, kit: Kit) -> BrakeReport:
+    def _brake(self, kit: DbwController) -> BrakeReport:
         module, driver = kit.brake, kit.driver.brake_pedal
         command, output = kit.commanded_torque(), kit.request.brake_torque
         kind = BrakeReportKind.TORQUE
-        if kit.parameters.variant is dbw.Variant.DBW1_2018:
+        if kit.parameters.variant is codec.Variant.DBW1_2018:
             kind, command, output = BrakeReportKind.PEDAL, torque_to_pedal(command), torque_to_pedal(output)
         else:
             driver = pedal_to_torque(driver)
@@ -128,7 +128,7 @@ class Reports:
             fault_watchdog=kit.fault,
         )
 
-    def _throttle(self, kit: Kit) -> ThrottleReport:
+    def _throttle(self, kit: DbwController) -> ThrottleReport:
         module = kit.throttle
         return ThrottleReport(
             kit.driver.throttle_pedal,
@@ -142,9 +142,9 @@ class Reports:
             fault_watchdog=kit.fault,
         )
 
-    def _steering(self, kit: Kit, wheel_angle: float, speed: float) -> SteeringReport:
+    def _steering(self, kit: DbwController, wheel_angle: float, speed: float) -> SteeringReport:
         module = kit.steering
-        signless = kit.parameters.variant is dbw.Variant.DBW1_2018
+        signless = kit.parameters.variant is codec.Variant.DBW1_2018
         torque = min(max(kit.driver.steering_torque, -TORQUE_SENSOR_LIMIT), TORQUE_SENSOR_LIMIT)
         return SteeringReport(
             wheel_angle,

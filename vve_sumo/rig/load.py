@@ -10,8 +10,8 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.rig.refusal import refuse
 from vve_sumo.rig.schema import Rig
+from vve_sumo.rig.validation import refuse
 from vve_sumo.scenario.load import complaint, read
 
 _UNSURVEYED: Final = ": a lot that nobody has surveyed is refused; survey it, write down its corners and the day"

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, local_frame
+from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
-from vve_sumo.lot.stops import Fence, Stop
 from vve_sumo.rig.schema import Rig
 from vve_sumo.scenario.schema import Table
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dbw import Variant
+from vve_sumo.vehicle.dataspeed.codec import Variant
 from vve_sumo.vehicle.limits import Limits
 
 if TYPE_CHECKING:
-    from vve_sumo.plant.rehearsed import Rehearsed
+    from vve_sumo.plant.injected_faults import InjectedFault
 
 EXPIRY: Final = 0.100  #: how long the last good setpoint is acted on [s]
 NOTICED: Final = 0.030  #: the gateway's timer sees an expired setpoint this much later at most [s]
@@ -165,7 +165,7 @@ def _surveyed(rig: Rig) -> Alignment:
         raise ConfigError(f"alignment: {error}") from None
 
 
-def fence_of(rig: Rig, alignment: Alignment) -> Fence:
+def fence_of(rig: Rig, alignment: Alignment) -> Geofence:
     """Return the fence around the lot, which `alignment` lays onto the street.
 
     Where the watchdog was never tried (then the car cannot be armed), the gateway's own stop stands for it.
@@ -180,18 +180,18 @@ def fence_of(rig: Rig, alignment: Alignment) -> Fence:
     test = rig.watchdog_test
     watchdog = gateway if test is None else Stop(test.deceleration_mps2, EXPIRY + test.delay_s, drive_lag=lag)
     downhill = math.sin(math.atan(rig.lot.grade_percent / 100.0))
-    return Fence(lot_of(rig), vehicle, alignment, gateway=gateway, watchdog=watchdog, downhill=downhill)
+    return Geofence(lot_of(rig), vehicle, alignment, gateway=gateway, watchdog=watchdog, downhill=downhill)
 
 
-def rehearsed_of(rig: Rig) -> tuple[Rehearsed, ...]:
+def rehearsed_of(rig: Rig) -> tuple[InjectedFault, ...]:
     """Return the faults that the hardware-free car puts on."""
-    from vve_sumo.plant.rehearsed import Rehearsed
+    from vve_sumo.plant.injected_faults import InjectedFault
 
     faults = []
     for number, wanted in enumerate(rig.rehearse):
         value = math.nan if wanted.value is None else wanted.value
         try:
-            faults.append(Rehearsed(wanted.kind, wanted.at_s, wanted.for_s, value))
+            faults.append(InjectedFault(wanted.kind, wanted.at_s, wanted.for_s, value))
         except ConfigError as error:
             raise ConfigError(f"rehearse.{number}: {error}") from None
     return tuple(faults)

@@ -142,7 +142,7 @@ class When(Table):
     ego_speed_mps: NotNegative | None = Field(default=None, description="the ego is at least so fast")
 
 
-class Act(Table):
+class Event(Table):
     """What an actor does once its trigger fires; acts follow one another, each waits for the one before it to begin."""
 
     when: When = When()
@@ -204,7 +204,7 @@ class Actor(Table):
     )
     speed_mps: RoadSpeed = Field(default=0.0, description="at which it enters")
     enters: When = Field(default=When(), description="it is on the street from then on; left out: from the start")
-    acts: tuple[Act, ...] = Field(default=(), strict=False)
+    acts: tuple[Event, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")
     def _placed_once(self) -> Self:

@@ -13,9 +13,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from vve_sumo.drive.setting import resolve
+from vve_sumo.drive.resolved_scenario import resolve_scenario
 from vve_sumo.errors import ConfigError
-from vve_sumo.suite import catalogue, sheet
+from vve_sumo.suite import catalogue, table
 from vve_sumo.suite.journal import NAME, Journal
 from vve_sumo.suite.row import Judged, Outcome, Row, Verdict
 from vve_sumo.suite.run import Done, drives, run
@@ -53,7 +53,7 @@ def suite(name: str | None, asked: Asked) -> int:
     judged = drive(name, rows, asked, working)
     _show(catalogue.SUITES[name].title, judged)
     if asked.out is not None:
-        for file in sheet.write(name, judged, asked.out):
+        for file in table.write(name, judged, asked.out):
             print(f"written: {file}")
     return 1 if any(row.verdict in BAD for row in judged) else 0
 
@@ -101,7 +101,7 @@ def driven_by(row: Row, controller: str) -> Row:
 def check(name: str, rows: Sequence[Row], working: Path) -> None:
     """Raise ConfigError, before anything is driven, where the track or the controller is missing or wrong."""
     first = next(row.scenario for row in rows if row.scenario is not None)
-    resolve(name, first, Path(f"suite {name}"), working).controller(working)
+    resolve_scenario(name, first, Path(f"suite {name}"), working).controller(working)
 
 
 @contextlib.contextmanager
@@ -121,6 +121,6 @@ def _show(title: str, rows: Sequence[Judged]) -> None:
     from rich.console import Console
 
     console = Console(width=None if sys.stdout.isatty() else WIDTH)
-    console.print(sheet.table(title, rows))
-    for line in (*sheet.whys(rows), sheet.counted(rows)):
+    console.print(table.table(title, rows))
+    for line in (*table.whys(rows), table.counted(rows)):
         print(line)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from vve_sumo.suite import tables
+from vve_sumo.suite import requirements
 from vve_sumo.suite.fmvss127 import braking_lead, braking_need
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, Row
@@ -21,14 +21,14 @@ LENGTH = 4.0  #: of the target [m]; ours
 
 def rows() -> Iterator[Row]:
     """Return the suite's rows."""
-    for kmh in tables.EURO_NCAP_CCRS:
-        for overlap in tables.EURO_NCAP_OVERLAPS:
+    for kmh in requirements.EURO_NCAP_CCRS:
+        for overlap in requirements.EURO_NCAP_OVERLAPS:
             yield _closing("CCRs", kmh, 0.0, overlap)
-    for kmh in tables.EURO_NCAP_CCRM:
-        for overlap in tables.EURO_NCAP_OVERLAPS:
-            yield _closing("CCRm", kmh, tables.EURO_NCAP_CCRM_TARGET, overlap)
+    for kmh in requirements.EURO_NCAP_CCRM:
+        for overlap in requirements.EURO_NCAP_OVERLAPS:
+            yield _closing("CCRm", kmh, requirements.EURO_NCAP_CCRM_TARGET, overlap)
     yield from _braking()
-    low, high = tables.EURO_NCAP_CCRS_FCW[0], tables.EURO_NCAP_CCRS_FCW[-1]
+    low, high = requirements.EURO_NCAP_CCRS_FCW[0], requirements.EURO_NCAP_CCRS_FCW[-1]
     why = "the warning is judged by a driver who brakes on it: an override hands over"
     yield Row("CCRs_FCW", f"CCRs with warning, {low:g} to {high:g} km/h", "a warning", None, not_applicable=why)
 
@@ -40,7 +40,7 @@ def lateral_offset(overlap: float, width: float) -> float:
     """
     if overlap == 100.0:
         return 0.0
-    aside = 0.5 * tables.EURO_NCAP_TARGET_WIDTH - width * (abs(overlap) - 50.0) / 100.0
+    aside = 0.5 * requirements.EURO_NCAP_TARGET_WIDTH - width * (abs(overlap) - 50.0) / 100.0
     return math.copysign(aside, overlap)
 
 
@@ -51,7 +51,7 @@ def _closing(kind: str, kmh: float, target_kmh: float, overlap: float) -> Row:
     keys = {
         "speed_mps": lead,
         "offset_m": lateral_offset(overlap, CAR.width),
-        "width_m": tables.EURO_NCAP_TARGET_WIDTH,
+        "width_m": requirements.EURO_NCAP_TARGET_WIDTH,
         "length_m": LENGTH,
     }
     return Row(
@@ -73,10 +73,10 @@ def _closing(kind: str, kmh: float, target_kmh: float, overlap: float) -> Row:
 
 
 def _braking() -> Iterator[Row]:
-    kmh = tables.EURO_NCAP_CCRB
-    speed, last = kmh * KMH, tables.EURO_NCAP_CCRB_END * KMH
-    for headway in tables.EURO_NCAP_CCRB_HEADWAY:
-        for deceleration in tables.EURO_NCAP_CCRB_DECELERATION:
+    kmh = requirements.EURO_NCAP_CCRB
+    speed, last = kmh * KMH, requirements.EURO_NCAP_CCRB_END * KMH
+    for headway in requirements.EURO_NCAP_CCRB_HEADWAY:
+        for deceleration in requirements.EURO_NCAP_CCRB_DECELERATION:
             what = f"CCRb, {kmh:g} km/h, headway {headway:g} m, -{deceleration:g} m/s2"
             yield Row(
                 id=f"CCRb_{headway:g}m_{deceleration:g}",

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from vve_sumo.scenario.schema import Scenario
-from vve_sumo.suite import tables
+from vve_sumo.suite import requirements
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, Row
 from vve_sumo.suite.track import (
@@ -28,12 +28,12 @@ STEP = 10.0  #: between the speeds of a range [km/h]; the standard allows any in
 STEADY = 3.0  #: the car ahead keeps its speed so long, then brakes [s]
 RAMP = 0.5  #: in which its braking builds up, within the standard's 1.5 s [s]
 NO_OVERRIDE = "a driver who brakes takes over: the override hands the car to him"
-TOLERANCE = tables.FMVSS_127_SPEED_TOLERANCE * KMH
+TOLERANCE = requirements.FMVSS_127_SPEED_TOLERANCE * KMH
 
 
 def lead_rows() -> Iterator[Row]:
     """Return the rows with a vehicle ahead."""
-    for entry in tables.FMVSS_127_LEAD:
+    for entry in requirements.FMVSS_127_LEAD:
         if entry.manual_brake:
             low, high = entry.subject
             speeds = f"{low:g}" if low == high else f"{low:g} to {high:g}"
@@ -46,16 +46,16 @@ def lead_rows() -> Iterator[Row]:
             yield from _decelerating(entry.lead, entry.headway, entry.deceleration)
 
 
-def _closing(entry: tables.Lead) -> Iterator[Row]:
+def _closing(entry: requirements.Lead) -> Iterator[Row]:
     low, high = entry.subject
     for number in range(round((high - low) / STEP) + 1):
         kmh = low + number * STEP
         speed, lead = kmh * KMH, entry.lead * KMH
-        ahead = tables.FMVSS_127_START * (speed - lead)
+        ahead = requirements.FMVSS_127_START * (speed - lead)
         what = f"lead {entry.kind}, {kmh:g} km/h" + (f" against {entry.lead:g}" if lead else "")
         need = Need(gap_used(full_braking(CAR, speed), Course(lead)), ahead)
         actors = [target(speed, ahead, speed_mps=lead)]
-        yield untouched(f"{entry.kind}_{kmh:g}", what, what, speed, tables.FMVSS_127_START, actors, need)
+        yield untouched(f"{entry.kind}_{kmh:g}", what, what, speed, requirements.FMVSS_127_START, actors, need)
 
 
 def untouched(
@@ -124,10 +124,10 @@ def braking_need(speed: float, headway: float, deceleration: float, last: float)
 
 def pass_through_rows() -> Iterator[Row]:
     """Return the rows of the tests for false activation."""
-    speed, limit = tables.FMVSS_127_PASS_SPEED * KMH, tables.FMVSS_127_FALSE_ACTIVATION * GRAVITY
-    ahead = tables.FMVSS_127_START * speed
-    pair = gate(speed, ahead, tables.FMVSS_127_PASS_GAP)
-    required = f"deceleration <= {tables.FMVSS_127_FALSE_ACTIVATION:g} g"
+    speed, limit = requirements.FMVSS_127_PASS_SPEED * KMH, requirements.FMVSS_127_FALSE_ACTIVATION * GRAVITY
+    ahead = requirements.FMVSS_127_START * speed
+    pair = gate(speed, ahead, requirements.FMVSS_127_PASS_GAP)
+    required = f"deceleration <= {requirements.FMVSS_127_FALSE_ACTIVATION:g} g"
     # The whole controller may slow down as it likes; what is demanded is that it does not brake.
     drivers: tuple[tuple[str, str, dict[str, bool], float], ...] = (
         ("aeb", "emergency braking alone", AEB, TOLERANCE),
@@ -136,12 +136,12 @@ def pass_through_rows() -> Iterator[Row]:
     for id, what, tuning, below in drivers:
         yield Row(
             id=f"between_two_cars_{id}",
-            what=f"between two cars {tables.FMVSS_127_PASS_GAP:g} m apart, 80 km/h, {what}",
+            what=f"between two cars {requirements.FMVSS_127_PASS_GAP:g} m apart, 80 km/h, {what}",
             required=required,
             scenario=scenario(
                 f"FMVSS 127: between two cars, {what}",
                 speed,
-                lasts=tables.FMVSS_127_START + time_to_brake(speed),
+                lasts=requirements.FMVSS_127_START + time_to_brake(speed),
                 controller={"tuning": tuning},
                 actors=pair,
                 criteria={"max_deceleration_mps2": {"max": limit}},

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from vve_sumo.scenario.cast import SIZES
-from vve_sumo.suite import tables
+from vve_sumo.scenario.engine import SIZES
+from vve_sumo.suite import requirements
 from vve_sumo.suite.fmvss127 import STEP, untouched
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used, seen_past
 from vve_sumo.suite.row import Row
@@ -25,7 +25,7 @@ DARK = "the radar is geometric: it knows no light, the rows above stand for dark
 
 def rows() -> Iterator[Row]:
     """Return the suite's rows."""
-    for walk in tables.FMVSS_127_WALKS:
+    for walk in requirements.FMVSS_127_WALKS:
         for kmh in speeds(walk.subject):
             yield _crossing(walk, kmh) if walk.kind == "crossing" else _on_the_way(walk, kmh)
     for beam in ("lower", "upper"):
@@ -40,15 +40,15 @@ def speeds(ends: tuple[float, float]) -> list[float]:
     return steps if steps[-1] == high else [*steps, high]
 
 
-def _crossing(walk: tables.Walk, kmh: float) -> Row:
+def _crossing(walk: requirements.Walk, kmh: float) -> Row:
     """Return the row of one who waits at the kerb, and sets out so that the car would hit him at the overlap."""
-    speed, pace, kerb = kmh * KMH, walk.speed * KMH, tables.KERBS[walk.side]
-    ahead = tables.FMVSS_127_WALK_START * speed
+    speed, pace, kerb = kmh * KMH, walk.speed * KMH, requirements.KERBS[walk.side]
+    ahead = requirements.FMVSS_127_WALK_START * speed
     side = -1.0 if walk.side == "right" else 1.0
     way = kerb.aside - side * aside(walk)
     walking = (way + kerb.speeding_up) / pace
     sets_out = {
-        "when": {"after_s": tables.FMVSS_127_WALK_START - walking},
+        "when": {"after_s": requirements.FMVSS_127_WALK_START - walking},
         "speed_mps": pace,
         "acceleration_mps2": pace * pace / (2.0 * kerb.speeding_up),
     }
@@ -64,19 +64,19 @@ def _crossing(walk: tables.Walk, kmh: float) -> Row:
     # There is something to brake for when he sets out, or comes in sight.
     there = speed * walking
     if walk.obstructed:
-        corner = 0.5 * CAR.width + tables.PARKED_ASIDE
-        there = seen_past(corner, tables.PARKED_GAP, speed, pace, 0.5 * SIZES["child"].length)
+        corner = 0.5 * CAR.width + requirements.PARKED_ASIDE
+        there = seen_past(corner, requirements.PARKED_GAP, speed, pace, 0.5 * SIZES["child"].length)
     return _row(walk, kmh, [actor, *parked], Need(_needed(speed, 0.0), there), gone_by(speed, ahead))
 
 
-def _on_the_way(walk: tables.Walk, kmh: float) -> Row:
+def _on_the_way(walk: requirements.Walk, kmh: float) -> Row:
     speed, pace = kmh * KMH, walk.speed * KMH
-    ahead = tables.FMVSS_127_WALK_START * (speed - pace)
+    ahead = requirements.FMVSS_127_WALK_START * (speed - pace)
     actor = target(speed, ahead, kind="pedestrian", speed_mps=pace, offset_m=aside(walk))
     return _row(walk, kmh, [actor], Need(_needed(speed, pace), ahead), {"contact": True})
 
 
-def aside(walk: tables.Walk) -> float:
+def aside(walk: requirements.Walk) -> float:
     """Return where the overlap is, beside the middle of the car's way [m], left positive."""
     from_side = walk.overlap / 100.0 * CAR.width
     return from_side - 0.5 * CAR.width if walk.side == "right" else 0.5 * CAR.width - from_side
@@ -88,20 +88,20 @@ def _needed(speed: float, pace: float) -> float:
 
 def _parked(speed: float, ahead: float) -> list[dict[str, Any]]:
     """Return the two cars behind which a pedestrian comes out."""
-    offset = -(0.5 * CAR.width + tables.PARKED_ASIDE + 0.5 * WIDTH)
+    offset = -(0.5 * CAR.width + requirements.PARKED_ASIDE + 0.5 * WIDTH)
     size = {"length_m": PARKED_LENGTH, "width_m": WIDTH}
-    rear = [ahead - number * (tables.PARKED_GAP + PARKED_LENGTH) for number in (1, 2)]
+    rear = [ahead - number * (requirements.PARKED_GAP + PARKED_LENGTH) for number in (1, 2)]
     return [
         target(speed, back, offset_m=offset, **size) | {"id": id}
         for id, back in zip(("nearer", "farther"), rear, strict=True)
     ]
 
 
-def _row(walk: tables.Walk, kmh: float, actors: list[dict[str, Any]], need: Need, abort: dict[str, Any]) -> Row:
+def _row(walk: requirements.Walk, kmh: float, actors: list[dict[str, Any]], need: Need, abort: dict[str, Any]) -> Row:
     speed = kmh * KMH
     id = f"{walk.kind}_{walk.side}_{walk.overlap:g}_{kmh:g}".replace(" ", "_")
     what = f"{walk.kind}" + (f" at {walk.speed:g} km/h" if walk.speed else "")
     what += f", {walk.side} {walk.overlap:g} %, {kmh:g} km/h"
     if walk.obstructed:
         id, what = f"obstructed_{id}", f"child behind parked cars, {what}"
-    return untouched(id, what, f"pedestrian {what}", speed, tables.FMVSS_127_WALK_START, actors, need, abort)
+    return untouched(id, what, f"pedestrian {what}", speed, requirements.FMVSS_127_WALK_START, actors, need, abort)

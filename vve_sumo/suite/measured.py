@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from vve_sumo.drive.record import read_table
+from vve_sumo.record.record import read_table
 from vve_sumo.suite.row import CutIn, Row
 from vve_sumo.suite.track import CAR, GRAVITY
 from vve_sumo.values import Floats

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from vve_sumo.suite import tables
+from vve_sumo.suite import requirements
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, Row
 from vve_sumo.suite.track import (
@@ -32,35 +32,35 @@ BELOW = 0.2
 
 def rows() -> Iterator[Row]:
     """Return the rows of the 00 series."""
-    moving = tables.R152_MOVING_TARGET_SPEED
+    moving = requirements.R152_MOVING_TARGET_SPEED
     for load in LOADS:
-        for entry in tables.R152_STATIONARY:
+        for entry in requirements.R152_STATIONARY:
             yield from _car(entry, load, 0.0)
     for load in LOADS:
-        for entry in tables.R152_MOVING:
+        for entry in requirements.R152_MOVING:
             yield from _car(entry, load, moving)
     for load in LOADS:
-        for entry in tables.R152_PEDESTRIAN:
-            yield from _crossing("child", tables.R152_PEDESTRIAN_SPEED, entry, load)
+        for entry in requirements.R152_PEDESTRIAN:
+            yield from _crossing("child", requirements.R152_PEDESTRIAN_SPEED, entry, load)
     yield from _false_reaction()
 
 
 def rows_01() -> Iterator[Row]:
     """Return what the 01 series changes."""
     for load in LOADS:
-        for entry in tables.R152_PEDESTRIAN_01:
-            yield from _crossing("child", tables.R152_PEDESTRIAN_SPEED, entry, load)
+        for entry in requirements.R152_PEDESTRIAN_01:
+            yield from _crossing("child", requirements.R152_PEDESTRIAN_SPEED, entry, load)
 
 
 def rows_02() -> Iterator[Row]:
     """Return what the 02 series adds."""
     for load in LOADS:
-        for entry in tables.R152_BICYCLE:
-            yield from _crossing("bicycle", tables.R152_BICYCLE_SPEED, entry, load)
+        for entry in requirements.R152_BICYCLE:
+            yield from _crossing("bicycle", requirements.R152_BICYCLE_SPEED, entry, load)
 
 
-def _car(entry: tables.Impact, load: str, target_kmh: float) -> Iterator[Row]:
-    ahead = tables.R152_LEAST_TTC * entry.speed * KMH
+def _car(entry: requirements.Impact, load: str, target_kmh: float) -> Iterator[Row]:
+    ahead = requirements.R152_LEAST_TTC * entry.speed * KMH
     actor = {"speed_mps": target_kmh * KMH}
     kind, what = "stationary", f"car stationary, {entry.speed:g} km/h"
     if target_kmh:
@@ -68,8 +68,8 @@ def _car(entry: tables.Impact, load: str, target_kmh: float) -> Iterator[Row]:
     yield from _row(kind, what, entry, load, ahead, actor, lead=target_kmh * KMH)
 
 
-def _crossing(kind: str, kmh: float, entry: tables.Impact, load: str) -> Iterator[Row]:
-    time, pace = tables.R152_LEAST_TTC, kmh * KMH
+def _crossing(kind: str, kmh: float, entry: requirements.Impact, load: str) -> Iterator[Row]:
+    time, pace = requirements.R152_LEAST_TTC, kmh * KMH
     ahead = time * entry.speed * KMH
     # From the right; it would be in the middle of the car's way when the car comes by.
     actor = {"kind": kind, "speed_mps": pace, "offset_m": -time * pace, "turned_deg": 90.0}
@@ -80,10 +80,10 @@ def _crossing(kind: str, kmh: float, entry: tables.Impact, load: str) -> Iterato
 def _false_reaction() -> Iterator[Row]:
     """Return the rows in which nothing is in the way; the two cars stand as FMVSS 127 has them."""
     required = "no emergency braking"
-    for kmh in tables.R152_TEST_SPEEDS:
+    for kmh in requirements.R152_TEST_SPEEDS:
         speed = kmh * KMH
-        ahead = tables.R152_LEAST_TTC * speed
-        what = f"between two cars {tables.FMVSS_127_PASS_GAP:g} m apart, {kmh:g} km/h"
+        ahead = requirements.R152_LEAST_TTC * speed
+        what = f"between two cars {requirements.FMVSS_127_PASS_GAP:g} m apart, {kmh:g} km/h"
         yield Row(
             id=f"between_two_cars_{kmh:g}",
             what=what,
@@ -91,9 +91,9 @@ def _false_reaction() -> Iterator[Row]:
             scenario=scenario(
                 f"R152: {what}",
                 speed - BELOW * KMH,
-                lasts=tables.R152_LEAST_TTC + time_to_brake(speed),
+                lasts=requirements.R152_LEAST_TTC + time_to_brake(speed),
                 controller={"tuning": AEB},
-                actors=gate(speed - BELOW * KMH, ahead, tables.FMVSS_127_PASS_GAP),
+                actors=gate(speed - BELOW * KMH, ahead, requirements.FMVSS_127_PASS_GAP),
                 criteria={"emergency_used": False},
                 abort=gone_by(speed - BELOW * KMH, ahead),
             ),
@@ -106,13 +106,13 @@ def _false_reaction() -> Iterator[Row]:
 
 
 def _approach(speed: float) -> Approach:
-    return Approach(TARGET, speed, *(limit * KMH for limit in tables.R152_SPEED_TOLERANCE))
+    return Approach(TARGET, speed, *(limit * KMH for limit in requirements.R152_SPEED_TOLERANCE))
 
 
 def _row(
     kind: str,
     what: str,
-    entry: tables.Impact,
+    entry: requirements.Impact,
     load: str,
     ahead: float,
     actor: dict[str, Any],
@@ -130,7 +130,7 @@ def _row(
     yield Row(
         id=f"{kind}_{entry.speed:g}_{load}",
         what=f"{what}, {load}",
-        required=said(allowed, tables.R152_BRAKING_DEMAND),
+        required=said(allowed, requirements.R152_BRAKING_DEMAND),
         scenario=scenario(
             f"R152: {what}, {load}",
             driven,
@@ -143,5 +143,5 @@ def _row(
         ),
         approach=_approach(speed),
         need=Need(needed, ahead),
-        demand=tables.R152_BRAKING_DEMAND,
+        demand=requirements.R152_BRAKING_DEMAND,
     )

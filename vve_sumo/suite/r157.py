@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from vve_sumo.suite import tables
+from vve_sumo.suite import requirements
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, CutIn, Row
 from vve_sumo.suite.track import (
@@ -37,9 +37,9 @@ FOLLOWS = 20.0  #: a steady car for so long [s]
 
 def cut_in_rows() -> Iterator[Row]:
     """Return the rows with a car that cuts in."""
-    for kmh in tables.R157_CUT_IN_SPEEDS:
+    for kmh in requirements.R157_CUT_IN_SPEEDS:
         relative, other = kmh * KMH, OTHER_SPEED * KMH
-        speed, ttc = relative + other, tables.cut_in_time(relative) + EARLIER
+        speed, ttc = relative + other, requirements.cut_in_time(relative) + EARLIER
         changing, reach = intrusion(other)
         ahead = relative * (ttc + BESIDE + changing) + reach - 0.5 * LENGTH
         act = {"when": {"after_s": BESIDE}, "offset_m": 0.0, "over_s": OVER}
@@ -83,7 +83,7 @@ def intrusion(speed: float) -> tuple[float, float]:
 
 def following_rows() -> Iterator[Row]:
     """Return the rows with a steady car ahead."""
-    for entry in tables.R157_FOLLOWING:
+    for entry in requirements.R157_FOLLOWING:
         lead = entry.speed * KMH
         speed = FASTER * lead
         what = f"behind a car at {entry.speed:g} km/h"

@@ -13,8 +13,8 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
-from vve_sumo.rows import Kind
-from vve_sumo.sweep.vary import Value
+from vve_sumo.record.sweep_folder import Kind
+from vve_sumo.sweep.overrides import Value
 
 #: keys of a table that says an axis, by what they say
 STEPS, BETWEEN = ("from", "to", "step", "count"), ("min", "max", "log")

@@ -19,7 +19,7 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from vve_sumo.drive.setting import versions
+from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.sweep import remote
 from vve_sumo.sweep.engine import Done, check_room

@@ -16,19 +16,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vve_sumo.drive.record import claim
-from vve_sumo.drive.setting import changed_code, versions
+from vve_sumo.drive.resolved_scenario import changed_code, versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
-from vve_sumo.rows import FIGURES, Plan, Row, read_tables
+from vve_sumo.record.record import claim
+from vve_sumo.record.sweep_folder import FIGURES, Plan, Row, read_tables
 from vve_sumo.scenario.load import parse
-from vve_sumo.sweep.cells import Cell
 from vve_sumo.sweep.dataset import Dataset, refuse_mixed
 from vve_sumo.sweep.engine import Engine, Local
 from vve_sumo.sweep.job import Job, Result
-from vve_sumo.sweep.plan import MANY, Asked, asked, job_of
+from vve_sumo.sweep.plan import MANY, SweepQuery, job_of, query_of
 from vve_sumo.sweep.preflight import look
 from vve_sumo.sweep.progress import Tally, telling
-from vve_sumo.sweep.search import Hunt
+from vve_sumo.sweep.run_specs import RunSpec
+from vve_sumo.sweep.search import AdaptiveSearch
 from vve_sumo.sweep.spec import Keep, kept, parse_spec
 from vve_sumo.sweep.statistics import Group, Outcome, outcome
 
@@ -57,7 +57,7 @@ def sweep(
     search: bool,
 ) -> int:
     """Run the command: drive what is not finished, show what came of it; return the exit code."""
-    wanted = asked(name, Path.cwd(), yes=yes, search=search)
+    wanted = query_of(name, Path.cwd(), yes=yes, search=search)
     keeping = wanted.spec.keep if keep is None else _keeping(keep)
     engine = engine_of(workers, cluster)
     again = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
@@ -69,7 +69,9 @@ def sweep(
     return _conclude(out, wanted) if hunt is None else _conclude_search(out, wanted, hunt)
 
 
-def fill(out: Path, wanted: Asked, engine: Engine, keep: Keep, *, resume: bool, quiet: bool, again: str) -> Hunt | None:
+def fill(
+    out: Path, wanted: SweepQuery, engine: Engine, keep: Keep, *, resume: bool, quiet: bool, again: str
+) -> AdaptiveSearch | None:
     """Drive into a folder whatever of a sweep is not finished there; return the search, where it was one.
 
     Raises KeyboardInterrupt and SimulationError with a line that says what is safe, and that `again` goes on with it.
@@ -94,12 +96,12 @@ def fill(out: Path, wanted: Asked, engine: Engine, keep: Keep, *, resume: bool, 
     return hunt
 
 
-def _hunt(wanted: Asked, dataset: Dataset) -> Hunt | None:
+def _hunt(wanted: SweepQuery, dataset: Dataset) -> AdaptiveSearch | None:
     """Return the search that was asked for, given what is finished of it; None where every cell is to be driven."""
     if wanted.spec.search is None:
         return None
     held = {row["number"]: row for table in read_tables(dataset.folder) for row in table.to_pylist()}
-    return Hunt(wanted.cells, held, dataset.folder)
+    return AdaptiveSearch(wanted.cells, held, dataset.folder)
 
 
 def _so_far(dataset: Dataset) -> str:
@@ -125,9 +127,11 @@ def engine_of(workers: int | None, cluster: str | None) -> Engine:
     return Cluster(cluster)
 
 
-def _drive(engine: Engine, wanted: Asked, dataset: Dataset, hunt: Hunt | None, keep: Keep, *, quiet: bool) -> None:
+def _drive(
+    engine: Engine, wanted: SweepQuery, dataset: Dataset, hunt: AdaptiveSearch | None, keep: Keep, *, quiet: bool
+) -> None:
     """Drive every cell that the dataset does not hold, or every one that a search asks for."""
-    under_way: dict[str, Cell] = {}
+    under_way: dict[str, RunSpec] = {}
     tally = _tally(dataset)
     cells = wanted.cells.unless(dataset.holds) if hunt is None else hunt.cells()
 
@@ -171,7 +175,7 @@ def _tally(dataset: Dataset) -> Tally:
     return Tally(total, dataset.finished, failed, faults)
 
 
-def _conclude(out: Path, wanted: Asked) -> int:
+def _conclude(out: Path, wanted: SweepQuery) -> int:
     """Show what a finished sweep came to; return the exit code."""
     plan = wanted.plan
     apart = list(plan.parameters) if wanted.cells.points < MANY else []
@@ -184,9 +188,9 @@ def _conclude(out: Path, wanted: Asked) -> int:
     return SimulationError.exit_code if came.all.judged == 0 else 0
 
 
-def _conclude_search(out: Path, wanted: Asked, hunt: Hunt) -> int:
+def _conclude_search(out: Path, wanted: SweepQuery, hunt: AdaptiveSearch) -> int:
     """Show what a search found; return the exit code."""
-    from vve_sumo.sweep.found import lines, table_of
+    from vve_sumo.sweep.search_results import lines, table_of
 
     assert hunt.found is not None
     (out / "search.json").write_text(json.dumps(hunt.found, indent=1) + "\n", encoding="utf-8")
@@ -221,7 +225,7 @@ def _console() -> Console:
     return Console(soft_wrap=True, highlight=False, markup=False, width=None if sys.stdout.isatty() else WIDE)
 
 
-def _show(out: Path, wanted: Asked, came: Outcome) -> None:
+def _show(out: Path, wanted: SweepQuery, came: Outcome) -> None:
     console = _console()
     if came.groups and wanted.plan.parameters:
         console.print(_table(wanted, came))
@@ -253,7 +257,7 @@ def _one_that_failed(out: Path) -> str | None:
     return None
 
 
-def _table(wanted: Asked, came: Outcome) -> Table:
+def _table(wanted: SweepQuery, came: Outcome) -> Table:
     from rich import box
     from rich.table import Table
 
@@ -307,7 +311,7 @@ def rerun(folder: Path, key: str, out: Path | None) -> int:
         claim(keep)
     except ConfigError as error:
         raise ConfigError(f"{error}; name another with --out DIR") from None
-    cell = Cell(row["number"], key, {name: row[name] for name in plan.parameters}, row["seed"])
+    cell = RunSpec(row["number"], key, {name: row[name] for name in plan.parameters}, row["seed"])
     job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), cell, keep)
     name = parse(job.table, job.file).controller.name
     if changed := changed_code(name, plan.files_sha256, job.working):
@@ -325,12 +329,12 @@ def rerun(folder: Path, key: str, out: Path | None) -> int:
 def _picture(job: Job, keep: Path) -> Path:
     """Draw `drive.png` into a kept record, as `vve-sumo drive` does, and return its place."""
     from vve_sumo.drive.command import Drive, draw
-    from vve_sumo.sweep.readings import Readings, setting_of
+    from vve_sumo.sweep.input_cache import InputCache, setting_of
 
     summary = json.loads((keep / "summary.json").read_text(encoding="utf-8"))
     # JSON has no word for a figure that is not there.
     summary |= {name: math.nan for name in _numbers() if summary[name] is None}
-    return draw(setting_of(job, Readings()), Drive(keep, summary))
+    return draw(setting_of(job, InputCache()), Drive(keep, summary))
 
 
 def _row(folder: Path, key: str) -> Row:

@@ -29,9 +29,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.rows import MACHINE, Kind, Plan, Row, journal, parts, table_of
-from vve_sumo.sweep.cells import Cell
+from vve_sumo.record.sweep_folder import MACHINE, Kind, Plan, Row, journal, parts, table_of
 from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.run_specs import RunSpec
 
 ROWS_PER_PART = 1000
 
@@ -133,7 +133,7 @@ class Dataset:
             for part in [part for part in self._finished_in if self._whole(part)]:
                 self._seal(part)
 
-    def add(self, cell: Cell, result: Result) -> Row:
+    def add(self, cell: RunSpec, result: Result) -> Row:
         """Take in a finished run and return its row; when this returns, no kill loses it.
 
         Raises SimulationError where nothing can be written; what was finished before stays so.
@@ -198,7 +198,7 @@ class Dataset:
             ) from None
 
 
-def row_of(plan: Plan, cell: Cell, result: Result) -> Row:
+def row_of(plan: Plan, cell: RunSpec, result: Result) -> Row:
     """Return the row of a finished run; a figure that it has not is None."""
     machine = {"wall_s": result.wall_s, "cpu_s": result.cpu_s, "peak_mb": result.peak_mb, "said": result.said}
     said = {"number": cell.number, "key": cell.key, "seed": cell.seed, "fault": result.fault, **cell.values, **machine}

@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from vve_sumo import workspace
-from vve_sumo.drive.setting import versions
+from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError
-from vve_sumo.rows import FIGURES, TAKEN, Plan
+from vve_sumo.record.sweep_folder import FIGURES, TAKEN, Plan
 from vve_sumo.scenario.load import parse, read
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep import worst
-from vve_sumo.sweep.cells import Cell, Cells, cells_of
 from vve_sumo.sweep.job import Job
+from vve_sumo.sweep.overrides import Value, apply_overrides, places
 from vve_sumo.sweep.preflight import Look, look
+from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, cells_of
 from vve_sumo.sweep.search import least_runs
 from vve_sumo.sweep.spec import Boundary, Spec, Worst, fit, parse_spec
-from vve_sumo.sweep.vary import Value, laid, places
 
 #: runs that nobody starts by mistake
 MANY = 100_000
@@ -35,15 +35,15 @@ Judge = Callable[[Sequence[Values]], list[Look]]
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class SweepQuery:
     """A sweep that was asked for, found to be in order."""
 
     spec: Spec
     plan: Plan
-    cells: Cells
+    cells: RunSpecs
 
 
-def asked(name: str, working: Path, *, yes: bool, search: bool = False) -> Asked:
+def query_of(name: str, working: Path, *, yes: bool, search: bool = False) -> SweepQuery:
     """Return the sweep that a name or file says; `search` insists that it is one.
 
     Raises ConfigError, naming file and key, for whatever is wrong, and for very many runs unless `yes`.
@@ -52,7 +52,7 @@ def asked(name: str, working: Path, *, yes: bool, search: bool = False) -> Asked
     return planned(read(file, "sweep"), file, working, yes=yes, search=search)
 
 
-def planned(said: dict[str, Any], file: Path, working: Path, *, yes: bool, search: bool = False) -> Asked:
+def planned(said: dict[str, Any], file: Path, working: Path, *, yes: bool, search: bool = False) -> SweepQuery:
     """Return the sweep that a spec's table says, as `asked` does; `file` is where it stands, or what to call it."""
     spec = parse_spec(said, file)
     if search and spec.search is None:
@@ -81,15 +81,15 @@ def planned(said: dict[str, Any], file: Path, working: Path, *, yes: bool, searc
         files_sha256={},
         versions=versions(),
     )
-    return Asked(spec, _looked_at(plan, spec, cells, file), cells)
+    return SweepQuery(spec, _looked_at(plan, spec, cells, file), cells)
 
 
-def job_of(plan: Plan, spec: Spec, cell: Cell, keep: Path | None) -> Job:
+def job_of(plan: Plan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job:
     """Return what a cell's run needs."""
     return Job(
         key=cell.key,
         name=plan.scenario,
-        table=laid(plan.table, cell.values) | {"seed": cell.seed},
+        table=apply_overrides(plan.table, cell.values) | {"seed": cell.seed},
         file=Path(plan.file),
         working=Path(plan.working),
         keep=keep,
@@ -122,14 +122,14 @@ def _judges(place: str) -> bool:
     return place.startswith("criteria.")
 
 
-def _looked_at(plan: Plan, spec: Spec, cells: Cells, file: Path) -> Plan:
+def _looked_at(plan: Plan, spec: Spec, cells: RunSpecs, file: Path) -> Plan:
     """Return the plan with the hashes of what its outermost runs read; raises ConfigError where one is in no order."""
 
     def read_only(runs: Sequence[Values]) -> list[Look]:
         return [_read(plan, values) for values in runs]
 
     def made(runs: Sequence[Values]) -> list[Look]:
-        return look([job_of(plan, spec, Cell(0, "trial", dict(values), cells.seeds[0]), None) for values in runs])
+        return look([job_of(plan, spec, RunSpec(0, "trial", dict(values), cells.seeds[0]), None) for values in runs])
 
     trials, files = list(_trials(spec, cells)), dict[str, set[str]]()
     for judge in (read_only, made):
@@ -144,13 +144,13 @@ def _looked_at(plan: Plan, spec: Spec, cells: Cells, file: Path) -> Plan:
 def _read(plan: Plan, values: Values) -> Look:
     """Return what is wrong with a run's table, whatever the files that it names are like."""
     try:
-        parse(laid(plan.table, values), Path(plan.file))
+        parse(apply_overrides(plan.table, values), Path(plan.file))
     except ConfigError as error:
         return Look(str(error), {})
     return Look("", {})
 
 
-def _trials(spec: Spec, cells: Cells) -> Iterator[Values]:
+def _trials(spec: Spec, cells: RunSpecs) -> Iterator[Values]:
     """Return the runs to look at: the first rows of a list, else the corner and what lies at the end of each axis."""
     if spec.design == "list":
         yield from (cell.values for cell in itertools.islice(cells, 0, TRIED * len(cells.seeds), len(cells.seeds)))

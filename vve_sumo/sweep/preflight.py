@@ -15,8 +15,8 @@ from collections.abc import Iterator, Sequence
 from typing import IO, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.sweep.input_cache import InputCache, setting_of
 from vve_sumo.sweep.job import CHUNK, Job
-from vve_sumo.sweep.readings import Readings, setting_of
 from vve_sumo.sweep.worker import search_path
 
 PATIENCE = 60.0  #: for one run to be looked at [s]
@@ -72,7 +72,7 @@ def main() -> None:
     """Look at a job a line on stdin; say on stdout, a line each, what is known of it."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what a controller prints must not come between
-    readings = Readings()
+    readings = InputCache()
     for line in sys.stdin.read().splitlines():
         job = Job.from_json(line)
         try:

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from vve_sumo.drive.setting import versions
+from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep.job import DISK_FULL, NO_ROOM, Job, Result
 from vve_sumo.sweep.preflight import look

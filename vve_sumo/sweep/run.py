@@ -11,12 +11,13 @@ import shutil
 from pathlib import Path as FilePath
 from typing import Any
 
-from vve_sumo.drive import command, record
-from vve_sumo.drive.ending import Outcome
+from vve_sumo.drive import command
+from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
+from vve_sumo.record import record
 from vve_sumo.scenario.schema import Criteria, Scenario
+from vve_sumo.sweep.input_cache import InputCache, setting_of
 from vve_sumo.sweep.job import DISK_FULL, NO_ROOM, Figure, Job, Result, finite, refused
-from vve_sumo.sweep.readings import Readings, setting_of
 
 #: of a summary, what says which drive it was, not how it went, or differs with the place where it was driven
 NOT_FIGURES = frozenset(
@@ -27,7 +28,7 @@ LONGEST_TEXT = 500  #: characters of what went wrong, in its own words
 ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
 
 
-def run_job(job: Job, scratch: FilePath, readings: Readings) -> Result:
+def run_job(job: Job, scratch: FilePath, readings: InputCache) -> Result:
     """Drive a job in this process, which SUMO allows once, and return its figures, or the fault that kept it from any.
 
     `scratch` is a folder of nobody else's for temporary files; `tidy` is to be called with it afterwards in any case.

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep import boundary, worst
 from vve_sumo.sweep.axes import Axis, Between, Steps
-from vve_sumo.sweep.cells import Cell, Cells, drawn, key_of
+from vve_sumo.sweep.overrides import Value
+from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, drawn, key_of
 from vve_sumo.sweep.spec import Boundary, Spec, Worst
-from vve_sumo.sweep.vary import Value
 
 Row = Mapping[str, Any]
 Found = dict[str, Any]  #: what `search.json` holds
@@ -29,17 +29,17 @@ class Point(NamedTuple):
     seed: int
 
 
-class Asked(NamedTuple):
+class RunRequest(NamedTuple):
     """What a search wants next, and how far it has come, in a few words."""
 
     points: list[Point]
     said: str
 
 
-Course = Generator[Asked, list[Row], Found]
+Course = Generator[RunRequest, list[Row], Found]
 
 
-def least_runs(cells: Cells) -> int:
+def least_runs(cells: RunSpecs) -> int:
     """Return how many runs a sweep drives, or a search for boundaries at least."""
     search = cells.spec.search
     if not isinstance(search, Boundary):
@@ -48,21 +48,21 @@ def least_runs(cells: Cells) -> int:
     return cells.count // count * min(search.scan, count)
 
 
-def course_of(cells: Cells) -> Course:
+def strategy_of(cells: RunSpecs) -> Course:
     """Return the search that a spec states."""
     search = cells.spec.search
     assert search is not None
     return _boundary(cells, search) if isinstance(search, Boundary) else _worst(cells, search)
 
 
-class Hunt:
+class AdaptiveSearch:
     """A search under way: gives the cells that are to be driven and takes their rows."""
 
-    def __init__(self, cells: Cells, held: Mapping[int, Row], folder: object) -> None:
+    def __init__(self, cells: RunSpecs, held: Mapping[int, Row], folder: object) -> None:
         """`held` are the rows of runs that are finished, by number; `folder` is named where they are of others."""
-        self._course, self._name, self._held, self._folder = course_of(cells), cells.name, held, folder
+        self._course, self._name, self._held, self._folder = strategy_of(cells), cells.name, held, folder
         self._rows: dict[str, Row] = {}
-        self._asked: dict[str, Cell] = {}
+        self._asked: dict[str, RunSpec] = {}
         self._missing: set[str] = set()
         self.said = "starting"  #: how far it has come
         self.found: Found | None = None  #: once it is over
@@ -72,7 +72,7 @@ class Hunt:
         """How many different runs were asked for."""
         return len(self._asked)
 
-    def cells(self) -> Iterator[Cell | None]:
+    def cells(self) -> Iterator[RunSpec | None]:
         """Give every cell that is to be driven; None while there is nothing more to say until rows have come."""
         try:
             asked = next(self._course)
@@ -91,12 +91,12 @@ class Hunt:
         self._rows[row["key"]] = row
         self._missing.discard(row["key"])
 
-    def _cell(self, point: Point) -> Cell:
+    def _cell(self, point: Point) -> RunSpec:
         """Return the cell of a point: one that was asked for before, one that was driven, or a new one."""
         key = key_of(self._name, *point)
         if key in self._asked:
             return self._asked[key]
-        cell = self._asked[key] = Cell(len(self._asked), key, *point)
+        cell = self._asked[key] = RunSpec(len(self._asked), key, *point)
         row = self._held.get(cell.number)
         if row is None:
             self._missing.add(key)
@@ -108,7 +108,7 @@ class Hunt:
         return cell
 
 
-def _boundary(cells: Cells, search: Boundary) -> Course:
+def _boundary(cells: RunSpecs, search: Boundary) -> Course:
     axis, others = _along(cells.spec, search), _others(cells.spec, search)
     lines = [(values, seed) for values in others for seed in cells.seeds]
 
@@ -121,7 +121,7 @@ def _boundary(cells: Cells, search: Boundary) -> Course:
     known: list[dict[int, bool]] = [{} for _ in lines]
     asked = boundary.first(len(lines), axis.count, search.scan)
     while asked:
-        came = yield Asked(list(map(point, asked)), _brackets(axis, known))
+        came = yield RunRequest(list(map(point, asked)), _brackets(axis, known))
         for ask, row in zip(asked, came, strict=True):
             rows[ask], known[ask.row][ask.place] = row, met(row, search.criterion)
         asked = boundary.closer(known, search.batch)
@@ -144,7 +144,7 @@ def met(row: Row, criterion: str) -> bool:
 
 
 def _boundaries(
-    cells: Cells,
+    cells: RunSpecs,
     search: Boundary,
     others: Sequence[dict[str, Value]],
     known: Sequence[boundary.Known],
@@ -198,7 +198,7 @@ def _every(axis: Axis) -> Iterator[Value]:
     return (axis[number] for number in range(axis.count))
 
 
-def _worst(cells: Cells, search: Worst) -> Course:
+def _worst(cells: RunSpecs, search: Worst) -> Course:
     axes, sign = cells.spec.parameters, 1.0 if search.highest is None else -1.0
     every: dict[str, Row] = {}
     choosing = worst.search(len(axes), search.points, search.batch, cells.spec.design_seed)
@@ -207,7 +207,7 @@ def _worst(cells: Cells, search: Worst) -> Course:
         chosen = [{name: drawn(axis, at) for (name, axis), at in zip(axes.items(), one, strict=True)} for one in shares]
         best = min((_cost(row, search.figure, sign) for row in every.values()), default=math.inf)
         so_far = f"{search.figure} {sign * best:.3g} so far" if best < math.inf else "starting"
-        rows = yield Asked([Point(values, seed) for values in chosen for seed in cells.seeds], so_far)
+        rows = yield RunRequest([Point(values, seed) for values in chosen for seed in cells.seeds], so_far)
         every.update((row["key"], row) for row in rows)
         costs = [_cost(row, search.figure, sign) for row in rows]
         repeats = len(cells.seeds)
@@ -223,7 +223,7 @@ def _cost(row: Row, figure: str, sign: float) -> float:
     return math.inf if value is None else sign * float(value)
 
 
-def _case(cells: Cells, search: Worst, sign: float, rows: list[Row]) -> Found:
+def _case(cells: RunSpecs, search: Worst, sign: float, rows: list[Row]) -> Found:
     """Return what a finished search for the worst case found."""
     least = min(rows, key=lambda row: _cost(row, search.figure, sign))
     with_it = [row for row in rows if row[search.figure] is not None]

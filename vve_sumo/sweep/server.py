@@ -27,11 +27,11 @@ from typing import NoReturn
 import pandas  # noqa: F401 - pyarrow imports it as soon as a table becomes numbers: here once, not in every run
 
 from vve_sumo.drive.provenance import software
-from vve_sumo.drive.setting import versions
+from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError
-from vve_sumo.sweep import kin
+from vve_sumo.sweep import process_tree
+from vve_sumo.sweep.input_cache import InputCache, setting_of
 from vve_sumo.sweep.job import CHUNK, READY, Job, Result
-from vve_sumo.sweep.readings import Readings, setting_of
 from vve_sumo.sweep.run import run_job, tidy
 
 LOOK = 0.05  #: between two looks at a run's time and memory [s], in which a run may take some 100 MB more
@@ -88,7 +88,7 @@ class Server:
         self._parent, self._scratch = parent, scratch
         self._jobs, self._results = jobs, results
         self._waiting = b""  #: of the jobs' pipe, what was read but not yet done
-        self._readings = Readings()
+        self._readings = InputCache()
         self._warmed: tuple[object, ...] = ()
 
     def serve(self) -> None:
@@ -109,11 +109,11 @@ class Server:
         try:
             limit = self._watch(child, job)
         finally:
-            kin.kill([child.pid])
+            process_tree.kill([child.pid])
             _pid, status, usage = os.wait4(child.pid, 0)
             child.listen()
             child.close()
-            kin.end_descendants()
+            process_tree.end_descendants()
         wall = time.monotonic() - child.begun
         result = _result(job, child, status, limit)
         tidy(job, self._scratch, keep=True)
@@ -199,9 +199,9 @@ def _held(child: Child) -> float:
     now = time.monotonic()
     if now - child.looked_around >= LOOK_AROUND:
         child.looked_around = now
-        others = (one for one in kin.descendants(os.getpid(), kin.everyone()) if one != child.pid)
-        child.others_mb = sum(map(kin.resident, others)) / 1e6
-    return kin.resident(child.pid) / 1e6 + child.others_mb
+        others = (one for one in process_tree.descendants(os.getpid(), process_tree.everyone()) if one != child.pid)
+        child.others_mb = sum(map(process_tree.resident, others)) / 1e6
+    return process_tree.resident(child.pid) / 1e6 + child.others_mb
 
 
 def _result(job: Job, child: Child, status: int, limit: str) -> Result:
@@ -236,7 +236,7 @@ def _live(drive: Callable[[], Result], server: int, answers: int, voices: int) -
     """Be the child: drive, say what came of it, and end without a word to what the server left open."""
     code = 1
     try:
-        kin.die_with(server)
+        process_tree.die_with(server)
         os.setpgid(0, 0)
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         nothing = os.open(os.devnull, os.O_RDONLY)
@@ -262,7 +262,7 @@ def _live(drive: Callable[[], Result], server: int, answers: int, voices: int) -
 def main() -> None:
     """Serve until the parent is gone; leave neither process nor file behind."""
     parent, scratch = int(sys.argv[1]), Path(sys.argv[2])
-    kin.adopt_orphans()
+    process_tree.adopt_orphans()
     # What anything prints in this process must not come between the lines of results.
     results = os.dup(1)
     os.dup2(2, 1)
@@ -271,7 +271,7 @@ def main() -> None:
     except OrphanedError:
         pass
     finally:
-        kin.end_descendants()
+        process_tree.end_descendants()
         shutil.rmtree(scratch, ignore_errors=True)
     # Half a second of taking modules apart is of no use to anybody.
     os._exit(0)

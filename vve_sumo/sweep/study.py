@@ -14,7 +14,7 @@ from vve_sumo import workspace
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Scenario
-from vve_sumo.sweep.plan import Asked, planned
+from vve_sumo.sweep.plan import SweepQuery, planned
 
 #: what is varied: a delay that nothing in the chain can know of, and the size of the receiver's noise
 DELAY, NOISE = "ego.car.gnss_hidden_delay_s", "ego.car.noise_factor"
@@ -36,7 +36,7 @@ def cliff_study(
     delays_ms: Sequence[float] | None = None,
     factors: Sequence[float] | None = None,
     seeds: int | None = None,
-) -> Asked:
+) -> SweepQuery:
     """Return the sweep over hidden delays [ms] and factors on the receiver's noise; None takes what is usual.
 
     Where the scenario turns the noise off, there is one factor, 0; where nothing is left to chance, one seed. Raises

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import IO
 
 from vve_sumo.errors import SimulationError
-from vve_sumo.sweep import kin
+from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.job import CHUNK, READY, Job, Result
 
 TRIES = 2  #: how often a job is begun: a server that is killed from outside is not the run's fault
@@ -62,7 +62,7 @@ class _Server:
         finally:
             self.process.kill()
             self.process.wait()
-            kin.end_session(self.process.pid)
+            process_tree.end_session(self.process.pid)
             shutil.rmtree(self.scratch, ignore_errors=True)
             self.results.close()
             self.log.close()

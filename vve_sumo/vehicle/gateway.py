@@ -11,19 +11,19 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from vve_sumo.values import ArmingState, Frame, Setpoint, Vehicle, Verdict
-from vve_sumo.vehicle import dbw
+from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle
 from vve_sumo.vehicle.actuation import Actuation, Pedals
-from vve_sumo.vehicle.admission import Admission, Persistence
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, Event, transition
+from vve_sumo.vehicle.brake_monitor import BrakeMonitor
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dbw import Gear
-from vve_sumo.vehicle.handover import Handover
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.engagement import Engagement
+from vve_sumo.vehicle.fallback import FallbackTracker
 from vve_sumo.vehicle.limits import Limiter, Limits, approach
 from vve_sumo.vehicle.plausibility import CarMotion, Plausibility
-from vve_sumo.vehicle.profile import Way
 from vve_sumo.vehicle.reports import TOLERANCE, CarReports
-from vve_sumo.vehicle.response import Response
+from vve_sumo.vehicle.setpoint_validation import Debounce, SetpointValidator
 from vve_sumo.vehicle.standstill import WHEEL_REST, Evidence, Standstill
 
 LONGEST_STEP: Final = 2.0  # periods; a longer one is a fault, and rates count no more than this
@@ -60,7 +60,7 @@ _ASTRAY: Final = frozenset(
 _SPEED_UNKNOWN: Final = frozenset({"speed_mismatch", "wheel_speeds_frozen"})
 
 
-class Act(enum.StrEnum):
+class OperatorCommand(enum.StrEnum):
     """What an operator does, by a deliberate act."""
 
     ENGAGE = "engage"  #: take the car over at rest, and hold it
@@ -73,7 +73,7 @@ class Act(enum.StrEnum):
 class GatewayOutput(NamedTuple):
     """What one step of the gateway gives."""
 
-    verdict: Verdict  #: what was made of the setpoint
+    verdict: GatewayStatus  #: what was made of the setpoint
     frames: tuple[Frame, ...]  #: to be sent now, in this order: brake, throttle, steering, gear
 
 
@@ -101,7 +101,7 @@ class Gateway:
         limits: Limits | None = None,
         calibration: Calibration | None = None,
         period: float = 0.02,
-        variant: dbw.Variant = dbw.Variant.DBW1_2024,
+        variant: codec.Variant = codec.Variant.DBW1_2024,
         shadow: bool = False,
         wheel_bias: float = 0.0,
     ) -> None:
@@ -112,26 +112,26 @@ class Gateway:
         self._shadow = shadow
         self._vehicle = vehicle
         self._ratio, self._wheel_bias = vehicle.steering_ratio, wheel_bias
-        steering_limit = min(vehicle.steering_limit, dbw.WHEEL_ANGLE_LIMIT[variant] / vehicle.steering_ratio)
+        steering_limit = min(vehicle.steering_limit, codec.WHEEL_ANGLE_LIMIT[variant] / vehicle.steering_ratio)
         self._steering_limit = steering_limit
-        self._wheel_rate = min(vehicle.steering_rate_limit * vehicle.steering_ratio, dbw.WHEEL_RATE_LIMIT[variant])
+        self._wheel_rate = min(vehicle.steering_rate_limit * vehicle.steering_ratio, codec.WHEEL_RATE_LIMIT[variant])
         self._torque_limit = min(
-            vehicle.brake_torque_limit, calibration.brake_torque_limit, dbw.TORQUE_LIMIT[variant]
+            vehicle.brake_torque_limit, calibration.brake_torque_limit, codec.TORQUE_LIMIT[variant]
         )  # fmt: skip
         self._reports = CarReports(vehicle.wheel_radius, variant)
-        self._admission = Admission()
-        self._way = Way(vehicle)
+        self._admission = SetpointValidator()
+        self._way = FallbackTracker(vehicle)
         self._limiter = Limiter(vehicle, self._limits, steering_limit)
         self._actuation = Actuation(calibration, vehicle.brake_delay, vehicle.brake_lag)
         self._standstill = Standstill()
         self._plausibility = Plausibility(vehicle, calibration)
-        self._response = Response(vehicle, calibration)
-        self._handover = Handover(
+        self._response = BrakeMonitor(vehicle, calibration)
+        self._handover = Engagement(
             vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), rehearsal=shadow
         )
-        self._parked_long = Persistence(PARK_TIME)
-        self._uncertain_long = Persistence(UNCERTAIN_TIME)
-        self._let_go_long = Persistence(DRIVER_TIME)
+        self._parked_long = Debounce(PARK_TIME)
+        self._uncertain_long = Debounce(UNCERTAIN_TIME)
+        self._let_go_long = Debounce(DRIVER_TIME)
 
         self._state = ArmingState.DISARMED
         self._causes: list[str] = []  # why the car is being stopped or commanded no more, first cause first
@@ -155,7 +155,7 @@ class Gateway:
         now: float,
         setpoint: Setpoint | None,
         reports: Sequence[Frame],
-        act: Act | None = None,
+        act: OperatorCommand | None = None,
         found: Sequence[str] = (),
     ) -> GatewayOutput:
         """Verdict and frames at drive time `now` [s].
@@ -349,25 +349,25 @@ class Gateway:
         if self._uncertain_long.step(now, doubted) or standstill.contradicted:
             self._notes += ["standstill_uncertain", "driver_needed"]
 
-    def _obey(self, now: float, act: Act) -> None:
+    def _obey(self, now: float, act: OperatorCommand) -> None:
         match act:
-            case Act.ENGAGE:
+            case OperatorCommand.ENGAGE:
                 self._happen(now, Event.ENGAGE, [])
-            case Act.GO if self._state is ArmingState.ENGAGED and self._handover.going:
+            case OperatorCommand.GO if self._state is ArmingState.ENGAGED and self._handover.going:
                 pass
-            case Act.GO if self._state is ArmingState.ENGAGED and self._handover.may_go(self._driver):
+            case OperatorCommand.GO if self._state is ArmingState.ENGAGED and self._handover.may_go(self._driver):
                 self._happen(now, Event.GO, [])
                 self._handover.going = True
-            case Act.GO:
+            case OperatorCommand.GO:
                 self._notes.append("go_too_early")
-            case Act.STOP:
+            case OperatorCommand.STOP:
                 self._happen(now, Event.STOP, ["stop_asked"])
-            case Act.END:
+            case OperatorCommand.END:
                 self._happen(now, Event.STOP, ["drive_over"])
-            case Act.DISARM if self._state is ArmingState.STOPPED:
+            case OperatorCommand.DISARM if self._state is ArmingState.STOPPED:
                 # Without brakes a car in drive creeps away, and the kit's watchdog brakes when EN drops in gear.
                 self._notes.append("not_in_park")
-            case Act.DISARM:
+            case OperatorCommand.DISARM:
                 self._happen(now, Event.DISARM, ["disarm_asked"])
 
     def _happen(self, now: float, event: Event, causes: list[str]) -> None:
@@ -386,8 +386,8 @@ class Gateway:
             self._begin_stop()
         elif event is Event.DISARM or event is Event.PARKED:
             # Whoever engages next may be another controller, which counts from zero again.
-            self._admission = Admission()
-            self._way = Way(self._vehicle)
+            self._admission = SetpointValidator()
+            self._way = FallbackTracker(self._vehicle)
             if event is Event.DISARM:
                 self._causes.clear()
 
@@ -433,19 +433,20 @@ class Gateway:
         enable = self._state in COMMANDING and not self._shadow
         self._counter = (self._counter + 1) & 0xFF
         torque = min(command.pedals.brake_torque, self._torque_limit)
-        wheel_limit = dbw.WHEEL_ANGLE_LIMIT[self._variant]
+        wheel_limit = codec.WHEEL_ANGLE_LIMIT[self._variant]
         wheel_angle = min(max(command.steering * self._ratio + self._wheel_bias, -wheel_limit), wheel_limit)
         variant, counter, clear = self._variant, self._counter, self._clear and not self._shadow
         frames = (
-            dbw.encode(dbw.BrakeCommand(dbw.BrakeKind.TORQUE, torque, enable, counter, clear), variant),
-            dbw.encode(
-                dbw.ThrottleCommand(dbw.ThrottleKind.PERCENT, command.pedals.throttle, enable, counter, clear), variant
+            codec.encode(codec.BrakeCommand(codec.BrakeKind.TORQUE, torque, enable, counter, clear), variant),
+            codec.encode(
+                codec.ThrottleCommand(codec.ThrottleKind.PERCENT, command.pedals.throttle, enable, counter, clear),
+                variant,
             ),
-            dbw.encode(dbw.SteeringCommand(wheel_angle, self._wheel_rate, enable, counter, clear), variant),
-            dbw.encode(dbw.GearCommand(self._gear_wish(), clear), variant),
+            codec.encode(codec.SteeringCommand(wheel_angle, self._wheel_rate, enable, counter, clear), variant),
+            codec.encode(codec.GearCommand(self._gear_wish(), clear), variant),
         )
         self._told = Pedals(torque, command.pedals.throttle) if enable else Pedals(0.0, 0.0)
-        verdict = Verdict(
+        verdict = GatewayStatus(
             state=self._state,
             reasons=tuple(dict.fromkeys(self._causes + self._notes)),
             steering=command.steering,

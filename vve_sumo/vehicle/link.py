@@ -10,9 +10,9 @@ import struct
 import zlib
 from typing import Any, Final, NamedTuple, TypeVar
 
-from vve_sumo.values import ArmingState, Setpoint, StopProfile, Verdict
-from vve_sumo.vehicle.gateway import Act
-from vve_sumo.vehicle.profile import MAX_KNOTS
+from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint
+from vve_sumo.vehicle.fallback import MAX_KNOTS
+from vve_sumo.vehicle.gateway import OperatorCommand
 
 VERSION: Final = 2
 MAX_TEXT: Final = 255  # bytes of a string
@@ -47,7 +47,7 @@ class Feedback(NamedTuple):
     time: float  #: drive time of the step [s]
     sequence: int  #: of the newest setpoint taken; -1 before the first
     sent: float  #: drive time at which the send of the last command frame returned [s]; NaN for none
-    verdict: Verdict  #: of the step
+    verdict: GatewayStatus  #: of the step
     measured_steering: float  #: road-wheel angle that the car reports [rad], left positive; NaN not reported
     wheel_speed: float  #: rear axle's speed from the wheels [m/s], forward positive; NaN not reported
     gear: str  #: that the car reports
@@ -90,19 +90,19 @@ def decode_setpoint(data: bytes) -> Setpoint | Malformed:
         return Malformed("wrong_content")
 
 
-def encode_act(act: Act) -> bytes:
+def encode_act(act: OperatorCommand) -> bytes:
     """Return the datagram of an act."""
     return _sealed(_KIND_ACT, _text(act))
 
 
-def decode_act(data: bytes) -> Act | Malformed:
+def decode_act(data: bytes) -> OperatorCommand | Malformed:
     """Return the act in a datagram."""
     body = _opened(_KIND_ACT, data)
     if isinstance(body, Malformed):
         return body
     try:
         reader = _Reader(body)
-        return reader.finished(Act(reader.text()))
+        return reader.finished(OperatorCommand(reader.text()))
     except (ValueError, IndexError):
         return Malformed("wrong_content")
 
@@ -131,7 +131,7 @@ def decode_feedback(data: bytes) -> Feedback | Malformed:
         time, sequence, sent, measured_steering, wheel_speed, steps = reader.take(_FEEDBACK)
         steering, acceleration, brake_torque, throttle = reader.take(_VERDICT)
         state, gear, reasons, limited = ArmingState(reader.text()), reader.text(), reader.texts(), reader.texts()
-        verdict = Verdict(state, reasons, steering, acceleration, limited, brake_torque, throttle)
+        verdict = GatewayStatus(state, reasons, steering, acceleration, limited, brake_torque, throttle)
         return reader.finished(Feedback(time, sequence, sent, verdict, measured_steering, wheel_speed, gear, steps))
     except (struct.error, ValueError, IndexError):
         return Malformed("wrong_content")
@@ -173,7 +173,7 @@ def _texts(texts: tuple[str, ...]) -> bytes:
     return bytes((len(kept),)) + b"".join(map(_text, kept))
 
 
-def _profile(profile: StopProfile) -> bytes:
+def _profile(profile: FallbackPath) -> bytes:
     knots = profile.curvature[:_KNOTS_SENT]
     return _PROFILE.pack(profile.spacing, len(knots)) + struct.pack(f"<{len(knots)}d", *knots)
 
@@ -214,11 +214,11 @@ class _Reader:
             raise ValueError("too many texts")
         return tuple(self.text() for _ in range(number))
 
-    def profile(self) -> StopProfile:
+    def profile(self) -> FallbackPath:
         spacing, number = self.take(_PROFILE)
         if number > _KNOTS_SENT:
             raise ValueError("too many knots")
-        return StopProfile(spacing, self.take(struct.Struct(f"<{number}d")))
+        return FallbackPath(spacing, self.take(struct.Struct(f"<{number}d")))
 
     def finished(self, message: _Message) -> _Message:
         """`message`, if nothing is left over."""

@@ -12,8 +12,8 @@ from collections import deque
 from typing import Final, NamedTuple
 
 from vve_sumo.values import Setpoint, Vehicle
-from vve_sumo.vehicle.admission import Persistence
 from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.setpoint_validation import Debounce
 
 # What the receiver says may be so much older than its epoch tells [s]: a constant delay is found by how the car drives
 # (docs/studies.md), not here, where it would hide what is a lie. Slip of braking tyres is contained in it.
@@ -97,7 +97,7 @@ class _Frozen:
     def __init__(self, change: float) -> None:
         self._change = change
         self._value: object = None
-        self._long = Persistence(FROZEN_TIME)
+        self._long = Debounce(FROZEN_TIME)
         self._reference = math.nan
 
     def step(self, now: float, value: object, reference: float) -> bool:
@@ -117,9 +117,9 @@ class Plausibility:
         # cornering stiffness (Rajamani, Vehicle Dynamics and Control, 3.3).
         self._slip = vehicle.mass * vehicle.front_axle_to_mass / (vehicle.wheelbase * vehicle.cornering_stiffness_rear)
         self._speed_share = calibration.wheel_speed_tolerance
-        self._speed_differs, self._speed_gross = Persistence(DIFFERENCE_TIME), Persistence(GROSS_TIME)
-        self._yaw_rate_differs = Persistence(DIFFERENCE_TIME)
-        self._steering_differs = Persistence(DIFFERENCE_TIME)
+        self._speed_differs, self._speed_gross = Debounce(DIFFERENCE_TIME), Debounce(GROSS_TIME)
+        self._yaw_rate_differs = Debounce(DIFFERENCE_TIME)
+        self._steering_differs = Debounce(DIFFERENCE_TIME)
         self._wheels = _Frozen(FROZEN_SPEED_CHANGE)
         self._gyroscope = _Frozen(FROZEN_YAW_RATE_CHANGE)
         self._steering_report = _Frozen(FROZEN_STEERING_CHANGE)

@@ -10,8 +10,16 @@ from collections.abc import Iterable
 from typing import Final
 
 from vve_sumo.values import Frame
-from vve_sumo.vehicle import dbw
-from vve_sumo.vehicle.dbw import BrakeReport, Gear, GearReport, SteeringReport, ThrottleReport, WheelSpeeds, YawRate
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import (
+    BrakeReport,
+    Gear,
+    GearReport,
+    SteeringReport,
+    ThrottleReport,
+    WheelSpeeds,
+    YawRate,
+)
 
 MAX_AGE: Final = 0.100  # of a report that comes at 50 or 100 Hz [s]; the kit itself gives up after the same time
 MAX_GEAR_AGE: Final = 0.200  # the gear comes at 20 Hz: four periods [s]
@@ -21,12 +29,12 @@ TOLERANCE: Final = 1e-6  # so that rounding of times never decides [s]
 class CarReports:
     """The newest report of every kind, each with the time it was taken in."""
 
-    def __init__(self, wheel_radius: float, variant: dbw.Variant) -> None:
+    def __init__(self, wheel_radius: float, variant: codec.Variant) -> None:
         self._wheel_radius = wheel_radius
         self._variant = variant
         self._times: dict[type, float] = {}
         self._heard: dict[int, tuple[bytes, type]] = {}  # by identifier: the last understood frame's data, and its kind
-        self.brake = BrakeReport(dbw.BrakeReportKind.PEDAL, 0.0, 0.0, 0.0, enabled=False)
+        self.brake = BrakeReport(codec.BrakeReportKind.PEDAL, 0.0, 0.0, 0.0, enabled=False)
         self.throttle = ThrottleReport(0.0, 0.0, 0.0, enabled=False)
         self.steering = SteeringReport(math.nan, math.nan, math.nan, math.nan, enabled=False)
         self.gear = GearReport(Gear.NONE)
@@ -49,7 +57,7 @@ class CarReports:
         """Take in frames heard since the last call; reason codes of what can't be understood or shouldn't be there."""
         troubles: list[str] = []
         for frame in frames:
-            if frame.id in dbw.COMMAND_IDS:
+            if frame.id in codec.COMMAND_IDS:
                 troubles.append("another_writer")
                 continue
             if frame.id in _UNREAD:
@@ -59,8 +67,8 @@ class CarReports:
                 # The same bytes say the same; most reports repeat themselves.
                 self._times[before[1]] = now
                 continue
-            message = dbw.decode(frame, self._variant)
-            if isinstance(message, dbw.Malformed):
+            message = codec.decode(frame, self._variant)
+            if isinstance(message, codec.Malformed):
                 troubles.append("report_malformed")
             elif message is not None:
                 self._heard[frame.id] = frame.data, type(message)
@@ -152,7 +160,7 @@ class CarReports:
         """For how long the wheel speeds have been the same to the last bit, while they say that the car moves [s]."""
         return now - self._wheels_changed if self.fastest_wheel > 0.0 else 0.0
 
-    def _store(self, now: float, message: dbw.Message) -> None:
+    def _store(self, now: float, message: codec.Message) -> None:
         match message:
             case WheelSpeeds():
                 self._store_wheels(now, message)
@@ -187,7 +195,7 @@ class CarReports:
 
 
 #: Reports that nothing here reads: they come as often as the others and would cost as much.
-_UNREAD: Final = frozenset({dbw.ACCELERATIONS, dbw.BRAKE_INFO})
+_UNREAD: Final = frozenset({codec.ACCELERATIONS, codec.BRAKE_INFO})
 _OF_THE_KIT: Final[tuple[type, ...]] = (BrakeReport, ThrottleReport, SteeringReport, GearReport)
 
 _STALE_CODES: Final[tuple[tuple[type, str], ...]] = (

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from vve_sumo.vehicle.admission import Persistence
+from vve_sumo.vehicle.setpoint_validation import Debounce
 
 WHEEL_REST: Final = 0.05  # no wheel turns faster [m/s]; wheel-speed sensors resolve 3 mm/s
 SATELLITE_REST: Final = 0.30  # the receiver's speed at standstill stays below [m/s]: ten sigma of RTK velocity
@@ -37,8 +37,8 @@ class Standstill:
 
     def __init__(self) -> None:
         self._possible = 0.0  # the least that the car's speed can be by now [m/s]
-        self._long = Persistence(REST_TIME)
-        self._satellite_long = Persistence(SATELLITE_REST_TIME)
+        self._long = Debounce(REST_TIME)
+        self._satellite_long = Debounce(SATELLITE_REST_TIME)
         self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
         self.at_rest = False  #: certain for a while, or the receiver alone has said so for long
         self.moves = False  #: something says that the car moves

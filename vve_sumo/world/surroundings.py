@@ -12,8 +12,8 @@ from typing import NamedTuple
 import libsumo
 import numpy as np
 
-from vve_sumo.values import Actors, Player
-from vve_sumo.world.anchor import EGO, heading_of
+from vve_sumo.values import Actors, ActorState
+from vve_sumo.world.ego_sync import EGO, heading_of
 from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.obstacles import Obstacle
 from vve_sumo.world.standoff import STANDING
@@ -103,7 +103,7 @@ class Surroundings:
         libsumo.vehicle.subscribeContext(EGO, libsumo.CMD_GET_VEHICLE_VARIABLE, reach, VARIABLES)
 
     def snapshot(
-        self, time: float, x: float, y: float, hidden: Set[str], players: Iterable[tuple[Player, float]] = ()
+        self, time: float, x: float, y: float, hidden: Set[str], players: Iterable[tuple[ActorState, float]] = ()
     ) -> Actors:
         """Return the actors around x, y [m] at a drive time [s], without the vehicles in `hidden`.
 

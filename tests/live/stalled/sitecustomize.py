@@ -14,7 +14,7 @@ def spoil() -> None:
     """Wrap the placing and the stepping of the street."""
     from pathlib import Path
 
-    from vve_sumo.world.street import World
+    from vve_sumo.world.world import World
 
     place, step = World.place, World.step
     due = [float("inf")]

@@ -1,0 +1,359 @@
+"""Go and no-go: the twin is fit, what is spoilt about a rig is found and named, and a real car's bus hears nothing."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import re
+import socket
+import subprocess
+import time
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests import isolated
+from tests.conftest import REPOSITORY
+from tests.live.bench import LiveCar
+from tests.live.command_line import WATCHDOG, begun, outline, own_rig, vve_sumo
+from vve_sumo.bus import Bus
+from vve_sumo.commissioning import align, machine_checks, rig_checks
+from vve_sumo.commissioning.findings import Check, Finding, Report
+from vve_sumo.live import assembly
+from vve_sumo.live.slcan import Adapter
+from vve_sumo.pose.ncom import Encoder
+from vve_sumo.rig import load as rigs
+from vve_sumo.values import Fix, Frame
+from vve_sumo.vehicle.dataspeed import codec
+
+DAY = datetime.date(2026, 5, 1)
+
+
+def told(run: subprocess.CompletedProcess[str], name: str) -> tuple[str, str]:
+    """Finding and text of a check, advice included."""
+    lines = run.stdout.splitlines()
+    at = next(number for number, line in enumerate(lines) if line[7:].startswith(f"{name} "))
+    text = lines[at][7 + 16 :].strip() + (lines[at + 1] if lines[at + 1].lstrip().startswith("->") else "")
+    return lines[at][:7].strip(), text
+
+
+@pytest.mark.live
+def test_the_twin_is_go(tmp_path: Path) -> None:
+    run = vve_sumo("doctor", "seen_late", "--rig", str(own_rig(tmp_path)), cwd=tmp_path)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.splitlines()[-1] == "GO"
+    assert "fits" in told(run, "path in the lot")[1]
+    rates = told(run, "reports")[1]
+    for name, rate in (("brake", 50), ("steering", 50), ("gear", 20), ("wheels", 100), ("yaw rate", 100)):
+        heard = float(rates.split(f"{name} ")[1].split(",")[0].split(")")[0])
+        assert heard == pytest.approx(rate, rel=0.1)
+    assert float(told(run, "fixes")[1].split()[0]) == pytest.approx(100.0, rel=0.05)
+    assert told(run, "gear") == ("go", "park")
+    assert "none" in told(run, "commands")[1]
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "mine.toml", tmp_path / "runs"]
+    assert [str(file.relative_to(tmp_path)) for file in tmp_path.rglob("runs/*/*")] == ["runs/doctor/mine.json"]
+
+
+@pytest.mark.live
+def test_a_stored_alignment_says_where_the_car_stands_on_it(tmp_path: Path) -> None:
+    rig = own_rig(tmp_path)
+    assert vve_sumo("align", "seen_late", "--rig", str(rig), "--yes", cwd=tmp_path).returncode == 0
+    run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
+    finding, text = told(run, "start")
+    assert finding == "go"
+    left, along, turned = numbers(text)[:3]
+    assert math.hypot(left, along) < 0.15
+    assert turned <= 1.0
+    assert run.stdout.splitlines()[-1] == "GO"
+    moved = rig.read_text(encoding="utf-8").replace("latitude_deg = 40.0041", "latitude_deg = 40.0042")
+    rig.write_text(moved.replace("\nheading_deg = 85.0", "\nheading_deg = 265.0"), encoding="utf-8")
+    run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
+    finding, text = told(run, "start")
+    assert finding == "NO-GO"
+    assert math.hypot(*numbers(text)[:2]) == pytest.approx(11.1, abs=0.2)
+    assert numbers(text)[2] == pytest.approx(180.0, abs=1.0)
+    assert "align" in text
+    assert (run.returncode, run.stdout.splitlines()[-1]) == (3, "NO-GO: start")
+
+
+def numbers(text: str) -> list[float]:
+    """The numbers in a text."""
+    return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", text)]
+
+
+@pytest.mark.live
+def test_a_lot_too_small_is_no_go(tmp_path: Path) -> None:
+    corners = ((40.0036, -83.0195), (40.0036, -83.0160), (40.0052, -83.0160), (40.0052, -83.0195))
+    run = vve_sumo("doctor", "seen_late", "--rig", str(own_rig(tmp_path, outline(*corners))), cwd=tmp_path)
+    assert run.returncode == 3
+    assert run.stdout.splitlines()[-1] == "NO-GO: path in the lot"
+    finding, text = told(run, "path in the lot")
+    assert finding == "NO-GO"
+    assert "could not stop inside" in text
+    assert "vve-sumo align --fit" in text
+
+
+def test_a_port_that_another_program_has_is_no_go_and_no_car_is_started(tmp_path: Path) -> None:
+    rig = own_rig(tmp_path)
+    port = tomllib.loads(rig.read_text(encoding="utf-8"))["pose"]["port"]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", port))
+        other.settimeout(0.0)
+        run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
+        with pytest.raises(BlockingIOError):
+            other.recv(100)
+    assert run.returncode == 3
+    finding, text = told(run, "receiver")
+    assert finding == "NO-GO"
+    assert "in use by another program" in text
+    assert "Traceback" not in run.stderr
+
+
+def real_rig(folder: Path, channel: str, *changes: tuple[str, str]) -> Path:
+    """A real car's rig whose CAN adapter is a terminal, with the twin's lot."""
+    text = own_rig(folder, *changes).read_text(encoding="utf-8")
+    table = text.index("[car_start]")
+    text = text[:table].replace('car = "hardware_free"', 'car = "real"').replace("automatic = true", "")
+    file = folder / "real.toml"
+    file.write_text(text.replace('"pty"', f'"{channel}"'), encoding="utf-8")
+    return file
+
+
+def test_a_bus_and_a_receiver_that_are_not_there_are_no_go(tmp_path: Path) -> None:
+    rig = real_rig(tmp_path, "/dev/nobody")
+    run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
+    assert run.returncode == 3
+    finding, text = told(run, "bus")
+    assert finding == "NO-GO"
+    assert "/dev/nobody" in text
+    assert len([line for line in run.stdout.splitlines() if "/dev/nobody" in line]) == 1
+    finding, text = told(run, "fixes")
+    assert finding == "NO-GO"
+    assert "pose.port" in text
+    assert run.stdout.splitlines()[-1] == "NO-GO: bus, fixes, path in the lot"
+    assert run.stderr == ""
+
+
+def listened(rig: Path, car: LiveCar, adapter: Adapter, extra: tuple[Frame, ...] = ()) -> subprocess.CompletedProcess:
+    """Run the doctor while the car goes on reporting, and demand that nobody says a word to it."""
+    process = begun("doctor", "seen_late", "--rig", str(rig), cwd=rig.parent)
+    due = time.monotonic()
+    while process.poll() is None:
+        assert adapter.receive() == [], "the doctor has sent a frame to a real car"
+        if time.monotonic() >= due:
+            due += 0.02
+            car.advance()
+            adapter.send([*car.reports(), *extra])
+        time.sleep(0.002)
+    out, err = process.communicate()
+    return subprocess.CompletedProcess([], process.returncode, out, err)
+
+
+@pytest.mark.live
+def test_on_a_real_cars_bus_it_listens_and_says_nothing(tmp_path: Path) -> None:
+    with Adapter() as adapter:
+        run = listened(real_rig(tmp_path, adapter.name), LiveCar(), adapter)
+    assert told(run, "reports")[0] == "go"
+    assert told(run, "enabled") == ("go", "nothing is enabled")
+    assert told(run, "calibration")[0] == "note"
+    assert run.stdout.splitlines()[-1] == "NO-GO: fixes, path in the lot"
+
+
+@pytest.mark.live
+def test_another_writer_on_our_identifiers_is_no_go(tmp_path: Path) -> None:
+    command = codec.encode(codec.GearCommand(codec.Gear.DRIVE), codec.Variant.DBW1_2024)
+    with Adapter() as adapter:
+        run = listened(real_rig(tmp_path, adapter.name), LiveCar(), adapter, (command, Frame(0x061, b"short")))
+    finding, text = told(run, "commands")
+    assert finding == "NO-GO"
+    assert "0x066" in text
+    assert told(run, "understood")[0] == "NO-GO"
+
+
+FIX = Fix(
+    time=1.4e9, time_received=0.0, latitude=math.radians(40.0041), longitude=math.radians(-83.0186), altitude=200.0,
+    heading=0.1, pitch=0.0, roll=0.0, velocity_north=0.0, velocity_east=0.0, velocity_down=0.0, yaw_rate=0.0,
+    acceleration=0.0, status=4, position_mode=6, position_sigma=0.01, velocity_sigma=0.02, heading_sigma=0.001,
+    differential_age=1.0,
+)  # fmt: skip
+
+
+def heard_from(rig: Path, **changes: float) -> list[Check]:
+    """What is said of a receiver that sends this fix at 100 Hz, ten milliseconds each on its way."""
+    loaded = rigs.load(rig)
+    source = assembly.source_of(loaded)
+    encoder = Encoder()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        sender = _Sender(out, loaded.pose.port, encoder, replace(FIX, **changes))
+        try:
+            heard = rig_checks.listen(loaded, _Together(source, sender), None, time.monotonic())
+        finally:
+            source.close()
+    return list(rig_checks.pose_checks(loaded, heard))
+
+
+class _Sender:
+    def __init__(self, out: socket.socket, port: int, encoder: Encoder, fix: Fix) -> None:
+        self._out, self._to, self._encoder, self._fix = out, ("127.0.0.1", port), encoder, fix
+        self._begun, self._sent = time.monotonic(), 0
+
+    def send(self) -> None:
+        while self._sent * 0.01 <= time.monotonic() - self._begun:
+            fix = replace(self._fix, time=self._fix.time + 0.01 * self._sent)
+            self._out.sendto(self._encoder.encode(fix), self._to)
+            self._sent += 1
+
+
+class _Together:
+    """The real receiver's socket, with the sender served each time that it is looked at."""
+
+    def __init__(self, source, sender: _Sender) -> None:
+        self._source, self._sender = source, sender
+        self.lost = False
+
+    def fileno(self) -> int:
+        return self._source.fileno()
+
+    def receive(self):
+        self._sender.send()
+        return self._source.receive()
+
+
+def of(checks: list[Check], name: str) -> Check:
+    return next(check for check in checks if check.name == name)
+
+
+def test_what_speaks_against_a_fix_is_told_in_words(tmp_path: Path) -> None:
+    rig = own_rig(tmp_path)
+    good = heard_from(rig)
+    assert {check.finding for check in good} <= {Finding.GO, Finding.NOTE}
+    assert "declared minimum" in of(good, "age").found
+    floating = of(heard_from(rig, position_mode=5, position_sigma=0.4), "fix")
+    assert floating.finding is Finding.NO_GO
+    assert "RTK with fixed ambiguities" in floating.advice
+    assert "position accuracy" in floating.advice
+    assert "mode 5" in floating.found
+    assert "0.400 m" in floating.found
+    old = of(heard_from(rig, differential_age=25.0), "fix")
+    assert old.finding is Finding.NO_GO
+    assert "25.0 s old" in old.found
+    assert "corrections" in old.advice
+    moving = of(heard_from(rig, velocity_east=2.0, velocity_north=0.2), "standing")
+    assert moving.finding is Finding.NO_GO
+
+
+def test_a_rate_below_what_the_rig_promises_is_no_go(tmp_path: Path) -> None:
+    rig = own_rig(tmp_path, ("rate_hz = 100.0", "rate_hz = 200.0"))
+    assert of(heard_from(rig), "fixes").finding is Finding.NO_GO
+
+
+def papers(rig: Path, today: datetime.date = DAY) -> dict[str, Check]:
+    return {check.name: check for check in rig_checks.papers(rigs.load(rig), today)}
+
+
+def test_the_papers_of_a_real_car(tmp_path: Path) -> None:
+    fit = papers(real_rig(tmp_path, "/dev/ttyACM0"))
+    assert fit["arming"].finding is fit["watchdog test"].finding is fit["lot"].finding is Finding.GO
+    assert "120 days ago" in fit["watchdog test"].found
+    assert fit["calibration"].finding is Finding.NOTE
+    untested = papers(real_rig(tmp_path, "/dev/ttyACM0", (WATCHDOG, "")))
+    assert untested["arming"].finding is untested["watchdog test"].finding is Finding.NO_GO
+    assert "--shadow" in untested["arming"].advice
+    unarmed = papers(real_rig(tmp_path, "/dev/ttyACM0", ("armed = true", "armed = false")))
+    assert unarmed["watchdog test"].finding is Finding.NOTE
+    assert "driver" in unarmed["watchdog test"].advice
+
+
+def test_days_that_are_long_past_are_told_and_days_to_come_refused(tmp_path: Path) -> None:
+    rig = own_rig(tmp_path)
+    late = papers(rig, datetime.date(2027, 3, 1))
+    assert late["lot"].finding is late["watchdog test"].finding is Finding.NOTE
+    early = papers(rig, datetime.date(2025, 12, 31))
+    assert early["lot"].finding is Finding.NO_GO
+
+
+def test_a_lot_is_told_in_square_metres(tmp_path: Path) -> None:
+    corners = ((40.003, -83.020), (40.003, -83.016), (40.006, -83.016), (40.006, -83.020))
+    # An ellipsoid's lengths of a degree at 40 N: 111 034 m along the meridian, 85 395 m along the parallel.
+    area = 0.003 * 111_034.0 * 0.004 * 85_395.0
+    found = papers(own_rig(tmp_path, outline(*corners)))["lot"].found
+    assert float(found.split()[0]) == pytest.approx(area, rel=2e-3)
+
+
+def test_an_echo_is_heard_on_the_same_bus_only() -> None:
+    with Bus("virtual", "echo one") as here, Bus("virtual", "echo one") as there, Bus("virtual", "echo two") as far:
+        assert rig_checks.echoed(here, there).finding is Finding.GO
+        assert rig_checks.echoed(here, far).finding is Finding.NO_GO
+        assert rig_checks.NO_COMMAND not in codec.COMMAND_IDS
+
+
+def test_what_is_named_wrongly_is_no_go_and_the_rest_is_told(tmp_path: Path) -> None:
+    run = isolated.command("doctor", "no_such", "--rig", "nobody", cwd=tmp_path)
+    assert run.returncode == 3
+    assert run.stderr == ""
+    assert "parked_car" in told(run, "scenario")[1]
+    assert "twin" in told(run, "rig")[1]
+    assert run.stdout.splitlines()[-1] == "NO-GO: scenario, rig"
+    assert told(run, "python")[0] == "go"
+
+
+def test_the_scenario_alone_is_examined_without_a_rig(tmp_path: Path) -> None:
+    run = isolated.command("doctor", "seen_late", cwd=tmp_path)
+    assert (run.returncode, run.stdout.splitlines()[-1]) == (0, "GO")
+    assert "200 steps" in told(run, "street")[1]
+    assert "there and back" in told(run, "network")[1]
+    assert "receiver" not in run.stdout
+
+
+def test_a_speed_that_the_lot_does_not_allow_is_no_go(tmp_path: Path) -> None:
+    rig = real_rig(tmp_path, "/dev/nobody", ("speed_mps = 12.0", "speed_mps = 5.0"))
+    run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
+    assert told(run, "speed")[0] == "NO-GO"
+
+
+def test_the_versions_asked_for_are_those_of_the_package() -> None:
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    declared = {}
+    for line in project["dependencies"]:
+        name, _, wanted = line.replace(">=", "==").partition("==")
+        declared[name] = wanted
+    assert {name: declared[name] for name in machine_checks.LIBRARIES} == machine_checks.LIBRARIES
+    exact = {line.split("==")[0] for line in project["dependencies"] if "==" in line}
+    assert set(machine_checks.EXACT) == exact & set(machine_checks.LIBRARIES)
+    least, beyond = (tuple(map(int, bound.strip("<>=").split("."))) for bound in project["requires-python"].split(","))
+    assert (least, (beyond[0], beyond[1] - 1)) == machine_checks.PYTHONS
+
+
+def test_a_street_that_is_too_slow_is_no_go_and_a_held_back_one_a_note() -> None:
+    load = {"refused": 0, "removed": 0}
+    assert machine_checks._judged_street([0.002] * 200, True, load).finding is Finding.GO
+    assert machine_checks._judged_street([0.002] * 190 + [0.03] * 10, False, load).finding is Finding.NO_GO
+    held = machine_checks._judged_street([0.002] * 200, True, {"refused": 7, "removed": 5})
+    assert held.finding is Finding.NOTE
+    assert "12 vehicles" in held.found
+
+
+def test_what_the_kernel_permits_is_told_and_changes_nothing() -> None:
+    before = Path("/proc/self/oom_score_adj").read_text()
+    found = machine_checks._priority().found
+    assert re.search(r"oom_score_adj -1000 (not )?permitted$", found)
+    assert Path("/proc/self/oom_score_adj").read_text() == before
+
+
+def test_a_folder_that_takes_no_records_is_no_go() -> None:
+    _room, speed = machine_checks._disk(Path("/proc/runs"))
+    assert speed.finding is Finding.NO_GO
+    assert "--out" in speed.advice
+
+
+def test_a_report_says_what_is_against() -> None:
+    report = Report()
+    report.add(
+        [Check("one", "good"), Check("two", "bad", Finding.NO_GO, "mend it"), Check("three", "so", Finding.NOTE)]
+    )
+    assert [check.name for check in report.against] == ["two"]
+    assert "-> mend it" in report.checks[1].lines()[1]
+    assert report.attempt("four", "do", lambda: align.site_of("none", "none", Path("/"))) is None
+    assert report.against[-1].name == "four"

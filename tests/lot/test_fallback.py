@@ -1,0 +1,127 @@
+"""The way to rest: a car that follows it by odometry ends near its path."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vve_sumo.lot.fallback import LATERAL_ACCELERATION, fallback_path
+from vve_sumo.path import Path
+from vve_sumo.values import FallbackPath, Point, Pose
+from vve_sumo.vehicle import fusion
+
+VEHICLE = fusion.vehicle()
+_ANGLE = np.linspace(0.0, math.pi / 2.0, 24)
+ROUND_A_CORNER = Path.from_points(
+    np.concatenate((np.arange(0.0, 60.0), 60.0 + 15.0 * np.sin(_ANGLE), np.full(60, 75.0))),
+    np.concatenate((np.zeros(60), 15.0 - 15.0 * np.cos(_ANGLE), np.arange(16.0, 76.0))),
+)
+CIRCLE = Path.from_points(30.0 * np.cos(np.linspace(0.0, 5.0, 160)), 30.0 * np.sin(np.linspace(0.0, 5.0, 160)))
+
+
+def beside(path: Path, s: float, offset: float, turned: float, speed: float) -> Pose:
+    at = path.at(s)
+    x, y = at.x - offset * math.sin(at.heading), at.y + offset * math.cos(at.heading)
+    return Pose(0.0, Point.REAR_AXLE, x, y, at.heading + turned, speed, 0.0, 0.0, 0.0, 0.0)
+
+
+def steering_for(bend: float, speed: float) -> float:
+    return math.atan(bend * (VEHICLE.wheelbase + VEHICLE.understeer_gradient * speed * speed))
+
+
+def followed(start: Pose, profile: FallbackPath, distance: float) -> list[tuple[float, float, float]]:
+    """x, y and heading along the way, each centimetre."""
+    x, y, heading, step, ways = start.x, start.y, start.heading, 0.01, []
+    knots = np.arange(len(profile.curvature)) * profile.spacing
+    for s in np.arange(0.5 * step, distance, step):
+        bend = float(np.interp(s, knots, profile.curvature))
+        x, y = x + step * math.cos(heading + 0.5 * bend * step), y + step * math.sin(heading + 0.5 * bend * step)
+        heading += bend * step
+        ways.append((x, y, heading))
+    return ways
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    s=st.floats(0.0, 90.0),
+    offset=st.floats(-0.3, 0.3),
+    turned=st.floats(-0.05, 0.05),
+    speed=st.floats(0.5, 6.0),
+    wheel=st.floats(-0.02, 0.02),
+)
+def test_following_it_from_a_small_deviation_ends_near_the_path(
+    s: float, offset: float, turned: float, speed: float, wheel: float
+) -> None:
+    start = beside(ROUND_A_CORNER, s, offset, turned, speed)
+    steering = steering_for(ROUND_A_CORNER.at(s).curvature, speed) + wheel
+    way = fallback_path(start, steering, ROUND_A_CORNER, s, VEHICLE)
+    assert way is not None
+    rest = 0.2 * speed + speed**2 / 4.8
+    ways = followed(start, way, rest)
+    deviations = [abs(ROUND_A_CORNER.project(x, y, s).offset) for x, y, _heading in ways[:: max(len(ways) // 20, 1)]]
+    assert max(deviations, default=0.0) < 0.75
+    if rest > 5.0:
+        x, y, heading = ways[-1]
+        at = ROUND_A_CORNER.project(x, y, s + rest)
+        assert abs(at.offset) < 0.6 * abs(offset) + 0.12
+        assert abs(math.remainder(heading - at.heading, math.tau)) < 0.12
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3, 5.0, 11.0, 16.0])
+def test_it_is_short_in_knots_and_longer_than_any_stop(speed: float) -> None:
+    straight = Path.from_points([0.0, 300.0], [0.0, 0.0])
+    way = fallback_path(beside(straight, 10.0, 0.2, 0.0, speed), 0.0, straight, 10.0, VEHICLE)
+    assert way is not None
+    assert len(way.curvature) <= 32
+    slowest_stop = 0.2 * speed + speed**2 / (2.0 * (2.4 - 0.5))
+    assert way.spacing * (len(way.curvature) - 1) > slowest_stop
+
+
+def test_it_may_be_asked_for_at_a_length() -> None:
+    way = fallback_path(beside(CIRCLE, 10.0, 0.0, 0.0, 5.0), 0.0, CIRCLE, 10.0, VEHICLE, 62.0)
+    assert way is not None
+    assert way.spacing * (len(way.curvature) - 1) == pytest.approx(62.0)
+
+
+def test_on_the_path_it_is_the_path() -> None:
+    way = fallback_path(beside(CIRCLE, 10.0, 0.0, 0.0, 8.0), steering_for(1.0 / 30.0, 8.0), CIRCLE, 10.0, VEHICLE)
+    assert way is not None
+    assert way.curvature == pytest.approx([1.0 / 30.0] * len(way.curvature), abs=5e-4)
+
+
+@given(wheel=st.floats(-0.5, 0.5), speed=st.floats(1.0, 16.0))
+def test_it_begins_with_the_wheels_as_they_are(wheel: float, speed: float) -> None:
+    way = fallback_path(beside(CIRCLE, 10.0, 0.0, 0.0, speed), wheel, CIRCLE, 10.0, VEHICLE)
+    if way is not None:
+        assert way.curvature[0] == pytest.approx(
+            math.tan(wheel) / (VEHICLE.wheelbase + VEHICLE.understeer_gradient * speed**2)
+        )
+
+
+def test_it_asks_for_no_more_than_tyres_and_comfort_give() -> None:
+    way = fallback_path(beside(CIRCLE, 10.0, 1.5, 0.3, 8.0), 0.0, CIRCLE, 10.0, VEHICLE)
+    assert way is not None
+    squares = [max(64.0 - 3.0 * way.spacing * i, 0.25) for i in range(len(way.curvature))]
+    for knot, square in list(zip(way.curvature, squares, strict=True))[1:]:
+        assert abs(knot) * square <= LATERAL_ACCELERATION + 3.0 * way.spacing * abs(knot) + 1e-9
+
+
+@pytest.mark.parametrize("field", ["x", "y", "heading", "speed"])
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize("distance", [None, 10.0])
+def test_there_is_none_from_nowhere(field: str, bad: float, distance: float | None) -> None:
+    start = replace(beside(CIRCLE, 10.0, 0.0, 0.0, 5.0), **{field: bad})
+    assert fallback_path(start, 0.0, CIRCLE, 10.0, VEHICLE, distance) is None
+
+
+@pytest.mark.parametrize(
+    ("offset", "turned", "steering", "station"),
+    [(6.0, 0.0, 0.0, 10.0), (0.0, 1.5, 0.0, 10.0), (0.0, 0.0, math.nan, 10.0), (0.0, 0.0, 0.0, math.nan)],
+)
+def test_there_is_none_from_far_off(offset: float, turned: float, steering: float, station: float) -> None:
+    assert fallback_path(beside(CIRCLE, 10.0, offset, turned, 5.0), steering, CIRCLE, station, VEHICLE) is None

@@ -1,0 +1,205 @@
+"""The record: what a kill leaves, what the hash covers, what other tools can read."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from tests.drive.street import REPOSITORY, drive_once
+from tests.isolated import isolated
+from vve_sumo.errors import ConfigError
+from vve_sumo.record.record import (
+    TICKS_PER_BATCH,
+    MemoryRecorder,
+    Record,
+    hash_parts,
+    read_pose_chunks,
+    read_table,
+    whole,
+)
+from vve_sumo.values import Actors, Detections, Frame, TickRow
+
+KINDS = {"int": 0, "float": 0.5, "bool": False, "str": ""}
+
+
+def row(tick: int, **changes: object) -> TickRow:
+    """Return a tick's row of plain values."""
+    plain = {f.name: KINDS[str(f.type)] for f in dataclasses.fields(TickRow)}
+    return TickRow(**(plain | {"tick": tick, "time_s": 0.02 * tick} | changes))
+
+
+def actors(count: int) -> Actors:
+    """Return a table of some actors."""
+    column = np.arange(float(count))
+    return Actors(0.0, tuple(f"car{i}" for i in range(count)), *[column] * 8)
+
+
+def fill(record: MemoryRecorder, ticks: int, **changes: object) -> None:
+    """Record some ticks of everything."""
+    detections = Detections(0.0, np.array([9.0]), np.array([0.1]), np.array([-2.0]), np.array([1], np.int8))
+    for tick in range(ticks):
+        record.received_pose(0.02 * tick, bytes([tick % 256] * 72))
+        record.saw_frames(0.02 * tick, "can0", [Frame(0x060, bytes([tick % 256] * 8))])
+        record.scanned(tick, detections, ["car0"])
+        record.snapshot(tick, actors(3))
+        record.ticked(row(tick, **changes))
+
+
+def closed(folder: Path, ticks: int, **changes: object) -> str:
+    """Return the hash of a record of some ticks."""
+    record = Record(folder, {"a": 1}, 1000.0)
+    fill(record, ticks, **changes)
+    parts = record.close()
+    assert hash_parts(folder) == parts, "the files say what was hashed while they grew"
+    return whole(parts)
+
+
+def test_a_finished_record_reads_back_what_was_kept(tmp_path: Path) -> None:
+    closed(tmp_path / "r", 25, note="brake", lateral_deviation_m=math.nan)
+    ticks, seen, boxes = (read_table(tmp_path / "r", name) for name in ("ticks", "detections", "actors"))
+    assert ticks["tick"].to_pylist() == list(range(25))
+    assert set(ticks["note"].to_pylist()) == {"brake"}
+    assert np.isnan(ticks["lateral_deviation_m"].to_numpy()).all()
+    assert ticks.schema.field("speed_mps").metadata[b"meaning"].startswith(b"rear axle")
+    assert seen["range_m"].to_pylist() == [9.0] * 25
+    assert boxes.num_rows == 75
+    chunks = read_pose_chunks(tmp_path / "r" / "pose.bin")
+    assert chunks[7] == (0.02 * 7, bytes([7] * 72))
+
+
+def test_what_nobody_keeps_has_the_same_hash_and_tables(tmp_path: Path) -> None:
+    kept, unkept = Record(tmp_path / "r", {"a": 1}, 1000.0), MemoryRecorder({"a": 1}, 1000.0)
+    for record in (kept, unkept):
+        fill(record, 25, note="brake", lateral_deviation_m=math.nan)
+        record.scanned(25, Detections(0.5, *[np.zeros(0)] * 3, np.zeros(0, np.int8)), [])
+    assert unkept.close() == kept.close() == hash_parts(tmp_path / "r")
+    for name, table in unkept.tables.items():
+        table.validate(full=True)
+        assert repr(table.to_pylist()) == repr(read_table(tmp_path / "r", name).to_pylist())  # NaN is like NaN
+        assert table.schema.equals(kept.tables[name].schema, check_metadata=True)
+
+
+def test_other_tools_read_the_can_log(tmp_path: Path) -> None:
+    closed(tmp_path / "r", 12)
+    with can.LogReader(tmp_path / "r" / "can.log") as log:
+        messages = list(log)
+    assert [bytes(m.data) for m in messages] == [bytes([tick] * 8) for tick in range(12)]
+    assert {m.arbitration_id for m in messages} == {0x060}
+    assert messages[5].timestamp == pytest.approx(1000.1, abs=1e-6)
+
+
+def test_the_hash_covers_every_column_and_input(tmp_path: Path) -> None:
+    plain = closed(tmp_path / "plain", 12)
+    assert closed(tmp_path / "same", 12) == plain
+    assert closed(tmp_path / "longer", 13) != plain
+    for field in dataclasses.fields(TickRow)[1:]:
+        other = {"int": 7, "float": 0.25, "bool": True, "str": "x"}[str(field.type)]
+        assert closed(tmp_path / field.name, 12, **{field.name: other}) != plain, field.name
+
+
+@pytest.mark.parametrize("part", ["scenario", "pose", "can", "detections", "actors"])
+def test_the_hash_covers_every_part(part: str, tmp_path: Path) -> None:
+    hashes = []
+    for changed in (False, True):
+        record = Record(tmp_path / f"{part}{changed}", {"a": 2 if changed and part == "scenario" else 1}, 1000.0)
+        fill(record, 12)
+        if changed and part == "pose":
+            record.received_pose(1.0, b"x")
+        elif changed and part == "can":
+            record.saw_frames(1.0, "can0", [Frame(1, b"")])
+        elif changed and part == "detections":
+            record.scanned(13, Detections(0.0, *[np.array([1.0])] * 3, np.array([0], np.int8)), ["car1"])
+        elif changed and part == "actors":
+            record.snapshot(13, actors(1))
+        hashes.append(whole(record.close()))
+    assert hashes[0] != hashes[1]
+
+
+def test_an_open_record_is_readable_up_to_its_last_batch(tmp_path: Path) -> None:
+    record = Record(tmp_path / "r", {}, 0.0)
+    fill(record, 3 * TICKS_PER_BATCH + 4)
+    ticks = read_table(tmp_path / "r", "ticks")
+    assert ticks.num_rows == 3 * TICKS_PER_BATCH
+    assert len(read_pose_chunks(tmp_path / "r" / "pose.bin")) == 3 * TICKS_PER_BATCH
+    torn = tmp_path / "r" / "ticks.arrows"
+    torn.write_bytes(torn.read_bytes()[:-100])
+    assert read_table(tmp_path / "r", "ticks").num_rows == 2 * TICKS_PER_BATCH
+
+
+def test_a_folder_that_is_no_record_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="not a drive's record"):
+        read_table(tmp_path, "ticks")
+
+
+def test_not_a_number_becomes_null_in_the_summary(tmp_path: Path) -> None:
+    record = Record(tmp_path / "r", {}, 0.0)
+    record.close()
+    record.summarise({"gap": math.nan, "inner": {"x": math.inf}, "ok": 1.5})
+    written = json.loads((tmp_path / "r" / "summary.json").read_text(encoding="utf-8"))
+    text = json.dumps({key: written[key] for key in ("gap", "inner", "ok")}, indent=1) + "\n"
+    assert written.pop("summary_sha256") == hashlib.sha256(text.encode()).hexdigest()
+    assert written == {
+        "gap": None,
+        "inner": {"x": None},
+        "ok": 1.5,
+    }
+
+
+def test_a_killed_drive_leaves_all_but_its_last_moment(tmp_path: Path) -> None:
+    """SIGKILL under way: every table opens, and ends within 0.2 s of drive time of the others."""
+    folder = tmp_path / "record"
+    always_near = {"obstacles": [{"id": "parked_car", "at_m": 150.0}]}
+    code = f"from tests.drive.street import drive_once; drive_once({always_near!r}, {str(folder)!r})"
+    child = subprocess.Popen([sys.executable, "-c", code], cwd=REPOSITORY)
+    try:
+        size_wanted, deadline = 400_000, time.monotonic() + 120.0
+        can_log = folder / "can.log"
+        while not (can_log.exists() and can_log.stat().st_size > size_wanted):
+            assert child.poll() is None, "the drive ended before it could be killed"
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        os.kill(child.pid, signal.SIGKILL)
+    finally:
+        child.kill()
+        child.wait()
+    ticks = read_table(folder, "ticks")["tick"].to_pylist()
+    assert ticks == list(range(len(ticks)))
+    assert len(ticks) > 100
+    last_pose = read_pose_chunks(folder / "pose.bin")[-1][0]
+    assert abs(last_pose - 0.02 * ticks[-1]) <= 0.2
+    assert read_table(folder, "actors")["tick"].to_pylist()[-1] >= ticks[-1] - TICKS_PER_BATCH
+
+
+def test_the_summary_carries_what_it_promises(tmp_path: Path) -> None:
+    summary = isolated(drive_once, {"duration_s": 3.0}, str(tmp_path / "record"))
+    written = json.loads((tmp_path / "record" / "summary.json").read_text(encoding="utf-8"))
+    for key in (
+        "outcome",
+        "collision",
+        "stop_gap_m",
+        "min_ttc_s",
+        "max_lateral_deviation_m",
+        "max_deceleration_mps2",
+        "duration_s",
+        "ticks",
+        "record_sha256",
+    ):
+        assert key in written
+    assert written["outcome"] == "timeout"
+    assert written["ticks"] == 150
+    assert written["sumo_warnings"] == []
+    assert written["passed"] is False
+    assert written["record_sha256"] == summary["record_sha256"]
+    assert not list((tmp_path / "record").glob("*.arrows"))

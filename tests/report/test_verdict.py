@@ -1,0 +1,241 @@
+"""The top line of a report: every outcome, every judgement, and what the record does not know."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from tests.analysis.made import BOX, CAR, put, write
+from tests.isolated import REPOSITORY
+from tests.sweep.test_dataset import PLAN
+from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.run import Run
+from vve_sumo.drive.termination import Outcome
+from vve_sumo.plotting import drive_sheet
+from vve_sumo.report import asked, drive, found, runs, stops, sweep
+from vve_sumo.report.sources import open_street_map
+from vve_sumo.report.verdict import Verdict, figures_of, of_drive
+from vve_sumo.sweep.dataset import Dataset
+from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.run_specs import RunSpec
+
+TICKS = 50
+MEASURED: dict[str, Any] = {
+    "outcome": "stopped",
+    "passed": True,
+    "collision": False,
+    "max_speed_mps": 5.0,
+    "stop_gap_m": 4.0,
+    "min_gap_m": 3.0,
+    "min_ttc_s": 2.0,
+    "impact_speed_mps": 0.0,
+    "duration_s": 0.98,
+}
+
+
+def record(folder: Path, summary: dict[str, Any] | None, contact: bool = False) -> Run:
+    """A record of a standing car, 4 m from a parked one; at a contact its boxes touch at the end."""
+    ticks = [{"contacts": "parked" if contact and tick > 40 else ""} for tick in range(TICKS)]
+    write(folder, ticks, summary)
+    box = BOX | {"actor": "parked", "x_m": CAR.rear_axle_to_bumper + 6.0}
+    put(folder, "actors", [box | {"tick": tick} for tick in range(TICKS)])
+    return Run(folder)
+
+
+def verdict(run: Run) -> Verdict:
+    return of_drive(run, figures_of(run))
+
+
+SAYS = {
+    "stopped": "The car came to rest 4.00 m before parked.",
+    "arrived": "The car drove to the end of its path and stands 4.00 m before parked.",
+    "contact": "The car hit something at 0.00 m/s and then stopped.",
+    "driver_has_control": "The driver took over.",
+    "fault": "The gateway stopped the car: for no stated reason.",
+    "timeout": "The scenario's time ran out after 0.98 s.",
+    "aborted": "The scenario ended the drive after 0.98 s: for no stated reason.",
+    "played": "A recorded drive of 0.98 s was sent through the chain;",
+    "interrupted": "The drive was ended from the keyboard after 0.98 s.",
+    "broken": "The simulation broke after 0.98 s: it fell over ../there.",
+}
+
+
+@pytest.mark.parametrize("outcome", list(Outcome))
+@pytest.mark.parametrize("passed", [True, False, None])
+def test_the_word_is_the_summarys_and_the_sentence_that_of_the_outcome(
+    tmp_path: Path, outcome: Outcome, passed: bool | None
+) -> None:
+    told = verdict(
+        record(
+            tmp_path / "r", MEASURED | {"outcome": outcome.value, "passed": passed, "text": "it fell over ../there."}
+        )
+    )
+    judged = {True: "passed", False: "FAILED", None: "not judged"}[passed]
+    assert told.word == ("broken off" if outcome in (Outcome.BROKEN, Outcome.INTERRUPTED) else judged)
+    assert told.line.startswith(f"{told.word}: {SAYS[outcome.value]}")
+    assert told.line.endswith(
+        "The closest approach to anything in its way was 3.00 m; the least time to collision was 2.00 s."
+    )
+
+
+@pytest.mark.parametrize("outcome", ["contact", "aborted", "broken", None])
+@pytest.mark.parametrize("speed", [3.0, None])
+def test_a_contact_is_said_however_the_drive_ended(tmp_path: Path, outcome: str | None, speed: float | None) -> None:
+    told = {"outcome": outcome, "passed": False, "collision": True, "impact_speed_mps": speed}
+    line = verdict(record(tmp_path / "r", MEASURED | told if outcome else None, contact=True)).line
+    # A killed drive's impact is measured from its record: both stood.
+    fast = " at 0.00 m/s" if outcome is None else (" at 3.00 m/s" if speed else "")
+    assert f"hit parked{fast}{' and then stopped.' if outcome == 'contact' else '.'}" in line
+    assert "none" not in line.partition("closest")[0].replace("no stated reason", "")
+
+
+def test_what_was_not_measured_is_not_said(tmp_path: Path) -> None:
+    none = {name: None for name, value in MEASURED.items() if isinstance(value, float)}
+    line = verdict(record(tmp_path / "r", MEASURED | none)).line
+    assert line == "passed: The car came to rest with nothing ahead of it. Nothing was ever ahead of it in its way."
+
+
+def test_a_live_drive_whose_program_was_killed_is_told_from_its_recorders_summary(tmp_path: Path) -> None:
+    """The recorder says how it ended; figures, seed and judgement are not in its summary."""
+    run = record(tmp_path / "r", {"outcome": "fault", "reasons": ["pose_stale"], "ticks": TICKS})
+    assert verdict(run).line.startswith("not judged: The gateway stopped the car: no trusted fix for too long.")
+    assert drive_sheet(run).texts[1].get_text() == "fault · not judged"
+
+
+def swept(folder: Path, *results: Result, cells: int | None = None) -> Sweep:
+    plan = replace(PLAN, cells=cells or len(results), parameters={"speed": "float"})
+    dataset = Dataset(folder, plan, resume=True)
+    for number, result in enumerate(results):
+        dataset.add(RunSpec(number, f"{number:016x}", {"speed": float(number)}, 1), result)
+    dataset.close()
+    return Sweep(folder)
+
+
+def ran(passed: bool, **figures: Any) -> Result:
+    told = {"outcome": "stopped", "passed": passed, "collision": False, "failed": "", "stop_gap_m": 2.0}
+    return Result("", told | figures, "")
+
+
+FAULT = Result("", {}, "timed_out")
+
+
+@pytest.mark.parametrize(
+    ("results", "cells", "line"),
+    [
+        ([ran(True)], None, "passed: The one judged run passed. Over all runs: least gap at rest 2.00 m, no run"),
+        ([ran(True), ran(False)], None, "FAILED: 1 of 2 judged runs passed (50 %), 1 failed. Over all runs: least gap"),
+        ([ran(True), FAULT], None, "not judged: The one judged run passed; 1 more came to a fault. Over all runs:"),
+        ([ran(False), FAULT], None, "FAILED: 0 of 1 judged runs passed (0 %), 1 failed; 1 more came to a fault."),
+        ([ran(True)], 3, "broken off: 1 of 3 runs are finished: the sweep was stopped or still goes on. The one"),
+        ([ran(False, collision=True, stop_gap_m=-0.1)], None,
+         "FAILED: 0 of 1 judged runs passed (0 %), 1 failed. Over all runs: 1 run touched something."),
+    ],
+)  # fmt: skip
+def test_the_word_of_a_sweep_is_that_of_its_runs(
+    tmp_path: Path, results: list[Result], cells: int | None, line: str
+) -> None:
+    of = swept(tmp_path / "s", *results, cells=cells)
+    rows = runs.read(of)
+    assert sweep.verdict(of, rows, runs.counts(of, rows), None).line.startswith(line)
+
+
+def test_of_runs_that_all_came_to_a_fault_nothing_is_known(tmp_path: Path) -> None:
+    of = swept(tmp_path / "s", FAULT, FAULT)
+    rows = runs.read(of)
+    told = sweep.verdict(of, rows, runs.counts(of, rows), None)
+    assert told.line == "not judged: Of 2 runs none was judged; 2 came to a fault."
+
+
+def test_what_a_search_drove_is_counted_and_not_shared_out(tmp_path: Path) -> None:
+    spec = PLAN.spec | {"search": {"highest": "impact_speed_mps", "points": 9}}
+    dataset = Dataset(tmp_path / "s", replace(PLAN, spec=spec, cells=9, parameters={"speed": "float"}), resume=True)
+    for number, result in enumerate((ran(True), ran(False), FAULT)):
+        dataset.add(RunSpec(number, f"{number:016x}", {"speed": float(number)}, 1), result)
+    dataset.close()
+    told = sweep.report(Sweep(tmp_path / "s"))
+    said = "The search was stopped or still goes on. 3 runs were driven, 1 of them to a fault. Over all runs:"
+    assert told.verdict.line.startswith(f"broken off: {said}")
+    assert [picture.name for picture in told.pictures if "distribution" in picture.name] == []
+
+
+def test_a_criterion_that_a_parameter_sets_is_not_said_to_be_the_files(tmp_path: Path) -> None:
+    """Nor is its band drawn: it is another one of every run."""
+    table = {
+        "title": "t",
+        "criteria": {"stop_gap_m": {"min": 1.25}},
+        "parameters": {"least": {"sets": ["criteria.stop_gap_m.min"]}},
+    }
+    dataset = Dataset(tmp_path / "s", replace(PLAN, table=table, cells=2, parameters={"least": "float"}), resume=True)
+    for number in range(2):
+        figures = ran(True).figures | {"meets_stop_gap_m": True}
+        dataset.add(RunSpec(number, f"{number:016x}", {"least": float(number)}, 1), Result("", figures, ""))
+    dataset.close()
+    page = sweep.report(Sweep(tmp_path / "s")).page()
+    assert "set by a parameter" in page
+    assert "at least 1.25" not in page
+    assert "shaded part does not pass" not in page
+
+
+def test_a_playback_is_not_said_to_be_driven_or_replayed_again(tmp_path: Path) -> None:
+    """Replay takes none, for the recording is not a part of the record."""
+    write(tmp_path / "r", [{}] * 3, MEASURED | {"outcome": "played", "passed": None}, files_sha256={"pose": "0"})
+    page = drive.report(Run(tmp_path / "r")).page()
+    assert "vve-sumo report r<" in page
+    assert "vve-sumo replay" not in page
+    assert "vve-sumo drive" not in page
+
+
+def criteria(judged: bool) -> list[list[str]]:
+    """The cells of the table of criteria, row by row."""
+    wanted = {
+        "outcome": "stopped",
+        "collision": False,
+        "stop_gap_m": {"min": 4.5, "max": 5.5},
+        "min_gap_m": {"min": 1.0, "max": None},
+        "duration_s": {"max": 60.0},
+        "min_ttc_s": None,
+    }
+    failed = ["stop_gap_m is 4.499, expected 4.5 to 5.5", "collision is True, expected False"]
+    figures = {"outcome": "stopped", "collision": True, "stop_gap_m": 4.4994, "min_gap_m": None, "duration_s": 59.0}
+    rows = asked.criteria(wanted, figures | {"failed": failed}, judged).replace("\u00a0", " ").split("<tr>")[2:]
+    return [re.sub(r"<[^>]+>", "|", row).strip("|").replace("||", "|").split("|") for row in rows]
+
+
+def test_each_criterion_says_what_it_asks_and_whether_that_was_met() -> None:
+    assert [[cell for cell in row if cell] for row in criteria(True)] == [
+        ["outcome", "stopped", "stopped", "✓ met"],
+        ["collision", "no", "yes", "✗ not met"],
+        ["gap at rest", "4.5 to 5.5 m", "4.499 m", "✗ not met"],
+        ["closest approach", "at least 1 m", "none", "✓ met"],
+        ["drive time", "at most 60 s", "59.000 s", "✓ met"],
+    ]
+    assert {[cell for cell in row if cell][-1] for row in criteria(False)} == {"not judged"}
+
+
+@pytest.mark.parametrize(("network", "driven", "named"), [
+    ("test_track", "test_track", False),
+    ("test_track", "linden", True),  # another one of that name may have been driven on
+    ("linden", "linden", True),
+    ("nowhere", "linden", True),
+])  # fmt: skip
+def test_whose_map_it_is_is_said_unless_it_is_known_to_be_ours(network: str, driven: str, named: bool) -> None:
+    digest = hashlib.sha256((REPOSITORY / f"networks/{driven}.net.xml").read_bytes()).hexdigest()
+    assert bool(open_street_map({"street": {"network": network}}, [digest])) == named
+
+
+def test_a_flip_is_told_the_right_way_round() -> None:
+    flip = {"meets": 13.1, "fails": 13.2, "key_fails": "0"}
+    line = {"values": {}, "meets_first": True, "flips": [flip], "seeds": [{"flips": [flip]}]}
+    told = found.sentence({"search": "boundary", "along": "speed", "criterion": "collision", "boundaries": [line]})
+    assert told.startswith("“no collision” is met at speed = 13.1 and no longer at 13.2")
+
+
+def test_the_runs_that_broke_their_bound_are_listed_and_no_others() -> None:
+    rows = pd.DataFrame({"key": ["kept", "broke"], "stop_distance_m": [10.0, 10.5], "stop_bound_m": [10.0, 10.0]})
+    assert re.findall(r"<code>(\w+)</code>", stops.flagged(rows)) == ["broke"]

@@ -1,0 +1,264 @@
+"""What the analysis reads of the JSON files of a record and a sweep, held against its shape when they are opened.
+
+Knows keys and kinds alone. What else such files hold is let be, so that those of another version can be read as well.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, create_model, model_validator
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.drive_metrics import Metrics
+from vve_sumo.scenario.load import complaint
+from vve_sumo.scenario.schema import Finite, Positive, Radar
+from vve_sumo.values import Vehicle
+
+
+def _text(said: object) -> str:
+    if not isinstance(said, str):
+        raise ValueError("expected a text")
+    return said
+
+
+def _point(said: object) -> object:
+    try:
+        numbers = [float(part) for part in str(said).split()]
+    except ValueError:
+        numbers = []
+    if not (isinstance(said, str) and len(numbers) == 2 and all(map(math.isfinite, numbers))):
+        raise ValueError("expected two numbers in quotes")
+    return said
+
+
+#: any text, also one that is no Unicode
+Text = Annotated[str, PlainValidator(_text)]
+Point = Annotated[str, PlainValidator(_point)]
+
+
+class JsonModel(BaseModel):
+    """A part of a file: unknown keys are let be, nothing is coerced."""
+
+    model_config = ConfigDict(extra="ignore", strict=True)
+
+
+class _Band(JsonModel):
+    min: Finite | None = None
+    max: Finite | None = None
+
+
+class _Parameter(JsonModel):
+    sets: Annotated[tuple[Text, ...], Field(min_length=1, strict=False)]
+    meaning: Text = ""
+
+
+class _Street(JsonModel):
+    network: Text = ""
+
+
+class _Ego(JsonModel):
+    speed_mps: Finite
+
+
+class _Control(JsonModel):
+    name: Text = ""
+
+
+class _Asked(JsonModel):
+    street: _Street | None = None
+    ego: _Ego | None = None
+    criteria: dict[str, bool | Text | _Band | None] = Field(default={})
+    parameters: dict[str, _Parameter] = Field(default={})
+
+
+class _Scenario(_Asked):
+    """What a sweep keeps of its scenario: what the file says, and no more."""
+
+    title: Text = ""
+    controller: _Control | None = None
+
+
+class _Controlled(JsonModel):
+    name: Text
+
+
+class _Settings(_Asked):
+    """What a record keeps of it: all of it."""
+
+    title: Text
+    seed: int
+    controller: _Controlled
+    radar: Radar
+
+
+class _Latency(JsonModel):
+    budget_ms: Finite | None = None
+
+
+class _Rig(JsonModel):
+    latency: _Latency | None = None
+
+
+#: all that is declared of a car
+_Car: Any = create_model("_Car", __base__=JsonModel, **{field.name: (Finite, ...) for field in fields(Vehicle)})  # type: ignore[call-overload]
+
+
+class Record(JsonModel):
+    """What `scenario.json` says of a drive."""
+
+    scenario: Text
+    period_s: Positive
+    path_m: Annotated[tuple[Point, ...], Field(min_length=2, strict=False)]
+    vehicle: _Car
+    files_sha256: dict[str, Text]
+    versions: dict[str, Text]
+    settings: _Settings
+    rig: _Rig | None = None
+
+
+class _Code(JsonModel):
+    sha256: Text = ""
+    git_commit: Text | None = None
+    git_dirty: bool | None = None
+
+
+class _Host(JsonModel):
+    name: Text = ""
+    kernel: Text = ""
+    machine: Text = ""
+
+
+class _Doctor(JsonModel):
+    verdict: Text = "none"
+    date_utc: Text = ""
+    caveats: Annotated[tuple[Text, ...], Field(strict=False)] = ()
+
+
+class Provenance(JsonModel):
+    """What `provenance.json` says; the last three keys of a live drive alone."""
+
+    code: _Code = _Code()
+    host: _Host = _Host()
+    python: Text = ""
+    began_utc: Text = ""
+    operator: Text | None = None
+    driver: Text | None = None
+    doctor: _Doctor | None = None
+
+
+#: what was measured of a drive; null where it held nothing to measure
+_Figures: Any = create_model(
+    "_Figures",
+    __base__=JsonModel,
+    **dict.fromkeys((*(field.name for field in fields(Metrics)), "duration_s"), (float | None, None)),
+)  # type: ignore[call-overload]
+
+
+class Summary(_Figures):  # type: ignore[misc]
+    """What `summary.json` says; of a live drive whose program was killed the figures are not there."""
+
+    outcome: Text
+    reasons: Annotated[tuple[Text, ...], Field(strict=False)] = ()
+    text: Text = ""
+    collision: bool = False
+    passed: bool | None = None
+    failed: Annotated[tuple[Text, ...], Field(strict=False)] = ()
+    record_sha256: Text = ""
+    record_parts_sha256: dict[str, Text] = Field(default={})
+    record_files_sha256: dict[str, Text] = Field(default={})
+
+
+class _Along(JsonModel):
+    along: Text
+    criterion: Text = ""
+
+
+class _Lowest(JsonModel):
+    lowest: Text
+
+
+class _Highest(JsonModel):
+    highest: Text
+
+
+class _Spec(JsonModel):
+    seeds: int | Annotated[tuple[int, ...], Field(strict=False)] = 1
+    parameters: dict[str, Any] = Field(default={})
+    search: _Along | _Lowest | _Highest | None = None
+
+
+class Sweep(JsonModel):
+    """What `sweep.json` says beside what its rows are read by."""
+
+    spec: _Spec
+    table: _Scenario
+    files_sha256: dict[str, Annotated[tuple[Text, ...], Field(strict=False)]]
+    versions: dict[str, Text]
+
+
+class _Flip(JsonModel):
+    meets: Finite
+    fails: Finite
+
+
+class _OwnFlip(_Flip):
+    key_fails: Text
+
+
+class _Seed(JsonModel):
+    flips: Annotated[tuple[_OwnFlip, ...], Field(strict=False)]
+
+
+class _Line(JsonModel):
+    values: dict[str, Any]
+    meets_first: bool | None
+    flips: Annotated[tuple[_Flip, ...], Field(strict=False)]
+    seeds: Annotated[tuple[_Seed, ...], Field(strict=False)]
+
+
+class Boundaries(JsonModel):
+    """What `search.json` says of a search along a parameter."""
+
+    search: Literal["boundary"]
+    along: Text
+    criterion: Text
+    boundaries: Annotated[tuple[_Line, ...], Field(strict=False)]
+
+
+class _Case(JsonModel):
+    model_config = ConfigDict(extra="allow")
+
+    values: dict[str, Any]
+    seed: int
+    outcome: Text | None
+    passed: bool | None
+    failed: Text | None
+    key: Text
+
+
+class Worst(JsonModel):
+    """What `search.json` says of a search for the worst case."""
+
+    search: Literal["worst"]
+    lowest: Text | None = None
+    highest: Text | None = None
+    worst: _Case | None
+
+    @model_validator(mode="after")
+    def _sought(self) -> Self:
+        figure = self.highest or self.lowest
+        if figure is None or (self.worst is not None and figure not in (self.worst.model_extra or {})):
+            raise ValueError("expected lowest or highest, and that figure of the worst case")
+        return self
+
+
+def check(told: object, model: type[JsonModel], file: Path) -> None:
+    """Raise ConfigError in one line, naming the key, where a file's content has not the shape of a model."""
+    try:
+        model.model_validate(told)
+    except ValidationError as error:
+        raise ConfigError(complaint(file, error, model)) from None

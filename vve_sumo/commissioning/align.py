@@ -1,0 +1,296 @@
+"""`vve-sumo align`: where the path shall lie in the lot, by a standing car, by surveyed pairs or by a search.
+
+Listens, computes, asks, and writes the rig file; it sends no frame and moves nothing but the hardware-free car's clock.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import datetime
+import math
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+import numpy as np
+
+from vve_sumo import workspace
+from vve_sumo.drive import command as drives
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.virtual_road import standing
+from vve_sumo.errors import ConfigError, RigError
+from vve_sumo.frames import Alignment, Pair, Placement
+from vve_sumo.live import assembly, start_simulated_vehicle
+from vve_sumo.live.alignment import lot_alignment
+from vve_sumo.lot.fit import Fit, fit, measured, shortened
+from vve_sumo.lot.geofence import Geofence
+from vve_sumo.path import Path
+from vve_sumo.rig import edit
+from vve_sumo.rig import load as rigs
+from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.lock import held
+from vve_sumo.rig.schema import Rig
+
+#: what surveyed pairs may be off after the fit where the rig does not say [m]: half of a lane's spare width
+RESIDUAL_LIMIT: Final = 0.20
+LOT_COLUMNS: Final = ("lot_latitude_deg", "lot_longitude_deg")
+STREET_COLUMNS: Final = ("street_x_m", "street_y_m")
+GEODETIC_COLUMNS: Final = ("street_latitude_deg", "street_longitude_deg")
+DECIMALS: Final = 10  #: of degrees in a path's file: 0.01 mm
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A path and the lot that it is to lie in."""
+
+    setting: ResolvedScenario
+    rig: Rig
+    rig_file: FilePath
+    fence: Geofence  #: with the lot's map as the street's
+
+    @property
+    def speed(self) -> float:
+        """What the scenario wants to drive [m/s]."""
+        return self.setting.scenario.ego.speed_mps
+
+    def fits(self, alignment: Alignment) -> Fit | None:
+        """Return how the path lies under an alignment; None where not even its start is inside."""
+        return measured(self.setting.path, self.fence, self.speed, alignment)
+
+
+@dataclass(frozen=True, slots=True)
+class Laid:
+    """An alignment that was found, and how the path lies under it."""
+
+    alignment: Alignment
+    residual: float  #: worst error of the points that it was made from [m]
+    fit: Fit | None
+
+
+def site_of(scenario: str, rig: str, working: FilePath) -> Site:
+    """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot."""
+    rig_file = workspace.find("rig", rig, working)
+    loaded = rigs.load(rig_file)
+    setting = drives.choose(scenario, working)
+    try:
+        setting = assembly.fitted(setting, loaded)
+    except ConfigError as error:
+        raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
+    return Site(setting, loaded, rig_file, meaning.fence_of(loaded, Alignment()))
+
+
+def matched(site: Site) -> Laid:
+    """Make the place where the car stands the start of the path; raises RigError where it has no fixes to trust."""
+    rig, path, t0 = site.rig, site.setting.path, time.monotonic()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(held(site.rig_file))
+        source = assembly.source_of(rig)
+        stack.callback(source.close)
+        if rig.car == "hardware_free":
+            start_simulated_vehicle.start(rig, t0, site.setting.scenario.seed, stack, None)
+        print("waiting for trusted fixes of the standing car", file=sys.stderr)
+        stood = assembly.stood(rig, source, t0)
+    begin = path.at(0.0)
+    start = standing(begin.x, begin.y, begin.heading)
+    alignment = lot_alignment(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, None).alignment
+    print(
+        f"{stood.fixes} fixes of the standing car, within {stood.spread:.3f} m and {math.degrees(stood.turn):.3f} deg "
+        "of their average"
+    )
+    return Laid(alignment, stood.spread, site.fits(alignment))
+
+
+def paired(site: Site, file: FilePath) -> Laid:
+    """Lay the surveyed places of a CSV file onto their places on the street.
+
+    Raises ConfigError for what is no such file, for mirrored or scaled surveys, and for a pair that is off by too much.
+    """
+    lot, street = read_pairs(file, site)
+    wanted = site.rig.alignment
+    limit = wanted.residual_m if wanted.kind == "surveyed_pairs" and wanted.residual_m else RESIDUAL_LIMIT
+    try:
+        loose = Alignment.from_surveyed_pairs(lot, street, math.inf)
+        scale = np.std(np.array(street) @ (1.0, 1.0j)) / np.std(np.array(lot) @ (1.0, 1.0j))
+        alignment = Alignment.from_surveyed_pairs(lot, street, limit)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from None
+    for number, residual in enumerate(loose.residuals, 1):
+        print(f"pair {number}: off by {residual:.3f} m")
+    print(f"street distances are {scale:.5f} times the lot's")
+    return Laid(alignment, max(alignment.residuals), site.fits(alignment))
+
+
+def read_pairs(file: FilePath, site: Site) -> tuple[list[Pair], list[Pair]]:
+    """Return the same places on the lot's map and on the street's [m]; raises ConfigError naming file and line."""
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{file}: cannot be read: {error}") from None
+    rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
+    header = next(csv.reader([rows[0][1]])) if rows else []
+    by_map = set(STREET_COLUMNS) <= set(header)
+    columns = (*LOT_COLUMNS, *(STREET_COLUMNS if by_map else GEODETIC_COLUMNS))
+    if not set(columns) <= set(header):
+        raise ConfigError(
+            f"{file}: expected a header with {', '.join(LOT_COLUMNS)} and {', '.join(STREET_COLUMNS)} "
+            f"or {', '.join(GEODETIC_COLUMNS)}"
+        )
+    frame, lot, street = meaning.frame_of(site.rig), [], []
+    for number, line in rows[1:]:
+        latitude, longitude, one, other = _numbers(file, number, line, [header.index(name) for name in columns])
+        lot.append(frame.to_map(math.radians(latitude), math.radians(longitude)))
+        there = (one, other)
+        street.append(there if by_map else site.setting.street.to_map(math.radians(one), math.radians(other)))
+    return lot, street
+
+
+def _numbers(file: FilePath, number: int, line: str, columns: list[int]) -> list[float]:
+    try:
+        cells = next(csv.reader([line]))
+        numbers = [float(cells[column]) for column in columns]
+    except (ValueError, IndexError, csv.Error):
+        numbers = []
+    if not numbers or not all(map(math.isfinite, numbers)):
+        raise ConfigError(f"{file}, line {number}: expected four numbers, got {line[:60]!r}")
+    return numbers
+
+
+def searched(site: Site) -> Laid:
+    """Look for the place where the path has most room; raises ConfigError where not even its start has any."""
+    print("searching, which takes longer where the path does not fit", file=sys.stderr)
+    try:
+        found = fit(site.setting.path, site.fence, site.speed)
+    except ConfigError as error:
+        raise ConfigError(f"{site.rig_file}: {error}") from None
+    turn, shift = math.degrees(found.alignment.rotation), (found.alignment.x, found.alignment.y)
+    print(
+        f"most room: the lot turned by {turn:.3f} deg, its origin at ({shift[0]:.2f}, {shift[1]:.2f}) m on the street"
+    )
+    return Laid(found.alignment, 0.0, found)
+
+
+def tell(site: Site, laid: Laid) -> None:
+    """Print how the path lies in the lot and where the car has to stand at its start."""
+    length, margin = site.setting.path.length, site.rig.lot.margin_m
+    what = f"{length:.0f} m of {site.setting.scenario.ego.path} at up to {site.speed:.1f} m/s"
+    if laid.fit is None:
+        print(f"{what}: not even the start lies inside the lot")
+        return
+    if laid.fit.whole:
+        print(f"{what}: fits, {laid.fit.clearance:.1f} m clear of every edge beyond the margin of {margin:g} m")
+    else:
+        print(f"{what}: from {laid.fit.station:.0f} m on, the car could not stop inside the lot")
+    print(_start(site, laid.fit))
+
+
+def _start(site: Site, found: Fit) -> str:
+    """Where the rear axle is at the path's start, and what the receiver says there."""
+    frame = meaning.frame_of(site.rig)
+    x, y, heading = found.start
+    latitude, longitude = frame.to_geodetic(x, y)
+    bearing = heading - frame.convergence(latitude, longitude)
+    seen = Placement(frame, Alignment(), meaning.mounting_of(site.rig), 0.0).unplace(standing(x, y, heading))
+    return (
+        f"start: rear axle at {_place(latitude, longitude)}, heading {_compass(bearing)} deg; "
+        f"the receiver then says {_place(seen.latitude, seen.longitude)}, heading {_compass(seen.heading)} deg"
+    )
+
+
+def _place(latitude: float, longitude: float) -> str:
+    return f"{math.degrees(latitude):.8f}, {math.degrees(longitude):.8f}"
+
+
+def _compass(heading: float) -> str:
+    """A counter-clockwise heading from east as degrees clockwise from north."""
+    return f"{(90.0 - math.degrees(heading)) % 360.0:.2f}"
+
+
+def cut(site: Site, laid: Laid, out: FilePath) -> Path:
+    """Write the part of the path that fits as a path of its own, and return it."""
+    assert laid.fit is not None  # of a search
+    fence = site.fence.laid(laid.alignment)
+    short = shortened(site.setting.path, fence, site.speed, laid.fit.station)
+    source = site.setting.files["path"]
+    comments = [line for line in source.read_text(encoding="utf-8-sig").splitlines() if line.startswith("#")]
+    points = (short.at(s) for s in np.linspace(0.0, short.length, round(short.length) + 1).tolist())
+    rows = [[math.degrees(angle) for angle in site.setting.street.to_geodetic(point.x, point.y)] for point in points]
+    lines = [
+        *comments,
+        f"# The first {short.length:.0f} m of {source.name}, cut by vve-sumo align for {site.rig_file.name}.",
+        "latitude_deg,longitude_deg",
+        *(f"{latitude:.{DECIMALS}f},{longitude:.{DECIMALS}f}" for latitude, longitude in rows),
+    ]
+    out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print(f"the first {short.length:.0f} m of the path written to {out}")
+    scenario = site.setting.scenario
+    places = [("obstacle", one.id, one.at_m) for one in scenario.obstacles]
+    places += [("actor", one.id, one.at_m) for one in scenario.actors if one.path is None and one.at_m is not None]
+    for kind, name, at in places:
+        if at > short.length:
+            print(f"{kind} {name} at {at:g} m lies beyond it: give the scenario another place")
+    return short
+
+
+def store(site: Site, laid: Laid, today: datetime.date) -> None:
+    """Write an alignment into the rig file; raises ConfigError where it would not load or ships with the package."""
+    shipped = workspace.shipped_root()
+    if site.rig_file.resolve().parent == shipped / "rigs" and FilePath.cwd().resolve() != shipped:
+        raise ConfigError(f"{site.rig_file} ships with the package: vve-sumo init lays out one of your own")
+    values: dict[str, Any] = {
+        "kind": "stored",
+        "network": site.setting.scenario.street.network,
+        "date": today,
+        "origin": list(site.rig.alignment.origin or site.rig.lot.outline[0]),
+        "rotation_deg": round(math.degrees(laid.alignment.rotation), 9),
+        "x_m": round(laid.alignment.x, 5),
+        "y_m": round(laid.alignment.y, 5),
+        "residual_m": round(laid.residual, 4),
+    }
+    edit.put(site.rig_file, {("alignment", key): value for key, value in values.items()}, emptied=("alignment",))
+    print(f"stored in {site.rig_file}, dated {today}")
+
+
+def _agreed() -> bool:
+    """Ask whoever is at the keyboard; nobody there is no agreement."""
+    print("Enter stores it, anything else leaves the rig as it is: ", end="", flush=True)
+    return sys.stdin.readline() == "\n"
+
+
+def align(
+    scenario: str,
+    rig: str,
+    *,
+    pairs: FilePath | None = None,
+    search: bool = False,
+    cut_to: FilePath | None = None,
+    picture: FilePath | None = None,
+    agreed: bool = False,
+) -> int:
+    """Run the command and return its exit code, 3 where the path does not fit.
+
+    `agreed` stores without asking; a search stores with it only. Raises RigError where what was to be stored does not
+    keep the path inside the lot.
+    """
+    if cut_to is not None and not search:
+        raise ConfigError("--cut: only --fit finds where to cut a path")
+    site = site_of(scenario, rig, FilePath.cwd())
+    laid = searched(site) if search else paired(site, pairs) if pairs is not None else matched(site)
+    tell(site, laid)
+    if picture is not None:
+        from vve_sumo.plotting.alignment import draw
+
+        draw(site, laid, picture)
+        print(f"picture: {picture}")
+    whole = laid.fit is not None and laid.fit.whole
+    if cut_to is not None and not whole:
+        cut(site, laid, cut_to)
+        whole = True
+    if not whole:
+        advice = "--cut writes the part that fits" if search else "--fit looks for a place where it does"
+        raise RigError(f"{site.rig_file}: the path does not fit the lot there, nothing is stored; {advice}")
+    if agreed or (not search and _agreed()):
+        store(site, laid, datetime.date.today())
+    return 0

@@ -1,0 +1,432 @@
+"""From the record of a calibration drive to the numbers of its car: reads the folder, runs the fits, tells and writes.
+
+Any record will do, in lockstep or live, as long as the car did enough in it. It knows files and words; the fits are
+`vehicle.identify`'s.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from vve_sumo import bus
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import Mounting
+from vve_sumo.plant import fusion as plant
+from vve_sumo.pose.ncom import Decoder
+from vve_sumo.record.record import read_pose_chunks
+from vve_sumo.rig import edit
+from vve_sumo.rig import load as rigs
+from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.schema import Rig
+from vve_sumo.values import Fix, Floats, Vehicle
+from vve_sumo.vehicle import fusion
+from vve_sumo.vehicle.calibration import GRAVITY, Calibration
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.identification import Estimate, Identified, Log, Series, identify
+
+PICTURE = "calibration.png"
+#: the car is given this long to settle after it was engaged [s]
+SETTLING = 0.5
+#: what no drive of this kind can tell, said with every table
+NOTE: Final = (
+    "Forces are for the declared mass, the steering ratio for the declared wheelbase: neither shows by itself. "
+    "Rolling resistance holds engine braking and whatever slope the receiver does not report."
+)
+MODULES: Final = (codec.BrakeReport, codec.ThrottleReport, codec.SteeringReport)
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """What is believed of a car before it is calibrated."""
+
+    vehicle: Vehicle
+    calibration: Calibration
+    mounting: Mounting
+    variant: codec.Variant = codec.Variant.DBW1_2024
+    steering_wheel_bias: float = 0.0  #: reported angle that drives straight [rad], left positive
+
+
+#: of a rig that a record was not made with, what would make its numbers another car's
+SAME: Final = ("vehicle.mass", "vehicle.wheelbase", "mounting.forward", "mounting.left", "variant")
+#: receivers whose recorded bytes are NCOM
+NCOM: Final = ("ncom_udp", "file")
+
+
+def declared_by(rig: Rig) -> Declared:
+    """What a rig declares of its car; raises ConfigError as `rig.resolve` does."""
+    return Declared(
+        meaning.vehicle_of(rig),
+        meaning.calibration_of(rig),
+        meaning.mounting_of(rig),
+        meaning.variant_of(rig),
+        meaning.steering_wheel_bias_of(rig),
+    )
+
+
+def declared_in(resolved: dict[str, Any]) -> Declared:
+    """What the drive was made with: its rig's car, or in lockstep the hardware-free one as everybody knows it."""
+    if "rig" not in resolved:
+        return Declared(fusion.vehicle(), Calibration(), plant.MOUNTING)
+    rig = rigs.parse_json(resolved["rig"], Path(str(resolved.get("rig_name", "rig"))))
+    if rig.pose.kind not in NCOM:
+        raise ConfigError(f"calibration takes a receiver that speaks NCOM, got pose.kind {rig.pose.kind!r}")
+    return declared_by(rig)
+
+
+class Quantity(NamedTuple):
+    """One number of a car: its words, its unit, where it is declared and where it stands in a rig file."""
+
+    words: str
+    unit: str
+    factor: float  #: from SI to the unit
+    declared: Callable[[Declared], float]
+    key: tuple[str, str] | None = None  #: table and key of the rig file; None for what is only told
+    optional: bool = False  #: may stay as declared where a drive doesn't tell
+
+
+_DEGREES, _CLOCKWISE = math.degrees(1.0), -math.degrees(1.0)
+
+
+def _undeclared(_declared: Declared) -> float:
+    return math.nan
+
+
+#: every number that is found, in the order of the table
+QUANTITIES: Final[dict[str, Quantity]] = {
+    "brake_gain": Quantity(
+        "brake torque for 1 m/s²", "kg m", 1.0, attrgetter("calibration.brake_gain"), ("calibration", "brake_gain_kgm")
+    ),
+    "brake_delay": Quantity(
+        "brakes: dead time", "s", 1.0, attrgetter("vehicle.brake_delay"), ("vehicle", "brake_delay_s")
+    ),
+    "brake_lag": Quantity("brakes: lag", "s", 1.0, attrgetter("vehicle.brake_lag"), ("vehicle", "brake_lag_s")),
+    "drive_force_limit": Quantity(
+        "force at full throttle", "N", 1.0, attrgetter("calibration.drive_force_limit"),
+        ("calibration", "drive_force_limit_n"),
+    ),
+    "drive_delay": Quantity("throttle: dead time", "s", 1.0, _undeclared),
+    "drive_lag": Quantity(
+        "throttle: lag", "s", 1.0, attrgetter("calibration.drive_lag"), ("calibration", "drive_lag_s")
+    ),
+    "creep_force": Quantity(
+        "creep at rest", "N", 1.0, attrgetter("calibration.creep_force"), ("calibration", "creep_force_n")
+    ),
+    "creep_speed": Quantity(
+        "creep ends at", "m/s", 1.0, attrgetter("calibration.creep_speed"), ("calibration", "creep_speed_mps")
+    ),
+    "rolling_resistance": Quantity(
+        "rolling resistance", "", 1.0, attrgetter("calibration.rolling_resistance"),
+        ("calibration", "rolling_resistance"),
+    ),
+    "drag_area": Quantity(
+        "air drag area", "m²", 1.0, attrgetter("calibration.drag_area"), ("calibration", "drag_area_m2"), optional=True
+    ),
+    "steering_ratio": Quantity(
+        "steering ratio", "", 1.0, attrgetter("vehicle.steering_ratio"), ("vehicle", "steering_ratio")
+    ),
+    "steering_wheel_bias": Quantity(
+        "steering wheel, straight on", "°", _DEGREES, attrgetter("steering_wheel_bias"),
+        ("calibration", "steering_wheel_bias_deg"),
+    ),
+    "steering_delay": Quantity(
+        "steering: dead time", "s", 1.0, attrgetter("vehicle.steering_delay"), ("vehicle", "steering_delay_s")
+    ),
+    "steering_lag": Quantity(
+        "steering: lag", "s", 1.0, attrgetter("vehicle.steering_lag"), ("vehicle", "steering_lag_s")
+    ),
+    "wheel_radius": Quantity(
+        "rolling radius", "m", 1.0, attrgetter("vehicle.wheel_radius"), ("vehicle", "wheel_radius_m")
+    ),
+    "heading_misalignment": Quantity(
+        "receiver's heading, clockwise", "°", _CLOCKWISE, attrgetter("mounting.heading_misalignment"),
+        ("mounting", "heading_misalignment_deg"),
+    ),
+    "acceleration_bias": Quantity("receiver's acceleration", "m/s²", 1.0, _undeclared),
+}  # fmt: skip
+
+#: Share by which a measured rolling radius may still be off: pressure, load and warmth of the tyres between two days.
+EARNED_TOLERANCE: Final = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrated:
+    """What a drive told of its car."""
+
+    folder: Path
+    declared: Declared
+    identified: Identified
+
+    @property
+    def poor(self) -> dict[str, Estimate]:
+        """What a rig needs and this drive did not tell, by name."""
+        return {
+            name: self.identified.estimates[name]
+            for name, quantity in QUANTITIES.items()
+            if quantity.key is not None and not quantity.optional and not self.identified.estimates[name].good
+        }
+
+
+def calibrate(folder: Path) -> Calibrated:
+    """Return what the drive recorded in `folder` tells of its car; raises ConfigError where it is no such record."""
+    resolved = _resolved(folder / "scenario.json")
+    declared = declared_in(resolved)
+    log = read(folder, resolved, declared)
+    return Calibrated(folder, declared, identify(log, declared.vehicle, declared.calibration))
+
+
+def read(folder: Path, resolved: dict[str, Any], declared: Declared) -> Log:
+    """Read a record's commands, reports and fixes onto the drive's clock; raises ConfigError naming what is missing."""
+    said = _messages(folder / "can.log", float(resolved["epoch_gnss_s"]), declared.variant)
+    fixes = _fixes(folder / "pose.bin")
+    begin, end = _obedient(folder, said)
+
+    def series(kind: type, value: Callable[[Any], float]) -> Series:
+        if kind not in said:
+            raise ConfigError(f"{folder / 'can.log'}: no {kind.__name__} in it, expected a drive of the car")
+        return _series([(time, value(message)) for time, message in said[kind]])
+
+    return Log(
+        brake_torque=series(codec.BrakeCommand, attrgetter("value")),
+        throttle=series(codec.ThrottleCommand, attrgetter("value")),
+        wheel_command=series(codec.SteeringCommand, attrgetter("wheel_angle")),
+        wheel_angle=series(codec.SteeringReport, attrgetter("wheel_angle")),
+        wheels=series(codec.WheelSpeeds, lambda wheels: 0.5 * (wheels.rear_left + wheels.rear_right)),
+        **_motion(folder, fixes, declared.mounting),
+        begin=begin,
+        end=end,
+    )
+
+
+def _resolved(file: Path) -> dict[str, Any]:
+    try:
+        resolved: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        float(resolved["epoch_gnss_s"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{file}: no record of a drive: {error}") from None
+    return resolved
+
+
+def _messages(file: Path, epoch: float, variant: codec.Variant) -> dict[type, list[tuple[float, Any]]]:
+    """All that was understood on the bus, by kind, with drive times [s]."""
+    said: dict[type, list[tuple[float, Any]]] = {}
+    for time, _channel, frame in bus.read_log(file):
+        message = codec.decode(frame, variant)
+        if message is not None and not isinstance(message, codec.Malformed):
+            said.setdefault(type(message), []).append((time - epoch, message))
+    return said
+
+
+def _fixes(file: Path) -> list[Fix]:
+    decoder, fixes = Decoder(), []
+    for time, data in read_pose_chunks(file):
+        fixes += decoder.feed(data, time)
+    return fixes
+
+
+def _obedient(folder: Path, said: dict[type, list[tuple[float, Any]]]) -> tuple[float, float]:
+    """When the car obeys [s]: from all modules enabled in drive, to the first time after that one of them is not."""
+    news: list[tuple[float, type, bool]] = [
+        (time, kind, message.enabled) for kind in MODULES for time, message in said.get(kind, ())
+    ]
+    news += [(time, codec.GearReport, gear.gear is codec.Gear.DRIVE) for time, gear in said.get(codec.GearReport, ())]
+    state: dict[type, bool] = dict.fromkeys((*MODULES, codec.GearReport), False)
+    begin = time = math.nan
+    for time, kind, good in sorted(news, key=lambda one: one[0]):
+        state[kind] = good
+        if math.isnan(begin) and all(state.values()):
+            begin = time
+        elif not (math.isnan(begin) or all(state.values())):
+            break
+    if math.isnan(begin):
+        raise ConfigError(f"{folder}: the car was never engaged and in drive: nothing to calibrate it from")
+    return begin + SETTLING, time
+
+
+def _series(samples: Sequence[tuple[float, float]]) -> Series:
+    """Samples in order of time, without those that are not numbers."""
+    table = np.array(samples, dtype=np.float64).reshape(-1, 2)
+    table = table[np.isfinite(table).all(axis=1)]
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    return Series(table[:, 0], table[:, 1])
+
+
+def _motion(folder: Path, fixes: Sequence[Fix], mounting: Mounting) -> dict[str, Series]:
+    """What the receiver says of the rear axle: the output point's motion, moved there; formulas as in `frames`.
+
+    The receiver's clock is laid onto the drive's by the fix that arrived soonest; what that one took to arrive stays,
+    and the fits that mind it fit it too.
+    """
+    columns = (
+        "time_received",
+        "time",
+        "heading",
+        "velocity_east",
+        "velocity_north",
+        "yaw_rate",
+        "acceleration",
+        "pitch",
+    )
+    table: Floats = np.array([[getattr(fix, name) for name in columns] for fix in fixes], dtype=np.float64)
+    table = table.reshape(-1, len(columns))
+    table[:, -1] = np.nan_to_num(table[:, -1])  # a receiver that says no pitch is taken to stand level
+    table = table[np.isfinite(table).all(axis=1)]
+    if not len(table):
+        raise ConfigError(f"{folder / 'pose.bin'}: no fix with heading, velocity, yaw rate and acceleration in it")
+    received, epoch, heading, east, north, yaw_rate, acceleration, pitch = table.T
+    time = epoch + (received - epoch).min()
+    cosine, sine = np.cos(heading), np.sin(heading)
+    forward, left = cosine * east + sine * north, cosine * north - sine * east
+    speed, lateral = forward + yaw_rate * mounting.left, left - yaw_rate * mounting.forward
+    felt = acceleration + yaw_rate * left - GRAVITY * np.sin(pitch)
+    values = {
+        "speed": speed,
+        "slip": np.arctan2(lateral, speed),
+        "yaw_rate": yaw_rate,
+        "acceleration": felt,
+        "grade": pitch,
+    }
+    return {name: Series(time, value) for name, value in values.items()}
+
+
+class Row(NamedTuple):
+    """A line of the table, in the quantity's own unit."""
+
+    words: str
+    declared: str
+    found: str
+    uncertainty: str
+    verdict: str
+
+
+def rows(calibrated: Calibrated) -> list[Row]:
+    """The table of all that was found."""
+    return [
+        _row(quantity, quantity.declared(calibrated.declared), calibrated.identified.estimates[name])
+        for name, quantity in QUANTITIES.items()
+    ]
+
+
+def _row(quantity: Quantity, declared: float, estimate: Estimate) -> Row:
+    sigma = abs(quantity.factor) * estimate.sigma
+    # As many decimals as show the uncertainty's first two digits, within reason.
+    decimals = min(max(1 - math.floor(math.log10(sigma)), 0), 5) if 0.0 < sigma < math.inf else 3
+
+    def told(value: float) -> str:
+        return "" if math.isnan(value) else f"{quantity.factor * value:z.{decimals}f} {quantity.unit}".strip()
+
+    verdict = "good" if estimate.good else f"poor: {estimate.trouble}"
+    if quantity.optional and not estimate.good:
+        verdict = f"left as declared: {estimate.trouble}"
+    return Row(quantity.words, told(declared), told(estimate.value), f"{sigma:.2g}", verdict)
+
+
+def _values(calibrated: Calibrated, leave: Sequence[str]) -> dict[tuple[str, str], float]:
+    """What goes into a rig file, by table and key; raises ConfigError naming what is poor and not to be left."""
+    unknown = [name for name in leave if name not in QUANTITIES]
+    if unknown:
+        raise ConfigError(f"no such quantity: {unknown[0]!r}; known are {', '.join(QUANTITIES)}")
+    for name, estimate in calibrated.poor.items():
+        if name not in leave:
+            raise ConfigError(
+                f"{calibrated.folder}: {name} is poor ({estimate.trouble}): drive again, or leave it as it is"
+            )
+    found = calibrated.identified.estimates
+    values = {
+        quantity.key: float(f"{quantity.factor * found[name].value:.6g}")
+        for name, quantity in QUANTITIES.items()
+        if quantity.key is not None and name not in leave and found[name].good
+    }
+    radius = found["wheel_radius"]
+    if QUANTITIES["wheel_radius"].key in values:
+        values["calibration", "wheel_speed_tolerance"] = max(
+            EARNED_TOLERANCE, round(5.0 * radius.sigma / radius.value, 4)
+        )
+    return values
+
+
+def toml_text(calibrated: Calibrated, date: str, leave: Sequence[str] = ()) -> str:
+    """What was found, as tables of a rig file, dated `date` (YYYY-MM-DD); raises ConfigError as `put_into`."""
+    import tomlkit
+
+    document = tomlkit.document()
+    edit.lay(document, _dated(_values(calibrated, leave), date))
+    return tomlkit.dumps(document)
+
+
+def put_into(rig: Path, calibrated: Calibrated, date: str, leave: Sequence[str] = ()) -> None:
+    """Write what was found into a rig file, dated `date` (YYYY-MM-DD); comments and all else stay.
+
+    Quantities in `leave` stay as they are in the file. Raises ConfigError, the file untouched, for a poor number that
+    is not left, for a rig of another car than the drive's, and for a result that would not load.
+    """
+    _same_car(rig, calibrated.declared, declared_by(rigs.load(rig)))
+    edit.put(rig, _dated(_values(calibrated, leave), date))
+
+
+def _same_car(rig: Path, driven: Declared, written: Declared) -> None:
+    for name in SAME:
+        then, now = attrgetter(name)(driven), attrgetter(name)(written)
+        if then != now:
+            raise ConfigError(f"rig {rig}: {name} is {now} there, but {then} in the drive: not the rig that drove")
+
+
+def _dated(values: dict[tuple[str, str], float], date: str) -> dict[tuple[str, str], Any]:
+    """Return what goes into a rig file, with the day in all tables that keep one."""
+    try:
+        day = datetime.date.fromisoformat(date)
+    except ValueError:
+        raise ConfigError(f"date of the calibration: expected YYYY-MM-DD, got {date!r}") from None
+    dated: dict[tuple[str, str], Any] = {**values, ("calibration", "date"): day}
+    if any(table == "mounting" for table, _key in values):
+        dated["mounting", "calibrated"] = day
+    return dated
+
+
+def draw(calibrated: Calibrated) -> Path:
+    """Write `calibration.png` into the record and return its place."""
+    from vve_sumo.plotting.calibration import draw as paint
+
+    poor = list(calibrated.poor)
+    subtitle = f"poor: {', '.join(poor)}" if poor else "every number that a rig needs is good"
+    file = calibrated.folder / PICTURE
+    paint(calibrated.identified.curves, f"Calibration from {calibrated.folder.name}", subtitle, file)
+    return file
+
+
+def calibrate_command(folder: Path, rig: Path | None, date: str, leave: Sequence[str] = ()) -> int:
+    """Run the command: fit, draw, show, and write into `rig` where one is given; return the exit code.
+
+    It is 1 where a number that a rig needs is poor and no rig was given; with one, that is a ConfigError.
+    """
+    calibrated = calibrate(folder)
+    _show(calibrated, draw(calibrated))
+    if rig is None:
+        return 1 if calibrated.poor else 0
+    put_into(rig, calibrated, date, leave)
+    print(f"written into {rig}, dated {date}")
+    return 0
+
+
+def _show(calibrated: Calibrated, picture: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"Calibration from {calibrated.folder}", title_justify="left")
+    for head in Row._fields:
+        table.add_column({"words": "", "uncertainty": "±"}.get(head, head))
+    for row in rows(calibrated):
+        colour = "red" if row.verdict.startswith("poor") else "green"
+        table.add_row(*row[:-1], f"[{colour}]{row.verdict}[/{colour}]")
+    console = Console(soft_wrap=True)
+    console.print(table)
+    console.print(NOTE, highlight=False, markup=False)
+    console.print(f"picture: {picture}", highlight=False, markup=False)

@@ -1,0 +1,60 @@
+"""The doctor's last word on a rig, kept in a small file, and what a drive that begins later makes of it.
+
+Knows the file alone; makes no check, and reads the clock from whoever asks.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from vve_sumo.commissioning.findings import Check, Finding
+from vve_sumo.record.record import hash_file
+
+#: folder of the verdicts in the folder that the commands are run from; a file a rig
+FOLDER: Final = Path("runs") / "doctor"
+#: a verdict that is older tells of another day's car
+OLD: Final = datetime.timedelta(days=1)
+
+
+def file_of(rig_file: Path, working: Path) -> Path:
+    """Return where the verdict on a rig is kept."""
+    return working / FOLDER / f"{rig_file.stem}.json"
+
+
+def keep(rig_file: Path, checks: Sequence[Check], scenario: str, working: Path, now: datetime.datetime) -> None:
+    """Keep what the doctor found; raises OSError where it cannot be written."""
+    against = any(check.finding is Finding.NO_GO for check in checks)
+    told = {
+        "verdict": "NO-GO" if against else "GO",
+        "date_utc": now.isoformat(timespec="seconds"),
+        "scenario": scenario,
+        "rig_file_sha256": hash_file(rig_file),
+        "checks": [{"name": check.name, "finding": check.finding.value, "found": check.found} for check in checks],
+    }
+    file = file_of(rig_file, working)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    half = file.with_suffix(".half")
+    half.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    half.replace(file)
+
+
+def last(rig_file: Path, working: Path, now: datetime.datetime) -> dict[str, Any]:
+    """Return the verdict on a rig as it was kept, with `caveats`: why it may not hold any more.
+
+    Its `verdict` is "none" where none was kept, or none that can be read.
+    """
+    try:
+        told = json.loads(file_of(rig_file, working).read_text(encoding="utf-8"))
+        age = now - datetime.datetime.fromisoformat(told["date_utc"])
+        of_this = told["rig_file_sha256"] == hash_file(rig_file)
+        told["verdict"] = str(told["verdict"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return {"verdict": "none", "caveats": []}
+    caveats = [] if of_this else ["of another version of the rig file"]
+    caveats += ["older than a day"] if age > OLD else []
+    caveats += ["from the future: a clock was set"] if age < datetime.timedelta() else []
+    return {**told, "caveats": caveats}

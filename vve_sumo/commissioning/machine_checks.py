@@ -1,0 +1,241 @@
+"""What the doctor looks at without a rig: this machine, the installed libraries, and how long the street's steps take.
+
+Opens no bus, no socket and no receiver; runs SUMO for some seconds and writes a file that it takes away again.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import re
+import resource
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path as FilePath
+from typing import Final
+
+import numpy as np
+
+from vve_sumo import bus
+from vve_sumo.commissioning.findings import Check, Finding, judged
+from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
+from vve_sumo.drive.virtual_road import cast_of, open_world, standing
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import move_point
+from vve_sumo.live.priority import GATEWAY, KEPT
+from vve_sumo.scenario.schema import When
+from vve_sumo.values import Point
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.world.step_time import LIMIT
+
+PYTHONS: Final = ((3, 11), (3, 13))  #: first and last that the package is tested with
+#: least versions, as the package declares them
+LIBRARIES: Final = {
+    "libsumo": "1.28.0",
+    "sumolib": "1.28.0",
+    "numpy": "2.0",
+    "scipy": "1.13",
+    "pyproj": "3.6",
+    "python-can": "4.5",
+    "pyarrow": "17",
+    "pydantic": "2.7",
+    "shapely": "2.0.4",
+}
+EXACT: Final = ("libsumo", "sumolib")  #: no other release is tested
+PROCESSES: Final = 4  #: of a live drive, each of which wants a processor
+LOCKED: Final = 1e9  #: memory that a process of a live drive may take [bytes]
+RESOLUTION: Final = 1e-4  #: of the clock that ticks are timed by [s]
+FREE: Final = 1e9  #: for records [bytes]; a minute of driving takes a few million
+WRITTEN, PIECES = 131_072, 64  #: bytes in a piece, and pieces, that the disk is tried with
+RATE: Final = 2e6  #: of writing [bytes/s]; ten times what a record grows by
+ROUND_TRIP: Final = 1e-3  #: what projecting there and back may lose [m]
+STEPS: Final = 200  #: of the street that are timed
+CAN_LINK: Final = "280"  #: Linux's type of a CAN link, ARPHRD_CAN
+
+
+def machine(working: FilePath) -> Iterator[Check]:
+    """Look at the machine and at what is installed on it."""
+    yield _python()
+    yield _libraries()
+    yield _processors()
+    yield _clock()
+    yield _priority()
+    yield _can()
+    yield _dbc()
+    yield from _disk(working / "runs")
+
+
+def _python() -> Check:
+    first, last = (".".join(map(str, bound)) for bound in PYTHONS)
+    good = PYTHONS[0] <= sys.version_info[:2] <= PYTHONS[1]
+    return judged("python", platform.python_version(), good, f"install one of {first} to {last}")
+
+
+def _libraries() -> Check:
+    """Versions of what decides how a drive goes."""
+    installed, wrong = [], []
+    for name, wanted in LIBRARIES.items():
+        try:
+            there = version(name)
+        except PackageNotFoundError:
+            there = "none"
+        installed.append(f"{name} {there}")
+        good = there == wanted if name in EXACT else _parts(there) >= _parts(wanted)
+        if not good:
+            wrong.append(f"{name} {wanted}" + ("" if name in EXACT else " or newer"))
+    return judged("libraries", ", ".join(installed), not wrong, f"install {', '.join(wrong)}")
+
+
+def _parts(text: str) -> tuple[int, ...]:
+    return tuple(int(number) for number in re.findall(r"\d+", text)[:3])
+
+
+def _processors() -> Check:
+    count = len(os.sched_getaffinity(0))
+    advice = (
+        f"a live drive is {PROCESSES} processes that may not wait for each other; {PROCESSES} processors are better"
+    )
+    few = Finding.NOTE if count > 1 else Finding.NO_GO
+    return judged("processors", f"{count} for this process", count >= PROCESSES, advice, otherwise=few)
+
+
+def _clock() -> Check:
+    resolution = time.get_clock_info("monotonic").resolution
+    found = f"monotonic, told to {resolution * 1e9:.0f} ns"
+    return judged("clock", found, resolution <= RESOLUTION, "the kernel keeps time too coarsely for ticks of 20 ms")
+
+
+def _priority() -> Check:
+    """Whether the kernel would run the gateway before everything else, keep it in memory, and spare it."""
+    scheduled = True
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(GATEWAY))
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    except OSError:
+        scheduled = False
+    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    locked = os.geteuid() == 0 or limit == resource.RLIM_INFINITY or limit >= LOCKED
+    words = {True: "permitted", False: "not permitted"}
+    found = f"real-time priority {GATEWAY} {words[scheduled]}, locking memory {words[locked]}, "
+    found += f"oom_score_adj {KEPT} {words[_kept()]}"
+    advice = f"raise this user's limits, rtprio to {GATEWAY} and memlock to unlimited, in /etc/security/limits.d: else "
+    advice += "a busy machine may keep the gateway waiting, which stops the car"
+    return judged("priority", found, scheduled and locked, advice, otherwise=Finding.NOTE)
+
+
+def _kept() -> bool:
+    """Whether the kernel would spare the gateway when memory ends; tried with this process, and taken back."""
+    own = FilePath("/proc/self/oom_score_adj")
+    try:
+        before = own.read_text(encoding="ascii")
+        own.write_text(f"{KEPT}\n", encoding="ascii")
+        own.write_text(before, encoding="ascii")
+    except OSError:
+        return False
+    return True
+
+
+def _can() -> Check:
+    """CAN links of the kernel; adapters that are no link are found when a rig names them."""
+    links = []
+    for link in sorted(FilePath("/sys/class/net").glob("*")):
+        if (link / "type").read_text(encoding="ascii").strip() == CAN_LINK:
+            links.append(f"{link.name} {(link / 'operstate').read_text(encoding='ascii').strip()}")
+    found = f"SocketCAN: {', '.join(links) or 'no link'}; python-can knows {', '.join(bus.interfaces())}"
+    return Check("can", found, Finding.GO if links else Finding.NOTE)
+
+
+def _dbc() -> Check:
+    messages = codec.load_dbc().messages
+    return Check("dbc", f"{len(messages)} messages of the drive-by-wire kit")
+
+
+def _disk(folder: FilePath) -> Iterator[Check]:
+    """Room and speed where records go."""
+    there = next(place for place in (folder, *folder.parents) if place.is_dir())
+    free = shutil.disk_usage(there).free
+    yield judged(
+        "disk", f"{free / 1e9:.1f} GB free in {there}", free >= FREE, "make room, or drive with --out elsewhere"
+    )
+    try:
+        rate, longest = _written(there)
+    except OSError as error:
+        yield Check("disk speed", f"{there}: {error.strerror}", Finding.NO_GO, "drive with --out where you may write")
+        return
+    found = f"{rate / 1e6:.0f} MB/s, longest write {1e3 * longest:.1f} ms"
+    yield judged("disk speed", found, rate >= RATE, "drive with --out on a faster disk")
+
+
+def _written(folder: FilePath) -> tuple[float, float]:
+    """How fast the disk takes a file [bytes/s], and its longest single write [s]."""
+    piece, longest = os.urandom(WRITTEN), 0.0
+    with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+        begun = time.perf_counter()
+        for _ in range(PIECES):
+            before = time.perf_counter()
+            file.write(piece)
+            longest = max(longest, time.perf_counter() - before)
+        os.fsync(file.fileno())
+        return PIECES * WRITTEN / (time.perf_counter() - begun), longest
+
+
+def network(setting: ResolvedScenario) -> Iterator[Check]:
+    """Project the network's corners and its middle to the Earth and back."""
+    left, low, right, high = setting.network.boundary
+    places = [(x, y) for x in (left, 0.5 * (left + right), right) for y in (low, 0.5 * (low + high), high)]
+    lost = max(math.dist(place, setting.street.to_map(*setting.street.to_geodetic(*place))) for place in places)
+    found = f"{setting.network.path.name}, {right - left:.0f} by {high - low:.0f} m; there and back within {lost:.1e} m"
+    yield judged("network", found, lost <= ROUND_TRIP, "its projection has no inverse: build it again from map data")
+
+
+def street(setting: ResolvedScenario) -> Iterator[Check]:
+    """Step the street with its traffic at the pace of a drive, the ego standing at its start, and time the steps.
+
+    The scenario's actors are on it from the first step on, all at once: what they cost shall show here, not under way.
+    Raises ConfigError and SimulationError as `World` does.
+    """
+    begin, took = setting.path.at(0.0), []
+    ego = move_point(
+        standing(begin.x, begin.y, begin.heading), setting.vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER
+    )
+    cast = cast_of(_all_at_once(setting))
+    with open_world(setting, time.perf_counter) as world:
+        begun = time.monotonic()
+        for step in range(STEPS):
+            before = time.perf_counter()
+            world.place(replace(ego, time=step * PERIOD))
+            world.play(cast.step(step * PERIOD, ego))
+            faults = world.step().faults
+            took.append(time.perf_counter() - before)
+            if faults:
+                raise ConfigError(f"the street does not take the ego at the path's start: {', '.join(faults)}")
+            time.sleep(max(0.0, begun + (step + 1) * PERIOD - time.monotonic()))
+        headroom = world.headroom
+    assert headroom is not None  # for there is a clock
+    yield _judged_street(took, headroom.fits, headroom.summary)
+    if actors := setting.scenario.actors:
+        yield Check("actors", f"{len(actors)}, all at once on the street whose steps were timed")
+
+
+def _all_at_once(setting: ResolvedScenario) -> ResolvedScenario:
+    """The setting with actors that wait for nothing and do nothing but go on."""
+    actors = tuple(one.model_copy(update={"enters": When(), "acts": ()}) for one in setting.scenario.actors)
+    return replace(setting, scenario=setting.scenario.model_copy(update={"actors": actors}))
+
+
+def _judged_street(took: list[float], fits: bool, load: dict[str, float]) -> Check:
+    p50, p99 = (1e3 * float(value) for value in np.quantile(took, (0.5, 0.99)))
+    found = f"{len(took)} steps: median {p50:.1f} ms, p99 {p99:.1f} ms of {1e3 * LIMIT:.0f} ms"
+    kept_out = int(load["refused"] + load["removed"])
+    if kept_out:
+        found += f"; {kept_out} vehicles kept off the street"
+    advice = "take lighter traffic or fewer actors, let nothing else run, or take a faster machine"
+    if not fits:
+        return Check("street", found, Finding.NO_GO, advice)
+    return judged("street", found, not kept_out and p99 <= 1e3 * LIMIT, advice, otherwise=Finding.NOTE)

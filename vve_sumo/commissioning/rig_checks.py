@@ -1,0 +1,391 @@
+"""What the doctor looks at of a rig: its papers, its lot, its receiver and the car's bus, and the path in the lot.
+
+It listens. On a real car's bus it sends nothing at all; the echo test is for a bus that only a hardware-free car is on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import math
+import select
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from vve_sumo.bus import Bus
+from vve_sumo.commissioning.findings import Check, Finding, Report, judged
+from vve_sumo.drive.reasons import in_words
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.virtual_road import standing
+from vve_sumo.errors import RigError
+from vve_sumo.frames import Alignment, Placement
+from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
+from vve_sumo.live.alignment import AVERAGED, STANDSTILL, average, lot_alignment
+from vve_sumo.lot.fit import measured
+from vve_sumo.pose.clock import AgeKind, Clock
+from vve_sumo.pose.sources import Source
+from vve_sumo.pose.trust import LOCKED, Trust, TrustGate
+from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.schema import Rig
+from vve_sumo.rig.validation import PTY, arming_refusal
+from vve_sumo.values import Fix, Frame
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.reports import CarReports
+
+LISTENED: Final = 3.0  #: to receiver and bus [s]
+LOOK: Final = 0.01  #: between two looks at them [s]
+OLD: Final = 365  #: a test or calibration of more days ago is told
+RATE_SHARE: Final = 0.9  #: of the fixes that the rig promises
+NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no kit, receiver or radar knows it
+ECHO_PATIENCE: Final = 0.2  #: [s]
+
+#: reports that the gateway judges the age of
+REPORTS: Final = {
+    codec.BRAKE_REPORT: "brake",
+    codec.THROTTLE_REPORT: "throttle",
+    codec.STEERING_REPORT: "steering",
+    codec.GEAR_REPORT: "gear",
+    codec.WHEEL_SPEEDS: "wheels",
+    codec.YAW_RATE: "yaw rate",
+}
+
+
+@dataclass(slots=True)
+class Heard:
+    """What receiver and bus said while they were listened to."""
+
+    epoch: float  #: GNSS second of drive time 0; NaN before the first fix
+    wall: float  #: the same by this machine's wall clock
+    clock: Clock | None
+    fixes: list[tuple[Fix, Trust]]  #: on the drive's clock
+    frames: Counter[int]  #: by identifier
+    ages: dict[int, float]  #: since the last frame of an identifier [s]
+    troubles: Counter[str]  #: of the frames
+    stale: list[str]  #: reports that were missing at the end
+    reports: CarReports
+
+    @property
+    def standing(self) -> list[Fix]:
+        """The newest fixes in a row that are trusted and of a standing car."""
+        row: list[Fix] = []
+        for fix, trust in reversed(self.fixes):
+            if not (trust.trusted and math.hypot(fix.velocity_north, fix.velocity_east) < STANDSTILL):
+                break
+            row.append(fix)
+        return row[::-1]
+
+
+def examine(report: Report, rig: Rig, setting: ResolvedScenario | None) -> None:
+    """Make every check of a rig that can be made, and with a `setting` those of its path in the lot."""
+    report.add(papers(rig, datetime.date.today()))
+    t0 = time.monotonic()
+    with contextlib.ExitStack() as stack:
+        # The receiver first: where another program has its port, the hardware-free car must not speak to that one.
+        source = report.attempt("receiver", _to_the_receiver(rig), lambda: assembly.source_of(rig))
+        if source is not None:
+            stack.callback(source.close)
+            report.add([Check("receiver", _place_of(rig))])
+        bus = None
+        if source is not None or rig.car == "real":
+            advice = "see that the adapter is there and its link up, bus.interface and bus.channel"
+            bus = report.attempt("bus", advice, lambda: _bus(report, rig, t0, stack))
+        heard = listen(rig, source, bus, t0)
+    if bus is not None:
+        report.add([Check("bus", bus.name), *bus_checks(heard)])
+    if source is not None:
+        report.add(sender_checks(source.told()))
+        report.add(pose_checks(rig, heard))
+    if setting is not None:
+        advice = "vve-sumo align stores an alignment for this network"
+        report.attempt("path in the lot", advice, lambda: report.add(path_checks(rig, setting, heard)))
+
+
+def papers(rig: Rig, today: datetime.date) -> Iterator[Check]:
+    """Look at what the rig file says: may it arm, what was tested and calibrated when, and its lot."""
+    refusal = arming_refusal(rig)
+    yield (
+        Check("arming", "the rig may arm")
+        if refusal is None
+        else Check(
+            "arming", refusal, Finding.NO_GO, "until then a drive runs with --shadow; docs/live.md tells how to test"
+        )
+    )
+    yield _watchdog(rig, today)
+    if rig.calibration.date is not None:
+        yield _dated("calibration", f"of {rig.calibration.date}", rig.calibration.date, today)
+    elif rig.car == "real":
+        advice = "pedals and steering are taken to be a 2018 Ford Fusion's; vve-sumo calibrate finds this car's"
+        yield Check("calibration", "none", Finding.NOTE, advice)
+    lot = meaning.lot_of(rig)
+    found = f"{lot.area:.0f} m2, {len(lot.holes)} holes, margin {lot.margin:g} m, grade {rig.lot.grade_percent:g} %"
+    yield _dated("lot", f"{found}, surveyed {rig.lot.surveyed}", rig.lot.surveyed, today)
+
+
+def _watchdog(rig: Rig, today: datetime.date) -> Check:
+    test = rig.watchdog_test
+    if test is None:
+        told = Finding.NO_GO if rig.car == "real" else Finding.NOTE
+        return Check("watchdog test", "none", told, "docs/live.md tells how to make it")
+    found = f"of {test.date}: {test.deceleration_mps2:g} m/s2 after {test.delay_s:g} s"
+    dated = _dated("watchdog test", found, test.date, today)
+    if test.armed or dated.finding is Finding.NO_GO:
+        return dated
+    advice = "when the gateway itself dies, nobody brakes this car but its driver: have the kit's watchdog armed"
+    return Check("watchdog test", f"not armed, {dated.found}", Finding.NOTE, advice)
+
+
+def _dated(name: str, found: str, day: datetime.date, today: datetime.date) -> Check:
+    if day > today:
+        return Check(name, found, Finding.NO_GO, "that day is still to come: correct the date, or this machine's clock")
+    age = (today - day).days
+    told = f"{found}, {age} days ago"
+    return judged(name, told, age <= OLD, "repeat it if anything was changed since", otherwise=Finding.NOTE)
+
+
+def _bus(report: Report, rig: Rig, t0: float, stack: contextlib.ExitStack) -> Bus:
+    """Open the car's bus, after the hardware-free car at its other end was started."""
+    wire = rig.bus.interface, rig.bus.channel
+    if rig.car == "hardware_free":
+        report.add(echo(rig))
+        car = start_simulated_vehicle.start(rig, t0, 1, stack, None)
+        wire = car.bus if rig.bus.channel == PTY else wire
+    return stack.enter_context(Bus(*wire, rig.bus.bitrate))
+
+
+def echo(rig: Rig) -> Iterator[Check]:
+    """Send one frame that nobody knows over a bus that no real car is on; a pty has nobody at its other end yet."""
+    start_pose, wanted = rig.car_start, rig.bus
+    if wanted.channel == PTY or start_pose is None:
+        return
+    far = start_pose.channel or wanted.channel
+    with Bus(wanted.interface, wanted.channel) as here, Bus(wanted.interface, far) as there:
+        yield echoed(here, there)
+
+
+def echoed(here: Bus, there: Bus) -> Check:
+    """Say whether a frame gets from one end of a bus to the other."""
+    sent, begun = Frame(NO_COMMAND, time.monotonic_ns().to_bytes(8, "big")), time.monotonic()
+    here.send(sent)
+    while (left := begun + ECHO_PATIENCE - time.monotonic()) > 0.0:
+        heard = there.receive(left)
+        if heard is not None and heard[1] == sent:
+            return Check("echo", f"a frame from {here.name} is heard on {there.name}")
+    found = f"a frame from {here.name} is not heard on {there.name}"
+    return Check("echo", found, Finding.NO_GO, "see that both are the same bus, at the same bitrate, and up")
+
+
+def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard:
+    """Listen to both for a while; a bus that breaks off shows as reports that are too old."""
+    absolute, delay = assembly.absolute_epoch(rig, t0), assembly.minimum_delay_of(rig)
+    reports = CarReports(meaning.vehicle_of(rig).wheel_radius, meaning.variant_of(rig))
+    heard = Heard(math.nan, assembly.wall_epoch(t0), None, [], Counter(), {}, Counter(), [], reports)
+    decoder, gate = assembly.decoder_of(rig), None
+    last: dict[int, float] = {}
+    if source is not None:
+        source.receive()  # what came while the rest was opened is not counted
+    _drained(bus)
+    end = time.monotonic() + LISTENED
+    while (now := time.monotonic()) < end:
+        for stamp, data in source.receive() if source else []:
+            for fix in decoder.feed(data, stamp - t0):
+                if heard.clock is None or gate is None:
+                    heard.epoch = fix.time - (stamp - t0 - delay) if absolute is None else absolute
+                    heard.clock = Clock(heard.epoch, delay, absolute=absolute is not None)
+                    gate = TrustGate(assembly.profile_of(rig), heard.epoch)
+                _take_fix(heard, gate, stamp - t0, fix)
+        frames = _drained(bus)
+        heard.frames.update(frame.id for frame in frames)
+        last |= dict.fromkeys((frame.id for frame in frames), now)
+        heard.troubles.update(reports.take(now, frames))
+        select.select([source] if source and not source.lost else [], [], [], LOOK)
+    now = time.monotonic()
+    heard.stale, heard.ages = reports.stale(now), {number: now - then for number, then in last.items()}
+    return heard
+
+
+def _take_fix(heard: Heard, gate: TrustGate, received: float, fix: Fix) -> None:
+    """Date and judge a fix as the drive does."""
+    assert heard.clock is not None
+    made = heard.clock.step(received, fix.time) if fix.status == LOCKED else heard.clock.at(fix.time)
+    timed = replace(fix, time=heard.epoch + made)
+    heard.fixes.append((timed, gate.step(received, timed)))
+
+
+def _drained(bus: Bus | None) -> list[Frame]:
+    try:
+        return bus.drain() if bus is not None else []
+    except RigError:
+        return []
+
+
+def bus_checks(heard: Heard) -> Iterator[Check]:
+    """Judge what was heard on the car's bus."""
+    reports, frames = heard.reports, heard.frames
+    rates = [f"{name} {frames[number] / LISTENED:.0f}" for number, name in REPORTS.items()]
+    oldest = max((1e3 * heard.ages[number] for number in REPORTS if number in heard.ages), default=math.nan)
+    found = f"{sum(frames.values()) / LISTENED:.0f} frames/s ({', '.join(rates)}), the oldest {oldest:.0f} ms old"
+    advice = "see ignition, cable, termination and bus.bitrate" if not frames else _in_words(heard.stale)
+    yield judged("reports", found, not heard.stale, advice)
+    if not frames:
+        return
+    others = sorted(codec.COMMAND_IDS & frames.keys())
+    names = ", ".join(f"0x{number:03X} {frames[number] / LISTENED:.0f}/s" for number in others)
+    advice = "another program or node commands this car: end it, only one may"
+    yield judged("commands", f"heard from others: {names or 'none'}", not others, advice)
+    malformed = heard.troubles["report_malformed"]
+    yield judged("understood", f"{malformed} malformed", not malformed, "see bus.variant, and who else is on this bus")
+    yield from _kit_checks(reports)
+
+
+def _kit_checks(reports: CarReports) -> Iterator[Check]:
+    faults = reports.faults()
+    yield judged("faults", ", ".join(faults) or "none", not faults, _in_words(faults))
+    enabled = reports.any_enabled()
+    found = "the kit is enabled" if enabled else "nothing is enabled"
+    yield judged("enabled", found, not enabled, "somebody has the car: end it, or restart the kit")
+    overrides = sorted(reports.overrides())
+    found = f"latched: {', '.join(overrides) or 'none'}"
+    yield judged("overrides", found, not overrides, "engaging clears them", otherwise=Finding.NOTE)
+    gear = reports.gear.gear
+    advice = "in D the driver's brake has to hold the car until it is taken over"
+    in_drive = Finding.NOTE if gear is codec.Gear.DRIVE else Finding.NO_GO
+    advice = advice if gear is codec.Gear.DRIVE else "shift to P"
+    yield judged("gear", gear.name.lower(), gear is codec.Gear.PARK, advice, otherwise=in_drive)
+    speed = reports.fastest_wheel
+    yield judged("wheels", f"{speed:.2f} m/s", abs(speed) < STANDSTILL, "a drive begins at standstill")
+
+
+def _in_words(codes: list[str]) -> str:
+    return "; ".join(in_words(code) for code in codes)
+
+
+def sender_checks(told: Mapping[str, Any]) -> Iterator[Check]:
+    """Judge who spoke to the receiver's port, as its source told; nothing where nobody else can."""
+    if not told:
+        return
+    refused = ", ".join(f"{count} datagrams of {sender}" for sender, count in told["refused"].items())
+    advice = "end the other sender, or correct pose.source; docs/live.md tells how the receiver gets a link of its own"
+    yield judged("sender", f"{told['sender'] or 'none'}; refused: {refused or 'none'}", not refused, advice)
+
+
+def pose_checks(rig: Rig, heard: Heard) -> Iterator[Check]:
+    """Judge what the receiver said."""
+    rate = len(heard.fixes) / LISTENED
+    found = f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
+    if not heard.fixes:
+        yield Check("fixes", f"none in {LISTENED:g} s", Finding.NO_GO, _to_the_receiver(rig))
+        return
+    advice = "correct pose.rate_hz, or look for what loses packets on the way"
+    yield judged("fixes", found, rate >= RATE_SHARE * rig.pose.rate_hz, advice)
+    yield from _quality(heard)
+    yield _age(rig, heard)
+
+
+def _quality(heard: Heard) -> Iterator[Check]:
+    """Whether a car could drive on the fixes of the last second, and what speaks against it."""
+    newest = heard.fixes[-1][0]
+    found = (
+        f"status {newest.status}, mode {newest.position_mode}; 1 sigma {newest.position_sigma:.3f} m, "
+        f"{newest.velocity_sigma:.3f} m/s, {math.degrees(newest.heading_sigma):.2f} deg; "
+        f"corrections {newest.differential_age:.1f} s old"
+    )
+    last = [trust for fix, trust in heard.fixes if fix.time > newest.time - 1.0]
+    against = Counter(code for trust in last for code in trust.reasons)
+    yield judged("fix", found, not against, _in_words([code for code, _count in against.most_common(4)]))
+    speed = math.hypot(newest.velocity_north, newest.velocity_east)
+    yield judged("standing", f"{speed:.3f} m/s", bool(heard.standing), "the car has to stand, with fixes to trust")
+
+
+def _age(rig: Rig, heard: Heard) -> Check:
+    """How old fixes are when they arrive, and what the clocks are to each other."""
+    assert heard.clock is not None  # there were fixes
+    told = heard.clock.report()
+    ages = [1e3 * (fix.time_received - (fix.time - heard.epoch)) for fix, _trust in heard.fixes]
+    drift = "drift known after 10 s" if math.isnan(told.drift_ppm) else f"drift {told.drift_ppm:.1f} ppm"
+    ahead = heard.wall - (heard.epoch - told.offset)
+    found = (
+        f"{min(ages):.1f} to {max(ages):.1f} ms old ({told.age}), jitter {1e3 * told.jitter_p50:.1f} ms, "
+        f"p99 {1e3 * told.jitter_p99:.1f} ms; this machine's clock {ahead:+.3f} s from GNSS, {drift}"
+    )
+    if told.age is AgeKind.DECLARED and rig.pose.minimum_delay_ms == 0.0:
+        return Check("age", found, Finding.NOTE, "pose.minimum_delay_ms is 0: no fix takes no time at all")
+    advice = f"later than latency.deadline_ms, {rig.latency.deadline_ms:g} ms: such ticks run on prediction"
+    in_time = told.jitter_p99 <= rig.latency.deadline_ms / 1000.0
+    return judged("age", found, in_time, advice, otherwise=Finding.NOTE)
+
+
+def path_checks(rig: Rig, setting: ResolvedScenario, heard: Heard) -> Iterator[Check]:
+    """Judge how the path lies in the lot, and where on it the car stands.
+
+    Raises ConfigError for an alignment that was made for another network.
+    """
+    stored, stood = meaning.alignment_of(rig, setting.scenario.street.network), heard.standing
+    frame, mounting = meaning.frame_of(rig), meaning.mounting_of(rig)
+    begin = setting.path.at(0.0)
+    if stored is None:
+        if not stood or stood[-1].time - stood[0].time < AVERAGED:
+            advice = f"where it lies follows from where the car stands: {AVERAGED:g} s of fixes to trust are needed"
+            yield Check("path in the lot", "not known", Finding.NO_GO, advice)
+            return
+        place = standing(begin.x, begin.y, begin.heading)
+        stored = lot_alignment(average(heard.epoch, stood), frame, mounting, place, None).alignment
+    elif stood:
+        yield _at_the_start(setting, Placement(frame, stored, mounting, heard.epoch), heard.epoch, stood)
+    yield _in_the_lot(rig, setting, stored)
+
+
+def _in_the_lot(rig: Rig, setting: ResolvedScenario, alignment: Alignment) -> Check:
+    fence = meaning.fence_of(rig, Alignment())
+    found = measured(setting.path, fence, setting.scenario.ego.speed_mps, alignment)
+    advice = "vve-sumo align --fit looks for a place where it fits, or where to cut it short"
+    if found is None:
+        return Check("path in the lot", "not even its start is inside", Finding.NO_GO, advice)
+    if not found.whole:
+        said = f"from {found.station:.0f} m of {setting.path.length:.0f} m on, the car could not stop inside"
+        return Check("path in the lot", said, Finding.NO_GO, advice)
+    return Check("path in the lot", f"fits, {found.clearance:.1f} m clear of every edge beyond the margin")
+
+
+def _at_the_start(setting: ResolvedScenario, placement: Placement, epoch: float, stood: list[Fix]) -> Check:
+    """Where the car stands on a path that lies fixed in the lot."""
+    stands = start_pose.of(placement.place(average(epoch, stood).fix), setting.path)
+    found = f"the car stands {stands.place()}, {stands.turn()}"
+    advice = (
+        f"drive it there, within {start_pose.AWAY:g} m and {math.degrees(start_pose.TURNED):g} deg, "
+        "facing along the path; "
+        "or, where it is to start here, vve-sumo align"
+    )
+    return judged("start", found, not stands.faults(), advice)
+
+
+def _place_of(rig: Rig) -> str:
+    pose = rig.pose
+    match pose.kind:
+        case "nmea_serial":
+            return f"{pose.kind}, {pose.device} at {pose.baud} baud"
+        case "oxts_can":
+            return f"{pose.kind}, {pose.interface}:{pose.channel}"
+        case "file":
+            return f"{pose.kind}, {pose.file}"
+        case _:
+            return f"{pose.kind}, {pose.address} port {pose.port}"
+
+
+def _to_the_receiver(rig: Rig) -> str:
+    """What to look at where nothing comes from the receiver."""
+    match rig.pose.kind:
+        case "ncom_udp" | "nmea_udp":
+            return (
+                "see pose.address, pose.port and pose.source, the receiver's Ethernet output, network card and firewall"
+            )
+        case "nmea_tcp":
+            return "see pose.address and pose.port, and that the receiver serves them"
+        case "nmea_serial":
+            return "see pose.device and pose.baud, and the receiver's serial output: GGA, HDT, VTG, RMC, GST"
+        case "oxts_can":
+            return "see pose.interface, pose.channel and pose.bitrate, and the receiver's CAN output"
+        case _:
+            return "see pose.file"

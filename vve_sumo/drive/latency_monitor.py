@@ -1,0 +1,174 @@
+"""The latency ledger: what each tick of a live drive took, leg by leg, and whether the rig's budget was kept.
+
+Takes moments that the shell measured and the gateway's answers; knows no clock, no process and no file.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import OrderedDict, deque
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+from vve_sumo.values import LatencyRow
+
+if TYPE_CHECKING:
+    import pyarrow
+
+PATIENCE: Final = 5  #: ticks that the gateway has to answer a setpoint
+ROLLING: Final = 250  #: ticks that the screen's figures are about
+
+#: Legs in order, each from the end of the one before; the first begins with the arrival of the fix's bytes or, where
+#: the tick was woken by its deadline, with the tick itself.
+LEGS: Final = ("wake", "decode", "radar", "control", "hand_over", "frame")
+TOTAL: Final = "total"
+DATAGRAM: Final = "datagram"
+
+
+class LatencyMonitor:
+    """The rows of a drive, each kept until the gateway has answered its setpoint."""
+
+    def __init__(self, budget: float, breaches: int, window: float = 1.0) -> None:
+        """Find fault when more than `breaches` ticks within `window` [s] took longer than `budget` [s]."""
+        self._budget, self._allowed, self._window = budget, breaches, window
+        self._open: OrderedDict[int, LatencyRow] = OrderedDict()  # by sequence
+        self._done: list[LatencyRow] = []
+        self._breaches: deque[float] = deque()
+        self._recent: deque[float] = deque(maxlen=ROLLING)
+        self._tally = Tally()
+
+    def framed(self, sequence: int, sent: float) -> None:
+        """Take the gateway's answer to a setpoint: when its last frame's send returned [s], NaN where it sent none."""
+        row = self._open.pop(sequence, None)
+        if row is not None:
+            self._complete(replace(row, framed_s=sent), answered=True)
+
+    def step(self, row: LatencyRow) -> tuple[str, ...]:
+        """Take a tick's row, still without `framed_s`; return ("latency_budget",) while the budget is overdrawn."""
+        if row.sequence < 0:
+            self._complete(row, answered=True)
+        else:
+            self._open[row.sequence] = row
+        for sequence in [s for s, waiting in self._open.items() if waiting.tick <= row.tick - PATIENCE]:
+            self._complete(self._open.pop(sequence), answered=False)
+        while self._breaches and not self._breaches[0] > row.woken_s - self._window:
+            self._breaches.popleft()
+        return ("latency_budget",) if len(self._breaches) > self._allowed else ()
+
+    def completed(self) -> list[LatencyRow]:
+        """Return the rows that were completed since the last call, for the record."""
+        done, self._done = self._done, []
+        return done
+
+    def close(self) -> list[LatencyRow]:
+        """Return the rows still waiting for the gateway at the end of the drive, and those completed before them."""
+        rest = list(self._open.values())
+        self._open.clear()
+        for row in rest:
+            self._done.append(row)
+            self._tally.add(row)
+        return self.completed()
+
+    def screen(self) -> dict[str, float]:
+        """Return median and 99th percentile of the last ticks' totals [s] and the ticks missed in the whole drive."""
+        recent = sorted(self._recent)
+        return {"p50": quantile(recent, 0.5), "p99": quantile(recent, 0.99), "missed": self._tally.missed}
+
+    def summary(self) -> dict[str, Any]:
+        """Return the drive's figures so far, as `summarize` does from the record's table."""
+        return self._tally.summary() | {"budget_ms": _ms(self._budget)}
+
+    def _complete(self, row: LatencyRow, *, answered: bool) -> None:
+        self._done.append(row)
+        took = self._tally.add(row)
+        if math.isfinite(took):
+            self._recent.append(took)
+        # A row that the gateway answered without frames tells of no latency: nothing was commanded.
+        commanded = not math.isnan(row.framed_s)
+        if not answered or (commanded and not took <= self._budget):
+            self._breaches.append(row.woken_s)
+
+
+class Tally:
+    """Counts and samples of completed rows, in flat arrays: the garbage collector never looks into them."""
+
+    def __init__(self) -> None:
+        self._samples = {name: array("d") for name in (*LEGS, TOTAL)}
+        self._worst = (-math.inf, -1)
+        self.ticks = self.missed = self.skips = self.by_deadline = self.without_frame = 0
+
+    def add(self, row: LatencyRow) -> float:
+        """Count a row; return its total [s], NaN where no frame came of it."""
+        self.ticks += 1
+        self.missed += row.missed
+        self.skips += row.missed > 0
+        self.by_deadline += row.woken_by != DATAGRAM
+        self.without_frame += not math.isfinite(row.framed_s)
+        took = legs(row)
+        for name, value in took.items():
+            if math.isfinite(value):
+                self._samples[name].append(value)
+        total = took[TOTAL]
+        if total > self._worst[0]:
+            self._worst = (total, row.tick)
+        return total
+
+    def summary(self) -> dict[str, Any]:
+        """Return counts, the worst tick, and median, percentiles and greatest of every leg [ms]."""
+        worst, tick = self._worst
+        return {
+            "ticks": self.ticks,
+            "missed": self.missed,
+            "skips": self.skips,
+            "woken_by_deadline": self.by_deadline,
+            "without_frame": self.without_frame,
+            "worst_tick": {"tick": tick, "total_ms": _ms(worst)} if tick >= 0 else None,
+            "legs_ms": {name: percentiles(sorted(samples)) for name, samples in self._samples.items()},
+        }
+
+
+def legs(row: LatencyRow) -> dict[str, float]:
+    """Return what each leg of a tick took [s] and the total; NaN where an end of it did not happen."""
+    begin = row.received_s if row.woken_by == DATAGRAM else row.woken_s
+    moments = (begin, row.woken_s, row.decoded_s, row.seen_s, row.decided_s, row.handed_s, row.framed_s)
+    took = {name: moments[i + 1] - moments[i] for i, name in enumerate(LEGS)}
+    return took | {TOTAL: row.framed_s - begin}
+
+
+def summarize(table: pyarrow.Table) -> dict[str, Any]:
+    """Return the figures of a record's `latency` table, a column per field of LatencyRow, as `Ledger.summary` does."""
+    tally = Tally()
+    for row in rows_of(table):
+        tally.add(row)
+    return tally.summary()
+
+
+def rows_of(table: pyarrow.Table) -> Iterator[LatencyRow]:
+    """Give the rows of a record's `latency` table one by one."""
+    columns = table.to_pydict()
+    names = [name for name in columns if name in LatencyRow.__dataclass_fields__]
+    for values in zip(*(columns[name] for name in names), strict=True):
+        row: dict[str, Any] = dict(zip(names, values, strict=True))
+        unknown = {name: math.nan for name, value in row.items() if value is None and name.endswith("_s")}
+        yield LatencyRow(**(row | unknown))
+
+
+def quantile(ordered: Sequence[float], share: float) -> float:
+    """Return the smallest of sorted samples that `share` of them do not exceed; NaN of none."""
+    if not ordered:
+        return math.nan
+    return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
+
+
+def percentiles(ordered: Sequence[float]) -> dict[str, float | None]:
+    """Return p50, p95, p99 and max [ms] of sorted samples [s], rounded to microseconds; None of none."""
+    return {f"p{percent}": _ms(quantile(ordered, percent / 100.0)) for percent in (50, 95, 99)} | {
+        "max": _ms(ordered[-1] if ordered else math.nan)
+    }
+
+
+def _ms(seconds: float) -> float | None:
+    """Milliseconds for a summary; None, JSON's null, for what was never measured."""
+    return round(1e3 * seconds, 3) if math.isfinite(seconds) else None

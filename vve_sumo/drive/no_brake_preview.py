@@ -1,0 +1,139 @@
+"""How a scenario would go if its ego never braked for anybody: who does what when, and who would be hit.
+
+Plays the scenario's actors against an ego that keeps to its path and speed. It knows no SUMO, no traffic and no car;
+the drive itself is the business of others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
+from vve_sumo.drive.virtual_road import cast_of, spot_of
+from vve_sumo.path import SAMPLE_SPACING, Path
+from vve_sumo.values import ActorState, Point, Pose
+from vve_sumo.world.footprint import Rectangle, behind_bumper, overlap
+
+#: as the shipped controller drives where nothing is in its way: speeding up, slowing for bends, lateral in bends [m/s2]
+SPEEDING_UP, SLOWING, LATERAL = 1.5, 1.5, 2.0
+#: the foresight goes on so long after the first contact [s]
+AFTERWARDS = 1.0
+
+
+class Event(NamedTuple):
+    """An actor enters after the start, or begins an act."""
+
+    actor: int  #: its number in the scenario
+    act: int  #: the act's number, -1 for entering
+    time: float  #: since the drive began [s]
+    ego: Rectangle  #: where the ego is then
+    station: float  #: of the ego's front bumper [m]
+    player: ActorState  #: where the actor is then
+
+
+class Contact(NamedTuple):
+    """What an ego that never brakes touches first."""
+
+    id: str  #: of the obstacle or actor
+    time: float  #: since the drive began [s]
+    ego: Rectangle
+    station: float  #: of the ego's front bumper [m]
+    player: ActorState | None  #: None for an obstacle
+
+
+class PreviewSample(NamedTuple):
+    """One moment of the foresight."""
+
+    time: float  #: since the drive began [s]
+    ego: Rectangle
+    station: float  #: of the ego's front bumper [m]
+    speed: float  #: of the ego [m/s]
+    players: tuple[ActorState, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NoBrakePreview:
+    """The scenario's course with an ego that never brakes for anybody."""
+
+    moments: Sequence[PreviewSample]  #: one every PERIOD
+    events: Sequence[Event]  #: until the contact
+    contact: Contact | None
+
+
+def preview_without_braking(setting: ResolvedScenario) -> NoBrakePreview:
+    """Play a scenario without traffic against an ego that keeps its speed; until contact, or until it would end."""
+    cast, begun = cast_of(setting), [-1] * len(setting.scenario.actors)
+    boxes = standing_boxes(setting)
+    moments: list[PreviewSample] = []
+    events: list[Event] = []
+    contact: Contact | None = None
+    for time, ego, pose, station in _ego(setting):
+        players = cast.step(time, pose)
+        moments.append(PreviewSample(time, ego, station, pose.speed, players))
+        if contact is None:
+            events += _events(setting, begun, cast.begun, moments[-1])
+            contact = _contact(moments[-1], boxes)
+        begun = list(cast.begun)
+        if contact is not None and time > contact.time + AFTERWARDS:
+            break
+    return NoBrakePreview(moments, events, contact)
+
+
+def standing_boxes(setting: ResolvedScenario) -> dict[str, Rectangle]:
+    """Return the ground that each of the scenario's obstacles covers."""
+    placed = {}
+    for one in setting.scenario.obstacles:
+        at = spot_of(one, setting.path)
+        placed[one.id] = Rectangle(at.x, at.y, at.heading, one.length_m, one.width_m)
+    return placed
+
+
+def _ego(setting: ResolvedScenario) -> Iterator[tuple[float, Rectangle, Pose, float]]:
+    """Time, box, pose of the front bumper and its station, from the start at rest to the end of the drive."""
+    path, car, scenario = setting.path, setting.vehicle, setting.scenario
+    limits = _limits(path)
+    end = path.length if scenario.abort.ego_at_m is None else scenario.abort.ego_at_m - car.rear_axle_to_bumper
+    s, speed, tick = 0.0, 0.0, 0
+    while s < min(end, path.length) and tick * PERIOD < scenario.duration_s:
+        at = path.at(s)
+        x = at.x + car.rear_axle_to_bumper * math.cos(at.heading)
+        y = at.y + car.rear_axle_to_bumper * math.sin(at.heading)
+        pose = Pose(tick * PERIOD, Point.FRONT_BUMPER, x, y, at.heading, speed, 0.0, speed * at.curvature, 0.0, 0.0)
+        station = path.project(x, y, s + car.rear_axle_to_bumper).s
+        yield tick * PERIOD, behind_bumper(x, y, at.heading, car.length, car.width), pose, station
+        allowed = min(scenario.ego.speed_mps, limits[min(int(s / SAMPLE_SPACING), len(limits) - 1)])
+        speed = min(speed + SPEEDING_UP * PERIOD, allowed)
+        s, tick = s + speed * PERIOD, tick + 1
+
+
+def _limits(path: Path) -> list[float]:
+    """The greatest speed every SAMPLE_SPACING metres that keeps bends comfortable and can be slowed down to in time."""
+    bends = [path.at(number * SAMPLE_SPACING).curvature for number in range(int(path.length / SAMPLE_SPACING) + 1)]
+    squares = [LATERAL / abs(bend) if bend else math.inf for bend in bends]
+    for row in range(len(squares) - 2, -1, -1):
+        squares[row] = min(squares[row], squares[row + 1] + 2.0 * SLOWING * SAMPLE_SPACING)
+    return [math.sqrt(square) for square in squares]
+
+
+def _events(
+    setting: ResolvedScenario, before: Sequence[int], after: Sequence[int], moment: PreviewSample
+) -> Iterator[Event]:
+    here = {player.id: player for player in moment.players}
+    for number, actor in enumerate(setting.scenario.actors):
+        for act in range(before[number], after[number]):
+            player = here.get(actor.id)
+            if player is not None and (act >= 0 or moment.time > 0.0):
+                yield Event(number, act, moment.time, moment.ego, moment.station, player)
+
+
+def _contact(moment: PreviewSample, boxes: dict[str, Rectangle]) -> Contact | None:
+    for name, box in boxes.items():
+        if overlap(moment.ego, box):
+            return Contact(name, moment.time, moment.ego, moment.station, None)
+    for player in moment.players:
+        if overlap(moment.ego, Rectangle(player.x, player.y, player.heading, player.length, player.width)):
+            return Contact(player.id, moment.time, moment.ego, moment.station, player)
+    return None

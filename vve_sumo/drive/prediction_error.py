@@ -1,0 +1,49 @@
+"""How well a pose can be predicted when nothing new has come for a while, measured on the drive itself.
+
+Knows poses and the predictor; nothing of the shell that feeds it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from vve_sumo.pose.predict import Predictor
+from vve_sumo.values import Pose
+
+#: staleness that is tried [s]: as long as a setpoint lives
+AGE = 0.1
+#: poses that may have come before the prediction is judged [s]: the filter settles first
+SETTLING = 2.0
+
+
+class PredictionError:
+    """Predicts every pose from those at least AGE older, and keeps how far off that was."""
+
+    def __init__(self) -> None:
+        self._predictor = Predictor()
+        self._waiting: deque[Pose] = deque()
+        self._begin = math.nan
+        self._count = 0
+        self._sum = 0.0
+        self.greatest = math.nan  #: [m]; NaN before anything was judged
+
+    def step(self, pose: Pose) -> None:
+        """Judge the prediction of a trusted pose, and learn from those that are old enough by then."""
+        if math.isnan(self._begin):
+            self._begin = pose.time
+        while self._waiting and self._waiting[0].time <= pose.time - AGE:
+            self._predictor.update(self._waiting.popleft())
+        predicted = self._predictor.at(pose.time)
+        self._waiting.append(pose)
+        if predicted is None or pose.time < self._begin + SETTLING:
+            return
+        error = math.hypot(predicted.x - pose.x, predicted.y - pose.y)
+        self._count += 1
+        self._sum += error
+        self.greatest = error if math.isnan(self.greatest) else max(self.greatest, error)
+
+    @property
+    def mean(self) -> float:
+        """Mean distance of prediction and pose [m]; NaN before anything was judged."""
+        return self._sum / self._count if self._count else math.nan

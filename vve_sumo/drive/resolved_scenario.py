@@ -1,0 +1,301 @@
+"""From a scenario's names to everything a drive needs: files found and hashed, the path laid into the street's map.
+
+Reads files, opens nothing for good; starts neither SUMO nor a car.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from importlib.metadata import version
+from itertools import pairwise
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from vve_sumo import __version__, workspace
+from vve_sumo.controller import Controller, load, origin, sources
+from vve_sumo.drive.actor_paths import Speeds, followed
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import MapFrame
+from vve_sumo.path import Path
+from vve_sumo.scenario.schema import Radar, Scenario
+from vve_sumo.sensors.radar import RadarConfig, RadarMode
+from vve_sumo.values import Floats, Vehicle
+from vve_sumo.vehicle import fusion
+from vve_sumo.world.network import Network, lane_shapes, read_network
+
+#: Of what a record holds; the first had neither path nor car, the second no provenance.json and no seal, the third
+#: neither the speed of actors across their heading nor the time at which a scan was measured.
+LAYOUT = 4
+PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
+#: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
+EPOCH = 1_451_260_818.0
+#: how the role of a file of the controller's code begins; the name of its module follows
+CONTROLLER = "controller_"
+#: libraries whose version is recorded beside our own: another one may drive differently
+DECISIVE_LIBRARIES = ("libsumo", "numpy", "scipy", "pyproj")
+PATH_COLUMNS = ("latitude_deg", "longitude_deg")
+#: a point of the path that is farther from every lane is a mistake in its coordinates [m]
+MAX_DISTANCE_FROM_LANES = 50.0
+#: of the lanes' points that the path is compared with [m]
+SPACING = 10.0
+#: comment in a path's file that names the edges it runs along
+EDGES = "# edges:"
+
+
+ReadNetwork = Callable[[FilePath], Network]
+ReadPath = Callable[[FilePath, MapFrame, Network], tuple[Path, tuple[str, ...]]]
+
+
+@dataclass(frozen=True, slots=True)
+class ResolvedScenario:
+    """A scenario with all its names resolved."""
+
+    name: str  #: of the scenario
+    scenario: Scenario
+    network: Network
+    demand: tuple[FilePath, ...]
+    street: MapFrame  #: of the network
+    path: Path  #: of the rear axle, in the street's map
+    route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
+    vehicle: Vehicle  #: as declared
+    files: dict[str, FilePath]  #: what was read, by role
+    lines: dict[str, Path]  #: paths of actors, by the names that they use, in the street's map
+    recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
+    file: FilePath  #: the scenario's own
+
+    def resolved(self, working: FilePath) -> dict[str, Any]:
+        """Return what the record keeps: scenario, path and car, the content of files as hashes, and the versions.
+
+        The controller's files are those of the one that `controller` made last.
+        """
+        code = sources(self.scenario.controller.name, workspace.controller_folders(working))
+        files = self.files | {f"{CONTROLLER}{module}": file for module, file in code.items()}
+        return {
+            "layout": LAYOUT,
+            "scenario": self.name,
+            "settings": self.scenario.model_dump(mode="json"),
+            "period_s": PERIOD,
+            "path_m": [f"{x} {y}" for x, y in self.path.points],
+            "vehicle": asdict(self.vehicle),
+            "files_sha256": digests(files),
+            "versions": versions(),
+        }
+
+    def controller(self, working: FilePath) -> Controller:
+        """Make the system under test; raises ConfigError as `controller.load` does."""
+        control = self.scenario.controller
+        return load(control.name, self.vehicle, dict(control.tuning), workspace.controller_folders(working))
+
+    def driven_by(self, name: str) -> ResolvedScenario:
+        """Return the same setting with another controller, and without its tuning, which would be no other's."""
+        control = self.scenario.controller
+        if name == control.name:
+            return self
+        other = control.model_copy(update={"name": name, "tuning": {}})
+        return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
+
+    def radar(self) -> RadarConfig:
+        """Return the radar's configuration."""
+        return radar_of(self.scenario.radar)
+
+
+def radar_of(wanted: Radar) -> RadarConfig:
+    """Return the configuration of the radar that a scenario wants."""
+    modes = RadarConfig().modes
+    if wanted.range_limit_m is not None:
+        limit = wanted.range_limit_m
+        modes = tuple(RadarMode(min(mode.range_max, limit), mode.half_angle) for mode in modes)
+    config = RadarConfig(
+        modes=modes,
+        latency=wanted.latency_s,
+        noise_correlation=wanted.noise_correlation,
+        false_alarms=wanted.false_alarms,
+    )
+    return config.ideal() if wanted.ideal else config
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return the versions of what decides how a drive goes."""
+    return {"vve-sumo": __version__} | {name: version(name) for name in DECISIVE_LIBRARIES}
+
+
+def digests(files: Mapping[str, FilePath]) -> dict[str, str]:
+    """Return the hash of every file (hexadecimal SHA-256), by role, sorted."""
+    return {role: _digest(file) for role, file in sorted(files.items())}
+
+
+def changed_code(name: str, recorded: Mapping[str, Collection[str]], working: FilePath) -> list[str]:
+    """Return a line for every file of a controller's code that is not as it was recorded; none of that code is run.
+
+    `recorded` holds the hashes that each role had. Raises ConfigError where there is no such controller any more.
+    """
+    place = origin(name, workspace.controller_folders(working))
+    roles = [role for role in sorted(recorded) if role.startswith(CONTROLLER)]
+    if f"{CONTROLLER}{place.main}" not in roles:
+        return [f"controller {name}: there is no hash of its code"]
+    files = {role: place.file(role.removeprefix(CONTROLLER)) for role in roles}
+    return [
+        f"{role} has changed since" if file is not None else f"{role} is gone"
+        for role, file in files.items()
+        if file is None or _digest(file) not in recorded[role]
+    ]
+
+
+def read_resolved(folder: FilePath) -> dict[str, Any]:
+    """Return the content of a record's `scenario.json`; raises ConfigError where there is none of this layout."""
+    file = folder / "scenario.json"
+    try:
+        resolved = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
+    if not isinstance(resolved, dict):
+        raise ConfigError(f"{folder}: no record of a drive: scenario.json: expected a table of keys")
+    refuse_layout(resolved, file)
+    return resolved
+
+
+def refuse_layout(resolved: Mapping[str, Any], file: FilePath) -> None:
+    """Raise ConfigError for a record of another layout than this version writes; `file` is its `scenario.json`."""
+    layout = resolved.get("layout", 1)
+    if layout != LAYOUT:
+        raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")
+
+
+def _digest(file: FilePath) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def resolve_scenario(
+    name: str,
+    scenario: Scenario,
+    file: FilePath,
+    working: FilePath,
+    *,
+    network_in: ReadNetwork | None = None,
+    path_in: ReadPath | None = None,
+) -> ResolvedScenario:
+    """Find what a scenario names; `file` is the scenario's own, whose folder relative names count from.
+
+    Who has read the same files before hands in what gives them back instead of reading.
+    Raises ConfigError naming what is missing or wrong.
+    """
+
+    def find(kind: str, wanted: str, key: str) -> FilePath:
+        try:
+            return workspace.find(kind, wanted, working, beside=file.parent)
+        except ConfigError as error:
+            raise ConfigError(f"{file}: {key}: {error}") from None
+
+    network = (network_in or read_network)(find("network", scenario.street.network, "street.network"))
+    demand = tuple(find("demand", wanted, "street.demand") for wanted in scenario.street.demand)
+    path_file = find("path", scenario.ego.path, "ego.path")
+    try:
+        street = network.frame()
+    except ConfigError as error:
+        raise ConfigError(f"{network.path}: {error}") from None
+    path, route = (path_in or read_path)(path_file, street, network)
+    for obstacle in scenario.obstacles:
+        if obstacle.at_m > path.length:
+            raise ConfigError(
+                f"{file}: obstacles: {obstacle.id}: at_m {obstacle.at_m:g} lies beyond the path's {path.length:.1f} m"
+            )
+
+    def read(of: FilePath) -> Path:
+        return (path_in or read_path)(of, street, network)[0]
+
+    cast = followed(scenario.actors, file, path, find, read)
+    files = {"network": network.path, "path": path_file, **cast.files}
+    files |= {f"demand_{number}": found for number, found in enumerate(demand)}
+    return ResolvedScenario(
+        name, scenario, network, demand, street, path, route, fusion.vehicle(), files, cast.lines, cast.recordings, file
+    )
+
+
+def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
+    """Return the path in a CSV file, laid into the street's map, and the edges that the file says it runs along.
+
+    Raises ConfigError naming file and line for what is no coordinate, and for a point outside the network.
+    """
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"path {file}: cannot be read: {error}") from None
+    lines = text.splitlines()
+    route = next((tuple(line[len(EDGES) :].split()) for line in lines if line.startswith(EDGES)), ())
+    if "\0" in text:
+        raise ConfigError(f"path {file}: expected a CSV file, got binary data")
+    rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
+    header = next(csv.reader([rows[0][1]])) if rows else []
+    missing = [column for column in PATH_COLUMNS if column not in header]
+    if missing:
+        raise ConfigError(f"path {file}: no column {missing[0]}, expected a header with {', '.join(PATH_COLUMNS)}")
+    columns = [header.index(column) for column in PATH_COLUMNS]
+    points = [_point(file, number, line, columns) for number, line in rows[1:]]
+    placed = [street.to_map(latitude, longitude) for latitude, longitude in points]
+    for (number, _line), (x, y) in zip(rows[1:], placed, strict=True):
+        _inside(file, number, x, y, network)
+    _on_the_streets(file, [number for number, _line in rows[1:]], placed, network)
+    try:
+        return Path.from_points([x for x, _y in placed], [y for _x, y in placed]), route
+    except ConfigError as error:
+        raise ConfigError(f"path {file}: {error}") from None
+
+
+def _point(file: FilePath, number: int, line: str, columns: list[int]) -> tuple[float, float]:
+    try:
+        cells = next(csv.reader([line]))
+        latitude, longitude = (float(cells[column]) for column in columns)
+    except (ValueError, IndexError, csv.Error):
+        raise ConfigError(f"path {file}, line {number}: expected two numbers in degrees, got {line[:60]!r}") from None
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        raise ConfigError(f"path {file}, line {number}: {latitude}, {longitude} is no place on Earth, in degrees")
+    return math.radians(latitude), math.radians(longitude)
+
+
+def _on_the_streets(file: FilePath, numbers: list[int], placed: list[tuple[float, float]], network: Network) -> None:
+    """Raise ConfigError at the first point that is far from every lane: another town, or other coordinates."""
+    points = np.array(placed).reshape(-1, 2)
+    if len(points) == 0:
+        return
+    low, high = points.min(axis=0) - MAX_DISTANCE_FROM_LANES, points.max(axis=0) + MAX_DISTANCE_FROM_LANES
+    lanes = lane_shapes(network.path, (low[0], low[1], high[0], high[1]))
+    spots = np.vstack([_dense(line) for line, _width in lanes]) if lanes else np.zeros((0, 2))
+    distance = KDTree(spots).query(points)[0] if len(spots) else np.full(len(points), np.inf)
+    far = np.flatnonzero(distance > MAX_DISTANCE_FROM_LANES)
+    if len(far):
+        at = int(far[0])
+        raise ConfigError(
+            f"path {file}, line {numbers[at]}: ({points[at, 0]:.1f}, {points[at, 1]:.1f}) m is more than "
+            f"{MAX_DISTANCE_FROM_LANES:.0f} m from every lane of {network.path.name}"
+        )
+
+
+def _dense(line: Floats) -> Floats:
+    """Return points of a polyline, none farther than SPACING from the next."""
+    pieces = []
+    for start, end in pairwise(line):
+        count = max(2, math.ceil(math.dist(start, end) / SPACING) + 1)
+        pieces.append(start + (end - start) * np.linspace(0.0, 1.0, count)[:, None])
+    return np.vstack(pieces) if pieces else line
+
+
+def _inside(file: FilePath, number: int, x: float, y: float, network: Network) -> None:
+    least_x, least_y, greatest_x, greatest_y = network.boundary
+    if not (
+        least_x - MAX_DISTANCE_FROM_LANES <= x <= greatest_x + MAX_DISTANCE_FROM_LANES
+        and least_y - MAX_DISTANCE_FROM_LANES <= y <= greatest_y + MAX_DISTANCE_FROM_LANES
+    ):
+        raise ConfigError(
+            f"path {file}, line {number}: ({x:.1f}, {y:.1f}) m lies off the network {network.path.name}, which spans "
+            f"{least_x:.0f} to {greatest_x:.0f} and {least_y:.0f} to {greatest_y:.0f}"
+        )

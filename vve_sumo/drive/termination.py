@@ -1,0 +1,92 @@
+"""When a drive is over, and what its ending is called.
+
+Sees one tick after the other; knows neither SUMO nor the record.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from vve_sumo.scenario.schema import Abort
+from vve_sumo.values import ArmingState
+
+#: below this speed the car counts as standing [m/s]
+STANDING = 0.05
+#: the car has been under way once it was faster than this [m/s]
+UNDER_WAY = 0.5
+#: nearer to the end of the path than this, a stop is an arrival [m]
+ARRIVAL = 10.0
+#: a drive that has not begun to move by then never will [s]
+START_LIMIT = 30.0
+
+
+class Outcome(enum.StrEnum):
+    """How a drive ended."""
+
+    STOPPED = "stopped"  #: at rest before the end of the path
+    ARRIVED = "arrived"  #: at rest at the end of the path
+    CONTACT = "contact"  #: touched something on the virtual street, then stopped
+    DRIVER = "driver_has_control"  #: the driver took over
+    FAULT = "fault"  #: the gateway stopped the car for another reason
+    TIMEOUT = "timeout"  #: the scenario's time ran out
+    ABORTED = "aborted"  #: a condition came true at which the scenario ends the drive at once
+    PLAYED = "played"  #: a recorded drive ran to its end
+    INTERRUPTED = "interrupted"  #: ended from the keyboard
+    BROKEN = "broken"  #: the simulation broke
+
+
+def abort_reason(wanted: Abort, contact: bool, bumper: float, deviation: float, ttc: float) -> str:
+    """Return the reason code of a condition that ends the drive at once, empty while none holds.
+
+    `bumper` is the front bumper's station [m], `deviation` the distance from the path [m], `ttc` the time to collision
+    [s]; NaN is nothing to end a drive for.
+    """
+    if wanted.contact and contact:
+        return "abort_contact"
+    if wanted.ego_at_m is not None and bumper >= wanted.ego_at_m:
+        return "abort_ego_at"
+    if wanted.lateral_deviation_m is not None and abs(deviation) > wanted.lateral_deviation_m:
+        return "abort_deviation"
+    return "abort_ttc" if wanted.ttc_s is not None and ttc < wanted.ttc_s else ""
+
+
+@dataclass(slots=True)
+class TerminationMonitor:
+    """Watches for the end of a closed-loop drive."""
+
+    path_length: float  #: [m]
+    rest: float  #: how long the car must stand before the drive is over [s]
+    collided: bool = False  #: whether anything was touched so far
+    _moved: bool = False
+    _standing_since: float | None = None
+
+    def step(self, time: float, speed: float, station: float, state: ArmingState, contact: bool) -> Outcome | None:
+        """Return how the drive has ended at drive time `time` [s], or None while it goes on.
+
+        `speed` [m/s] and `station` [m] are the rear axle's; NaN before there is a pose.
+        """
+        self.collided |= contact
+        self._moved |= speed > UNDER_WAY
+        if not abs(speed) < STANDING:
+            self._standing_since = None
+            return None
+        if self._standing_since is None:
+            self._standing_since = time
+        rested = time - self._standing_since >= self.rest
+        if not self._moved:
+            return self._never_started(time, state)
+        return self._name(station, state) if rested else None
+
+    def _never_started(self, time: float, state: ArmingState) -> Outcome | None:
+        """A car that may drive and stands all the same has a reason to: its controller stopped it before it began."""
+        if state is not ArmingState.FAULT and time <= START_LIMIT:
+            return None
+        return Outcome.STOPPED if state is ArmingState.ENGAGED else Outcome.FAULT
+
+    def _name(self, station: float, state: ArmingState) -> Outcome:
+        if self.collided:
+            return Outcome.CONTACT
+        if state is not ArmingState.ENGAGED:
+            return Outcome.FAULT
+        return Outcome.ARRIVED if self.path_length - station < ARRIVAL else Outcome.STOPPED

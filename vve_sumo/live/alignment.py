@@ -1,0 +1,156 @@
+"""Where the lot lies on the street and what time it is, found while the car stands: the first thing a live drive does.
+
+Averages the receiver's trusted fixes at standstill. What is found is frozen for the drive: nothing moves the street
+under a car that is engaged.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+import select
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from vve_sumo.drive.pipeline import FixDecoder
+from vve_sumo.drive.virtual_road import standing
+from vve_sumo.errors import RigError
+from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
+from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.sources import Source
+from vve_sumo.pose.trust import EARTH_RADIUS, TrustGate, TrustProfile
+from vve_sumo.values import Fix, Pose
+
+#: trusted fixes at standstill that are averaged, as a time [s]: RTK noise falls by three at 10 Hz, by ten at 100 Hz
+AVERAGED: Final = 1.5
+#: between two looks at a silent receiver [s]
+LOOK: Final = 0.1
+#: a receiver that gives no such fixes for so long is not ready [s]
+PATIENCE: Final = 30.0
+#: faster than this is no standstill [m/s]: five sigma of a receiver's velocity
+STANDSTILL: Final = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class StandingPose:
+    """What the receiver said while the car stood."""
+
+    epoch: float  #: GNSS second of drive time 0
+    fix: Fix  #: the average
+    fixes: int  #: so many of them
+    spread: float  #: farthest of them from the average [m]
+    turn: float  #: largest difference of their headings from the average [rad]
+
+
+@dataclass(frozen=True, slots=True)
+class LotAlignment:
+    """How the lot lies on the street, and GNSS time on the drive's clock."""
+
+    projection: str  #: PROJ string of the lot's map
+    alignment: Alignment
+    epoch: float  #: GNSS second of drive time 0
+
+    def frame(self) -> MapFrame:
+        """Return the lot's map."""
+        return MapFrame(self.projection)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain JSON."""
+        alignment = self.alignment
+        return {
+            "epoch_gnss_s": self.epoch,
+            "lot_projection": self.projection,
+            "lot_to_street": {"rotation_rad": alignment.rotation, "x_m": alignment.x, "y_m": alignment.y},
+        }
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> LotAlignment:
+        """Return the ground that `as_dict` told of."""
+        turned = told["lot_to_street"]
+        alignment = Alignment(turned["rotation_rad"], turned["x_m"], turned["y_m"])
+        return cls(told["lot_projection"], alignment, told["epoch_gnss_s"])
+
+
+def standing_pose(
+    source: Source,
+    decoder: FixDecoder,
+    profile: TrustProfile,
+    minimum_delay: float,
+    t0: float,
+    absolute: float | None = None,
+) -> StandingPose:
+    """Average the fixes of a standing car.
+
+    `minimum_delay` is what the rig declares [s], `t0` the monotonic second of drive time 0, `absolute` the GNSS second
+    of drive time 0 where this machine's clock knows it. Raises RigError saying what the receiver's fixes lack, or that
+    the car moves.
+    """
+    begun = time.monotonic()
+    timing: Clock | None = None
+    gate: TrustGate | None = None
+    epoch = math.nan
+    stood: list[Fix] = []
+    lacks: Counter[str] = Counter()
+    while time.monotonic() - begun < PATIENCE:
+        select.select([source], [], [], LOOK)
+        for stamp, data in source.receive():
+            received = stamp - t0
+            for fix in decoder.feed(data, received):
+                if timing is None or gate is None:
+                    epoch = fix.time - (received - minimum_delay) if absolute is None else absolute
+                    timing = Clock(epoch, minimum_delay, absolute=absolute is not None)
+                    gate = TrustGate(profile, epoch)
+                timed = replace(fix, time=epoch + timing.step(received, fix.time))
+                trust = gate.step(received, timed)
+                lacks.update(trust.reasons)
+                moves = not math.hypot(fix.velocity_north, fix.velocity_east) < STANDSTILL
+                lacks.update(("car_moves",) if moves else ())
+                if moves or not trust.trusted:
+                    stood.clear()
+                else:
+                    stood.append(fix)
+        if stood and stood[-1].time - stood[0].time >= AVERAGED:
+            return average(epoch, stood)
+    heard = "no fix at all" if timing is None else ", ".join(code for code, _count in lacks.most_common(4))
+    raise RigError(f"pose: {PATIENCE:.0f} s without {AVERAGED} s of trusted fixes at standstill: {heard}")
+
+
+def lot_alignment(
+    stood: StandingPose, frame: MapFrame, mounting: Mounting, begin: Pose, stored: Alignment | None
+) -> LotAlignment:
+    """Return how the lot, with its map `frame`, lies on the street.
+
+    A `stored` alignment is taken as it is; without one, where the car stands becomes the street's pose `begin`, the
+    start of its path.
+    """
+    if stored is not None:
+        return LotAlignment(frame.projection, stored, stood.epoch)
+    there = Placement(frame, Alignment(), mounting, stood.epoch).place(stood.fix)
+    here = standing(there.x, there.y, there.heading)
+    alignment = Alignment.from_matched_start(here, standing(begin.x, begin.y, begin.heading))
+    return LotAlignment(frame.projection, alignment, stood.epoch)
+
+
+def average(epoch: float, fixes: Sequence[Fix]) -> StandingPose:
+    """Return what the fixes of a standing car say together; `epoch` is the GNSS second of drive time 0."""
+    count = len(fixes)
+    latitude = sum(fix.latitude for fix in fixes) / count
+    longitude = sum(fix.longitude for fix in fixes) / count
+    heading = cmath.phase(sum((cmath.exp(1j * fix.heading) for fix in fixes), 0j))
+    north = [(fix.latitude - latitude) * EARTH_RADIUS for fix in fixes]
+    east = [(fix.longitude - longitude) * EARTH_RADIUS * math.cos(latitude) for fix in fixes]
+    middle = replace(
+        fixes[-1],
+        latitude=latitude,
+        longitude=longitude,
+        heading=heading,
+        velocity_north=0.0,
+        velocity_east=0.0,
+        yaw_rate=0.0,
+        acceleration=sum(fix.acceleration for fix in fixes) / count,
+    )
+    turn = max(abs(math.remainder(fix.heading - heading, math.tau)) for fix in fixes)
+    return StandingPose(epoch, middle, count, max(map(math.hypot, north, east)), turn)

@@ -1,0 +1,327 @@
+"""The hardware-free car as a process of its own: in real time, NCOM over UDP, CAN over a bus that others can open.
+
+`python -m vve_sumo.live.simulated_vehicle`, started by `spawn`. It knows what a real car knows: commands on its bus,
+its own motion and the sky; no street, no gateway, no controller. Beside the car it is the injected faults and a file of
+the truth.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import math
+import signal
+import socket
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from io import FileIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+import numpy as np
+
+from vve_sumo.errors import RigError, VveError
+from vve_sumo.frames import MapFrame, Mounting
+from vve_sumo.live.channel import Channel
+from vve_sumo.live.priority import CAR, prefer
+from vve_sumo.live.slcan import Adapter
+from vve_sumo.live.spawn import begin
+from vve_sumo.plant.car import FAST, STEPS_A_SECOND, Car, CarParameters
+from vve_sumo.plant.fault_injected_car import FaultInjectedCar
+from vve_sumo.plant.injected_faults import InjectedFault
+from vve_sumo.plant.receiver import ReceiverParameters
+from vve_sumo.values import Frame, Pose, Vehicle
+from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
+
+if TYPE_CHECKING:
+    from vve_sumo.bus import Bus
+
+STALE: Final = 0.100  # what should have been said so long ago is not said any more [s]
+LOOK: Final = 20  # steps between looks at the console and flushes of the truth: 0.1 s
+REST_TIME: Final = 1.0  # standing so long, and told nothing, is rest [s]
+PATIENCE: Final = 60.0  # from being asked to end to ending in any case [s]
+
+TRUTH_COLUMNS: Final = (
+    "time_s", "x_m", "y_m", "heading_rad", "speed_mps", "brake_torque_nm", "gear", "wheel_angle_rad",
+    "brake_enabled", "throttle_enabled", "steering_enabled", "watchdog_braking",
+)  # fmt: skip
+
+
+class Wire(Protocol):
+    """The car's end of its CAN bus; none of it waits or raises."""
+
+    def send(self, frames: Iterable[Frame]) -> None:
+        """Put frames on the bus."""
+
+    def receive(self) -> list[Frame]:
+        """Return what was heard since the last call, in order."""
+
+    def close(self) -> None:
+        """Let go of the bus."""
+
+
+class Node:
+    """A bus that python-can opens, as a `Wire`: a bus that is down is a silent one, as it is for a real car."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+
+    def send(self, frames: Iterable[Frame]) -> None:
+        """Put frames on the bus."""
+        with contextlib.suppress(RigError):
+            for frame in frames:
+                self._bus.send(frame)
+
+    def receive(self) -> list[Frame]:
+        """Return what was heard since the last call, in order."""
+        try:
+            return self._bus.drain()
+        except RigError:
+            return []
+
+    def close(self) -> None:
+        """Let go of the bus."""
+        self._bus.close()
+
+
+@dataclass(frozen=True, slots=True)
+class CarConfig:
+    """What the process is told, and how it is told it: `told` is plain JSON, `heard` its inverse."""
+
+    parameters: CarParameters
+    lot: MapFrame  #: the plane map of the lot that the truth is written in
+    latitude_deg: float  #: of the rear axle at the start, WGS84
+    longitude_deg: float  #: of the rear axle at the start, WGS84
+    heading_deg: float  #: at the start, clockwise from true north
+    epoch: float  #: GNSS second of drive time 0
+    t0: float  #: monotonic second of drive time 0
+    seed: int  #: of the scenario
+    target: tuple[str, int]  #: where NCOM goes, address and UDP port
+    bus: tuple[str, str] | None = None  #: python-can's interface and channel; None is a pty of the car's own
+    rehearsed: tuple[InjectedFault, ...] = ()
+    truth: Path | None = None  #: file that the truth is written to
+
+    def told(self) -> dict[str, Any]:
+        """Return the configuration as `spawn.start` takes it."""
+        parameters = asdict(self.parameters)
+        parameters["kit"]["variant"] = self.parameters.kit.variant.name
+        return {
+            "parameters": parameters,
+            "lot": {"projection": self.lot.projection, "offset": self.lot.offset},
+            "start": [self.latitude_deg, self.longitude_deg, self.heading_deg],
+            "epoch": self.epoch,
+            "t0": self.t0,
+            "seed": self.seed,
+            "target": self.target,
+            "bus": self.bus,
+            "rehearsed": [asdict(fault) for fault in self.rehearsed],
+            "truth": None if self.truth is None else str(self.truth),
+        }
+
+    @classmethod
+    def heard(cls, told: dict[str, Any]) -> CarConfig:
+        """Return the configuration that was told."""
+        latitude, longitude, heading = told["start"]
+        host, port = told["target"]
+        interface, channel = told["bus"] or ("", "")
+        return cls(
+            parameters=_parameters(told["parameters"]),
+            lot=MapFrame(told["lot"]["projection"], tuple(told["lot"]["offset"])),
+            latitude_deg=latitude,
+            longitude_deg=longitude,
+            heading_deg=heading,
+            epoch=told["epoch"],
+            t0=told["t0"],
+            seed=told["seed"],
+            target=(host, port),
+            bus=(interface, channel) if told["bus"] else None,
+            rehearsed=tuple(InjectedFault(**fault) for fault in told["rehearsed"]),
+            truth=None if told["truth"] is None else Path(told["truth"]),
+        )
+
+    def start(self) -> tuple[float, float, float]:
+        """Return x, y [m] and heading [rad] of the rear axle at the start, in the lot's map."""
+        latitude, longitude = math.radians(self.latitude_deg), math.radians(self.longitude_deg)
+        x, y = self.lot.to_map(latitude, longitude)
+        return x, y, math.radians(90.0 - self.heading_deg) + self.lot.convergence(latitude, longitude)
+
+
+def _parameters(told: dict[str, Any]) -> CarParameters:
+    receiver, kit = told["receiver"], told["kit"]
+    return CarParameters(
+        **told
+        | {
+            "vehicle": Vehicle(**told["vehicle"]),
+            "calibration": Calibration(**told["calibration"]),
+            "kit": DbwControllerParameters(**kit | {"variant": codec.Variant[kit["variant"]]}),
+            "receiver": ReceiverParameters(**receiver | {"mounting": Mounting(**receiver["mounting"])}),
+        }
+    )
+
+
+class Truth:
+    """The file of where the car really was; a disk that is full ends the file, not the car."""
+
+    def __init__(self, file: FileIO | None) -> None:
+        self._file = file
+        self._lines = [",".join(TRUTH_COLUMNS) + "\n"]
+
+    def add(self, pose: Pose, car: Car) -> None:
+        """Take a line for the car as it is now."""
+        kit = car.kit
+        enabled = ",".join(str(int(module.enabled)) for module in kit.modules)
+        motion = f"{pose.time:.3f},{pose.x:.5f},{pose.y:.5f},{pose.heading:.6f},{pose.speed:.5f}"
+        body = f"{car.brake_torque:.1f},{kit.gear.name.lower()},{car.wheel_angle:.6f}"
+        self._lines.append(f"{motion},{body},{enabled},{kit.watchdog_braking:d}\n")
+
+    def flush(self) -> None:
+        """Hand the lines taken so far to the kernel."""
+        lines, self._lines = self._lines, []
+        if self._file is None:
+            return
+        try:
+            self._file.write("".join(lines).encode())
+        except OSError:
+            self._file = None
+
+
+class SimulatedVehicle:
+    """The car on the monotonic clock; it computes each step ahead, so that what is due at its end goes out on time."""
+
+    def __init__(self, config: CarConfig, wire: Wire, truth: Truth) -> None:
+        # The radar's noise is the second child of a scenario's seed.
+        car_seeds, _, rehearsal_seeds = np.random.SeedSequence(config.seed).spawn(3)
+        start, rehearsed = config.start(), config.rehearsed
+        self._car = FaultInjectedCar(
+            config.parameters, start, config.lot, config.epoch, car_seeds, rehearsed, rehearsal_seeds
+        )  # fmt: skip
+        self._wire = wire
+        self._truth = truth
+        self._target = config.target
+        self._t0 = config.t0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        # Not to any address of this machine, as a first send would have it: nobody elsewhere shall reach it.
+        self._socket.bind((config.target[0], 0))
+        self._socket.setblocking(False)
+        self._steps = 0
+        self._rests_since = 0.0
+
+    @property
+    def time(self) -> float:
+        """Drive time up to which the car has moved [s]."""
+        return self._steps / STEPS_A_SECOND
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the car has been standing for a while, and whoever commanded it has ended."""
+        return self.time - self._rests_since >= REST_TIME
+
+    def step(self) -> None:
+        """Advance by one step, saying everything when it is due; returns when the step is over on the real clock."""
+        told = self._wire.receive()
+        self._steps += 1
+        until = self.time
+        output, truth = self._car.step(until, told), self._car.truth()
+        if truth.speed != 0.0 or told:
+            self._rests_since = until
+        if self._steps % FAST == 0:
+            self._truth.add(truth, self._car.car)
+        self._say(output.ncom, output.reports)
+        self._wait(until)
+
+    def flush(self) -> None:
+        """Put the truth so far on file."""
+        self._truth.flush()
+
+    def close(self) -> None:
+        """Let go of everything."""
+        self._truth.flush()
+        self._socket.close()
+        self._wire.close()
+
+    def _say(self, packets: Sequence[tuple[float, bytes]], reports: Sequence[tuple[float, Frame]]) -> None:
+        for arrival, packet in packets:
+            if self._wait(arrival) <= STALE:
+                with contextlib.suppress(OSError):
+                    self._socket.sendto(packet, self._target)
+        if reports and self._wait(reports[-1][0]) <= STALE:
+            self._wire.send([frame for _, frame in reports])
+
+    def _wait(self, until: float) -> float:
+        """Return at drive time `until`, or at once where it is past; how long ago it was [s]."""
+        late = time.monotonic() - self._t0 - until
+        if late >= 0.0:
+            return late
+        time.sleep(-late)
+        return 0.0
+
+
+class Ending:
+    """When the process ends: asked to and at rest, or after long enough."""
+
+    def __init__(self, console: Channel) -> None:
+        self._console = console
+        self._asked = False
+        self._since = math.inf
+        signal.signal(signal.SIGTERM, self._ask)
+        for ignored in (signal.SIGINT, signal.SIGHUP):
+            signal.signal(ignored, signal.SIG_IGN)
+
+    def due(self, now: float, at_rest: bool) -> bool:
+        """Whether to end at drive time `now` [s]."""
+        self._console.receive()
+        if self._asked or self._console.closed:
+            self._since = min(self._since, now)
+        return now - self._since >= PATIENCE or (at_rest and self._since < math.inf)
+
+    def _ask(self, *_: object) -> None:
+        self._asked = True
+
+
+def main() -> int:
+    """Run the process; returns its exit code."""
+    told, channels = begin()
+    console = channels["console"]
+    ending = Ending(console)
+    try:
+        config = CarConfig.heard(told)
+        with contextlib.ExitStack() as stack:
+            run(config, console, ending, stack)
+    except VveError as error:
+        console.send(json.dumps({"kind": "car_failed", "text": str(error)}).encode())
+        return error.exit_code
+    return 0
+
+
+def run(config: CarConfig, console: Channel, ending: Ending, stack: contextlib.ExitStack) -> None:
+    """Be the car until it is time to end; says `car_ready` to the console, with the bus that others can open."""
+    wire, bus = _wire(config.bus)
+    file = None if config.truth is None else stack.enter_context(config.truth.open("wb", buffering=0))
+    car = SimulatedVehicle(config, wire, Truth(file))
+    stack.callback(car.close)
+    gc.collect()
+    gc.freeze()
+    prefer(CAR)
+    console.send(json.dumps({"kind": "car_ready", "interface": bus[0], "channel": bus[1]}).encode())
+    while not ending.due(car.time, car.at_rest):
+        for _ in range(LOOK):
+            car.step()
+        car.flush()
+
+
+def _wire(bus: tuple[str, str] | None) -> tuple[Wire, tuple[str, str]]:
+    if bus is None:
+        adapter = Adapter()
+        return adapter, ("slcan", adapter.name)
+    from vve_sumo.bus import Bus
+
+    return Node(Bus(*bus)), bus
+
+
+if __name__ == "__main__":
+    sys.exit(main())

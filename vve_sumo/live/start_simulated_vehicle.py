@@ -1,0 +1,111 @@
+"""Starting the hardware-free car of a rig, for a drive and for everything that only looks at the rig.
+
+Knows the rig's tables and the car's process; no scenario, no gateway. Nothing is commanded here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import select
+import subprocess
+import time
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+from vve_sumo.errors import RigError
+from vve_sumo.live import assembly, spawn
+from vve_sumo.live.channel import Channel, pair
+from vve_sumo.live.simulated_vehicle import CarConfig
+from vve_sumo.plant import fusion as plant
+from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.schema import Rig
+from vve_sumo.rig.validation import PTY
+
+#: for the car to say that it is there [s]
+PATIENCE: Final = 30.0
+
+
+@dataclass(slots=True)
+class SimulatedVehicleProcess:
+    """The hardware-free car's process as it waits for the rest; it ends when `channel` is closed and it stands."""
+
+    process: subprocess.Popen[bytes]
+    channel: Channel
+    bus: tuple[str, str]  #: interface and channel that others open
+
+
+def start(
+    rig: Rig,
+    t0: float,
+    seed: int,
+    stack: contextlib.ExitStack,
+    folder: FilePath | None,
+    friction: float = plant.FRICTION,
+) -> SimulatedVehicleProcess:
+    """Start the car and wait until it is there; it is ended where `stack` is left.
+
+    `t0` is the monotonic second of drive time 0, `seed` and `friction` are the scenario's. Truth and log go into
+    `folder`, where there is one. Raises RigError with the car's words where it does not come up.
+    """
+    told = _config(rig, t0, seed, folder, friction).told()
+    ours, theirs = pair()
+    log = {} if folder is None else {"log": str(folder / "car.log")}
+    process = spawn.start("car", told | log, {"console": theirs}, own_session=True)
+    stack.callback(_end, process)
+    stack.callback(ours.close)
+    said = _first_word(ours)
+    if said.get("kind") != "car_ready":
+        raise RigError(f"the hardware-free car: {said.get('text', said)}")
+    return SimulatedVehicleProcess(process, ours, (said["interface"], said["channel"]))
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Wait for a car whose channel was closed; one that hangs is killed."""
+    try:
+        process.wait(PATIENCE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: float) -> CarConfig:
+    start = rig.car_start
+    assert start is not None  # the rig's refusals see to it
+    wire = rig.bus.interface, start.channel or rig.bus.channel
+    return CarConfig(
+        parameters=plant.parameters(
+            noise=start.noise_factor if start.noise else 0.0,
+            delay=start.gnss_delay_s,
+            hidden_delay=start.gnss_hidden_delay_s,
+            mass_factor=start.mass_factor,
+            brake_gain_factor=start.brake_gain_factor,
+            friction=friction,
+            grade=math.atan(start.grade_percent / 100.0),
+            steering_wheel_bias=math.radians(start.steering_wheel_bias_deg),
+            heading_misalignment=-math.radians(start.heading_misalignment_deg),
+        ),
+        lot=meaning.frame_of(rig),
+        latitude_deg=start.latitude_deg,
+        longitude_deg=start.longitude_deg,
+        heading_deg=start.heading_deg,
+        epoch=assembly.wall_epoch(t0),
+        t0=t0,
+        seed=seed,
+        target=(rig.pose.address, rig.pose.port),
+        bus=None if rig.bus.channel == PTY else wire,
+        rehearsed=meaning.rehearsed_of(rig),
+        truth=None if folder is None else folder / "truth.csv",
+    )
+
+
+def _first_word(channel: Channel) -> dict[str, Any]:
+    deadline = time.monotonic() + PATIENCE
+    while (left := deadline - time.monotonic()) > 0.0 and not channel.closed:
+        select.select([channel], [], [], left)
+        for data in channel.receive():
+            said: dict[str, Any] = json.loads(data)
+            return said
+    raise RigError(f"the hardware-free car did not come up within {PATIENCE:.0f} s")

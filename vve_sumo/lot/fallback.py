@@ -1,0 +1,87 @@
+"""The way to rest: which curvature brings the car from where it is back onto its path while it brakes.
+
+A forward simulation of a rear axle that follows the path; knows no lot and no brakes, and asks nobody.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from vve_sumo.laws import clamp
+from vve_sumo.path import Path
+from vve_sumo.values import FallbackPath, Pose, Vehicle
+
+INTERVALS: Final = 31  #: between the knots of a way, at most
+FINEST: Final = 0.25  #: between knots [m]
+DECELERATION: Final = 1.5  #: a way long enough for this one is long enough for any stop on a slope of a tenth [m/s2]
+DELAY: Final = 0.5  #: before it sets in [s]
+RESERVE: Final = 1.0  #: beyond rest [m]
+LATERAL_ACCELERATION: Final = 3.0  #: most on the way [m/s2], ISO 11270
+LATERAL_JERK: Final = 5.0  #: most on the way [m/s3], ISO 11270
+RETURN_TIME: Final = 0.8  #: the offset falls by about a factor e in the way of this time [s]
+LEAST_RETURN: Final = 3.0  #: or in this way, where the car is slow [m]
+FARTHEST: Final = 5.0  #: from a deviation beyond this there is no smooth way back [m]
+MOST_TURNED: Final = 1.0  #: nor from a heading that is off by more [rad]
+LEAST_SPEED: Final = 0.5  #: slower counts as this where a rate in time becomes one along the way [m/s]
+SQUARE_OF_LEAST_SPEED: Final = LEAST_SPEED * LEAST_SPEED
+
+
+def fallback_path(
+    pose: Pose, steering: float, path: Path, station: float, vehicle: Vehicle, distance: float | None = None
+) -> FallbackPath | None:
+    """Return the way of the rear axle from `pose` onto the `path`; None where there is no smooth one.
+
+    `steering` is the road-wheel angle that the car reports [rad], with which the way begins; `station` is the pose's
+    along the path [m]; `distance` [m] is how long the way shall be, by default longer than any stop of the gateway.
+
+    Offset e and heading error a against the path obey e'' + 2 e' / r + e / r^2 = 0 along the way, critically damped
+    with the return length r, as far as steering rate, lateral acceleration and lateral jerk allow at the speed that
+    is left.
+    """
+    speed = max(pose.speed, 0.0)
+    if distance is None:
+        distance = speed * DELAY + speed * speed / (2.0 * DECELERATION) + RESERVE
+    if not math.isfinite(pose.x + pose.y + pose.heading + speed + steering + station + distance):
+        return None
+    spacing = max(distance / INTERVALS, FINEST)
+    knots = _follow(pose, speed, steering, path, station, vehicle, spacing, math.ceil(distance / spacing - 1e-9))
+    return None if knots is None else FallbackPath(spacing, knots)
+
+
+def _follow(
+    pose: Pose, speed: float, steering: float, path: Path, s: float, vehicle: Vehicle, spacing: float, count: int
+) -> tuple[float, ...] | None:
+    """Curvature at `count` + 1 knots; the simulation advances from one to the next with their mean."""
+    # A good part of what a tick costs is this loop: plain names and no calls that can be had without.
+    cos, sin, sqrt, beside = math.cos, math.sin, math.sqrt, path.beside
+    x, y, heading = pose.x, pose.y, pose.heading
+    tightest = math.tan(vehicle.steering_limit) / vehicle.wheelbase
+    answer = vehicle.steering_rate_limit / vehicle.wheelbase
+    square, loss = speed * speed, 2.0 * DECELERATION * spacing
+    bend = math.tan(steering) / (vehicle.wheelbase + vehicle.understeer_gradient * square)
+    bend = clamp(bend, -tightest, tightest)
+    knots = [bend]
+    for _ in range(count):
+        v = sqrt(square) if square > SQUARE_OF_LEAST_SPEED else LEAST_SPEED
+        # Where the present curvature leads, and what would be right there.
+        ahead = heading + 0.5 * bend * spacing
+        s, offset, turned, path_bend = beside(
+            s + spacing, x + spacing * cos(ahead), y + spacing * sin(ahead), heading + bend * spacing
+        )
+        if not (-FARTHEST < offset < FARTHEST and -MOST_TURNED < turned < MOST_TURNED):
+            return None
+        length = max(RETURN_TIME * v, LEAST_RETURN)
+        cosine = cos(turned)
+        wish = path_bend * cosine / (1.0 - path_bend * offset)
+        wish -= (2.0 * sin(turned) / length + offset / (length * length)) / cosine
+        most = min(tightest, LATERAL_ACCELERATION / (v * v))
+        change = spacing * min(answer / v, LATERAL_JERK / (v * v * v))
+        wish = clamp(clamp(wish, -most, most), bend - change, bend + change)
+        ahead = heading + 0.25 * (bend + wish) * spacing
+        x, y = x + spacing * cos(ahead), y + spacing * sin(ahead)
+        heading += 0.5 * (bend + wish) * spacing
+        bend = wish
+        knots.append(bend)
+        square = square - loss if square > loss else 0.0
+    return tuple(knots)

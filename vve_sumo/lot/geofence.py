@@ -1,0 +1,208 @@
+"""Would the car, wherever it is left alone now, come to rest inside the lot?
+
+Three ways to rest are swept and must all stay inside. Geometry and arithmetic only: it commands nothing, knows no
+gateway and no bus, and its only answer is a reason code.
+"""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from vve_sumo.frames import GRAVITY, Alignment
+from vve_sumo.lot.polygon import Lot
+from vve_sumo.lot.swept_area import Body, Complexes, as_pairs, fan, relaxing, trail
+from vve_sumo.path import EXTENSION, SAMPLE_SPACING, Path
+from vve_sumo.values import FallbackPath, Floats, Point, Pose, Vehicle
+
+LOT_EDGE: Final = ("lot_edge",)
+#: a way to rest with more knots on the way is none [-]; the gateway takes no more than 64
+MOST_KNOTS: Final = 200
+#: what a setpoint may ask beyond the present acceleration grows with this until it expires [m/s3]; ISO 15622's comfort
+JERK: Final = 5.0
+#: a shorter rise is none [s]: its jerk is no number to compute with
+SHORTEST_RISE: Final = 1e-6
+#: how a controller is taken to drive a path: lateral acceleration in bends, slowing down ahead of them, speeding up
+LATERAL, SLOWING, SPEEDING_UP = 3.0, 1.5, 2.0  # [m/s2]
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """How whoever stops the car is known to do it."""
+
+    deceleration: float  #: lowest, on the level [m/s2], positive
+    delay: float  #: from the last good setpoint to the first deceleration, dead times and lags included [s]
+    rise: float = 0.0  #: from the first deceleration to the full one, linearly [s]
+    drive_lag: float = 0.0  #: with which the drive force fades once the throttle is closed [s]
+
+    def distance(self, speed: float, acceleration: float = 0.0, downhill: float = 0.0) -> float:
+        """Return the way to rest [m] from `speed` [m/s, not negative], `downhill` being the slope; inf for never.
+
+        Until the brakes set in the car gains what it is gaining now, what `JERK` lets a setpoint add, and the slope's
+        share b. Then v t + b t^2 / 2 - j t^3 / 6 while the deceleration rises to a, and v^2 / (2 (a - b)).
+        """
+        pull = GRAVITY * downhill
+        gained = max(acceleration, 0.0) * (self.delay + self.drive_lag) + 0.5 * JERK * self.delay * self.delay
+        start = speed + gained + pull * self.delay
+        if not self.deceleration > pull:
+            return math.inf
+        rise = self.rise if self.rise > SHORTEST_RISE else 0.0
+        time, after = rise, start + (pull - 0.5 * self.deceleration) * rise
+        if after < 0.0:
+            # At rest before the deceleration has risen.
+            jerk, after = self.deceleration / rise, 0.0
+            time = (pull + math.sqrt(pull * pull + 2.0 * jerk * start)) / jerk
+        risen = self.deceleration * time / rise if rise > 0.0 else 0.0
+        rising = time * (start + time * (0.5 * pull - risen / 6.0))
+        return start * self.delay + rising + after * after / (2.0 * (self.deceleration - pull))
+
+
+class Driven(NamedTuple):
+    """One place of a drive that keeps to its path."""
+
+    station: float  #: along the path [m]
+    pose: Pose  #: of the rear axle, in the street's map
+    steering: float  #: road-wheel angle that the path's curvature asks for [rad], left positive
+    profile: FallbackPath  #: the path itself
+
+
+class Geofence:
+    """Keeps every way to rest inside the lot.
+
+    `alignment` lays the lot's map onto the street's, as `Placement` has it. `gateway` follows the stop profile, or
+    holds the wheel angle; `watchdog` is the kit's own and its wheel may be anywhere between held and straight.
+    `downhill` is the lot's worst slope, positive.
+    """
+
+    def __init__(
+        self,
+        lot: Lot,
+        vehicle: Vehicle,
+        alignment: Alignment,
+        *,
+        gateway: Stop,
+        watchdog: Stop,
+        downhill: float = 0.0,
+    ) -> None:
+        self.lot = lot
+        self._to_lot = alignment.inverse()
+        self._gateway, self._watchdog, self._downhill = gateway, watchdog, downhill
+        self._body = Body.of(vehicle)
+        self._wheelbase, self._understeer = vehicle.wheelbase, vehicle.understeer_gradient
+
+    def check(self, pose: Pose, steering: float, profile: FallbackPath | None) -> tuple[str, ...]:
+        """Return ("lot_edge",) unless the car comes to rest inside the lot from this pose, whoever stops it.
+
+        `pose` is the rear axle's in the street's map, `steering` the road-wheel angle that the car reports [rad, left
+        positive], `profile` the way to rest that the setpoint carries, None for none. What is not finite is no place
+        to be.
+        """
+        distances = self._distances(pose, steering)
+        if distances is None:
+            return LOT_EDGE
+        placed = self._to_lot.apply(pose)
+        if self.lot.holds_disc(placed.x, placed.y, max(map(abs, distances)) + self._body.reach):
+            return ()
+        shapes = self._shapes(pose.speed, distances, steering, profile)
+        if shapes is None or not self.lot.holds(as_pairs(shapes, placed.x, placed.y, placed.heading)):
+            return LOT_EDGE
+        return ()
+
+    def sweep(self, pose: Pose, steering: float, profile: FallbackPath | None) -> Floats | None:
+        """Return the ground that `check` looks at, as rectangles in the street's map, (n, 4, 2); None for no end."""
+        distances = self._distances(pose, steering)
+        shapes = None if distances is None else self._shapes(pose.speed, distances, steering, profile)
+        return None if shapes is None else as_pairs(shapes, pose.x, pose.y, pose.heading)
+
+    def laid(self, alignment: Alignment) -> Geofence:
+        """Return the same fence for another alignment."""
+        other = copy(self)
+        other._to_lot = alignment.inverse()
+        return other
+
+    def along(self, path: Path, speed: float) -> float | None:
+        """Return the first station [m] from which a drive of the path at `speed` [m/s] could not stop in the lot.
+
+        None where it always could. The car is taken to keep to the path, to start from rest, and to slow down for
+        bends as any controller must; beyond the end it rolls on straight.
+        """
+        at = (place for place in self.driven(path, speed) if self.check(place.pose, place.steering, place.profile))
+        return next((place.station for place in at), None)
+
+    def driven(self, path: Path, speed: float) -> list[Driven]:
+        """Return the places that `along` checks, one a metre of the path."""
+        table = path.samples
+        first = round(EXTENSION / SAMPLE_SPACING)
+        count = math.ceil(path.length / SAMPLE_SPACING) + 1
+        speeds = driven_speeds(table.curvature[first : first + count], speed)
+        heading = np.arctan2(table.tangent_y, table.tangent_x)
+        drive = []
+        for row, v in enumerate(speeds, start=first):
+            s, bend = float(table.s[row]), float(table.curvature[row])
+            x, y = float(table.x[row]), float(table.y[row])
+            pose = Pose(0.0, Point.REAR_AXLE, x, y, float(heading[row]), v, 0.0, v * bend, 0.0, 0.0)
+            steering = math.atan(self._wheelbase * bend) + self._understeer * bend * v * v
+            reach = max(self._distances(pose, steering) or (0.0,))
+            last = row + math.ceil(min(reach, EXTENSION) / SAMPLE_SPACING) + 2
+            ahead = tuple(table.curvature[row:last].tolist())
+            drive.append(Driven(s, pose, steering, FallbackPath(SAMPLE_SPACING, ahead)))
+        return drive
+
+    def _distances(self, pose: Pose, steering: float) -> tuple[float, float] | None:
+        """Ways to rest by the gateway and by the watchdog [m], negative where the car rolls backwards.
+
+        None where there is no rest, or anything that is not finite.
+        """
+        speed, gaining, slope = abs(pose.speed), pose.acceleration, self._downhill
+        gateway = self._gateway.distance(speed, gaining, slope)
+        watchdog = self._watchdog.distance(speed, gaining, slope)
+        if not math.isfinite(gateway + watchdog + pose.x + pose.y + pose.heading + steering):
+            return None
+        return math.copysign(gateway, pose.speed), math.copysign(watchdog, pose.speed)
+
+    def _shapes(
+        self, speed: float, distances: tuple[float, float], steering: float, profile: FallbackPath | None
+    ) -> Complexes | None:
+        """What the body covers on all ways to rest, in the rear axle's frame; None where a way has no end."""
+        by_gateway, by_watchdog = distances
+        # A held wheel angle turns the car tighter the slower it gets.
+        tight = math.tan(steering) / self._wheelbase
+        wide = math.tan(steering) / (self._wheelbase + self._understeer * speed * speed)
+        low, high = min(tight, wide), max(tight, wide)
+        swept = [relaxing(self._body, min(low, 0.0), max(high, 0.0), by_watchdog)]
+        if abs(by_gateway) > abs(by_watchdog):
+            swept.append(fan(self._body, low, high, by_gateway))
+        if profile is not None and by_gateway > 0.0:
+            knots = _knots(profile, by_gateway)
+            if knots is None:
+                return None
+            swept.append(trail(self._body, knots, profile.spacing))
+        return np.concatenate(swept)
+
+
+def _knots(profile: FallbackPath, distance: float) -> Floats | None:
+    """The profile's curvature up to `distance` [m], its last one held beyond its end; None where it is no way."""
+    if not (profile.spacing > 0.0 and profile.curvature and distance <= MOST_KNOTS * profile.spacing):
+        return None
+    knots = np.array(profile.curvature[: MOST_KNOTS + 2], dtype=np.float64)
+    wanted = math.ceil(distance / profile.spacing) + 1
+    held = np.concatenate((knots[:wanted], np.full(max(wanted - len(knots), 0), knots[-1])))
+    return held if np.isfinite(held).all() else None
+
+
+def driven_speeds(curvature: Floats, speed: float) -> list[float]:
+    """Return the greatest speeds [m/s], one per SAMPLE_SPACING, of a drive from rest that asks for `speed`.
+
+    v^2 <= lateral / |curvature|, v^2 <= v_next^2 + 2 slowing ds, v^2 <= v_last^2 + 2 speeding_up ds.
+    """
+    squares = [min(speed * speed, LATERAL / abs(bend)) if bend else speed * speed for bend in curvature.tolist()]
+    for row in range(len(squares) - 2, -1, -1):
+        squares[row] = min(squares[row], squares[row + 1] + 2.0 * SLOWING * SAMPLE_SPACING)
+    squares[0] = 0.0
+    for row in range(1, len(squares)):
+        squares[row] = min(squares[row], squares[row - 1] + 2.0 * SPEEDING_UP * SAMPLE_SPACING)
+    return [math.sqrt(square) for square in squares]

@@ -1,0 +1,151 @@
+"""Faults on purpose, at a stated time after the car first moves: what a drive must survive, tried before it happens.
+
+It stands between the hardware-free car and the world and alters what passes; it knows no gateway, no clock and no I/O.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from vve_sumo.plant.car import Car
+from vve_sumo.plant.injected_faults import Due, InjectedFault
+from vve_sumo.plant.receiver_faults import Forger, ReceiverFaults, WrongMinute
+from vve_sumo.plant.report_faults import ReportFaults
+from vve_sumo.values import Fix, Frame
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.controller import HANDS_OFF, DriverInputs
+from vve_sumo.vehicle.dataspeed.messages import BrakeCommand, BrakeKind, SteeringCommand
+
+ROUNDING: Final = 1e-9  # of times that are sums [s]
+LONGEST_GARBAGE: Final = 150  # bytes; about two packets
+
+
+class FaultInjector:
+    """The faults of one drive; every method may be called at every step and does nothing while nothing is due.
+
+    Times are drive times [s]. `seeds` are for the random bytes; `variant` is the kit's.
+    """
+
+    def __init__(
+        self,
+        rehearsed: Iterable[InjectedFault],
+        seeds: np.random.SeedSequence,
+        variant: codec.Variant = codec.Variant.DBW1_2024,
+    ) -> None:
+        self._due = due = Due(rehearsed)
+        self._variant = variant
+        self._random = np.random.Generator(np.random.PCG64(seeds))
+        self._fixes, self._minute, self._forger = ReceiverFaults(due), WrongMinute(due), Forger(due)
+        self._reports = ReportFaults(due, variant)
+        self._packets = 0
+        self._kept: bytes | None = None  # waits for its successor to go first
+        self._held: deque[tuple[float, bytes]] = deque()  # moment of release and packet
+        self._counter = 0  # of the other writer
+        self._foreign: list[Frame] = []  # what the other writer has said and the kit not yet heard
+
+    def moves(self, time: float, speed: float) -> None:
+        """Take note of the car's speed [m/s]; what is rehearsed is counted from when it first moves."""
+        self._due.moves(time, speed)
+
+    def on_fix(self, fix: Fix) -> Fix | None:
+        """Return what the receiver makes of a fix; its `time_received` says when it was measured."""
+        return self._fixes.alter(fix)
+
+    def on_packets(self, now: float, packets: Sequence[tuple[float, bytes]]) -> list[tuple[float, bytes]]:
+        """Return what arrives by `now`, of `packets` (time of arrival and bytes) and of what was held back before."""
+        for time, packet in packets:
+            for piece in self._mangled(time, packet):
+                # No packet overtakes the one before it: a network path is a queue.
+                earliest = self._held[-1][0] if self._held else time
+                self._held.append((max(earliest, self._release(time)), piece))
+        arrived: list[tuple[float, bytes]] = []
+        while self._held and self._held[0][0] <= now + ROUNDING:
+            arrived.append(self._held.popleft())
+        if not self._holding(now):
+            arrived += [(now, piece) for _, piece in self._held]
+            self._held.clear()
+        return arrived
+
+    def on_reports(self, now: float, reports: Sequence[tuple[float, Frame]]) -> list[tuple[float, Frame]]:
+        """Return what is on the car's bus up to `now`, of what the car says: time and frame."""
+        dead = self._due.value("bus_silent", now) is not None
+        if dead or self._due.value("reports_stale", now) is not None:
+            return []
+        heard = []
+        for time, frame in reports:
+            heard.append((time, self._reports.alter(time, frame)))
+            if frame.id == codec.BRAKE_REPORT and (torque := self._due.value("another_writer", time)) is not None:
+                written = self._written(torque)
+                self._foreign += written
+                heard += [(time, foreign) for foreign in written]
+        return heard
+
+    def on_commands(self, now: float, commands: Sequence[Frame]) -> list[Frame]:
+        """Return what the kit hears at `now`, of the `commands` on the bus."""
+        foreign, self._foreign = self._foreign, []
+        return [] if self._due.value("bus_silent", now) is not None else [*commands, *foreign]
+
+    def driver(self, now: float) -> DriverInputs:
+        """Return what the driver does at `now`."""
+        inputs = HANDS_OFF
+        for kind in ("driver_touch", "brake_override"):
+            if (pedal := self._due.value(kind, now)) is not None:
+                inputs = replace(inputs, brake_pedal=pedal)
+        if (pedal := self._due.value("throttle_override", now)) is not None:
+            inputs = replace(inputs, throttle_pedal=pedal)
+        if (torque := self._due.value("steering_override", now)) is not None:
+            inputs = replace(inputs, steering_torque=torque)
+        return inputs
+
+    def on_car(self, now: float, car: Car) -> None:
+        """Break the car's modules, brakes and throttle, and mend them."""
+        broken = self._due.value("kit_dropout", now)
+        for number, module in enumerate(car.kit.modules, start=1):
+            module.broken = number == broken
+        brakes, throttle = self._due.value("brakes_weak", now), self._due.value("drive_unasked", now)
+        car.brake_share = 1.0 if brakes is None else brakes
+        car.stuck_throttle = 0.0 if throttle is None else throttle
+
+    def _mangled(self, time: float, packet: bytes) -> list[bytes]:
+        """What leaves the receiver instead of `packet`, in order."""
+        packet = self._minute.alter(time, packet)
+        pieces = self._forger.surround(time, packet)
+        if (period := self._due.value("pose_garbage", time)) is not None:
+            self._packets += 1
+            pieces = [self._garbage()] if self._packets % int(period) == 0 else [self._garbage(), *pieces]
+        if self._due.value("pose_duplicates", time) is not None:
+            pieces = [piece for piece in pieces for _ in range(2)]
+        kept, self._kept = self._kept, None
+        if self._due.value("pose_reordered", time) is None:
+            return pieces if kept is None else [kept, *pieces]
+        if kept is not None:
+            return [*pieces, kept]
+        self._kept = pieces.pop()
+        return pieces
+
+    def _garbage(self) -> bytes:
+        return self._random.bytes(int(self._random.integers(1, LONGEST_GARBAGE + 1)))
+
+    def _holding(self, time: float) -> bool:
+        return self._due.value("pose_late", time) is not None or self._due.value("pose_bursts", time) is not None
+
+    def _release(self, time: float) -> float:
+        """When a packet that arrived at `time` is let go."""
+        time += self._due.value("pose_late", time) or 0.0
+        if (period := self._due.value("pose_bursts", time)) is not None:
+            begun = self._due.moved
+            time = begun + math.ceil((time - begun) / period - ROUNDING) * period
+        return time
+
+    def _written(self, torque: float) -> list[Frame]:
+        self._counter = (self._counter + 1) & 0xFF
+        return [
+            codec.encode(BrakeCommand(BrakeKind.TORQUE, torque, True, self._counter), self._variant),
+            codec.encode(SteeringCommand(0.0, 0.0, True, self._counter), self._variant),
+        ]

@@ -1,0 +1,146 @@
+"""What a receiver that goes wrong makes of its fixes, and what another sender does beside it.
+
+It knows fixes and packets, and nothing of the car or of who hears them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final
+
+from vve_sumo.plant.injected_faults import Due
+from vve_sumo.plant.receiver import PERIOD
+from vve_sumo.pose.ncom import Decoder, Encoder
+from vve_sumo.values import Fix
+
+RTK_FLOAT: Final = 5  # NCOM position mode
+EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only turns metres into angles
+STEP_EVERY: Final = 1.0  # between steps of the position [s]
+AHEAD: Final = 12.0  # of a fix that is dated wrongly [s]
+MINUTES_WRONG: Final = 5
+CHANNEL, MINUTES, CHECKSUM = 62, slice(63, 67), 71  # bytes of an NCOM packet: status channel, its minute, the last sum
+
+
+class ReceiverFaults:
+    """Alters fixes, one after the other; a fix's `time_received` says when it was measured."""
+
+    def __init__(self, due: Due) -> None:
+        self._due = due
+        self._frozen: Fix | None = None
+        self._dated = False  # wrongly, already
+
+    def alter(self, fix: Fix) -> Fix | None:
+        """Return what is sent in place of `fix`, None for nothing."""
+        time, value = fix.time_received, self._due.value
+        if value("pose_lost", time) is not None:
+            return None
+        fix = self._drift(time, self._freeze(time, fix))
+        if (left := value("pose_jump", time)) is not None:
+            fix = _beside(fix, left)
+        if (sigma := value("pose_rtk_lost", time)) is not None:
+            fix = replace(fix, position_mode=RTK_FLOAT, position_sigma=sigma)
+        if (back := value("pose_backwards", time)) is not None:
+            fix = replace(fix, time=fix.time - back)
+        if value("pose_nan", time) is not None:
+            fix = replace(fix, latitude=math.nan)
+        if value("pose_heading_invalid", time) is not None:
+            fix = replace(fix, heading=math.nan)
+        return self._date(time, fix)
+
+    def _freeze(self, time: float, fix: Fix) -> Fix:
+        if self._due.value("pose_frozen", time) is None:
+            self._frozen = None
+            return fix
+        self._frozen = self._frozen or fix
+        return replace(self._frozen, time=fix.time, time_received=fix.time_received)
+
+    def _drift(self, time: float, fix: Fix) -> Fix:
+        """Lead the fix away little by little."""
+        if (drift := self._due.share("pose_drift_lateral", time)) is not None:
+            fix = _carried_off(fix, 0.0, drift.value, drift.since)
+        if (drift := self._due.share("pose_drift_along", time)) is not None:
+            fix = _carried_off(fix, drift.value, 0.0, drift.since)
+        if (steps := self._due.share("pose_steps", time)) is not None:
+            fix = _beside(fix, steps.value * (1 + math.floor(steps.since / STEP_EVERY)))
+        if (drift := self._due.share("pose_heading_drift", time)) is not None:
+            heading = math.remainder(fix.heading + drift.value * drift.since, math.tau)
+            fix = replace(fix, heading=heading, yaw_rate=fix.yaw_rate + drift.value)
+        return fix
+
+    def _date(self, time: float, fix: Fix) -> Fix:
+        if self._due.value("pose_ahead_once", time) is None:
+            self._dated = False
+        elif not self._dated:
+            self._dated = True
+            return replace(fix, time=fix.time + AHEAD)
+        return fix
+
+
+class WrongMinute:
+    """Alters one packet: that which says the minute."""
+
+    def __init__(self, due: Due) -> None:
+        self._due = due
+        self._said = False
+
+    def alter(self, time: float, packet: bytes) -> bytes:
+        """Return what is sent at `time` in place of an NCOM packet."""
+        if self._due.value("pose_minute_wrong", time) is None:
+            self._said = False
+        elif not self._said and packet[CHANNEL : CHANNEL + 1] == b"\0":
+            self._said = True
+            wrong = bytearray(packet)
+            wrong[MINUTES] = (int.from_bytes(packet[MINUTES], "little") + MINUTES_WRONG).to_bytes(4, "little")
+            wrong[CHECKSUM] = sum(wrong[1:CHECKSUM]) & 0xFF
+            return bytes(wrong)
+        return packet
+
+
+class Forger:
+    """Another sender, who hears the packets and speaks between them."""
+
+    def __init__(self, due: Due) -> None:
+        self._due = due
+        self._decoder = Decoder() if due.ever("pose_forged") or due.ever("pose_overtaken") else None
+        self._encoder = Encoder()
+
+    def surround(self, time: float, packet: bytes) -> list[bytes]:
+        """Return a packet that arrives at `time`, and what the other sender says just before and after it, in order."""
+        fixes = [] if self._decoder is None else self._decoder.feed(packet, time)
+        before, after = self._due.share("pose_overtaken", time), self._due.share("pose_forged", time)
+        pieces = [packet]
+        for fix in fixes:
+            if before is not None:
+                pieces.insert(0, self._encoder.encode(_carried_off(fix, 0.0, before.value, before.since)))
+            if after is not None:
+                pieces.append(self._encoder.encode(_carried_off(_next(fix), 0.0, after.value, after.since)))
+        return pieces
+
+
+def _next(fix: Fix) -> Fix:
+    """The fix that comes after this one."""
+    north, east = PERIOD * fix.velocity_north, PERIOD * fix.velocity_east
+    return replace(_moved(fix, north, east), time=fix.time + PERIOD)
+
+
+def _carried_off(fix: Fix, ahead: float, left: float, since: float) -> Fix:
+    """The fix after a drift of some seconds with velocities [m/s] ahead and to the left, which it shows as its own."""
+    cos, sin = math.cos(fix.heading), math.sin(fix.heading)
+    north, east = ahead * sin + left * cos, ahead * cos - left * sin
+    return replace(
+        _moved(fix, since * north, since * east),
+        velocity_north=fix.velocity_north + north,
+        velocity_east=fix.velocity_east + east,
+    )
+
+
+def _beside(fix: Fix, left: float) -> Fix:
+    """The fix with its position moved to the left of its heading by `left` [m]."""
+    return _moved(fix, left * math.cos(fix.heading), -left * math.sin(fix.heading))
+
+
+def _moved(fix: Fix, north: float, east: float) -> Fix:
+    """The fix with its position moved [m]."""
+    latitude = fix.latitude + north / EARTH_RADIUS
+    return replace(fix, latitude=latitude, longitude=fix.longitude + east / (EARTH_RADIUS * math.cos(fix.latitude)))

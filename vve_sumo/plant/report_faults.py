@@ -1,0 +1,80 @@
+"""What becomes of the car's reports where a module or a sensor goes wrong.
+
+It knows frames and what they say, and nothing of the car or of who hears them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from vve_sumo.plant.injected_faults import Due
+from vve_sumo.values import Frame
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport, WheelSpeeds
+
+#: Reports of which a fault sets some fields: identifier to kind and those fields.
+_SET: Final[dict[int, tuple[str, dict[str, Any]]]] = {
+    codec.BRAKE_REPORT: ("brake_fault", {"fault_channel_1": True}),
+    codec.THROTTLE_REPORT: ("throttle_fault", {"fault_channel_1": True}),
+    codec.STEERING_REPORT: ("steering_fault", {"fault_bus_1": True}),
+    codec.WHEEL_SPEEDS: ("wheel_speed_invalid", {"rear_left": math.nan}),
+}
+
+#: Reports that a fault keeps as they were: identifier to kind.
+_FROZEN: Final = {
+    codec.WHEEL_SPEEDS: "wheel_speeds_frozen",
+    codec.STEERING_REPORT: "steering_report_frozen",
+    codec.YAW_RATE: "yaw_rate_frozen",
+    codec.BRAKE_REPORT: "brake_report_frozen",
+    codec.THROTTLE_REPORT: "throttle_report_frozen",
+}
+
+#: Reports that tell how fast the car is. All come from the same four sensors, so they go wrong together.
+_OF_SPEED: Final = frozenset({codec.WHEEL_SPEEDS, codec.STEERING_REPORT, codec.BRAKE_INFO})
+
+
+class ReportFaults:
+    """Alters reports, one after the other."""
+
+    def __init__(self, due: Due, variant: codec.Variant) -> None:
+        self._due = due
+        self._variant = variant
+        self._kept: dict[int, Frame] = {}  # what a frozen report goes on saying, by identifier
+
+    def alter(self, time: float, frame: Frame) -> Frame:
+        """Return what is said at `time` in place of a report."""
+        if frame.id == codec.STEERING_REPORT and self._due.value("report_malformed", time) is not None:
+            return Frame(frame.id, frame.data[:-1])
+        return self._set(time, self._scaled(time, self._frozen(time, frame)))
+
+    def _frozen(self, time: float, frame: Frame) -> Frame:
+        if self._due.value(_FROZEN.get(frame.id, ""), time) is None:
+            self._kept.pop(frame.id, None)
+            return frame
+        return self._kept.setdefault(frame.id, frame)
+
+    def _scaled(self, time: float, frame: Frame) -> Frame:
+        if frame.id not in _OF_SPEED:
+            return frame
+        stands = self._due.value("wheel_speeds_zero", time) is not None
+        factor = 0.0 if stands else self._due.value("wheel_speeds_scaled", time)
+        if factor is None:
+            return frame
+        match codec.decode(frame, self._variant):
+            case WheelSpeeds() as wheels:
+                return codec.encode(WheelSpeeds(*(factor * wheel for wheel in wheels)), self._variant)
+            case SteeringReport() as report:
+                return codec.encode(report._replace(speed=factor * report.speed), self._variant)
+            case BrakeInfo() as info:
+                return codec.encode(info._replace(stationary=stands or info.stationary), self._variant)
+            case other:
+                raise AssertionError(f"the car itself says nothing wrong: {other}")
+
+    def _set(self, time: float, frame: Frame) -> Frame:
+        kind, changes = _SET.get(frame.id, ("", {}))
+        if self._due.value(kind, time) is None:
+            return frame
+        report = codec.decode(frame, self._variant)
+        assert isinstance(report, BrakeReport | ThrottleReport | SteeringReport | WheelSpeeds)
+        return codec.encode(report._replace(**changes), self._variant)

@@ -1,0 +1,232 @@
+"""Draws the street from above into turned windows: the whole drive in one, the end of it closer in another.
+
+The windows are given; it must not know how they are chosen, the curves over time, SUMO, or how the drive was run.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vve_sumo.path import Path
+from vve_sumo.plotting.page import (
+    EGO,
+    INK,
+    LEFT_WIDTH,
+    OBSTACLE,
+    PAPER,
+    POINTS_PER_INCH,
+    ROAD,
+    Sheet,
+    contact,
+    prefix,
+    trace,
+)
+from vve_sumo.values import Floats
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: of the middle of scale and needle over a window's upper edge [inch]
+ABOVE = 0.14
+
+#: street shown around the ego's trace [m]
+MARGIN = 25.0
+#: a longer gap at the end is not shown in the closer view [m]
+LONGEST_GAP = 40.0
+#: parts of the way at which an arrow says where the car drives to
+ARROWS = (0.2, 0.5, 0.8)
+#: side of the mark that stands for a car too small to see [point]
+MARK = 7.0
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A window on the map, turned."""
+
+    x: float  #: middle, map [m]
+    y: float  #: middle, map [m]
+    heading: float  #: what points to the right [rad], counter-clockwise from the map's +x
+    width: float  #: [m]
+    height: float  #: [m]
+
+    def place(self, x: Floats, y: Floats) -> Floats:
+        """Return where map points lie on the window (n x 2), from its middle to the right and up [m]."""
+        return rotated(x - self.x, y - self.y, -self.heading)
+
+    def corners(self) -> Floats:
+        """Return the window's corners on the map (4 x 2) [m]."""
+        right, up = np.array([1.0, 1.0, -1.0, -1.0]), np.array([1.0, -1.0, -1.0, 1.0])
+        return np.array([self.x, self.y]) + rotated(right * self.width / 2.0, up * self.height / 2.0, self.heading)
+
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a map point lies in the window."""
+        ((right, up),) = self.place(np.array([x]), np.array([y]))
+        return bool(abs(right) <= self.width / 2.0 and abs(up) <= self.height / 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A car on the map."""
+
+    x: float  #: of its middle [m]
+    y: float  #: of its middle [m]
+    heading: float  #: [rad]
+    length: float  #: [m]
+    width: float  #: [m]
+    colour: str
+    name: str  #: what the legend calls it
+
+
+def rotated(x: Floats, y: Floats, angle: float) -> Floats:
+    """Return points (n x 2) turned about the origin by an angle [rad], counter-clockwise."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.column_stack((x * cos - y * sin, x * sin + y * cos))
+
+
+def _ego(sheet: Sheet) -> Box:
+    x, y, heading = (float(column[-1]) for column in trace(sheet.ticks))
+    car = sheet.vehicle
+    ahead = car.rear_axle_to_bumper - car.length / 2.0
+    x, y = x + ahead * math.cos(heading), y + ahead * math.sin(heading)
+    return Box(x, y, heading, car.length, car.width, EGO, "ego at the end")
+
+
+def _boxes(sheet: Sheet) -> list[Box]:
+    """Return the actors at the last tick; last among them what the ego stands before or has touched."""
+    last = sheet.actors.filter(np.equal(sheet.actors["tick"].to_numpy(), sheet.ticks["tick"][-1].as_py()))
+    met = {sheet.seen.actor[-1], *"+".join(sheet.ticks["contacts"].to_pylist()).split("+")}
+    columns = (last[name].to_pylist() for name in ("actor", "x_m", "y_m", "heading_rad", "length_m", "width_m"))
+    boxes = [
+        Box(x, y, heading, length, width, *((OBSTACLE, "obstacle") if actor in met else (PAPER, "other traffic")))
+        for actor, x, y, heading, length, width in zip(*columns, strict=True)
+    ]
+    return sorted(boxes, key=lambda box: box.name, reverse=True)
+
+
+def _map(axes: Axes, sheet: Sheet, view: View, edge: str) -> None:
+    """Draw lanes, path and trace in a turned window; `edge` is the colour between two lanes."""
+    from matplotlib.collections import PolyCollection
+
+    roads = [view.place(*ribbon(line, width).T) for line, width in sheet.lanes if len(line) > 1]
+    axes.add_collection(PolyCollection(roads, facecolor=ROAD, edgecolor=edge, linewidth=0.7, zorder=1))
+    points = np.array([sheet.path.at(float(s))[:2] for s in np.arange(0.0, sheet.path.length, 2.0)])
+    axes.plot(*view.place(*points.T).T, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=2, label="path")
+    x, y, _ = trace(sheet.ticks)
+    axes.plot(*view.place(x, y).T, color=EGO, linewidth=2.2, zorder=3, label="ego, rear axle")
+    axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
+    axes.set(xticks=(), yticks=())
+    compass(axes, view, LEFT_WIDTH)
+
+
+def ribbon(line: Floats, width: float) -> Floats:
+    """Return the outline (m x 2) of a band of a width [m] along a line (n x 2) [m]."""
+    step = np.gradient(line, axis=0)
+    size = np.hypot(step[:, 0], step[:, 1])
+    size[size == 0.0] = 1.0
+    normal = np.column_stack((-step[:, 1] / size, step[:, 0] / size)) * width / 2.0
+    return np.vstack((line + normal, (line - normal)[::-1]))
+
+
+def _scale(width: float) -> float:
+    """Return the greatest of 1, 2, 5, 10, ... metres that is no more than a quarter of the width."""
+    power = 10.0 ** math.floor(math.log10(width / 4.0))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= width / 4.0)
+
+
+def compass(axes: Axes, view: View, wide: float) -> None:
+    """Write scale and north into the line above a window that is so `wide` on the page [inch]: they cover nothing."""
+    across, above = axes.get_xaxis_transform(), 1.0 + ABOVE / (wide * view.height / view.width)
+    scale, end, north = _scale(view.width), 0.43 * view.width, 0.488 * view.width
+    axes.plot((end - scale, end), (above, above), "|-", color=INK, linewidth=1.4, transform=across, clip_on=False)
+    needle = rotated(np.array([-0.4, 0.0, 0.4, 0.0]), np.array([-1.0, 1.0, -1.0, -0.6]), -view.heading)
+    axes.plot(north, above, marker=needle, markersize=15.0, color=INK, transform=across, clip_on=False)
+    for words, before in ((f"{scale:g} m", end - scale), ("N", north - 0.008 * view.width)):
+        axes.text(before - 0.01 * view.width, above, words, transform=across, ha="right", va="center")
+
+
+def draw_car(axes: Axes, view: View, box: Box) -> None:
+    """Draw a car as large as it is."""
+    right, up = np.array([1.0, 1.0, -1.0, -1.0]), np.array([1.0, -1.0, -1.0, 1.0])
+    corners = rotated(right * box.length / 2.0, up * box.width / 2.0, box.heading)
+    placed = view.place(box.x + corners[:, 0], box.y + corners[:, 1])
+    axes.fill(*placed.T, facecolor=box.colour, edgecolor=INK, linewidth=0.8, zorder=6)
+
+
+def draw_overview(axes: Axes, sheet: Sheet, view: View) -> None:
+    """Draw where the drive went, and who stood where when it ended."""
+    _map(axes, sheet, view, ROAD)
+    _directions(axes, sheet, view)
+    _cars(axes, sheet, view)
+    x, y, _ = trace(sheet.ticks)
+    mark: dict[str, Any] = {"markersize": 8.0, "markerfacecolor": PAPER, "markeredgecolor": EGO, "markeredgewidth": 2.0}
+    axes.plot(*view.place(x[:1], y[:1]).T, "o", zorder=7, label="start", **mark)
+    _cross(axes, sheet, view)
+
+
+def _cars(axes: Axes, sheet: Sheet, view: View) -> None:
+    for box in (*_boxes(sheet), _ego(sheet)):
+        if view.holds(box.x, box.y):
+            _mark(axes, view, box)
+
+
+def _mark(axes: Axes, view: View, box: Box) -> None:
+    """Draw a car as it is if that is large enough to be seen, else as a square."""
+    ((x, y),) = view.place(np.array([box.x]), np.array([box.y]))
+    if box.length / view.width * LEFT_WIDTH * POINTS_PER_INCH > MARK:
+        draw_car(axes, view, box)
+        x, y = math.nan, math.nan
+    style: dict[str, Any] = {"markersize": MARK, "markeredgecolor": INK, "markeredgewidth": 0.8, "zorder": 6}
+    axes.plot(x, y, "s", color=box.colour, label=box.name, **style)
+
+
+def _directions(axes: Axes, sheet: Sheet, view: View) -> None:
+    x, y, heading = trace(sheet.ticks)
+    way = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
+    for row in np.searchsorted(way, way[-1] * np.array(ARROWS)) if way[-1] > 2.0 * MARGIN else ():
+        ((right, up),) = view.place(x[row : row + 1], y[row : row + 1])
+        turn = math.degrees(heading[row] - view.heading) - 90.0
+        axes.plot(right, up, marker=(3, 0, turn), markersize=13.0, color=EGO, markeredgecolor=PAPER, zorder=4)
+
+
+def _cross(axes: Axes, sheet: Sheet, view: View) -> None:
+    """Mark where the ego's bumper was at the first contact."""
+    row = contact(sheet.ticks)
+    if row is None:
+        return
+    x, y, heading = (sheet.ticks[f"{prefix(sheet.ticks)}{name}"][row].as_py() for name in ("x_m", "y_m", "heading_rad"))
+    ahead = sheet.vehicle.rear_axle_to_bumper
+    place = view.place(np.array([x + ahead * math.cos(heading)]), np.array([y + ahead * math.sin(heading)]))
+    label = f"contact at {sheet.ticks['time_s'][row].as_py():.2f} s"
+    axes.plot(*place.T, "x", color=INK, markersize=10.0, markeredgewidth=2.4, zorder=8, label=label)
+
+
+def draw_close_up(axes: Axes, sheet: Sheet, view: View) -> None:
+    """Draw where the ego stood at the end, and how far from what."""
+    _map(axes, sheet, view, PAPER)
+    _cars(axes, sheet, view)
+    _cross(axes, sheet, view)
+    gap, station = float(sheet.seen.gap[-1]), sheet.ticks["station_m"][-1].as_py()
+    if 0.0 < gap <= LONGEST_GAP and math.isfinite(station):
+        bumper = station + sheet.vehicle.rear_axle_to_bumper
+        _dimension(axes, view, sheet.path, bumper, gap, sheet.vehicle.width / 2.0 + 0.7)
+
+
+def _dimension(axes: Axes, view: View, path: Path, begin: float, gap: float, aside: float) -> None:
+    """Draw a dimension along the path, `aside` metres to its right, with lines to where it begins and ends."""
+    from matplotlib.patches import FancyArrowPatch
+    from matplotlib.path import Path as Curve
+
+    points = np.array([path.at(float(s))[:3] for s in np.linspace(begin, begin + gap, 30)])
+    normal = np.column_stack((np.sin(points[:, 2]), -np.cos(points[:, 2])))
+    line = view.place(*(points[:, :2] + aside * normal).T)
+    shape: dict[str, Any] = {"arrowstyle": "<|-|>", "mutation_scale": 9.0, "shrinkA": 0.0, "shrinkB": 0.0}
+    axes.add_patch(FancyArrowPatch(path=Curve(line), color=INK, linewidth=1.2, zorder=7, **shape))
+    for end in (0, -1):
+        leg = points[end, :2] + np.outer((0.0, aside + 0.4), normal[end])
+        axes.plot(*view.place(*leg.T).T, color=INK, linewidth=0.8, zorder=7)
+    place: dict[str, Any] = {"xytext": (0, -7), "textcoords": "offset points", "ha": "center", "va": "top", "zorder": 8}
+    axes.annotate(f"{gap:.2f} m", tuple(line[len(line) // 2]), fontsize=13, fontweight="bold", **place)

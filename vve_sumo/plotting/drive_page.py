@@ -1,0 +1,141 @@
+"""Draws `drive.png`: lays out the page, chooses what of the street its two windows show, and writes the file.
+
+Computes nothing that is not drawn. It knows neither SUMO nor how the drive was run.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow as pa
+
+from vve_sumo.plotting.birds_eye import LONGEST_GAP, MARGIN, View, draw_close_up, draw_overview, rotated
+from vve_sumo.plotting.page import (
+    BETWEEN,
+    BOTTOM,
+    DOTS_PER_INCH,
+    LEFT,
+    LEFT_WIDTH,
+    SIZE,
+    STYLE,
+    TOP,
+    Sheet,
+    panel,
+    say,
+    trace,
+)
+from vve_sumo.plotting.time_series import over_time
+from vve_sumo.values import Floats
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: the overview shows at least this much of the street [m]
+LEAST_OVERVIEW = 120.0
+#: height over width of the overview at least and at most; the closer view takes what it leaves
+FLATTEST, TALLEST = 0.36, 0.5
+#: street shown in the closer view before and behind the gap [m]
+CLOSE_UP = 20.0
+#: a trace shorter than this has no direction of its own [m]
+HAS_DIRECTION = 5.0
+#: the overview is turned by the look of at most about this many points of the trace
+ENOUGH_POINTS = 2000
+
+
+def bounds(ticks: pa.Table) -> tuple[float, float, float, float]:
+    """Return least x, least y, greatest x and greatest y of what the picture shows of the street [m]."""
+    if len(trace(ticks)[0]) == 0:
+        return (0.0, 0.0, 1.0, 1.0)
+    whole = _overview(ticks)
+    corners = np.vstack((whole.corners(), _close_up(ticks, 0.0, LONGEST_GAP, _left_over(whole)).corners()))
+    (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
+    return (float(left), float(low), float(right), float(high))
+
+
+def long_axis(x: Floats, y: Floats, heading: float) -> float:
+    """Return along what the smallest box around points is long, to a degree, north not downwards.
+
+    Points that hardly spread have no such direction; then it is `heading`.
+    """
+    every = 1 + len(x) // ENOUGH_POINTS
+    angles: list[float] = np.radians(np.arange(-89.0, 91.0)).tolist()
+    sides = [np.ptp(rotated(x[::every], y[::every], -angle), axis=0) for angle in angles]
+    if max(side[0] for side in sides) < HAS_DIRECTION:
+        return math.remainder(heading, math.pi)
+    lying = [n for n, (along, across) in enumerate(sides) if along >= across]
+    return angles[min(lying, key=lambda n: float((sides[n] + MARGIN).prod()))]
+
+
+def _overview(ticks: pa.Table) -> View:
+    """Return the window on the whole trace: its long axis to the right, its shape between FLATTEST and TALLEST."""
+    x, y, heading = trace(ticks)
+    angle = long_axis(x, y, float(heading[-1]))
+    turned = rotated(x, y, -angle)
+    least, greatest = turned.min(axis=0), turned.max(axis=0)
+    width, height = greatest - least + 2.0 * MARGIN
+    width = max(float(width), float(height) / TALLEST, LEAST_OVERVIEW)
+    ((right, up),) = (least + greatest)[None] / 2.0
+    x, y = rotated(right, up, angle)[0]
+    return View(float(x), float(y), angle, width, max(float(height), FLATTEST * width))
+
+
+def _left_over(whole: View) -> float:
+    """Return height over width of the closer view that the overview leaves room for."""
+    return (TOP - BOTTOM - BETWEEN) / LEFT_WIDTH - whole.height / whole.width
+
+
+def _close_up(ticks: pa.Table, bumper: float, gap: float, shape: float) -> View:
+    """Return the window on the end: the ego drives to the right, the gap [m] before its bumper in the middle."""
+    x, y, heading = (float(column[-1]) for column in trace(ticks))
+    shown = gap if 0.0 <= gap <= LONGEST_GAP else 0.0
+    ahead = bumper + shown / 2.0
+    width = shown + 2.0 * CLOSE_UP
+    return View(x + ahead * math.cos(heading), y + ahead * math.sin(heading), heading, width, shape * width)
+
+
+def _from_above(figure: Figure, sheet: Sheet) -> None:
+    """Draw the two windows on the street; their heights follow from the shape of the trace."""
+    if len(trace(sheet.ticks)[0]) == 0:
+        axes = panel(figure, LEFT, BOTTOM, LEFT_WIDTH, TOP - BOTTOM)
+        axes.set_xticks(())
+        say(axes, "no pose, no place on the street")
+        return
+    view = _overview(sheet.ticks)
+    height = LEFT_WIDTH * view.height / view.width
+    whole = panel(figure, LEFT, TOP - height, LEFT_WIDTH, height)
+    draw_overview(whole, sheet, view)
+    whole.set_title("the street from above", loc="left", pad=5)
+    close = panel(figure, LEFT, BOTTOM, LEFT_WIDTH, TOP - BOTTOM - BETWEEN - height)
+    bumper = sheet.vehicle.rear_axle_to_bumper
+    draw_close_up(close, sheet, _close_up(sheet.ticks, bumper, float(sheet.seen.gap[-1]), _left_over(view)))
+    close.set_title("where it ended, driving to the right", loc="left", pad=5)
+    named = {
+        name: mark for axes in (close, whole) for mark, name in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    close.legend([*named.values()], [*named], loc="upper left", bbox_to_anchor=(0.0, -0.01), ncols=4, borderaxespad=0.2)
+
+
+def paint(figure: Figure, sheet: Sheet) -> None:
+    """Draw a drive of at least one tick into an empty figure of the page's size, in the page's style."""
+    _from_above(figure, sheet)
+    over_time(figure, sheet)
+    title = textwrap.shorten(sheet.title, 110, placeholder=" …")
+    figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
+    figure.text(LEFT / SIZE[0], 0.92, sheet.subtitle, fontsize=12)
+
+
+def draw(sheet: Sheet, file: FilePath) -> None:
+    """Write the picture of a drive of at least one tick as a PNG file."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)
+        FigureCanvasAgg(figure)
+        paint(figure, sheet)
+        figure.savefig(file)

@@ -1,0 +1,96 @@
+"""What the picture of a drive shows, and what all its parts share: colours, places on the page, readings of the ticks.
+
+It must not know what any one part draws, nor SUMO, nor how the drive was run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+
+from vve_sumo.metrics.drive_metrics import LeadVehicle
+from vve_sumo.path import Path
+from vve_sumo.values import Floats, Vehicle
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Colours after Okabe and Ito, Color Universal Design (2008): told apart by the colour-blind, and by lightness in grey.
+INK, QUIET, ROAD, PAPER = "#1b1b1b", "#767676", "#dcdcd8", "#ffffff"
+EGO, EGO_PALE, OBSTACLE, ALARM, ACTOR = "#0072b2", "#56b4e9", "#d55e00", "#e69f00", "#009e73"
+
+#: of the page; at half of it, a paper's column pair, the letters are still 5 points high [inch]
+SIZE = (13.0, 8.0)
+DOTS_PER_INCH = 120
+POINTS_PER_INCH = 72
+STYLE: dict[Any, Any] = {
+    "font.size": 11,
+    "axes.titlesize": 11,
+    "legend.fontsize": 10.5,
+    "legend.frameon": False,
+    "axes.edgecolor": QUIET,
+    "axes.labelcolor": INK,
+    "lines.linewidth": 1.6,
+    "lines.solid_capstyle": "butt",
+    "text.parse_math": False,  # a name that holds dollars is no formula
+}
+
+# Where things stand on the page [inch], from its left and lower edge.
+LEFT, LEFT_WIDTH, RIGHT, RIGHT_WIDTH = 0.25, 7.35, 8.35, 4.4
+BOTTOM, TOP, BETWEEN = 0.75, 6.95, 0.42
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """Everything that the picture shows."""
+
+    title: str
+    subtitle: str
+    ticks: pa.Table
+    actors: pa.Table
+    seen: LeadVehicle
+    path: Path
+    vehicle: Vehicle
+    lanes: Sequence[tuple[Floats, float]]  #: centre line (n x 2) [m] and width [m] of each lane
+
+
+def said(summary: Mapping[str, Any]) -> str:
+    """Return in a line what a drive came to; the summary of a live one whose program was killed says less."""
+    gap, seed = summary.get("stop_gap_m"), summary.get("seed")
+    stood = "" if gap is None or gap != gap else f", gap {gap:.2f} m"
+    drawn = "" if seed is None else f" · seed {seed}"
+    judged = {True: "passed", False: "FAILED", None: "not judged"}[summary.get("passed")]
+    return f"{summary['outcome']}{stood}{drawn} · {judged}"
+
+
+def prefix(ticks: pa.Table) -> str:
+    """Return what the columns of the car's motion begin with: the truth's if there is any, else the estimate's."""
+    return "true_" if np.isfinite(ticks["true_x_m"].to_numpy()).any() else ""
+
+
+def trace(ticks: pa.Table) -> tuple[Floats, Floats, Floats]:
+    """Return x, y and heading of the rear axle where they are known: the truth if any, else the estimate."""
+    x, y, heading = (ticks[f"{prefix(ticks)}{name}"].to_numpy() for name in ("x_m", "y_m", "heading_rad"))
+    known = np.isfinite(x) & np.isfinite(y) & np.isfinite(heading)
+    return x[known], y[known], heading[known]
+
+
+def contact(ticks: pa.Table) -> int | None:
+    """Return the row of the first contact."""
+    return next((row for row, names in enumerate(ticks["contacts"].to_pylist()) if names), None)
+
+
+def panel(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
+    """Add axes whose lower left corner and size are given in inches from the page's lower left corner."""
+    return figure.add_axes((left / SIZE[0], bottom / SIZE[1], width / SIZE[0], height / SIZE[1]))
+
+
+def say(axes: Axes, words: str) -> None:
+    """Write into empty axes why they are empty."""
+    axes.set_yticks(())
+    axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", color=QUIET)

@@ -1,0 +1,460 @@
+"""Draws a scenario before anybody has driven it: the street, who moves how, which trigger fires where and when.
+
+What it draws is how the scenario would go if its ego never braked (`foreseen`). It must not know SUMO or a drive.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vve_sumo.drive.no_brake_preview import Event, NoBrakePreview, preview_without_braking, standing_boxes
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.errors import ConfigError
+from vve_sumo.plotting.birds_eye import Box, View, compass, draw_car, ribbon, rotated
+from vve_sumo.plotting.drive_page import long_axis
+from vve_sumo.plotting.page import (
+    ACTOR,
+    ALARM,
+    BOTTOM,
+    DOTS_PER_INCH,
+    EGO,
+    INK,
+    LEFT,
+    OBSTACLE,
+    PAPER,
+    POINTS_PER_INCH,
+    QUIET,
+    ROAD,
+    SIZE,
+    STYLE,
+    TOP,
+    panel,
+)
+from vve_sumo.scenario import descriptions
+from vve_sumo.scenario.schema import Actor
+from vve_sumo.values import ActorState, Floats
+from vve_sumo.world.footprint import Rectangle
+from vve_sumo.world.network import lane_shapes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Where things stand on the page [inch].
+WIDE, HIGH = SIZE[0] - 2.0 * LEFT, 3.0
+CURVES, CURVES_WIDTH, WAY, WAY_WIDTH, WORDS, LOW_HEIGHT = 0.95, 4.3, 5.55, 2.55, 8.45, 2.5
+#: street shown around what happens, and the least and the most of it across the page [m]
+MARGIN, LEAST, MOST = 7.0, 45.0, 190.0
+#: what lies farther from the contact than this is not what the window is chosen by [m]
+NEAR = 95.0
+#: of the ego before what it meets first, where no actor has a trigger [m]
+BEFORE = 45.0
+#: a body smaller than this is drawn as a square of this size [point]
+MARK = 7.0
+#: time shown before the first event and after the contact [s]
+LEAD_IN, LEAD_OUT = 3.0, 1.0
+#: time shown before a contact where no actor has a trigger [s]
+APPROACH = 8.0
+#: characters in a line of the list of events
+COLUMN = 52
+#: lines of that list that the page has room for
+ROOM = 15
+#: an actor on a way that differs from the ego's by less than this goes along it [deg]
+ALONG = 30.0
+#: steps from the ground's colour to that of a line on it, in the written file
+STEPS = 8
+
+CONTACT: dict[str, Any] = {
+    "marker": "o",
+    "linestyle": "",
+    "markersize": 22.0,
+    "markerfacecolor": "none",
+    "markeredgecolor": ALARM,
+    "markeredgewidth": 2.6,
+}
+NUMBERED: dict[str, Any] = {"boxstyle": "circle,pad=0.18", "facecolor": PAPER, "linewidth": 1.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """Everything that the picture shows."""
+
+    setting: ResolvedScenario
+    seen: NoBrakePreview
+    boxes: dict[str, Rectangle]  #: of the obstacles
+    lanes: Sequence[tuple[Floats, float]]
+    view: View
+
+    @property
+    def staged(self) -> bool:
+        """Whether there is a place where something happens."""
+        return self.seen.contact is not None or bool(self.seen.events)
+
+    @property
+    def end(self) -> float:
+        """Time of the contact, else of the last event or the last moment [s]."""
+        if self.seen.contact is not None:
+            return self.seen.contact.time
+        return self.seen.events[-1].time if self.seen.events else self.seen.moments[-1].time
+
+
+def draw(setting: ResolvedScenario, file: FilePath) -> None:
+    """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    page = _page(setting)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)
+        FigureCanvasAgg(figure)
+        _street(panel(figure, LEFT, TOP - HIGH, WIDE, HIGH), page)
+        _over_time(panel(figure, CURVES, BOTTOM, CURVES_WIDTH, LOW_HEIGHT), page)
+        _whole_way(panel(figure, WAY, BOTTOM, WAY_WIDTH, LOW_HEIGHT), page)
+        _list(figure, page)
+        _head(figure, setting)
+        _save(figure, file)
+
+
+def _save(figure: Figure, file: FilePath) -> None:
+    """Write a page in the house's own colours: a fraction of the bytes, and nothing that the eye would miss."""
+    from PIL import Image
+
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for colour in _colours() for value in colour])
+    with io.BytesIO() as page:
+        figure.savefig(page, format="png")
+        image = Image.open(page).convert("RGB")
+    try:
+        image.quantize(palette=palette, dither=Image.Dither.NONE).save(file, format="PNG", optimize=True)
+    except OSError as error:
+        raise ConfigError(f"picture {file}: cannot be written: {error.strerror}") from None
+
+
+def _colours() -> list[tuple[int, int, int]]:
+    """Return every colour of the page and, for soft edges, its steps towards paper and road."""
+    found = []
+    for ground in (PAPER, ROAD):
+        for ink in (INK, QUIET, EGO, OBSTACLE, ALARM, ACTOR):
+            for step in range(STEPS + 1):
+                pairs = [(int(ground[n : n + 2], 16), int(ink[n : n + 2], 16)) for n in (1, 3, 5)]
+                red, green, blue = (round(under + (over - under) * step / STEPS) for under, over in pairs)
+                found.append((red, green, blue))
+    return found
+
+
+def _page(setting: ResolvedScenario) -> Page:
+    seen, boxes = preview_without_braking(setting), standing_boxes(setting)
+    view = _view(setting, seen, boxes)
+    points = np.vstack((_path_points(setting), view.corners()))
+    (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
+    lanes = lane_shapes(setting.network.path, (float(left), float(low), float(right), float(high)))
+    return Page(setting, seen, boxes, lanes, view)
+
+
+def _path_points(setting: ResolvedScenario) -> Floats:
+    return np.array([setting.path.at(float(s))[:2] for s in np.arange(0.0, setting.path.length, 2.0)])
+
+
+def _view(setting: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Rectangle]) -> View:
+    """Return the window on what happens, the ego driving to the right; on the whole way where nothing does."""
+    shown = _shown(seen, boxes)
+    shape = HIGH / WIDE
+    if not shown:
+        x, y = _path_points(setting).T
+        angle, margin, most = long_axis(x, y, 0.0), 4.0 * MARGIN, math.inf
+        points = np.column_stack((x, y))
+    else:
+        points = np.array([corner for box in shown for corner in box.corners()])
+        angle, margin, most = shown[0].heading, MARGIN, MOST
+    turned = rotated(points[:, 0], points[:, 1], -angle)
+    least, greatest = turned.min(axis=0), turned.max(axis=0)
+    width, height = (float(size) for size in greatest - least + 2.0 * margin)
+    width = min(max(width, height / shape, LEAST), most)
+    ((right, up),) = (least + greatest)[None] / 2.0
+    x, y = rotated(right, up, angle)[0]
+    return View(float(x), float(y), angle, width, shape * width)
+
+
+def _shown(seen: NoBrakePreview, boxes: dict[str, Rectangle]) -> list[Rectangle]:
+    """Return the boxes that the window must hold, the ego's at the contact or the last event first."""
+    contact, events = seen.contact, seen.events
+    if contact is None and not events:
+        return []
+    ego = events[-1].ego if contact is None else contact.ego
+    before = [moment.ego for moment in seen.moments if math.dist((moment.ego.x, moment.ego.y), (ego.x, ego.y)) < BEFORE]
+    others = [*(event.ego for event in events), *(_box(event.player) for event in events), *boxes.values()]
+    others += [] if contact is None or contact.player is None else [_box(contact.player)]
+    near = [box for box in others if math.dist((box.x, box.y), (ego.x, ego.y)) < NEAR]
+    return [ego, before[0], *near] if not events else [ego, *near]
+
+
+def _box(player: ActorState) -> Rectangle:
+    return Rectangle(player.x, player.y, player.heading, player.length, player.width)
+
+
+def _street(axes: Axes, page: Page) -> None:
+    view = page.view
+    _lanes(axes, page, view, PAPER if page.staged else ROAD)
+    placed = view.place(*_path_points(page.setting).T)
+    axes.plot(*placed.T, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=2)
+    for box in page.boxes.values():
+        _body(axes, view, box, OBSTACLE)
+    _lines_of_motion(axes, page)
+    for number, event in enumerate(page.seen.events, 1):
+        _body(axes, view, event.ego, PAPER, EGO)
+        _body(axes, view, _box(event.player), PAPER, ACTOR)
+        _number(axes, view, event.ego, number, EGO, (0.0, -1.0))
+        crosses = _crosses(page.setting.scenario.actors[event.actor].turned_deg)
+        _number(axes, view, _box(event.player), number, ACTOR, (1.0, 0.0) if crosses else (0.0, 1.0))
+    _meeting(axes, page)
+    axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
+    axes.set(xticks=(), yticks=())
+    compass(axes, view, WIDE)
+    title = "the street from above, the ego drives to the right" if page.staged else "the way"
+    axes.set_title(title, loc="left", pad=5)
+    _legend(axes, page)
+
+
+def _lanes(axes: Axes, page: Page, view: View, edge: str) -> None:
+    from matplotlib.collections import PolyCollection
+
+    roads = [view.place(*ribbon(line, width).T) for line, width in page.lanes if len(line) > 1]
+    axes.add_collection(PolyCollection(roads, facecolor=ROAD, edgecolor=edge, linewidth=0.7, zorder=1))
+
+
+def _lines_of_motion(axes: Axes, page: Page) -> None:
+    """Draw each actor's way from its first moment to a little after the contact, with an arrow at its end."""
+    until = page.end + LEAD_OUT
+    for actor in page.setting.scenario.actors:
+        moved = [p for m in page.seen.moments if m.time <= until for p in m.players if p.id == actor.id]
+        if not moved:
+            continue
+        line = page.view.place(np.array([p.x for p in moved]), np.array([p.y for p in moved]))
+        axes.plot(*line.T, color=ACTOR, linewidth=2.0, zorder=4)
+        far = next((point for point in line[::-1] if math.dist(point, line[-1]) > 0.5), None)
+        if far is not None:
+            shape: dict[str, Any] = {"arrowstyle": "-|>", "color": ACTOR, "linewidth": 2.0, "mutation_scale": 16.0}
+            axes.annotate("", tuple(line[-1]), tuple(far), arrowprops=shape, zorder=5)
+
+
+def _body(axes: Axes, view: View, box: Rectangle, colour: str, edge: str = INK) -> None:
+    """Draw a body as it is where that is large enough to be seen, else as a square."""
+    if not view.holds(box.x, box.y):
+        return
+    if min(box.length, box.width) / view.width * WIDE * POINTS_PER_INCH > MARK / 2.0:
+        drawn = Box(box.x, box.y, box.heading, box.length, box.width, colour, "")
+        draw_car(axes, view, drawn)
+        axes.patches[-1].set_edgecolor(edge)
+        axes.patches[-1].set_linewidth(1.3)
+        return
+    ((x, y),) = view.place(np.array([box.x]), np.array([box.y]))
+    axes.plot(x, y, "s", color=colour, markersize=MARK, markeredgecolor=edge, markeredgewidth=1.3, zorder=6)
+
+
+def _number(axes: Axes, view: View, box: Rectangle, number: int, colour: str, side: tuple[float, float]) -> None:
+    """Write an event's number beside a body, on that `side` of it (right, up)."""
+    if not view.holds(box.x, box.y):
+        return
+    ((x, y),) = view.place(np.array([box.x]), np.array([box.y]))
+    turn = box.heading - view.heading
+    half = 0.5 * (box.width * abs(math.cos(turn)) + box.length * abs(math.sin(turn)))
+    place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 9}
+    spot, off = (x, y + side[1] * half), (15.0 * side[0], 13.0 * side[1])
+    axes.annotate(str(number), spot, off, color=colour, fontsize=10, bbox=NUMBERED | {"edgecolor": colour}, **place)
+
+
+def _meeting(axes: Axes, page: Page) -> None:
+    contact = page.seen.contact
+    if contact is None:
+        return
+    _body(axes, page.view, contact.ego, EGO)
+    if contact.player is not None:
+        _body(axes, page.view, _box(contact.player), ACTOR)
+    ((x, y),) = page.view.place(np.array([contact.ego.x]), np.array([contact.ego.y]))
+    x += 0.5 * contact.ego.length
+    axes.plot(x, y, **CONTACT, zorder=10)
+
+
+def _legend(axes: Axes, page: Page) -> None:
+    from matplotlib.lines import Line2D
+
+    def square(colour: str, edge: str = INK) -> Line2D:
+        return Line2D([], [], marker="s", linestyle="", color=colour, markeredgecolor=edge, markersize=8.0)
+
+    rows: list[tuple[Any, str]] = [(Line2D([], [], color=INK, linewidth=1.0, linestyle=(0, (4, 3))), "ego's path")]
+    if page.seen.contact is not None:
+        rows.append((square(EGO), "ego then"))
+    if page.setting.scenario.actors:
+        rows.append((Line2D([], [], color=ACTOR, marker=">", markersize=7.0), "actor and its way"))
+        rows.append((square(PAPER, QUIET), "where both are at a trigger"))
+    if page.boxes:
+        rows.append((square(OBSTACLE), "stands all the time"))
+    if page.seen.contact is not None:
+        rows.append((Line2D([], [], **(CONTACT | {"markersize": 11.0})), "contact, if it never braked"))
+    marks, names = zip(*rows, strict=True)
+    axes.legend(
+        marks,
+        names,
+        loc="upper left",
+        bbox_to_anchor=(0.0, -0.01),
+        ncols=len(rows),
+        borderaxespad=0.2,
+        columnspacing=1.4,
+    )
+
+
+def _over_time(axes: Axes, page: Page) -> None:
+    """Draw the way along the path over time, or across it where somebody crosses."""
+    crossing = [one.id for one in page.setting.scenario.actors if _crosses(one.turned_deg)]
+    first = min((event.time for event in page.seen.events), default=page.end - APPROACH if page.staged else 0.0)
+    axes.set_xlim(max(first - LEAD_IN, 0.0), page.end + LEAD_OUT)
+    axes.set_xlabel("drive time if the ego never braked [s]")
+    (_across if crossing else _along)(axes, page)
+    for number, event in enumerate(page.seen.events, 1):
+        axes.axvline(event.time, color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
+        place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 9}
+        axes.annotate(
+            str(number), (event.time, 1.0), (0.0, 8.0), xycoords=axes.get_xaxis_transform(), fontsize=9, **place
+        )
+    for spine in ("top", "right"):
+        axes.spines[spine].set_visible(False)
+
+
+def _crosses(turned: float) -> bool:
+    return ALONG < abs(turned) < 180.0 - ALONG
+
+
+def _within(axes: Axes, page: Page) -> list[Any]:
+    low, high = axes.get_xlim()
+    return [moment for moment in page.seen.moments if low <= moment.time <= high]
+
+
+def _along(axes: Axes, page: Page) -> None:
+    """Draw the ego's front and every other's nearest face along the path."""
+    moments = _within(axes, page)
+    axes.plot([m.time for m in moments], [m.station for m in moments], color=EGO, label="ego's front")
+    path = page.setting.path
+    for actor in page.setting.scenario.actors:
+        seen = [(m.time, player) for m in moments for player in m.players if player.id == actor.id]
+        # Against the path its front is the nearest face, along it its rear: both lie half a length towards the ego.
+        places = [path.project(player.x, player.y).s - player.length / 2.0 for _time, player in seen]
+        axes.plot([time for time, _player in seen], places, color=ACTOR, label=f"{actor.id}, nearest face")
+    for one in page.setting.scenario.obstacles:
+        axes.axhline(one.at_m - one.length_m / 2.0, color=OBSTACLE, linewidth=1.2, label=f"{one.id}, nearest face")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.4 * (high - low))
+    axes.set_ylabel("along the path [m]")
+    if page.setting.scenario.actors or page.setting.scenario.obstacles:
+        axes.legend(loc="upper left", fontsize=9, borderaxespad=0.1)
+
+
+def _across(axes: Axes, page: Page) -> None:
+    """Draw how far beside the path every actor is, the strip that the ego covers, and when the ego would be there."""
+    moments, path = _within(axes, page), page.setting.path
+    half = page.setting.vehicle.width / 2.0
+    axes.axhspan(-half, half, color=EGO, alpha=0.18, linewidth=0.0, label="strip that the ego covers")
+    for actor in page.setting.scenario.actors:
+        seen = [(m.time, player) for m in moments for player in m.players if player.id == actor.id]
+        offsets = [path.project(player.x, player.y).offset for _time, player in seen]
+        axes.plot([time for time, _player in seen], offsets, color=ACTOR, label=f"{actor.id}, middle")
+    if page.seen.contact is not None:
+        axes.axvline(page.seen.contact.time, color=EGO, linewidth=1.6, label="the ego would be there")
+    axes.set_ylabel("beside the path,\nleft positive [m]")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.5 * (high - low))
+    axes.legend(loc="upper left", fontsize=9, borderaxespad=0.1)
+
+
+def _whole_way(axes: Axes, page: Page) -> None:
+    """Draw the whole path, north up, its start, and what of it the window shows."""
+    points = _path_points(page.setting)
+    least, greatest = points.min(axis=0), points.max(axis=0)
+    middle = (least + greatest) / 2.0
+    size = np.maximum(greatest - least, 20.0) * 1.25
+    width = float(max(size[0], size[1] * WAY_WIDTH / LOW_HEIGHT))
+    view = View(float(middle[0]), float(middle[1]), 0.0, width, width * LOW_HEIGHT / WAY_WIDTH)
+    _lanes(axes, page, view, ROAD)
+    placed = view.place(*points.T)
+    axes.plot(*placed.T, color=EGO, linewidth=1.8, zorder=3)
+    axes.plot(
+        *placed[0], "o", markersize=8.0, markerfacecolor=PAPER, markeredgecolor=EGO, markeredgewidth=2.0, zorder=5
+    )
+    corners = view.place(*page.view.corners().T)
+    if page.staged:
+        axes.fill(*corners.T, fill=False, edgecolor=INK, linewidth=1.4, zorder=6)
+    axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
+    axes.set(xticks=(), yticks=())
+    axes.set_title("the whole way, north up", loc="left", pad=4)
+    axes.set_xlabel(f"{page.setting.path.length:.0f} m from the circle on", labelpad=3)
+
+
+def _list(figure: Figure, page: Page) -> None:
+    """Write what happens, numbered as in the street, and what makes the drive pass."""
+    actors = page.setting.scenario.actors
+    lines = [
+        line for actor in actors if not _enters_later(page, actor.id) for line in _wrapped(_entering(page, actor), "-")
+    ]
+    for number, event in enumerate(page.seen.events, 1):
+        lines += _wrapped(_happening(page, event), str(number))
+    lines += [line for text in _still_to_come(page) for line in _wrapped(text, "-")]
+    if page.seen.contact is not None:
+        contact = page.seen.contact
+        lines += _wrapped(f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o")
+    lines += ["", *_wrapped(f"passes if: {descriptions.passes(page.setting.scenario.criteria)}", "")]
+    if len(lines) > ROOM:
+        lines = [*lines[: ROOM - 1], "…"]
+    place: dict[str, Any] = {"va": "top", "linespacing": 1.25, "fontsize": 10}
+    figure.text(WORDS / SIZE[0], (BOTTOM + LOW_HEIGHT + 0.1) / SIZE[1], "\n".join(lines), **place)
+
+
+def _still_to_come(page: Page) -> list[str]:
+    """Return the acts that no ego which never braked would see."""
+    begun = {(event.actor, event.act) for event in page.seen.events}
+    return [
+        f"then {descriptions.name(actor)}, {descriptions.condition(act.when) or 'at once'}, {descriptions.deed(act)}"
+        for number, actor in enumerate(page.setting.scenario.actors)
+        for order, act in enumerate(actor.acts)
+        if (number, order) not in begun
+    ]
+
+
+def _entering(page: Page, actor: Actor) -> str:
+    """Return how an actor enters that is there from the start, or that an ego which never braked would not see."""
+    enters = f"{descriptions.name(actor)} {descriptions.entrance(actor)}"
+    seen = any(player.id == actor.id for moment in page.seen.moments for player in moment.players)
+    return enters if seen else f"later, if at all: {descriptions.condition(actor.enters)}; {enters}"
+
+
+def _enters_later(page: Page, actor: str) -> bool:
+    scenario = page.setting.scenario
+    return any(event.act < 0 and scenario.actors[event.actor].id == actor for event in page.seen.events)
+
+
+def _happening(page: Page, event: Event) -> str:
+    actor = page.setting.scenario.actors[event.actor]
+    when = descriptions.condition(actor.enters if event.act < 0 else actor.acts[event.act].when)
+    does = descriptions.entrance(actor) if event.act < 0 else descriptions.deed(actor.acts[event.act])
+    return f"{event.time:.1f} s: " + (f"{when}; " if when else "") + f"{descriptions.name(actor)} {does}"
+
+
+def _wrapped(text: str, mark: str) -> list[str]:
+    first, *rest = textwrap.wrap(text, COLUMN)
+    return [f"{mark}  {first}".strip(), *(f"     {line}" if mark else line for line in rest)]
+
+
+def _head(figure: Figure, setting: ResolvedScenario) -> None:
+    scenario = setting.scenario
+    title = textwrap.shorten(f"{setting.name}: {scenario.title}", 110, placeholder=" …")
+    figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
+    traffic = ", ".join(scenario.street.demand) or "no other traffic"
+    below = f"{scenario.street.network}, {scenario.ego.path} · ego at {scenario.ego.speed_mps:g} m/s · {traffic}"
+    figure.text(LEFT / SIZE[0], 0.92, below, fontsize=12)

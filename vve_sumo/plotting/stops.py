@@ -1,0 +1,204 @@
+"""How the car closed in and stopped: gap over speed, of one drive or of many, and stopping distance over speed.
+
+Knows a record and rows of a sweep; it must not know how either was driven.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.stopping_bound import TOLERANCE, stopping_bound_checks
+from vve_sumo.laws import stopping_distance as closed_form
+from vve_sumo.plotting.columns import faults, holds, numbers, runs
+from vve_sumo.plotting.crowd import MANY, bands, crowd, thinned
+from vve_sumo.plotting.page import INK, PAPER, QUIET, contact
+from vve_sumo.plotting.style import BAD, FIRST, LIMIT, SECOND, blank, explain, finite, label, name, page, plain, widened
+from vve_sumo.values import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: what is on the axis of speeds, the first that the rows have
+SPEEDS: Final = ("ego.speed_mps", "stop_onset_speed_mps", "max_speed_mps")
+#: shares of a drive's approach at which an arrow says where it goes
+ARROWS: Final = (0.35, 0.7)
+#: the panel is so many times as high as the longest distance that is needed to stop, and at least so high [m]
+ENOUGH, LEAST = 4.0, 60.0
+#: points of a curve
+STEPS: Final = 100
+
+
+def gap_against_speed(of: Run | pd.DataFrame) -> Figure:
+    """Draw gap over speed.
+
+    Of a drive: how it closed in on what was ahead, beside the distance that the car as declared needs to stop from each
+    speed. Of rows, a run each: the gap at rest over the speed; runs that touched something are marked, and at the
+    edge those that have no gap.
+    """
+    return _approach(of) if isinstance(of, Run) else _gaps_at_rest(of)
+
+
+def _approach(run: Run) -> Figure:
+    with page() as figure:
+        axes = figure.subplots()
+        plain(axes)
+        name(figure, f"Gap over speed · {run.title}")
+        speed, gap = run.motion.speed, run.ahead.gap.copy()
+        if not finite(speed, gap).any():
+            blank(axes, "nothing was ahead")
+            return figure
+        changed = [other not in (one, "") for one, other in pairwise(run.ahead.actor)]
+        gap[:-1][np.array(changed, bool)] = np.nan
+        fastest = 1.05 * max(1.0, float(np.nanmax(speed[finite(gap)])))
+        needed = _needed(axes, run, fastest)
+        axes.plot(speed, gap, color=FIRST.colour, linewidth=2.0, label="the drive")
+        _ends(axes, run, speed, gap)
+        axes.set(
+            xlabel="speed [m/s]", ylabel="gap to what is ahead [m]", xlim=(min(0.0, float(np.nanmin(speed))), fastest)
+        )
+        most = max(1.0, min(float(np.nanmax(gap)), max(LEAST, ENOUGH * needed)))
+        axes.set_ylim(min(0.0, float(np.nanmin(gap))), 1.05 * most)
+        explain(axes, 2)
+        return figure
+
+
+def _needed(axes: Axes, run: Run, fastest: float) -> float:
+    """Draw the distance that the declared car needs to stop and return the longest [m].
+
+    Less is shaded: there only what moves on is not hit.
+    """
+    car = run.vehicle
+    delay = car.brake_delay + car.brake_lag
+    speeds = np.linspace(0.0, fastest, STEPS)
+    needed = [closed_form(speed, car.deceleration_limit, delay) for speed in speeds.tolist()]
+    word = f"needed to stop: {car.deceleration_limit:g} m/s² after {1000.0 * delay:.0f} ms"
+    axes.plot(speeds, needed, label=word, **LIMIT)
+    axes.fill_between(speeds, 0.0, needed, color=QUIET, alpha=0.15, linewidth=0.0)
+    return needed[-1]
+
+
+def _ends(axes: Axes, run: Run, speed: Floats, gap: Floats) -> None:
+    """Mark where the approach began and ended, which way it went, and the first contact."""
+    known = np.flatnonzero(finite(speed, gap))
+    first, last = known[0], known[-1]
+    ends: dict[str, Any] = {"markersize": 7.0, "markeredgecolor": FIRST.colour, "markeredgewidth": 1.8, "linestyle": ""}
+    axes.plot(speed[first], gap[first], "o", markerfacecolor=PAPER, label=f"first ahead: {gap[first]:.0f} m", **ends)
+    axes.plot(
+        speed[last],
+        gap[last],
+        "o",
+        color=FIRST.colour,
+        label=f"end: {gap[last]:.2f} m",
+        clip_on=False,
+        zorder=5,
+        **ends,
+    )
+    for share in ARROWS if len(known) > STEPS else ():
+        at = known[int(share * (len(known) - 1))]
+        ahead = min(at + 10, last)
+        way: dict[str, Any] = {"arrowstyle": "-|>", "color": FIRST.colour, "mutation_scale": 16.0}
+        if finite(gap[at], gap[ahead]) and (speed[at], gap[at]) != (speed[ahead], gap[ahead]):
+            axes.annotate("", (speed[ahead], gap[ahead]), (speed[at], gap[at]), arrowprops=way)
+    touched = contact(run.arrow("ticks"))
+    if touched is not None:
+        axes.plot(speed[touched], gap[touched], label="first contact", clip_on=False, zorder=6, **BAD)
+
+
+def _gaps_at_rest(rows: pd.DataFrame) -> Figure:
+    with page() as figure:
+        axes = figure.subplots()
+        plain(axes)
+        name(figure, f"Gap at rest over speed, {len(rows):,} runs")
+        column = next((one for one in SPEEDS if one in rows and rows[one].notna().any()), None)
+        if column is None:
+            blank(axes, "no run has a speed")
+            return figure
+        speed, gap = numbers(rows, column), numbers(rows, "stop_gap_m")
+        crowd(axes, speed, np.where(holds(rows, "collision"), np.nan, gap), FIRST, "gap at rest")
+        axes.axhline(0.0, color=INK, linewidth=1.0)
+        _without(axes, rows, speed, gap)
+        known = speed[np.isfinite(speed)]
+        axes.set(xlabel=label(column), ylabel="gap at rest [m]", xlim=widened(float(known.min()), float(known.max())))
+        explain(axes, 2)
+        return figure
+
+
+def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats) -> None:
+    """Mark runs with a collision, and along the edge those that have no gap: with a collision, a fault or no rest."""
+    hit, fault = holds(rows, "collision"), faults(rows)
+    gone, moving = hit & ~np.isfinite(gap), ~hit & ~fault & ~np.isfinite(gap)
+    deep = hit & ~gone
+    if deep.any():
+        at, depth = speed[deep], gap[deep]
+        if len(at) > MANY:
+            at, depth = bands(at[np.isfinite(at)], depth[np.isfinite(at)]).middle()
+        axes.plot(at, depth, label=f"collision ({runs(deep)})", zorder=4, clip_on=False, **BAD)
+    across = axes.get_xaxis_transform()
+    edge = (
+        (gone, "x", "collision, no gap at rest"),
+        (fault, "s", "fault"),
+        (moving, "|", "no rest, or nothing ahead at rest"),
+    )
+    axes.margins(y=0.12)  # that no cross at the bottom hides them
+    for which, mark, word in edge:
+        if which.any():
+            x = thinned(speed[which])
+            style: dict[str, Any] = {"color": QUIET, "markersize": 6.0, "fillstyle": "none", "transform": across}
+            axes.plot(x, np.full(len(x), 0.025), mark, label=f"{word} ({runs(which)})", **style)
+
+
+def stopping_distance(rows: pd.DataFrame) -> Figure:
+    """Draw the distance from onset to rest over the onset's speed, and below how far it is from each run's own bound.
+
+    The curve is v tau + v^2 / 2 a with the median demand a and the median reaction tau of the runs; the band goes from
+    the 5th to the 95th percentile of the demand. The bound is the run's own: its speed and demand, the declared delay.
+    Runs that broke their certificate are marked.
+    """
+    columns = ("stop_onset_speed_mps", "stop_distance_m", "stop_bound_m", "stop_demand_mps2", "stop_reaction_s")
+    with page(height=5.6) as figure:
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1.0))
+        speed, distance, bound, demand, reaction = (numbers(rows, one) for one in columns)
+        known = finite(speed, distance, demand) & (demand > 0.0)
+        name(figure, f"Stopping distance: {known.sum():,} stops of {len(rows):,} runs")
+        for axes in (upper, lower):
+            plain(axes)
+        if not known.any():
+            for axes in (upper, lower):
+                blank(axes, "no run has a stop")
+            return figure
+        flagged = stopping_bound_checks(rows)["broken"].to_numpy(bool) & known
+        _law(upper, float(speed[known].max()), demand[known], reaction[known])
+        for axes, values in ((upper, distance), (lower, distance - bound)):
+            crowd(axes, np.where(known, speed, np.nan), values, FIRST, "stops")
+            if flagged.any():
+                axes.plot(speed[flagged], values[flagged], label=f"bound broken ({runs(flagged)})", **BAD)
+        lower.axhline(0.0, color=INK, linewidth=1.0)
+        lower.axhline(TOLERANCE, **LIMIT)
+        place: dict[str, Any] = {"xytext": (-4, 2), "textcoords": "offset points", "ha": "right", "va": "bottom"}
+        lower.annotate("broken above", (1.0, TOLERANCE), xycoords=("axes fraction", "data"), fontsize=9.5, **place)
+        lower.margins(y=0.15)
+        upper.set(ylabel="onset to rest [m]", xlim=(0.0, 1.05 * float(speed[known].max())), ylim=(0.0, None))
+        lower.set(xlabel=label(columns[0]), ylabel="beyond own\nbound [m]")
+        explain(upper, 2)
+        return figure
+
+
+def _law(axes: Axes, fastest: float, demand: Floats, reaction: Floats) -> None:
+    """Draw the closed form for the demands that there are."""
+    speeds = np.linspace(0.0, 1.05 * fastest, STEPS)
+    delay = float(np.nanmedian(reaction)) if np.isfinite(reaction).any() else 0.0
+    hard, middle, soft = np.quantile(demand, (0.95, 0.5, 0.05))
+    word = f"v τ + v²/2a, τ = {1000.0 * delay:.0f} ms, a = {middle:.2f} m/s²"
+    axes.plot(
+        speeds, speeds * delay + speeds**2 / (2.0 * middle), color=SECOND.colour, linestyle=SECOND.stroke, label=word
+    )
+    if hard > 1.01 * soft:
+        low, high = (speeds * delay + speeds**2 / (2.0 * one) for one in (hard, soft))
+        word = f"a = {soft:.2f} to {hard:.2f} m/s²"
+        axes.fill_between(speeds, low, high, color=SECOND.colour, alpha=0.15, linewidth=0.0, label=word)

@@ -1,0 +1,180 @@
+"""Draws the drive over time: speed, gap, acceleration and deviation, one panel each, with their legends.
+
+Knows the sheet; it must not know the street from above, SUMO, or how the drive was run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from vve_sumo.metrics.stopping import AT_REST
+from vve_sumo.plotting.page import (
+    ALARM,
+    BETWEEN,
+    BOTTOM,
+    EGO,
+    EGO_PALE,
+    INK,
+    OBSTACLE,
+    QUIET,
+    RIGHT,
+    RIGHT_WIDTH,
+    TOP,
+    Sheet,
+    contact,
+    panel,
+    prefix,
+    say,
+)
+from vve_sumo.values import ArmingState, Floats
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: the criterion of the shipped scenarios, drawn for scale [m]
+DEVIATION_GUIDE = 0.15
+#: where the car left the path by this many times the guide, the guides would be one line
+GUIDE_READABLE = 10.0
+
+
+def _curves(axes: Axes, title: str, sheet: Sheet, curves: Iterable[tuple[Floats, dict[str, Any]]], none: str) -> bool:
+    """Draw values over time under a title, or say what is missing; return whether there was anything."""
+    axes.set_title(title, loc="left", pad=5)
+    known = [(values, style) for values, style in curves if np.isfinite(values).any()]
+    for values, style in known:
+        lonely = "o" if np.isfinite(values).sum() == 1 else ""
+        axes.plot(sheet.ticks["time_s"].to_numpy(), values, marker=lonely, **style)
+    if not known:
+        say(axes, none)
+    return bool(known)
+
+
+def _include(axes: Axes, low: float, high: float) -> None:
+    """Widen the limits to hold at least these, so that noise around nothing looks like nothing."""
+    least, greatest = axes.get_ylim()
+    axes.set_ylim(min(least, low), max(greatest, high))
+
+
+def _from_zero(axes: Axes, values: Floats, high: float) -> None:
+    """Let the axis begin at zero unless values lie clearly below."""
+    _include(axes, 0.0, high)
+    if np.nanmin(values) > -AT_REST:
+        axes.set_ylim(bottom=0.0)
+
+
+def _speed(axes: Axes, sheet: Sheet) -> None:
+    speed = sheet.ticks[f"{prefix(sheet.ticks)}speed_mps"].to_numpy()
+    title = f"{'true' if prefix(sheet.ticks) else 'estimated'} speed [m/s]"
+    if _curves(axes, title, sheet, [(speed, {"color": EGO})], "no pose"):
+        _from_zero(axes, speed, 1.0)
+
+
+def _gap(axes: Axes, sheet: Sheet) -> None:
+    """Draw the gap; the curve breaks where nothing is ahead and where something else becomes the nearest."""
+    gap = sheet.seen.gap.copy()
+    changed = [other not in (one, "") for one, other in pairwise(sheet.seen.actor)]
+    gap[:-1][np.array(changed, bool)] = np.nan
+    if not _curves(axes, "gap to what is ahead [m]", sheet, [(gap, {"color": OBSTACLE})], "nothing ahead"):
+        return
+    _from_zero(axes, gap, 1.0)
+    if math.isfinite(gap[-1]):
+        axes.plot(sheet.ticks["time_s"][-1].as_py(), gap[-1], "o", color=OBSTACLE, markersize=5.0, clip_on=False)
+        axes.set_title(f"{gap[-1]:.2f} m at the end", loc="right", pad=5)
+
+
+def _acceleration(axes: Axes, sheet: Sheet) -> None:
+    """Draw what the car did, wide and pale, and what it was told, thin and dark.
+
+    Told is what the gateway granted, without the brake's hold at rest, which no car answers; in a drive that never
+    engaged it is what the controller asked for.
+    """
+    ticks = sheet.ticks
+    did = ticks[f"{prefix(ticks)}acceleration_mps2"].to_numpy()
+    told, word = ticks["acceleration_setpoint_mps2"].to_numpy(), "asked by the controller"
+    if _engaged(ticks).any():
+        granted, speed = ticks["granted_acceleration_mps2"].to_numpy(), ticks[f"{prefix(ticks)}speed_mps"].to_numpy()
+        held = (np.abs(speed) < AT_REST) & (granted < 0.0)
+        told, word = np.where(held, np.nan, granted), "granted, hold left out"
+    curves: list[tuple[Floats, dict[str, Any]]] = [
+        (did, {"color": EGO_PALE, "linewidth": 3.6, "label": "car"}),
+        (told, {"color": INK, "linewidth": 1.0, "label": word}),
+    ]
+    if _curves(axes, "acceleration [m/s²]", sheet, curves, "no pose"):
+        _include(axes, -0.5, 0.5)
+
+
+def _deviation(axes: Axes, sheet: Sheet) -> None:
+    deviation, word = sheet.ticks["lateral_deviation_m"].to_numpy(), "true"
+    if not np.isfinite(deviation).any():
+        deviation, word = sheet.ticks["estimated_deviation_m"].to_numpy(), "estimated"
+    title = f"{word} lateral deviation [m], left positive"
+    if not _curves(axes, title, sheet, [(deviation, {"color": EGO})], "no pose on the path"):
+        return
+    _include(axes, -1.3 * DEVIATION_GUIDE, 1.3 * DEVIATION_GUIDE)
+    if np.nanmax(np.abs(deviation)) > GUIDE_READABLE * DEVIATION_GUIDE:
+        return
+    for guide in (-DEVIATION_GUIDE, DEVIATION_GUIDE):
+        label = f"±{DEVIATION_GUIDE:g} m" if guide > 0.0 else ""
+        axes.axhline(guide, color=QUIET, linewidth=1.0, linestyle=(0, (2, 3)), label=label)
+
+
+def _engaged(ticks: pa.Table) -> NDArray[np.bool_]:
+    return np.array([state == ArmingState.ENGAGED.value for state in ticks["state"].to_pylist()], bool)
+
+
+def _events(axes: Axes, sheet: Sheet) -> None:
+    """Shade when the emergency layer braked (or asked, where nobody ever obeyed) and mark the first contact."""
+    ticks, time = sheet.ticks, sheet.ticks["time_s"].to_numpy()
+    engaged, asked = _engaged(ticks), ticks["emergency"].to_numpy(zero_copy_only=False)
+    band, word = (asked & engaged, "emergency layer") if engaged.any() else (asked, "emergency asked")
+    if band.any():
+        across = axes.get_xaxis_transform()
+        axes.fill_between(time, 0, 1, where=band, transform=across, color=ALARM, alpha=0.35, linewidth=0, label=word)
+    row = contact(ticks)
+    if row is not None:
+        axes.axvline(time[row], color=INK, linewidth=1.2, linestyle=(0, (1, 1.5)), label="contact")
+
+
+def over_time(figure: Figure, sheet: Sheet) -> None:
+    """Draw the column of curves over one time axis; legends stand in the titles' lines, where no curve can be."""
+    panels = (_speed, _gap, _acceleration, _deviation)
+    pitch = (TOP - BOTTOM + BETWEEN) / len(panels)
+    time = sheet.ticks["time_s"].to_numpy()
+    limits = (time[0], time[-1]) if len(time) > 1 else (time[0] - 1.0, time[0] + 1.0)
+    for row, paint in enumerate(panels):
+        axes = panel(figure, RIGHT, TOP - row * pitch - (pitch - BETWEEN), RIGHT_WIDTH, pitch - BETWEEN)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.locator_params(axis="y", nbins=5, steps=(1, 2, 5, 10))
+        axes.set_xlim(*limits)
+        axes.grid(alpha=0.35, linewidth=0.6)
+        paint(axes, sheet)
+        _events(axes, sheet)
+        axes.tick_params(labelbottom=row == len(panels) - 1)
+        _legend_above(axes, events=paint is _speed)
+    axes.set_xlabel("drive time [s]", labelpad=2)
+
+
+def _legend_above(axes: Axes, events: bool) -> None:
+    """Explain the curves of a panel, and in one panel also the events that all of them show."""
+    shared = ("emergency layer", "emergency asked", "contact")
+    entries = [(mark, name) for mark, name in zip(*axes.get_legend_handles_labels(), strict=True)]
+    entries = [(mark, name) for mark, name in entries if (name in shared) == events]
+    if entries:
+        marks, names = zip(*entries, strict=True)
+        place: dict[str, Any] = {
+            "loc": "lower right",
+            "bbox_to_anchor": (1.0, 1.0),
+            "borderpad": 0.0,
+            "borderaxespad": 0.2,
+        }
+        axes.legend(
+            list(marks), list(names), ncols=len(names), handlelength=1.4, columnspacing=1.0, handletextpad=0.5, **place
+        )

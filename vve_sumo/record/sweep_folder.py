@@ -1,0 +1,328 @@
+"""What a sweep's folder holds, read: what was asked for, and a row for every finished run, finished sweep or not.
+
+Knows the folder's layout (its files: `vve_sumo/sweep/dataset.py`, which writes them) and the columns of a row; neither
+how a sweep is driven nor what its rows mean.
+"""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from itertools import pairwise, zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, get_args
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.drive_metrics import Metrics
+
+if TYPE_CHECKING:
+    from pyarrow.dataset import Dataset
+
+VERSION = 2  #: of this layout; rows of the first had fewer figures
+
+#: of a column
+Kind = Literal["bool", "int", "float", "str"]
+
+_ARROW: dict[str, pa.DataType] = {"bool": pa.bool_(), "int": pa.int64(), "float": pa.float64(), "str": pa.string()}
+
+#: figures of every drive, by their place in its summary
+FIGURES: dict[str, Kind] = {
+    "outcome": "str",
+    "passed": "bool",
+    "failed": "str",
+    "reasons": "str",
+    "collision": "bool",
+    **{field.name: "float" for field in fields(Metrics)},
+    "emergency_used": "bool",
+    "duration_s": "float",
+    "ticks": "int",
+    "anchor_position_error_m": "float",
+    "anchor_speed_error_mps": "float",
+    "removed_at_entry": "int",
+    "removed_after_standoff": "int",
+    "sumo_warnings": "int",
+    "text": "str",
+    "record_sha256": "str",
+}
+#: what a run took of the machine, and the last that a run with a fault printed
+MACHINE: dict[str, Kind] = {
+    "number": "int",
+    "key": "str",
+    "wall_s": "float",
+    "cpu_s": "float",
+    "peak_mb": "float",
+    "said": "str",
+}
+#: columns that no parameter may be called by
+TAKEN = frozenset({"seed", "fault", *FIGURES, *MACHINE})
+
+#: what is in a column; docs/record.md says more of the figures
+MEANINGS: dict[str, str] = {
+    "number": "of the run, in the design's order",
+    "key": "of the run; the same run has the same key in every sweep",
+    "seed": "of the run",
+    "fault": "why there are no figures; empty where there are",
+    "outcome": "how the drive ended",
+    "passed": "whether it met all criteria",
+    "failed": "criteria that it did not meet, joined by ;",
+    "reasons": "the gateway's reason codes at the end, joined by ;",
+    "collision": "whether the ego's rectangle overlapped another's at any tick",
+    "stop_gap_m": "at the last tick, standing: front bumper to the nearest box in the ego's way, along the path",
+    "min_ttc_s": "least gap over closing speed at any tick",
+    "max_drac_mps2": "deceleration rate to avoid a crash, the greatest at any tick",
+    "min_gap_m": "least gap at any tick to what was ahead; negative is overlap",
+    "impact_speed_mps": "at the first contact, along the ego's heading; 0 without contact",
+    "max_lateral_deviation_m": "of the true rear axle from the path",
+    "max_deceleration_mps2": "of the true rear axle along its heading",
+    "max_speed_mps": "of the true rear axle along its heading",
+    "stop_onset_speed_mps": "at the tick that first commanded the braking of the last stop",
+    "stop_distance_m": "from there to rest",
+    "stop_bound_m": "that the car as declared needs from there at most: its brake delay and lag, at the demand",
+    "stop_demand_mps2": "deceleration that the last stop demanded, as a constant that stops in the same distance",
+    "stop_reaction_s": "from the onset of the last stop until the car's deceleration begins to rise",
+    "stop_build_up_s": "from there until it has risen",
+    "mfdd_mps2": "mean fully developed deceleration of the last stop, between 80 % and 10 % of the onset's speed",
+    "emergency_used": "whether the emergency layer braked the car",
+    "duration_s": "drive time",
+    "ticks": "how many there were",
+    "anchor_position_error_m": "largest distance of SUMO's ego from what was asked of it",
+    "anchor_speed_error_mps": "largest difference of SUMO's ego from the speed that was asked of it",
+    "removed_at_entry": "vehicles taken off the street to make room for the ego",
+    "removed_after_standoff": "vehicles taken off the street because they and the ego waited for each other",
+    "sumo_warnings": "how often SUMO warned",
+    "text": "what a failure said in its own words",
+    "record_sha256": "hash of the run's record",
+    "wall_s": "wall time that the run took",
+    "cpu_s": "processor time that it took",
+    "peak_mb": "greatest memory of its process, 10^6 bytes",
+    "said": "the last that a run with a fault printed",
+}
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What `sweep.json` says."""
+
+    spec: dict[str, Any]  #: as in its file
+    scenario: str  #: its name
+    table: dict[str, Any]  #: the scenario as in its file
+    file: str  #: the scenario's; names in it are looked up beside it
+    working: str  #: folder in which the sweep was begun
+    cells: int  #: how many runs there are; of a search, at most
+    parameters: dict[str, Kind]
+    criteria: list[str]  #: that the scenario states or a parameter sets
+    files_sha256: dict[str, list[str]]  #: of what the first cells read, by role
+    versions: dict[str, str]
+
+    def columns(self) -> dict[str, Kind]:
+        """Return the columns of a row in their order."""
+        met: dict[str, Kind] = {f"meets_{name}": "bool" for name in self.criteria}
+        return {"number": "int", "key": "str", **self.parameters, "seed": "int", "fault": "str", **FIGURES, **met}
+
+    def text(self) -> str:
+        """Return the content of the file."""
+        return json.dumps({"version": VERSION} | asdict(self), indent=1) + "\n"
+
+    @classmethod
+    def of(cls, folder: Path) -> Self:
+        """Return the plan of a sweep's folder; raises ConfigError where there is none, or one of another layout."""
+        file = folder / "sweep.json"
+        try:
+            told = json.loads(file.read_text(encoding="utf-8"))
+            version = told["version"]
+        except OSError:
+            raise ConfigError(f"{folder}: no sweep.json: not a sweep's folder") from None
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigError(f"{file}: not what a sweep writes: {error!r}") from None
+        if version != VERSION:
+            other = f"layout {version} of a dataset, expected {VERSION}: another vve-sumo wrote it{_who(told)}"
+            raise ConfigError(f"{file}: {other}; a sweep into another folder makes it anew")
+        wrong = _wrong({name: value for name, value in told.items() if name != "version"}, cls)
+        if wrong:
+            raise ConfigError(f"{file}: not what a sweep writes: {wrong}")
+        return cls(**{field.name: told[field.name] for field in fields(cls)})
+
+
+def _who(told: Mapping[str, Any]) -> str:
+    versions = told.get("versions")
+    version = versions.get("vve-sumo") if isinstance(versions, dict) else None
+    return f", version {version}" if isinstance(version, str) else ""
+
+
+_PLAIN = {"str": str, "int": int, "dict": dict, "list": list}
+
+
+def _wrong(told: Mapping[str, Any], plan: type[Plan]) -> str:
+    """Return what is wrong with the content of `sweep.json`; empty where it is all right."""
+    for field in fields(plan):
+        if type(told.get(field.name)) is not _PLAIN[str(field.type).partition("[")[0]]:
+            return f"expected a {str(field.type).partition('[')[0]} as its {field.name}"
+    unknown = [name for name in told if name not in {field.name for field in fields(plan)}]
+    kinds = [f"{name}: {kind}" for name, kind in told["parameters"].items() if kind not in get_args(Kind)]
+    return "".join(f"got {name}" for name in (unknown + kinds)[:1])
+
+
+class Part(NamedTuple):
+    """A file of finished runs that follow each other."""
+
+    file: Path
+    first: int  #: number of its first run
+    runs: int
+
+
+def parts(folder: Path, columns: Mapping[str, Kind]) -> list[Part]:
+    """Return the parts of a sweep's folder in cell order, from what stands at the end of each file.
+
+    Raises ConfigError where one cannot be read, has other columns, or shares runs with another.
+    """
+    schema = schema_of(columns)
+    files = sorted((folder / "rows").glob("part-*.parquet"))
+    found = sorted((_part(file, schema) for file in files), key=lambda part: part.first)
+    for one, other in pairwise(found):
+        if one.first + one.runs > other.first:
+            raise ConfigError(f"{other.file}: holds run {other.first}, as {one.file.name} does: not of one sweep")
+    return found
+
+
+def _part(file: Path, schema: pa.Schema) -> Part:
+    try:
+        footer = pq.read_metadata(file)
+        there = footer.schema.to_arrow_schema()
+        spans = [footer.row_group(group).column(0).statistics for group in range(footer.num_row_groups)]
+    except (pa.ArrowException, OSError) as error:
+        raise unreadable(file, error) from None
+    if there.names != schema.names or there.types != schema.types:
+        pairs = zip_longest(schema, there)
+        name = next((one or other).name for one, other in pairs if one is None or other is None or one != other)
+        raise ConfigError(f"{file}: its columns are not those of sweep.json, from {name} on: not a part of this sweep")
+    told = [span for span in spans if span is not None and span.has_min_max]
+    first, last = (min((int(span.min) for span in told), default=-1), max((int(span.max) for span in told), default=-1))
+    if first < 0 or last - first + 1 != footer.num_rows:
+        raise ConfigError(f"{file}: its runs do not follow each other: not a part that a sweep writes")
+    return Part(file, first, int(footer.num_rows))
+
+
+def unreadable(file: Path, error: Exception) -> ConfigError:
+    """Return what to raise for a file that cannot be read: one line."""
+    return ConfigError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}")
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """What a sweep's folder held at one instant; the sweep may go on, and this stays the same."""
+
+    folder: Path
+    plan: Plan
+    parts: list[Part]  #: in cell order
+    rest: list[Row]  #: of runs that are in no part, in cell order
+
+    @classmethod
+    def of(cls, folder: Path) -> Self:
+        """Look into a folder; raises ConfigError where it holds no sweep, or one that cannot be read."""
+        plan = Plan.of(folder)
+        # The journal first: a run moves from it into a part, never back.
+        noted = journal(folder)
+        there = parts(folder, plan.columns())
+        rest = {row["number"]: row for row in noted if not _sealed(there, row["number"])}
+        held = cls(folder, plan, there, [rest[number] for number in sorted(rest)])
+        held._noted(plan.columns(), held.rest)
+        return held
+
+    @property
+    def finished(self) -> int:
+        """How many runs are finished."""
+        return sum(part.runs for part in self.parts) + len(self.rest)
+
+    def tables(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """Return the rows in cell order, in portions: all columns or these; raises ConfigError for a damaged part."""
+        return self._portions(self.plan.columns(), columns, "rows")
+
+    def machine(self) -> Iterator[pa.Table]:
+        """Return what the runs took of the machine, as `tables` does the rows."""
+        return self._portions(MACHINE, None, "machine")
+
+    def lazy(self, place: Literal["rows", "machine"] = "rows") -> Dataset:
+        """Return the rows, or what the runs took of the machine, to be read as a query needs them."""
+        from pyarrow import dataset
+
+        kinds = self.plan.columns() if place == "rows" else MACHINE
+        files = [self.folder / place / part.file.name for part in self.parts]
+        absent = next((file for file in files if not file.is_file()), None)
+        if absent is not None:
+            raise ConfigError(f"{absent}: not there: a part of the dataset is missing")
+        sealed = dataset.dataset([str(file) for file in files], schema=schema_of(kinds), format="parquet")
+        return dataset.dataset([sealed, dataset.dataset(self._noted(kinds, self.rest))])
+
+    def _portions(self, kinds: Mapping[str, Kind], columns: Sequence[str] | None, place: str) -> Iterator[pa.Table]:
+        names, at = list(kinds if columns is None else columns), 0
+        for part in self.parts:
+            before = at
+            while at < len(self.rest) and self.rest[at]["number"] < part.first:
+                at += 1
+            if at > before:
+                yield self._noted(kinds, self.rest[before:at]).select(names)
+            yield _read(self.folder / place / part.file.name, names)
+        yield self._noted(kinds, self.rest[at:]).select(names)
+
+    def _noted(self, kinds: Mapping[str, Kind], rows: Iterable[Row]) -> pa.Table:
+        try:
+            return table_of(rows, kinds)
+        except (pa.ArrowException, TypeError) as error:
+            raise unreadable(self.folder / "journal.jsonl", error) from None
+
+
+def _sealed(there: Sequence[Part], number: int) -> bool:
+    """Return whether a run is in one of the parts."""
+    at = bisect_right(there, number, key=lambda part: part.first) - 1
+    return at >= 0 and number < there[at].first + there[at].runs
+
+
+def _read(file: Path, columns: list[str]) -> pa.Table:
+    try:
+        return pq.ParquetFile(file).read(columns).select(columns)
+    except (pa.ArrowException, OSError, KeyError) as error:
+        raise unreadable(file, error) from None
+
+
+def read_tables(folder: Path) -> Iterator[pa.Table]:
+    """Return the rows of a sweep, finished or not, in cell order, in portions.
+
+    Raises ConfigError where the folder holds no sweep, or one that cannot be read.
+    """
+    return Held.of(folder).tables()
+
+
+def journal(folder: Path) -> list[Row]:
+    """Return the rows of a journal up to its last whole line; raises ConfigError where one before that is none."""
+    file = folder / "journal.jsonl"
+    try:
+        lines = file.read_bytes().split(b"\n")[:-1]  # what follows the last end of a line was torn
+    except FileNotFoundError:
+        return []
+    rows: list[Row] = []
+    for number, line in enumerate(lines, 1):
+        try:
+            row = json.loads(line)
+        except ValueError:
+            row = None
+        if not (isinstance(row, dict) and isinstance(row.get("number"), int)):
+            raise ConfigError(f"{file}: line {number} is no finished run: the file was damaged")
+        rows.append(row)
+    return rows
+
+
+def schema_of(columns: Mapping[str, Kind]) -> pa.Schema:
+    """Return the columns as a part has them."""
+    return pa.schema([(name, _ARROW[kind]) for name, kind in columns.items()])
+
+
+def table_of(rows: Iterable[Row], columns: Mapping[str, Kind]) -> pa.Table:
+    """Return rows as a table; what a row lacks is null."""
+    return pa.Table.from_pylist(list(rows), schema=schema_of(columns))

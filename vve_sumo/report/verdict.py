@@ -1,0 +1,135 @@
+"""The top line: passed, FAILED, not judged or broken off, and what happened in plain words with its key figures.
+
+Reads figures that others measured; must not know how the page looks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from vve_sumo.analysis.run import Run
+from vve_sumo.drive.reasons import in_words
+from vve_sumo.metrics.drive_metrics import measure
+from vve_sumo.report.words import SPACE, number
+
+#: as it stands on the page
+Word = Literal["passed", "FAILED", "not judged", "broken off", "altered"]
+#: gaps that differ by less are the same to a reader [m]
+SAME = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What stands on top of the page."""
+
+    word: Word
+    sentences: tuple[str, ...]  #: what happened
+
+    @property
+    def line(self) -> str:
+        """The verdict and the sentences in one line."""
+        return f"{self.word}: {' '.join(self.sentences)}".replace(SPACE, " ")
+
+
+def figures_of(run: Run) -> dict[str, Any]:
+    """Return the figures of a drive: those of its summary, or of a drive that was killed, measured up to its end."""
+    if run.summary is not None and "max_speed_mps" in run.summary:
+        return run.summary
+    ticks = run.arrow("ticks")
+    told = asdict(measure(ticks, run.arrow("actors"), run.path, run.vehicle))
+    told |= {"collision": any(ticks["contacts"].to_pylist()), "ticks": ticks.num_rows}
+    told |= {"duration_s": float(run.time[-1] - run.time[0])}
+    return told | {name: value for name, value in (run.summary or {}).items() if value is not None}
+
+
+def of_drive(run: Run, figures: Mapping[str, Any]) -> Verdict:
+    """Return the verdict on a drive; `figures` are those of `figures_of`."""
+    outcome = figures.get("outcome")
+    if outcome is None:
+        return Verdict("broken off", (_cut_short(run, figures), *_closest(figures)))
+    if outcome in ("broken", "interrupted"):
+        return Verdict("broken off", (_ending(run, outcome, figures), *_closest(figures)))
+    passed = figures.get("passed")
+    word: Word = "not judged" if passed is None else ("passed" if passed else "FAILED")
+    return Verdict(word, (_ending(run, outcome, figures), *_closest(figures)))
+
+
+def altered(verdict: Verdict, parts: Sequence[str]) -> Verdict:
+    """Return the verdict on a record of which parts are not as the drive left them: none that anybody can vouch for."""
+    warning = f"Changed since the drive: {', '.join(parts)}. What follows is what the record says now."
+    return Verdict("altered", (warning, *verdict.sentences))
+
+
+def _cut_short(run: Run, figures: Mapping[str, Any]) -> str:
+    speed = run.motion.speed
+    known = speed[~(speed != speed)]
+    moving = f", with the car at {number(float(known[-1]), 'm/s')}" if len(known) else ""
+    ended = f"The record ends after {number(float(run.time[-1]), 's')}{moving}"
+    also = f" It hit {_hit(run, figures)}." if figures.get("collision") else ""
+    return f"{ended}: the drive was killed or is still going on, and nobody has judged it.{also}"
+
+
+def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
+    """Return how the drive ended, as a sentence."""
+    why = "; ".join(in_words(code) for code in figures.get("reasons") or ()) or "for no stated reason"
+    text = str(figures.get("text") or "").removesuffix(".")
+    at = number(_number(figures, "duration_s"), "s")
+    hit = _hit(run, figures)
+    sentences = {
+        "stopped": _rest(run, figures),
+        "arrived": f"The car drove to the end of its path{_gap_at_rest(run, figures)}.",
+        "contact": f"The car hit {hit} and then stopped.",
+        "driver_has_control": "The driver took over.",
+        "fault": f"The gateway stopped the car: {why}.",
+        "timeout": f"The scenario's time ran out after {at}.",
+        "aborted": f"The scenario ended the drive after {at}: {why}.",
+        "played": f"A recorded drive of {at} was sent through the chain; its commands were computed and nobody obeyed.",
+        "interrupted": f"The drive was ended from the keyboard after {at}.",
+        "broken": f"The simulation broke after {at}: {text or why}.",
+    }
+    also = f" It hit {hit}." if figures.get("collision") and outcome != "contact" else ""
+    return sentences.get(outcome, f"The drive ended: {outcome}.") + also
+
+
+def _rest(run: Run, figures: Mapping[str, Any]) -> str:
+    gap = _number(figures, "stop_gap_m")
+    if math.isnan(gap):
+        return "The car came to rest with nothing ahead of it."
+    return f"The car came to rest {number(gap, 'm')} before {_last_ahead(run)}."
+
+
+def _gap_at_rest(run: Run, figures: Mapping[str, Any]) -> str:
+    gap = _number(figures, "stop_gap_m")
+    return "" if math.isnan(gap) else f" and stands {number(gap, 'm')} before {_last_ahead(run)}"
+
+
+def _last_ahead(run: Run) -> str:
+    return next((name for name in reversed(run.ahead.actor) if name), "what was ahead")
+
+
+def _hit(run: Run, figures: Mapping[str, Any]) -> str:
+    """Return what was touched first, and how fast where that is known."""
+    names = next((names for names in run.arrow("ticks")["contacts"].to_pylist() if names), "")
+    speed = _number(figures, "impact_speed_mps")
+    fast = "" if math.isnan(speed) else f" at {number(speed, 'm/s')}"
+    return f"{' and '.join(names.split('+')) or 'something'}{fast}"
+
+
+def _closest(figures: Mapping[str, Any]) -> tuple[str, ...]:
+    gap, rest, ttc = (_number(figures, name) for name in ("min_gap_m", "stop_gap_m", "min_ttc_s"))
+    if math.isnan(gap):
+        return ("Nothing was ever ahead of it in its way.",)
+    time = "" if math.isnan(ttc) else f"; the least time to collision was {number(ttc, 's')}"
+    if gap < 0.0:
+        return (f"Along its path it came {number(-gap, 'm')} into what was there{time}.",)
+    if abs(rest - gap) < SAME:
+        return (f"It was never nearer to anything in its way{time}.",)
+    return (f"The closest approach to anything in its way was {number(gap, 'm')}{time}.",)
+
+
+def _number(figures: Mapping[str, Any], name: str) -> float:
+    value = figures.get(name)
+    return math.nan if value is None else float(value)

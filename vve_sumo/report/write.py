@@ -1,0 +1,63 @@
+"""`write_report`: from a folder to `report.html` in it and its plots beside, each put in its place whole or not at all.
+
+Must not know what a report says.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+from vve_sumo.analysis.load import load
+from vve_sumo.analysis.run import Run
+from vve_sumo.report import drive, sweep
+from vve_sumo.report.page import Report
+
+PAGE = "report.html"
+PICTURES = "report"
+
+
+def report_of(folder: Path) -> Report:
+    """Return the report of a drive's record or a sweep's dataset; writes nothing.
+
+    Raises ConfigError in one line where the folder holds neither, or what cannot be read.
+    """
+    held = load(folder)
+    return drive.report(held) if isinstance(held, Run) else sweep.report(held)
+
+
+def write_report(folder: Path | str) -> Path:
+    """Write the report of a drive's record or a sweep's dataset into its folder; return the page's place.
+
+    The page is one file that needs no other; the plots lie in `report/` as well. Earlier ones are replaced. Raises
+    ConfigError as `report_of` does; nothing is written then.
+    """
+    return put(report_of(Path(folder)), Path(folder))
+
+
+def put(report: Report, folder: Path) -> Path:
+    """Write a report into a folder, the page last; return its place."""
+    page = report.page().encode()
+    if report.pictures:
+        (folder / PICTURES).mkdir(exist_ok=True)
+    drawn = {f"{picture.name}.png" for picture in report.pictures}
+    for old in (folder / PICTURES).glob("*.png"):
+        if old.name not in drawn:
+            old.unlink()
+    for picture in report.pictures:
+        _replace(folder / PICTURES / f"{picture.name}.png", picture.png)
+    _replace(folder / PAGE, page)
+    return folder / PAGE
+
+
+def _replace(file: Path, content: bytes) -> None:
+    """Put a file in the place of the one there; a reader finds the old one or the new one, never half of it."""
+    beside = file.with_name(f".{file.name}.tmp")
+    try:
+        beside.write_bytes(content)
+        os.replace(beside, file)  # noqa: PTH105
+    except OSError:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+        raise

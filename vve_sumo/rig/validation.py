@@ -1,0 +1,176 @@
+"""Rigs that nobody should drive with: what is wrong between one table of a rig file and another.
+
+Looks at what the file says and at nothing else; opens no bus and no socket.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import math
+from collections.abc import Iterator
+from itertools import combinations
+from typing import Final, NamedTuple
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.lot.swept_area import Body, as_pairs, fan
+from vve_sumo.rig.resolve import (
+    alignment_of,
+    calibration_of,
+    frame_of,
+    limits_of,
+    lot_of,
+    rehearsed_of,
+    vehicle_of,
+)
+from vve_sumo.rig.schema import Corner, Rig
+
+#: interfaces of python-can that anyone on the network can send into
+OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
+PTY: Final = "pty"  #: channel that the hardware-free car's process makes
+FARTHEST: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
+EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only to tell near from far
+
+#: Identifiers on a CAN bus, by who sends or hears them: Dataspeed's DBW1; OXTS's default map (RT3000 manual: messages
+#: and one 0x500 + n for each status channel n); Delphi ESR (opendbc, ESR.dbc); Continental ARS408 as sensor 0.
+IDENTIFIERS: Final[dict[str, frozenset[int]]] = {
+    "the drive-by-wire kit": frozenset(range(0x060, 0x080)),
+    "oxts_can": frozenset(range(0x500, 0x640)),
+    "esr": frozenset({*range(0x4E0, 0x4E4), 0x4F0, 0x4F1, *range(0x500, 0x541)}),
+    "ars408": frozenset({0x200, 0x201, 0x300, 0x301, *range(0x600, 0x603), *range(0x60A, 0x60F), 0x700, 0x701, 0x702}),
+}
+
+
+class _OnBus(NamedTuple):
+    key: str  #: in the rig file
+    who: str
+    bus: tuple[str, str]  #: interface and channel
+    identifiers: frozenset[int]
+
+
+def refuse(rig: Rig) -> None:
+    """Raise ConfigError, naming the key, for the first thing that is wrong with a rig."""
+    for complaint in _complaints(rig):
+        raise ConfigError(complaint)
+
+
+def arming_refusal(rig: Rig) -> str | None:
+    """Say why this rig may not command a car, though it may drive along with nothing enabled; None where it may."""
+    test = rig.watchdog_test
+    if rig.pose.kind == "file":
+        return "pose.kind: a recording says nothing about where a car is now"
+    if rig.car == "hardware_free":
+        return None
+    if test is None:
+        return (
+            "watchdog_test is missing: stop the frames on this car, measure what the kit's watchdog does, write it down"
+        )
+    return None
+
+
+def _complaints(rig: Rig) -> Iterator[str]:
+    yield from _of_a_real_car(rig) if rig.car == "real" else _of_a_hardware_free_car(rig)
+    yield from _collisions(rig)
+    yield from _far_corners(rig)
+    for resolve in (vehicle_of, calibration_of, limits_of, rehearsed_of, lot_of):
+        resolve(rig)
+    alignment_of(rig, rig.alignment.network or "")
+    if rig.car_start is not None:
+        yield from _outside(rig)
+
+
+def _of_a_real_car(rig: Rig) -> Iterator[str]:
+    bus = rig.bus
+    if bus.interface in OPEN_INTERFACES:
+        yield f"bus.interface: anyone on the network could command a real car over {bus.interface!r}, use a CAN card"
+    if bus.interface == "virtual" or bus.channel == PTY or bus.channel.startswith("vcan"):
+        yield f"bus: no real car is on {bus.interface}:{bus.channel}"
+    if rig.operator.automatic:
+        yield "operator.automatic: a real car is engaged by a person"
+    if rig.car_start is not None:
+        yield "car_start: a real car stands where it stands, this is for car = 'hardware_free'"
+    if rig.rehearse:
+        yield "rehearse: faults are not put on with a real car, this is for car = 'hardware_free'"
+
+
+def _of_a_hardware_free_car(rig: Rig) -> Iterator[str]:
+    start, bus = rig.car_start, rig.bus
+    if start is None:
+        yield "key 'car_start' is missing: where the hardware-free car stands"
+        return
+    if rig.pose.kind != "ncom_udp":
+        yield f"pose.kind: the hardware-free car speaks 'ncom_udp', got {rig.pose.kind!r}"
+    if not ipaddress.ip_address(rig.pose.address).is_loopback:
+        yield f"pose.address: the hardware-free car is heard on a loopback address only, got {rig.pose.address!r}"
+    if (bus.interface, bus.channel) == ("slcan", PTY):
+        if start.channel is not None:
+            yield "car_start.channel: the car makes its own end of a pty"
+    elif bus.interface != "socketcan":
+        yield (
+            f"bus: a hardware-free car is on interface 'slcan', channel '{PTY}', or on 'socketcan', "
+            f"got {bus.interface}:{bus.channel}"
+        )
+    elif not bus.channel.startswith("vcan") and start.channel in (None, bus.channel):
+        yield f"car_start.channel: {bus.channel!r} is no vcan; name the card at the hardware-free car's end of the bus"
+
+
+def _collisions(rig: Rig) -> Iterator[str]:
+    """Two senders of the same identifiers on one bus; the shorter range is the one that is named."""
+    car, pose, stop = (rig.bus.interface, rig.bus.channel), rig.pose, rig.operator.stop_can_id
+    on_bus = [_OnBus("bus", "the drive-by-wire kit", car, IDENTIFIERS["the drive-by-wire kit"])]
+    if pose.kind == "oxts_can" and pose.interface and pose.channel:
+        on_bus.append(_OnBus("pose", "oxts_can", (pose.interface, pose.channel), IDENTIFIERS["oxts_can"]))
+    for number, other in enumerate(rig.others):
+        bus = (other.interface, other.channel)
+        on_bus.append(_OnBus(f"others.{number}", other.kind, bus, IDENTIFIERS[other.kind]))
+    if stop is not None:
+        on_bus.append(_OnBus("operator.stop_can_id", "the stop", car, frozenset({stop})))
+    for one, two in combinations(on_bus, 2):
+        shared = one.identifiers & two.identifiers
+        if one.bus == two.bus and shared:
+            yield (
+                f"{two.key}: {two.who} and {one.who} ({one.key}) share identifiers 0x{min(shared):03X} to "
+                f"0x{max(shared):03X} on {':'.join(one.bus)}, give each a bus of its own"
+            )
+
+
+def _far_corners(rig: Rig) -> Iterator[str]:
+    """Corners and points that cannot belong to one lot."""
+    first = rig.lot.outline[0]
+    places = [("lot.outline", rig.lot.outline), ("alignment.lot_points", rig.alignment.lot_points or ())]
+    places += [(f"lot.holes.{number}", hole) for number, hole in enumerate(rig.lot.holes)]
+    places += [("alignment.origin", (rig.alignment.origin,))] if rig.alignment.origin else []
+    for key, corners in places:
+        for number, corner in enumerate(corners):
+            if not _distance(corner, first) <= FARTHEST:
+                where = f"{_distance(corner, first) / 1000.0:.0f} km from the lot's first corner"
+                yield f"{key}.{number}: lies {where}{_swapped(corner, first)}"
+
+
+def _outside(rig: Rig) -> Iterator[str]:
+    """A hardware-free car that does not stand in its lot."""
+    start = rig.car_start
+    assert start is not None
+    place, first = (start.latitude_deg, start.longitude_deg), rig.lot.outline[0]
+    if not _distance(place, first) <= FARTHEST:
+        where = f"{_distance(place, first) / 1000.0:.0f} km from the lot"
+        yield f"car_start: lies {where}{_swapped(place, first)}"
+        return
+    frame = frame_of(rig)
+    latitude, longitude = math.radians(start.latitude_deg), math.radians(start.longitude_deg)
+    heading = math.radians(90.0 - start.heading_deg) + frame.convergence(latitude, longitude)
+    standing = as_pairs(fan(Body.of(vehicle_of(rig)), 0.0, 0.0, 0.0), *frame.to_map(latitude, longitude), heading)
+    if not lot_of(rig).holds(standing):
+        yield "car_start: the car does not stand inside the lot and clear of its margin"
+
+
+def _swapped(place: Corner, near: Corner) -> str:
+    latitude, longitude = place
+    return " (latitude and longitude are swapped)" if _distance((longitude, latitude), near) <= FARTHEST else ""
+
+
+def _distance(one: Corner, other: Corner) -> float:
+    """Great circle [m], haversine."""
+    (latitude, longitude), (there, east) = ((math.radians(a), math.radians(b)) for a, b in (one, other))
+    half = math.sin(0.5 * (there - latitude)) ** 2
+    half += math.cos(latitude) * math.cos(there) * math.sin(0.5 * (east - longitude)) ** 2
+    return 2.0 * EARTH_RADIUS * math.asin(min(1.0, math.sqrt(max(half, 0.0))))

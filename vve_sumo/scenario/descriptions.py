@@ -1,0 +1,96 @@
+"""Says in a few words what a scenario's tables say, for lists and pictures. Knows the models alone."""
+
+from __future__ import annotations
+
+from vve_sumo.scenario.schema import Actor, Band, Criteria, Event, Scenario, When
+
+CONDITIONS = {
+    "drive_s": "{:g} s into the drive",
+    "after_s": "{:g} s later",
+    "ego_at_m": "the ego's bumper is at {:g} m",
+    "ego_within_m": "the gap is {:g} m",
+    "ttc_s": "the time to collision is {:g} s",
+    "ego_arrives_in_s": "the ego is {:g} s away",
+    "ego_speed_mps": "the ego drives {:g} m/s",
+}
+
+FIGURES = {
+    "stop_gap_m": ("stops", "m before it"),
+    "min_ttc_s": ("time to collision", "s"),
+    "max_lateral_deviation_m": ("off the path", "m"),
+    "max_deceleration_mps2": ("deceleration", "m/s²"),
+    "max_drac_mps2": ("deceleration needed", "m/s²"),
+    "min_gap_m": ("gap", "m"),
+    "impact_speed_mps": ("impact", "m/s"),
+    "duration_s": ("drive time", "s"),
+}
+
+
+def condition(when: When) -> str:
+    """Return when a trigger fires; empty where it fires at once."""
+    return " and ".join(
+        words.format(wanted) for key, words in CONDITIONS.items() if (wanted := getattr(when, key)) is not None
+    )
+
+
+def name(actor: Actor) -> str:
+    """Return what an actor is called beside others."""
+    return actor.id if actor.id == actor.kind else f"{actor.kind} {actor.id!r}"
+
+
+def entrance(actor: Actor) -> str:
+    """Return where and how fast an actor enters."""
+    place = f"at {actor.at_m:g} m" if actor.at_m is not None else f"{actor.ahead_m:g} m ahead"
+    beside = f", {_beside(actor.offset_m)}" if actor.offset_m else ""
+    return f"enters {place}{beside}" + (f", {actor.speed_mps:g} m/s" if actor.speed_mps else ", stands")
+
+
+def deed(act: Event) -> str:
+    """Return what an actor does in an act."""
+    said = []
+    if act.speed_mps is not None:
+        rate = "" if act.acceleration_mps2 is None else f" at {act.acceleration_mps2:g} m/s²"
+        said.append(f"changes its speed to {act.speed_mps:g} m/s{rate}")
+    if act.speeds is not None:
+        said.append(f"drives as recorded in {act.speeds}")
+    if act.offset_m is not None:
+        over = "" if act.over_s is None else f" in {act.over_s:g} s"
+        said.append(f"goes over to {_beside(act.offset_m)}{over}")
+    if act.leaves:
+        said.append("leaves")
+    return ", ".join(said) or "goes on"
+
+
+def _beside(offset: float) -> str:
+    return (
+        f"{abs(offset):g} m {'left' if offset > 0.0 else 'right'} of the path" if offset else "the middle of the path"
+    )
+
+
+def passes(criteria: Criteria) -> str:
+    """Return what a drive must come to, in one line."""
+    said = [] if criteria.outcome is None else [f"outcome {criteria.outcome}"]
+    for key, (what, unit) in FIGURES.items():
+        band: Band | None = getattr(criteria, key)
+        if band is not None:
+            said.append(f"{what} {_between(band)} {unit}")
+    for wanted, yes, no in (
+        (criteria.collision, "contact", "no contact"),
+        (criteria.emergency_used, "emergency braking", "no emergency braking"),
+    ):
+        said += [] if wanted is None else [yes if wanted else no]
+    return ", ".join(said) or "not judged"
+
+
+def _between(band: Band) -> str:
+    if band.min is None:
+        return f"at most {band.max:g}" if band.max is not None else "measured"
+    return f"at least {band.min:g}" if band.max is None else f"{band.min:g} to {band.max:g}"
+
+
+def others(scenario: Scenario) -> str:
+    """Return who else is on the street: actors by kind, obstacles, traffic."""
+    said = [name(actor) for actor in scenario.actors]
+    said += [f"standing {one.id!r}" for one in scenario.obstacles]
+    said += [f"traffic {name}" for name in scenario.street.demand]
+    return ", ".join(said) or "nobody"

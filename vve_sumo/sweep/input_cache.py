@@ -1,0 +1,72 @@
+"""A job's scenario and all that it names, found and read, once for all jobs that name the same files.
+
+Needs neither SUMO nor a car; drives nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path as FilePath
+from typing import Any, NamedTuple, TypeVar
+
+from vve_sumo.drive.resolved_scenario import ResolvedScenario, read_path, resolve_scenario
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import MapFrame
+from vve_sumo.path import Path
+from vve_sumo.scenario.load import parse
+from vve_sumo.sweep.job import Job
+from vve_sumo.world.network import Network, read_network
+
+Read = TypeVar("Read")
+
+
+class _Stamp(NamedTuple):
+    """What tells a file from the same file changed."""
+
+    file: FilePath
+    written: int  #: [ns]
+    size: int
+
+
+class InputCache:
+    """Networks and paths as they were read; none is read again while its file stays as it was."""
+
+    MOST = 32  #: of either kind; a sweep over more files reads them anew
+
+    def __init__(self) -> None:
+        self._networks: dict[_Stamp, Network] = {}
+        self._paths: dict[tuple[_Stamp, _Stamp], tuple[Path, tuple[str, ...]]] = {}
+
+    def network(self, file: FilePath) -> Network:
+        """Return what `read_network` does."""
+        return self._kept(self._networks, _stamp(file), partial(read_network, file))
+
+    def path(self, file: FilePath, street: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
+        """Return what `read_path` does; `street` is the network's."""
+        stamps = _stamp(file), _stamp(network.path)
+        return self._kept(self._paths, stamps, partial(read_path, file, street, network))
+
+    def _kept(self, kept: dict[Any, Read], stamp: Any, read: Callable[[], Read]) -> Read:
+        if stamp not in kept:
+            value = read()
+            if len(kept) >= self.MOST:
+                del kept[next(iter(kept))]
+            kept[stamp] = value
+        return kept[stamp]
+
+
+def _stamp(file: FilePath) -> _Stamp:
+    try:
+        state = file.stat()
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
+    return _Stamp(file, state.st_mtime_ns, state.st_size)
+
+
+def setting_of(job: Job, readings: InputCache) -> ResolvedScenario:
+    """Return the setting of a job; raises ConfigError for whatever in it is missing or wrong."""
+    scenario = parse(job.table, job.file)
+    return resolve_scenario(
+        job.name, scenario, job.file, job.working, network_in=readings.network, path_in=readings.path
+    )

@@ -1,0 +1,311 @@
+"""What a Dataspeed DBW1 kit does with commands: enabling, timeouts, driver overrides, watchdog, shifting.
+
+It turns command frames and the driver's limbs into requests to the actuators, and knows neither dynamics nor reports.
+Behaviour as public in Dataspeed's `dbw_mkz_can` and `dbw_ford_can` sources, WatchdogCounter.msg and its FAQ.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from vve_sumo.values import Frame
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.messages import (
+    BrakeCommand,
+    BrakeKind,
+    Gear,
+    GearCommand,
+    GearReject,
+    Malformed,
+    SteeringCommand,
+    ThrottleCommand,
+    ThrottleKind,
+    WatchdogSource,
+)
+
+# Without a usable command a module drops out [s]. How soon a stuck counter trips the watchdog isn't public: as soon.
+TIMEOUT = 0.100
+OVERRIDE_TIME = 0.100  # beyond the threshold for so long is the driver taking over [s]
+ACTIVITY_TIME = 0.020  # [s]
+PEDAL_REST, THROTTLE_TRAVEL_END = 0.15, 0.80  # pedal sensor of an untouched and of a floored pedal, fraction of range
+BRAKE_OVERRIDE, THROTTLE_OVERRIDE = 0.22, 0.30  # pedal sensor
+PEDAL_ACTIVITY = 0.18  # pedal sensor
+STEERING_OVERRIDE, STEERING_ACTIVITY = 3.0, 1.5  # driver's torque on the wheel [N m]; not public, assumptions
+REST = 0.05  # slower counts as standing [m/s]
+SHIFT_BRAKE = 200.0  # torque that the shifter takes for a pressed pedal [N m]; an assumption
+
+# Brake pedal sensor and the torque it asks for [N m] (pedal_lut.h).
+_PEDALS = (0.175, 0.246, 0.283, 0.323, 0.330)
+_TORQUES = (0.0, 816.0, 1832.0, 3316.0, 3412.0)
+# The kit moves the pedal at most 0.4 in 20 ms; as torque, by the table's mean slope [N m/s].
+BRAKE_RAMP = 0.4 / 0.020 * _TORQUES[-1] / (_PEDALS[-1] - _PEDALS[0])
+
+
+def _interpolate(value: float, points: tuple[float, ...], results: tuple[float, ...]) -> float:
+    """Piecewise linear, flat beyond the ends."""
+    if value <= points[0]:
+        return results[0]
+    if value >= points[-1]:
+        return results[-1]
+    index = bisect_right(points, value)
+    share = (value - points[index - 1]) / (points[index] - points[index - 1])
+    return results[index - 1] + share * (results[index] - results[index - 1])
+
+
+def pedal_to_torque(pedal: float) -> float:
+    """Brake torque [N m] that a brake pedal sensor at `pedal` asks for."""
+    return _interpolate(pedal, _PEDALS, _TORQUES)
+
+
+def torque_to_pedal(torque: float) -> float:
+    """Brake pedal sensor that asks for `torque` [N m]; at rest for none."""
+    return _interpolate(torque, _TORQUES, _PEDALS) if torque > 0.0 else PEDAL_REST
+
+
+def pedal_to_throttle(pedal: float) -> float:
+    """Throttle opening, 0 to 1, of an accelerator pedal sensor at `pedal`."""
+    return min(max((pedal - PEDAL_REST) / (THROTTLE_TRAVEL_END - PEDAL_REST), 0.0), 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class DbwControllerParameters:
+    """How one kit is configured."""
+
+    variant: codec.Variant = codec.Variant.DBW1_2024
+    watchdog: bool = True  #: the optional watchdog is there; counting commands arm it
+    watchdog_torque: float = 1500.0  #: its braking [N m]; the real strength is not public, this one is an assumption
+    brake_torque_limit: float = 3250.0  #: most that a command gets [N m]
+    wheel_angle_limit: float = math.radians(470.0)  #: of the steering wheel [rad]
+    wheel_rate_limit: float = 8.7  #: of the steering wheel [rad/s]
+    shift_time: float = 0.5  #: from command to engaged gear [s]; cars of this kind take 0.3 to 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class DriverInputs:
+    """What the person behind the wheel does."""
+
+    brake_pedal: float = PEDAL_REST  #: pedal sensor, fraction
+    throttle_pedal: float = PEDAL_REST  #: pedal sensor, fraction
+    steering_torque: float = 0.0  #: on the wheel [N m], left positive
+    acknowledge: bool = False  #: left OK button, forgets a latched watchdog fault
+
+
+HANDS_OFF = DriverInputs()
+
+
+class Request(NamedTuple):
+    """What the actuators shall do."""
+
+    brake_torque: float  #: all wheels together [N m]
+    throttle: float  #: 0 to 1
+    wheel_angle: float  #: of the steering wheel [rad]; NaN when nobody holds it
+
+
+@dataclass(slots=True)
+class Module:
+    """State of one of the three by-wire modules."""
+
+    override_above: float  #: driver's input
+    activity_above: float  #: driver's input
+    command: BrakeCommand | ThrottleCommand | SteeringCommand | None = None  #: last usable one
+    heard: int = -(1 << 30)  #: step at which it came
+    counted: int = 0  #: step at which its counter last changed
+    counting: bool = False  #: the watchdog is armed on it
+    enabled: bool = False
+    timeout: bool = True
+    override: bool = False  #: latched
+    driver: bool = False  #: active now
+    pressed: int = 0  #: steps beyond the override threshold
+    touched: int = 0  #: steps beyond the activity threshold
+    source: WatchdogSource = WatchdogSource.NONE
+    broken: bool = False  #: works no more, whatever it is told
+
+    def hear(self, command: BrakeCommand | ThrottleCommand | SteeringCommand, step: int) -> None:
+        """Take in a usable command."""
+        if command.clear and not self.pressed:
+            self.override = False
+        if command.counter is None:
+            return
+        last = self.command
+        if last is None or last.counter != command.counter:
+            self.counted = step
+            self.counting |= last is not None and last.enable and command.enable
+        self.command, self.heard = command, step
+
+    def feel(self, value: float, override_steps: int, activity_steps: int) -> None:
+        """Notice the driver."""
+        self.pressed = self.pressed + 1 if value > self.override_above else 0
+        self.touched = self.touched + 1 if value > self.activity_above else 0
+        self.driver = self.touched >= activity_steps
+        self.override |= self.pressed >= override_steps
+
+
+class DbwController:
+    """The kit's modules, stepped together every `duration` seconds."""
+
+    def __init__(self, parameters: DbwControllerParameters, duration: float) -> None:
+        self.parameters = parameters
+        self.brake = Module(BRAKE_OVERRIDE, PEDAL_ACTIVITY)
+        self.throttle = Module(THROTTLE_OVERRIDE, PEDAL_ACTIVITY)
+        self.steering = Module(STEERING_OVERRIDE, STEERING_ACTIVITY)
+        self.modules = (self.brake, self.throttle, self.steering)
+        self.gear = Gear.PARK
+        self.gear_command = Gear.NONE
+        self.gear_reject = GearReject.NONE
+        self.fault = False  #: the watchdog has latched
+        self.watchdog_braking = False
+        self.misuses = 0  #: command frames that asked to ignore the driver
+        self.request = Request(0.0, 0.0, math.nan)
+        self.driver = HANDS_OFF
+        self._step = 0
+        self._shift_ends: int | None = None
+        self._timeout_steps = round(TIMEOUT / duration)
+        self._override_steps = round(OVERRIDE_TIME / duration)
+        self._activity_steps = round(ACTIVITY_TIME / duration)
+        self._shift_steps = round(parameters.shift_time / duration)
+        self._brake_change = BRAKE_RAMP * duration
+        self._duration = duration
+
+    def receive(self, frames: Sequence[Frame], speed: float, brake_torque: float) -> None:
+        """Take in what came over the bus; a frame with a wrong length or value counts as not come."""
+        for frame in frames:
+            if frame.id not in codec.COMMAND_IDS:
+                continue
+            command = codec.decode(frame, self.parameters.variant)
+            if isinstance(command, BrakeCommand):
+                if command.kind is not BrakeKind.DECELERATION:  # a Fusion's brake module doesn't know it
+                    self.brake.hear(command, self._step)
+            elif isinstance(command, ThrottleCommand):
+                self.throttle.hear(command, self._step)
+            elif isinstance(command, SteeringCommand):
+                self.steering.hear(command, self._step)
+            elif isinstance(command, GearCommand):
+                self._shift(command.gear, speed, brake_torque)
+            elif isinstance(command, Malformed):
+                self.misuses += command.reason == "ignore_bit"
+
+    def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
+        """Advance by one step; `speed` [m/s] and steering `wheel_angle` [rad] are the car's own measurements."""
+        if driver is not HANDS_OFF or self.driver is not HANDS_OFF:  # nobody there leaves nothing to feel
+            self._feel(driver)
+        self.driver = driver
+        oldest = self._step - self._timeout_steps
+        for module in self.modules:
+            module.timeout = module.heard <= oldest
+        if self.parameters.watchdog:
+            self._watch(speed)
+        for module in self.modules:
+            command, refused = module.command, module.broken or module.timeout or module.override or self.fault
+            module.enabled = not refused and command is not None and command.enable
+        if self._shift_ends is not None and self._step >= self._shift_ends:
+            self.gear, self._shift_ends = self.gear_command, None
+        self._step += 1
+        self.request = Request(self._brake(driver), self._throttle(driver), self._steer(wheel_angle))
+        return self.request
+
+    def _feel(self, driver: DriverInputs) -> None:
+        self.brake.feel(driver.brake_pedal, self._override_steps, self._activity_steps)
+        self.throttle.feel(driver.throttle_pedal, self._override_steps, self._activity_steps)
+        self.steering.feel(abs(driver.steering_torque), self._override_steps, self._activity_steps)
+
+    def _watch(self, speed: float) -> None:
+        if self.fault:
+            self._watch_fault()
+        elif not (self.brake.override or self.throttle.override or self.steering.override):
+            parked = self.gear is Gear.PARK and abs(speed) < REST
+            for index, module in enumerate(self.modules):
+                if module.counting and (cause := self._cause(module, parked)) is not None:
+                    self._latch(index, cause)
+                    return
+
+    def _cause(self, module: Module, parked: bool) -> int | None:
+        """What the watchdog holds against an armed module: an offset from its first code in `WatchdogSource`."""
+        assert module.command is not None
+        if module.timeout:
+            return 2
+        if not module.command.enable:
+            module.counting = not parked
+            return None if parked else 1
+        return 0 if self._step - module.counted >= self._timeout_steps else None
+
+    def _latch(self, index: int, cause: int) -> None:
+        self.fault = self.watchdog_braking = True
+        for position, module in enumerate(self.modules):
+            module.source = WatchdogSource(4 * (index + 1) + cause if position == index else index + 1)
+
+    def _watch_fault(self) -> None:
+        if any(module.driver for module in self.modules):
+            self.watchdog_braking = False
+        if self.driver.acknowledge:
+            self.fault = self.watchdog_braking = False
+            for module in self.modules:
+                module.source = WatchdogSource.NONE
+                module.counting = False
+
+    def commanded_torque(self) -> float:
+        """Brake torque that the last command asks for, enabled or not [N m]."""
+        command = self.brake.command
+        if not isinstance(command, BrakeCommand) or command.kind is BrakeKind.NONE:
+            return 0.0
+        limit, value = self.parameters.brake_torque_limit, command.value
+        if command.kind is BrakeKind.PEDAL:
+            value = pedal_to_torque(value)
+        elif command.kind is BrakeKind.PERCENT:
+            value *= limit
+        return min(value, limit)
+
+    def commanded_throttle(self) -> float:
+        """Throttle opening that the last command asks for, enabled or not, 0 to 1."""
+        command = self.throttle.command
+        if not isinstance(command, ThrottleCommand) or command.kind is ThrottleKind.NONE:
+            return 0.0
+        return min(command.value, 1.0) if command.kind is ThrottleKind.PERCENT else pedal_to_throttle(command.value)
+
+    def commanded_wheel_angle(self) -> float:
+        """Steering-wheel angle that the last command asks for, enabled or not [rad]."""
+        command = self.steering.command
+        return command.wheel_angle if isinstance(command, SteeringCommand) else 0.0
+
+    def _brake(self, driver: DriverInputs) -> float:
+        wanted = self.commanded_torque() if self.brake.enabled else 0.0
+        if self.watchdog_braking:
+            wanted = self.parameters.watchdog_torque
+        change = max(wanted, pedal_to_torque(driver.brake_pedal)) - self.request.brake_torque
+        return self.request.brake_torque + min(max(change, -self._brake_change), self._brake_change)
+
+    def _throttle(self, driver: DriverInputs) -> float:
+        wanted = self.commanded_throttle() if self.throttle.enabled else 0.0
+        return max(wanted, pedal_to_throttle(driver.throttle_pedal))
+
+    def _steer(self, wheel_angle: float) -> float:
+        """The next point on the way to the commanded angle, which starts where the wheel is when it is taken over."""
+        command = self.steering.command
+        if not self.steering.enabled or not isinstance(command, SteeringCommand):
+            return math.nan
+        limit, rate = self.parameters.wheel_angle_limit, self.parameters.wheel_rate_limit
+        change = (min(command.wheel_rate, rate) if command.wheel_rate else rate) * self._duration
+        here = wheel_angle if math.isnan(self.request.wheel_angle) else self.request.wheel_angle
+        target = min(max(command.wheel_angle, -limit), limit)
+        return here + min(max(target - here, -change), change)
+
+    def _shift(self, gear: Gear, speed: float, brake_torque: float) -> None:
+        if gear is Gear.NONE or (gear is self.gear_command and self._shift_ends is not None):
+            return
+        self.gear_reject = self._refusal(gear, speed, brake_torque)
+        if self.gear_reject is GearReject.NONE:
+            self.gear_command = gear
+            if gear is not self.gear:
+                self._shift_ends = self._step + self._shift_steps
+
+    def _refusal(self, gear: Gear, speed: float, brake_torque: float) -> GearReject:
+        if gear is self.gear:
+            return GearReject.NONE
+        if gear is Gear.LOW:
+            return GearReject.UNSUPPORTED
+        if self._shift_ends is not None:
+            return GearReject.SHIFT_IN_PROGRESS
+        return GearReject.NONE if abs(speed) < REST and brake_torque >= SHIFT_BRAKE else GearReject.VEHICLE

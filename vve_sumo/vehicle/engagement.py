@@ -1,0 +1,85 @@
+"""How far the car has been handed over: the kit's confirmation, the gear, the operator's go.
+
+It follows what the car reports after the act of engaging; what a step that does not come about leads to is the
+gateway's business.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.reports import TOLERANCE, CarReports
+from vve_sumo.vehicle.setpoint_validation import Debounce
+
+HANDSHAKE_TIME: Final = 0.400  # from the act to all modules enabled [s], as Apollo's lincoln_controller waits
+SHIFT_TIME: Final = 3.0  # from asking for drive to drive confirmed [s]; a rotary shifter takes about one
+# Command and measurement differ by the rate times delay and lag while the steering moves; more than this beyond it, for
+# as long as this, is a steering that does not do as told.
+STEERING_DIFFERENCE: Final = 0.10  # road-wheel angle [rad]
+STEERING_DIFFERENCE_TIME: Final = 0.5  # [s]
+
+
+class Engagement:
+    """From the act of engaging to a car that moves as it is told.
+
+    The steering may differ from its command by `steering_lag` [rad] more than a steering at rest may. A `rehearsal`
+    awaits nothing of a car that is told nothing.
+    """
+
+    def __init__(self, steering_lag: float, rehearsal: bool) -> None:
+        self._steering_tolerance = STEERING_DIFFERENCE + steering_lag
+        self._rehearsal = rehearsal
+        self._begun = 0.0
+        self._shifting_since = 0.0
+        self._steering_differs = Debounce(STEERING_DIFFERENCE_TIME)
+        self.enabled = False  #: the kit has confirmed
+        self.in_drive = False  #: the gear has been confirmed
+        self.going = False  #: the operator has said go
+
+    def begin(self, now: float) -> None:
+        """Start anew: the operator has engaged."""
+        self._begun = now
+        self._steering_differs.reset()
+        self.enabled = self.in_drive = self._rehearsal
+        self.going = False
+
+    def settled(self, now: float) -> bool:
+        """Whether the kit has confirmed, and the time that it had for that is over."""
+        return self.enabled and now - self._begun > HANDSHAKE_TIME + TOLERANCE
+
+    def follow(self, now: float, reports: CarReports, steering_error: float) -> list[str]:
+        """Reason codes of what does not come about; `steering_error` is command less measured wheel angle [rad]."""
+        if self._rehearsal:
+            return []
+        if not self.enabled:
+            self.enabled = reports.all_enabled()
+            if not self.enabled:
+                return ["handshake_timeout"] if now - self._begun > HANDSHAKE_TIME + TOLERANCE else []
+            self._shifting_since = now
+        troubles = reports.dropped_out()
+        in_drive = reports.gear.gear is Gear.DRIVE
+        if self.in_drive and not in_drive:
+            troubles.append("gear_lost")
+        elif not in_drive and now - self._shifting_since > SHIFT_TIME + TOLERANCE:
+            troubles.append("gear_not_confirmed")
+        self.in_drive = self.in_drive or in_drive
+        if self._steering_differs.step(now, not abs(steering_error) <= self._steering_tolerance):
+            troubles.append("steering_not_following")
+        return troubles
+
+    def dropped_out(self, reports: CarReports) -> list[str]:
+        """Reason codes of modules that have worked and don't any more."""
+        return reports.dropped_out() if self.enabled and not self._rehearsal else []
+
+    def may_go(self, driver: list[str]) -> bool:
+        """Whether the car may be let go; `driver` names the pedals that the driver touches."""
+        return self.enabled and self.in_drive and not driver
+
+    def waits_for(self, driver: list[str]) -> list[str]:
+        """What keeps the car standing while it is engaged; `driver` as above."""
+        if not self.enabled:
+            return ["engaging"]
+        if not self.in_drive:
+            return ["shifting"]
+        return driver or ["waiting_for_go"]

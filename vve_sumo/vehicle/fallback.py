@@ -1,0 +1,76 @@
+"""Where on its way to rest the car is, by its wheels alone, and which wheel angle that way asks for.
+
+It knows the newest way and the distance driven along it; no pose, no map, and no reason to stop.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from vve_sumo.values import FallbackPath, Vehicle
+
+MAX_KNOTS: Final = 64  # of a way to rest: 64 m at a metre each is twice the way to rest from 10 m/s at 2.4 m/s2
+MAX_CURVATURE: Final = (
+    1.0  # [1/m]; no car turns tighter than 0.3, so that whatever is beyond says "as tight as it goes"
+)
+# A kit that hears nothing for 100 ms lets go of the steering wheel: after a longer gap nobody knows where the car went.
+MAX_GAP: Final = 0.100  # [s]
+_ROUNDING: Final = 1e-6  # [s]
+
+
+def well_formed(profile: FallbackPath) -> bool:
+    """Whether `profile` is a way at all: 1 to 64 finite knots at a finite, positive spacing."""
+    return (
+        0.0 < profile.spacing < math.inf
+        and 1 <= len(profile.curvature) <= MAX_KNOTS
+        and all(map(math.isfinite, profile.curvature))
+    )
+
+
+class FallbackTracker:
+    """Follows the newest way to rest by odometry.
+
+    The wheel angle is that of the single-track model on a steady circle: atan(L k) + K k v^2 (Rajamani, Vehicle
+    Dynamics and Control, 3.3), for the curvature k that will be under the rear axle once the steering has answered.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._wheelbase = vehicle.wheelbase
+        self._understeer = vehicle.understeer_gradient
+        self._answer_time = vehicle.steering_delay + vehicle.steering_lag
+        self._profile: FallbackPath | None = None
+        self._distance = math.nan  # along the way; NaN where nobody can tell
+        self._speed = math.nan
+
+    def take(self, age: float, profile: FallbackPath | None) -> None:
+        """Follow `profile` from now on, which begins where the car was `age` seconds ago; None for no way."""
+        self._profile = profile
+        self._distance = self._speed * age
+
+    def move(self, duration: float, speed: float) -> None:
+        """Drive on for `duration` [s], arriving at `speed` [m/s]; NaN where the speed is not known."""
+        if 0.0 < duration <= MAX_GAP + _ROUNDING:
+            self._distance += 0.5 * (self._speed + speed) * duration
+        else:
+            self._distance = math.nan
+        self._speed = speed
+
+    def steering(self) -> float | None:
+        """Road-wheel angle [rad] that the way asks for, left positive; None where there is no way or no knowing."""
+        ahead = self._distance + self._speed * self._answer_time
+        if self._profile is None or not math.isfinite(ahead):
+            return None
+        curvature = min(max(_curvature(self._profile, ahead), -MAX_CURVATURE), MAX_CURVATURE)
+        return math.atan(self._wheelbase * curvature) + self._understeer * curvature * self._speed * self._speed
+
+
+def _curvature(profile: FallbackPath, distance: float) -> float:
+    """Linear between knots, the first one's before the beginning, the last one's beyond the end."""
+    knots, place = profile.curvature, distance / profile.spacing
+    if place >= len(knots) - 1:
+        return knots[-1]
+    if place <= 0.0:
+        return knots[0]
+    index = int(place)
+    return knots[index] + (place - index) * (knots[index + 1] - knots[index])

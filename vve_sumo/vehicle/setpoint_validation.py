@@ -1,0 +1,84 @@
+"""Which setpoints are believed: form, order and age.
+
+It knows no state of arming and commands nothing; it gives reason codes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from vve_sumo.values import Setpoint
+from vve_sumo.vehicle.fallback import well_formed
+from vve_sumo.vehicle.reports import TOLERANCE
+
+MAX_LIFETIME: Final = 0.100  # of a setpoint [s]: the kit's own timeout for commands
+
+
+class Debounce:
+    """Tells when something has been bad for `duration` [s] without a break."""
+
+    def __init__(self, duration: float) -> None:
+        self._duration = duration
+        self._since = math.inf
+
+    def reset(self) -> None:
+        """Forget what was."""
+        self._since = math.inf
+
+    def step(self, now: float, bad: bool) -> bool:
+        """Whether it has been bad all the time from `now - duration` on."""
+        if not bad:
+            self._since = math.inf
+            return False
+        self._since = min(self._since, now)
+        return now - self._since >= self._duration - TOLERANCE
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a setpoint isn't acted on."""
+
+    reason: str  #: reason code
+    fatal: bool  #: the setpoint shows a broken controller; otherwise the ones before and after may be good
+
+
+class SetpointValidator:
+    """Keeps the newest setpoint that may be acted on."""
+
+    def __init__(self) -> None:
+        self.setpoint: Setpoint | None = None
+        self._sequence = -1
+
+    def take(self, now: float, setpoint: Setpoint) -> Refusal | None:
+        """Keep `setpoint`, or say why not."""
+        refusal = self._check(now, setpoint)
+        if refusal is None:
+            self.setpoint = setpoint
+            self._sequence = setpoint.sequence
+        return refusal
+
+    def valid(self, now: float) -> bool:
+        """Whether the newest setpoint may still be acted on."""
+        return self.setpoint is not None and now <= self.setpoint.expires + TOLERANCE
+
+    def faults(self, now: float) -> list[str]:
+        """Reason codes that the newest setpoint brings; one that has expired tells nothing."""
+        return list(self.setpoint.faults) if self.setpoint is not None and self.valid(now) else []
+
+    def _check(self, now: float, setpoint: Setpoint) -> Refusal | None:
+        motion = setpoint.speed + setpoint.yaw_rate + setpoint.grade + setpoint.x + setpoint.y + setpoint.heading
+        if not math.isfinite(setpoint.steering + setpoint.acceleration + motion):
+            return Refusal("setpoint_not_finite", fatal=True)
+        if setpoint.sequence < 0 or not math.isfinite(setpoint.time + setpoint.expires):
+            return Refusal("setpoint_incomplete", fatal=True)
+        if setpoint.profile is not None and not well_formed(setpoint.profile):
+            return Refusal("profile_invalid", fatal=True)
+        if setpoint.sequence <= self._sequence:
+            return Refusal("setpoint_out_of_order", fatal=False)
+        if setpoint.expires - setpoint.time > MAX_LIFETIME + TOLERANCE:
+            return Refusal("setpoint_lifetime", fatal=False)
+        if setpoint.time > now + TOLERANCE:
+            return Refusal("setpoint_from_future", fatal=False)
+        return None

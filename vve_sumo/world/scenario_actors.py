@@ -1,0 +1,97 @@
+"""Puts the actors that a scenario moves onto SUMO's street, so that its traffic sees them on every lane they cut.
+
+The body that radar and contact tests see is the player's own box. What traffic sees are ghosts, as where the ego leaves
+its line of lanes: SUMO drives over persons on a lane for cars, and takes a vehicle to lie along one lane only. Must not
+know why a player is where it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from vve_sumo.values import ActorState
+from vve_sumo.world.ego_sync import FASTEST
+from vve_sumo.world.footprint import Rectangle
+from vve_sumo.world.lanes import Cut, Lanes, cuts
+from vve_sumo.world.proxies import GHOST_TYPE, ProxyVehicles
+from vve_sumo.world.surroundings import cross_section
+
+#: As radar sees them, where SUMO has another word for the kind.
+SUMO_CLASSES: Final = {"car": "passenger", "van": "delivery"}
+
+#: Half way round the Earth: no map is larger [m].
+FARTHEST: Final = 2e7
+
+
+def box_of(player: ActorState) -> Rectangle:
+    """Return the ground that a player covers."""
+    return Rectangle(player.x, player.y, player.heading, player.length, player.width)
+
+
+class ScenarioActors:
+    """The players on the street and the ghosts by which SUMO's traffic sees each."""
+
+    def __init__(self, lanes: Lanes) -> None:
+        self._lanes = lanes
+        self._on: tuple[ActorState, ...] = ()
+        self._shadows: dict[str, Shadow] = {}
+        self.ids: frozenset[str] = frozenset()  #: names of the vehicles that stand for players and are no actors
+
+    def place(self, players: Sequence[ActorState]) -> tuple[ActorState, ...]:
+        """Have these on the street at the coming step and no others; return those that were not on it before.
+
+        One whose numbers are not finite, or that is off the Earth, is left out. Raises SUMO's errors.
+        """
+        self._on = tuple(player for player in players if _somewhere(player))
+        here = {player.id for player in self._on}
+        for name in [name for name in self._shadows if name not in here]:
+            self._shadows.pop(name).leave()
+        entered = tuple(player for player in self._on if player.id not in self._shadows)
+        for player in entered:
+            self._shadows[player.id] = Shadow(player, self._lanes)
+        return entered
+
+    def show(self) -> None:
+        """Have SUMO's traffic see them at the coming step; raises SUMO's errors."""
+        if not self._on and not self.ids:
+            return
+        for player in self._on:
+            self._shadows[player.id].show(player)
+        self.ids = frozenset().union(*(shadow.ids for shadow in self._shadows.values()))
+
+    def seen(self) -> Iterator[tuple[ActorState, float]]:
+        """Return who is on the street, each with its radar cross section [m2]."""
+        for player in self._on:
+            yield player, cross_section(SUMO_CLASSES.get(player.kind, player.kind))
+
+
+class Shadow:
+    """What traffic sees of one player."""
+
+    def __init__(self, player: ActorState, lanes: Lanes) -> None:
+        self._nearby = lanes.nearby(box_of(player).radius)
+        self._ghosts = ProxyVehicles(lanes, f"{GHOST_TYPE}.{player.id}")
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Names of the vehicles that stand for the player."""
+        return self._ghosts.ids
+
+    def show(self, player: ActorState) -> None:
+        """Cover the lanes that the player will cut; raises SUMO's errors."""
+        self._ghosts.cover(box_of(player), min(player.speed, FASTEST), self._cut)
+
+    def leave(self) -> None:
+        """Take it off the street; raises SUMO's errors."""
+        self._ghosts.leave()
+
+    def _cut(self, box: Rectangle) -> dict[str, Cut]:
+        return cuts(box, self._nearby.close(box))
+
+
+def _somewhere(player: ActorState) -> bool:
+    """Whether it is at a place on Earth, facing some way at some speed."""
+    known = math.isfinite(player.heading) and math.isfinite(player.speed)
+    return known and abs(player.x) <= FARTHEST and abs(player.y) <= FARTHEST
