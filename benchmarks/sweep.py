@@ -43,9 +43,9 @@ FRESH = """
 import sys
 from pathlib import Path
 from vve_sumo.sweep.job import Job
-from vve_sumo.sweep.input_cache import Readings
+from vve_sumo.sweep.input_cache import InputCache
 from vve_sumo.sweep.run import run_job
-print(run_job(Job.from_json(sys.stdin.read()), Path(sys.argv[1]), Readings()).to_json())
+print(run_job(Job.from_json(sys.stdin.read()), Path(sys.argv[1]), InputCache()).to_json())
 """
 
 

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pytest
 
 from tests.isolated import isolated
-from tests.metrics.test_drive import ticks_of
+from tests.metrics.test_drive_metrics import ticks_of
 from tests.world.streets import FUSION, PERIOD, demand, pose, street
 from vve_sumo.metrics import drive_metrics, following
 from vve_sumo.path import Path as Curve

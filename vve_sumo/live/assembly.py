@@ -95,7 +95,7 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
 
 
 def chain_of(setting: ResolvedScenario, rig: Rig, ground: LotAlignment, working: FilePath) -> Pipeline:
-    """Put the chain of a live drive together; raises ConfigError as `Setting.controller` does."""
+    """Put the chain of a live drive together; raises ConfigError as `ResolvedScenario.controller` does."""
     scenario, epoch = setting.scenario, ground.epoch
     frame = meaning.frame_of(rig)
     if frame.projection != ground.projection:

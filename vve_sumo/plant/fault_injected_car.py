@@ -17,7 +17,7 @@ from vve_sumo.values import Frame, Pose
 
 
 class FaultInjectedCar:
-    """A `Car` (see there for the arguments) and its `Rehearsal`, stepped together; the driver is the rehearsal's."""
+    """A `Car` (see there for the arguments) and its `FaultInjector`, stepped together; the driver is the injector's."""
 
     def __init__(
         self,
