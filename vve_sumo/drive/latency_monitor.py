@@ -138,7 +138,7 @@ def legs(row: LatencyRow) -> dict[str, float]:
 
 
 def summarize(table: pyarrow.Table) -> dict[str, Any]:
-    """Return the figures of a record's `latency` table, a column per field of LatencyRow, as `LatencyMonitor.summary` does."""
+    """Return the figures of a record's `latency` table (columns: LatencyRow), as `LatencyMonitor.summary` does."""
     tally = Tally()
     for row in rows_of(table):
         tally.add(row)
