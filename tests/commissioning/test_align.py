@@ -78,14 +78,14 @@ def test_a_stored_alignment_is_the_one_that_was_found(tmp_path: Path, monkeypatc
     monkeypatch.chdir(tmp_path)
     rig = own_rig(tmp_path)
     site = align.site_of("seen_late", str(rig), tmp_path)
-    laid = align.matched(site)
-    align.store(site, laid, align.datetime.date(2026, 5, 1))
+    result = align.matched(site)
+    align.store(site, result, align.datetime.date(2026, 5, 1))
     loaded = rigs.load(rig)
     kept = meaning.alignment_of(loaded, "linden")
     frame = meaning.frame_of(loaded)
     assert frame.projection == meaning.frame_of(site.rig).projection
     assert (kept.rotation, kept.x, kept.y) == pytest.approx(
-        (laid.alignment.rotation, laid.alignment.x, laid.alignment.y), abs=1e-5
+        (result.alignment.rotation, result.alignment.x, result.alignment.y), abs=1e-5
     )
     ground = LotAlignment(frame.projection, kept, 1.4e9)
     assert assembly.chain_of(site.setting, loaded, ground, REPOSITORY) is not None
@@ -119,18 +119,18 @@ def true_places() -> list[complex]:
     return [TURN * on_the_lot(*place) + SHIFT for place in PLACES]
 
 
-def found_by(folder: Path, file: Path) -> align.Laid:
+def found_by(folder: Path, file: Path) -> align.AlignmentResult:
     return align.paired(align.site_of("seen_late", str(own_rig(folder)), folder), file)
 
 
 def test_surveyed_pairs_tell_a_known_turn_and_shift(tmp_path: Path, capsys) -> None:
     street = true_places()
     street[2] += 0.09
-    laid = found_by(tmp_path, pairs_file(tmp_path, street))
+    result = found_by(tmp_path, pairs_file(tmp_path, street))
     # A quarter of the one error in the shift, and of its three quarters that are left most at its own pair.
-    assert complex(np.exp(1j * laid.alignment.rotation)) == pytest.approx(TURN, abs=3e-4)
-    assert abs(complex(laid.alignment.x, laid.alignment.y) - SHIFT) < 0.15
-    assert 0.03 < laid.residual < 0.09
+    assert complex(np.exp(1j * result.alignment.rotation)) == pytest.approx(TURN, abs=3e-4)
+    assert abs(complex(result.alignment.x, result.alignment.y) - SHIFT) < 0.15
+    assert 0.03 < result.residual < 0.09
     said = capsys.readouterr().out
     off = [float(number) for number in re.findall(r"off by (\S+) m", said)]
     assert len(off) == 4
@@ -145,9 +145,9 @@ def test_the_street_may_be_told_in_degrees(tmp_path: Path, capsys) -> None:
     there = [place - offset for place in true_places()]
     degrees = [street(place.real, place.imag, inverse=True) for place in there]
     names = ("street_latitude_deg", "street_longitude_deg")
-    laid = found_by(tmp_path, pairs_file(tmp_path, [complex(b, a) for a, b in degrees], names))
-    assert complex(np.exp(1j * laid.alignment.rotation)) == pytest.approx(TURN, abs=1e-4)
-    assert abs(complex(laid.alignment.x, laid.alignment.y) - SHIFT) < 0.02
+    result = found_by(tmp_path, pairs_file(tmp_path, [complex(b, a) for a, b in degrees], names))
+    assert complex(np.exp(1j * result.alignment.rotation)) == pytest.approx(TURN, abs=1e-4)
+    assert abs(complex(result.alignment.x, result.alignment.y) - SHIFT) < 0.02
 
 
 @pytest.mark.parametrize(
@@ -269,7 +269,7 @@ def test_a_shipped_rig_is_not_written_from_elsewhere(tmp_path: Path, monkeypatch
     site = align.site_of("seen_late", "twin", tmp_path)
     try:
         with pytest.raises(ConfigError, match="vve-sumo init"):
-            align.store(site, align.Laid(Alignment(), 0.0, None), align.datetime.date(2026, 5, 1))
+            align.store(site, align.AlignmentResult(Alignment(), 0.0, None), align.datetime.date(2026, 5, 1))
         assert shipped.read_text(encoding="utf-8") == before
     finally:
         shipped.write_text(before, encoding="utf-8")

@@ -137,9 +137,9 @@ def test_a_tuning_that_nobody_should_drive_is_refused(tuning: dict[str, float]) 
 
 def shipped(folder: str) -> dict[str, Any]:
     """Drive the shipped scenario in lockstep and return its summary; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
-    return command.run(command.choose("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
+    return drives.run(drives.choose("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
 
 
 def test_the_shipped_scenario_passes_and_calibrates(tmp_path: Path) -> None:

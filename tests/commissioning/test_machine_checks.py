@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tests.conftest import REPOSITORY
 from vve_sumo.commissioning.machine_checks import _all_at_once
-from vve_sumo.drive.command import choose
+from vve_sumo.drive.run import choose
 from vve_sumo.drive.virtual_road import cast_of
 from vve_sumo.values import Point, Pose
 

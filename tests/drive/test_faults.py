@@ -95,7 +95,7 @@ REASONS = {
 
 def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
     """Return summary, true speeds and states of a drive with a receiver that goes wrong."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
     from vve_sumo.drive.lockstep import Lockstep
     from vve_sumo.record.record import Record, read_table
 

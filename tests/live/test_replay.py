@@ -25,7 +25,7 @@ from tests.live.records import PATIENCE, Drive, begin
 from tests.live.witness import stalls, witness
 from vve_sumo import cli
 from vve_sumo.bus import read_log
-from vve_sumo.drive import command as drives
+from vve_sumo.drive import run as drives
 from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.drive.verify import altered_parts

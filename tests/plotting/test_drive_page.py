@@ -99,10 +99,10 @@ def dark(dots: Any) -> int:
 
 def drive_and_draw(folder: str) -> None:
     """Drive three seconds and draw them; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
     setting = altered({"duration_s": 3.0})
-    command.draw(setting, command.run(setting, FilePath(folder), REPOSITORY))
+    command.draw(setting, drives.run(setting, FilePath(folder), REPOSITORY))
 
 
 def test_a_real_drive_fills_every_panel(tmp_path: FilePath) -> None:

@@ -29,7 +29,7 @@ from vve_sumo.sweep.job import Result
 from vve_sumo.sweep.plan import query_of
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs
 from vve_sumo.sweep.search import AdaptiveSearch, least_runs, met
-from vve_sumo.sweep.search_results import lines, table_of
+from vve_sumo.cli.search_results import lines, table_of
 from vve_sumo.sweep.spec import Spec, parse_spec
 from vve_sumo.vehicle.fusion import vehicle
 

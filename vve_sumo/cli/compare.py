@@ -1,36 +1,58 @@
-"""What the analysis says on the screen: `vve-sumo compare`.
-
-The only module of the room that prints.
-"""
+"""`vve-sumo compare`: two records laid together, and how far apart they are."""
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vve_sumo.analysis.comparison import STATION, Comparison
-from vve_sumo.analysis.comparison import compare as lay_together
-from vve_sumo.analysis.load import load
-from vve_sumo.analysis.run import Run
+from vve_sumo.cli.console import plain_console
+from vve_sumo.cli.parser import Commands, add_command
 from vve_sumo.errors import ConfigError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-#: of a table that goes into a file and not onto a screen
-WIDE = 160
+    from vve_sumo.analysis.comparison import Comparison
+    from vve_sumo.analysis.run import Run
+
+EXIT_CODES = """exit codes:
+  0  compared, however far apart they are
+  2  wrong use, or not the records of two drives
+"""
 
 
-def compare(one: Path, other: Path, out: Path | None) -> int:
-    """Run the command: compare two records, print what differs, draw it into `out`; return the exit code."""
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    compare = add_command(
+        commands,
+        "compare",
+        "compare two records: a real drive and its virtual twin, or any two",
+        "Lay two records together at first motion and say how far apart they are: RMSE, correlation, Theil's U and\n"
+        "time shift of each signal, and what each drive came to.\n\n"
+        "examples:\n"
+        "  vve-sumo compare runs/lot runs/lockstep               a live drive and its twin in lockstep\n"
+        "  vve-sumo compare runs/a runs/b --out difference.png   two of anything, and a picture",
+        EXIT_CODES,
+    )
+    compare.add_argument("one", type=Path, metavar="ONE", help="folder of a drive")
+    compare.add_argument("other", type=Path, metavar="OTHER", help="folder of another; differences are other minus one")
+    compare.add_argument("--out", type=Path, metavar="PNG", help="picture to write")
+    compare.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compare two records, print what differs, draw it where that is asked for; return the exit code, 0."""
+    from vve_sumo.analysis.comparison import compare
+
+    out = arguments.out
     if out is not None and out.suffix.lower() != ".png":
         raise ConfigError(f"--out: expected a file that ends in .png, got {out.name}")
     if out is not None and not out.parent.is_dir():
         raise ConfigError(f"--out: no folder {out.parent} for the picture")
-    compared = lay_together(_record(one), _record(other))
+    compared = compare(_record(arguments.one), _record(arguments.other))
     _show(compared)
     if out is not None:
         from vve_sumo.plotting import comparison, save
@@ -41,6 +63,9 @@ def compare(one: Path, other: Path, out: Path | None) -> int:
 
 
 def _record(folder: Path) -> Run:
+    from vve_sumo.analysis.load import load
+    from vve_sumo.analysis.run import Run
+
     found = load(folder)
     if not isinstance(found, Run):
         raise ConfigError(f"{folder}: a sweep's dataset; expected the record of one drive")
@@ -48,9 +73,7 @@ def _record(folder: Path) -> Run:
 
 
 def _show(compared: Comparison) -> None:
-    from rich.console import Console
-
-    console = Console(soft_wrap=True, highlight=False, markup=False, width=None if sys.stdout.isatty() else WIDE)
+    console = plain_console()
     for name, run, begin in zip(("one", "other"), (compared.one, compared.other), compared.begin, strict=True):
         how = "live" if run.live else "in lockstep"
         console.print(f"{name + ':':<7}{run.folder}: {run.title}, {how}, first motion at {begin:.3f} s")
@@ -62,6 +85,8 @@ def _show(compared: Comparison) -> None:
 
 
 def _print_signals(console: Console, compared: Comparison) -> None:
+    from vve_sumo.analysis.comparison import STATION
+
     heads = ("signal", "RMSE", "greatest", "mean", "unit", "r", "Theil's U", "other is later by", "points")
     rows = []
     for name, row in compared.signals.iterrows():

@@ -1,6 +1,6 @@
-"""`vve-sumo drive --rig` from names to record, picture and table: starts the crew, looks after it, says how it went.
+"""A live drive from names to its record and summary: starts the processes, waits for their end, completes the summary.
 
-The only module of the room that looks at the wall clock or prints.
+The only module of the room that looks at the wall clock. It prints nothing: its caller hands in where messages go.
 """
 
 from __future__ import annotations
@@ -8,19 +8,18 @@ from __future__ import annotations
 import contextlib
 import datetime
 import json
-import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 from vve_sumo import workspace
-from vve_sumo.commissioning import doctor_result
-from vve_sumo.drive import command as drives
 from vve_sumo.drive import provenance
 from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.run import choose, folder_for
+from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
@@ -43,8 +42,11 @@ from vve_sumo.scenario.schema import Abort
 
 #: for a process to end by itself once all is over [s]; the recorder writes its tables in this time
 LAST_PATIENCE: Final = 60.0
-#: characters of a person's name
-LONGEST_NAME: Final = 100
+#: characters of a person's name, at most
+MAX_NAME_LENGTH: Final = 100
+
+#: takes a line for the operator that needs no answer
+Notify = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,54 +87,49 @@ def plan(
     loaded = rigs.load(rig_file)
     if not shadow and (reason := arming_refusal(loaded)) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
-    setting = drives.choose(scenario, working, seed=seed, controller=controller)
+    resolved = choose(scenario, working, seed=seed, controller=controller)
     try:
-        setting = assembly.fitted(setting, loaded)
+        resolved = assembly.fitted(resolved, loaded)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
-    folder = (out if out is not None else drives.folder_for(setting, working)).absolute()
+    folder = (out if out is not None else folder_for(resolved, working)).absolute()
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
-    return Plan(setting, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic())
+    return Plan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic())
 
 
 def named(plan: Plan, operator: str | None, driver: str | None) -> Plan:
-    """Return a plan with who is at the console and who sits behind the wheel.
-
-    Of a real car both are asked for where nobody has said so and there is a terminal to ask on; drive time begins
-    after the answers. Raises ConfigError for what is no name.
-    """
-    asks = plan.rig.car == "real" and sys.stdin.isatty()
-    operator, driver = _name("operator", operator, asks), _name("driver", driver, asks)
+    """Return a plan with who is at the console and who sits behind the wheel; drive time begins now."""
     return replace(plan, operator=operator, driver=driver, t0=time.monotonic())
 
 
-def _name(who: str, said: str | None, asks: bool) -> str | None:
-    """Return a person's name, asked for where nobody has said it and `asks`; None where nobody says it."""
-    if said is None and asks:
-        print(f"name of the {who} (for the record; --{who} says it): ", end="", file=sys.stderr, flush=True)
-        said = sys.stdin.readline()
-    if said is None:
-        return None
-    name = said.strip()
-    if not name or len(name) > LONGEST_NAME or not name.isprintable():
-        raise ConfigError(f"--{who}: expected a name of 1 to {LONGEST_NAME} printable characters, got {name[:80]!r}")
+def person_name(role: str, typed: str) -> str:
+    """Return the name of a person in this role as the record keeps it; raises ConfigError for what is no name."""
+    name = typed.strip()
+    if not name or len(name) > MAX_NAME_LENGTH or not name.isprintable():
+        raise ConfigError(
+            f"--{role}: expected a name of 1 to {MAX_NAME_LENGTH} printable characters, got {name[:80]!r}"
+        )
     return name
 
 
-def _provenance(plan: Plan) -> str:
+def _provenance(plan: Plan, doctor: Mapping[str, Any]) -> str:
     """Return what the record keeps of where the drive comes from, as the file holds it."""
     now = datetime.datetime.now(datetime.UTC)
-    told = provenance.provenance(plan.setting, now.isoformat(timespec="seconds"))
-    told |= {"rig_file_sha256": hash_file(plan.rig_file), "operator": plan.operator, "driver": plan.driver}
-    return provenance.text_of(told | {"doctor": doctor_result.last(plan.rig_file, plan.working, now)})
+    document = provenance.provenance(plan.setting, now.isoformat(timespec="seconds"))
+    document |= {"rig_file_sha256": hash_file(plan.rig_file), "operator": plan.operator, "driver": plan.driver}
+    return provenance.text_of(document | {"doctor": dict(doctor)})
 
 
-def live(plan: Plan) -> dict[str, Any]:
-    """Drive a plan to its end and return its summary; raises VveError where it never began."""
+def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify) -> dict[str, Any]:
+    """Drive a plan to its end and return its summary; raises VveError where it never began.
+
+    `doctor` is the doctor's last result on the rig, for the record. The console draws on `terminal` while the drive
+    goes on; messages before and after it go to `notify`.
+    """
     plan.setting.controller(plan.working)  # refuses what is wrong before anything is started
     if plan.setting.scenario.abort != Abort():
-        print("the scenario's [abort] does not apply to a live drive: nothing lets go of a moving car", file=sys.stderr)
+        notify("the scenario's [abort] does not apply to a live drive: nothing lets go of a moving car")
     with (
         held(plan.rig_file),
         contextlib.ExitStack() as stack,
@@ -146,12 +143,12 @@ def live(plan: Plan) -> dict[str, Any]:
             scenario = plan.setting.scenario
             friction = scenario.weather.friction
             car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
-        ground = _ground(plan, source)
+        ground = _ground(plan, source, notify)
         resolved = plan.setting.resolved(plan.working) | ground.as_dict()
         resolved |= assembly.told(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
         resolved["gateway"]["shadow"] = plan.shadow
-        crew = _crew(plan, resolved, ground, car)
-        screen = Screen(sys.stderr)
+        crew = _crew(plan, resolved, _provenance(plan, doctor), ground, car, notify)
+        screen = Screen(terminal)
         console = Console(crew, keys, screen, plan.rig.operator.automatic)
         try:
             stand_back()
@@ -164,16 +161,16 @@ def live(plan: Plan) -> dict[str, Any]:
     if console.refusal is not None and not _drove(plan.folder):
         text, exit_code = console.refusal
         raise _ERRORS.get(exit_code, VveError)(text)
-    return _summary(plan, console.why)
+    return _summary(plan, console.why, notify)
 
 
 _ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
 
 
-def _ground(plan: Plan, source: Source) -> LotAlignment:
+def _ground(plan: Plan, source: Source, notify: Notify) -> LotAlignment:
     """Find where the lot lies on the street, and GNSS time, while the car stands; the drive is to open the receiver."""
     rig, setting = plan.rig, plan.setting
-    print("waiting for trusted fixes of the standing car", file=sys.stderr)
+    notify("waiting for trusted fixes of the standing car")
     try:
         stood = assembly.stood(rig, source, plan.t0)
     finally:
@@ -184,16 +181,15 @@ def _ground(plan: Plan, source: Source) -> LotAlignment:
     return lot_alignment(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, stored)
 
 
-def not_ready(plan: Plan, ground: LotAlignment) -> tuple[str, ...]:
+def _not_ready(plan: Plan, ground: LotAlignment, notify: Notify) -> tuple[str, ...]:
     """Reason codes of what stands against this drive from its beginning to its end."""
     fence = meaning.fence_of(plan.rig, ground.alignment)
     leaves = fence.along(plan.setting.path, plan.setting.scenario.ego.speed_mps)
     if leaves is None:
         return ()
-    print(
+    notify(
         f"the path leaves the lot: from {leaves:.0f} m on, the car could not stop inside it; "
-        "vve-sumo align --fit proposes how to lay it",
-        file=sys.stderr,
+        "vve-sumo align --fit proposes how to lay it"
     )
     return ("path_leaves_lot",)
 
@@ -201,8 +197,10 @@ def not_ready(plan: Plan, ground: LotAlignment) -> tuple[str, ...]:
 def _crew(
     plan: Plan,
     resolved: dict[str, Any],
+    provenance_text: str,
     ground: LotAlignment,
     car: start_simulated_vehicle.SimulatedVehicleProcess | None,
+    notify: Notify,
 ) -> ProcessGroup:
     """Start recorder, gateway and drive, each with the ends that it needs and no others."""
     console_gateway, gateway_console = pair()
@@ -214,7 +212,7 @@ def _crew(
     common = {"folder": str(folder), "t0": plan.t0, "epoch": ground.epoch}
     recorder = spawn.start(
         "recorder",
-        common | {"resolved": resolved, "provenance": _provenance(plan), "log": str(folder / "recorder.log")},
+        common | {"resolved": resolved, "provenance": provenance_text, "log": str(folder / "recorder.log")},
         {"drive": recorder_drive, "gateway": recorder_gateway},
         own_session=True,
     )
@@ -232,7 +230,7 @@ def _crew(
         | {
             "resolved": resolved,
             "working": str(plan.working),
-            "not_ready": not_ready(plan, ground),
+            "not_ready": _not_ready(plan, ground, notify),
             "log": str(folder / "drive.log"),
         },
         {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder},
@@ -259,7 +257,7 @@ def _drove(folder: FilePath) -> bool:
     return any(state in ("engaged", "stopping", "stopped") for state in states)
 
 
-def _summary(plan: Plan, why: tuple[str, ...]) -> dict[str, Any]:
+def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]:
     """Complete the recorder's summary by what the scenario asks for; `why` is what the gateway told the console."""
     try:
         told = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
@@ -274,7 +272,7 @@ def _summary(plan: Plan, why: tuple[str, ...]) -> dict[str, Any]:
         told.get("text", ""),
         tuple(told.get("standoffs", ())),
     )
-    full = drives.summarise(plan.setting, done, plan.folder, told.get("record_parts_sha256", {}))
+    full = summarise_drive(plan.setting, done, plan.folder, told.get("record_parts_sha256", {}))
     extra = {
         key: told[key] for key in told if key not in full and key not in ("cleared", "standoffs", "warnings", SEAL)
     }
@@ -282,38 +280,12 @@ def _summary(plan: Plan, why: tuple[str, ...]) -> dict[str, Any]:
     try:
         write_summary(plan.folder, summary)
     except OSError as error:
-        print(f"{plan.folder / 'summary.json'} cannot be written: {error.strerror}; make room", file=sys.stderr)
+        notify(f"{plan.folder / 'summary.json'} cannot be written: {error.strerror}; make room")
     return summary
 
 
-def drive_live(
-    scenario: str,
-    rig: str,
-    *,
-    out: FilePath | None,
-    seed: int | None,
-    controller: str | None,
-    shadow: bool,
-    operator: str | None,
-    driver: str | None,
-) -> int:
-    """Run the command: plan, drive, draw, show; return the exit code."""
-    made = plan(scenario, rig, FilePath.cwd(), out=out, seed=seed, controller=controller, shadow=shadow)
-    made = named(made, operator, driver)
-    with _gone_when_empty(made.folder):
-        summary = live(made)
-    done = drives.Drive(made.folder, summary)
-    picture = None
-    with contextlib.suppress(VveError, OSError):
-        picture = drives.draw(made.setting, done) if summary["ticks"] else None
-    drives.show(done, picture)
-    if summary["outcome"] == Outcome.BROKEN:
-        return SimulationError.exit_code
-    return 0 if done.passed else 1
-
-
 @contextlib.contextmanager
-def _gone_when_empty(folder: FilePath) -> Iterator[None]:
+def removed_when_empty(folder: FilePath) -> Iterator[None]:
     """Take away the folder of a drive that never came to a record, with what its first processes left there."""
     try:
         yield

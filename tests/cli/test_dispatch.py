@@ -52,7 +52,7 @@ def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
 def test_the_drive_does_without_slow_imports() -> None:
     """python-control, pandas and matplotlib cost seconds; nothing on the way to the first tick needs them."""
     code = (
-        "import sys, vve_sumo.drive.command\n"
+        "import sys, vve_sumo.drive.run\n"
         "print([m for m in ('pandas', 'control', 'matplotlib', 'cantools') if m in sys.modules])"
     )
     run = subprocess.run(

@@ -14,7 +14,7 @@ import pytest
 
 from tests.drive.street import REPOSITORY, altered
 from vve_sumo.controller import Guarded
-from vve_sumo.drive import command
+from vve_sumo.drive import run as drives
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import ConfigError
@@ -132,18 +132,18 @@ def test_a_band_that_nothing_can_meet_is_refused() -> None:
 
 
 def test_the_command_line_lays_over_the_scenario() -> None:
-    setting = command.choose("parked_car", REPOSITORY, seed=7, controller="follow_and_stop")
+    setting = drives.choose("parked_car", REPOSITORY, seed=7, controller="follow_and_stop")
     assert setting.scenario.seed == 7
     with pytest.raises(ConfigError, match="--seed"):
-        command.choose("parked_car", REPOSITORY, seed=-1)
+        drives.choose("parked_car", REPOSITORY, seed=-1)
 
 
 def test_another_controller_does_not_get_the_tuning_of_the_scenarios_own(tmp_path: Path) -> None:
     text = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
     control = '[controller]\nname = "follow_and_stop"\ntuning = { gap_m = 6.0 }\n\n[criteria]'
     (tmp_path / "mine.toml").write_text(text.replace("[criteria]", control), encoding="utf-8")
-    same = command.choose(str(tmp_path / "mine.toml"), REPOSITORY, controller="follow_and_stop")
-    other = command.choose(str(tmp_path / "mine.toml"), REPOSITORY, controller="mine.py:make")
+    same = drives.choose(str(tmp_path / "mine.toml"), REPOSITORY, controller="follow_and_stop")
+    other = drives.choose(str(tmp_path / "mine.toml"), REPOSITORY, controller="mine.py:make")
     assert same.scenario.controller.tuning == {"gap_m": 6.0}
     assert other.scenario.controller.tuning == {}
 
@@ -188,7 +188,7 @@ def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path
         def run(self, record: Record, watch: object) -> None:
             raise ZeroDivisionError("in the middle")
 
-    done = command.guarded(Shell(), record, print)  # type: ignore[arg-type]
+    done = drives.guarded(Shell(), record, print)  # type: ignore[arg-type]
     assert done.outcome == "broken"
     assert "in the middle" in done.text
     assert "ZeroDivisionError" in (tmp_path / "r" / "traceback.txt").read_text(encoding="utf-8")
