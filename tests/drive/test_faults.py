@@ -95,8 +95,8 @@ REASONS = {
 
 def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
     """Return summary, true speeds and states of a drive with a receiver that goes wrong."""
-    from vve_sumo.drive import run as drives
     from vve_sumo.drive.lockstep import Lockstep
+    from vve_sumo.drive.summary import summarise
     from vve_sumo.record.record import Record, read_table
 
     setting = altered({"street.demand": [], "obstacles": [], "duration_s": 40.0})
@@ -106,7 +106,7 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
         record = Record(folder, setting.resolved(REPOSITORY), EPOCH)
         done = shell.run(record, lambda tick, now, speed, station: None)
         shell.close()
-        summary = command.summarise(setting, done, folder, record.close())
+        summary = summarise(setting, done, folder, record.close())
         ticks = read_table(folder, "ticks")
         return summary, ticks["true_speed_mps"].to_pylist(), ticks["state"].to_pylist()
 

@@ -100,9 +100,10 @@ def dark(dots: Any) -> int:
 def drive_and_draw(folder: str) -> None:
     """Drive three seconds and draw them; call it through `isolated`."""
     from vve_sumo.drive import run as drives
+    from vve_sumo.plotting.drive_record import draw_drive
 
     setting = altered({"duration_s": 3.0})
-    command.draw(setting, drives.run(setting, FilePath(folder), REPOSITORY))
+    draw_drive(setting, drives.run(setting, FilePath(folder), REPOSITORY))
 
 
 def test_a_real_drive_fills_every_panel(tmp_path: FilePath) -> None:

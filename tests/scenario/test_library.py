@@ -66,8 +66,8 @@ def test_every_scenario_but_the_calibration_has_parameters_to_vary() -> None:
 
 
 def _foreseen() -> dict[str, str | None]:
-    from vve_sumo.drive.run import choose
     from vve_sumo.drive.no_brake_preview import preview_without_braking
+    from vve_sumo.drive.run import choose
 
     found = {
         name: preview_without_braking(choose(name, REPOSITORY)).contact
