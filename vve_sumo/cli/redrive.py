@@ -64,7 +64,6 @@ def _show(redriven: Redriven, names: tuple[str, str]) -> None:
     from vve_sumo.drive.redrive import BRAKES
 
     comparison = redriven.comparison
-
     title = Text(f"open loop: the car did what {names[0]} said, whatever {names[1]} would have said")
     table = Table(title=title, title_justify="left")
     for head in ("", *names):

@@ -34,15 +34,10 @@ class Inspection:
     """What is known of a record before anything that it names is run."""
 
     folder: FilePath
-    altered: list[Alteration] | None  #: parts that are not as the drive left them; None for a record without hashes
+    altered: list[Alteration]  #: what is not as the drive left it
     notes: list[str]  #: what else differs from then, and does not stand against a replay
     changed: list[str]  #: why the recorded controller must not be run as it is now
     resolved: ResolvedScenario | None  #: None where the record was altered
-
-    @property
-    def sound(self) -> bool:
-        """Whether the record may be replayed."""
-        return self.resolved is not None and not self.changed
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,12 +82,12 @@ def inspect(folder: FilePath, working: FilePath) -> Inspection:
         resolved = lockstep.setting_of(folder, working)
     notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
     notes += changed_since(folder, resolved)
-    return Inspection(folder, altered, notes, changed_controller(folder, resolved, working), resolved)
+    return Inspection(folder, [], notes, changed_controller(folder, resolved, working), resolved)
 
 
 def replay(inspected: Inspection, working: FilePath) -> Replayed:
-    """Run a sound record through the pipeline and the gateway again and say where it first differs."""
-    assert inspected.resolved is not None
+    """Run a record that was found unaltered through the pipeline and the gateway again; say where it first differs."""
+    assert inspected.resolved is not None  # only an altered record has none
     if live.is_live(inspected.folder):
         return _live(inspected.folder, working)
     return _lockstep(inspected.folder, inspected.resolved, working)
