@@ -14,7 +14,7 @@ import numpy as np
 
 from vve_sumo.controller import Controller
 from vve_sumo.path import Path
-from vve_sumo.values import Detections, Observation, Point, Pose, Setpoint, Vehicle
+from vve_sumo.values import ControlCommand, Detections, Observation, Point, Pose, Vehicle
 
 PERIOD = 0.02
 SUBSTEPS = 10
@@ -53,7 +53,7 @@ class Car:
         self.steering_queue = deque([0.0] * round((PERIOD + vehicle.steering_delay) / PERIOD))
         self.brake_queue = deque([0.0] * round((PERIOD + vehicle.brake_delay) / PERIOD))
 
-    def drive(self, setpoint: Setpoint) -> None:
+    def drive(self, setpoint: ControlCommand) -> None:
         """Go on by one period."""
         jerk, least = (30.0, -9.0) if setpoint.emergency else (5.0, -3.5)
         wanted = min(max(setpoint.acceleration, least), 2.0)
@@ -162,7 +162,7 @@ class Drive:
     offset: np.ndarray  #: of the true rear axle from the path
     gap: np.ndarray  #: true, along the path, to the nearest obstacle
     emergency: np.ndarray
-    setpoints: list[Setpoint]
+    setpoints: list[ControlCommand]
     final_station: float
 
 

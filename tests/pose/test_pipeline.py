@@ -17,7 +17,7 @@ from vve_sumo.pose.ncom import Decoder, Encoder, pack
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.sensors.radar import Radar
-from vve_sumo.values import Actors, Observation, Point, Pose, Setpoint
+from vve_sumo.values import Actors, ControlCommand, Observation, Point, Pose
 
 EPOCH = 1_300_000_010.0
 LOT = "+proj=tmerc +lat_0=40.31 +lon_0=-83.55 +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
@@ -56,8 +56,8 @@ def test_a_circle_comes_back_as_it_was_driven(projection, offset, left):
 
 
 class _Straight:
-    def step(self, situation: Observation) -> Setpoint:
-        return Setpoint(0.0, 0.0)
+    def step(self, observation: Observation) -> ControlCommand:
+        return ControlCommand(0.0, 0.0)
 
 
 def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[tuple[str, ...]]]:

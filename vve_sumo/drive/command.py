@@ -21,6 +21,7 @@ import pyarrow as pa
 from vve_sumo import workspace
 from vve_sumo.controller import module, sources
 from vve_sumo.drive import provenance
+from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.lockstep import DriveEnd, Lockstep, Watch
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario, resolve_scenario, versions
@@ -42,8 +43,7 @@ PROGRESS_TICKS = 25
 class Shell(Protocol):
     """What lockstep and playback have in common."""
 
-    epoch: float  #: GNSS second of drive time 0
-    laid: dict[str, Any]  #: what ties the drive to time and earth
+    lot: LotAlignment  #: what ties the drive to time and earth
 
     def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         """Drive to the end."""
@@ -103,8 +103,8 @@ def run(
     try:
         if pose is not None:
             setting = replace(setting, files={**setting.files, "pose": pose})
-        resolved = setting.resolved(working) | shell.laid
-        record = Record(folder, resolved, shell.epoch) if kept else MemoryRecorder(resolved, shell.epoch)
+        resolved = setting.resolved(working) | shell.lot.to_dict()
+        record = Record(folder, resolved, shell.lot.epoch) if kept else MemoryRecorder(resolved, shell.lot.epoch)
         if kept:
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             record.attach(PROVENANCE, provenance.text_of(provenance.provenance(setting, now)))

@@ -13,21 +13,21 @@ from typing import Any
 
 from vve_sumo.drive import redrive
 from vve_sumo.drive import replay as lockstep
-from vve_sumo.drive.lockstep import chain_of
+from vve_sumo.drive.lockstep import assemble
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.redrive import BRAKES, Comparison
 from vve_sumo.drive.replay import (
-    ChainInputs,
     Difference,
+    PipelineInputs,
     answers,
     changed_controller,
     changed_since,
-    read_chain_inputs,
+    read_pipeline_inputs,
 )
 from vve_sumo.drive.resolved_scenario import EPOCH, ResolvedScenario
 from vve_sumo.drive.verify import alterations
 from vve_sumo.live import replay as live
-from vve_sumo.live.assembly import restored
+from vve_sumo.live.assembly import from_dict
 from vve_sumo.plotting.redrive import draw
 
 
@@ -53,7 +53,7 @@ def replayed(folder: FilePath) -> int:
     if altered:
         print("not replayed: only a record that is as the drive left it is fed to the controller that it names")
         return 1
-    setting = restored(live.resolved_of(folder), working)[0] if is_live else lockstep.setting_of(folder, working)
+    setting = from_dict(live.resolved_of(folder), working)[0] if is_live else lockstep.setting_of(folder, working)
     notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
     for line in notes + changed_since(folder, setting):
         print(f"note: {line}", file=sys.stderr)
@@ -72,15 +72,15 @@ def replayed(folder: FilePath) -> int:
 
 
 def _lockstep(folder: FilePath, setting: ResolvedScenario) -> Found:
-    inputs = read_chain_inputs(folder)
+    inputs = read_pipeline_inputs(folder)
     difference = lockstep.replay(setting, inputs, lockstep.read_car_frames(folder, EPOCH), FilePath.cwd())
     return Found(f"{len(inputs.ticks)} ticks", _torn(inputs), _told("tick", inputs.ticks, difference))
 
 
 def _live(folder: FilePath) -> Found:
     inputs = live.read_live_inputs(folder)
-    ticks, steps = inputs.chain.ticks, inputs.steps
-    notes = _torn(inputs.chain)
+    ticks, steps = inputs.pipeline.ticks, inputs.steps
+    notes = _torn(inputs.pipeline)
     if inputs.torn:
         notes.append(f"the last {inputs.torn} steps of the gateway come after a gap in gateway or can.log")
     differences = _told("tick", ticks, live.replay_drive(inputs, FilePath.cwd()))
@@ -88,7 +88,7 @@ def _live(folder: FilePath) -> Found:
     return Found(f"{len(ticks)} ticks and {len(steps)} steps of the gateway", notes, differences)
 
 
-def _torn(inputs: ChainInputs) -> list[str]:
+def _torn(inputs: PipelineInputs) -> list[str]:
     if not inputs.torn:
         return []
     return [f"the last {inputs.torn} ticks come after a gap in pose.bin, actors or detections"]
@@ -114,12 +114,12 @@ def redriven(folder: FilePath, controller: str, out: FilePath | None) -> int:
     is_live = live.is_live(folder)
     for each in alterations(folder) or ():
         print(f"note: {each}", file=sys.stderr)
-    setting, inputs, chain = _with(folder, is_live, controller)
-    table = redrive.side_by_side(answers(chain, inputs))
+    setting, inputs, pipeline = _with(folder, is_live, controller)
+    table = redrive.side_by_side(answers(pipeline, inputs))
     comparison = redrive.compared(table)
     # Of a file.py:make the file's place would fill the screen.
     names = (setting.scenario.controller.name.rpartition("/")[2], controller.rpartition("/")[2])
-    _show(comparison, names, chain.failure)
+    _show(comparison, names, pipeline.failure)
     picture = folder / "redrive.png"
     draw(table, comparison, f"{setting.scenario.title} (seed {setting.scenario.seed})", names, picture)
     print(f"picture: {picture}")
@@ -129,16 +129,16 @@ def redriven(folder: FilePath, controller: str, out: FilePath | None) -> int:
     return 0
 
 
-def _with(folder: FilePath, is_live: bool, controller: str) -> tuple[ResolvedScenario, ChainInputs, Pipeline]:
-    """Return a record's setting and inputs, and its chain with another controller in it."""
+def _with(folder: FilePath, is_live: bool, controller: str) -> tuple[ResolvedScenario, PipelineInputs, Pipeline]:
+    """Return a record's setting and inputs, and its pipeline with another controller in it."""
     working = FilePath.cwd()
     if is_live:
         inputs = live.read_live_inputs(folder)
-        setting, _rig = restored(inputs.resolved, working)
-        return setting, inputs.chain, live.chain_again(inputs.resolved, working, controller)
+        setting, _rig = from_dict(inputs.resolved, working)
+        return setting, inputs.pipeline, live.rebuilt_pipeline(inputs.resolved, working, controller)
     setting = lockstep.setting_of(folder, working)
     other = setting.driven_by(controller)
-    return setting, read_chain_inputs(folder), chain_of(other, other.controller(working)).chain
+    return setting, read_pipeline_inputs(folder), assemble(other, working).pipeline
 
 
 def _show(comparison: Comparison, names: tuple[str, str], failure: str) -> None:
