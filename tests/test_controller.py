@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.controllers.street import FUSION
+from tests.setpoints import setpoint
 from vve_sumo.controller import Guarded, known, load, module, origin, settle, sources
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
@@ -17,7 +18,7 @@ from vve_sumo.values import ControlCommand, Detections, Observation, Point, Pose
 POSE = Pose(0.0, Point.REAR_AXLE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PATH = Path.from_points([0.0, 9.0], [0.0, 0.0])
 NOTHING = Detections(-math.inf, np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int8))
-OBSERVATION = Observation(0, 0.0, POSE, PATH, 5.0, NOTHING, math.nan)
+OBSERVATION = Observation(0, 0.0, POSE, PATH, 5.0, {"radar": NOTHING}, math.nan)
 
 CONSTANT = """
 from vve_sumo.values import ControlCommand
@@ -207,6 +208,7 @@ class Answers:
         (ValueError("no\nway"), "controller_raised", "ValueError: no way"),
         (RecursionError(), "controller_raised", "RecursionError: "),
         (None, "controller_wrong_type", "got None, expected a ControlCommand of floats"),
+        (setpoint(0.0, 0.0), "controller_wrong_type", "got Setpoint(steering=0.0, acceleration=0.0, emergency=False"),
         ((0.0, 0.0), "controller_wrong_type", "got (0.0, 0.0), expected a ControlCommand of floats"),
         (ControlCommand(None, 0.0), "controller_wrong_type", "expected a ControlCommand of floats"),
         (ControlCommand(0.0, "-1"), "controller_wrong_type", "expected a ControlCommand of floats"),

@@ -143,7 +143,7 @@ def ride(controller: Controller, speed: float, bodies: Sequence[Body], seconds: 
             return Ride(impact or 0.0, least_gap, hardest, began, v)
         pose = Pose(time, Point.REAR_AXLE, s, 0.0, 0.0, v, 0.0, 0.0, brakes.acceleration, 0.0)
         newest = _scanned(radar, time + begins, pose, bodies, places, newest)
-        setpoint = controller.step(Observation(tick, time, pose, ROAD, speed, newest, 0.0))
+        setpoint = controller.step(Observation(tick, time, pose, ROAD, speed, {"radar": newest}, 0.0))
         if setpoint.emergency and math.isnan(began):
             began = time
         for acceleration in brakes.step(setpoint):

@@ -184,7 +184,7 @@ def drive(controller: Controller, path: Path, desired_speed: float, obstacles: l
         if time >= next_scan - 1e-9:
             newest = scan(time, pose, path, obstacles, sight, random, vehicle)
             next_scan += 0.05
-        setpoint = controller.step(Observation(tick, time, pose, path, desired_speed, newest, car.wheel))
+        setpoint = controller.step(Observation(tick, time, pose, path, desired_speed, {"radar": newest}, car.wheel))
         station = path.project(car.x, car.y, near)
         near = station.s
         gap = min((box.station for box in obstacles), default=math.inf) - station.s - vehicle.rear_axle_to_bumper

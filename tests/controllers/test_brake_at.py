@@ -34,7 +34,7 @@ def passing(controller: Controller, wall: float, ticks: int, *, seen: int) -> It
             reach = np.array([wall - x - FUSION.rear_axle_to_bumper])
             scan = Detections(time, reach, np.zeros(1), np.array([-SPEED]), np.zeros(1, np.int8))
         pose = Pose(time, Point.REAR_AXLE, x, 0.0, 0.0, SPEED, 0.0, 0.0, 0.0, 0.0)
-        yield time, controller.step(Observation(tick, time, pose, PATH, SPEED, scan, 0.0))
+        yield time, controller.step(Observation(tick, time, pose, PATH, SPEED, {"radar": scan}, 0.0))
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.05, 0.13, 0.21, 0.27])

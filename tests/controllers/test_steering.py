@@ -36,7 +36,7 @@ def observation(path: Path, s: float, speed: float, offset: float = 0.0, turned:
         1.0, Point.REAR_AXLE, at.x - offset * math.sin(at.heading), at.y + offset * math.cos(at.heading),
         at.heading + turned - slip, speed, speed * math.tan(slip), speed * at.curvature, 0.0, 0.0,
     )  # fmt: skip
-    return Observation(50, 1.0, pose, path, speed, NOTHING, math.nan)
+    return Observation(50, 1.0, pose, path, speed, {"radar": NOTHING}, math.nan)
 
 
 def steered(part, law, vehicle, now: Observation) -> float:
@@ -88,7 +88,7 @@ def rolled(part, law, speed: float, offset: float, seconds: float) -> list[Obser
     x, y, heading, wheel, states = 10.0, offset, 0.0, 0.0, []
     for _ in range(round(seconds / STEP)):
         pose = Pose(0.0, Point.REAR_AXLE, x, y, heading, speed, 0.0, speed * wheel / FUSION.wheelbase, 0.0, 0.0)
-        now = Observation(0, 0.0, pose, path, speed, NOTHING, math.nan)
+        now = Observation(0, 0.0, pose, path, speed, {"radar": NOTHING}, math.nan)
         states.append(now)
         wheel = steered(part, law, NO_SLIP, now)
         x, y = x + speed * STEP * math.cos(heading), y + speed * STEP * math.sin(heading)

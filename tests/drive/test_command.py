@@ -208,7 +208,7 @@ def test_the_playback_profile_can_never_arm() -> None:
         gate=TrustGate(PLAYBACK, 0.0),
         placement=Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0),
         predictor=Predictor(),
-        radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(1)),
+        sensors={"radar": Radar(setting.radar(), setting.vehicle, np.random.default_rng(1))},
         controller=Guarded(_Straight()),
         vehicle=setting.vehicle,
         path=setting.path,

@@ -73,7 +73,7 @@ def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[t
         gate=TrustGate(DRIVE, EPOCH),
         placement=placement,
         predictor=Predictor(),
-        radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(1)),
+        sensors={"radar": Radar(setting.radar(), setting.vehicle, np.random.default_rng(1))},
         controller=Guarded(_Straight()),
         vehicle=setting.vehicle,
         path=setting.path,

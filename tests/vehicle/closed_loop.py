@@ -86,7 +86,7 @@ class ClosedLoop:
             gate=TrustGate(DRIVE, EPOCH),
             placement=Placement(LOT, Alignment(), parameters.receiver.mounting, EPOCH),
             predictor=Predictor(),
-            radar=Radar(RadarConfig(), vehicle, np.random.default_rng(seeds[1])),
+            sensors={"radar": Radar(RadarConfig(), vehicle, np.random.default_rng(seeds[1]))},
             controller=Guarded(controller or follow_and_stop.make(vehicle, {})),
             vehicle=vehicle,
             path=path,
