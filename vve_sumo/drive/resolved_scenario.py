@@ -33,8 +33,9 @@ from vve_sumo.vehicle import fusion
 from vve_sumo.world.network import Network, lane_shapes, read_network
 
 #: Of what a record holds; the first had neither path nor car, the second no provenance.json and no seal, the third
-#: neither the speed of actors across their heading nor the time at which a scan was measured.
-LAYOUT = 4
+#: neither the speed of actors across their heading nor the time at which a scan was measured, the fourth, of a live drive,
+#: not the actors as SUMO's last step left them, which stand under the tick after the last.
+LAYOUT = 5
 PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
 EPOCH = 1_451_260_818.0

@@ -67,7 +67,7 @@ SCHEMAS: dict[str, pa.Schema] = {
     **{table.name: _sensor_schema(table) for table in TABLES.values()},
     "actors": _schema(
         [
-            ("tick", pa.int64(), "number of the tick that looks at this snapshot"),
+            ("tick", pa.int64(), "number of the tick that looks at this snapshot, or would have after the last"),
             ("actor", pa.string(), "name in SUMO"),
             ("x_m", pa.float64(), "centre of the box, map"),
             ("y_m", pa.float64(), "centre of the box, map"),
