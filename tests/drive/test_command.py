@@ -8,13 +8,13 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pytest
 
 from tests.drive.street import REPOSITORY, altered
 from vve_sumo.controller import Guarded
 from vve_sumo.drive import command
+from vve_sumo.drive.assembly import sensors_of
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import ConfigError
@@ -24,7 +24,6 @@ from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.record.record import Record
 from vve_sumo.scenario.schema import Band, Criteria
-from vve_sumo.sensors.radar import Radar
 from vve_sumo.values import ArmingState, ControlCommand
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -208,7 +207,7 @@ def test_the_playback_profile_can_never_arm() -> None:
         gate=TrustGate(PLAYBACK, 0.0),
         placement=Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0),
         predictor=Predictor(),
-        sensors={"radar": Radar(setting.radar(), setting.vehicle, np.random.default_rng(1))},
+        sensors=sensors_of(setting),
         controller=Guarded(_Straight()),
         vehicle=setting.vehicle,
         path=setting.path,

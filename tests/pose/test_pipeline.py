@@ -10,13 +10,13 @@ import pytest
 
 from tests.drive.street import altered
 from vve_sumo.controller import Guarded
+from vve_sumo.drive.assembly import sensors_of
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement, wrap_angle
 from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.ncom import Decoder, Encoder, pack
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.sensors.radar import Radar
 from vve_sumo.values import Actors, ControlCommand, Observation, Point, Pose
 
 EPOCH = 1_300_000_010.0
@@ -73,7 +73,7 @@ def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[t
         gate=TrustGate(DRIVE, EPOCH),
         placement=placement,
         predictor=Predictor(),
-        sensors={"radar": Radar(setting.radar(), setting.vehicle, np.random.default_rng(1))},
+        sensors=sensors_of(setting),
         controller=Guarded(_Straight()),
         vehicle=setting.vehicle,
         path=setting.path,

@@ -21,7 +21,7 @@ from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import TrustGate, TrustProfile
 from vve_sumo.sensors.port import Sensor
-from vve_sumo.sensors.radar import Radar
+from vve_sumo.sensors.registry import SENSORS
 
 #: Consumers of chance whose streams are numbered, as they were before streams had names.
 _NUMBERED: Final = {"vehicle": 0, "radar": 1}
@@ -78,9 +78,12 @@ class PoseInput:
 
 
 def sensors_of(setting: ResolvedScenario) -> dict[str, Sensor]:
-    """Return the scenario's sensors by their names."""
-    generator = np.random.default_rng(seed_of(setting.scenario.seed, "radar"))
-    return {"radar": Radar(setting.radar(), setting.vehicle, generator)}
+    """Return the scenario's sensors by their names, each with a stream of chance of its own."""
+    scenario = setting.scenario
+    return {
+        name: kind.make(getattr(scenario, name), setting.vehicle, np.random.default_rng(seed_of(scenario.seed, name)))
+        for name, kind in SENSORS.items()
+    }
 
 
 def build_pipeline(setting: ResolvedScenario, pose: PoseInput, working: FilePath) -> Pipeline:

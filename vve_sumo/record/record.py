@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from vve_sumo.bus import candump_lines
 from vve_sumo.errors import ConfigError
 from vve_sumo.sensors.port import Column, SensorTable
-from vve_sumo.sensors.registry import TABLES
+from vve_sumo.sensors.registry import SENSORS
 from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
 
 #: ticks between two writes; 10 ticks of 20 ms are 0.2 s, the most that a kill may lose
@@ -64,7 +64,7 @@ def _sensor_schema(table: SensorTable) -> pa.Schema:
 
 SCHEMAS: dict[str, pa.Schema] = {
     "ticks": _row_schema(TickRow),
-    **{table.name: _sensor_schema(table) for table in TABLES.values()},
+    **{kind.table.name: _sensor_schema(kind.table) for kind in SENSORS.values()},
     "actors": _schema(
         [
             ("tick", pa.int64(), "number of the tick that looks at this snapshot, or would have after the last"),
@@ -409,7 +409,7 @@ class MemoryRecorder:
         """Keep what came out of the sensor of that name at a tick, as the columns of its table."""
         rows = len(columns[0])
         if rows:
-            self._tables[TABLES[sensor].name].extend((np.full(rows, tick), *columns))
+            self._tables[SENSORS[sensor].table.name].extend((np.full(rows, tick), *columns))
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Keep the actors that tick `tick` looks at."""
