@@ -26,21 +26,21 @@ from vve_sumo.sweep.plan import query_of
 CONTROLLER = """
 import ctypes
 from pathlib import Path
-from vve_sumo.values import Setpoint
+from vve_sumo.values import ControlCommand
 
 
 class Marked:
     def __init__(self, mark):
         self.mark, self.begun = mark, False
 
-    def step(self, situation):
+    def step(self, observation):
         if not self.begun:
             with Path(__file__).with_name("begun.txt").open("a") as file:
                 file.write(f"{self.mark}\\n")
         self.begun = True
         if self.mark == 3:
             ctypes.string_at(0)
-        return Setpoint(0.0, 1.0)
+        return ControlCommand(0.0, 1.0)
 
 
 def make(vehicle, tuning):

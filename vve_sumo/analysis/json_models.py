@@ -15,7 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationErr
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_metrics import Metrics
 from vve_sumo.scenario.load import complaint
-from vve_sumo.scenario.schema import Finite, Positive, Radar
+from vve_sumo.scenario.schema import Finite, Positive
+from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.values import Vehicle
 
 
@@ -92,7 +93,7 @@ class _Settings(_Asked):
     title: Text
     seed: int
     controller: _Controlled
-    radar: Radar
+    radar: RadarSettings
 
 
 class _Latency(JsonModel):

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
-from vve_sumo.drive.resolved_scenario import radar_of
 from vve_sumo.metrics.drive_metrics import CLOSING_FLOOR
 from vve_sumo.metrics.stopping import AT_REST
 from vve_sumo.record.record import ACTOR_COLUMNS
-from vve_sumo.scenario.schema import Radar
 from vve_sumo.sensors.echo import antenna_at, echoes
 from vve_sumo.sensors.radar import from_bumper
+from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.sensors.visibility import Sector
 from vve_sumo.values import Actors, Floats, Point, Pose
 
@@ -200,7 +199,7 @@ def _detections(run: Run, scans: _Scans) -> pd.DataFrame:
 
 def _truths(run: Run, scans: _Scans) -> Iterator[tuple[int, str, float, float]]:
     """Scan's tick, actor, range from the bumper [m] and range rate [m/s] of every actor that it could see."""
-    radar = radar_of(Radar.model_validate(run.resolved["settings"]["radar"]))
+    radar = RadarSettings.model_validate(run.resolved["settings"]["radar"]).config()
     sectors = [Sector(mode.range_max, math.tan(mode.half_angle)) for mode in radar.modes]
     looked = run.arrow("ticks")["tick"].to_numpy()[scans.measured]
     looks = zip(scans.tick.tolist(), _poses(run, scans.measured), _snapshots(run, looked), strict=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
-from vve_sumo.drive.virtual_road import cast_of, spot_of
+from vve_sumo.drive.virtual_road import scenario_engine, spot_of
 from vve_sumo.path import SAMPLE_SPACING, Path
 from vve_sumo.values import ActorState, Point, Pose
 from vve_sumo.world.footprint import Rectangle, behind_bumper, overlap
@@ -65,18 +65,18 @@ class NoBrakePreview:
 
 def preview_without_braking(setting: ResolvedScenario) -> NoBrakePreview:
     """Play a scenario without traffic against an ego that keeps its speed; until contact, or until it would end."""
-    cast, begun = cast_of(setting), [-1] * len(setting.scenario.actors)
+    engine, begun = scenario_engine(setting), [-1] * len(setting.scenario.actors)
     boxes = standing_boxes(setting)
     moments: list[PreviewSample] = []
     events: list[Event] = []
     contact: Contact | None = None
     for time, ego, pose, station in _ego(setting):
-        players = cast.step(time, pose)
+        players = engine.step(time, pose)
         moments.append(PreviewSample(time, ego, station, pose.speed, players))
         if contact is None:
-            events += _events(setting, begun, cast.begun, moments[-1])
+            events += _events(setting, begun, engine.begun, moments[-1])
             contact = _contact(moments[-1], boxes)
-        begun = list(cast.begun)
+        begun = list(engine.begun)
         if contact is not None and time > contact.time + AFTERWARDS:
             break
     return NoBrakePreview(moments, events, contact)

@@ -9,6 +9,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from vve_sumo.sensors.radar_settings import RadarSettings
+
 Name = Annotated[str, Field(min_length=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -76,24 +78,6 @@ class Ego(Table):
     )
     lot: Lot
     car: Car = Car()
-
-
-class Radar(Table):
-    """The virtual radar, where it differs from the Delphi ESR defaults."""
-
-    ideal: bool = Field(
-        default=False, description="no latency, noise, quanta or false alarms, every visible target detected"
-    )
-    range_limit_m: Positive | None = Field(default=None, description="blind beyond this range in every mode")
-    latency_s: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
-        default=0.09, description="from measuring to a scan's coming out; it is dated when it was measured"
-    )
-    noise_correlation: Annotated[float, Field(ge=0.0, lt=1.0)] = Field(
-        default=0.0, description="of one actor's errors from scan to scan; 0 is white noise"
-    )
-    false_alarms: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
-        default=0.0, description="mean number a scan, anywhere in the field of view"
-    )
 
 
 class Control(Table):
@@ -299,7 +283,7 @@ class Scenario(Table):
     )
     street: Street
     ego: Ego
-    radar: Radar = Radar()
+    radar: RadarSettings = RadarSettings()
     controller: Control = Control()
     weather: Weather = Weather()
     obstacles: tuple[Obstacle, ...] = Field(default=(), strict=False)
