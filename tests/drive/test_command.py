@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from tests.drive.street import REPOSITORY, altered
@@ -161,23 +160,6 @@ def test_the_record_names_the_controllers_files_that_were_read_and_no_other(tmp_
     hashes = setting.resolved(REPOSITORY)["files_sha256"]
     assert {role for role in hashes if role.startswith("controller_")} == {"controller_mine", "controller_near"}
     assert hashes["controller_near"] == hashlib.sha256(b"GAIN = 1.0\n").hexdigest()
-
-
-def rows(**columns: list[Any]) -> pa.Table:
-    return pa.table(columns)
-
-
-def test_the_emergency_layer_counts_only_where_somebody_obeyed() -> None:
-    asked = {"emergency": [False, True, False]}
-    for state, used in (("engaged", True), ("disarmed", False), ("stopping", False)):
-        summary_rows = rows(**asked, state=[state] * 3)
-        assert command.emergency_used(summary_rows) is used
-    assert command.emergency_used(rows(emergency=[True, False], state=["ready", "engaged"])) is False
-
-
-def test_the_greatest_of_a_column_leaves_out_what_is_no_number() -> None:
-    assert command.greatest(rows(x=[math.nan, 1.0, 3.0, 2.0])["x"]) == 3.0
-    assert math.isnan(command.greatest(rows(x=[math.nan])["x"]))
 
 
 def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path) -> None:

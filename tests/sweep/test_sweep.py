@@ -17,7 +17,8 @@ import pytest
 from tests.conftest import REPOSITORY
 from tests.sweep.reading import load_rows
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.sweep_folder import FIGURES, Plan
+from vve_sumo.metrics.table import FIGURES
+from vve_sumo.record.sweep_folder import Plan
 from vve_sumo.sweep.command import rerun, sweep
 from vve_sumo.sweep.plan import query_of
 

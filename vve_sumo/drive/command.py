@@ -12,7 +12,7 @@ import sys
 import time
 import traceback
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, Protocol
 
@@ -26,15 +26,18 @@ from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario, resolve_scenario, versions
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError, SimulationError, VveError
-from vve_sumo.metrics import drive_metrics
+from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.metrics.table import label_of
 from vve_sumo.path import Path
 from vve_sumo.record.record import PROVENANCE, MemoryRecorder, Record, claim, hash_files, read_table, whole
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Band, Criteria, Scenario
-from vve_sumo.values import ArmingState, Vehicle
+from vve_sumo.values import Vehicle
 
-#: what a figure that is missing because nothing was ever ahead is as good as; every other one that is missing fails
-NOTHING_AHEAD = {"min_ttc_s": math.inf, "min_gap_m": math.inf, "max_drac_mps2": 0.0}
+#: metrics that the screen shows, in its order
+SHOWN = ("stop_gap_m", "min_gap_m", "min_ttc_s", "max_drac_mps2", "max_lateral_deviation_m", "max_deceleration_mps2")
 #: ticks between two looks at the progress bar
 PROGRESS_TICKS = 25
 
@@ -174,7 +177,6 @@ def summary_of(
     setting: Driven, done: DriveEnd, ticks: pa.Table, actors: pa.Table, parts: dict[str, str]
 ) -> dict[str, Any]:
     """Return what a summary says of a drive, but for the hashes of files; `parts` are those of its record."""
-    measured = drive_metrics.measure(ticks, actors, setting.path, setting.vehicle)
     summary: dict[str, Any] = {
         "scenario": setting.name,
         "title": setting.scenario.title,
@@ -182,13 +184,7 @@ def summary_of(
         "controller": setting.scenario.controller.name,
         "outcome": done.outcome.value,
         "reasons": list(done.reasons),
-        "collision": any(ticks["contacts"].to_pylist()),
-        **asdict(measured),
-        "emergency_used": emergency_used(ticks),
-        "duration_s": float(ticks["time_s"][-1].as_py() - ticks["time_s"][0].as_py()) if ticks.num_rows else 0.0,
-        "ticks": ticks.num_rows,
-        "anchor_position_error_m": greatest(ticks["anchor_position_error_m"]),
-        "anchor_speed_error_mps": greatest(ticks["anchor_speed_error_mps"]),
+        **PER_DRIVE.measure(DriveData(ticks, actors, setting.path, setting.vehicle, PERIOD)),
         **done.extra,
         "removed_at_entry": list(done.cleared),
         "removed_after_standoff": list(done.standoffs),
@@ -202,21 +198,6 @@ def summary_of(
     return summary | {"passed": passed, "failed": failed} | hashes
 
 
-def greatest(column: pa.ChunkedArray) -> float:
-    """Return the greatest number of a column; NaN where it holds none."""
-    values = [value for value in column.to_pylist() if value == value]
-    return max(values, default=math.nan)
-
-
-def emergency_used(ticks: pa.Table) -> bool:
-    """Whether the car was braked by the emergency layer, not merely asked to be while nobody obeyed."""
-    engaged = ArmingState.ENGAGED.value
-    return any(
-        asked and state == engaged
-        for asked, state in zip(ticks["emergency"].to_pylist(), ticks["state"].to_pylist(), strict=True)
-    )
-
-
 def judge(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
     """Return a line for every criterion that a drive's summary does not meet."""
     if summary["outcome"] == Outcome.PLAYED:
@@ -227,7 +208,7 @@ def judge(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
             continue
         got = summary[name]
         if isinstance(wanted, Band):
-            got = NOTHING_AHEAD.get(name, got) if math.isnan(got) else got
+            got = PER_DRIVE[name].absent if math.isnan(got) else got
             good = (wanted.min is None or got >= wanted.min) and (wanted.max is None or got <= wanted.max)
             if not good:
                 failed.append(f"{name} is {got:.3f}, expected {_band(wanted)}")
@@ -259,7 +240,7 @@ def draw(setting: ResolvedScenario, drive: Drive) -> FilePath:
         subtitle=said(drive.summary),
         ticks=ticks,
         actors=actors,
-        seen=drive_metrics.ahead(ticks, actors, setting.path, setting.vehicle),
+        lead=DriveData(ticks, actors, setting.path, setting.vehicle, PERIOD).lead,
         path=setting.path,
         vehicle=setting.vehicle,
         lanes=lane_shapes(setting.network.path, bounds(ticks)),
@@ -310,14 +291,9 @@ def show(drive: Drive, picture: FilePath | None) -> None:
     rows = {
         "outcome": summary["outcome"],
         "collision": f"yes, at {_say(summary['impact_speed_mps'], 'm/s')}" if summary["collision"] else "no",
-        "gap at rest": _say(summary["stop_gap_m"], "m"),
-        "least gap": _say(summary["min_gap_m"], "m"),
-        "least time to collision": _say(summary["min_ttc_s"], "s"),
-        "greatest deceleration needed": _say(summary["max_drac_mps2"], "m/s²"),
-        "greatest lateral deviation": _say(summary["max_lateral_deviation_m"], "m"),
-        "greatest deceleration": _say(summary["max_deceleration_mps2"], "m/s²"),
-        "emergency layer": "braked" if summary["emergency_used"] else "not needed",
-        "drive time": f"{summary['duration_s']:.1f} s, {summary['ticks']} ticks of {PERIOD * 1000:.0f} ms",
+        **{label_of(name): _say(summary[name], unit_of(name)) for name in SHOWN},
+        label_of("emergency_used"): "braked" if summary["emergency_used"] else "not needed",
+        label_of("duration_s"): f"{summary['duration_s']:.1f} s, {summary['ticks']} ticks of {PERIOD * 1000:.0f} ms",
         **_playback_rows(summary),
         "record hash": summary["record_sha256"][:16] + "…",
     }

@@ -22,7 +22,7 @@ from vve_sumo.drive.termination import Outcome, TerminationMonitor, abort_reason
 from vve_sumo.drive.tick_rows import RecordedTick, keep_scan, tick_row
 from vve_sumo.drive.virtual_road import VirtualRoad, cast_of, laid, open_world, standing
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
-from vve_sumo.metrics import drive_metrics
+from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.receiver import unaltered
@@ -211,8 +211,8 @@ class Lockstep:
             place = path.project(truth.x, truth.y, station)
             bumper, deviation = place.s + vehicle.rear_axle_to_bumper, place.offset
         if wanted.ttc_s is not None:
-            seen = drive_metrics.ahead_now(truth, station, ticked.around, path, vehicle)
-            ttc = float(drive_metrics.time_to_collision(seen)[0])
+            lead = lead_vehicle_now(truth, station, ticked.around, path, vehicle)
+            ttc = float(lead.time_to_collision[0])
         return abort_reason(wanted, bool(self._street.contacts), bumper, deviation, ttc)
 
     def _run(self, outcome: Outcome, reasons: tuple[str, ...]) -> DriveEnd:

@@ -46,7 +46,7 @@ def drive_sheet(run: Run) -> Figure:
         subtitle=f"killed: the record ends at {run.time[-1]:.2f} s" if run.summary is None else said(run.summary),
         ticks=run.arrow("ticks"),
         actors=run.arrow("actors"),
-        seen=run.ahead,
+        lead=run.lead,
         path=run.path,
         vehicle=run.vehicle,
         lanes=(),

@@ -79,8 +79,8 @@ def _speed(axes: Axes, sheet: Sheet) -> None:
 
 def _gap(axes: Axes, sheet: Sheet) -> None:
     """Draw the gap; the curve breaks where nothing is ahead and where something else becomes the nearest."""
-    gap = sheet.seen.gap.copy()
-    changed = [other not in (one, "") for one, other in pairwise(sheet.seen.actor)]
+    gap = sheet.lead.gap.copy()
+    changed = [other not in (one, "") for one, other in pairwise(sheet.lead.actor)]
     gap[:-1][np.array(changed, bool)] = np.nan
     if not _curves(axes, "gap to what is ahead [m]", sheet, [(gap, {"color": OBSTACLE})], "nothing ahead"):
         return

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 from vve_sumo.drive.resolved_scenario import changed_code, versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
+from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.record import claim
-from vve_sumo.record.sweep_folder import FIGURES, Plan, Row, read_tables
+from vve_sumo.record.sweep_folder import Plan, Row, read_tables
 from vve_sumo.scenario.load import parse
 from vve_sumo.sweep.dataset import Dataset, refuse_mixed
 from vve_sumo.sweep.engine import Engine, Local
@@ -179,9 +180,9 @@ def _conclude(out: Path, wanted: SweepQuery) -> int:
     """Show what a finished sweep came to; return the exit code."""
     plan = wanted.plan
     apart = list(plan.parameters) if wanted.cells.points < MANY else []
-    columns = [*apart, "passed", "fault", *_numbers()]
+    columns = [*apart, "passed", "fault", *NUMBERS]
     rows = (row for table in read_tables(out) for row in table.select(columns).to_pylist())
-    came = outcome(rows, apart, _numbers())
+    came = outcome(rows, apart, NUMBERS)
     if apart:
         _write_combinations(out / "combinations.csv", apart, came)
     _show(out, wanted, came)
@@ -203,12 +204,8 @@ def _conclude_search(out: Path, wanted: SweepQuery, hunt: AdaptiveSearch) -> int
     return SimulationError.exit_code if hunt.found["faults"] == hunt.found["runs"] else 0
 
 
-def _numbers() -> list[str]:
-    return [name for name, kind in FIGURES.items() if kind == "float"]
-
-
 def _write_combinations(file: Path, parameters: Sequence[str], came: Outcome) -> None:
-    numbers = _numbers()
+    numbers = NUMBERS
     with file.open("w", encoding="utf-8", newline="") as out:
         lines = csv.writer(out, lineterminator="\n")
         means = [f"{name}{which}" for name in numbers for which in ("", "_half_width")]
@@ -261,7 +258,7 @@ def _table(wanted: SweepQuery, came: Outcome) -> Table:
     from rich import box
     from rich.table import Table
 
-    said = [name for name in wanted.plan.criteria if FIGURES.get(name) == "float"]
+    said = [name for name in wanted.plan.criteria if name in NUMBERS]
     figures = (said or list(MAIN))[:MOST]
     title = wanted.spec.title or wanted.plan.scenario
     table = Table(title=title, title_justify="left", box=box.SIMPLE)
@@ -333,7 +330,7 @@ def _picture(job: Job, keep: Path) -> Path:
 
     summary = json.loads((keep / "summary.json").read_text(encoding="utf-8"))
     # JSON has no word for a figure that is not there.
-    summary |= {name: math.nan for name in _numbers() if summary[name] is None}
+    summary |= {name: math.nan for name in NUMBERS if summary[name] is None}
     return draw(setting_of(job, InputCache()), Drive(keep, summary))
 
 
