@@ -61,7 +61,7 @@ def _approach(run: Run) -> Figure:
         axes.plot(speed, gap, color=FIRST.colour, linewidth=2.0, label="the drive")
         _ends(axes, run, speed, gap)
         axes.set(
-            xlabel="speed [m/s]", ylabel="gap to what is ahead [m]", xlim=(min(0.0, float(np.nanmin(speed))), fastest)
+            xlabel=axis_of("speed_mps"), ylabel=axis_of("gap_m"), xlim=(min(0.0, float(np.nanmin(speed))), fastest)
         )
         most = max(1.0, min(float(np.nanmax(gap)), max(LEAST, ENOUGH * needed)))
         axes.set_ylim(min(0.0, float(np.nanmin(gap))), 1.05 * most)
@@ -125,7 +125,9 @@ def _gaps_at_rest(rows: pd.DataFrame) -> Figure:
         axes.axhline(0.0, color=INK, linewidth=1.0)
         _without(axes, rows, speed, gap)
         known = speed[np.isfinite(speed)]
-        axes.set(xlabel=axis_of(column), ylabel="gap at rest [m]", xlim=widened(float(known.min()), float(known.max())))
+        axes.set(
+            xlabel=axis_of(column), ylabel=axis_of("stop_gap_m"), xlim=widened(float(known.min()), float(known.max()))
+        )
         explain(axes, 2)
         return figure
 
