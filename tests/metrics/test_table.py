@@ -18,13 +18,17 @@ from vve_sumo.metrics.table import METRICS, axis_of, label_of, meaning_of
 from vve_sumo.scenario.schema import Band, Criteria
 
 #: what somebody who adds a metric writes at the end of `per_drive.py`
-ADDED = '''
+ADDED = """
 
-@metric("max_yaw_rate_radps", "maximum yaw rate", "greatest size at any tick", worse="higher", source="a book")
-def max_yaw_rate(drive: DriveData) -> float:
-    """Greatest yaw rate."""
-    return greatest(np.abs(drive.column("yaw_rate_radps")))
-'''
+metric(
+    "max_yaw_rate_radps",
+    "maximum yaw rate",
+    "greatest size at any tick",
+    lambda drive: greatest(np.abs(drive.column("yaw_rate_radps"))),
+    worse="higher",
+    source="a book",
+)
+"""
 
 #: a program whose `per_drive.py` is the file given to it; what it then says of a drive
 ELSEWHERE = """

@@ -40,7 +40,6 @@ OURS = "this project"
 Kind = Literal["bool", "int", "float", "str"]
 
 Subject = TypeVar("Subject")
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def unit_of(name: str) -> str:
@@ -79,15 +78,10 @@ class MetricTable(Mapping[str, Metric], Generic[Subject]):
         self._rows: dict[str, Metric] = {}
         self._functions: dict[str, Callable[[Subject], Any]] = {}
 
-    def metric(self, name: str, label: str, meaning: str, **rest: Any) -> Callable[[Function], Function]:
-        """Enter a row of `Metric` and, by decorating it, the function that measures it."""
-
-        def enter(function: Function) -> Function:
-            self._rows[name] = Metric(name, label, meaning, **rest)
-            self._functions[name] = function
-            return function
-
-        return enter
+    def add(self, name: str, label: str, meaning: str, function: Callable[[Subject], Any], **rest: Any) -> None:
+        """Enter a row of `Metric` with the function that measures it; `rest` are the row's other fields."""
+        self._rows[name] = Metric(name, label, meaning, **rest)
+        self._functions[name] = function
 
     def measure(self, subject: Subject) -> dict[str, Any]:
         """Return the value of every metric by its name."""

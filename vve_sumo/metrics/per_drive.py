@@ -1,6 +1,6 @@
 """The metrics of a whole drive: one value each, as `summary.json` and a sweep's row hold them, in their order.
 
-To add one, write its function here with its row above it: summary, criteria, sweeps, reports, plots and the docs take
+To add one, write its row here with its function: summary, criteria, sweeps, reports, plots and the docs take
 it from the table. Reads a drive's tables; neither SUMO nor how the drive was run. A value is NaN where the drive held
 nothing to measure.
 """
@@ -17,81 +17,61 @@ from vve_sumo.metrics.stopping import AT_REST
 from vve_sumo.values import ArmingState, Floats
 
 PER_DRIVE: MetricTable[DriveData] = MetricTable()
-metric = PER_DRIVE.metric
+metric = PER_DRIVE.add
 
 
-@metric(
+metric(
     "collision",
     "collision",
     "whether the ego's rectangle overlapped another's at any tick",
+    lambda drive: any(drive.ticks["contacts"].to_pylist()),
     kind="bool",
     worse="higher",
 )
-def collision(drive: DriveData) -> bool:
-    """Any contact."""
-    return any(drive.ticks["contacts"].to_pylist())
 
 
-@metric(
-    "stop_gap_m",
-    "gap at rest",
-    "at the last tick, if the car stands: front bumper to the nearest box in the strip of the ego's width around the "
-    "path, along the path; negative is overlap, none where nothing is within 150 m",
-    worse="lower",
-)
-def stop_gap(drive: DriveData) -> float:
-    """Gap at the last tick, if the car stands."""
+def _stop_gap(drive: DriveData) -> float:
     speed = drive.motion.speed
     return float(drive.lead.gap[-1]) if len(speed) and abs(speed[-1]) < AT_REST else math.nan
 
 
-@metric(
+metric(
+    "stop_gap_m",
+    "gap at rest",
+    "at the last tick, if the car stands: front bumper to the nearest box in the strip of the ego's width around the "
+    "path, along the path; negative is overlap, none where nothing is within 150 m",
+    _stop_gap,
+    worse="lower",
+)
+metric(
     "min_ttc_s",
     "minimum TTC",
     "time to collision, gap over closing speed, the least at any tick; none where nothing was ever closed in on",
+    lambda drive: least(drive.lead.time_to_collision),
     worse="lower",
     source="Hayward 1972",
     absent=math.inf,
 )
-def min_ttc(drive: DriveData) -> float:
-    """Least time to collision."""
-    return least(drive.lead.time_to_collision)
-
-
-@metric(
+metric(
     "max_drac_mps2",
     "maximum DRAC",
     "deceleration rate to avoid a crash, closing speed squared over twice the gap, the greatest at any tick; none as "
     "min_ttc_s",
+    lambda drive: greatest(drive.lead.required_deceleration),
     worse="higher",
     source="Almqvist, Hydén and Risser 1991",
     absent=0.0,
 )
-def max_drac(drive: DriveData) -> float:
-    """Greatest DRAC."""
-    return greatest(drive.lead.required_deceleration)
-
-
-@metric(
+metric(
     "min_gap_m",
     "minimum gap",
     "least gap at any tick to what was ahead in the ego's way; negative is overlap, none where nothing ever was",
+    lambda drive: least(drive.lead.gap),
     worse="lower",
     absent=math.inf,
 )
-def min_gap(drive: DriveData) -> float:
-    """Least gap."""
-    return least(drive.lead.gap)
 
 
-@metric(
-    "impact_speed_mps",
-    "impact speed",
-    "relative, at the first contact: size of the ego's speed minus that part of the other's velocity which lies along "
-    "the ego's heading, both as the road had them when it found the contact; of several at once the greatest; 0 "
-    "without contact",
-    worse="higher",
-)
 def impact_speed(drive: DriveData) -> float:
     """Return |v - w|: v the ego's speed, w the velocity of what it touched, projected on the ego's heading.
 
@@ -114,115 +94,102 @@ def impact_speed(drive: DriveData) -> float:
     return greatest(np.abs(relative))
 
 
-@metric(
-    "max_lateral_deviation_m",
-    "maximum lateral deviation",
-    "of the true rear axle from the path; of the estimated one where there is no truth",
+metric(
+    "impact_speed_mps",
+    "impact speed",
+    "relative, at the first contact: size of the ego's speed minus that part of the other's velocity which lies along "
+    "the ego's heading, both as the road had them when it found the contact; of several at once the greatest; 0 "
+    "without contact",
+    impact_speed,
     worse="higher",
 )
-def max_lateral_deviation(drive: DriveData) -> float:
-    """Greatest size of the lateral deviation."""
+
+
+def _max_lateral_deviation(drive: DriveData) -> float:
     deviation = drive.column("lateral_deviation_m")
     if not np.isfinite(deviation).any():
         deviation = drive.column("estimated_deviation_m")
     return greatest(np.abs(deviation))
 
 
-@metric("max_deceleration_mps2", "maximum deceleration", "of the rear axle along its heading", worse="higher")
-def max_deceleration(drive: DriveData) -> float:
-    """Greatest deceleration; 0 where the car never slowed down."""
-    return max(0.0, -least(drive.motion.acceleration))
-
-
-@metric("max_speed_mps", "maximum speed", "of the rear axle along its heading", criterion=False)
-def max_speed(drive: DriveData) -> float:
-    """Greatest speed."""
-    return greatest(drive.motion.speed)
-
-
-@metric(
+metric(
+    "max_lateral_deviation_m",
+    "maximum lateral deviation",
+    "of the true rear axle from the path; of the estimated one where there is no truth",
+    _max_lateral_deviation,
+    worse="higher",
+)
+metric(
+    "max_deceleration_mps2",
+    "maximum deceleration",
+    "of the rear axle along its heading",
+    lambda drive: max(0.0, -least(drive.motion.acceleration)),
+    worse="higher",
+)
+metric(
+    "max_speed_mps",
+    "maximum speed",
+    "of the rear axle along its heading",
+    lambda drive: greatest(drive.motion.speed),
+    criterion=False,
+)
+metric(
     "stop_onset_speed_mps",
     "speed at brake onset",
     "speed at the onset of the last stop, which is the tick that first commanded the braking that ended at rest; none "
     "where the drive holds no commanded stop",
+    lambda drive: drive.stop.onset_speed if drive.stop else math.nan,
     criterion=False,
 )
-def stop_onset_speed(drive: DriveData) -> float:
-    """Speed at the onset."""
-    return drive.stop.onset_speed if drive.stop else math.nan
-
-
-@metric(
+metric(
     "stop_distance_m",
     "stopping distance",
     "of the last stop, from its onset to rest; none as stop_onset_speed_mps",
+    lambda drive: drive.stop.distance if drive.stop else math.nan,
     worse="higher",
     criterion=False,
 )
-def stop_distance(drive: DriveData) -> float:
-    """Distance from onset to rest."""
-    return drive.stop.distance if drive.stop else math.nan
-
-
-@metric(
+metric(
     "stop_bound_m",
     "stopping-distance bound",
     "distance that the car as declared needs for the last stop at most, by the closed form: after its brake delay, "
     "with its brake lag, at the demand",
+    lambda drive: drive.stop.bound(drive.vehicle) if drive.stop else math.nan,
     criterion=False,
 )
-def stop_bound(drive: DriveData) -> float:
-    """Bound of the stopping distance."""
-    return drive.stop.bound(drive.vehicle) if drive.stop else math.nan
-
-
-@metric(
+metric(
     "stop_demand_mps2",
     "deceleration demand",
     "constant deceleration that stops in the distance which the course granted in the last stop, up to the car's "
     "declared deceleration, would take from the onset's speed",
+    lambda drive: drive.stop.demand if drive.stop else math.nan,
     criterion=False,
 )
-def stop_demand(drive: DriveData) -> float:
-    """Demand of the last stop."""
-    return drive.stop.demand if drive.stop else math.nan
-
-
-@metric(
+metric(
     "stop_reaction_s",
     "brake reaction time",
     "from the onset of the last stop until the car's deceleration begins to rise",
+    lambda drive: drive.stop.reaction.duration if drive.stop else math.nan,
     worse="higher",
     criterion=False,
 )
-def stop_reaction(drive: DriveData) -> float:
-    """Reaction of the last stop."""
-    return drive.stop.reaction.duration if drive.stop else math.nan
-
-
-@metric(
+metric(
     "stop_build_up_s",
     "brake build-up time",
     "from the end of the reaction until the deceleration of the last stop has risen",
+    lambda drive: drive.stop.build_up.duration if drive.stop else math.nan,
     worse="higher",
     criterion=False,
 )
-def stop_build_up(drive: DriveData) -> float:
-    """Build-up of the last stop."""
-    return drive.stop.build_up.duration if drive.stop else math.nan
-
-
-@metric(
+metric(
     "mfdd_mps2",
     "MFDD",
     "mean fully developed deceleration of the last stop, between 80 % and 10 % of the onset's speed",
+    lambda drive: drive.stop.mfdd if drive.stop else math.nan,
     worse="lower",
     source="UN R13-H",
     criterion=False,
 )
-def mfdd(drive: DriveData) -> float:
-    """Mean fully developed deceleration."""
-    return drive.stop.mfdd if drive.stop else math.nan
 
 
 #: metrics of the last stop
@@ -237,7 +204,6 @@ OF_STOP = (
 )
 
 
-@metric("emergency_used", "emergency layer", "whether the emergency layer braked the car", kind="bool")
 def emergency_used(drive: DriveData) -> bool:
     """Whether it braked the car, not merely asked for that while nobody obeyed."""
     engaged, ticks = ArmingState.ENGAGED.value, drive.ticks
@@ -245,41 +211,46 @@ def emergency_used(drive: DriveData) -> bool:
     return any(wanted and state == engaged for wanted, state in asked)
 
 
-@metric("duration_s", "drive time", "from the first tick to the last")
-def duration(drive: DriveData) -> float:
-    """Drive time."""
+metric("emergency_used", "emergency layer", "whether the emergency layer braked the car", emergency_used, kind="bool")
+
+
+def _duration(drive: DriveData) -> float:
     time = drive.ticks["time_s"]
     return float(time[-1].as_py() - time[0].as_py()) if drive.ticks.num_rows else 0.0
 
 
-@metric("ticks", "ticks", "steps of the drive that the record holds", kind="int", criterion=False)
-def ticks(drive: DriveData) -> int:
-    """Number of ticks."""
-    return int(drive.ticks.num_rows)
-
-
-@metric(
-    "anchor_position_error_m",
-    "position error of SUMO's ego",
-    "largest distance of SUMO's ego from what was asked of it",
-    worse="higher",
+metric("duration_s", "drive time", "from the first tick to the last", _duration)
+metric(
+    "ticks",
+    "ticks",
+    "steps of the drive that the record holds",
+    lambda drive: int(drive.ticks.num_rows),
+    kind="int",
     criterion=False,
 )
+
+
 def anchor_position_error(drive: DriveData) -> float:
     """Greatest error of the ego's place in SUMO."""
     return float(np.fmax.reduce(drive.column("anchor_position_error_m"), initial=np.nan))
 
 
-@metric(
-    "anchor_speed_error_mps",
-    "speed error of SUMO's ego",
-    "largest difference of SUMO's ego from the speed that was asked of it",
+metric(
+    "anchor_position_error_m",
+    "position error of SUMO's ego",
+    "largest distance of SUMO's ego from what was asked of it",
+    anchor_position_error,
     worse="higher",
     criterion=False,
 )
-def anchor_speed_error(drive: DriveData) -> float:
-    """Greatest error of the ego's speed in SUMO."""
-    return float(np.fmax.reduce(drive.column("anchor_speed_error_mps"), initial=np.nan))
+metric(
+    "anchor_speed_error_mps",
+    "speed error of SUMO's ego",
+    "largest difference of SUMO's ego from the speed that was asked of it",
+    lambda drive: float(np.fmax.reduce(drive.column("anchor_speed_error_mps"), initial=np.nan)),
+    worse="higher",
+    criterion=False,
+)
 
 
 def least(values: Floats) -> float:
