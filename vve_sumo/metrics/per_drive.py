@@ -8,13 +8,15 @@ nothing to measure.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.metric import MetricTable
-from vve_sumo.metrics.stopping import AT_REST
-from vve_sumo.values import ArmingState, Floats
+from vve_sumo.metrics.stopping import AT_REST, Stop
+from vve_sumo.values import ArmingState, Floats, Vehicle
 
 PER_DRIVE: MetricTable[DriveData] = MetricTable()
 metric = PER_DRIVE.add
@@ -133,74 +135,71 @@ metric(
     lambda drive: greatest(drive.motion.speed),
     criterion=False,
 )
-metric(
+
+
+#: metrics of the last stop
+OF_STOP: list[str] = []
+
+
+def _of_stop(name: str, label: str, meaning: str, value: Callable[[Stop, Vehicle], float], **rest: Any) -> None:
+    """Enter a metric of the last stop; NaN where the drive holds none."""
+    OF_STOP.append(name)
+
+    def measured(drive: DriveData) -> float:
+        return value(drive.stop, drive.vehicle) if drive.stop else math.nan
+
+    metric(name, label, meaning, measured, criterion=False, **rest)
+
+
+_of_stop(
     "stop_onset_speed_mps",
     "speed at brake onset",
     "speed at the onset of the last stop, which is the tick that first commanded the braking that ended at rest; none "
     "where the drive holds no commanded stop",
-    lambda drive: drive.stop.onset_speed if drive.stop else math.nan,
-    criterion=False,
+    lambda stop, _vehicle: stop.onset_speed,
 )
-metric(
+_of_stop(
     "stop_distance_m",
     "stopping distance",
     "of the last stop, from its onset to rest; none as stop_onset_speed_mps",
-    lambda drive: drive.stop.distance if drive.stop else math.nan,
+    lambda stop, _vehicle: stop.distance,
     worse="higher",
-    criterion=False,
 )
-metric(
+_of_stop(
     "stop_bound_m",
     "stopping-distance bound",
     "distance that the car as declared needs for the last stop at most, by the closed form: after its brake delay, "
     "with its brake lag, at the demand",
-    lambda drive: drive.stop.bound(drive.vehicle) if drive.stop else math.nan,
-    criterion=False,
+    lambda stop, vehicle: stop.bound(vehicle),
 )
-metric(
+_of_stop(
     "stop_demand_mps2",
     "deceleration demand",
     "constant deceleration that stops in the distance which the course granted in the last stop, up to the car's "
     "declared deceleration, would take from the onset's speed",
-    lambda drive: drive.stop.demand if drive.stop else math.nan,
-    criterion=False,
+    lambda stop, _vehicle: stop.demand,
 )
-metric(
+_of_stop(
     "stop_reaction_s",
     "brake reaction time",
     "from the onset of the last stop until the car's deceleration begins to rise",
-    lambda drive: drive.stop.reaction.duration if drive.stop else math.nan,
+    lambda stop, _vehicle: stop.reaction.duration,
     worse="higher",
-    criterion=False,
 )
-metric(
+_of_stop(
     "stop_build_up_s",
     "brake build-up time",
     "from the end of the reaction until the deceleration of the last stop has risen",
-    lambda drive: drive.stop.build_up.duration if drive.stop else math.nan,
+    lambda stop, _vehicle: stop.build_up.duration,
     worse="higher",
-    criterion=False,
 )
-metric(
+_of_stop(
     "mfdd_mps2",
     "MFDD",
     "mean fully developed deceleration of the last stop, between 80 % and 10 % of the onset's speed",
-    lambda drive: drive.stop.mfdd if drive.stop else math.nan,
+    lambda stop, _vehicle: stop.mfdd,
     worse="lower",
     source="UN R13-H",
-    criterion=False,
-)
-
-
-#: metrics of the last stop
-OF_STOP = (
-    "stop_onset_speed_mps",
-    "stop_distance_m",
-    "stop_bound_m",
-    "stop_demand_mps2",
-    "stop_reaction_s",
-    "stop_build_up_s",
-    "mfdd_mps2",
 )
 
 
