@@ -116,6 +116,10 @@ class Detections:
     mode: NDArray[np.int8]  #: 0 long range, 1 medium range
 
 
+#: first-order time constant from throttle to drive force that is assumed of a car that nobody calibrated [s]
+DRIVE_LAG = 0.25
+
+
 @dataclass(frozen=True, slots=True)
 class Vehicle:
     """What is declared of the car: geometry, inertia, limits and lags."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vve_sumo.controller import Controller
-from vve_sumo.laws import Box, time_to_collision_of_boxes
+from vve_sumo.geometry import Box, overlap
 from vve_sumo.path import Path
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, RadarConfig
 from vve_sumo.values import Actors, ControlCommand, Detections, Observation, Point, Pose
@@ -174,6 +174,6 @@ def _contact(s: float, v: float, bodies: Sequence[Body], places: Sequence[tuple[
             continue
         least_gap = min(least_gap, x - half_x - s - CAR.rear_axle_to_bumper)
         other = Box(x, y, heading, body.length, body.width)
-        if least_gap < 1.0 and time_to_collision_of_boxes(own, other) == 0.0:
+        if least_gap < 1.0 and overlap(own, other):
             return abs(v - speed * cos), least_gap
     return None, least_gap

@@ -19,7 +19,8 @@ from tests.sweep.reading import load_rows
 from vve_sumo.cli import main
 from vve_sumo.cli.sweep import rerun
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.sweep_folder import FIGURES, Plan
+from vve_sumo.metrics.table import FIGURES
+from vve_sumo.record.sweep_folder import Plan
 from vve_sumo.sweep.plan import query_of
 
 #: drives straight on for a second, notes that it began, and on one mark takes the process with it

@@ -21,7 +21,7 @@ from vve_sumo.drive.termination import Outcome, TerminationMonitor, abort_reason
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, scenario_engine, standing
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
-from vve_sumo.metrics import drive_metrics
+from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarParameters
 from vve_sumo.plant.receiver import unaltered
@@ -210,8 +210,8 @@ class Lockstep:
             place = path.project(truth.x, truth.y, s)
             bumper, deviation = place.s + vehicle.rear_axle_to_bumper, place.offset
         if wanted.ttc_s is not None:
-            ahead = drive_metrics.ahead_now(truth, s, ticked.actors, path, vehicle)
-            ttc = float(drive_metrics.time_to_collision(ahead)[0])
+            lead = lead_vehicle_now(truth, s, ticked.actors, path, vehicle)
+            ttc = float(lead.time_to_collision[0])
         return abort_reason(wanted, bool(self._road.contacts), bumper, deviation, ttc)
 
 
