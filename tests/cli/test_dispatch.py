@@ -256,12 +256,12 @@ def test_init_lays_out_a_workspace_that_drives_and_never_replaces(tmp_path: Path
 def test_a_users_own_controller_drives_and_its_failure_is_a_stop(tmp_path: Path) -> None:
     """A controller that raises under way ends as a stop with a reason, in the record and on the screen."""
     (tmp_path / "mine.py").write_text(
-        "from vve_sumo.values import Setpoint\n"
+        "from vve_sumo.values import ControlCommand\n"
         "class Mine:\n"
-        "    def step(self, situation):\n"
-        "        if situation.time > 6.0:\n"
+        "    def step(self, observation):\n"
+        "        if observation.time > 6.0:\n"
         "            raise RuntimeError('out of ideas')\n"
-        "        return Setpoint(steering=0.0, acceleration=1.0)\n"
+        "        return ControlCommand(steering=0.0, acceleration=1.0)\n"
         "def make(vehicle, tuning):\n"
         "    return Mine()\n",
         encoding="utf-8",

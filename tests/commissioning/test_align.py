@@ -18,11 +18,11 @@ from tests import isolated
 from tests.conftest import REPOSITORY
 from tests.live.command_line import outline, own_rig, vve_sumo
 from vve_sumo.commissioning import align
+from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.resolved_scenario import read_path
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
 from vve_sumo.live import assembly
-from vve_sumo.live.alignment import LotAlignment
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 
@@ -88,7 +88,7 @@ def test_a_stored_alignment_is_the_one_that_was_found(tmp_path: Path, monkeypatc
         (result.alignment.rotation, result.alignment.x, result.alignment.y), abs=1e-5
     )
     ground = LotAlignment(frame.projection, kept, 1.4e9)
-    assert assembly.chain_of(site.setting, loaded, ground, REPOSITORY) is not None
+    assert assembly.pipeline_of(site.setting, loaded, ground, REPOSITORY) is not None
     with pytest.raises(ConfigError, match="made for 'linden'"):
         meaning.alignment_of(loaded, "proving_ground")
 

@@ -6,12 +6,12 @@ import dataclasses
 import hashlib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tests.drive.street import REPOSITORY, altered
 from vve_sumo.controller import Guarded
 from vve_sumo.drive import run as drives
+from vve_sumo.drive.assembly import sensors_of
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import ConfigError
@@ -20,8 +20,7 @@ from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.record.record import Record
-from vve_sumo.sensors.radar import Radar
-from vve_sumo.values import ArmingState, Setpoint
+from vve_sumo.values import ArmingState, ControlCommand
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 from vve_sumo.world.surroundings import table
@@ -48,7 +47,7 @@ def test_the_record_names_the_controllers_files_that_were_read_and_no_other(tmp_
     (tmp_path / "near.py").write_text("GAIN = 1.0\n", encoding="utf-8")
     (tmp_path / "unused.py").write_text("", encoding="utf-8")
     (tmp_path / "mine.py").write_text(
-        "from .near import GAIN\nclass Mine:\n    def step(self, situation):\n        return GAIN\n"
+        "from .near import GAIN\nclass Mine:\n    def step(self, observation):\n        return GAIN\n"
         "def make(vehicle, tuning):\n    return Mine()\n",
         encoding="utf-8",
     )
@@ -74,8 +73,8 @@ def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path
 
 
 class _Straight:
-    def step(self, situation: object) -> Setpoint:
-        return Setpoint(0.0, 1.0)
+    def step(self, observation: object) -> ControlCommand:
+        return ControlCommand(0.0, 1.0)
 
 
 def test_the_playback_profile_can_never_arm() -> None:
@@ -87,7 +86,7 @@ def test_the_playback_profile_can_never_arm() -> None:
         gate=TrustGate(PLAYBACK, 0.0),
         placement=Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0),
         predictor=Predictor(),
-        radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(1)),
+        sensors=sensors_of(setting),
         controller=Guarded(_Straight()),
         vehicle=setting.vehicle,
         path=setting.path,

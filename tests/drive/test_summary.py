@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import pyarrow as pa
 import pytest
 
 from vve_sumo.drive import summary
@@ -110,20 +109,3 @@ def test_a_drive_that_a_fault_ended_passes_only_where_that_was_asked_for() -> No
 def test_a_band_that_nothing_can_meet_is_refused() -> None:
     with pytest.raises(ValueError, match="least 6"):
         Band(min=6.0, max=5.0)
-
-
-def rows(**columns: list[Any]) -> pa.Table:
-    return pa.table(columns)
-
-
-def test_the_emergency_layer_counts_only_where_somebody_obeyed() -> None:
-    asked = {"emergency": [False, True, False]}
-    for state, used in (("engaged", True), ("disarmed", False), ("stopping", False)):
-        summary_rows = rows(**asked, state=[state] * 3)
-        assert summary.emergency_used(summary_rows) is used
-    assert summary.emergency_used(rows(emergency=[True, False], state=["ready", "engaged"])) is False
-
-
-def test_the_greatest_of_a_column_leaves_out_what_is_no_number() -> None:
-    assert summary.greatest(rows(x=[math.nan, 1.0, 3.0, 2.0])["x"]) == 3.0
-    assert math.isnan(summary.greatest(rows(x=[math.nan])["x"]))

@@ -30,7 +30,7 @@ from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.summary import summarise
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.drive.verify import altered_parts
-from vve_sumo.live.assembly import restored
+from vve_sumo.live.assembly import from_dict
 from vve_sumo.live.replay import read_live_inputs, replay_drive, replay_gateway
 from vve_sumo.plotting.drive_record import draw_drive
 from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS, hash_parts, read_pose_chunks, read_table, whole, write_summary
@@ -365,7 +365,7 @@ def open_with_every_tool(folder: Path) -> None:
     """Read every table, summarise and draw a record, whatever became of its drive."""
     for name in SCHEMAS | LIVE_SCHEMAS:
         read_table(folder, name)
-    setting, _rig = restored(read_live_inputs(folder).resolved, REPOSITORY)
+    setting, _rig = from_dict(read_live_inputs(folder).resolved, REPOSITORY)
     summary = summarise(setting, DriveEnd(Outcome.BROKEN, ()), folder, hash_parts(folder))
     assert summary["ticks"] > 100
     (folder / "drive.png").unlink(missing_ok=True)

@@ -19,28 +19,29 @@ from tests.sweep.reading import load_rows
 from vve_sumo.cli import main
 from vve_sumo.cli.sweep import rerun
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.sweep_folder import FIGURES, Plan
+from vve_sumo.metrics.table import FIGURES
+from vve_sumo.record.sweep_folder import Plan
 from vve_sumo.sweep.plan import query_of
 
 #: drives straight on for a second, notes that it began, and on one mark takes the process with it
 CONTROLLER = """
 import ctypes
 from pathlib import Path
-from vve_sumo.values import Setpoint
+from vve_sumo.values import ControlCommand
 
 
 class Marked:
     def __init__(self, mark):
         self.mark, self.begun = mark, False
 
-    def step(self, situation):
+    def step(self, observation):
         if not self.begun:
             with Path(__file__).with_name("begun.txt").open("a") as file:
                 file.write(f"{self.mark}\\n")
         self.begun = True
         if self.mark == 3:
             ctypes.string_at(0)
-        return Setpoint(0.0, 1.0)
+        return ControlCommand(0.0, 1.0)
 
 
 def make(vehicle, tuning):

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from vve_sumo.drive.resolved_scenario import ResolvedScenario
     from vve_sumo.drive.run import Drive
 
+#: metrics that the screen shows, in its order
+SHOWN = ("stop_gap_m", "min_gap_m", "min_ttc_s", "max_drac_mps2", "max_lateral_deviation_m", "max_deceleration_mps2")
+
 
 def draw_and_show(resolved: ResolvedScenario, drive: Drive) -> None:
     """Draw `drive.png` into a record, where that can be done, and print how the drive went."""
@@ -30,6 +33,8 @@ def show_drive(drive: Drive, picture: Path | None) -> None:
     from rich.text import Text
 
     from vve_sumo.drive.resolved_scenario import PERIOD
+    from vve_sumo.metrics.metric import unit_of
+    from vve_sumo.metrics.table import label_of
 
     summary = drive.summary
     title = Text(f"{summary['title']} (seed {summary['seed']})")
@@ -37,14 +42,9 @@ def show_drive(drive: Drive, picture: Path | None) -> None:
     rows = {
         "outcome": summary["outcome"],
         "collision": f"yes, at {_say(summary['impact_speed_mps'], 'm/s')}" if summary["collision"] else "no",
-        "gap at rest": _say(summary["stop_gap_m"], "m"),
-        "least gap": _say(summary["min_gap_m"], "m"),
-        "least time to collision": _say(summary["min_ttc_s"], "s"),
-        "greatest deceleration needed": _say(summary["max_drac_mps2"], "m/s²"),
-        "greatest lateral deviation": _say(summary["max_lateral_deviation_m"], "m"),
-        "greatest deceleration": _say(summary["max_deceleration_mps2"], "m/s²"),
-        "emergency layer": "braked" if summary["emergency_used"] else "not needed",
-        "drive time": f"{summary['duration_s']:.1f} s, {summary['ticks']} ticks of {PERIOD * 1000:.0f} ms",
+        **{label_of(name): _say(summary[name], unit_of(name)) for name in SHOWN},
+        label_of("emergency_used"): "braked" if summary["emergency_used"] else "not needed",
+        label_of("duration_s"): f"{summary['duration_s']:.1f} s, {summary['ticks']} ticks of {PERIOD * 1000:.0f} ms",
         **_playback_rows(summary),
         "record hash": summary["record_sha256"][:16] + "…",
     }

@@ -160,9 +160,9 @@ def _table(query: SweepQuery, came: Outcome) -> Table:
     from rich import box
     from rich.table import Table
 
-    from vve_sumo.record.sweep_folder import FIGURES
+    from vve_sumo.metrics.table import NUMBERS
 
-    said = [name for name in query.plan.criteria if FIGURES.get(name) == "float"]
+    said = [name for name in query.plan.criteria if name in NUMBERS]
     figures = (said or list(USUAL_FIGURES))[:MAX_FIGURES]
     title = query.spec.title or query.plan.scenario
     table = Table(title=title, title_justify="left", box=box.SIMPLE)

@@ -101,7 +101,7 @@ def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> Al
         if rig.car == "hardware_free":
             start_simulated_vehicle.start(rig, t0, site.setting.scenario.seed, stack, None)
         notify("waiting for trusted fixes of the standing car")
-        stood = assembly.stood(rig, source, t0)
+        stood = assembly.standing_pose_of(rig, source, t0)
     begin = path.at(0.0)
     start = standing(begin.x, begin.y, begin.heading)
     alignment = lot_alignment(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, None).alignment

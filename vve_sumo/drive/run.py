@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 from vve_sumo import workspace
 from vve_sumo.drive import provenance
+from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.lockstep import DriveEnd, Lockstep, Watch
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
@@ -27,8 +28,7 @@ from vve_sumo.scenario.load import load
 class Shell(Protocol):
     """What lockstep and playback have in common."""
 
-    epoch: float  #: GNSS second of drive time 0
-    laid: dict[str, Any]  #: what ties the drive to time and earth
+    lot: LotAlignment  #: what ties the drive to time and earth
 
     def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         """Drive to the end."""
@@ -88,8 +88,8 @@ def run(
     try:
         if pose is not None:
             resolved = replace(resolved, files={**resolved.files, "pose": pose})
-        settings = resolved.resolved(working) | shell.laid
-        record = Record(folder, settings, shell.epoch) if kept else MemoryRecorder(settings, shell.epoch)
+        settings = resolved.resolved(working) | shell.lot.to_dict()
+        record = Record(folder, settings, shell.lot.epoch) if kept else MemoryRecorder(settings, shell.lot.epoch)
         if kept:
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             record.attach(PROVENANCE, provenance.text_of(provenance.provenance(resolved, now)))

@@ -13,20 +13,20 @@ import pyarrow as pa
 
 from vve_sumo.drive import redrive
 from vve_sumo.drive import replay as lockstep
-from vve_sumo.drive.lockstep import chain_of
+from vve_sumo.drive.lockstep import assemble
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
-    ChainInputs,
     Difference,
+    PipelineInputs,
     answers,
     changed_controller,
     changed_since,
-    read_chain_inputs,
+    read_pipeline_inputs,
 )
 from vve_sumo.drive.resolved_scenario import EPOCH, ResolvedScenario
 from vve_sumo.drive.verify import Alteration, alterations
 from vve_sumo.live import replay as live
-from vve_sumo.live.assembly import restored
+from vve_sumo.live.assembly import from_dict
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ def inspect(folder: FilePath, working: FilePath) -> Inspection:
     if altered:
         return Inspection(folder, altered, [], [], None)
     if live.is_live(folder):
-        resolved, _rig = restored(live.resolved_of(folder), working)
+        resolved, _rig = from_dict(live.resolved_of(folder), working)
     else:
         resolved = lockstep.setting_of(folder, working)
     notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
@@ -94,15 +94,15 @@ def replay(inspected: Inspection, working: FilePath) -> Replayed:
 
 
 def _lockstep(folder: FilePath, resolved: ResolvedScenario, working: FilePath) -> Replayed:
-    inputs = read_chain_inputs(folder)
+    inputs = read_pipeline_inputs(folder)
     difference = lockstep.replay(resolved, inputs, lockstep.read_car_frames(folder, EPOCH), working)
     return Replayed(f"{len(inputs.ticks)} ticks", _torn(inputs), _described("tick", inputs.ticks, difference))
 
 
 def _live(folder: FilePath, working: FilePath) -> Replayed:
     inputs = live.read_live_inputs(folder)
-    ticks, steps = inputs.chain.ticks, inputs.steps
-    notes = _torn(inputs.chain)
+    ticks, steps = inputs.pipeline.ticks, inputs.steps
+    notes = _torn(inputs.pipeline)
     if inputs.torn:
         notes.append(f"the last {inputs.torn} steps of the gateway come after a gap in gateway or can.log")
     differences = _described("tick", ticks, live.replay_drive(inputs, working))
@@ -110,7 +110,7 @@ def _live(folder: FilePath, working: FilePath) -> Replayed:
     return Replayed(f"{len(ticks)} ticks and {len(steps)} steps of the gateway", notes, differences)
 
 
-def _torn(inputs: ChainInputs) -> list[str]:
+def _torn(inputs: PipelineInputs) -> list[str]:
     if not inputs.torn:
         return []
     return [f"the last {inputs.torn} ticks come after a gap in pose.bin, actors or detections"]
@@ -136,12 +136,12 @@ def redrive_with(folder: FilePath, controller: str, working: FilePath) -> Redriv
     return Redriven(resolved, table, redrive.compared(table), pipeline.failure)
 
 
-def _with(folder: FilePath, controller: str, working: FilePath) -> tuple[ResolvedScenario, ChainInputs, Pipeline]:
+def _with(folder: FilePath, controller: str, working: FilePath) -> tuple[ResolvedScenario, PipelineInputs, Pipeline]:
     """Return a record's scenario and inputs, and its pipeline with another controller in it."""
     if live.is_live(folder):
         inputs = live.read_live_inputs(folder)
-        resolved, _rig = restored(inputs.resolved, working)
-        return resolved, inputs.chain, live.chain_again(inputs.resolved, working, controller)
+        resolved, _rig = from_dict(inputs.resolved, working)
+        return resolved, inputs.pipeline, live.rebuilt_pipeline(inputs.resolved, working, controller)
     resolved = lockstep.setting_of(folder, working)
     other = resolved.driven_by(controller)
-    return resolved, read_chain_inputs(folder), chain_of(other, other.controller(working)).chain
+    return resolved, read_pipeline_inputs(folder), assemble(other, working).pipeline

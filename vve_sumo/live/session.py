@@ -16,6 +16,7 @@ from typing import Any, Final, TextIO
 
 from vve_sumo import workspace
 from vve_sumo.drive import provenance
+from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import choose, folder_for
@@ -24,7 +25,7 @@ from vve_sumo.drive.termination import Outcome
 from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.live import assembly, spawn, start_simulated_vehicle
-from vve_sumo.live.alignment import LotAlignment, lot_alignment
+from vve_sumo.live.alignment import lot_alignment
 from vve_sumo.live.channel import pair
 from vve_sumo.live.console import Console, ProcessGroup
 from vve_sumo.live.keys import Keys
@@ -144,8 +145,8 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
             friction = scenario.weather.friction
             car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
         ground = _ground(plan, source, notify)
-        resolved = plan.setting.resolved(plan.working) | ground.as_dict()
-        resolved |= assembly.told(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
+        resolved = plan.setting.resolved(plan.working) | ground.to_dict()
+        resolved |= assembly.to_dict(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
         resolved["gateway"]["shadow"] = plan.shadow
         crew = _crew(plan, resolved, _provenance(plan, doctor), ground, car, notify)
         screen = Screen(terminal)
@@ -172,7 +173,7 @@ def _ground(plan: Plan, source: Source, notify: Notify) -> LotAlignment:
     rig, setting = plan.rig, plan.setting
     notify("waiting for trusted fixes of the standing car")
     try:
-        stood = assembly.stood(rig, source, plan.t0)
+        stood = assembly.standing_pose_of(rig, source, plan.t0)
     finally:
         source.close()
     begin = setting.path.at(0.0)

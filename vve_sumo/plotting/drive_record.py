@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path as FilePath
 
-from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
 from vve_sumo.drive.run import Drive
-from vve_sumo.metrics import drive_metrics
+from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.plotting.drive_page import bounds, draw
 from vve_sumo.plotting.page import Sheet, said
 from vve_sumo.record.record import read_table
@@ -26,7 +26,7 @@ def draw_drive(resolved: ResolvedScenario, drive: Drive) -> FilePath:
         subtitle=said(drive.summary),
         ticks=ticks,
         actors=actors,
-        seen=drive_metrics.ahead(ticks, actors, resolved.path, resolved.vehicle),
+        lead=DriveData(ticks, actors, resolved.path, resolved.vehicle, PERIOD).lead,
         path=resolved.path,
         vehicle=resolved.vehicle,
         lanes=lane_shapes(resolved.network.path, bounds(ticks)),

@@ -8,13 +8,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vve_sumo.record.sweep_folder import FIGURES, read_tables
+from vve_sumo.metrics.table import NUMBERS
+from vve_sumo.record.sweep_folder import read_tables
 from vve_sumo.sweep.plan import MANY, SweepQuery
 from vve_sumo.sweep.statistics import Outcome, outcome
 
 COMBINATIONS, FOUND = "combinations.csv", "search.json"
-#: figures that are numbers
-NUMBERS = tuple(name for name, kind in FIGURES.items() if kind == "float")
 
 
 def conclude(folder: Path, query: SweepQuery) -> Outcome:

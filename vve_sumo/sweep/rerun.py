@@ -11,8 +11,9 @@ from pathlib import Path
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, changed_code, versions
 from vve_sumo.drive.run import Drive
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.record import claim
-from vve_sumo.record.sweep_folder import FIGURES, Plan, Row, read_tables
+from vve_sumo.record.sweep_folder import Plan, Row, read_tables
 from vve_sumo.scenario.load import parse
 from vve_sumo.sweep.dataset import refuse_mixed
 from vve_sumo.sweep.engine import Local
@@ -56,7 +57,7 @@ class Rerun:
         """Return the drive that was recorded, as a single drive leaves it."""
         summary = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
         # JSON has no word for a figure that is not there.
-        missing = {name: math.nan for name, kind in FIGURES.items() if kind == "float" and summary[name] is None}
+        missing = {name: math.nan for name in NUMBERS if summary[name] is None}
         return Drive(self.folder, summary | missing)
 
     def resolved(self) -> ResolvedScenario:
