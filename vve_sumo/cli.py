@@ -60,10 +60,6 @@ REPORT_CODES = """exit codes:
 """
 
 
-#: curvature of the shipped car's tightest circle, at its steering limit and wheelbase [1/m]
-TIGHTEST = 0.21
-
-
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, then where to read on."""
 
@@ -130,6 +126,8 @@ def _add_drive(commands: Commands) -> None:  # type: ignore[valid-type]
         "  vve-sumo drive                                the paper's drive: a car parked in the middle of the road\n"
         "  vve-sumo drive parked_car --seed 7 --out a    another seed, record in folder a\n"
         "  vve-sumo drive --controller mine.py:make      your own controller\n"
+        "  vve-sumo drive --vehicle lincoln_mkz          another car\n"
+        "  vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it\n"
         "  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys\n"
         "  vve-sumo drive --rig twin                     live, with the hardware-free car as a process of its own\n"
         "  vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off\n\n"
@@ -140,6 +138,7 @@ def _add_drive(commands: Commands) -> None:  # type: ignore[valid-type]
     drive.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
     drive.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's seed")
     drive.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
+    drive.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
     drive.add_argument(
         "--pose",
         type=Path,
@@ -148,6 +147,11 @@ def _add_drive(commands: Commands) -> None:  # type: ignore[valid-type]
         "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and logged, nobody obeys",
     )
     drive.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
+    drive.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it",
+    )
     drive.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
     drive.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
     drive.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
@@ -176,6 +180,12 @@ def _add_suite(commands: Commands) -> None:  # type: ignore[valid-type]
     suite.add_argument("--seeds", type=int, default=1, metavar="N", help="drives of each row, by seed (default: 1)")
     suite.add_argument("--workers", type=int, metavar="N", help="drives at a time (default: as many as processors)")
     suite.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point, untuned")
+    suite.add_argument(
+        "--vehicle",
+        default="ford_fusion",
+        metavar="NAME",
+        help="under vehicles/, or a .toml file (default: ford_fusion)",
+    )
     suite.add_argument("--keep", action="store_true", help="keep every drive's record under DIR/records")
     suite.add_argument("--resume", action="store_true", help="go on with the suite in DIR; finished drives stay")
     suite.set_defaults(run=_suite)
@@ -206,6 +216,7 @@ def _add_sweep(commands: Commands) -> None:  # type: ignore[valid-type]
     sweep.add_argument(
         "--keep", metavar="WHOSE", help="full records: none, failed, all or KEY,KEY (default: the file's)"
     )
+    sweep.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
     sweep.add_argument("--cluster", metavar="ADDRESS", help="drive on the workers of a Dask scheduler")
     sweep.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     sweep.add_argument("--rerun", nargs=2, metavar=("DIR", "KEY"), help="drive one run of a dataset again and compare")
@@ -462,6 +473,9 @@ def _add_path(commands: Commands) -> None:  # type: ignore[valid-type]
         metavar="M",
         help="how far the smooth path may leave the middle of the lanes (default: 0.3)",
     )
+    record.add_argument(
+        "--vehicle", default="ford_fusion", metavar="NAME", help="that shall drive it (default: ford_fusion)"
+    )
     record.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
     record.set_defaults(run=_path_record)
 
@@ -566,8 +580,8 @@ def _add_init(commands: Commands) -> None:  # type: ignore[valid-type]
         commands,
         "init",
         "lay out a workspace of your own",
-        "Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios and sweeps into a folder. Run\n"
-        "vve-sumo from there: your files win over shipped ones of the same name.",
+        "Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios, sweeps and vehicles into a\n"
+        "folder. Run vve-sumo from there: your files win over shipped ones of the same name.",
     )
     init.add_argument("folder", type=Path, metavar="DIR", help="folder to lay out; existing files are never replaced")
     init.set_defaults(run=_init)
@@ -589,8 +603,14 @@ def _add_notebooks(commands: Commands) -> None:  # type: ignore[valid-type]
 
 
 def _drive(arguments: argparse.Namespace) -> int:
-    if arguments.rig is not None:
+    if arguments.rig is not None and arguments.vehicle is not None:
+        raise ConfigError("--vehicle: a rig brings its own vehicle; leave out one of --vehicle and --rig")
+    if arguments.rig is not None and not arguments.lockstep:
         return _drive_live(arguments)
+    if arguments.rig is None and arguments.lockstep:
+        raise ConfigError(
+            "--lockstep: every drive without a rig is one; name the rig whose car is simulated with --rig"
+        )
     if arguments.shadow:
         raise ConfigError("--shadow: only a live drive has enable bits to leave off; name the rig with --rig")
     for who in ("operator", "driver"):
@@ -605,6 +625,8 @@ def _drive(arguments: argparse.Namespace) -> int:
         controller=arguments.controller,
         pose=arguments.pose,
         quiet=arguments.quiet,
+        vehicle=arguments.vehicle,
+        rig=arguments.rig,
     )
 
 
@@ -633,6 +655,7 @@ def _suite(arguments: argparse.Namespace) -> int:
         seeds=arguments.seeds,
         workers=arguments.workers,
         controller=arguments.controller,
+        vehicle=arguments.vehicle,
         keep=arguments.keep,
         resume=arguments.resume,
     )
@@ -663,6 +686,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
         cluster=arguments.cluster,
         quiet=arguments.quiet,
         search=arguments.search,
+        vehicle=arguments.vehicle,
     )
 
 
@@ -758,9 +782,11 @@ def _pose_decode(arguments: argparse.Namespace) -> int:
 
 
 def _path_record(arguments: argparse.Namespace) -> int:
+    from vve_sumo.vehicle.load import load
     from vve_sumo.workspace import find
     from vve_sumo.world.survey import record_path
 
+    tightest = load(find("vehicle", arguments.vehicle, Path.cwd())).vehicle.tightest_curvature
     survey = record_path(
         find("network", arguments.network, Path.cwd()),
         arguments.start,
@@ -773,9 +799,9 @@ def _path_record(arguments: argparse.Namespace) -> int:
     )
     radius = f"{1.0 / survey.curvature:.1f} m" if survey.curvature > 1e-6 else "none"
     print(f"{survey.length:.0f} m of path ({survey.points} points, tightest bend {radius}) written to {arguments.out}")
-    if survey.curvature > TIGHTEST:
+    if survey.curvature > tightest:
         print(
-            f"warning: no car turns tighter than {1.0 / TIGHTEST:.1f} m; choose other edges (a U-turn?)",
+            f"warning: {arguments.vehicle} turns no tighter than {1.0 / tightest:.1f} m; choose other edges (a U-turn?)",
             file=sys.stderr,
         )
     return 0

@@ -151,6 +151,11 @@ class Vehicle:
         return self.length - self.wheelbase - self.front_overhang
 
     @property
+    def tightest_curvature(self) -> float:
+        """Curvature of the circle that the rear axle drives at the steering limit, slowly [1/m]."""
+        return math.tan(self.steering_limit) / self.wheelbase
+
+    @property
     def understeer_gradient(self) -> float:
         """Extra road-wheel angle for each m/s2 of lateral acceleration on a steady circle [rad s2/m]."""
         rear = self.wheelbase - self.front_axle_to_mass

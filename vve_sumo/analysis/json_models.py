@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, create_model, model_validator
 
+from vve_sumo.config_file import Finite, Positive, complaint
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_metrics import Metrics
-from vve_sumo.scenario.load import complaint
-from vve_sumo.scenario.schema import Finite, Positive, Radar
+from vve_sumo.scenario.schema import Radar
 from vve_sumo.values import Vehicle
 
 

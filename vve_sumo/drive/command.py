@@ -29,6 +29,7 @@ from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.metrics import drive_metrics
 from vve_sumo.path import Path
 from vve_sumo.record.record import PROVENANCE, MemoryRecorder, Record, claim, hash_files, read_table, whole
+from vve_sumo.rig import load as rigs
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Band, Criteria, Scenario
 from vve_sumo.values import ArmingState, Vehicle
@@ -67,7 +68,14 @@ class Drive:
         return self.summary["passed"] is not False
 
 
-def choose(name: str, working: FilePath, *, seed: int | None = None, controller: str | None = None) -> ResolvedScenario:
+def choose(
+    name: str,
+    working: FilePath,
+    *,
+    seed: int | None = None,
+    controller: str | None = None,
+    vehicle: str | None = None,
+) -> ResolvedScenario:
     """Return the setting of a scenario by name or file, with the command line's wishes laid over it.
 
     Raises ConfigError for whatever is missing or wrong.
@@ -78,6 +86,9 @@ def choose(name: str, working: FilePath, *, seed: int | None = None, controller:
         if not 0 <= seed < 2**31:
             raise ConfigError(f"--seed: expected 0 to 2147483647, got {seed}")
         scenario = scenario.model_copy(update={"seed": seed})
+    if vehicle is not None:
+        ego = scenario.ego.model_copy(update={"vehicle": vehicle})
+        scenario = scenario.model_copy(update={"ego": ego})
     setting = resolve_scenario(file.name.removesuffix(".toml"), scenario, file, working)
     return setting if controller is None else setting.driven_by(controller)
 
@@ -355,10 +366,14 @@ def drive(
     controller: str | None,
     pose: FilePath | None,
     quiet: bool,
+    vehicle: str | None = None,
+    rig: str | None = None,
 ) -> int:
     """Run the command: drive, draw, show; return the exit code."""
     working = FilePath.cwd()
-    setting = choose(name, working, seed=seed, controller=controller)
+    setting = choose(name, working, seed=seed, controller=controller, vehicle=vehicle)
+    if rig is not None:
+        setting = setting.with_rig(rigs.load(workspace.find("rig", rig, working), working), working)
     folder = out if out is not None else folder_for(setting, working)
     with _progress(setting, quiet) as watch:
         done = run(setting, folder, working, pose=pose, watch=watch)

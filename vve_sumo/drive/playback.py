@@ -13,7 +13,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from vve_sumo.controller import Guarded
-from vve_sumo.drive.lockstep import CAR_BUS, DriveEnd, Watch
+from vve_sumo.drive.lockstep import CAR_BUS, DriveEnd, Watch, gateway_of
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.prediction_error import PredictionError
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
@@ -29,7 +29,6 @@ from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.record.record import MemoryRecorder
 from vve_sumo.sensors.radar import Radar
 from vve_sumo.values import Fix
-from vve_sumo.vehicle.gateway import Gateway
 
 #: a recording says nothing of its receiver's place: its positions are taken as the rear axle's
 AT_REAR_AXLE = Mounting(0.0, 0.0)
@@ -86,7 +85,7 @@ class Playback:
             path=setting.path,
             desired_speed=setting.scenario.ego.speed_mps,
         )
-        self._gateway = Gateway(setting.vehicle, period=PERIOD)
+        self._gateway = gateway_of(setting.model)
         self._datagrams = 0
         self._world = open_world(setting)
         self._street = VirtualRoad(self._world, cast_of(setting))

@@ -15,7 +15,6 @@ import pyarrow as pa
 
 from vve_sumo.laws import stopping_distance
 from vve_sumo.values import Floats, Vehicle
-from vve_sumo.vehicle.calibration import Calibration
 
 #: below this speed the car is at rest, and has a gap to talk of [m/s]
 AT_REST: Final = 0.05
@@ -36,7 +35,7 @@ LOW, HIGH = 0.1, 0.9
 #: over so many ticks the deceleration before the braking is averaged
 TICKS_BEFORE: Final = 10
 #: with this lag the push of a throttle that is let go is assumed to fade, whatever was calibrated [s]
-DRIVE_LAG: Final = Calibration().drive_lag
+DRIVE_LAG: Final = 0.25
 #: states of the gateway in which it commands the brakes
 _COMMANDING: Final = frozenset({"engaged", "stopping", "stopped"})
 

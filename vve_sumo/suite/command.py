@@ -13,14 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from vve_sumo import workspace
 from vve_sumo.drive.resolved_scenario import resolve_scenario
 from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.suite import catalogue, table
 from vve_sumo.suite.journal import NAME, Journal
 from vve_sumo.suite.row import Judged, Outcome, Row, Verdict
 from vve_sumo.suite.run import Done, drives, run
 from vve_sumo.sweep.engine import Local
 from vve_sumo.sweep.progress import Tally, telling
+from vve_sumo.vehicle.load import load as load_vehicle
 
 #: verdicts that make the command fail
 BAD = (Verdict.FAILED, Verdict.INVALID)
@@ -34,6 +37,7 @@ class Asked(NamedTuple):
     seeds: int = 1  #: drives of each row
     workers: int | None = None  #: drives at a time; None: as many as processors
     controller: str | None = None  #: another than the row's
+    vehicle: str = DEFAULT_VEHICLE  #: vehicle model: a name or a file
     keep: bool = False  #: the records
     resume: bool = False  #: with what is in `out`
 
@@ -44,8 +48,9 @@ def suite(name: str | None, asked: Asked) -> int:
         for known, listed in catalogue.SUITES.items():
             print(f"{known:<20} {listed.title}")
         return 0
-    rows = catalogue.rows(name)
     working = Path.cwd()
+    car = load_vehicle(workspace.find("vehicle", asked.vehicle, working))
+    rows = [with_vehicle(row, asked.vehicle) for row in catalogue.rows(name, car)]
     if asked.controller is not None:
         rows = [driven_by(row, asked.controller) for row in rows]
     check(name, rows, working)
@@ -96,6 +101,14 @@ def driven_by(row: Row, controller: str) -> Row:
         return row
     other = row.scenario.controller.model_copy(update={"name": controller, "tuning": {}})
     return replace(row, scenario=row.scenario.model_copy(update={"controller": other}))
+
+
+def with_vehicle(row: Row, vehicle: str) -> Row:
+    """Return a row whose scenario names a vehicle model."""
+    if row.scenario is None:
+        return row
+    ego = row.scenario.ego.model_copy(update={"vehicle": vehicle})
+    return replace(row, scenario=row.scenario.model_copy(update={"ego": ego}))
 
 
 def check(name: str, rows: Sequence[Row], working: Path) -> None:

@@ -55,12 +55,14 @@ def sweep(
     cluster: str | None,
     quiet: bool,
     search: bool,
+    vehicle: str | None = None,
 ) -> int:
     """Run the command: drive what is not finished, show what came of it; return the exit code."""
-    wanted = query_of(name, Path.cwd(), yes=yes, search=search)
+    wanted = query_of(name, Path.cwd(), yes=yes, search=search, vehicle=vehicle)
     keeping = wanted.spec.keep if keep is None else _keeping(keep)
     engine = engine_of(workers, cluster)
     again = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
+    again += f" --vehicle {vehicle}" if vehicle else ""
     try:
         hunt = fill(out, wanted, engine, keeping, resume=resume, quiet=quiet, again=again)
     except KeyboardInterrupt as interrupt:
