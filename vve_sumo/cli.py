@@ -801,7 +801,7 @@ def _path_record(arguments: argparse.Namespace) -> int:
     print(f"{survey.length:.0f} m of path ({survey.points} points, tightest bend {radius}) written to {arguments.out}")
     if survey.curvature > tightest:
         print(
-            f"warning: {arguments.vehicle} turns no tighter than {1.0 / tightest:.1f} m; choose other edges (a U-turn?)",
+            f"warning: {arguments.vehicle} turns no tighter than {1.0 / tightest:.1f} m; take other edges (a U-turn?)",
             file=sys.stderr,
         )
     return 0

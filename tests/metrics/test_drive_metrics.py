@@ -10,13 +10,13 @@ import pyarrow as pa
 import pytest
 import shapely
 
+from tests import vehicles
 from vve_sumo.metrics import drive_metrics
 from vve_sumo.path import Path
 from vve_sumo.record.record import SCHEMAS
 from vve_sumo.values import TickRow
-from vve_sumo.vehicle import fusion
 
-CAR = fusion.vehicle()
+CAR = vehicles.FUSION.vehicle
 KINDS = {"int": 0, "float": 0.0, "bool": False, "str": ""}
 
 

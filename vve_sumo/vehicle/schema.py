@@ -93,7 +93,8 @@ class Sourced(Table):
         for name, source in self.sources.items():
             if name not in numbers:
                 raise ValueError(f"sources.{name}: no number of this table is called so")
-            if source.startswith(ASSUMED.rstrip(": ")) and not source.removeprefix(ASSUMED.rstrip()).strip(" :"):
+            word, _colon, reason = source.partition(":")
+            if word.strip() == ASSUMED.rstrip(": ") and not reason.strip():
                 raise ValueError(f"sources.{name}: expected the reason after '{ASSUMED}'")
         return self
 
