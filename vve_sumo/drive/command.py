@@ -29,7 +29,6 @@ from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.metrics import drive_metrics
 from vve_sumo.path import Path
 from vve_sumo.record.record import PROVENANCE, MemoryRecorder, Record, claim, hash_files, read_table, whole
-from vve_sumo.rig import load as rigs
 from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Band, Criteria, Scenario
 from vve_sumo.values import ArmingState, Vehicle
@@ -373,7 +372,9 @@ def drive(
     working = FilePath.cwd()
     setting = choose(name, working, seed=seed, controller=controller, vehicle=vehicle)
     if rig is not None:
-        setting = setting.with_rig(rigs.load(workspace.find("rig", rig, working), working), working)
+        from vve_sumo.rig.load import load as load_rig
+
+        setting = setting.with_rig(load_rig(workspace.find("rig", rig, working), working), working)
     folder = out if out is not None else folder_for(setting, working)
     with _progress(setting, quiet) as watch:
         done = run(setting, folder, working, pose=pose, watch=watch)

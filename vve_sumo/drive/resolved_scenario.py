@@ -15,7 +15,7 @@ from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path as FilePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -26,14 +26,15 @@ from vve_sumo.drive.actor_paths import Speeds, followed
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
-from vve_sumo.rig.resolve import model_of
-from vve_sumo.rig.schema import Rig
 from vve_sumo.scenario.schema import Radar, Scenario
 from vve_sumo.sensors.radar import RadarConfig, RadarMode
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.world.network import Network, lane_shapes, read_network
+
+if TYPE_CHECKING:
+    from vve_sumo.rig.schema import Rig
 
 #: Of what a record holds; the first had neither path nor car, the second no provenance.json and no seal, the third
 #: neither the speed of actors across their heading nor the time at which a scan was measured, the fourth no vehicle
@@ -116,6 +117,8 @@ class ResolvedScenario:
 
     def with_rig(self, rig: Rig, working: FilePath) -> ResolvedScenario:
         """Return the same setting with a rig's car; raises ConfigError where its vehicle model is gone."""
+        from vve_sumo.rig.resolve import model_of  # and with it the lot's geometry, which no other drive needs
+
         file = workspace.find("vehicle", rig.vehicle.model, working)
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})
         scenario = self.scenario.model_copy(update={"ego": ego})
