@@ -29,17 +29,17 @@ brake_gain_kgm = 541.0
 
 def drive(folder: str, vehicle: str | None = None, rig: str | None = None) -> dict[str, Any]:
     """Drive the paper's drive and replay it; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run
     from vve_sumo.drive.replay import read_car_frames, read_chain_inputs, replay, setting_of
     from vve_sumo.drive.resolved_scenario import EPOCH
     from vve_sumo.rig.load import load
 
-    setting = command.choose("parked_car", REPOSITORY, seed=1, vehicle=vehicle)
+    setting = run.choose("parked_car", REPOSITORY, seed=1, vehicle=vehicle)
     if rig is not None:
         setting = setting.with_rig(load(Path(rig), REPOSITORY), REPOSITORY)
         Path(rig).unlink()  # a record is replayed without it
     record = Path(folder)
-    summary = command.run(setting, record, REPOSITORY).summary
+    summary = run.run(setting, record, REPOSITORY).summary
     again = setting_of(record, REPOSITORY)
     assert again.model == setting.model
     assert replay(again, read_chain_inputs(record), read_car_frames(record, EPOCH), REPOSITORY) is None
@@ -85,7 +85,7 @@ def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_p
 
 
 def test_a_vehicle_that_nobody_knows_is_named() -> None:
-    from vve_sumo.drive.command import choose
+    from vve_sumo.drive.run import choose
 
     with pytest.raises(ConfigError, match=r"parked_car\.toml: ego\.vehicle: no vehicle named 'tank'; known: ford_fus"):
         choose("parked_car", REPOSITORY, vehicle="tank")

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, field
 
 from tests import vehicles
+from tests.setpoints import setpoint as complete
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
@@ -161,7 +162,7 @@ class Rig:
             "yaw_rate": self.car.yaw_rate,
             "grade": self.car.grade,
         }
-        return Setpoint(steering, acceleration, **(values | changes))
+        return complete(steering, acceleration, **(values | changes))
 
     def step(
         self,

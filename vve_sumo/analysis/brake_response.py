@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.stopping import Stop
-from vve_sumo.values import Floats
+from vve_sumo.values import DRIVE_LAG, Floats
 from vve_sumo.vehicle.calibration import AIR_DENSITY
 from vve_sumo.vehicle.identification import LEAST_SAMPLES, MEMORY, Answer, Series, sigmas
 
 #: what is assumed of drag, creep and throttle, whatever was calibrated; the fit finds mass, brake gain and grade itself
 DRAG_PER_MASS: Final = 0.62 / 1690.0  #: drag area over mass of a mid-size car [m2/kg]
 CREEP_SPEED: Final = 2.0  #: above it an idling engine pushes no more [m/s]
-DRIVE_LAG: Final = 0.25  #: of the throttle, where the search begins [s]
 THROTTLE_DELAY: Final = 0.05  #: assumed dead time of the throttle [s]; its lag is found
 DRAG: Final = 0.5 * AIR_DENSITY * DRAG_PER_MASS  #: deceleration by air over speed squared [1/m]
 
