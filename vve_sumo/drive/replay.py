@@ -28,6 +28,7 @@ from vve_sumo.drive.resolved_scenario import (
     changed_code,
     digests,
     read_resolved,
+    recorded_model,
     resolve_scenario,
     versions,
 )
@@ -96,7 +97,8 @@ def setting_of(folder: FilePath, working: FilePath) -> ResolvedScenario:
         raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
     if "pose" in hashes:
         raise ConfigError(f"{folder}: a playback, expected a drive with the hardware-free car")
-    return resolve_scenario(name, parse(settings, file), file, working)
+    setting = resolve_scenario(name, parse(settings, file), file, working)
+    return replace(setting, model=recorded_model(resolved))
 
 
 def changed_since(folder: FilePath, setting: ResolvedScenario) -> list[str]:
