@@ -34,6 +34,7 @@ from vve_sumo.scenario.schema import Abort
 from vve_sumo.sensors.radar import Radar
 from vve_sumo.values import Actors, ArmingState, Fix, GatewayStatus, Pose
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.interface import load
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and station [m]
 Watch = Callable[[int, float, float, float], None]
@@ -61,6 +62,7 @@ def car_parameters(setting: ResolvedScenario) -> CarParameters:
     """Return the hardware-free car as the scenario perturbs it."""
     wanted = setting.scenario.ego.car
     return plant.parameters(
+        interface=setting.interface,
         noise=wanted.noise_factor if wanted.noise else 0.0,
         delay=wanted.gnss_delay_s,
         hidden_delay=wanted.gnss_hidden_delay_s,
@@ -105,7 +107,9 @@ def chain_of(setting: ResolvedScenario, controller: Controller) -> Laid:
         desired_speed=scenario.ego.speed_mps,
         deviation_limit=scenario.ego.deviation_limit_m,
     )
-    gateway = Gateway(setting.vehicle, calibration=parameters.calibration, period=PERIOD)
+    gateway = Gateway(
+        setting.vehicle, calibration=parameters.calibration, period=PERIOD, interface=load(setting.interface)
+    )  # fmt: skip
     return Laid(chain, gateway, frame, alignment, start)
 
 

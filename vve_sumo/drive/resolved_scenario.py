@@ -30,6 +30,7 @@ from vve_sumo.scenario.schema import Radar, Scenario
 from vve_sumo.sensors.radar import RadarConfig, RadarMode
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle import fusion
+from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig
 from vve_sumo.world.network import Network, lane_shapes, read_network
 
 #: Of what a record holds; the first had neither path nor car, the second no provenance.json and no seal, the third
@@ -71,6 +72,7 @@ class ResolvedScenario:
     lines: dict[str, Path]  #: paths of actors, by the names that they use, in the street's map
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
     file: FilePath  #: the scenario's own
+    interface: InterfaceConfig = DEFAULT  #: of the drive-by-wire controller
 
     def resolved(self, working: FilePath) -> dict[str, Any]:
         """Return what the record keeps: scenario, path and car, the content of files as hashes, and the versions.

@@ -77,6 +77,7 @@ def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: f
     wire = rig.bus.interface, start.channel or rig.bus.channel
     return CarConfig(
         parameters=plant.parameters(
+            interface=meaning.interface_of(rig),
             noise=start.noise_factor if start.noise else 0.0,
             delay=start.gnss_delay_s,
             hidden_delay=start.gnss_hidden_delay_s,

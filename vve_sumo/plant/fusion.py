@@ -11,7 +11,7 @@ from vve_sumo.plant.car import CarParameters
 from vve_sumo.plant.receiver import ReceiverParameters
 from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
+from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig
 
 TRACK = 1.5824  # between the wheels of an axle [m]; Dataspeed's default for this car (dbw_mkz_can)
 MASS_HEIGHT = 0.55  # of the centre of mass [m]; an assumption
@@ -27,7 +27,7 @@ def parameters(
     mounting: Mounting = MOUNTING,
     *,
     calibration: Calibration | None = None,
-    kit: DbwControllerParameters | None = None,
+    interface: InterfaceConfig = DEFAULT,
     noise: float = 1.0,
     delay: float = 0.01,
     hidden_delay: float = 0.0,
@@ -45,7 +45,7 @@ def parameters(
     return CarParameters(
         vehicle=fusion.vehicle(),
         calibration=calibration or Calibration(),
-        kit=kit or DbwControllerParameters(),
+        interface=interface,
         receiver=ReceiverParameters(mounting, delay=delay, hidden_delay=hidden_delay, noise=noise),
         track=TRACK,
         mass_height=MASS_HEIGHT,
