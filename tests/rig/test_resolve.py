@@ -25,7 +25,7 @@ from vve_sumo.scenario.load import load as load_scenario
 from vve_sumo.values import Point, Pose, Vehicle
 from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dataspeed.codec import Variant
+from vve_sumo.vehicle.interface import DEFAULT
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 
@@ -41,7 +41,7 @@ def test_a_rig_that_says_nothing_of_its_car_has_the_fusion() -> None:
     assert resolve.vehicle_of(plain) == fusion.vehicle()
     assert resolve.calibration_of(plain) == Calibration()
     assert resolve.limits_of(plain) == Limits()
-    assert resolve.variant_of(plain) is Variant.DBW1_2024
+    assert resolve.interface_of(plain) == DEFAULT
     assert resolve.steering_wheel_bias_of(plain) == 0.0
 
 

@@ -71,7 +71,7 @@ class CarReports:
                     reports = self._decode(frame)
                 except Exception:
                     # A mistake in somebody's decoder must not be what keeps the car from being stopped.
-                    reports = Malformed(number, "decode_raised")
+                    reports = Malformed(number, "raised")
                 if isinstance(reports, Malformed):
                     troubles.append("report_malformed")
                     continue
