@@ -64,11 +64,12 @@ class CarReports:
     def take(self, now: float, frames: Iterable[Frame]) -> list[str]:
         """Take in frames heard since the last call; reason codes of what can't be understood or shouldn't be there."""
         troubles: list[str] = []
+        read, decode, times, newest = self._read, self._decode, self._times, self._newest
         for frame in frames:
             number = frame.id
-            if number in self._read:
+            if number in read:
                 try:
-                    reports = self._decode(frame)
+                    reports = decode(frame)
                 except Exception:
                     # A mistake in somebody's decoder must not be what keeps the car from being stopped.
                     reports = Malformed(number, "raised")
@@ -77,9 +78,9 @@ class CarReports:
                     continue
                 for report in reports:
                     kind = type(report)
-                    self._times[kind] = now
-                    if self._newest.get(kind) is not report:
-                        self._newest[kind] = report
+                    times[kind] = now
+                    if newest.get(kind) is not report:
+                        newest[kind] = report
                         self._store(now, report)
             elif number in self._commands:
                 troubles.append("another_writer")
@@ -115,12 +116,15 @@ class CarReports:
         return reasons
 
     def dropped_out(self) -> list[str]:
-        """Reason codes of the modules that don't work although they are told to."""
+        """Reason codes of the subsystems that don't work although they are told to."""
+        brake, throttle, steering = self.brake, self.throttle, self.steering
+        if self.all_enabled() and not (brake.timeout or throttle.timeout or steering.timeout):
+            return []
         reasons: list[str] = []
         for report, timeout, disabled in (
-            (self.brake, "brake_timeout", "brake_disabled"),
-            (self.throttle, "throttle_timeout", "throttle_disabled"),
-            (self.steering, "steering_timeout", "steering_disabled"),
+            (brake, "brake_timeout", "brake_disabled"),
+            (throttle, "throttle_timeout", "throttle_disabled"),
+            (steering, "steering_timeout", "steering_disabled"),
         ):
             if report.timeout:
                 reasons.append(timeout)

@@ -35,6 +35,7 @@ from vve_sumo.vehicle.interface import (
     BrakeState,
     BrakeTorque,
     Commanded,
+    Gear,
     GearState,
     InterfaceFacts,
     Malformed,
@@ -56,6 +57,11 @@ REPORTS: Final[dict[int, tuple[type, ...]]] = {
     codec.ACCELERATIONS: (Accelerations,),
     codec.BRAKE_INFO: (BrakeTorque,),
 }
+
+#: Of a brake or throttle report only the last two bytes tell its state; those before are pedal positions and torques.
+_PEDALS: Final = frozenset({codec.BRAKE_REPORT, codec.THROTTLE_REPORT})
+PEDAL_REPORT_LENGTH: Final = 8
+STATUS_OF_PEDAL: Final = slice(6, 8)
 
 WHEN_COMMANDS_STOP: Final = (
     "lets go of pedals and steering; where its watchdog is armed it brakes until the driver takes over"
@@ -80,7 +86,11 @@ class DataspeedDbw1:
             dbc=Path(__file__).with_name("dbw1.dbc"),
         )
         self._counter = -1
-        # By identifier: the last understood frame's data and what it says. Most reports repeat themselves.
+        # A gear command has no counter, so there are only so many.
+        self._gear_frames = {
+            (gear, clear): codec.encode(GearCommand(gear, clear), variant) for gear in Gear for clear in (False, True)
+        }
+        # By identifier: what the last understood frame said, as bytes and as reports. Most reports repeat themselves.
         self._understood: dict[int, tuple[bytes, tuple[Report, ...]]] = {}
 
     @property
@@ -97,21 +107,25 @@ class DataspeedDbw1:
             codec.encode(BrakeCommand(BrakeKind.TORQUE, torque, enable, counter, clear), variant),
             codec.encode(ThrottleCommand(ThrottleKind.PERCENT, throttle, enable, counter, clear), variant),
             codec.encode(SteeringCommand(wheel_angle, wheel_rate, enable, counter, clear), variant),
-            codec.encode(GearCommand(gear, clear), variant),
+            self._gear_frames[gear, clear],
         )
 
     def decode(self, frame: Frame) -> tuple[Report, ...] | Malformed:
-        """Return what a frame reports; the same bytes give the same reports, which are not made anew."""
-        before = self._understood.get(frame.id)
-        if before is not None and before[0] == frame.data:
+        """Return what a frame reports; what it said the last time is not made anew."""
+        number, said = frame
+        if number in _PEDALS and len(said) == PEDAL_REPORT_LENGTH:
+            said = said[STATUS_OF_PEDAL]
+        before = self._understood.get(number)
+        if before is not None and before[0] == said:
             return before[1]
-        if frame.id not in REPORTS:
+        if number not in REPORTS:
             return ()
-        message = codec.decode(frame, self._variant)
-        if isinstance(message, Malformed):
+        message: Any = codec.decode(frame, self._variant)
+        if type(message) is Malformed:
             return message
-        reports = (_NEUTRAL[type(message)](message),)
-        self._understood[frame.id] = frame.data, reports
+        convert = _NEUTRAL.get(type(message))
+        reports = (message if convert is None else convert(message),)
+        self._understood[number] = said, reports
         return reports
 
     def commanded(self, frame: Frame) -> Commanded | None:
@@ -184,17 +198,11 @@ def _brake_torque(report: BrakeInfo) -> BrakeTorque:
     return BrakeTorque(report.torque_actual)
 
 
-def _as_it_is(report: Any) -> Any:
-    return report
-
-
+#: How a message becomes a report; wheel speeds, yaw rate and accelerations are reports already.
 _NEUTRAL: Final[Mapping[type, Callable[[Any], Report]]] = {
     BrakeReport: _brake,
     ThrottleReport: _throttle,
     SteeringReport: _steering,
     GearReport: _gear,
     BrakeInfo: _brake_torque,
-    WheelSpeeds: _as_it_is,
-    YawRate: _as_it_is,
-    Accelerations: _as_it_is,
 }
