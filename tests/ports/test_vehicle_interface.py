@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from tests.drive.street import REPOSITORY, altered
+from tests.isolated import isolated
 from tests.ports.vehicle_interface import VehicleInterfaceConformance
 from vve_sumo.errors import ConfigError
 from vve_sumo.vehicle.interface import DEFAULT, PORT, InterfaceConfig, load
@@ -25,6 +29,24 @@ class TestDataspeed2024(VehicleInterfaceConformance):
 
 class TestToy(VehicleInterfaceConformance):
     config = TOY
+
+
+def drive_with_the_toy() -> tuple[dict[str, Any], set[int]]:
+    """Return the summary of the paper's drive over the toy's wire, and the identifiers on the bus."""
+    from vve_sumo import bus
+    from vve_sumo.drive import command
+
+    setting = dataclasses.replace(altered({}), interface=TOY)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "record"
+        summary = command.run(setting, folder, REPOSITORY).summary
+        return summary, {frame.id for _time, _channel, frame in bus.read_log(folder / "can.log")}
+
+
+def test_the_papers_drive_over_another_wire():
+    summary, identifiers = isolated(drive_with_the_toy)
+    assert (summary["outcome"], summary["collision"]) == ("stopped", False)
+    assert identifiers == {0x300, 0x310, 0x311}
 
 
 def test_the_shipped_ones_are_known():

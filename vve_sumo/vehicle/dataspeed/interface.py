@@ -113,8 +113,9 @@ class DataspeedDbw1:
     def decode(self, frame: Frame) -> tuple[Report, ...] | Malformed:
         """Return what a frame reports; what it said the last time is not made anew."""
         number, said = frame
-        if number in _PEDALS and len(said) == PEDAL_REPORT_LENGTH:
-            said = said[STATUS_OF_PEDAL]
+        if number in _PEDALS:
+            # What has another length is damaged, and like nothing that was ever understood.
+            said = said[STATUS_OF_PEDAL] if len(said) == PEDAL_REPORT_LENGTH else b""
         before = self._understood.get(number)
         if before is not None and before[0] == said:
             return before[1]
