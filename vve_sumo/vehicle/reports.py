@@ -65,6 +65,7 @@ class CarReports:
         """Take in frames heard since the last call; reason codes of what can't be understood or shouldn't be there."""
         troubles: list[str] = []
         read, decode, times, newest = self._read, self._decode, self._times, self._newest
+        reports: tuple[Report, ...] | Malformed | None
         for frame in frames:
             number = frame.id
             if number in read:
@@ -72,16 +73,16 @@ class CarReports:
                     reports = decode(frame)
                 except Exception:
                     # A mistake in somebody's decoder must not be what keeps the car from being stopped.
-                    reports = Malformed(number, "raised")
-                if isinstance(reports, Malformed):
+                    reports = None
+                if reports is None or isinstance(reports, Malformed):
                     troubles.append("report_malformed")
-                    continue
-                for report in reports:
-                    kind = type(report)
-                    times[kind] = now
-                    if newest.get(kind) is not report:
-                        newest[kind] = report
-                        self._store(now, report)
+                else:
+                    for report in reports:
+                        kind = type(report)
+                        times[kind] = now
+                        if newest.get(kind) is not report:
+                            newest[kind] = report
+                            self._store(now, report)
             elif number in self._commands:
                 troubles.append("another_writer")
         return troubles
