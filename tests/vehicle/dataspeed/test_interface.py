@@ -69,6 +69,8 @@ def test_its_ranges_are_the_codecs(variant):
     assert facts.commands == {0x060, 0x062, 0x064, 0x066, 0x068}
     assert facts.occupied == set(range(0x060, 0x080))
     assert facts.command_timeout == 0.1
+    assert facts.dbc is not None
+    assert facts.dbc.is_file()
     assert variant.name.lower() in facts.title
 
 
