@@ -155,8 +155,8 @@ def objections(recorded: Recorded) -> Counter[str]:
         if recorded.pose is not None:
             x, y, heading, ground, turning = (float(column[step]) for column in recorded.pose)
             setpoint = Setpoint(
-                angle, 0.0, sequence=step, time=now, expires=now + 0.1, speed=ground, yaw_rate=turning, x=x, y=y,
-                heading=heading,
+                angle, 0.0, emergency=False, note="", sequence=step, time=now, expires=now + 0.1, speed=ground,
+                yaw_rate=turning, x=x, y=y, heading=heading, grade=0.0, faults=(), profile=None,
             )  # fmt: skip
         # What the wheels were told is not on file; the reported angle stands for it.
         steered = 0.0 if math.isnan(angle) else angle

@@ -17,6 +17,12 @@ from pydantic import BaseModel
 
 from tests.conftest import REPOSITORY
 from tests.live import matrix
+from vve_sumo.analysis.latency import PERCENTILES
+from vve_sumo.analysis.sensing import STATISTICS
+from vve_sumo.metrics.exposure import EXPOSURE
+from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.metrics.per_tick import PER_TICK
+from vve_sumo.metrics.table import PLAYBACK, markdown
 from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
 from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS
@@ -95,6 +101,9 @@ GENERATED = {
     ("record.md", "gateway columns"): lambda: _schema("gateway"),
     ("record.md", "latency columns"): lambda: _schema("latency"),
     ("record.md", "columns"): columns,
+    ("measures.md", "drive metrics"): lambda: markdown({**PER_DRIVE, **PLAYBACK}.values()),
+    ("measures.md", "tick metrics"): lambda: markdown(PER_TICK.values()),
+    ("measures.md", "exposure metrics"): lambda: markdown(EXPOSURE.values()),
     ("scenarios.md", "keys"): lambda: keys(Scenario),
     ("scenarios.md", "triggers"): lambda: keys(When),
     ("rigs.md", "keys"): lambda: keys(Rig),
@@ -118,6 +127,11 @@ def _parts(file: Path, name: str) -> tuple[str, str, str]:
 def test_generated_tables_are_up_to_date(page: str, name: str) -> None:
     _head, table, _tail = _parts(DOCS / page, name)
     assert table.strip() == GENERATED[page, name](), "run python -m tests.test_docs"
+
+
+def test_the_page_of_measures_names_what_the_radar_and_latencies_are_told_by() -> None:
+    page = (DOCS / "measures.md").read_text(encoding="utf-8")
+    assert [name for name in (*STATISTICS, *PERCENTILES) if f"`{name}`" not in page] == []
 
 
 def test_every_column_of_a_tick_says_what_it_means() -> None:

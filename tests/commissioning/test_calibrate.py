@@ -17,6 +17,7 @@ import pytest
 from tests.conftest import REPOSITORY
 from tests.isolated import isolated
 from tests.vehicle.calibration_drive import SPEED, CalibrationDrive
+from vve_sumo.cli.calibrate import conclude
 from vve_sumo.commissioning import calibrate
 from vve_sumo.controller import load
 from vve_sumo.errors import ConfigError
@@ -137,9 +138,9 @@ def test_a_tuning_that_nobody_should_drive_is_refused(tuning: dict[str, float]) 
 
 def shipped(folder: str) -> dict[str, Any]:
     """Drive the shipped scenario in lockstep and return its summary; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
-    return command.run(command.choose("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
+    return drives.run(drives.choose("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
 
 
 def test_the_shipped_scenario_passes_and_calibrates(tmp_path: Path) -> None:
@@ -184,7 +185,7 @@ def rig(tmp_path: Path) -> Path:
 
 def test_the_command_draws_tells_and_writes_into_the_rig(copy: Path, rig: Path, capsys: Any) -> None:
     before = rig.read_text()
-    assert calibrate.calibrate_command(copy, rig, DATE) == 0
+    assert conclude(copy, rig, DATE) == 0
     told = capsys.readouterr().out
     assert "brake torque for 1 m/s²" in told
     assert "poor" not in told
@@ -238,9 +239,9 @@ def test_a_drive_that_was_cut_off_is_poor_and_stays_out_of_the_rig(copy: Path, r
     calibrated = calibrate.calibrate(copy)
     assert "steering_ratio" in calibrated.poor
     assert "brake_gain" not in calibrated.poor
-    assert calibrate.calibrate_command(copy, None, DATE) == 1
+    assert conclude(copy, None, DATE) == 1
     with pytest.raises(ConfigError, match=r"steering_ratio is poor \(.*\): drive again, or leave it"):
-        calibrate.calibrate_command(copy, rig, DATE)
+        conclude(copy, rig, DATE)
     assert rig.read_bytes() == before
     calibrate.put_into(rig, calibrated, DATE, leave=tuple(calibrated.poor))
     said = tomllib.loads(rig.read_text())

@@ -207,6 +207,7 @@ class Drive:
             "steering": self.steer,
             "acceleration": wish,
             "emergency": self.emergency,
+            "note": "",
             "sequence": self.sequence,
             "time": self.now,
             "expires": self.now + 0.1,
@@ -216,6 +217,7 @@ class Drive:
             "speed": car.speed,
             "yaw_rate": car.yaw_rate,
             "grade": 0.0,
+            "faults": (),
             "profile": None if self.sequence & 1 else FallbackPath(1.0, (0.01, 0.02, 0.0)),
         }
         if self._hit("setpoint"):

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from tests.conftest import REPOSITORY
 from tests.live.patience import until
+from tests.setpoints import setpoint as complete
 from tests.vehicle.car import FUSION, PERIOD, Car
 from vve_sumo.live.channel import pair
 from vve_sumo.live.priority import CAR
@@ -195,7 +196,7 @@ class Bench:
     def _setpoint(self) -> Setpoint:
         self._sequence += 1
         now = self.now
-        return Setpoint(
+        return complete(
             0.0, 1.0, sequence=self._sequence, time=now, expires=now + LIFETIME, x=self.car.x, y=0.0, heading=0.0,
             speed=self.car.speed, yaw_rate=0.0,
         )  # fmt: skip

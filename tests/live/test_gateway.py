@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 from tests.live.bench import LIFETIME, Bench, Heard, LiveCar, stop
 from tests.live.patience import until
+from tests.setpoints import setpoint as complete
 from tests.vehicle.car import FUSION, PERIOD
 from vve_sumo.bus import read_log
 from vve_sumo.live import signals
@@ -90,7 +91,7 @@ def setpoint(sequence: int, **changes: Any) -> Setpoint:
     """A setpoint of a moment."""
     plain = {"sequence": sequence, "time": 0.0, "expires": 0.1, "speed": 0.0, "yaw_rate": 0.0}
     plain |= {"x": 0.0, "y": 0.0, "heading": 0.0}
-    return Setpoint(0.0, 1.0, **(plain | changes))
+    return complete(0.0, 1.0, **(plain | changes))
 
 
 def test_of_two_setpoints_the_newer_one_counts_and_the_older_ones_faults():

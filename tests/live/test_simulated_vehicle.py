@@ -19,6 +19,7 @@ from typing import Any
 import can
 import pytest
 
+from tests.setpoints import setpoint as complete
 from vve_sumo.bus import Bus
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.live.channel import Channel, pair
@@ -27,7 +28,7 @@ from vve_sumo.live.spawn import start
 from vve_sumo.plant import fusion
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.pose.ncom import Decoder
-from vve_sumo.values import ArmingState, Fix, Frame, GatewayStatus, Setpoint
+from vve_sumo.values import ArmingState, Fix, Frame, GatewayStatus
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 from vve_sumo.vehicle.interface import InterfaceConfig
 
@@ -102,7 +103,7 @@ class Running:
                     speed, place = math.hypot(fix.velocity_north, fix.velocity_east), place_of(fix)
             now, last = tick * PERIOD, self.verdicts[-1] if self.verdicts else None
             acceleration, act = wish(speed, last) if last else (0.0, None)
-            setpoint = Setpoint(
+            setpoint = complete(
                 0.0, acceleration, sequence=tick, time=now, expires=now + 0.1, x=place[0], y=place[1],
                 heading=place[2], speed=speed, yaw_rate=0.0,
             )  # fmt: skip

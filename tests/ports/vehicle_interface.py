@@ -373,8 +373,9 @@ class _Drive:
         self._tick += 1
         now, truth = self._tick * PERIOD, self.car.truth()
         setpoint = Setpoint(
-            steering, acceleration, sequence=self._tick, time=now, expires=now + 0.1, x=truth.x, y=truth.y,
-            heading=truth.heading, speed=truth.speed, yaw_rate=truth.yaw_rate,
+            steering=steering, acceleration=acceleration, emergency=False, note="", sequence=self._tick, time=now,
+            expires=now + 0.1, x=truth.x, y=truth.y, heading=truth.heading, speed=truth.speed, yaw_rate=truth.yaw_rate,
+            grade=0.0, faults=(), profile=None,
         )  # fmt: skip
         output = self.gateway.step(now, setpoint, self.heard, act)
         self.state, self.reasons = output.verdict.state, output.verdict.reasons

@@ -13,12 +13,14 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from vve_sumo import laws
+from vve_sumo.cli import main
+from vve_sumo.cli.suite import drive
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import read_table
 from vve_sumo.suite import catalogue, table
-from vve_sumo.suite.command import Asked, driven_by, suite
 from vve_sumo.suite.physics import DETECTION, TICK, Need
+from vve_sumo.suite.query import SuiteQuery, driven_by
 from vve_sumo.suite.row import Approach, CutIn, Judged, Outcome, Row, Verdict
 from vve_sumo.suite.run import invalidity, judge, run
 from vve_sumo.suite.track import AEB, CAR, scenario, target
@@ -260,23 +262,23 @@ def test_the_tables_hold_every_row_and_the_worst_of_its_drives(tmp_path):
 
 def test_the_command_lists_the_suites_and_refuses_in_one_line(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert suite(None, Asked()) == 0
+    assert main(["suite"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(catalogue.names())
     full = tmp_path / "full"
     full.mkdir()
     (full / "mine").touch()
     for name, asked, said in [
-        ("r153", Asked(), "no suite named 'r153'"),
-        ("r152", Asked(keep=True), "--keep: expected --out"),
-        ("r152", Asked(resume=True), "--resume: expected --out"),
-        ("r152", Asked(out=full), "is not empty"),
-        ("r152", Asked(out=full, resume=True), "holds no journal.jsonl"),
-        ("r152", Asked(workers=0), "--workers: expected 1 or more, got 0"),
-        ("r152", Asked(seeds=0), "--seeds: expected 1 or more, got 0"),
-        ("r152", Asked(controller="nobody"), "controller nobody: unknown"),
+        ("r153", SuiteQuery(), "no suite named 'r153'"),
+        ("r152", SuiteQuery(keep=True), "--keep: expected --out"),
+        ("r152", SuiteQuery(resume=True), "--resume: expected --out"),
+        ("r152", SuiteQuery(out=full), "is not empty"),
+        ("r152", SuiteQuery(out=full, resume=True), "holds no journal.jsonl"),
+        ("r152", SuiteQuery(workers=0), "--workers: expected 1 or more, got 0"),
+        ("r152", SuiteQuery(seeds=0), "--seeds: expected 1 or more, got 0"),
+        ("r152", SuiteQuery(controller="nobody"), "controller nobody: unknown"),
     ]:
         with pytest.raises(ConfigError, match=said):
-            suite(name, asked)
+            drive(name, asked)
 
 
 def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypatch):
@@ -284,7 +286,7 @@ def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypat
     few = catalogue.Suite("two rows", lambda: iter(row for row in catalogue.rows("pass_through")[1:]))
     monkeypatch.setitem(catalogue.SUITES, "few", few)
     out = tmp_path / "out"
-    assert suite("few", Asked(out=out, workers=1, keep=True)) == 0
+    assert drive("few", SuiteQuery(out=out, workers=1, keep=True)) == 0
     assert "2 rows: 1 passed, 1 not applicable; 1 of 1 drives passed" in capsys.readouterr().out
     record = out / "records" / "between_two_cars_whole" / "seed_1"
     assert (record / "summary.json").is_file()
@@ -292,7 +294,7 @@ def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypat
     torn = record.with_name("seed_2")  # of a drive that was killed
     torn.mkdir()
     (torn / "scenario.toml").write_text("half a", encoding="utf-8")
-    assert suite("few", Asked(out=out, workers=1, keep=True, resume=True, seeds=2)) == 0
+    assert drive("few", SuiteQuery(out=out, workers=1, keep=True, resume=True, seeds=2)) == 0
     assert "2 rows: 1 passed, 1 not applicable; 2 of 2 drives passed" in capsys.readouterr().out
     assert record.stat().st_mtime_ns == driven_at
     assert (torn / "summary.json").is_file()

@@ -20,6 +20,7 @@ from scipy.stats.qmc import Sobol
 
 from tests.conftest import REPOSITORY
 from tests.sweep.reading import load_rows
+from vve_sumo.cli.search_results import lines, table_of
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import stopping_distance
 from vve_sumo.record.sweep_folder import Plan, read_tables
@@ -29,7 +30,6 @@ from vve_sumo.sweep.job import Result
 from vve_sumo.sweep.plan import query_of
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs
 from vve_sumo.sweep.search import AdaptiveSearch, least_runs, met
-from vve_sumo.sweep.search_results import lines, table_of
 from vve_sumo.sweep.spec import Spec, parse_spec
 from vve_sumo.vehicle.fusion import vehicle
 

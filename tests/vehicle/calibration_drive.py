@@ -103,12 +103,13 @@ class CalibrationDrive:
             self.notes.append("")
             return None
         steering = self._gateway.measured_steering
-        wish = self._controller.step(Observation(tick, now, pose, self.path, SPEED, NOTHING, steering))
+        wish = self._controller.step(Observation(tick, now, pose, self.path, SPEED, {"radar": NOTHING}, steering))
         self.notes.append(wish.note)
         return Setpoint(
             wish.steering,
             wish.acceleration,
-            note=wish.note,
+            wish.emergency,
+            wish.note,
             sequence=tick,
             time=now,
             expires=now + 0.1,
@@ -118,4 +119,6 @@ class CalibrationDrive:
             speed=pose.speed,
             yaw_rate=pose.yaw_rate,
             grade=pose.grade,
+            faults=(),
+            profile=None,
         )

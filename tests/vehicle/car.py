@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from tests.setpoints import setpoint as complete
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.dataspeed import codec
@@ -162,7 +163,7 @@ class Rig:
             "yaw_rate": self.car.yaw_rate,
             "grade": self.car.grade,
         }
-        return Setpoint(steering, acceleration, **(values | changes))
+        return complete(steering, acceleration, **(values | changes))
 
     def step(
         self,

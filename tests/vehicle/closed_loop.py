@@ -28,7 +28,7 @@ from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.sensors.radar import Radar, RadarConfig
-from vve_sumo.values import Actors, ArmingState, Frame, GatewayStatus, Observation, Pose, Setpoint
+from vve_sumo.values import Actors, ArmingState, ControlCommand, Frame, GatewayStatus, Observation, Pose
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 LOT = local_frame(math.radians(40.0), math.radians(-82.98))
@@ -86,7 +86,7 @@ class ClosedLoop:
             gate=TrustGate(DRIVE, EPOCH),
             placement=Placement(LOT, Alignment(), parameters.receiver.mounting, EPOCH),
             predictor=Predictor(),
-            radar=Radar(RadarConfig(), vehicle, np.random.default_rng(seeds[1])),
+            sensors={"radar": Radar(RadarConfig(), vehicle, np.random.default_rng(seeds[1]))},
             controller=Guarded(controller or follow_and_stop.make(vehicle, {})),
             vehicle=vehicle,
             path=path,
@@ -130,9 +130,9 @@ class Slowing:
     def __init__(self, other: Controller, since: float, deceleration: float) -> None:
         self._other, self._since, self._deceleration = other, since, deceleration
 
-    def step(self, situation: Observation) -> Setpoint:
-        setpoint = self._other.step(situation)
-        if situation.time < self._since:
+    def step(self, observation: Observation) -> ControlCommand:
+        setpoint = self._other.step(observation)
+        if observation.time < self._since:
             return setpoint
         return replace(setpoint, acceleration=min(setpoint.acceleration, -self._deceleration))
 

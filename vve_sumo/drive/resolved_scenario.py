@@ -26,16 +26,16 @@ from vve_sumo.drive.actor_paths import Speeds, followed
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
-from vve_sumo.scenario.schema import Radar, Scenario
-from vve_sumo.sensors.radar import RadarConfig, RadarMode
+from vve_sumo.scenario.schema import Scenario
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig
 from vve_sumo.world.network import Network, lane_shapes, read_network
 
 #: Of what a record holds; the first had neither path nor car, the second no provenance.json and no seal, the third
-#: neither the speed of actors across their heading nor the time at which a scan was measured.
-LAYOUT = 4
+#: neither the speed of actors across their heading nor the time at which a scan was measured, the fourth, of a live
+#: drive, not the actors as SUMO's last step left them, which stand under the tick after the last.
+LAYOUT = 5
 PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
 EPOCH = 1_451_260_818.0
@@ -104,25 +104,6 @@ class ResolvedScenario:
             return self
         other = control.model_copy(update={"name": name, "tuning": {}})
         return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
-
-    def radar(self) -> RadarConfig:
-        """Return the radar's configuration."""
-        return radar_of(self.scenario.radar)
-
-
-def radar_of(wanted: Radar) -> RadarConfig:
-    """Return the configuration of the radar that a scenario wants."""
-    modes = RadarConfig().modes
-    if wanted.range_limit_m is not None:
-        limit = wanted.range_limit_m
-        modes = tuple(RadarMode(min(mode.range_max, limit), mode.half_angle) for mode in modes)
-    config = RadarConfig(
-        modes=modes,
-        latency=wanted.latency_s,
-        noise_correlation=wanted.noise_correlation,
-        false_alarms=wanted.false_alarms,
-    )
-    return config.ideal() if wanted.ideal else config
 
 
 @cache

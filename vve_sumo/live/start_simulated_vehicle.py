@@ -53,7 +53,7 @@ def start(
     told = _config(rig, t0, seed, folder, friction).told()
     ours, theirs = pair()
     log = {} if folder is None else {"log": str(folder / "car.log")}
-    process = spawn.start("car", told | log, {"console": theirs}, own_session=True)
+    process = spawn.start("simulated_vehicle", told | log, {"console": theirs}, own_session=True)
     stack.callback(_end, process)
     stack.callback(ours.close)
     said = _first_word(ours)

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, fields
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.values import DRIVE_LAG
 
 GRAVITY = 9.80665  # standard acceleration of free fall [m/s2], CGPM 1901
 AIR_DENSITY = 1.2  # dry air at 20 C and sea level [kg/m3]
@@ -29,7 +30,7 @@ class Calibration:
     brake_torque_limit: float = 3250.0  #: largest torque that the kit grants, all wheels together [N m]
     drive_force_limit: float = 6500.0  #: at full throttle and low speed [N]
     drive_power_limit: float = 120_000.0  #: at full throttle and high speed [W]
-    drive_lag: float = 0.25  #: first-order time constant from throttle to drive force [s]
+    drive_lag: float = DRIVE_LAG  #: first-order time constant from throttle to drive force [s]
     creep_force: float = 600.0  #: in drive at standstill with no pedal pressed [N]
     creep_speed: float = 2.0  #: where the creep force has fallen to zero, linearly [m/s]
     rolling_resistance: float = 0.012  #: rolling drag over weight
