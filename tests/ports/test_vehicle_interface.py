@@ -34,12 +34,12 @@ class TestToy(VehicleInterfaceConformance):
 def drive_with_the_toy() -> tuple[dict[str, Any], set[int]]:
     """Return the summary of the paper's drive over the toy's wire, and the identifiers on the bus."""
     from vve_sumo import bus
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
     setting = dataclasses.replace(altered({}), interface=TOY)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
-        summary = command.run(setting, folder, REPOSITORY).summary
+        summary = drives.run(setting, folder, REPOSITORY).summary
         return summary, {frame.id for _time, _channel, frame in bus.read_log(folder / "can.log")}
 
 
