@@ -17,6 +17,11 @@ def _vehicle(module: str, *tests: str) -> Subject:
 
 #: Name on the command line to the module and its tests.
 SUBJECTS: Final[dict[str, Subject]] = {
+    # Before those whose tests import it: a module that is imported already cannot be changed.
+    "dataspeed_interface": Subject(
+        "vve_sumo.vehicle.dataspeed.interface",
+        ("tests/vehicle/dataspeed/test_interface.py", "tests/vehicle/test_reports.py"),
+    ),
     "arming": _vehicle(
         "arming",
         "arming.py",
