@@ -22,11 +22,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from controllers import follow_and_stop
+from tests import vehicles
 from tests.vehicle.closed_loop import ClosedLoop
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.path import Path
-from vve_sumo.plant import fusion
 from vve_sumo.plant.car import CarParameters
 from vve_sumo.values import ArmingState, ControlCommand, Observation
 
@@ -130,7 +130,7 @@ def car(generator: np.random.Generator, noise: float) -> CarParameters:
     def either_way(most: float) -> float:
         return float(generator.uniform(-most, most))
 
-    parameters = fusion.parameters(
+    parameters = vehicles.parameters(
         noise=noise,
         mass_factor=1.0 + either_way(MASS),
         brake_gain_factor=1.0 + either_way(BRAKE_GAIN),

@@ -16,9 +16,9 @@ import numpy as np
 
 from benchmarks.false_alarms import NoWayToRest
 from controllers import follow_and_stop
+from tests import vehicles
 from tests.vehicle.closed_loop import ClosedLoop
 from vve_sumo.path import Path
-from vve_sumo.plant import fusion
 from vve_sumo.values import ArmingState, ControlCommand, Observation
 
 EVERY = 900.0  # between lines [s]
@@ -32,7 +32,7 @@ class Dawdling:
     """Stands for a minute and a half, then drives slowly for half a minute."""
 
     def __init__(self) -> None:
-        self._follower = follow_and_stop.make(fusion.parameters().vehicle, {})
+        self._follower = follow_and_stop.make(vehicles.parameters().vehicle, {})
 
     def step(self, observation: Observation) -> ControlCommand:
         """Answer one observation."""

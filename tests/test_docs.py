@@ -26,6 +26,7 @@ from vve_sumo.metrics.table import PLAYBACK, markdown
 from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
 from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS
+from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import arming_refusal
@@ -34,6 +35,7 @@ from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sweep.spec import Boundary, Spec, Worst, parse_spec
 from vve_sumo.values import TickRow
 from vve_sumo.vehicle import arming, diagram
+from vve_sumo.vehicle.schema import VehicleFile
 
 DOCS = REPOSITORY / "docs"
 
@@ -93,6 +95,12 @@ def _kinds() -> str:
     return "\n".join(lines)
 
 
+def _rig_keys() -> str:
+    """The table of a rig's keys; what a rig leaves out of its car's tables is its vehicle model's."""
+    tables = "|".join(MODEL_TABLES)
+    return re.sub(rf"^(\| `(?:{tables})\.\w+` \|) required \|", r"\1 the model's |", keys(Rig), flags=re.MULTILINE)
+
+
 GENERATED = {
     ("faults.md", "faults"): matrix.table,
     ("faults.md", "kinds"): _kinds,
@@ -106,10 +114,11 @@ GENERATED = {
     ("measures.md", "exposure metrics"): lambda: markdown(EXPOSURE.values()),
     ("scenarios.md", "keys"): lambda: keys(Scenario),
     ("scenarios.md", "triggers"): lambda: keys(When),
-    ("rigs.md", "keys"): lambda: keys(Rig),
+    ("rigs.md", "keys"): _rig_keys,
     ("sweeps.md", "keys"): lambda: keys(Spec),
     ("sweeps.md", "boundary keys"): lambda: keys(Boundary, "search."),
     ("sweeps.md", "worst keys"): lambda: keys(Worst, "search."),
+    ("vehicle.md", "keys"): lambda: keys(VehicleFile),
     ("vehicle.md", "arming diagram"): lambda: f"```mermaid\n{diagram.mermaid()}\n```",
     ("vehicle.md", "gateway reasons"): lambda: _codes(arming.REASONS),
     ("vehicle.md", "trust reasons"): lambda: _codes(trust.REASONS),

@@ -7,6 +7,7 @@ from the map's +x unless the field says otherwise; a name carries its unit only 
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
@@ -153,6 +154,11 @@ class Vehicle:
     def rear_overhang(self) -> float:
         """Distance from the rear axle back to the rear bumper [m]."""
         return self.length - self.wheelbase - self.front_overhang
+
+    @property
+    def tightest_curvature(self) -> float:
+        """Curvature of the circle that the rear axle drives at the steering limit, slowly [1/m]."""
+        return math.tan(self.steering_limit) / self.wheelbase
 
     @property
     def understeer_gradient(self) -> float:

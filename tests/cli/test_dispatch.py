@@ -120,6 +120,21 @@ def test_wrong_uses_are_one_line_exit_2(tmp_path: Path) -> None:
     refused(tmp_path, ["path", "record", "linden", "--from", "a", "--to", "b", "--out", "p.csv"], ["'a'"])
 
 
+def test_a_car_is_named_once(tmp_path: Path) -> None:
+    for arguments, words in [
+        (["--rig", "twin", "--vehicle", "lincoln_mkz"], "--vehicle: a rig brings its own vehicle"),
+        (["--lockstep"], "--lockstep: every drive without a rig is one"),
+        (["--rig", "twin", "--lockstep", "--shadow"], "--shadow: only a live drive has enable bits"),
+        (["--vehicle", "tank"], "ego.vehicle: no vehicle named 'tank'; known: ford_fusion, lincoln_mkz"),
+        (["--rig", "fusion_example", "--lockstep"], "key 'lot.surveyed' is missing"),
+    ]:
+        run = vve_sumo("drive", "parked_car", *arguments, cwd=tmp_path)
+        assert (run.returncode, run.stdout) == (2, "")
+        assert words in run.stderr
+        assert run.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_only_shows_at_the_start_leaves_nothing_either(tmp_path: Path) -> None:
     scenario(tmp_path, "at_m = 639.0", "at_m = 2.0")
     refused(tmp_path, ["drive", "mine.toml", "--out", "record"], ["parked_car", "starts"])

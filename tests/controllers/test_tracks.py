@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from controllers.tracks import Memory, Target, Tracker
+from tests import vehicles
 from vve_sumo.path import Path
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, RadarConfig
 from vve_sumo.values import Actors, Observation, Point, Pose
-from vve_sumo.vehicle import fusion
 
-CAR = fusion.vehicle()
+CAR = vehicles.FUSION.vehicle
 ROAD = Path.from_points([0.0, 1000.0], [0.0, 0.0])
 PERIOD = 0.02
 

@@ -92,7 +92,7 @@ def test_the_playback_profile_can_never_arm() -> None:
         path=setting.path,
         desired_speed=5.0,
     )
-    gateway = Gateway(setting.vehicle)
+    gateway = Gateway(setting.vehicle, setting.model.calibration)
     placement = Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0)
     reports = [
         codec.encode(codec.BrakeReport(codec.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, enabled=False)),

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.live.patience import until
 from tests.setpoints import setpoint as complete
@@ -26,7 +27,6 @@ from vve_sumo.live.slcan import Adapter
 from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.limits import Limits
@@ -93,7 +93,7 @@ class Bench:
     def _config(self) -> dict[str, object]:
         return {
             "vehicle": dataclasses.asdict(FUSION),
-            "calibration": dataclasses.asdict(Calibration()),
+            "calibration": dataclasses.asdict(vehicles.FUSION.calibration),
             "limits": dataclasses.asdict(Limits()),
             "interface": {"name": "dataspeed_dbw1", "settings": {"variant": self.car.variant.name.lower()}},
             "period": PERIOD,

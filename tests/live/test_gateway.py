@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from tests.live.bench import LIFETIME, Bench, Heard, LiveCar, stop
 from tests.live.patience import until
 from tests.setpoints import setpoint as complete
-from tests.vehicle.car import FUSION, PERIOD
+from tests.vehicle.car import CALIBRATION, FUSION, PERIOD
 from vve_sumo.bus import read_log
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
@@ -157,7 +157,7 @@ IDS = [codec.BRAKE_REPORT, codec.THROTTLE_REPORT, codec.STEERING_REPORT, codec.G
 @given(st.lists(st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=40))
 def test_a_bus_that_babbles_is_no_word_of_the_kit(frames: list[Frame]) -> None:
     """Only what its four modules report counts, and only where that can be understood."""
-    core = Gateway(FUSION, period=PERIOD)
+    core = Gateway(FUSION, CALIBRATION, period=PERIOD)
     core.step(5.0, None, [])
     assert core.kit_heard == -math.inf
     core.step(5.0 + PERIOD, None, frames)
@@ -169,7 +169,7 @@ def test_a_bus_that_babbles_is_no_word_of_the_kit(frames: list[Frame]) -> None:
 
 @pytest.mark.parametrize("number", IDS)
 def test_each_module_of_the_kit_is_heard(number: int) -> None:
-    core = Gateway(FUSION, period=PERIOD)
+    core = Gateway(FUSION, CALIBRATION, period=PERIOD)
     (report,) = [frame for frame in LiveCar().reports() if frame.id == number]
     core.step(7.0, None, [report])
     assert core.kit_heard == 7.0
@@ -221,7 +221,7 @@ def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
 
 def gateway_again(b: Bench) -> Gateway:
     """The core that the bench's process runs."""
-    return Gateway(FUSION, period=PERIOD, interface=DataspeedDbw1(b.car.variant))
+    return Gateway(FUSION, CALIBRATION, period=PERIOD, interface=DataspeedDbw1(b.car.variant))
 
 
 @pytest.mark.live

@@ -19,13 +19,13 @@ from typing import Any
 import can
 import pytest
 
+from tests import vehicles
 from tests.setpoints import setpoint as complete
 from vve_sumo.bus import Bus
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.simulated_vehicle import CarConfig, Node, Truth
 from vve_sumo.live.spawn import start
-from vve_sumo.plant import fusion
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import ArmingState, Fix, Frame, GatewayStatus
@@ -39,7 +39,7 @@ PERIOD = 0.02
 
 def configuration(truth: Path | None, port: int, **changes: Any) -> CarConfig:
     config = CarConfig(
-        parameters=fusion.parameters(noise=0.0),
+        parameters=vehicles.parameters(noise=0.0),
         lot=LOT,
         latitude_deg=40.002,
         longitude_deg=-82.98,
@@ -168,8 +168,8 @@ def gateway_of(car: Running) -> Gateway:
 
 
 def test_what_is_told_is_heard(tmp_path):
-    parameters = fusion.parameters(
-        fusion.MOUNTING,
+    parameters = vehicles.parameters(
+        vehicles.FUSION.mounting,
         interface=InterfaceConfig("dataspeed_dbw1", {"variant": "dbw1_2018"}),
         noise=1.0,
         mass_factor=1.1,

@@ -7,15 +7,15 @@ import dataclasses
 import numpy as np
 import pyarrow as pa
 
+from tests.vehicles import FUSION
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path
 from vve_sumo.record.record import SCHEMAS
 from vve_sumo.values import TickRow
-from vve_sumo.vehicle import fusion
 
 PERIOD = 0.02
-CAR = fusion.vehicle()
+CAR = FUSION.vehicle
 KINDS = {"int": 0, "float": 0.0, "bool": False, "str": ""}
 
 

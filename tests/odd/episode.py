@@ -11,9 +11,9 @@ from typing import Final
 
 from tests.odd.ego import Manoeuvre, OddEgo, plan
 from tests.odd.judge import Memory, judge
+from tests.vehicles import FUSION
 from vve_sumo.drive.resolved_scenario import PERIOD, read_path
 from vve_sumo.geometry import Box
-from vve_sumo.vehicle.fusion import vehicle
 from vve_sumo.world.network import read_network
 from vve_sumo.world.world import World
 
@@ -55,11 +55,11 @@ def drive(
     """Drive as a driver means to for so long, from a share of the path on."""
     network = read_network(REPOSITORY / "networks" / "linden.net.xml")
     path, route = read_path(REPOSITORY / "routes" / f"{along}.csv", network.frame(), network)
-    ego = OddEgo(path, vehicle(), start * (path.length - 200.0), means)
+    ego = OddEgo(path, FUSION.vehicle, start * (path.length - 200.0), means)
     demand = [REPOSITORY / "routes" / f"linden_{level}.rou.xml"]
     told, memory, touched = Told(seed), Memory(PERIOD), dict[str, float]()
     with World(
-        network.path, demand=demand, seed=seed, period=PERIOD, vehicle=vehicle(), warm_up=warm_up, route=route
+        network.path, demand=demand, seed=seed, period=PERIOD, vehicle=FUSION.vehicle, warm_up=warm_up, route=route
     ) as world:
         world.place(ego.pose())
         report = world.step()

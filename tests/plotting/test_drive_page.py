@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib import image
 
+from tests import vehicles
 from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
 from vve_sumo.metrics.drive_data import DriveData
@@ -21,9 +22,8 @@ from vve_sumo.path import Path
 from vve_sumo.plotting import birds_eye, drive_page, page
 from vve_sumo.record.record import SCHEMAS
 from vve_sumo.values import TickRow
-from vve_sumo.vehicle import fusion
 
-CAR = fusion.vehicle()
+CAR = vehicles.FUSION.vehicle
 PLAIN = {"int": 0, "float": 0.0, "bool": False, "str": ""}
 PIXELS = (round(page.SIZE[1] * page.DOTS_PER_INCH), round(page.SIZE[0] * page.DOTS_PER_INCH))
 SPEED, GAP, ACCELERATION, DEVIATION = range(4)

@@ -17,7 +17,7 @@ from typing import ClassVar, Final
 import numpy as np
 import pytest
 
-from vve_sumo.plant import fusion
+from tests import vehicles
 from vve_sumo.plant.car import Car
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -349,7 +349,7 @@ class _Drive:
     """Gateway and simulated vehicle, each with an interface of its own, run together."""
 
     def __init__(self, config: InterfaceConfig) -> None:
-        parameters = fusion.parameters(noise=0.0, interface=config)
+        parameters = vehicles.parameters(noise=0.0, interface=config)
         self.car = Car(parameters, (0.0, 0.0, 0.0), LOT, 1_447_000_000.0, np.random.SeedSequence(1))
         interface = load(config)
         self.gateway = Gateway(parameters.vehicle, calibration=parameters.calibration, interface=interface)

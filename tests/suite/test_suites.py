@@ -11,6 +11,7 @@ from pathlib import Path
 import pyarrow.compute as pc
 import pytest
 
+from tests import vehicles
 from tests.conftest import REPOSITORY
 from vve_sumo import laws
 from vve_sumo.cli import main
@@ -23,11 +24,16 @@ from vve_sumo.suite.physics import DETECTION, TICK, Need
 from vve_sumo.suite.query import SuiteQuery, driven_by
 from vve_sumo.suite.row import Approach, CutIn, Judged, Outcome, Row, Verdict
 from vve_sumo.suite.run import invalidity, judge, run
-from vve_sumo.suite.track import AEB, CAR, scenario, target
+from vve_sumo.suite.track import AEB, scenario, target
 from vve_sumo.sweep.engine import Local
 from vve_sumo.sweep.job import Result
 
 KMH = 1.0 / 3.6
+CAR = vehicles.FUSION.vehicle
+
+
+def suite_rows(name: str) -> list[Row]:
+    return catalogue.rows(name, vehicles.FUSION)
 
 
 def driven(name: str, rows: list[Row], records: Path | None = None, workers: int = 2) -> dict[str, Outcome]:
@@ -61,7 +67,7 @@ SAMPLE = {
 
 @pytest.mark.parametrize("name", sorted(SAMPLE))
 def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
-    rows = [row for row in catalogue.rows(name) if row.id in SAMPLE[name]]
+    rows = [row for row in suite_rows(name) if row.id in SAMPLE[name]]
     assert len(rows) == len(SAMPLE[name])
     outcomes = driven(name, rows)
     assert {key: outcome.verdict for key, outcome in outcomes.items()} == dict.fromkeys(SAMPLE[name], Verdict.PASSED)
@@ -76,7 +82,7 @@ def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
 
 def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     """First echo of the child in the record, against the geometry of the row; a scan comes every 50 ms."""
-    row = next(row for row in catalogue.rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
+    row = next(row for row in suite_rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
     outcome = driven("hidden", [row], tmp_path / "records", workers=1)[row.id]
     assert outcome.verdict is Verdict.PASSED
     told = read_table(outcome.record, "detections").filter(pc.field("actor") == "target")["tick"][0].as_py()
@@ -92,7 +98,7 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
 
 
 def test_seeds_are_drives_of_their_own_and_the_same_each_time():
-    row = next(row for row in catalogue.rows("fmvss127") if row.id == "stopped_20")
+    row = next(row for row in suite_rows("fmvss127") if row.id == "stopped_20")
     (first,), (again,) = (run("seeds", [row], Local(2), REPOSITORY, seeds=2) for _ in range(2))
     assert [drive.seed for drive in first.drives] == [1, 2]
     assert first.drives[0].least_gap_m != first.drives[1].least_gap_m
@@ -105,7 +111,7 @@ def test_seeds_are_drives_of_their_own_and_the_same_each_time():
 
 def test_braking_that_is_too_gentle_is_a_failure_without_a_contact():
     """The comfort layer alone stops for a car ahead well before it, and never asks for 5 m/s2."""
-    row = next(row for row in catalogue.rows("r152") if row.id == "stationary_20_unladen")
+    row = next(row for row in suite_rows("r152") if row.id == "stationary_20_unladen")
     gentle = row.scenario.controller.model_copy(update={"tuning": {"emergency": False}})
     scenario = row.scenario.model_copy(update={"controller": gentle})
     # It slows down so gently that this counts as approach, long before it brakes.
@@ -118,7 +124,7 @@ def test_braking_that_is_too_gentle_is_a_failure_without_a_contact():
 
 def test_what_goes_wrong_is_told_apart(tmp_path):
     """One stationary car at 40 km/h: nobody brakes; it appears too late; the speed is not the one wanted; no driver."""
-    good = next(row for row in catalogue.rows("r152") if row.id == "stationary_40_unladen")
+    good = next(row for row in suite_rows("r152") if row.id == "stationary_40_unladen")
     nothing = good.scenario.controller.model_copy(update={"tuning": {"comfort": False, "emergency": False}})
     speed, ahead = good.scenario.ego.speed_mps, 5.0
     late = scenario(
@@ -283,7 +289,7 @@ def test_the_command_lists_the_suites_and_refuses_in_one_line(capsys, tmp_path, 
 
 def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    few = catalogue.Suite("two rows", lambda: iter(row for row in catalogue.rows("pass_through")[1:]))
+    few = catalogue.Suite("two rows", lambda car: iter(catalogue.rows("pass_through", car)[1:]))
     monkeypatch.setitem(catalogue.SUITES, "few", few)
     out = tmp_path / "out"
     assert drive("few", SuiteQuery(out=out, workers=1, keep=True)) == 0

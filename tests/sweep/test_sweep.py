@@ -46,9 +46,7 @@ class Marked:
 
 def make(vehicle, tuning):
     if set(tuning) - {"mark"}:
-        from vve_sumo.cli import main
-from vve_sumo.cli.sweep import rerun
-from vve_sumo.errors import ConfigError
+        from vve_sumo.errors import ConfigError
         raise ConfigError("tuning key 'wrong' is unknown")
     return Marked(tuning["mark"])
 """

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from tests import vehicles
 from tests.setpoints import setpoint as complete
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
-from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
@@ -19,7 +19,7 @@ from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 PERIOD = 0.02
 GRAVITY = 9.80665
 
-FUSION = fusion.vehicle()
+FUSION, CALIBRATION = vehicles.FUSION.vehicle, vehicles.FUSION.calibration
 
 
 @dataclass
@@ -143,7 +143,7 @@ class Rig:
 
     def __post_init__(self) -> None:
         if self.gateway is None:
-            self.gateway = Gateway(FUSION, period=PERIOD, interface=DataspeedDbw1(self.car.variant))
+            self.gateway = Gateway(FUSION, CALIBRATION, period=PERIOD, interface=DataspeedDbw1(self.car.variant))
 
     @property
     def now(self) -> float:

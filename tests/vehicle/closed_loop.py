@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers import follow_and_stop
+from tests import vehicles
 from vve_sumo.controller import Controller, Guarded
 from vve_sumo.drive.lockstep import ScriptedOperator
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import EPOCH, PERIOD
 from vve_sumo.frames import Alignment, Placement, local_frame
 from vve_sumo.path import Path
-from vve_sumo.plant import fusion
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import STARTED, InjectedFault
@@ -71,7 +71,7 @@ class ClosedLoop:
         deviation_limit: float = math.inf,
         chain: type[Pipeline] = Pipeline,
     ) -> None:
-        parameters = parameters or fusion.parameters()
+        parameters = parameters or vehicles.parameters()
         vehicle, begin = parameters.vehicle, path.at(0.0)
         seeds = np.random.SeedSequence(seed).spawn(3)
         start = begin.x, begin.y, begin.heading

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import pytest
 
 from tests.setpoints import setpoint as complete
-from tests.vehicle.car import FUSION
+from tests.vehicle.car import CALIBRATION, FUSION
 from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.dataspeed import codec
@@ -172,7 +172,7 @@ def successors(place: Explored) -> Iterator[Explored]:
 @pytest.fixture(scope="module")
 def reached() -> dict[tuple[object, ...], Explored]:
     """Every state that there is, each with a gateway in it."""
-    first = Explored(Gateway(FUSION, period=PERIOD))
+    first = Explored(Gateway(FUSION, CALIBRATION, period=PERIOD))
     first.step(World(enabled=False, gear=Gear.PARK))
     found, frontier = {first.key: first}, [first]
     while frontier:

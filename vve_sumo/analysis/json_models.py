@@ -12,10 +12,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, create_model, model_validator
 
+from vve_sumo.config_file import Finite, Positive, complaint
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.per_drive import PER_DRIVE
-from vve_sumo.scenario.load import complaint
-from vve_sumo.scenario.schema import Finite, Positive
 from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.values import Vehicle
 

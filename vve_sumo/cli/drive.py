@@ -25,6 +25,8 @@ def add(commands: Commands) -> None:
         "  vve-sumo drive                                the paper's drive: a car parked in the middle of the road\n"
         "  vve-sumo drive parked_car --seed 7 --out a    another seed, record in folder a\n"
         "  vve-sumo drive --controller mine.py:make      your own controller\n"
+        "  vve-sumo drive --vehicle lincoln_mkz          another car\n"
+        "  vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it\n"
         "  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys\n"
         "  vve-sumo drive --rig twin                     live, with the hardware-free car as a process of its own\n"
         "  vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off\n\n"
@@ -35,6 +37,7 @@ def add(commands: Commands) -> None:
     drive.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
     drive.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's seed")
     drive.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
+    drive.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
     drive.add_argument(
         "--pose",
         type=Path,
@@ -43,6 +46,11 @@ def add(commands: Commands) -> None:
         "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and logged, nobody obeys",
     )
     drive.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
+    drive.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it",
+    )
     drive.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
     drive.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
     drive.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
@@ -52,8 +60,12 @@ def add(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Drive, draw, show; return the exit code."""
-    if arguments.rig is not None:
+    if arguments.rig is not None and arguments.vehicle is not None:
+        raise ConfigError("--vehicle: a rig brings its own vehicle; leave out one of --vehicle and --rig")
+    if arguments.rig is not None and not arguments.lockstep:
         return _live(arguments)
+    if arguments.rig is None and arguments.lockstep:
+        raise ConfigError("--lockstep: every drive without a rig is one; name with --rig whose car is simulated")
     if arguments.shadow:
         raise ConfigError("--shadow: only a live drive has enable bits to leave off; name the rig with --rig")
     for role in ("operator", "driver"):
@@ -67,7 +79,14 @@ def _lockstep(arguments: argparse.Namespace) -> int:
     from vve_sumo.drive.termination import Outcome
 
     working = Path.cwd()
-    resolved = choose(arguments.scenario, working, seed=arguments.seed, controller=arguments.controller)
+    resolved = choose(
+        arguments.scenario,
+        working,
+        seed=arguments.seed,
+        controller=arguments.controller,
+        vehicle=arguments.vehicle,
+        rig=arguments.rig,
+    )
     folder = arguments.out if arguments.out is not None else folder_for(resolved, working)
     with progress.of_drive(resolved, quiet=arguments.quiet) as watch:
         done = run(resolved, folder, working, pose=arguments.pose, watch=watch)

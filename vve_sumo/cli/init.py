@@ -14,8 +14,8 @@ def add(commands: Commands) -> None:
         commands,
         "init",
         "lay out a workspace of your own",
-        "Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios and sweeps into a folder. Run\n"
-        "vve-sumo from there: your files win over shipped ones of the same name.",
+        "Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios, sweeps and vehicles into a\n"
+        "folder. Run vve-sumo from there: your files win over shipped ones of the same name.",
     )
     init.add_argument("folder", type=Path, metavar="DIR", help="folder to lay out; existing files are never replaced")
     init.set_defaults(run=run)

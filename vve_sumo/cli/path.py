@@ -8,9 +8,6 @@ from pathlib import Path
 
 from vve_sumo.cli.parser import Commands, add_command, add_subcommands, names
 
-#: curvature of the shipped car's tightest circle, at its steering limit and wheelbase [1/m]
-MAX_CURVATURE = 0.21
-
 
 def add(commands: Commands) -> None:
     """Add the command to the others."""
@@ -38,15 +35,20 @@ def add(commands: Commands) -> None:
         metavar="M",
         help="how far the smooth path may leave the middle of the lanes (default: 0.3)",
     )
+    record.add_argument(
+        "--vehicle", default="ford_fusion", metavar="NAME", help="that shall drive it (default: ford_fusion)"
+    )
     record.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
     record.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Record a path from edge to edge and write it; return the exit code, 0."""
+    from vve_sumo.vehicle.load import load
     from vve_sumo.workspace import find
     from vve_sumo.world.survey import record_path
 
+    max_curvature = load(find("vehicle", arguments.vehicle, Path.cwd())).vehicle.tightest_curvature
     survey = record_path(
         find("network", arguments.network, Path.cwd()),
         arguments.start,
@@ -59,9 +61,9 @@ def run(arguments: argparse.Namespace) -> int:
     )
     radius = f"{1.0 / survey.curvature:.1f} m" if survey.curvature > 1e-6 else "none"
     print(f"{survey.length:.0f} m of path ({survey.points} points, tightest bend {radius}) written to {arguments.out}")
-    if survey.curvature > MAX_CURVATURE:
+    if survey.curvature > max_curvature:
         print(
-            f"warning: no car turns tighter than {1.0 / MAX_CURVATURE:.1f} m; choose other edges (a U-turn?)",
+            f"warning: {arguments.vehicle} turns no tighter than {1.0 / max_curvature:.1f} m; a U-turn?",
             file=sys.stderr,
         )
     return 0

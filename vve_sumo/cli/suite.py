@@ -50,6 +50,9 @@ def add(commands: Commands) -> None:
     suite.add_argument("--seeds", type=int, default=1, metavar="N", help="drives of each row, by seed (default: 1)")
     suite.add_argument("--workers", type=int, metavar="N", help="drives at a time (default: as many as processors)")
     suite.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point, untuned")
+    suite.add_argument(
+        "--vehicle", default="ford_fusion", metavar="NAME", help="under vehicles/, or a file (default: ford_fusion)"
+    )
     suite.add_argument("--keep", action="store_true", help="keep every drive's record under DIR/records")
     suite.add_argument("--resume", action="store_true", help="go on with the suite in DIR; finished drives stay")
     suite.set_defaults(run=run)
@@ -69,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
         seeds=arguments.seeds,
         workers=arguments.workers,
         controller=arguments.controller,
+        vehicle=arguments.vehicle,
         keep=arguments.keep,
         resume=arguments.resume,
     )

@@ -60,6 +60,7 @@ def add(commands: Commands) -> None:
     sweep.add_argument(
         "--keep", metavar="WHOSE", help="full records: none, failed, all or KEY,KEY (default: the file's)"
     )
+    sweep.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
     sweep.add_argument("--cluster", metavar="ADDRESS", help="drive on the workers of a Dask scheduler")
     sweep.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     sweep.add_argument("--rerun", nargs=2, metavar=("DIR", "KEY"), help="drive one run of a dataset again and compare")
@@ -88,10 +89,11 @@ def _drive(arguments: argparse.Namespace) -> int:
     from vve_sumo.sweep.plan import query_of
 
     name, out, cluster = arguments.spec, arguments.out, arguments.cluster
-    query = query_of(name, Path.cwd(), yes=arguments.yes, search=arguments.search)
+    query = query_of(name, Path.cwd(), yes=arguments.yes, search=arguments.search, vehicle=arguments.vehicle)
     keep = query.spec.keep if arguments.keep is None else _keep(arguments.keep)
     engine = engine_of(arguments.workers, cluster)
     again = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
+    again += f" --vehicle {arguments.vehicle}" if arguments.vehicle else ""
     with progress.of_runs(quiet=arguments.quiet) as shown:
         search = fill(out, query, engine, keep, resume=arguments.resume, again=again, progress=shown, notify=complain)
     return _conclude(out, query) if search is None else _conclude_search(out, query, search)

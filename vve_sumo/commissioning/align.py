@@ -79,10 +79,10 @@ class AlignmentResult:
 def site_of(scenario: str, rig: str, working: FilePath) -> Site:
     """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot."""
     rig_file = workspace.find("rig", rig, working)
-    loaded = rigs.load(rig_file)
+    loaded = rigs.load(rig_file, working)
     setting = choose(scenario, working)
     try:
-        setting = assembly.fitted(setting, loaded)
+        setting = assembly.fitted(setting, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
     return Site(setting, loaded, rig_file, meaning.fence_of(loaded, Alignment()))

@@ -45,7 +45,7 @@ def examine(
     loaded = None
     if rig is not None:
         advice = "correct the rig file, or name another one"
-        loaded = report.attempt("rig", advice, lambda: rigs.load(workspace.find("rig", rig, working)))
+        loaded = report.attempt("rig", advice, lambda: rigs.load(workspace.find("rig", rig, working), working))
     if loaded is not None:
         report.add([Check("rig", f"{loaded.title} ({loaded.car})")])
     if setting is not None:
@@ -67,7 +67,9 @@ def _examine_scenario(report: Report, setting: ResolvedScenario, rig: Rig | None
     if controller is not None:
         report.add([Check("controller", setting.scenario.controller.name)])
     if rig is not None:
-        fitted = report.attempt("speed", "see limits.speed_mps of the rig", lambda: assembly.fitted(setting, rig))
+        fitted = report.attempt(
+            "speed", "see limits.speed_mps of the rig", lambda: assembly.fitted(setting, rig, working)
+        )
         if fitted is not None:
             report.add([Check("speed", f"{fitted.scenario.ego.speed_mps:g} of {rig.limits.speed_mps:g} m/s allowed")])
     advice = "correct the scenario's street, traffic or obstacles"

@@ -128,7 +128,8 @@ def papers(rig: Rig, today: datetime.date) -> Iterator[Check]:
     if rig.calibration.date is not None:
         yield _dated("calibration", f"of {rig.calibration.date}", rig.calibration.date, today)
     elif rig.car == "real":
-        advice = "pedals and steering are taken to be a 2018 Ford Fusion's; vve-sumo calibrate finds this car's"
+        model = rig.vehicle.model
+        advice = f"pedals and steering are taken to be those of model {model}; vve-sumo calibrate finds this car's"
         yield Check("calibration", "none", Finding.NOTE, advice)
     lot = meaning.lot_of(rig)
     found = f"{lot.area:.0f} m2, {len(lot.holes)} holes, margin {lot.margin:g} m, grade {rig.lot.grade_percent:g} %"

@@ -22,8 +22,8 @@ from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, scenario_engine, standing
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
-from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarParameters
+from vve_sumo.plant.parameters import perturbed
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
@@ -32,6 +32,7 @@ from vve_sumo.scenario.schema import Abort
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
 from vve_sumo.vehicle.interface import load
+from vve_sumo.vehicle.model import VehicleModel
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and distance along the path [m]
 Watch = Callable[[int, float, float, float], None]
@@ -63,18 +64,18 @@ def drive_end(outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, ro
 
 def car_parameters(setting: ResolvedScenario) -> CarParameters:
     """Return the hardware-free car as the scenario perturbs it."""
-    wanted = setting.scenario.ego.car
-    return plant.parameters(
-        interface=setting.interface,
-        noise=wanted.noise_factor if wanted.noise else 0.0,
-        delay=wanted.gnss_delay_s,
-        hidden_delay=wanted.gnss_hidden_delay_s,
-        mass_factor=wanted.mass_factor,
-        brake_gain_factor=wanted.brake_gain_factor,
-        friction=setting.scenario.weather.friction,
-        grade=math.atan(wanted.grade_percent / 100.0),
-        steering_wheel_bias=math.radians(wanted.steering_wheel_bias_deg),
-        heading_misalignment=-math.radians(wanted.heading_misalignment_deg),
+    return perturbed(setting.model, setting.scenario.ego.car, setting.scenario.weather.friction)
+
+
+def gateway_of(model: VehicleModel) -> Gateway:
+    """Return the gateway of a vehicle, as it guards every drive that is not live."""
+    return Gateway(
+        model.vehicle,
+        model.calibration,
+        model.limits,
+        period=PERIOD,
+        interface=load(model.interface),
+        wheel_bias=model.steering_wheel_bias,
     )
 
 
@@ -95,13 +96,9 @@ def assemble(setting: ResolvedScenario, working: FilePath) -> LockstepParts:
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
     start, begin = standing(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), setting.path.at(0.0)
     alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
-    parameters = car_parameters(setting)
-    placement = Placement(frame, alignment, parameters.receiver.mounting, EPOCH)
+    placement = Placement(frame, alignment, setting.model.mounting, EPOCH)
     pipeline = build_pipeline(setting, PoseInput(Decoder(), DRIVE, placement, EPOCH), working)
-    gateway = Gateway(
-        setting.vehicle, calibration=parameters.calibration, period=PERIOD, interface=load(setting.interface)
-    )  # fmt: skip
-    return LockstepParts(pipeline, gateway, frame, alignment, start)
+    return LockstepParts(pipeline, gateway_of(setting.model), frame, alignment, start)
 
 
 class ScriptedOperator:

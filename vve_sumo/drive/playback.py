@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path as FilePath
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
-from vve_sumo.drive.lockstep import CAR_BUS, DriveEnd, Watch, drive_end
+from vve_sumo.drive.lockstep import CAR_BUS, DriveEnd, Watch, drive_end, gateway_of
 from vve_sumo.drive.prediction_error import PredictionError
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
 from vve_sumo.drive.termination import Outcome
@@ -70,7 +70,7 @@ class Playback:
         self._setting, self._begin = setting, first.time - epoch
         placement = Placement(frame, alignment, AT_REAR_AXLE, epoch)
         self._pipeline = build_pipeline(setting, PoseInput(Decoder(), PLAYBACK, placement, epoch), working)
-        self._gateway = Gateway(setting.vehicle, period=PERIOD)
+        self._gateway = gateway_of(setting.model)
         self._road = VirtualRoad(open_world(setting), scenario_engine(setting))
         self._prediction_error = PredictionError()
 

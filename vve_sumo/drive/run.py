@@ -52,8 +52,18 @@ class Drive:
         return self.summary["passed"] is not False
 
 
-def choose(name: str, working: FilePath, *, seed: int | None = None, controller: str | None = None) -> ResolvedScenario:
-    """Resolve a scenario by name or file, with another seed or controller where one is given.
+def choose(
+    name: str,
+    working: FilePath,
+    *,
+    seed: int | None = None,
+    controller: str | None = None,
+    vehicle: str | None = None,
+    rig: str | None = None,
+) -> ResolvedScenario:
+    """Resolve a scenario by name or file, with another seed, controller or vehicle model where one is given.
+
+    With a `rig` it is the rig's car that is simulated.
 
     Raises ConfigError for whatever is missing or wrong.
     """
@@ -63,7 +73,14 @@ def choose(name: str, working: FilePath, *, seed: int | None = None, controller:
         if not 0 <= seed < 2**31:
             raise ConfigError(f"--seed: expected 0 to 2147483647, got {seed}")
         scenario = scenario.model_copy(update={"seed": seed})
+    if vehicle is not None:
+        ego = scenario.ego.model_copy(update={"vehicle": vehicle})
+        scenario = scenario.model_copy(update={"ego": ego})
     resolved = resolve_scenario(file.name.removesuffix(".toml"), scenario, file, working)
+    if rig is not None:
+        from vve_sumo.rig.load import load as load_rig
+
+        resolved = resolved.with_rig(load_rig(workspace.find("rig", rig, working), working), working)
     return resolved if controller is None else resolved.driven_by(controller)
 
 

@@ -9,7 +9,7 @@ import math
 import struct
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path as FilePath
 from typing import Any, Final
 
@@ -62,10 +62,10 @@ def from_dict(resolved: Mapping[str, Any], working: FilePath) -> tuple[ResolvedS
     file = FilePath(resolved["scenario_file"])
     setting = resolve_scenario(resolved["scenario"], parse(resolved["settings"], file), file, working)
     rig = rigs.parse_json(resolved["rig"], FilePath(resolved["rig_name"]))
-    return fitted(setting, rig), rig
+    return fitted(setting, rig, working), rig
 
 
-def fitted(setting: ResolvedScenario, rig: Rig) -> ResolvedScenario:
+def fitted(setting: ResolvedScenario, rig: Rig, working: FilePath) -> ResolvedScenario:
     """Return a scenario's setting with the rig's car; raises ConfigError for a speed that the lot does not allow."""
     wanted, allowed = setting.scenario.ego.speed_mps, rig.limits.speed_mps
     if wanted > allowed:
@@ -73,7 +73,7 @@ def fitted(setting: ResolvedScenario, rig: Rig) -> ResolvedScenario:
             f"ego.speed_mps: {wanted:g} m/s is more than the rig's limits.speed_mps, {allowed:g} m/s; "
             "lower the scenario's speed or take a larger lot"
         )
-    return replace(setting, vehicle=meaning.vehicle_of(rig))
+    return setting.with_rig(rig, working)
 
 
 def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:

@@ -327,8 +327,8 @@ def gateway_of(config: Mapping[str, Any]) -> Gateway:
     nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
     return Gateway(
         Vehicle(**config["vehicle"]),
-        Limits(**{**limits, **nested}),
         Calibration(**config["calibration"]),
+        Limits(**{**limits, **nested}),
         config["period"],
         load(InterfaceConfig(**config["interface"])),
         config["shadow"],

@@ -85,12 +85,12 @@ def plan(
     Raises ConfigError for what is wrong in a file, RigError for a rig that may not command a car.
     """
     rig_file = workspace.find("rig", rig, working)
-    loaded = rigs.load(rig_file)
+    loaded = rigs.load(rig_file, working)
     if not shadow and (reason := arming_refusal(loaded)) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
     resolved = choose(scenario, working, seed=seed, controller=controller)
     try:
-        resolved = assembly.fitted(resolved, loaded)
+        resolved = assembly.fitted(resolved, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
     folder = (out if out is not None else folder_for(resolved, working)).absolute()

@@ -7,23 +7,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
+from pydantic import Field, create_model, model_validator
 
+from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Table
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.sensors.radar_settings import RadarSettings
 
-Name = Annotated[str, Field(min_length=1)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+#: the vehicle model of whoever names none
+DEFAULT_VEHICLE = "ford_fusion"
 RoadSpeed = Annotated[float, Field(ge=0.0, le=100.0)]
-
-
-class Table(BaseModel):
-    """One table of a scenario file: unknown keys are errors, nothing is coerced, nothing changes after loading."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class Street(Table):
@@ -73,6 +66,9 @@ class Car(Table):
 class Ego(Table):
     """What the ego drives and how fast."""
 
+    vehicle: Name = Field(
+        default=DEFAULT_VEHICLE, description="vehicle model: a name under vehicles/ or a file; a rig brings its own"
+    )
     path: Name = Field(description="CSV of latitude_deg,longitude_deg of the rear axle: a name under routes/ or a file")
     speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = Field(description="speed to keep where nothing forbids it")
     deviation_limit_m: Positive = Field(

@@ -11,14 +11,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from vve_sumo import workspace
 from vve_sumo.drive.resolved_scenario import resolve_scenario
 from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.suite import catalogue
 from vve_sumo.suite.journal import NAME, Journal
 from vve_sumo.suite.row import Judged, Outcome, Row, Verdict
 from vve_sumo.suite.run import Done, drives, run
 from vve_sumo.sweep.engine import Local
 from vve_sumo.sweep.progress import Tally
+from vve_sumo.vehicle.load import load as load_vehicle
 
 #: verdicts that fail a suite
 BAD = (Verdict.FAILED, Verdict.INVALID)
@@ -31,13 +34,15 @@ class SuiteQuery(NamedTuple):
     seeds: int = 1  #: drives of each row
     workers: int | None = None  #: drives at a time; None: as many as processors
     controller: str | None = None  #: another than the row's
+    vehicle: str = DEFAULT_VEHICLE  #: vehicle model: a name or a file
     keep: bool = False  #: the records
     resume: bool = False  #: with what is in `out`
 
 
 def rows_of(name: str, query: SuiteQuery, working: Path) -> list[Row]:
     """Return the rows that are to be driven; raises ConfigError where what is asked for cannot be driven."""
-    rows = catalogue.rows(name)
+    car = load_vehicle(workspace.find("vehicle", query.vehicle, working))
+    rows = [with_vehicle(row, query.vehicle) for row in catalogue.rows(name, car)]
     if query.controller is not None:
         rows = [driven_by(row, query.controller) for row in rows]
     first = next(row.scenario for row in rows if row.scenario is not None)
@@ -52,6 +57,14 @@ def driven_by(row: Row, controller: str) -> Row:
         return row
     other = row.scenario.controller.model_copy(update={"name": controller, "tuning": {}})
     return replace(row, scenario=row.scenario.model_copy(update={"controller": other}))
+
+
+def with_vehicle(row: Row, vehicle: str) -> Row:
+    """Return a row whose scenario names a vehicle model."""
+    if row.scenario is None:
+        return row
+    ego = row.scenario.ego.model_copy(update={"vehicle": vehicle})
+    return replace(row, scenario=row.scenario.model_copy(update={"ego": ego}))
 
 
 def _check(query: SuiteQuery) -> None:

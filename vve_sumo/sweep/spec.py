@@ -14,9 +14,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationError, model_validator
 
+from vve_sumo.config_file import Name, Positive, Table, complaint, read
 from vve_sumo.errors import ConfigError
-from vve_sumo.scenario.load import complaint, read
-from vve_sumo.scenario.schema import Name, Positive, Scenario, Table
+from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sweep.axes import Axis, Between, Choice, Steps, axes
 from vve_sumo.sweep.overrides import places
 

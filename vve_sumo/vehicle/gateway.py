@@ -100,15 +100,14 @@ class Gateway:
     def __init__(
         self,
         vehicle: Vehicle,
+        calibration: Calibration,
         limits: Limits | None = None,
-        calibration: Calibration | None = None,
         period: float = 0.02,
         interface: VehicleInterface | None = None,
         shadow: bool = False,
         wheel_bias: float = 0.0,
     ) -> None:
         self._limits = limits or Limits()
-        calibration = calibration or Calibration()
         self._period = period
         self._interface = interface = interface or load(DEFAULT)
         self._wire = wire = interface.facts

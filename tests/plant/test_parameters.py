@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vve_sumo.plant import fusion
+from tests import vehicles
 from vve_sumo.plant.actuators import Lagged
 from vve_sumo.plant.car import STEP, chassis
 from vve_sumo.plant.dynamics import Dynamics
@@ -27,7 +27,7 @@ def braking(shared_data: Path) -> Log:
 
 def replay(log: Log, torque: str, start: float = 2.0, brake_gain_factor: float = 1.0, lag: bool = False) -> float:
     """RMS error of speed [m/s] when the recorded accelerator pedal and brake torque drive the plant from `start` on."""
-    body = fusion.parameters(brake_gain_factor=brake_gain_factor)
+    body = vehicles.parameters(brake_gain_factor=brake_gain_factor)
     calibration, vehicle = body.calibration, body.vehicle
     speed = log["v_over_ground_kmh"] / 3.6
     engine = Lagged(body.throttle_delay, calibration.drive_lag, STEP)
@@ -63,7 +63,7 @@ def test_actuator_turns_the_recorded_request_into_the_recorded_torque(braking: L
     """Within 90 N m rms, three per cent of the peak: both are sampled at 50 Hz and nothing is known in between."""
     times = braking["t"]
     changed = np.flatnonzero(np.diff(braking["brk_tq_act_Nm"])) + 1
-    actuator = Lagged(0.015, fusion.parameters().vehicle.brake_lag, STEP)
+    actuator = Lagged(0.015, vehicles.parameters().vehicle.brake_lag, STEP)
     grid = np.arange(2.40, 4.12, STEP)
     asked_changed = np.r_[0, np.flatnonzero(np.diff(braking["brk_tq_req_arb_Nm"])) + 1]
     asked = np.interp(grid, times[asked_changed], braking["brk_tq_req_arb_Nm"][asked_changed])
@@ -74,7 +74,7 @@ def test_actuator_turns_the_recorded_request_into_the_recorded_torque(braking: L
 
 
 def test_full_braking_reaches_the_declared_deceleration() -> None:
-    vehicle, calibration = fusion.parameters().vehicle, fusion.parameters().calibration
+    vehicle, calibration = vehicles.parameters().vehicle, vehicles.parameters().calibration
     force = calibration.brake_force(vehicle.brake_torque_limit)
     assert force / vehicle.mass == pytest.approx(vehicle.deceleration_limit, abs=0.05)
     assert vehicle.understeer_gradient == pytest.approx(3.3e-4, rel=0.02)
