@@ -143,12 +143,9 @@ class Drive:
         self.shadow = chance.random() < 0.05
         self.variant = codec.Variant.DBW1_2024 if chance.random() < 0.9 else codec.Variant.DBW1_2018
         self.old = self.variant is codec.Variant.DBW1_2018
+        interface = DataspeedDbw1(self.variant)
         self.gateway = Gateway(
-            VEHICLE,
-            vehicles.FUSION.calibration,
-            period=PERIOD,
-            interface=DataspeedDbw1(self.variant),
-            shadow=self.shadow,
+            VEHICLE, vehicles.FUSION.calibration, period=PERIOD, interface=interface, shadow=self.shadow
         )
         self.angle_limit = min(VEHICLE.steering_limit, codec.WHEEL_ANGLE_LIMIT[self.variant] / VEHICLE.steering_ratio)
         self.torque_limit = min(3250.0, codec.TORQUE_LIMIT[self.variant])

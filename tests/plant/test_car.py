@@ -105,9 +105,8 @@ def test_what_is_said_is_said_in_order_and_within_its_step() -> None:
 
 @pytest.mark.parametrize("variant", list(codec.Variant))
 def test_sensors_report_the_motion(variant: codec.Variant) -> None:
-    parameters = vehicles.parameters(
-        noise=0.0, interface=InterfaceConfig("dataspeed_dbw1", {"variant": variant.name.lower()})
-    )
+    interface = InterfaceConfig("dataspeed_dbw1", {"variant": variant.name.lower()})
+    parameters = vehicles.parameters(noise=0.0, interface=interface)
     car, radius = make(parameters), parameters.vehicle.wheel_radius
     for output in ride(car, 9.0, town):
         truth = car.truth()

@@ -31,23 +31,29 @@ class TestToy(VehicleInterfaceConformance):
     config = TOY
 
 
-def drive_with_the_toy() -> tuple[dict[str, Any], set[int]]:
-    """Return the summary of the paper's drive over the toy's wire, and the identifiers on the bus."""
+def drive_with_the_toy() -> tuple[dict[str, Any], set[int], object]:
+    """Return the summary of the paper's drive over the toy's wire, the identifiers on the bus, and what replay says."""
     from vve_sumo import bus
     from vve_sumo.drive import run as drives
+    from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, replay, setting_of
+    from vve_sumo.drive.resolved_scenario import EPOCH
 
     setting = altered({})
     setting = dataclasses.replace(setting, model=dataclasses.replace(setting.model, interface=TOY))
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
         summary = drives.run(setting, folder, REPOSITORY).summary
-        return summary, {frame.id for _time, _channel, frame in bus.read_log(folder / "can.log")}
+        identifiers = {frame.id for _time, _channel, frame in bus.read_log(folder / "can.log")}
+        again = setting_of(folder, REPOSITORY)
+        frames = read_car_frames(folder, EPOCH, again.model.interface)
+        return summary, identifiers, replay(again, read_pipeline_inputs(folder), frames, REPOSITORY)
 
 
 def test_the_papers_drive_over_another_wire():
-    summary, identifiers = isolated(drive_with_the_toy)
+    summary, identifiers, difference = isolated(drive_with_the_toy)
     assert (summary["outcome"], summary["collision"]) == ("stopped", False)
     assert identifiers == {0x300, 0x310, 0x311}
+    assert difference is None
 
 
 def test_the_shipped_ones_are_known():

@@ -36,7 +36,7 @@ class VehicleModel:
     simulated: SimulatedNumbers
     mounting: Mounting  #: of the GNSS receiver, as declared
     limits: Limits = field(default_factory=Limits)  #: that the gateway keeps to
-    interface: InterfaceConfig = DEFAULT  #: that the vehicle is commanded through
+    interface: InterfaceConfig = DEFAULT  #: of the drive-by-wire controller
     steering_wheel_bias: float = 0.0  #: reported angle at which the wheels point straight [rad], left positive
     rig: str = ""  #: title of the rig whose measurements are laid over the model; empty where there is none
 
