@@ -31,6 +31,6 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
     "response": _vehicle("response", "response.py", "figures.py"),
     "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),
-    "gateway": _vehicle("gateway", "evidence.py", "gateway.py", "profile.py"),
+    "gateway": _vehicle("gateway", "evidence.py", "gateway.py", "profile.py", "waiting.py"),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
 }
