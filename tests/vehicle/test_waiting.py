@@ -86,6 +86,92 @@ def test_wheels_that_the_receiver_contradicts_tell_no_speed():
     assert verdict.brake_torque == pytest.approx(unknown_speed(rig, verdict.acceleration), rel=1e-9)
 
 
+@pytest.mark.parametrize("how", ["zero", "silent"])
+def test_wheels_that_say_nothing_of_a_moving_car_tell_no_speed(how):
+    """There is no receiver any more that could contradict them."""
+    rig = Rig()
+    rig.cruise(8.0)
+    if how == "zero":
+        rig.car.forged = wheels(0.0)
+    else:
+        rig.car.silent = set(wheels(0.0))
+    verdict = rig.run(1.0, None)[-1]
+    assert verdict.brake_torque == pytest.approx(unknown_speed(rig, verdict.acceleration), rel=1e-9)
+
+
+def test_wheels_that_say_zero_of_a_moving_car_tell_no_way_along_the_path():
+    rig = Rig()
+    rig.cruise(8.0)
+    profile = StopProfile(1.0, tuple(0.002 * n for n in range(30)))
+    rig.run(0.2, profile=profile)
+    rig.car.forged = wheels(0.0)
+    verdicts = rig.run(1.0, None)
+    stopping = [verdict for verdict in verdicts if verdict.state is S.STOPPING]
+    assert stopping[0].reasons[0] == "setpoint_expired"
+    assert [verdict.steering for verdict in stopping[5:]] == pytest.approx([stopping[5].steering] * len(stopping[5:]))
+
+
+def test_a_car_that_rolls_to_rest_for_long_needs_no_driver():
+    rig = Rig()
+    rig.cruise(10.0)
+    verdicts = [rig.step(act=Act.STOP)] + [rig.step() for _ in range(400)]
+    assert sum(verdict.state is S.STOPPING for verdict in verdicts) * PERIOD > 3.5
+    assert not any("driver_needed" in verdict.reasons for verdict in verdicts)
+
+
+# Steering on the way to rest: of a car whose wheels stay straight, so that holding them is told from following a bend.
+
+BEND = StopProfile(1.0, (0.05,) * 20)
+IN_THE_BEND = math.atan(FUSION.wheelbase * 0.05)
+
+
+def stopping_in_a_bend() -> Rig:
+    rig = Rig()
+    rig.cruise(3.0)
+    rig.run(0.2, profile=BEND)
+    rig.car.shift_time = math.inf
+    rig.car.steering_stuck, rig.car.wheel_angle = True, 0.0
+    rig.step(act=Act.STOP, profile=BEND)
+    assert rig.run(0.5, None)[-1].steering == pytest.approx(IN_THE_BEND, abs=0.02)
+    while not rig.gateway._standstill.certain:
+        rig.step(None)
+    return rig
+
+
+def test_a_car_that_stands_turns_no_wheel():
+    rig = stopping_in_a_bend()
+    assert rig.step(None).state is S.STOPPING
+    verdict = rig.run(1.0, None)[-1]
+    assert (verdict.state, verdict.steering) == (S.STOPPED, 0.0)
+
+
+def test_a_car_that_seems_to_stand_leaves_its_wheels():
+    rig = stopping_in_a_bend()
+    turned = [rig.step(None).steering for _ in range(4)]
+    assert turned == sorted(turned, reverse=True)
+    assert turned[0] > turned[-1]
+
+
+def test_a_car_that_rolls_away_after_it_was_stopped_follows_no_path():
+    rig = stopping_in_a_bend()
+    while rig.step(None).state is not S.STOPPED:
+        pass
+    rig.run(1.0, None)
+    rig.car.forged = wheels(1.0)
+    verdicts = rig.run(1.0, None)
+    assert {verdict.state for verdict in verdicts} == {S.STOPPED}
+    assert verdicts[-1].steering == 0.0
+
+
+def test_a_car_that_rolls_on_after_it_seemed_to_stand_follows_the_path():
+    rig = stopping_in_a_bend()
+    rig.run(0.04, None)
+    rig.car.forged = wheels(1.0)
+    verdicts = rig.run(0.5, None)
+    assert {verdict.state for verdict in verdicts} == {S.STOPPING}
+    assert verdicts[-1].steering == pytest.approx(IN_THE_BEND, abs=0.01)
+
+
 # What is forgotten.
 
 
