@@ -259,7 +259,7 @@ class Gateway:
         )
         self._let_go = self._let_go_long.step(now, self._state not in COMMANDING and not standstill.moves)
         # Wheels that say zero of a car that cannot stand yet tell no way.
-        believed = known and (standstill.certain or not reports.fastest_wheel < WHEEL_REST)
+        believed = standstill.certain or not reports.fastest_wheel < WHEEL_REST
         self._way.move(gap, speed if believed else math.nan)
         car = CarMotion(
             speed,
