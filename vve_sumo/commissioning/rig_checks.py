@@ -27,7 +27,7 @@ from vve_sumo.live.alignment import AVERAGED, STANDSTILL, average, lot_alignment
 from vve_sumo.lot.fit import measured
 from vve_sumo.pose.clock import AgeKind, Clock
 from vve_sumo.pose.sources import Source
-from vve_sumo.pose.trust import LOCKED, Trust, TrustGate
+from vve_sumo.pose.trust import Trust, TrustGate
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_refusal
@@ -209,7 +209,7 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard
 def _take_fix(heard: Heard, gate: TrustGate, received: float, fix: Fix) -> None:
     """Date and judge a fix as the drive does."""
     assert heard.clock is not None
-    made = heard.clock.step(received, fix.time) if fix.status == LOCKED else heard.clock.at(fix.time)
+    made = heard.clock.step(received, fix.time) if fix.locked else heard.clock.at(fix.time)
     timed = replace(fix, time=heard.epoch + made)
     heard.fixes.append((timed, gate.step(received, timed)))
 
@@ -288,7 +288,7 @@ def _quality(heard: Heard) -> Iterator[Check]:
     """Whether a car could drive on the fixes of the last second, and what speaks against it."""
     newest = heard.fixes[-1][0]
     found = (
-        f"status {newest.status}, mode {newest.position_mode}; 1 sigma {newest.position_sigma:.3f} m, "
+        f"{'locked' if newest.locked else 'not locked'}, {newest.quality}; 1 sigma {newest.position_sigma:.3f} m, "
         f"{newest.velocity_sigma:.3f} m/s, {math.degrees(newest.heading_sigma):.2f} deg; "
         f"corrections {newest.differential_age:.1f} s old"
     )

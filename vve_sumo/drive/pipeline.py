@@ -17,7 +17,7 @@ from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import Path
 from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
-from vve_sumo.pose.trust import LOCKED, TrustGate
+from vve_sumo.pose.trust import TrustGate
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, Scan
 from vve_sumo.values import Actors, Detections, FallbackPath, Fix, Observation, Point, Pose, Setpoint, Vehicle
 
@@ -118,8 +118,8 @@ class Pipeline:
 
         One that the receiver calls late already teaches nothing of the clocks.
         """
-        made = clock.step(received, fix.time) if fix.status == LOCKED else clock.at(fix.time)
-        if fix.status == LOCKED and math.isnan(made):
+        made = clock.step(received, fix.time) if fix.locked else clock.at(fix.time)
+        if fix.locked and math.isnan(made):
             return None
         return replace(fix, time=self._epoch + made)
 
