@@ -15,7 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationErr
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_metrics import Metrics
 from vve_sumo.scenario.load import complaint
-from vve_sumo.scenario.schema import Finite, Positive, Radar
+from vve_sumo.scenario.schema import Radar
+from vve_sumo.tables import Finite, Positive
 from vve_sumo.values import Vehicle
 
 

@@ -57,8 +57,6 @@ class Declared:
 
 #: of a rig that a record was not made with, what would make its numbers another car's
 SAME: Final = ("vehicle.mass", "vehicle.wheelbase", "mounting.forward", "mounting.left", "variant")
-#: receivers whose recorded bytes are NCOM
-NCOM: Final = ("ncom_udp", "file")
 
 
 def declared_by(rig: Rig) -> Declared:
@@ -77,7 +75,7 @@ def declared_in(resolved: dict[str, Any]) -> Declared:
     if "rig" not in resolved:
         return Declared(fusion.vehicle(), Calibration(), plant.MOUNTING)
     rig = rigs.parse_json(resolved["rig"], Path(str(resolved.get("rig_name", "rig"))))
-    if rig.pose.kind not in NCOM:
+    if not isinstance(meaning.receiver_of(rig).decoder(), Decoder):
         raise ConfigError(f"calibration takes a receiver that speaks NCOM, got pose.kind {rig.pose.kind!r}")
     return declared_by(rig)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 from vve_sumo.controller import Guarded
 from vve_sumo.frames import Placement, move_point
@@ -17,6 +17,7 @@ from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import Path
 from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
+from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, Scan
 from vve_sumo.values import Actors, Detections, FallbackPath, Fix, Observation, Point, Pose, Setpoint, Vehicle
@@ -25,14 +26,6 @@ from vve_sumo.values import Actors, Detections, FallbackPath, Fix, Observation, 
 PREPARED = 0.01
 #: how long a setpoint may be acted on [s]; the drive-by-wire kit's own command time-out is the same 100 ms
 SETPOINT_LIFETIME = 0.1
-
-
-class FixDecoder(Protocol):
-    """A decoder of pose bytes."""
-
-    def feed(self, data: bytes, time_received: float) -> list[Fix]:
-        """Return the fixes that these bytes complete."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

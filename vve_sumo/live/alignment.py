@@ -15,11 +15,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from vve_sumo.drive.pipeline import FixDecoder
 from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import EARTH_RADIUS, TrustGate, TrustProfile
 from vve_sumo.values import Fix, Pose

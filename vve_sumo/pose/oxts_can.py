@@ -28,6 +28,8 @@ RATE: Final = 0x608  #: about the vehicle's axes [0.01 deg/s]
 RATE_LEVEL: Final = 0x609  #: about the horizontal plane's axes
 TIME: Final = 0x630  #: milliseconds since 1980-01-06, 48 bits, then the UTC offset
 STATUS: Final = 0x500  #: plus the number of an NCOM status channel, the same 8 bytes
+#: those of the default map, read or not, and one for each status channel
+IDENTIFIERS: Final = frozenset(range(0x500, 0x640))
 
 LAYOUTS: Final = {
     POSITION: struct.Struct("<ii"),

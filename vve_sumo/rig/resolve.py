@@ -13,8 +13,9 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, local_frame
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
+from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.rig.schema import Rig
-from vve_sumo.scenario.schema import Table
+from vve_sumo.tables import Table
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.calibration import Calibration
@@ -107,6 +108,13 @@ def mounting_of(rig: Rig) -> Mounting:
     """Return where the receiver's output point sits."""
     mounting = rig.mounting
     return Mounting(mounting.forward_m, mounting.left_m, -math.radians(mounting.heading_misalignment_deg))
+
+
+def receiver_of(rig: Rig) -> Receiver:
+    """Return the receiver; `rig.load` takes no table of another kind."""
+    receiver = rig.pose
+    assert isinstance(receiver, Receiver)
+    return receiver
 
 
 def variant_of(rig: Rig) -> Variant:

@@ -7,19 +7,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Name = Annotated[str, Field(min_length=1)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+from vve_sumo.tables import Finite, Name, NotNegative, Positive, Table
+
 RoadSpeed = Annotated[float, Field(ge=0.0, le=100.0)]
-
-
-class Table(BaseModel):
-    """One table of a scenario file: unknown keys are errors, nothing is coerced, nothing changes after loading."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class Street(Table):

@@ -16,9 +16,10 @@ from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationError,
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.load import complaint, read
-from vve_sumo.scenario.schema import Name, Positive, Scenario, Table
+from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sweep.axes import Axis, Between, Choice, Steps, axes
 from vve_sumo.sweep.overrides import places
+from vve_sumo.tables import Name, Positive, Table
 
 #: designs that draw `samples` points, and those that take every value that is listed
 SAMPLED, LISTED = ("latin_hypercube", "sobol", "random"), ("grid", "list")
