@@ -22,10 +22,10 @@ REPOSITORY = Path(__file__).parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from vve_sumo.analysis import Sweep, load  # noqa: E402
+from vve_sumo.config_file import read  # noqa: E402
 from vve_sumo.drive.resolved_scenario import versions  # noqa: E402
 from vve_sumo.record.sweep_folder import FIGURES, Plan  # noqa: E402
 from vve_sumo.report import write_report  # noqa: E402
-from vve_sumo.scenario.load import read  # noqa: E402
 from vve_sumo.sweep.dataset import Dataset  # noqa: E402
 from vve_sumo.sweep.job import Result  # noqa: E402
 from vve_sumo.sweep.run_specs import RunSpec, key_of  # noqa: E402

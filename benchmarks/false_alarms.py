@@ -22,13 +22,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from controllers import follow_and_stop
+from tests import vehicles
 from tests.vehicle.closed_loop import ClosedLoop
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.path import Path
-from vve_sumo.plant import fusion
 from vve_sumo.plant.car import CarParameters
-from vve_sumo.values import ArmingState, Observation, Setpoint
+from vve_sumo.values import ArmingState, ControlCommand, Observation
 
 LEG = 180.0  # [s]
 ROAD = 2500.0  # longer than a leg [m]
@@ -63,16 +63,16 @@ class Driver:
         self._stood = math.inf  # since when
         self.phases: Counter[str] = Counter()
 
-    def step(self, situation: Observation) -> Setpoint:
-        """Answer one situation."""
-        if situation.time >= self._until:
-            self._next(situation.time)
+    def step(self, observation: Observation) -> ControlCommand:
+        """Answer one observation."""
+        if observation.time >= self._until:
+            self._next(observation.time)
         if self._phase in ("cruise", "creep"):
-            return self._follower.step(replace(situation, desired_speed=self._value))
-        if self._stood == math.inf and abs(situation.pose.speed) < 0.05:
-            self._stood = situation.time
-            self._until = situation.time + self._random.uniform(*STANDS[self._phase])
-        setpoint = self._follower.step(replace(situation, desired_speed=0.5))
+            return self._follower.step(replace(observation, desired_speed=self._value))
+        if self._stood == math.inf and abs(observation.pose.speed) < 0.05:
+            self._stood = observation.time
+            self._until = observation.time + self._random.uniform(*STANDS[self._phase])
+        setpoint = self._follower.step(replace(observation, desired_speed=0.5))
         standing = self._stood < math.inf
         wanted = -1.0 if standing else -self._value
         return replace(setpoint, acceleration=wanted, emergency=self._phase == "emergency" and not standing)
@@ -130,7 +130,7 @@ def car(generator: np.random.Generator, noise: float) -> CarParameters:
     def either_way(most: float) -> float:
         return float(generator.uniform(-most, most))
 
-    parameters = fusion.parameters(
+    parameters = vehicles.parameters(
         noise=noise,
         mass_factor=1.0 + either_way(MASS),
         brake_gain_factor=1.0 + either_way(BRAKE_GAIN),

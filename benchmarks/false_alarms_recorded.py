@@ -27,11 +27,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from vve_sumo.values import Setpoint, Vehicle
-from vve_sumo.vehicle import fusion
-from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.load import load
 from vve_sumo.vehicle.plausibility import CarMotion, Plausibility
+from vve_sumo.workspace import shipped_root
 
 Floats = NDArray[np.float64]
+
+FUSION = load(shipped_root() / "vehicles" / "ford_fusion.toml")
 
 PERIOD = 0.02  # of the gateway [s]
 STANDING = 0.05  # [m/s]
@@ -84,7 +86,7 @@ def comma2k19(folder: Path) -> Recorded:
     ground_at = np.interp(at, times, ground)
     said = newest(at, speeds["t"].to_numpy(), speeds["speed"].to_numpy())
     speed = said * float(np.median(ground_at / said))
-    vehicle = replace(fusion.vehicle(), wheelbase=RAV4_WHEELBASE, front_axle_to_mass=1.2)
+    vehicle = replace(FUSION.vehicle, wheelbase=RAV4_WHEELBASE, front_axle_to_mass=1.2)
     wheel = np.radians(newest(at, angles["t"].to_numpy(), angles["steer_deg"].to_numpy()))
     place = [np.interp(at, times, pose[name].to_numpy()) for name in ("east", "north")]
     return Recorded(
@@ -119,7 +121,7 @@ def boreas(folder: Path) -> Recorded:
     place = [CubicSpline(other, values) for values in (rear_x, rear_y, course)]
     return Recorded(
         f"Boreas (lever {lever:.2f} m)",
-        fusion.vehicle(),
+        FUSION.vehicle,
         np.interp(at, times, ahead),
         [(one,) for one in at],  # nobody counted wheels
         yaw_rate,
@@ -135,7 +137,7 @@ def ford_fusion(folder: Path, log: str) -> Recorded:
     at = np.arange(times[0], times[-1], PERIOD)
     names = ("wheel_fl_radps", "wheel_fr_radps", "wheel_rl_radps", "wheel_rr_radps")
     wheels = np.stack([newest(at, times, data[name].to_numpy()) for name in names], axis=1)
-    vehicle = fusion.vehicle()
+    vehicle = FUSION.vehicle
     speed = vehicle.wheel_radius * wheels[:, 2:].mean(axis=1)
     yaw_rate = newest(at, times, data["yaw_rate_radps"].to_numpy())
     pinion = np.radians(newest(at, times, data["pinion_deg_rel"].to_numpy()))
@@ -145,7 +147,7 @@ def ford_fusion(folder: Path, log: str) -> Recorded:
 
 def objections(recorded: Recorded) -> Counter[str]:
     """Steps at which each code was said."""
-    checks, found = Plausibility(recorded.vehicle, Calibration()), Counter[str]()
+    checks, found = Plausibility(recorded.vehicle, FUSION.calibration), Counter[str]()
     for step, wheels in enumerate(recorded.wheels):
         now = step * PERIOD
         speed, yaw_rate, angle = (
@@ -155,8 +157,8 @@ def objections(recorded: Recorded) -> Counter[str]:
         if recorded.pose is not None:
             x, y, heading, ground, turning = (float(column[step]) for column in recorded.pose)
             setpoint = Setpoint(
-                angle, 0.0, sequence=step, time=now, expires=now + 0.1, speed=ground, yaw_rate=turning, x=x, y=y,
-                heading=heading,
+                angle, 0.0, emergency=False, note="", sequence=step, time=now, expires=now + 0.1, speed=ground,
+                yaw_rate=turning, x=x, y=y, heading=heading, grade=0.0, faults=(), profile=None,
             )  # fmt: skip
         # What the wheels were told is not on file; the reported angle stands for it.
         steered = 0.0 if math.isnan(angle) else angle

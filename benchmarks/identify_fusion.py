@@ -19,11 +19,13 @@ from scipy.signal import lfilter
 from vve_sumo.plant.actuators import Lagged
 from vve_sumo.plant.car import STEP, chassis
 from vve_sumo.plant.dynamics import Dynamics
-from vve_sumo.plant.fusion import parameters
-from vve_sumo.vehicle import fusion
-from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.plant.parameters import parameters
+from vve_sumo.vehicle.load import load
+from vve_sumo.workspace import shipped_root
 
 Floats = NDArray[np.float64]
+
+FUSION = load(shipped_root() / "vehicles" / "ford_fusion.toml")
 
 KMH = 1.0 / 3.6
 PLATEAU = (3.20, 3.95)  # of the braking: torque within 2 % [s]
@@ -92,7 +94,7 @@ def replay(log: pd.DataFrame, start: float) -> float:
     """Root mean square [m/s] by which the plant's speed differs when the log's pedal and actual torque drive it."""
     times, torque = column(log, "t"), column(log, "brk_tq_act_Nm")
     speed, pedal = column(log, "v_over_ground_kmh") * KMH, column(log, "accel_pedal_pct") * 0.01
-    body = parameters()
+    body = parameters(FUSION)
     calibration = body.calibration
     motion = Dynamics(chassis(body), (0.0, 0.0, 0.0), speed=float(np.interp(start, times, speed)))
     engine = Lagged(body.throttle_delay, calibration.drive_lag, STEP)
@@ -110,7 +112,7 @@ def replay(log: pd.DataFrame, start: float) -> float:
 def print_braking(log: pd.DataFrame) -> None:
     times, speed = column(log, "t"), column(log, "v_over_ground_kmh") * KMH
     torque, deceleration = mean(log, "brk_tq_act_Nm", PLATEAU), -slope(times, speed, PLATEAU)
-    calibration, middle = Calibration(), mean(log, "v_over_ground_kmh", PLATEAU) * KMH
+    calibration, middle = FUSION.calibration, mean(log, "v_over_ground_kmh", PLATEAU) * KMH
     drag = calibration.drag(middle) / calibration.mass
     radius = wheel_radius(log)
     print(f"wheel radius {radius:.4f} m (rear axle, braking recording)")
@@ -124,7 +126,7 @@ def print_braking(log: pd.DataFrame) -> None:
 
 def print_throttle(log: pd.DataFrame) -> None:
     times, speed = column(log, "t"), column(log, "v_over_ground_kmh") * KMH
-    calibration = Calibration()
+    calibration = FUSION.calibration
     for window in FULL_THROTTLE:
         middle = mean(log, "v_over_ground_kmh", window) * KMH
         force = calibration.mass * slope(times, speed, window) + calibration.drag(middle)
@@ -133,7 +135,7 @@ def print_throttle(log: pd.DataFrame) -> None:
 
 
 def print_steering(log: pd.DataFrame) -> None:
-    vehicle = fusion.vehicle()
+    vehicle = FUSION.vehicle
     speed = float((column(log, "v_over_ground_kmh") * KMH).mean())
     print(f"wheel radius {wheel_radius(log):.4f} m (rear axle, steering recording)")
     for lag, offset in ((0.0, True), (0.1, True), (0.0, False), (0.1, False)):

@@ -43,16 +43,16 @@ FIGURES = ("min_gap_m", "min_ttc_s", "max_deceleration_mps2", "duration_s")
 
 def drive(name: str, seed: int) -> dict[str, Any]:
     """Drive a scenario with a seed and return its summary; in a process of its own."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
     with tempfile.TemporaryDirectory() as scratch:
-        setting = command.choose(name, REPOSITORY, seed=seed)
-        return command.run(setting, Path(scratch) / "record", REPOSITORY).summary
+        setting = drives.choose(name, REPOSITORY, seed=seed)
+        return drives.run(setting, Path(scratch) / "record", REPOSITORY).summary
 
 
 def paint(name: str) -> None:
     """Draw a scenario's picture."""
-    from vve_sumo.drive.command import choose
+    from vve_sumo.drive.run import choose
     from vve_sumo.plotting.scenario import draw
 
     draw(choose(name, REPOSITORY), PICTURES / f"{name}.png")

@@ -16,10 +16,10 @@ import numpy as np
 
 from benchmarks.false_alarms import NoWayToRest
 from controllers import follow_and_stop
+from tests import vehicles
 from tests.vehicle.closed_loop import ClosedLoop
 from vve_sumo.path import Path
-from vve_sumo.plant import fusion
-from vve_sumo.values import ArmingState, Observation, Setpoint
+from vve_sumo.values import ArmingState, ControlCommand, Observation
 
 EVERY = 900.0  # between lines [s]
 CYCLE = 120.0  # stands for the first part of each, then drives [s]
@@ -32,13 +32,13 @@ class Dawdling:
     """Stands for a minute and a half, then drives slowly for half a minute."""
 
     def __init__(self) -> None:
-        self._follower = follow_and_stop.make(fusion.parameters().vehicle, {})
+        self._follower = follow_and_stop.make(vehicles.parameters().vehicle, {})
 
-    def step(self, situation: Observation) -> Setpoint:
-        """Answer one situation."""
-        cycle, into = divmod(situation.time, CYCLE)
+    def step(self, observation: Observation) -> ControlCommand:
+        """Answer one observation."""
+        cycle, into = divmod(observation.time, CYCLE)
         speed = SPEEDS[int(cycle) % len(SPEEDS)]
-        answer = self._follower.step(replace(situation, desired_speed=speed))
+        answer = self._follower.step(replace(observation, desired_speed=speed))
         return replace(answer, acceleration=-1.0) if 15.0 < into < STANDS + 15.0 else answer
 
 

@@ -12,9 +12,10 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from vve_sumo.cli import suite
 from vve_sumo.suite import catalogue
-from vve_sumo.suite.command import Asked, suite
 from vve_sumo.suite.journal import NAME
+from vve_sumo.suite.query import SuiteQuery
 
 PAGE = Path(__file__).parent.parent / "docs" / "suites.md"
 SEEDS = 10
@@ -40,7 +41,7 @@ def drive(folder: Path, names: Sequence[str], workers: int | None) -> None:
     """Drive suites, each into a folder of its own, or go on with what is there."""
     for name in names:
         out = folder / name
-        suite(name, Asked(out=out, seeds=SEEDS, workers=workers, resume=(out / NAME).is_file()))
+        suite.drive(name, SuiteQuery(out=out, seeds=SEEDS, workers=workers, resume=(out / NAME).is_file()))
 
 
 def tables(folder: Path) -> dict[str, str]:

@@ -123,11 +123,11 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
         libsumo.simulationStep = step.wrap(libsumo.simulationStep)
         shell = Lockstep(drive, REPOSITORY)
         record = Record(folder / "record", drive.resolved(REPOSITORY), EPOCH)
-        chain = shell._chain
+        pipeline = shell._pipeline
         gateway = shell._gateway
         path = Timed()
-        chain.receive, chain.see = path.wrap(chain.receive), path.wrap(chain.see)  # type: ignore[method-assign]
-        chain.decide, gateway.step = path.wrap(chain.decide), path.wrap(gateway.step)  # type: ignore[method-assign]
+        pipeline.receive, pipeline.see = path.wrap(pipeline.receive), path.wrap(pipeline.see)  # type: ignore[method-assign]
+        pipeline.decide, gateway.step = path.wrap(pipeline.decide), path.wrap(gateway.step)  # type: ignore[method-assign]
         ticks = shell.ticks(record)
         while (count := pipe.recv()) > 0:
             rows = []
@@ -135,16 +135,16 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
                 for timed in (step, path):
                     timed.samples.clear()
                 start = time.perf_counter()
-                decided = next(ticks).decided
+                result = next(ticks).result
                 whole = time.perf_counter() - start
-                detections = len(decided.detections.range)
-                rows.append((decided.scan is not None, sum(path.samples), whole, sum(step.samples), detections))
-            pipe.send((rows, libsumo.vehicle.getIDCount(), len(shell._street.actors.ids)))
+                detections = len(result.sensors["radar"].range)
+                rows.append(("radar" in result.readings, sum(path.samples), whole, sum(step.samples), detections))
+            pipe.send((rows, libsumo.vehicle.getIDCount(), len(shell._road.actors.ids)))
         shell.close()
 
 
 def serve_steps(pipe: Connection, vehicles: int, boxes: bool) -> None:
-    """Step the same street without ego and chain, a block for every request, and answer with what SUMO cost."""
+    """Step the same street without ego and pipeline, a block for every request, and answer with what SUMO cost."""
     import libsumo
 
     from vve_sumo.drive.virtual_road import open_world

@@ -9,7 +9,7 @@ from __future__ import annotations
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp, jerk_limit, stopping_distance
-from vve_sumo.values import Observation, Setpoint, Vehicle
+from vve_sumo.values import ControlCommand, Observation, Vehicle
 
 from .deviation import DeviationObserver
 from .preview import PreviewSteering, PreviewTuning
@@ -45,41 +45,41 @@ class BrakeAt:
         self._acceleration = 0.0
         self._since: float | None = None  # when it began to brake [s]
 
-    def step(self, situation: Observation) -> Setpoint:
-        """Answer one situation; called once every PERIOD."""
-        pose, path = situation.pose, situation.path
+    def step(self, observation: Observation) -> ControlCommand:
+        """Answer one observation; called once every PERIOD."""
+        pose, path = observation.pose, observation.path
         station = path.project(pose.x, pose.y, self._station)
         self._station = station.s
         deviation = self._observer.step(pose, path, station, PERIOD)
         trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, False)
-        steering = clamp(self._law.steer(deviation, situation) + trim, -self._steering_limit, self._steering_limit)
-        target = self._tracker.step(situation, station)
+        steering = clamp(self._law.steer(deviation, observation) + trim, -self._steering_limit, self._steering_limit)
+        target = self._tracker.step(observation, station)
         if self._since is None:
-            self._since = self._onset(situation, target, path.length - station.s)
+            self._since = self._onset(observation, target, path.length - station.s)
         if self._since is None:
-            return Setpoint(steering, self._cruise(situation, station.s), note="cruise")
-        braking = min(JERK * (situation.time - self._since), self._deceleration)
-        return Setpoint(steering, -braking, note="brake")
+            return ControlCommand(steering, self._cruise(observation, station.s), note="cruise")
+        braking = min(JERK * (observation.time - self._since), self._deceleration)
+        return ControlCommand(steering, -braking, note="brake")
 
-    def _onset(self, situation: Observation, target: Target | None, to_end: float) -> float | None:
+    def _onset(self, observation: Observation, target: Target | None, to_end: float) -> float | None:
         """When the trigger was passed, inside the last tick [s]; None before that.
 
         Ticks are 20 ms apart, which at 14 m/s is 0.28 m: counted from the passing itself, the brake does not depend
         on how the ticks fall.
         """
-        speed = situation.pose.speed
+        speed = observation.pose.speed
         if not to_end > stopping_distance(speed, self._deceleration, self._answer, self._deceleration / JERK):
-            return situation.time
+            return observation.time
         if target is None or target.gap > self._trigger:
             return None
         passed, closing = self._trigger - target.gap, speed - target.speed
-        return situation.time - (min(PERIOD, passed / closing) if closing > 0.0 else 0.0)
+        return observation.time - (min(PERIOD, passed / closing) if closing > 0.0 else 0.0)
 
-    def _cruise(self, situation: Observation, s: float) -> float:
+    def _cruise(self, observation: Observation, s: float) -> float:
         if self._profile is None:
-            self._profile = SpeedProfile(situation.path)
-        pose = situation.pose
-        wanted = self._keeper.step(self._profile, s, pose.speed, pose.acceleration, situation.desired_speed, True)
+            self._profile = SpeedProfile(observation.path)
+        pose = observation.pose
+        wanted = self._keeper.step(self._profile, s, pose.speed, pose.acceleration, observation.desired_speed, True)
         self._acceleration = jerk_limit(wanted, self._acceleration, -JERK, SPEEDING_UP, JERK, JERK, PERIOD)
         return self._acceleration
 

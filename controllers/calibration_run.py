@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp
-from vve_sumo.values import Observation, Pose, Setpoint, Vehicle
+from vve_sumo.values import ControlCommand, Observation, Pose, Vehicle
 
 from .approach import Approach, Goal, Standstill
 from .deviation import Deviation, DeviationObserver, steady_steering, tyre_response_time
@@ -163,29 +163,29 @@ class CalibrationRun:
         self._since = 0.0  # begin of the phase [s]
         self._station: float | None = None
 
-    def step(self, situation: Observation) -> Setpoint:
-        """Answer one situation; called once every PERIOD."""
-        pose, path = situation.pose, situation.path
+    def step(self, observation: Observation) -> ControlCommand:
+        """Answer one observation; called once every PERIOD."""
+        pose, path = observation.pose, observation.path
         station = path.project(pose.x, pose.y, self._station)
         self._station = station.s
-        phase, time = self._phase(situation)
+        phase, time = self._phase(observation)
         excess = phase.steer(time) if phase is not None and phase.steer is not None else None
-        steering = self._steer(excess, self._observer.step(pose, path, station, PERIOD), situation)
+        steering = self._steer(excess, self._observer.step(pose, path, station, PERIOD), observation)
         acceleration, note = self._accelerate(phase, Goal(path.length - station.s), pose)
-        return Setpoint(steering, acceleration, note=note)
+        return ControlCommand(steering, acceleration, note=note)
 
-    def _steer(self, excess: float | None, deviation: Deviation, situation: Observation) -> float:
+    def _steer(self, excess: float | None, deviation: Deviation, observation: Observation) -> float:
         """Road-wheel angle [rad]: the law's, about the manoeuvre's `excess`; the trim learns between manoeuvres."""
         self._excursion.step(excess, deviation.speed)
         trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, excess is not None)
-        wanted = self._law.steer(self._excursion.taken_out(deviation), situation) + trim + (excess or 0.0)
+        wanted = self._law.steer(self._excursion.taken_out(deviation), observation) + trim + (excess or 0.0)
         return clamp(wanted, -self._steering_limit, self._steering_limit)
 
-    def _phase(self, situation: Observation) -> tuple[Phase | None, float]:
+    def _phase(self, observation: Observation) -> tuple[Phase | None, float]:
         """The phase of this tick, None after the last, and the time since its start [s]."""
         if self._phases is None:
-            self._phases, self._since = plan(self._vehicle, self._tuning, situation.desired_speed), situation.time
-        now, speed = situation.time, situation.pose.speed
+            self._phases, self._since = plan(self._vehicle, self._tuning, observation.desired_speed), observation.time
+        now, speed = observation.time, observation.pose.speed
         while self._number < len(self._phases) and self._phases[self._number].over(now - self._since, speed):
             self._number, self._since = self._number + 1, now
         phase = self._phases[self._number] if self._number < len(self._phases) else None

@@ -11,7 +11,7 @@ from vve_sumo.controller import Tuning, settle
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp, jerk_limit
 from vve_sumo.path import Path
-from vve_sumo.values import Observation, Setpoint, Vehicle
+from vve_sumo.values import ControlCommand, Observation, Vehicle
 
 from .approach import NOWHERE, Approach, Goal, Standstill
 from .deviation import Deviation, DeviationObserver
@@ -60,7 +60,7 @@ RANGES: dict[str, tuple[float, float]] = {
 class SteeringLaw(Protocol):
     """What all steering laws have in common."""
 
-    def steer(self, deviation: Deviation, situation: Observation) -> float:
+    def steer(self, deviation: Deviation, observation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
         ...
 
@@ -89,38 +89,38 @@ class FollowAndStop:
         self._acceleration = 0.0
         self._cruising = True
 
-    def step(self, situation: Observation) -> Setpoint:
-        """Answer one situation; called once every PERIOD."""
-        pose = situation.pose
-        station = situation.path.project(pose.x, pose.y, self._station)
+    def step(self, observation: Observation) -> ControlCommand:
+        """Answer one observation; called once every PERIOD."""
+        pose = observation.pose
+        station = observation.path.project(pose.x, pose.y, self._station)
         self._station = station.s
-        deviation = self._observer.step(pose, situation.path, station, PERIOD)
-        target = self._tracker.step(situation, station)
-        dangers = self._tracker.dangers(situation.time, station.s)
+        deviation = self._observer.step(pose, observation.path, station, PERIOD)
+        target = self._tracker.step(observation, station)
+        dangers = self._tracker.dangers(observation.time, station.s)
         if self._emergency is not None and self._emergency.step(dangers, pose.speed):
             self._acceleration, self._stopped = HARDEST, True
-            return Setpoint(self._steer(deviation, situation), FULL, emergency=True, note="emergency")
+            return ControlCommand(self._steer(deviation, observation), FULL, emergency=True, note="emergency")
         if self._comfort:
-            acceleration, note = self._accelerate(situation, station.s, target)
+            acceleration, note = self._accelerate(observation, station.s, target)
         elif self._stopped:
             # Nobody else stops for what is ahead: going on would be into it.
             acceleration, note = Standstill.HOLD, "hold"
         else:
-            acceleration, note = self._accelerate(situation, station.s, None)
-        return Setpoint(self._steer(deviation, situation), acceleration, note=note)
+            acceleration, note = self._accelerate(observation, station.s, None)
+        return ControlCommand(self._steer(deviation, observation), acceleration, note=note)
 
-    def _steer(self, deviation: Deviation, situation: Observation) -> float:
+    def _steer(self, deviation: Deviation, observation: Observation) -> float:
         trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, self._saturated)
-        wanted = self._law.steer(deviation, situation) + trim
+        wanted = self._law.steer(deviation, observation) + trim
         granted = clamp(wanted, -self._steering_limit, self._steering_limit)
         self._saturated = granted != wanted
         return granted
 
-    def _accelerate(self, situation: Observation, s: float, target: Target | None) -> tuple[float, str]:
-        speed, measured = situation.pose.speed, situation.pose.acceleration
-        profile = self._profiled(situation.path)
-        wishes = {"cruise": self._keeper.step(profile, s, speed, measured, situation.desired_speed, self._cruising)}
-        goals = {"path_end": Goal(situation.path.length - s), "target": self._stop.goal(target)}
+    def _accelerate(self, observation: Observation, s: float, target: Target | None) -> tuple[float, str]:
+        speed, measured = observation.pose.speed, observation.pose.acceleration
+        profile = self._profiled(observation.path)
+        wishes = {"cruise": self._keeper.step(profile, s, speed, measured, observation.desired_speed, self._cruising)}
+        goals = {"path_end": Goal(observation.path.length - s), "target": self._stop.goal(target)}
         for note, goal in goals.items():
             if goal is not NOWHERE:
                 wishes[note] = self._approach.acceleration(goal, speed, measured)

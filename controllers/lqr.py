@@ -66,7 +66,7 @@ class LateralRegulator:
             rows.append([round(gain, DIGITS) for gain in found.tolist()])
         self._table = rows
 
-    def steer(self, deviation: Deviation, situation: Observation) -> float:
+    def steer(self, deviation: Deviation, observation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
         speed, psi, psi_rate = deviation.speed, deviation.heading_error, deviation.yaw_rate_error
         sine = math.sin(psi)

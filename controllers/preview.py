@@ -48,7 +48,7 @@ class PreviewSteering:
     def __init__(self, vehicle: Vehicle, tuning: PreviewTuning) -> None:
         self._vehicle, self._tuning = vehicle, tuning
 
-    def steer(self, deviation: Deviation, situation: Observation) -> float:
+    def steer(self, deviation: Deviation, observation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
         look_ahead, proportional, derivative = self._tuning.at(self._vehicle, deviation.speed)
         sine = math.sin(deviation.heading_error)

@@ -20,9 +20,9 @@ class PurePursuit:
         self._vehicle = vehicle
         self._time, self._least = look_ahead_time, look_ahead_least
 
-    def steer(self, deviation: Deviation, situation: Observation) -> float:
+    def steer(self, deviation: Deviation, observation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
-        pose, path, vehicle = situation.pose, situation.path, self._vehicle
+        pose, path, vehicle = observation.pose, observation.path, self._vehicle
         goal = path.at(deviation.station + max(self._least, self._time * deviation.speed))
         dx, dy = goal.x - pose.x, goal.y - pose.y
         course = path.at(deviation.station).heading + deviation.heading_error

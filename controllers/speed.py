@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from vve_sumo.laws import PI
+from vve_sumo.laws import PI, squared_speed_limits
 from vve_sumo.path import SAMPLE_SPACING, Path
 from vve_sumo.values import Vehicle
 
@@ -24,13 +24,10 @@ class SpeedProfile:
     """The greatest speed at each station that keeps bends comfortable and can be braked down to in time."""
 
     def __init__(self, path: Path, lateral: float = LATERAL_COMFORT, slowing: float = SLOWING) -> None:
-        """Backward pass: v^2 <= lateral / |curvature| and v^2 <= v_next^2 + 2 slowing ds; [m/s2]."""
+        """`lateral` and `slowing`: accelerations in bends and ahead of them [m/s2]."""
         table = path.samples
         self._first = float(table.s[0])
-        squares = [min(FASTEST**2, lateral / abs(bend)) if bend else FASTEST**2 for bend in table.curvature.tolist()]
-        for row in range(len(squares) - 2, -1, -1):
-            squares[row] = min(squares[row], squares[row + 1] + 2.0 * slowing * SAMPLE_SPACING)
-        self._squares = squares
+        self._squares = squared_speed_limits(table.curvature.tolist(), FASTEST, lateral, slowing, SAMPLE_SPACING)
 
     def at(self, s: float) -> tuple[float, float]:
         """Return the speed [m/s] and the acceleration along the profile [m/s2] at a station [m]."""

@@ -24,7 +24,7 @@ class Stanley:
         """`rate` is k [1/s]."""
         self._vehicle, self._rate = vehicle, rate
 
-    def steer(self, deviation: Deviation, situation: Observation) -> float:
+    def steer(self, deviation: Deviation, observation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
         vehicle, speed = self._vehicle, deviation.speed
         front = deviation.offset + vehicle.wheelbase * math.sin(deviation.heading_error)

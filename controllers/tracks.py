@@ -210,17 +210,17 @@ class Tracker:
         self._memory = Memory()
         self._scanned = -math.inf
 
-    def step(self, situation: Observation, station: Station) -> Target | None:
-        """Take in a scan if it is new, and return the nearest target at the situation's time."""
+    def step(self, observation: Observation, station: Station) -> Target | None:
+        """Take in a scan if it is new, and return the nearest target at the observation's time."""
         if self._corridor is None:
-            self._corridor = self._corridor_of(situation.path)
-        self._memory.add(situation.pose)
-        scan, now = situation.detections.time, situation.time
+            self._corridor = self._corridor_of(observation.path)
+        self._memory.add(observation.pose)
+        scan, now = observation.radar.time, observation.time
         if scan > self._scanned:
             self._scanned = scan
             then = self._memory.at(scan)
-            self._take_in(scan, _sightings(situation, then, station, self._vehicle.rear_axle_to_bumper))
-            self._forget(scan, situation.pose)
+            self._take_in(scan, _sightings(observation, then, station, self._vehicle.rear_axle_to_bumper))
+            self._forget(scan, observation.pose)
             self._judge(self._corridor, now - scan)
             bumper = station.s + self._vehicle.rear_axle_to_bumper
             # Unseen it may go on being one, but becomes none: where it would be by now, nobody has seen it.
@@ -229,9 +229,9 @@ class Tracker:
                 for track in self._tracks
                 if track.hits >= CONFIRMED
                 and (track.seen == scan or track in self._dangers)
-                and _endangers(track, situation.path, self._corridor, bumper, situation.pose.speed, now)
+                and _endangers(track, observation.path, self._corridor, bumper, observation.pose.speed, now)
             ]
-        return self._nearest(situation.time, station.s + self._vehicle.rear_axle_to_bumper)
+        return self._nearest(observation.time, station.s + self._vehicle.rear_axle_to_bumper)
 
     def dangers(self, time: float, station: float) -> list[Target]:
         """Return all that the car would meet, or may, at a time [s] with its rear axle at a station [m].
@@ -336,16 +336,16 @@ def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float)
     return corridor.contains(track.s, math.copysign(abs(offset) + 2.0 * math.sqrt(variance), offset))
 
 
-def _sightings(situation: Observation, then: Motion, station: Station, front: float) -> list[Sighting]:
+def _sightings(observation: Observation, then: Motion, station: Station, front: float) -> list[Sighting]:
     """Bring a scan's detections onto the path, from where the car was when the scan was made."""
-    scan, heading = situation.detections, then.heading
+    scan, heading = observation.radar, then.heading
     if not scan.range.size:
         return []
     bumper_x, bumper_y = then.x + front * math.cos(heading), then.y + front * math.sin(heading)
     ranges, azimuths = scan.range.tolist(), scan.azimuth.tolist()
     sights = [(math.cos(heading + azimuth), math.sin(heading + azimuth)) for azimuth in azimuths]
     lines = np.array(sights)
-    s, offset = situation.path.locate(
+    s, offset = observation.path.locate(
         bumper_x + scan.range * lines[:, 0], bumper_y + scan.range * lines[:, 1], station.s, station.s + HORIZON
     )
     across = then.lateral_speed + then.yaw_rate * front
@@ -354,7 +354,7 @@ def _sightings(situation: Observation, then: Motion, station: Station, front: fl
     for reach, azimuth, (sight_x, sight_y), rate, at_s, at_offset in columns:
         if not abs(at_offset) < LANE:
             continue
-        direction = situation.path.at(at_s).heading
+        direction = observation.path.at(at_s).heading
         cos_path, sin_path = math.cos(direction), math.sin(direction)
         along_sight = cos_path * sight_x + sin_path * sight_y
         radial = rate + then.speed * math.cos(azimuth) + across * math.sin(azimuth)

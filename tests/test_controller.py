@@ -9,24 +9,25 @@ import numpy as np
 import pytest
 
 from tests.controllers.street import FUSION
+from tests.setpoints import setpoint
 from vve_sumo.controller import Guarded, known, load, module, origin, settle, sources
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
-from vve_sumo.values import Detections, Observation, Point, Pose, Setpoint
+from vve_sumo.values import ControlCommand, Detections, Observation, Point, Pose
 
 POSE = Pose(0.0, Point.REAR_AXLE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PATH = Path.from_points([0.0, 9.0], [0.0, 0.0])
 NOTHING = Detections(-math.inf, np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int8))
-SITUATION = Observation(0, 0.0, POSE, PATH, 5.0, NOTHING, math.nan)
+OBSERVATION = Observation(0, 0.0, POSE, PATH, 5.0, {"radar": NOTHING}, math.nan)
 
 CONSTANT = """
-from vve_sumo.values import Setpoint
+from vve_sumo.values import ControlCommand
 
 class Constant:
     def __init__(self, acceleration):
         self.acceleration = acceleration
-    def step(self, situation):
-        return Setpoint(0.0, self.acceleration)
+    def step(self, observation):
+        return ControlCommand(0.0, self.acceleration)
 
 def make(vehicle, tuning):
     return Constant({acceleration})
@@ -52,7 +53,7 @@ def folders(tmp_path):
 
 
 def asked(name, folders):
-    return load(name, FUSION, {}, folders).step(SITUATION).acceleration
+    return load(name, FUSION, {}, folders).step(OBSERVATION).acceleration
 
 
 def test_the_first_folder_that_has_the_name_wins(folders):
@@ -150,7 +151,7 @@ def test_an_installed_package_is_found_without_running_it(folders, monkeypatch):
         ("bad", "def make(:\n", r"reading .*bad\.py raised SyntaxError"),
         ("bad", "import no_such_module\n", "raised ModuleNotFoundError: No module named 'no_such_module'"),
         ("bad", "def make(vehicle, tuning):\n    return 1 / 0\n", "make raised ZeroDivisionError: division by zero"),
-        ("bad", "def make(vehicle, tuning):\n    return 7\n", r"make returned a int without step\(situation\)"),
+        ("bad", "def make(vehicle, tuning):\n    return 7\n", r"make returned a int without step\(observation\)"),
         ("bad", "def make(vehicle):\n    return 7\n", "make raised TypeError"),
     ],
 )  # fmt: skip
@@ -195,7 +196,7 @@ class Answers:
     def __init__(self, answer):
         self.answer = answer
 
-    def step(self, situation):
+    def step(self, observation):
         if isinstance(self.answer, Exception):
             raise self.answer
         return self.answer
@@ -206,23 +207,24 @@ class Answers:
     [
         (ValueError("no\nway"), "controller_raised", "ValueError: no way"),
         (RecursionError(), "controller_raised", "RecursionError: "),
-        (None, "controller_wrong_type", "got None, expected a Setpoint of floats"),
-        ((0.0, 0.0), "controller_wrong_type", "got (0.0, 0.0), expected a Setpoint of floats"),
-        (Setpoint(None, 0.0), "controller_wrong_type", "expected a Setpoint of floats"),
-        (Setpoint(0.0, "-1"), "controller_wrong_type", "expected a Setpoint of floats"),
-        (Setpoint(math.nan, -1.0), "controller_not_finite", "steering nan, acceleration -1.0"),
-        (Setpoint(0.0, -math.inf), "controller_not_finite", "steering 0.0, acceleration -inf"),
+        (None, "controller_wrong_type", "got None, expected a ControlCommand of floats"),
+        (setpoint(0.0, 0.0), "controller_wrong_type", "got Setpoint(steering=0.0, acceleration=0.0, emergency=False"),
+        ((0.0, 0.0), "controller_wrong_type", "got (0.0, 0.0), expected a ControlCommand of floats"),
+        (ControlCommand(None, 0.0), "controller_wrong_type", "expected a ControlCommand of floats"),
+        (ControlCommand(0.0, "-1"), "controller_wrong_type", "expected a ControlCommand of floats"),
+        (ControlCommand(math.nan, -1.0), "controller_not_finite", "steering nan, acceleration -1.0"),
+        (ControlCommand(0.0, -math.inf), "controller_not_finite", "steering 0.0, acceleration -inf"),
     ],
 )
 def test_a_failure_is_a_value(answer, code, text):
     guarded = Guarded(Answers(answer))
-    assert guarded.step(SITUATION) == (None, (code,))
+    assert guarded.step(OBSERVATION) == (None, (code,))
     assert text in guarded.text
 
 
 def test_a_good_setpoint_passes_untouched():
-    setpoint = Setpoint(np.float64(0.1), -1, note="ok")
-    assert Guarded(Answers(setpoint)).step(SITUATION) == (setpoint, ())
+    setpoint = ControlCommand(np.float64(0.1), -1, note="ok")
+    assert Guarded(Answers(setpoint)).step(OBSERVATION) == (setpoint, ())
 
 
 def test_the_shipped_controller_has_its_name_and_says_what_it_cannot_take(repository):

@@ -17,11 +17,18 @@ from pydantic import BaseModel
 
 from tests.conftest import REPOSITORY
 from tests.live import matrix
+from vve_sumo.analysis.latency import PERCENTILES
+from vve_sumo.analysis.sensing import STATISTICS
+from vve_sumo.metrics.exposure import EXPOSURE
+from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.metrics.per_tick import PER_TICK
+from vve_sumo.metrics.table import PLAYBACK, markdown
 from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
 from vve_sumo.pose.receivers.port import PORT, ReceiverTable
 from vve_sumo.pose.receivers.port import load as load_receiver
 from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS
+from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import arming_refusal
@@ -30,6 +37,7 @@ from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sweep.spec import Boundary, Spec, Worst, parse_spec
 from vve_sumo.values import TickRow
 from vve_sumo.vehicle import arming, diagram
+from vve_sumo.vehicle.schema import VehicleFile
 
 DOCS = REPOSITORY / "docs"
 
@@ -102,6 +110,12 @@ def _receivers() -> str:
     return "\n".join(lines)
 
 
+def _rig_keys() -> str:
+    """The table of a rig's keys; what a rig leaves out of its car's tables is its vehicle model's."""
+    tables = "|".join(MODEL_TABLES)
+    return re.sub(rf"^(\| `(?:{tables})\.\w+` \|) required \|", r"\1 the model's |", keys(Rig), flags=re.MULTILINE)
+
+
 GENERATED = {
     ("faults.md", "faults"): matrix.table,
     ("faults.md", "kinds"): _kinds,
@@ -110,13 +124,17 @@ GENERATED = {
     ("record.md", "gateway columns"): lambda: _schema("gateway"),
     ("record.md", "latency columns"): lambda: _schema("latency"),
     ("record.md", "columns"): columns,
+    ("measures.md", "drive metrics"): lambda: markdown({**PER_DRIVE, **PLAYBACK}.values()),
+    ("measures.md", "tick metrics"): lambda: markdown(PER_TICK.values()),
+    ("measures.md", "exposure metrics"): lambda: markdown(EXPOSURE.values()),
     ("scenarios.md", "keys"): lambda: keys(Scenario),
     ("scenarios.md", "triggers"): lambda: keys(When),
-    ("rigs.md", "keys"): lambda: keys(Rig),
+    ("rigs.md", "keys"): _rig_keys,
     ("rigs.md", "receivers"): _receivers,
     ("sweeps.md", "keys"): lambda: keys(Spec),
     ("sweeps.md", "boundary keys"): lambda: keys(Boundary, "search."),
     ("sweeps.md", "worst keys"): lambda: keys(Worst, "search."),
+    ("vehicle.md", "keys"): lambda: keys(VehicleFile),
     ("vehicle.md", "arming diagram"): lambda: f"```mermaid\n{diagram.mermaid()}\n```",
     ("vehicle.md", "gateway reasons"): lambda: _codes(arming.REASONS),
     ("vehicle.md", "trust reasons"): lambda: _codes(trust.REASONS),
@@ -134,6 +152,11 @@ def _parts(file: Path, name: str) -> tuple[str, str, str]:
 def test_generated_tables_are_up_to_date(page: str, name: str) -> None:
     _head, table, _tail = _parts(DOCS / page, name)
     assert table.strip() == GENERATED[page, name](), "run python -m tests.test_docs"
+
+
+def test_the_page_of_measures_names_what_the_radar_and_latencies_are_told_by() -> None:
+    page = (DOCS / "measures.md").read_text(encoding="utf-8")
+    assert [name for name in (*STATISTICS, *PERCENTILES) if f"`{name}`" not in page] == []
 
 
 def test_every_column_of_a_tick_says_what_it_means() -> None:

@@ -7,11 +7,8 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely import affinity
-from shapely.geometry import box as rectangle
 
 from vve_sumo import laws
-from vve_sumo.laws import Box
 
 KMH = 1.0 / 3.6
 
@@ -48,82 +45,14 @@ def test_impact_speed_of_a_late_start():
     assert laws.impact_speed(10.0, 1.0, 5.0, 0.5) == 10.0
 
 
-@given(st.floats(0.1, 50.0), st.floats(0.1, 100.0), st.floats(0.0, 1.0))
-def test_required_deceleration_just_stops(speed, gap, delay):
-    needed = laws.required_deceleration(speed, gap, delay)
-    if gap <= speed * delay:
-        assert needed == math.inf
-    else:
-        assert laws.stopping_distance(speed, needed, delay) == pytest.approx(gap)
-
-
-def test_nothing_is_required_when_nothing_closes():
-    assert laws.required_deceleration(0.0, 5.0) == 0.0
-    assert laws.required_deceleration(-3.0, 0.0) == 0.0
-
-
-def no_smaller_than(least, low, high):
-    """Floats whose squares do not vanish."""
-    return st.floats(low, high).filter(lambda value: value == 0.0 or abs(value) > least)
-
-
-@given(no_smaller_than(1e-3, 0.0, 100.0), no_smaller_than(1e-6, -30.0, 30.0), no_smaller_than(1e-6, -5.0, 5.0))
-def test_time_to_collision_is_the_first_positive_root(gap, closing, acceleration):
-    found = laws.time_to_collision(gap, closing, acceleration)
-    left = lambda t: gap - closing * t - acceleration * t * t / 2  # noqa: E731
-    if math.isfinite(found):
-        assert left(found) == pytest.approx(0.0, abs=1e-6 * (1.0 + found * found + abs(closing) * found))
-        assert all(left(found * k / 50.0) > -1e-6 for k in range(50))
-    else:
-        assert all(left(t / 10.0) > 0.0 for t in range(600))
-
-
-@pytest.mark.parametrize(
-    ("gap", "closing", "acceleration", "expected"),
-    [(20.0, 10.0, 0.0, 2.0), (20.0, -1.0, 0.0, math.inf), (0.0, 5.0, 0.0, 0.0), (-1.0, 5.0, 0.0, 0.0),
-     (8.0, 0.0, 4.0, 2.0), (10.0, 4.0, -1.0, math.inf), (7.5, 4.0, -1.0, 3.0), (6.0, -1.0, 4.0, 2.0)],
-)  # fmt: skip
-def test_time_to_collision_in_one_dimension(gap, closing, acceleration, expected):
-    assert laws.time_to_collision(gap, closing, acceleration) == pytest.approx(expected)
-
-
-def test_headway():
-    assert laws.headway(30.0, 15.0) == 2.0
-    assert laws.headway(30.0, 0.0) == math.inf
-
-
-boxes = st.builds(
-    Box, st.floats(-30, 30), st.floats(-30, 30), st.floats(-3.2, 3.2), st.floats(1, 12), st.floats(0.5, 3),
-    st.floats(-15, 15), st.floats(-15, 15),
-)  # fmt: skip
-
-
-def body(box: Box, t: float):
-    shape = affinity.rotate(rectangle(-box.length / 2, -box.width / 2, box.length / 2, box.width / 2), box.heading,
-                            origin=(0, 0), use_radians=True)  # fmt: skip
-    return affinity.translate(shape, box.x + box.velocity_x * t, box.y + box.velocity_y * t)
-
-
-@given(boxes, boxes)
-def test_boxes_touch_when_shapely_says_so(one, other):
-    found = laws.time_to_collision_of_boxes(one, other)
-    assert found == pytest.approx(laws.time_to_collision_of_boxes(other, one), abs=1e-9)
-    if math.isinf(found):
-        # Brushing contacts shorter than the grid are beyond this oracle.
-        assert all(body(one, t / 10).intersection(body(other, t / 10)).area < 0.5 for t in range(80))
-    elif found == 0.0:
-        assert body(one, 0.0).distance(body(other, 0.0)) < 1e-9
-    elif found < 100.0:
-        assert body(one, found).distance(body(other, found)) < 1e-6
-        assert body(one, 0.999 * found).distance(body(other, 0.999 * found)) > 0.0
-
-
-def test_boxes_head_on_and_parallel():
-    one = Box(0, 0, 0, 4, 2, 10, 0)
-    assert laws.time_to_collision_of_boxes(one, Box(24, 0, math.pi, 4, 2, -10, 0)) == pytest.approx(1.0)
-    assert laws.time_to_collision_of_boxes(one, Box(24, 2.1, math.pi, 4, 2, -10, 0)) == math.inf
-    assert laws.time_to_collision_of_boxes(one, Box(2, 1, 1.0, 4, 2)) == 0.0
-    assert laws.time_to_collision_of_boxes(one, Box(-24, 0, 0, 4, 2)) == math.inf
+@given(st.lists(st.floats(-0.5, 0.5), max_size=40), st.floats(1.0, 30.0), st.floats(0.5, 5.0), st.floats(0.2, 5.0))
+def test_speed_limits_are_the_greatest_that_bends_and_braking_allow(curvature, limit, lateral, slowing):
+    """Against the least over every later bend of what can be slowed down from to that bend's own speed."""
+    squares = laws.squared_speed_limits(curvature, limit, lateral, slowing, 0.5)
+    own = [min(limit**2, lateral / abs(bend) if bend else math.inf) for bend in curvature]
+    for row, square in enumerate(squares):
+        reachable = (own[later] + 2.0 * slowing * 0.5 * (later - row) for later in range(row, len(own)))
+        assert square == pytest.approx(min(reachable))
 
 
 @given(st.floats(-9, 9), st.floats(-9, 9), st.floats(0.0, 20.0))

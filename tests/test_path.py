@@ -112,6 +112,23 @@ def test_locate_agrees_with_projection_and_refuses_what_is_outside():
     assert np.isnan(only_offset[far]).all()
 
 
+def test_many_points_are_projected_each_near_its_own_place():
+    """Against the single projection: on a winding path, and on a figure that crosses itself."""
+    random, angles = np.random.default_rng(5), np.linspace(0.0, 2.0 * math.pi, 200)[:-1]
+    crossing = Path.from_points(40.0 * np.sin(angles), 20.0 * np.sin(2.0 * angles))
+    for path in (winding(), crossing):
+        stations, offsets = random.uniform(-20.0, path.length + 20.0, 300), random.uniform(-3.0, 3.0, 300)
+        points = [path.at(float(s)) for s in stations]
+        x = np.array([p.x - o * math.sin(p.heading) for p, o in zip(points, offsets, strict=True)])
+        y = np.array([p.y + o * math.cos(p.heading) for p, o in zip(points, offsets, strict=True)])
+        s, d, heading = path.project_many(x, y, stations + random.uniform(-4.0, 4.0, 300), 10.0)
+        single = [path.project(*place) for place in zip(x.tolist(), y.tolist(), stations.tolist(), strict=True)]
+        np.testing.assert_allclose(s, [one.s for one in single], atol=0.02)
+        np.testing.assert_allclose(d, [one.offset for one in single], atol=0.01)
+        turned = heading - np.array([one.heading for one in single])
+        np.testing.assert_allclose(np.remainder(turned + math.pi, math.tau), math.pi, atol=0.01)
+
+
 def test_swept_half_widths_are_those_of_a_turning_rectangle():
     for radius in (8.0, 25.0, 400.0):
         left, right = swept_half_widths(1.0 / radius, FRONT, WIDTH)

@@ -1,6 +1,6 @@
 """What a controller is, how one is found by its name, and how its failures become values.
 
-It knows nothing of what controllers do with a situation; the shipped ones lie in the folder `controllers/`.
+It knows nothing of what controllers do with an observation; the shipped ones lie in the folder `controllers/`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final, Protocol, runtime_checkable
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.ports import Origin, Port, error_text
-from vve_sumo.values import Observation, Setpoint, Vehicle
+from vve_sumo.values import ControlCommand, Observation, Vehicle
 
 PORT: Final = Port("controller", "vve_sumo.controllers", "(vehicle, tuning)")
 
@@ -23,10 +23,10 @@ Tuning = Mapping[str, TuningValue]
 
 @runtime_checkable
 class Controller(Protocol):
-    """Anything that answers a situation with a setpoint, once a tick, in the order of the ticks."""
+    """Anything that answers an observation with a control command, once a tick, in the order of the ticks."""
 
-    def step(self, situation: Observation) -> Setpoint:
-        """Return steering [rad] and acceleration [m/s2]; the tick stamps the rest."""
+    def step(self, observation: Observation) -> ControlCommand:
+        """Return steering [rad] and acceleration [m/s2], which the tick stamps into a setpoint."""
         ...
 
 
@@ -43,7 +43,7 @@ def load(name: str, vehicle: Vehicle, tuning: Tuning, search: Sequence[Folder]) 
     """
     controller = PORT.make(name, PORT.find(name, search), vehicle, tuning)
     if not isinstance(controller, Controller):
-        raise ConfigError(f"controller {name}: make returned a {type(controller).__name__} without step(situation)")
+        raise ConfigError(f"controller {name}: make returned a {type(controller).__name__} without step(observation)")
     return controller
 
 
@@ -98,32 +98,32 @@ class Guarded:
         self._controller = controller
         self.text = ""  #: what the last failure said, for the record
 
-    def step(self, situation: Observation) -> tuple[Setpoint | None, tuple[str, ...]]:
-        """Return the controller's setpoint and no reason, or None and why there is none.
+    def step(self, observation: Observation) -> tuple[ControlCommand | None, tuple[str, ...]]:
+        """Return the controller's command and no reason, or None and why there is none.
 
-        What comes back holds the four fields that a controller fills, as plain numbers and a printable note.
+        What comes back holds plain numbers and a printable note.
         """
         try:
-            setpoint: object = self._controller.step(situation)
-            if not isinstance(setpoint, Setpoint) or not _has_types(setpoint):
-                return self._refused("controller_wrong_type", f"got {setpoint!r}, expected a Setpoint of floats")
-            steering, acceleration = float(setpoint.steering), float(setpoint.acceleration)
+            command: object = self._controller.step(observation)
+            if not isinstance(command, ControlCommand) or not _has_types(command):
+                return self._refused("controller_wrong_type", f"got {command!r}, expected a ControlCommand of floats")
+            steering, acceleration = float(command.steering), float(command.acceleration)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
             return self._refused("controller_raised", error_text(error, __file__))
         if not (math.isfinite(steering) and math.isfinite(acceleration)):
             return self._refused("controller_not_finite", f"steering {steering}, acceleration {acceleration}")
-        note = setpoint.note if setpoint.note.isascii() and setpoint.note.isprintable() else ascii(setpoint.note)
-        return Setpoint(steering, acceleration, emergency=setpoint.emergency, note=note), ()
+        note = command.note if command.note.isascii() and command.note.isprintable() else ascii(command.note)
+        return ControlCommand(steering, acceleration, emergency=command.emergency, note=note), ()
 
     def _refused(self, code: str, text: str) -> tuple[None, tuple[str, ...]]:
         self.text = text
         return None, (code,)
 
 
-def _has_types(setpoint: Setpoint) -> bool:
-    commands: tuple[object, ...] = (setpoint.steering, setpoint.acceleration)
-    told: tuple[object, ...] = (setpoint.emergency, setpoint.note)
-    numbers = all(isinstance(command, (float, int)) for command in commands)
-    return numbers and isinstance(told[0], bool) and isinstance(told[1], str)
+def _has_types(command: ControlCommand) -> bool:
+    values: tuple[object, ...] = (command.steering, command.acceleration)
+    flag: object = command.emergency
+    note: object = command.note
+    return all(isinstance(value, (float, int)) for value in values) and isinstance(flag, bool) and isinstance(note, str)

@@ -1,4 +1,4 @@
-"""Plain arithmetic that controller authors and analysts share: stopping, collision times, limits, PI.
+"""Plain arithmetic that controller authors and analysts share: stopping, speeds in bends, limits, PI.
 
 Floats in, floats out: nothing here knows a car, a map, a sensor or a clock.
 """
@@ -6,7 +6,7 @@ Floats in, floats out: nothing here knows a car, a map, a sensor or a clock.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Iterable
 
 
 def stopping_distance(speed: float, deceleration: float, delay: float = 0.0, build_up: float = 0.0) -> float:
@@ -33,83 +33,25 @@ def stopping_time(speed: float, deceleration: float, delay: float = 0.0, build_u
     return delay + 0.5 * build_up + speed / deceleration
 
 
-def required_deceleration(closing_speed: float, gap: float, delay: float = 0.0) -> float:
-    """Constant deceleration after `delay` that just avoids contact [m/s2]: DRAC, with the delay MDRAC.
-
-    0 where nothing closes in; inf where the gap [m] is used up before the brakes answer.
-    """
-    if closing_speed <= 0.0:
-        return 0.0
-    rest = gap - closing_speed * delay
-    return closing_speed * closing_speed / (2.0 * rest) if rest > 0.0 else math.inf
-
-
 def impact_speed(speed: float, gap: float, deceleration: float, delay: float = 0.0) -> float:
     """Speed at the end of the gap [m/s] under constant deceleration after `delay`; 0 if it stops before."""
     braked = max(gap - speed * delay, 0.0)
     return math.sqrt(max(0.0, speed * speed - 2.0 * deceleration * braked))
 
 
-def headway(gap: float, speed: float) -> float:
-    """Time headway over the gap, bumper to bumper [s]; inf at standstill."""
-    return gap / speed if speed > 0.0 else math.inf
+def squared_speed_limits(
+    curvature: Iterable[float], limit: float, lateral: float, slowing: float, spacing: float
+) -> list[float]:
+    """Squares of the greatest speeds [m2/s2] along a path whose curvature [1/m] is given every `spacing` [m].
 
-
-def time_to_collision(gap: float, closing_speed: float, closing_acceleration: float = 0.0) -> float:
-    """Time until the gap [m] is used up [s]: TTC, with an acceleration MTTC; inf if never, 0 if gap <= 0.
-
-    Smallest positive root of g - dv t - da t^2 / 2 = 0; both rates count as positive when they close.
+    Backward pass: v^2 <= limit^2, v^2 <= lateral / |curvature| and v^2 <= v_next^2 + 2 slowing spacing, so that bends
+    stay within a lateral acceleration [m/s2] and are slowed down to in time [m/s2].
     """
-    if gap <= 0.0:
-        return 0.0
-    if closing_acceleration == 0.0:
-        return gap / closing_speed if closing_speed > 0.0 else math.inf
-    discriminant = closing_speed * closing_speed + 2.0 * closing_acceleration * gap
-    if discriminant < 0.0:
-        return math.inf
-    # Rationalised: no cancellation, however small the acceleration. A root <= 0 is in the past.
-    denominator = closing_speed + math.sqrt(discriminant)
-    return 2.0 * gap / denominator if denominator > 0.0 else math.inf
-
-
-class Box(NamedTuple):
-    """An oriented rectangle that moves steadily without turning."""
-
-    x: float  #: centre [m]
-    y: float  #: centre [m]
-    heading: float  #: of its length [rad], counter-clockwise from +x
-    length: float  #: [m]
-    width: float  #: [m]
-    velocity_x: float = 0.0  #: [m/s]
-    velocity_y: float = 0.0  #: [m/s]
-
-
-def time_to_collision_of_boxes(one: Box, other: Box) -> float:
-    """Time until two steadily moving boxes touch [s]; 0 if they overlap already, inf if they never do.
-
-    Exact: convex bodies overlap when their shadows overlap on each of the four edge normals, and each
-    shadow pair overlaps during one interval of time (separating axes, Gottschalk 1996; swept as in
-    Ericson, Real-Time Collision Detection, 5.5.8).
-    """
-    dx, dy = other.x - one.x, other.y - one.y
-    vx, vy = other.velocity_x - one.velocity_x, other.velocity_y - one.velocity_y
-    enters, leaves = 0.0, math.inf
-    for heading in (one.heading, one.heading + 0.5 * math.pi, other.heading, other.heading + 0.5 * math.pi):
-        nx, ny = math.cos(heading), math.sin(heading)
-        reach = _half_shadow(one, nx, ny) + _half_shadow(other, nx, ny)
-        distance, rate = dx * nx + dy * ny, vx * nx + vy * ny
-        if rate == 0.0:
-            if abs(distance) > reach:
-                return math.inf
-            continue
-        first, second = (-reach - distance) / rate, (reach - distance) / rate
-        enters, leaves = max(enters, min(first, second)), min(leaves, max(first, second))
-    return enters if enters <= leaves else math.inf
-
-
-def _half_shadow(box: Box, nx: float, ny: float) -> float:
-    ux, uy = math.cos(box.heading), math.sin(box.heading)
-    return 0.5 * (box.length * abs(ux * nx + uy * ny) + box.width * abs(ux * ny - uy * nx))
+    fastest = limit * limit
+    squares = [min(fastest, lateral / abs(bend)) if bend else fastest for bend in curvature]
+    for row in range(len(squares) - 2, -1, -1):
+        squares[row] = min(squares[row], squares[row + 1] + 2.0 * slowing * spacing)
+    return squares
 
 
 def clamp(value: float, low: float, high: float) -> float:

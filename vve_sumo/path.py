@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from vve_sumo.errors import ConfigError
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 CLOSEST_POINTS = 0.01  #: two neighbours nearer than this are one point recorded twice [m]
 SAMPLE_SPACING = 1.0  #: of the table for searches, small against any radius a car can drive [m]
@@ -86,6 +87,16 @@ class Samples(NamedTuple):
     tangent_x: Floats  #: cosine of the heading
     tangent_y: Floats  #: sine of the heading
     curvature: Floats  #: [1/m], left turn positive
+
+    def project(self, x: Floats, y: Floats, rows: Indices) -> tuple[Floats, Floats, Floats]:
+        """Return s and d [m] of map points, each near the sample in its row, and the arc from that sample [m]."""
+        dx, dy = x - self.x[rows], y - self.y[rows]
+        tx, ty, curvature = self.tangent_x[rows], self.tangent_y[rows], self.curvature[rows]
+        along, across = dx * tx + dy * ty, dy * tx - dx * ty
+        # The sample's circle of curvature instead of its tangent: the foot moves by this much of arc ...
+        arc = along / np.maximum(1.0 - curvature * across, NEWTON_LEAST_SLOPE)
+        # ... and the circle bends away from the tangent by the sagitta.
+        return self.s[rows] + arc, across - 0.5 * curvature * along * arc, arc
 
 
 class Path:
@@ -175,7 +186,7 @@ class Path:
         offset = (dx * ty - dy * tx) / speed
         return Station(s, offset, math.atan2(ty, tx), (tx * ay - ty * ax) / (speed_squared * speed))
 
-    def beside(self, s: float, x: float, y: float, heading: float) -> tuple[float, float, float, float]:
+    def frenet_near(self, s: float, x: float, y: float, heading: float) -> tuple[float, float, float, float]:
         """Return station [m], offset [m] and heading error [rad] of a place near station `s`, and the curvature at `s`.
 
         One step of Newton's from `s`, enough where that is off by centimetres; left positive all. What `at` says of
@@ -206,16 +217,25 @@ class Path:
         last = min(max(int((s_to + EXTENSION) / SAMPLE_SPACING) + 2, first + 2), len(table.s))
         sx, sy = table.x[first:last], table.y[first:last]
         nearest = first + np.argmin((x[:, None] - sx) ** 2 + (y[:, None] - sy) ** 2, axis=1)
-        dx, dy = x - table.x[nearest], y - table.y[nearest]
-        tx, ty, curvature = table.tangent_x[nearest], table.tangent_y[nearest], table.curvature[nearest]
-        along, across = dx * tx + dy * ty, dy * tx - dx * ty
-        # The table's circle of curvature instead of its tangent: the foot moves by this much of arc ...
-        arc = along / np.maximum(1.0 - curvature * across, NEWTON_LEAST_SLOPE)
-        # ... and the circle bends away from the tangent by the sagitta.
-        offset = across - 0.5 * curvature * along * arc
-        s = table.s[nearest] + arc
+        s, offset, _arc = table.project(x, y, nearest)
         outside = (s < s_from) | (s > s_to)
         return np.where(outside, math.nan, s), np.where(outside, math.nan, offset)
+
+    def project_many(self, x: Floats, y: Floats, near: Floats, window: float) -> tuple[Floats, Floats, Floats]:
+        """Return s [m], d (left positive) [m] and path heading [rad] of map points, shape (n,).
+
+        Each is matched within `window` metres of path on either side of its own `near` s, so that a path that crosses
+        itself does not mix its branches; beyond the ends the path is taken as straight. As exact as `locate`.
+        """
+        table = self._samples
+        step = float(table.s[1] - table.s[0])
+        reach = math.ceil(window / step)
+        centre = np.rint((near - table.s[0]) / step).astype(np.int64)
+        index = np.clip(centre[:, None] + np.arange(-reach, reach + 1), 0, len(table.s) - 1)
+        distance = (table.x[index] - x[:, None]) ** 2 + (table.y[index] - y[:, None]) ** 2
+        rows = index[np.arange(len(x)), np.argmin(distance, axis=1)]
+        s, d, arc = table.project(x, y, rows)
+        return s, d, np.arctan2(table.tangent_y[rows], table.tangent_x[rows]) + table.curvature[rows] * arc
 
     def _nearest_sample(self, x: float, y: float) -> float:
         """The earliest sample of the path itself that is nearest, to EARLIEST: a loop's start, not its end."""

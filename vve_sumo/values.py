@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +129,10 @@ class Detections:
     mode: NDArray[np.int8]  #: 0 long range, 1 medium range
 
 
+#: first-order time constant from throttle to drive force that is assumed of a car that nobody calibrated [s]
+DRIVE_LAG = 0.25
+
+
 @dataclass(frozen=True, slots=True)
 class Vehicle:
     """What is declared of the car: geometry, inertia, limits and lags."""
@@ -163,12 +168,33 @@ class Vehicle:
         return self.length - self.wheelbase - self.front_overhang
 
     @property
+    def tightest_curvature(self) -> float:
+        """Curvature of the circle that the rear axle drives at the steering limit, slowly [1/m]."""
+        return math.tan(self.steering_limit) / self.wheelbase
+
+    @property
     def understeer_gradient(self) -> float:
         """Extra road-wheel angle for each m/s2 of lateral acceleration on a steady circle [rad s2/m]."""
         rear = self.wheelbase - self.front_axle_to_mass
         return (self.mass / self.wheelbase) * (
             rear / self.cornering_stiffness_front - self.front_axle_to_mass / self.cornering_stiffness_rear
         )
+
+
+class SensorOutput(Protocol):
+    """What a sensor says to a controller: structures of arrays, a column per quantity, with one date."""
+
+    @property
+    def time(self) -> float:
+        """Drive time at which it was measured [s]; -inf before the first measurement."""
+        ...
+
+
+def newest_scan(sensors: Mapping[str, SensorOutput]) -> Detections:
+    """Return the newest scan of the sensor that is named "radar"."""
+    scan = sensors["radar"]
+    assert isinstance(scan, Detections)
+    return scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,41 +206,55 @@ class Observation:
     pose: Pose  #: of the rear axle, predicted to this time
     path: Path  #: where the rear axle shall go, the same object for the whole drive
     desired_speed: float  #: speed to keep where nothing forbids it [m/s]
-    detections: Detections  #: the newest radar scan, dated
+    sensors: Mapping[str, SensorOutput]  #: the newest output of every sensor, by the sensor's name
     steering: float  #: road-wheel angle that the car reports [rad], left positive; NaN not reported
+
+    @property
+    def radar(self) -> Detections:
+        """The newest scan of the sensor that is named "radar", dated when it was measured."""
+        return newest_scan(self.sensors)
 
 
 @dataclass(frozen=True, slots=True)
 class FallbackPath:
-    """The way to rest: the curvature that the rear axle shall follow from where the setpoint found it."""
+    """The fallback path to rest: the curvature that the rear axle shall follow from where the setpoint found it."""
 
     spacing: float  #: distance from one knot to the next along the rear axle's way [m], positive
     curvature: tuple[float, ...]  #: at distance 0, spacing, 2 spacing, … [1/m], left positive; linear in between
 
 
 @dataclass(frozen=True, slots=True)
-class Setpoint:
-    """What the car shall do, from a controller to the gateway.
-
-    A controller fills the first four fields; the tick stamps the rest. One without a sequence number or
-    an expiry is refused by the gateway.
-    """
+class ControlCommand:
+    """What a controller wants the car to do; the tick stamps it into a Setpoint."""
 
     steering: float  #: road-wheel angle [rad], left positive
     acceleration: float  #: along the heading [m/s2], braking negative
     emergency: bool = False  #: asks for the emergency envelope instead of the comfort one
     note: str = ""  #: why, in a word, for the record
-    sequence: int = -1  #: counts up by one a setpoint
-    time: float = math.nan  #: drive time it was computed for [s]
-    expires: float = math.nan  #: drive time after which nobody may act on it [s]
-    x: float = math.nan  #: of the rear axle at `time`, map [m]; this and the next four for the plausibility checks
-    y: float = math.nan  #: as x [m]
-    heading: float = math.nan  #: at `time` [rad], counter-clockwise from the map's +x
-    speed: float = math.nan  #: GNSS speed of the rear axle [m/s]
-    yaw_rate: float = math.nan  #: GNSS yaw rate [rad/s]
-    grade: float = 0.0  #: slope along the heading [rad], uphill positive, to be fed forward
-    faults: tuple[str, ...] = ()  #: reason codes that the drive found; any of them asks for a stop
-    profile: FallbackPath | None = None  #: the way to rest, checked to lie inside the lot; None where there is none
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """What the car shall do, from the tick to the gateway: a control command, stamped.
+
+    No field has a default: what the tick did not stamp cannot be sent.
+    """
+
+    steering: float  #: of the control command: road-wheel angle [rad], left positive
+    acceleration: float  #: of the control command: along the heading [m/s2], braking negative
+    emergency: bool  #: of the control command: asks for the emergency envelope instead of the comfort one
+    note: str  #: of the control command: why, in a word, for the record
+    sequence: int  #: counts up by one a setpoint; the gateway refuses a negative one
+    time: float  #: drive time it was computed for [s]
+    expires: float  #: drive time after which nobody may act on it [s]
+    x: float  #: of the rear axle at `time`, map [m]; this and the next four for the plausibility checks
+    y: float  #: as x [m]
+    heading: float  #: at `time` [rad], counter-clockwise from the map's +x
+    speed: float  #: GNSS speed of the rear axle [m/s]
+    yaw_rate: float  #: GNSS yaw rate [rad/s]
+    grade: float  #: slope along the heading [rad], uphill positive, to be fed forward
+    faults: tuple[str, ...]  #: reason codes that the drive found; any of them asks for a stop
+    profile: FallbackPath | None  #: the fallback path, checked to lie inside the lot; None where there is none
 
 
 class ArmingState(enum.StrEnum):

@@ -1,4 +1,4 @@
-"""Finds networks, routes, scenarios, rigs and controllers by name: the working folder first, then the shipped ones.
+"""Finds networks, scenarios, vehicles, rigs, … by name: the working folder first, then the shipped ones.
 
 A name is a file's stem (`linden`); anything that looks like a path is taken as one.
 """
@@ -19,10 +19,11 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "scenario": ("scenarios", (".toml",)),
     "rig": ("rigs", (".toml",)),
     "sweep": ("sweeps", (".toml",)),
+    "vehicle": ("vehicles", (".toml",)),
 }
 
 #: folders that `vve-sumo init` lays out
-LAID_OUT = ("controllers", "networks", "notebooks", "rigs", "routes", "scenarios", "sweeps")
+LAID_OUT = ("controllers", "networks", "notebooks", "rigs", "routes", "scenarios", "sweeps", "vehicles")
 #: of them, the one that may be had by itself
 NOTEBOOKS = "notebooks"
 

@@ -13,12 +13,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from tests import vehicles
 from vve_sumo.drive.resolved_scenario import LAYOUT
 from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS, write_summary
 from vve_sumo.values import TickRow
-from vve_sumo.vehicle import fusion
 
-CAR = fusion.vehicle()
+CAR = vehicles.FUSION.vehicle
 PERIOD = 0.02
 KINDS = {"int": 0, "float": 0.0, "bool": False, "str": ""}
 BOX = {

@@ -195,7 +195,8 @@ PLANTED: dict[str, tuple[float, dict[str, float], float, float]] = {
 
 def _drive(folder: Path) -> None:
     """Drive all of them; call it through `isolated`. What the gateway believes of the car stays as declared."""
-    from vve_sumo.drive import command, lockstep
+    from vve_sumo.drive import lockstep
+    from vve_sumo.drive import run as drives
 
     as_declared = lockstep.car_parameters
     for seed, (name, (speed, errors, delay, lag)) in enumerate(PLANTED.items(), 1):
@@ -216,7 +217,7 @@ def _drive(folder: Path) -> None:
             "obstacles": [{"id": "parked_car", "at_m": at}],
             **{f"ego.car.{key}": value for key, value in errors.items()},
         }
-        command.run(altered(changes), folder / name, REPOSITORY)
+        drives.run(altered(changes), folder / name, REPOSITORY)
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,8 @@ from scipy import stats
 from tests.sweep.test_dataset import COUNT, ORDER, PLAN, cell, fill, result
 from vve_sumo.analysis import Sweep
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.sweep_folder import FIGURES, MACHINE, MEANINGS
+from vve_sumo.metrics.table import FIGURES
+from vve_sumo.record.sweep_folder import COLUMNS, MACHINE
 from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.job import Result
 from vve_sumo.sweep.run_specs import RunSpec
@@ -78,7 +79,7 @@ def test_a_column_says_its_unit_its_meaning_and_what_is_missing(tmp_path: Path) 
     assert rows.attrs["units"]["stop_gap_m"] == "m"
     assert rows.attrs["meanings"]["speed"] == "varied"
     assert all(rows.attrs["meanings"].values())
-    assert set(MEANINGS) == {"number", "key", "seed", "fault", *FIGURES, *MACHINE}
+    assert set(COLUMNS) == {"number", "key", "seed", "fault", *FIGURES, *MACHINE}
     assert len(rows[~rows["passed"]]) == 1  # number 1; the run with a fault has neither passed nor failed
     assert rows["passed"].isna().tolist() == [False, False, False, True, False]
     assert rows["ticks"].dtype == "Int64"

@@ -54,7 +54,7 @@ def test_a_killed_drive_is_read_to_its_last_tick(killed: Path) -> None:
     assert not run.complete
     assert list(run.ticks["tick"]) == list(range(len(run.ticks)))
     assert len(run.ticks) >= read_table(killed, "ticks").num_rows - 10
-    assert len(run.ahead.gap) == len(run.motion.x) == len(run.ticks)
+    assert len(run.lead.gap) == len(run.motion.x) == len(run.ticks)
     assert run.ticks.attrs["units"]["speed_mps"] == "m/s"
     with pytest.raises(ConfigError, match="no table 'nix' in a record; there are ticks"):
         run.table("nix")
@@ -128,7 +128,7 @@ RECORDS: list[tuple[Callable[[Path], None], str]] = [
     (holding("scenario.json", "[]"), r"scenario\.json: not what a drive writes"),
     (
         changed("scenario.json", layout=1),
-        r"scenario\.json: layout 1 of a record, expected 4: another vve-sumo",
+        r"scenario\.json: layout 1 of a record, expected 5: another vve-sumo",
     ),
     (holding("summary.json", "{}"), r"summary\.json: not what a drive writes"),
     (holding("summary.json", "{"), r"summary\.json: cannot be read"),

@@ -13,9 +13,11 @@ import pytest
 
 from tests.analysis.made import BOX, CAR, PERIOD, moving, put, write
 from vve_sumo.analysis import Run, encroachment_of, exposure, over_time, zone_times
-from vve_sumo.analysis.over_time import EXPOSURE, MEANINGS, slope
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics import drive_metrics
+from vve_sumo.metrics.exposure import EXPOSURE
+from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.metrics.per_tick import PER_TICK
+from vve_sumo.metrics.slope import slope
 from vve_sumo.record.record import SCHEMAS
 
 BUMPER = CAR.rear_axle_to_bumper
@@ -74,7 +76,7 @@ def test_every_column_is_its_closed_form(approach: Run) -> None:
 
 def test_units_and_meanings_go_with_the_table(approach: Run) -> None:
     frame = over_time(approach)
-    assert [*frame.columns] == [*MEANINGS]
+    assert [*frame.columns] == [*PER_TICK]
     assert frame.attrs["units"]["drac_mps2"] == "m/s²"
     assert all(frame.attrs["meanings"].values())
     added = exposure(frame)
@@ -82,16 +84,11 @@ def test_units_and_meanings_go_with_the_table(approach: Run) -> None:
     assert added.attrs["units"]["tit_s2"] == "s²"
 
 
-def test_the_page_of_measures_names_every_column(repository: Path) -> None:
-    page = (repository / "docs" / "measures.md").read_text(encoding="utf-8")
-    assert [name for name in (*MEANINGS, *EXPOSURE) if f"`{name}`" not in page] == []
-
-
 def test_extremes_are_the_figures_of_the_drive(approach: Run) -> None:
     frame = over_time(approach)
-    told = drive_metrics.measure(approach.arrow("ticks"), approach.arrow("actors"), approach.path, approach.vehicle)
-    assert frame["ttc_s"].min() == told.min_ttc_s
-    assert frame["drac_mps2"].max() == told.max_drac_mps2
+    told = PER_DRIVE.measure(approach.data)
+    assert frame["ttc_s"].min() == told["min_ttc_s"]
+    assert frame["drac_mps2"].max() == told["max_drac_mps2"]
 
 
 def test_exposure_adds_up_what_the_table_holds(approach: Run) -> None:

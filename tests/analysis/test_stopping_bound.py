@@ -36,7 +36,7 @@ DRIVES: dict[str, tuple[str, dict[str, float]]] = {
 
 def _drive(folder: Path) -> dict[str, dict[str, Any]]:
     """Drive all of them and return their summaries; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
     from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.scenario.load import parse
     from vve_sumo.sweep.overrides import apply_overrides
@@ -46,7 +46,7 @@ def _drive(folder: Path) -> dict[str, dict[str, Any]]:
         file = REPOSITORY / "scenarios" / f"{scenario}.toml"
         table = apply_overrides(tomllib.loads(file.read_text(encoding="utf-8")), changes)
         setting = resolve_scenario(scenario, parse(table, file), file, REPOSITORY)
-        summaries[name] = command.run(setting, folder / name, REPOSITORY).summary
+        summaries[name] = drives.run(setting, folder / name, REPOSITORY).summary
     return summaries
 
 

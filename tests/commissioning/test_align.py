@@ -18,11 +18,11 @@ from tests import isolated
 from tests.conftest import REPOSITORY
 from tests.live.command_line import outline, own_rig, vve_sumo
 from vve_sumo.commissioning import align
+from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.resolved_scenario import read_path
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
 from vve_sumo.live import assembly
-from vve_sumo.live.alignment import LotAlignment
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 
@@ -74,21 +74,21 @@ def test_where_the_car_stands_becomes_the_start_of_the_path(tmp_path: Path) -> N
 
 
 @pytest.mark.live
-def test_a_stored_alignment_is_the_one_that_was_found(tmp_path: Path, monkeypatch, capsys) -> None:
+def test_a_stored_alignment_is_the_one_that_was_found(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     rig = own_rig(tmp_path)
     site = align.site_of("seen_late", str(rig), tmp_path)
-    laid = align.matched(site)
-    align.store(site, laid, align.datetime.date(2026, 5, 1))
+    result = align.matched(site)
+    align.store(site, result, align.datetime.date(2026, 5, 1))
     loaded = rigs.load(rig)
     kept = meaning.alignment_of(loaded, "linden")
     frame = meaning.frame_of(loaded)
     assert frame.projection == meaning.frame_of(site.rig).projection
     assert (kept.rotation, kept.x, kept.y) == pytest.approx(
-        (laid.alignment.rotation, laid.alignment.x, laid.alignment.y), abs=1e-5
+        (result.alignment.rotation, result.alignment.x, result.alignment.y), abs=1e-5
     )
     ground = LotAlignment(frame.projection, kept, 1.4e9)
-    assert assembly.chain_of(site.setting, loaded, ground, REPOSITORY) is not None
+    assert assembly.pipeline_of(site.setting, loaded, ground, REPOSITORY) is not None
     with pytest.raises(ConfigError, match="made for 'linden'"):
         meaning.alignment_of(loaded, "proving_ground")
 
@@ -119,35 +119,35 @@ def true_places() -> list[complex]:
     return [TURN * on_the_lot(*place) + SHIFT for place in PLACES]
 
 
-def found_by(folder: Path, file: Path) -> align.Laid:
+def found_by(folder: Path, file: Path) -> align.AlignmentResult:
     return align.paired(align.site_of("seen_late", str(own_rig(folder)), folder), file)
 
 
-def test_surveyed_pairs_tell_a_known_turn_and_shift(tmp_path: Path, capsys) -> None:
+def test_surveyed_pairs_tell_a_known_turn_and_shift(tmp_path: Path) -> None:
     street = true_places()
     street[2] += 0.09
-    laid = found_by(tmp_path, pairs_file(tmp_path, street))
+    result = found_by(tmp_path, pairs_file(tmp_path, street))
     # A quarter of the one error in the shift, and of its three quarters that are left most at its own pair.
-    assert complex(np.exp(1j * laid.alignment.rotation)) == pytest.approx(TURN, abs=3e-4)
-    assert abs(complex(laid.alignment.x, laid.alignment.y) - SHIFT) < 0.15
-    assert 0.03 < laid.residual < 0.09
-    said = capsys.readouterr().out
+    assert complex(np.exp(1j * result.alignment.rotation)) == pytest.approx(TURN, abs=3e-4)
+    assert abs(complex(result.alignment.x, result.alignment.y) - SHIFT) < 0.15
+    assert 0.03 < result.residual < 0.09
+    said = "\n".join(result.evidence)
     off = [float(number) for number in re.findall(r"off by (\S+) m", said)]
     assert len(off) == 4
     assert max(off) == off[2]
     assert re.search(r"are 1\.000\d\d times", said)
 
 
-def test_the_street_may_be_told_in_degrees(tmp_path: Path, capsys) -> None:
+def test_the_street_may_be_told_in_degrees(tmp_path: Path) -> None:
     head = (REPOSITORY / "networks" / "linden.net.xml").read_text(encoding="utf-8")[:20_000]
     offset = complex(*(float(number) for number in re.search(r'netOffset="([^"]*)"', head)[1].split(",")))
     street = pyproj.Proj(re.search(r'projParameter="([^"]*)"', head)[1])
     there = [place - offset for place in true_places()]
     degrees = [street(place.real, place.imag, inverse=True) for place in there]
     names = ("street_latitude_deg", "street_longitude_deg")
-    laid = found_by(tmp_path, pairs_file(tmp_path, [complex(b, a) for a, b in degrees], names))
-    assert complex(np.exp(1j * laid.alignment.rotation)) == pytest.approx(TURN, abs=1e-4)
-    assert abs(complex(laid.alignment.x, laid.alignment.y) - SHIFT) < 0.02
+    result = found_by(tmp_path, pairs_file(tmp_path, [complex(b, a) for a, b in degrees], names))
+    assert complex(np.exp(1j * result.alignment.rotation)) == pytest.approx(TURN, abs=1e-4)
+    assert abs(complex(result.alignment.x, result.alignment.y) - SHIFT) < 0.02
 
 
 @pytest.mark.parametrize(
@@ -269,7 +269,7 @@ def test_a_shipped_rig_is_not_written_from_elsewhere(tmp_path: Path, monkeypatch
     site = align.site_of("seen_late", "twin", tmp_path)
     try:
         with pytest.raises(ConfigError, match="vve-sumo init"):
-            align.store(site, align.Laid(Alignment(), 0.0, None), align.datetime.date(2026, 5, 1))
+            align.store(site, align.AlignmentResult(Alignment(), 0.0, None), align.datetime.date(2026, 5, 1))
         assert shipped.read_text(encoding="utf-8") == before
     finally:
         shipped.write_text(before, encoding="utf-8")

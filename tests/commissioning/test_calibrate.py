@@ -14,14 +14,17 @@ from typing import Any
 
 import pytest
 
+from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.isolated import isolated
 from tests.vehicle.calibration_drive import SPEED, CalibrationDrive
+from vve_sumo.cli.calibrate import conclude
 from vve_sumo.commissioning import calibrate
 from vve_sumo.controller import load
 from vve_sumo.errors import ConfigError
-from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import CarParameters
+from vve_sumo.rig import load as rigs
+from vve_sumo.rig.resolve import model_of
 
 DATE = "2026-02-03"
 
@@ -49,7 +52,7 @@ WITHIN = {
 
 def car(**geometry: float) -> CarParameters:
     """A car that is not as declared: heavier, weaker brakes, both zeros off, and `geometry` as the vehicle's truth."""
-    believed = plant.parameters(
+    believed = vehicles.parameters(
         mass_factor=1.1,
         brake_gain_factor=0.92,
         steering_wheel_bias=math.radians(2.0),
@@ -132,14 +135,14 @@ def test_a_lot_that_is_too_short_cuts_the_plan_short_and_not_the_stop(tmp_path: 
 @pytest.mark.parametrize("tuning", [{"wheel_angle_deg": 90.0}, {"top_acceleration_m_s2": 3.0}, {"top_speed": 8.0}])
 def test_a_tuning_that_nobody_should_drive_is_refused(tuning: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="tuning key"):
-        load("calibration_run", plant.parameters().vehicle, tuning, [REPOSITORY / "controllers"])
+        load("calibration_run", vehicles.parameters().vehicle, tuning, [REPOSITORY / "controllers"])
 
 
 def shipped(folder: str) -> dict[str, Any]:
     """Drive the shipped scenario in lockstep and return its summary; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
-    return command.run(command.choose("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
+    return drives.run(drives.choose("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
 
 
 def test_the_shipped_scenario_passes_and_calibrates(tmp_path: Path) -> None:
@@ -184,7 +187,7 @@ def rig(tmp_path: Path) -> Path:
 
 def test_the_command_draws_tells_and_writes_into_the_rig(copy: Path, rig: Path, capsys: Any) -> None:
     before = rig.read_text()
-    assert calibrate.calibrate_command(copy, rig, DATE) == 0
+    assert conclude(copy, rig, DATE) == 0
     told = capsys.readouterr().out
     assert "brake torque for 1 m/s²" in told
     assert "poor" not in told
@@ -238,9 +241,9 @@ def test_a_drive_that_was_cut_off_is_poor_and_stays_out_of_the_rig(copy: Path, r
     calibrated = calibrate.calibrate(copy)
     assert "steering_ratio" in calibrated.poor
     assert "brake_gain" not in calibrated.poor
-    assert calibrate.calibrate_command(copy, None, DATE) == 1
+    assert conclude(copy, None, DATE) == 1
     with pytest.raises(ConfigError, match=r"steering_ratio is poor \(.*\): drive again, or leave it"):
-        calibrate.calibrate_command(copy, rig, DATE)
+        conclude(copy, rig, DATE)
     assert rig.read_bytes() == before
     calibrate.put_into(rig, calibrated, DATE, leave=tuple(calibrated.poor))
     said = tomllib.loads(rig.read_text())
@@ -293,9 +296,12 @@ def test_a_date_is_a_date(record: Path, rig: Path, date: str) -> None:
 
 def test_the_rig_of_a_live_record_is_what_was_declared(copy: Path, rig: Path) -> None:
     """Another lever arm and a mass that the record's own rig states are the ones that count."""
-    table = tomllib.loads(rig.read_text().replace("[limits]", "[vehicle]\nmass_kg = 1859.0\n[limits]"))
+    rig.write_text(rig.read_text().replace("[limits]", "[vehicle]\nmass_kg = 1859.0\n[limits]"))
+    ours = rigs.load(rig)
+    model = model_of(ours).to_dict()
+    told = {"rig": ours.model_dump(mode="json", exclude_unset=True), "rig_name": "ours", "vehicle_model": model}
     file = copy / "scenario.json"
-    file.write_text(json.dumps(json.loads(file.read_text()) | {"rig": table, "rig_name": "ours"}, default=str))
+    file.write_text(json.dumps(json.loads(file.read_text()) | told | {"vehicle": model.pop("vehicle")}))
     found = calibrate.calibrate(copy)
     assert found.declared.vehicle.mass == 1859.0
     # The car's true mass, 1.1 times the Fusion's: now the forces are the true ones.

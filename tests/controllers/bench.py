@@ -13,18 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tests import vehicles
 from vve_sumo.controller import Controller
-from vve_sumo.laws import Box, time_to_collision_of_boxes
+from vve_sumo.geometry import Box, overlap
 from vve_sumo.path import Path
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, RadarConfig
-from vve_sumo.values import Actors, Detections, Observation, Point, Pose, Setpoint
-from vve_sumo.vehicle import fusion
+from vve_sumo.values import Actors, ControlCommand, Detections, Observation, Point, Pose
 
 PERIOD, SUBSTEPS = 0.02, 4
 EMERGENCY_JERK = 30.0  # of the gateway [m/s3]
 KMH, G = 1.0 / 3.6, 9.81
 ROAD = Path.from_points([0.0, 1000.0], [0.0, 0.0])
-CAR = fusion.vehicle()
+CAR = vehicles.FUSION.vehicle
 
 
 class Body(NamedTuple):
@@ -110,7 +110,7 @@ class Brakes:
         self._way = deque([0.0] * steps)
         self._mass_factor, self._granted, self.acceleration = mass_factor, 0.0, 0.0
 
-    def step(self, setpoint: Setpoint) -> list[float]:
+    def step(self, setpoint: ControlCommand) -> list[float]:
         """Go on by one period; return the acceleration of each substep."""
         jerk, least = (EMERGENCY_JERK, -9.0) if setpoint.emergency else (5.0, -3.5)
         wanted = min(max(setpoint.acceleration, least), 2.0)
@@ -143,7 +143,7 @@ def ride(controller: Controller, speed: float, bodies: Sequence[Body], seconds: 
             return Ride(impact or 0.0, least_gap, hardest, began, v)
         pose = Pose(time, Point.REAR_AXLE, s, 0.0, 0.0, v, 0.0, 0.0, brakes.acceleration, 0.0)
         newest = _scanned(radar, time + begins, pose, bodies, places, newest)
-        setpoint = controller.step(Observation(tick, time, pose, ROAD, speed, newest, 0.0))
+        setpoint = controller.step(Observation(tick, time, pose, ROAD, speed, {"radar": newest}, 0.0))
         if setpoint.emergency and math.isnan(began):
             began = time
         for acceleration in brakes.step(setpoint):
@@ -174,6 +174,6 @@ def _contact(s: float, v: float, bodies: Sequence[Body], places: Sequence[tuple[
             continue
         least_gap = min(least_gap, x - half_x - s - CAR.rear_axle_to_bumper)
         other = Box(x, y, heading, body.length, body.width)
-        if least_gap < 1.0 and time_to_collision_of_boxes(own, other) == 0.0:
+        if least_gap < 1.0 and overlap(own, other):
             return abs(v - speed * cos), least_gap
     return None, least_gap

@@ -14,7 +14,7 @@ import numpy as np
 
 from vve_sumo.controller import Controller
 from vve_sumo.path import Path
-from vve_sumo.values import Detections, Observation, Point, Pose, Setpoint, Vehicle
+from vve_sumo.values import ControlCommand, Detections, Observation, Point, Pose, Vehicle
 
 PERIOD = 0.02
 SUBSTEPS = 10
@@ -53,7 +53,7 @@ class Car:
         self.steering_queue = deque([0.0] * round((PERIOD + vehicle.steering_delay) / PERIOD))
         self.brake_queue = deque([0.0] * round((PERIOD + vehicle.brake_delay) / PERIOD))
 
-    def drive(self, setpoint: Setpoint) -> None:
+    def drive(self, setpoint: ControlCommand) -> None:
         """Go on by one period."""
         jerk, least = (30.0, -9.0) if setpoint.emergency else (5.0, -3.5)
         wanted = min(max(setpoint.acceleration, least), 2.0)
@@ -162,7 +162,7 @@ class Drive:
     offset: np.ndarray  #: of the true rear axle from the path
     gap: np.ndarray  #: true, along the path, to the nearest obstacle
     emergency: np.ndarray
-    setpoints: list[Setpoint]
+    setpoints: list[ControlCommand]
     final_station: float
 
 
@@ -184,7 +184,7 @@ def drive(controller: Controller, path: Path, desired_speed: float, obstacles: l
         if time >= next_scan - 1e-9:
             newest = scan(time, pose, path, obstacles, sight, random, vehicle)
             next_scan += 0.05
-        setpoint = controller.step(Observation(tick, time, pose, path, desired_speed, newest, car.wheel))
+        setpoint = controller.step(Observation(tick, time, pose, path, desired_speed, {"radar": newest}, car.wheel))
         station = path.project(car.x, car.y, near)
         near = station.s
         gap = min((box.station for box in obstacles), default=math.inf) - station.s - vehicle.rear_axle_to_bumper

@@ -13,7 +13,7 @@ from tests.controllers.street import FUSION, drive
 from vve_sumo.controller import Controller, load
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
-from vve_sumo.values import Detections, Observation, Point, Pose, Setpoint
+from vve_sumo.values import ControlCommand, Detections, Observation, Point, Pose
 
 TICK, SPEED, TRIGGER, DECELERATION, JERK = 0.02, 13.9, 40.0, 3.0, 4.0
 PATH = Path.from_points(np.arange(0.0, 401.0, 10.0), np.zeros(41))
@@ -24,7 +24,7 @@ def probe(repository) -> Callable[..., Controller]:
     return lambda **tuning: load("brake_at", FUSION, tuning, [repository / "controllers"])
 
 
-def passing(controller: Controller, wall: float, ticks: int, *, seen: int) -> Iterator[tuple[float, Setpoint]]:
+def passing(controller: Controller, wall: float, ticks: int, *, seen: int) -> Iterator[tuple[float, ControlCommand]]:
     """What is asked of a car that goes on at its speed, towards a wall that an exact radar shows for `seen` ticks."""
     empty = np.empty(0)
     scan = Detections(-math.inf, empty, empty, empty, np.empty(0, np.int8))
@@ -34,7 +34,7 @@ def passing(controller: Controller, wall: float, ticks: int, *, seen: int) -> It
             reach = np.array([wall - x - FUSION.rear_axle_to_bumper])
             scan = Detections(time, reach, np.zeros(1), np.array([-SPEED]), np.zeros(1, np.int8))
         pose = Pose(time, Point.REAR_AXLE, x, 0.0, 0.0, SPEED, 0.0, 0.0, 0.0, 0.0)
-        yield time, controller.step(Observation(tick, time, pose, PATH, SPEED, scan, 0.0))
+        yield time, controller.step(Observation(tick, time, pose, PATH, SPEED, {"radar": scan}, 0.0))
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.05, 0.13, 0.21, 0.27])

@@ -255,9 +255,9 @@ def test_after_an_emergency_the_car_is_held():
     controller, notes = alone(), []
 
     class Watched:
-        def step(self, situation):
-            setpoint = controller.step(situation)
-            notes.append((situation.pose.speed, setpoint.acceleration, setpoint.note))
+        def step(self, observation):
+            setpoint = controller.step(observation)
+            notes.append((observation.pose.speed, setpoint.acceleration, setpoint.note))
             return setpoint
 
     ride(Watched(), 10.0, [leaves], 12.0, stays=True)

@@ -97,7 +97,7 @@ def look(tracker: Tracker, time: float, scan_time: float, rows: list[tuple[float
     columns = np.array(rows, dtype=float).reshape(-1, 3).T.copy()
     scan = Detections(scan_time, *columns, np.zeros(len(rows), np.int8))
     pose = Pose(time, Point.REAR_AXLE, x, 0.0, 0.0, speed, 0.0, 0.0, 0.0, 0.0)
-    now = Observation(round(time / 0.02), time, pose, STRAIGHT, 10.0, scan, math.nan)
+    now = Observation(round(time / 0.02), time, pose, STRAIGHT, 10.0, {"radar": scan}, math.nan)
     return tracker.step(now, STRAIGHT.project(x, 0.0, x))
 
 
@@ -154,7 +154,7 @@ def test_what_stands_is_seen_to_stand_while_the_car_turns():
         echo = np.array([[math.hypot(6.0, 1.0)], [azimuth], [rate]])
         scan = Detections(time, *echo, np.zeros(1, np.int8))
         pose = Pose(time, Point.REAR_AXLE, 0.0, 0.0, 0.0, 4.0, 0.0, 0.5, 0.0, 0.0)
-        now = Observation(i, time, pose, STRAIGHT, 10.0, scan, math.nan)
+        now = Observation(i, time, pose, STRAIGHT, 10.0, {"radar": scan}, math.nan)
         target = tracker.step(now, STRAIGHT.project(0.0, 0.0, 0.0))
     assert target.speed == pytest.approx(0.0, abs=0.01)
     assert target.gap == pytest.approx(6.0, abs=0.01)

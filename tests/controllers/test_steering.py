@@ -29,14 +29,14 @@ def circle(radius: float) -> Path:
     return Path.from_points(radius * np.sin(turns), radius * (1.0 - np.cos(turns)))
 
 
-def situation(path: Path, s: float, speed: float, offset: float = 0.0, turned: float = 0.0, slip: float = 0.0):
+def observation(path: Path, s: float, speed: float, offset: float = 0.0, turned: float = 0.0, slip: float = 0.0):
     """A car beside the path, going steadily, its course turned from the path's direction."""
     at = path.at(s)
     pose = Pose(
         1.0, Point.REAR_AXLE, at.x - offset * math.sin(at.heading), at.y + offset * math.cos(at.heading),
         at.heading + turned - slip, speed, speed * math.tan(slip), speed * at.curvature, 0.0, 0.0,
     )  # fmt: skip
-    return Observation(50, 1.0, pose, path, speed, NOTHING, math.nan)
+    return Observation(50, 1.0, pose, path, speed, {"radar": NOTHING}, math.nan)
 
 
 def steered(part, law, vehicle, now: Observation) -> float:
@@ -57,7 +57,7 @@ def laws(part, vehicle):
 @pytest.mark.parametrize("law", ["preview", "pure_pursuit", "stanley", "lqr"])
 @pytest.mark.parametrize("radius", [20.0, 50.0])
 def test_on_a_circle_without_slip_every_law_asks_for_its_angle(part, law, radius):
-    now = situation(circle(radius), 30.0, 5.0)
+    now = observation(circle(radius), 30.0, 5.0)
     exact = FUSION.wheelbase / radius
     assert steered(part, laws(part, NO_SLIP)[law], NO_SLIP, now) == pytest.approx(exact, rel=0.01)
 
@@ -67,7 +67,7 @@ def test_with_slip_they_ask_for_what_holds_the_yaw_rate(part, law):
     """Steady circle: yaw rate = V delta / (L + K V^2), the rear axle drifting by what its tyres need."""
     speed, path = 15.0, circle(120.0)
     slip = part("deviation").steady_sideslip(FUSION, speed, 1.0 / 120.0)
-    angle = steered(part, laws(part, FUSION)[law], FUSION, situation(path, 60.0, speed, slip=slip))
+    angle = steered(part, laws(part, FUSION)[law], FUSION, observation(path, 60.0, speed, slip=slip))
     factor = FUSION.wheelbase + FUSION.understeer_gradient * speed**2
     assert speed * angle / factor == pytest.approx(speed / 120.0, rel=0.02)
 
@@ -76,8 +76,8 @@ def test_with_slip_they_ask_for_what_holds_the_yaw_rate(part, law):
 def test_they_steer_back_and_mirror(part, law):
     path = Path.from_points([0.0, 200.0], [0.0, 0.0])
     made = laws(part, FUSION)[law]
-    left = steered(part, made, FUSION, situation(path, 50.0, 8.0, offset=0.4, turned=0.05, slip=0.0))
-    right = steered(part, made, FUSION, situation(path, 50.0, 8.0, offset=-0.4, turned=-0.05, slip=0.0))
+    left = steered(part, made, FUSION, observation(path, 50.0, 8.0, offset=0.4, turned=0.05, slip=0.0))
+    right = steered(part, made, FUSION, observation(path, 50.0, 8.0, offset=-0.4, turned=-0.05, slip=0.0))
     assert left < -0.01
     assert right == pytest.approx(-left)
 
@@ -88,7 +88,7 @@ def rolled(part, law, speed: float, offset: float, seconds: float) -> list[Obser
     x, y, heading, wheel, states = 10.0, offset, 0.0, 0.0, []
     for _ in range(round(seconds / STEP)):
         pose = Pose(0.0, Point.REAR_AXLE, x, y, heading, speed, 0.0, speed * wheel / FUSION.wheelbase, 0.0, 0.0)
-        now = Observation(0, 0.0, pose, path, speed, NOTHING, math.nan)
+        now = Observation(0, 0.0, pose, path, speed, {"radar": NOTHING}, math.nan)
         states.append(now)
         wheel = steered(part, law, NO_SLIP, now)
         x, y = x + speed * STEP * math.cos(heading), y + speed * STEP * math.sin(heading)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from controllers.tracks import Memory, Target, Tracker
+from tests import vehicles
 from vve_sumo.path import Path
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, RadarConfig
 from vve_sumo.values import Actors, Observation, Point, Pose
-from vve_sumo.vehicle import fusion
 
-CAR = fusion.vehicle()
+CAR = vehicles.FUSION.vehicle
 ROAD = Path.from_points([0.0, 1000.0], [0.0, 0.0])
 PERIOD = 0.02
 
@@ -39,7 +39,7 @@ def told(latency: float, ego: float, brakes: float, lead: float, slows: float = 
         columns = (np.array([value]) for value in (rear + 2.25, 0.0, 0.0, lead - slows * time, 4.5, 1.8, 10.0, 0.0))
         scan = radar.step(time, pose, Actors(time, ("lead",), *columns))
         newest = newest if scan is None else scan.detections
-        nearest = tracker.step(Observation(tick, time, pose, ROAD, ego, newest, 0.0), ROAD.project(s, 0.0))
+        nearest = tracker.step(Observation(tick, time, pose, ROAD, ego, {"radar": newest}, 0.0), ROAD.project(s, 0.0))
         gap = rear - s - CAR.rear_axle_to_bumper
         slower = v - (brakes if time >= 1.0 else 0.0) * PERIOD
         at, s, v = s, s + 0.5 * (v + slower) * PERIOD, slower

@@ -12,13 +12,13 @@ MPH = 0.44704
 
 def drive_once(changes: dict[str, Any], folder: str | None = None) -> dict[str, Any]:
     """Drive `parked_car` with some of its settings changed and return the summary; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
     setting = altered(changes)
     if folder is not None:
-        return command.run(setting, Path(folder), REPOSITORY).summary
+        return drives.run(setting, Path(folder), REPOSITORY).summary
     with tempfile.TemporaryDirectory() as scratch:
-        return command.run(setting, Path(scratch) / "record", REPOSITORY).summary
+        return drives.run(setting, Path(scratch) / "record", REPOSITORY).summary
 
 
 def altered(changes: dict[str, Any]) -> Any:

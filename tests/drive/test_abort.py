@@ -12,8 +12,9 @@ import pytest
 
 from tests.drive.street import altered, drive_once
 from tests.isolated import isolated
+from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.drive.termination import abort_reason
-from vve_sumo.metrics import drive_metrics
+from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.record.record import read_table
 from vve_sumo.scenario.schema import Abort
 
@@ -77,4 +78,4 @@ def test_a_drive_ends_at_the_first_tick_at_which_it_shall(tmp_path: Path) -> Non
 
 def _ttc(ticks: pa.Table, actors: pa.Table) -> Any:
     setting = altered(BLIND)
-    return drive_metrics.time_to_collision(drive_metrics.ahead(ticks, actors, setting.path, setting.vehicle))
+    return DriveData(ticks, actors, setting.path, setting.vehicle, PERIOD).lead.time_to_collision

@@ -14,7 +14,7 @@ import pytest
 
 from tests.drive.street import REPOSITORY, altered, drive_once
 from tests.isolated import isolated
-from vve_sumo.drive.replay import changed_since, read_car_frames, read_chain_inputs, replay, setting_of
+from vve_sumo.drive.replay import changed_since, read_car_frames, read_pipeline_inputs, replay, setting_of
 from vve_sumo.drive.resolved_scenario import EPOCH
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path as Curve
@@ -100,7 +100,7 @@ def test_a_drive_with_actors_replays(braked: tuple[Path, dict[str, Any]]) -> Non
     folder, _summary = braked
     setting = setting_of(folder, REPOSITORY)
     assert changed_since(folder, setting) == []
-    assert replay(setting, read_chain_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY) is None
+    assert replay(setting, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY) is None
 
 
 def test_the_same_drive_gives_the_same_record(braked: tuple[Path, dict[str, Any]]) -> None:
@@ -176,15 +176,17 @@ def test_a_wrong_recording_is_one_line_that_names_file_and_line(tmp_path: Path, 
 
 
 def _waited() -> list[tuple[str, ...]]:
-    from vve_sumo.drive.virtual_road import VirtualRoad, cast_of, open_world, standing
+    from vve_sumo.drive.virtual_road import VirtualRoad, open_world, scenario_engine, standing
     from vve_sumo.values import Point
 
     setting = altered(changes(actors=[LEAD, WALKER | {"enters": {"drive_s": 0.04}}]))
     here = setting.path.at(5.0)
-    street, seen = VirtualRoad(open_world(setting), cast_of(setting)), []
-    for tick, (waits, speed) in enumerate([(True, 0.0), (True, 0.1), (False, 0.0), (True, 0.0), (False, 0.0)]):
+    street, seen = VirtualRoad(open_world(setting), scenario_engine(setting), waits=True), []
+    for tick, (go, speed) in enumerate([(False, 0.0), (False, 0.1), (True, 0.0), (False, 0.0), (False, 0.0)]):
+        if go:
+            street.go()
         asked = replace(standing(here.x, here.y, here.heading), time=9.0 + 0.02 * tick, speed=speed)
-        street.advance(replace(asked, point=Point.FRONT_BUMPER), waits=waits)
+        street.advance(replace(asked, point=Point.FRONT_BUMPER))
         seen.append(street.actors.ids)
     street.close()
     return seen

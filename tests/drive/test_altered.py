@@ -20,15 +20,15 @@ from vve_sumo import cli
 CONTROLLER = """
 from pathlib import Path
 
-from vve_sumo.values import Setpoint
+from vve_sumo.values import ControlCommand
 
 with Path(__file__).with_suffix(".ran").open("a") as file:
     file.write("imported\\n")
 
 
 class Straight:
-    def step(self, situation):
-        return Setpoint(0.0, 0.5)
+    def step(self, observation):
+        return ControlCommand(0.0, 0.5)
 
 
 def make(vehicle, tuning):

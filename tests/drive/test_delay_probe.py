@@ -32,7 +32,7 @@ def _probed(changes: dict[str, Any]) -> Stop:
     import tempfile
     from pathlib import Path
 
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
     from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.record.record import read_table
     from vve_sumo.scenario.load import parse
@@ -42,7 +42,7 @@ def _probed(changes: dict[str, Any]) -> Stop:
     table = apply_overrides(tomllib.loads(file.read_text(encoding="utf-8")), changes)
     setting = resolve_scenario("delay_probe", parse(table, file), file, REPOSITORY)
     with tempfile.TemporaryDirectory() as scratch:
-        done = command.run(setting, Path(scratch) / "record", REPOSITORY)
+        done = drives.run(setting, Path(scratch) / "record", REPOSITORY)
         ticks = read_table(done.folder, "ticks")
     assert done.summary["outcome"] == "stopped", done.summary
     begun = ticks["note"].to_pylist().index("brake")

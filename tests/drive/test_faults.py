@@ -95,8 +95,8 @@ REASONS = {
 
 def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
     """Return summary, true speeds and states of a drive with a receiver that goes wrong."""
-    from vve_sumo.drive import command
     from vve_sumo.drive.lockstep import Lockstep
+    from vve_sumo.drive.summary import summarise
     from vve_sumo.record.record import Record, read_table
 
     setting = altered({"street.demand": [], "obstacles": [], "duration_s": 40.0})
@@ -106,7 +106,7 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
         record = Record(folder, setting.resolved(REPOSITORY), EPOCH)
         done = shell.run(record, lambda tick, now, speed, station: None)
         shell.close()
-        summary = command.summarise(setting, done, folder, record.close())
+        summary = summarise(setting, done, folder, record.close())
         ticks = read_table(folder, "ticks")
         return summary, ticks["true_speed_mps"].to_pylist(), ticks["state"].to_pylist()
 
@@ -131,8 +131,8 @@ def test_a_receiver_that_goes_wrong_stops_the_car(kind: str) -> None:
 
 CONTROLLERS = {
     "controller_raised": "raise RuntimeError('out of ideas')",
-    "off_path": "return Setpoint(0.05, 0.5)",
-    "controller_not_finite": "return Setpoint(float('nan'), 0.0)",
+    "off_path": "return ControlCommand(0.05, 0.5)",
+    "controller_not_finite": "return ControlCommand(float('nan'), 0.0)",
     "controller_wrong_type": "return 'left a bit'",
 }
 
@@ -140,11 +140,11 @@ CONTROLLERS = {
 @pytest.mark.parametrize("reason", CONTROLLERS)
 def test_a_controller_that_fails_stops_the_car(reason: str, tmp_path: Path) -> None:
     (tmp_path / "bad.py").write_text(
-        "from vve_sumo.values import Setpoint\n"
+        "from vve_sumo.values import ControlCommand\n"
         "class Bad:\n"
-        "    def step(self, situation):\n"
-        "        if situation.time < 6.0:\n"
-        "            return Setpoint(0.0, 1.0)\n"
+        "    def step(self, observation):\n"
+        "        if observation.time < 6.0:\n"
+        "            return ControlCommand(0.0, 1.0)\n"
         f"        {CONTROLLERS[reason]}\n"
         "def make(vehicle, tuning):\n"
         "    return Bad()\n",

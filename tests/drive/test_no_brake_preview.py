@@ -74,7 +74,7 @@ def test_the_ego_slows_down_for_bends_and_for_nobody() -> None:
 
 
 def _drawn(name: str, file: str) -> None:
-    from vve_sumo.drive.command import choose
+    from vve_sumo.drive.run import choose
     from vve_sumo.plotting.scenario import draw
 
     draw(choose(name, REPOSITORY), Path(file))

@@ -21,9 +21,9 @@ from vve_sumo.vehicle.dataspeed.messages import BrakeCommand, SteeringCommand, T
 
 def play(file: str, folder: str, changes: dict[str, Any]) -> dict[str, Any]:
     """Play a recording in the default scenario and return the summary; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
-    return command.run(altered(changes), Path(folder), REPOSITORY, pose=Path(file)).summary
+    return drives.run(altered(changes), Path(folder), REPOSITORY, pose=Path(file)).summary
 
 
 def played(file: Path, folder: Path, **changes: Any) -> tuple[dict[str, Any], Any]:
@@ -108,9 +108,9 @@ def test_a_drive_is_laid_where_the_path_starts(tmp_path: Path) -> None:
 def test_a_recording_without_a_usable_fix_is_named(tmp_path: Path) -> None:
     (tmp_path / "empty.csv").write_text("time_s,latitude_deg,longitude_deg,heading_deg,speed_mps\n", encoding="utf-8")
     (tmp_path / "noise.ncom").write_bytes(bytes(range(256)) * 10)
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
     for name in ("empty.csv", "noise.ncom"):
         with pytest.raises(ConfigError, match=name):
-            command.run(altered({}), tmp_path / "record", REPOSITORY, pose=tmp_path / name)
+            drives.run(altered({}), tmp_path / "record", REPOSITORY, pose=tmp_path / name)
     assert not (tmp_path / "record").exists()

@@ -14,22 +14,23 @@ import pytest
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
-from vve_sumo.drive.lockstep import chain_of
+from vve_sumo.drive.lockstep import assemble
 from vve_sumo.drive.redrive import BRAKES, compared, side_by_side
-from vve_sumo.drive.replay import answers, read_chain_inputs, setting_of
+from vve_sumo.drive.replay import answers, read_pipeline_inputs, setting_of
 from vve_sumo.record.record import read_table
 
 #: steers by a constant, says what it sees, and knows the tick at which to fail
 OTHER = """
-from vve_sumo.values import Setpoint
+from vve_sumo.values import ControlCommand
 
 
 class Other:
-    def step(self, situation):
-        if situation.tick == 200:
+    def step(self, observation):
+        if observation.tick == 200:
             raise ValueError("no idea")
-        near = situation.tick >= 150
-        return Setpoint(0.01, -2.0 if near else 0.25, emergency=situation.tick >= 180, note="near" if near else "free")
+        near = observation.tick >= 150
+        note, emergency = "near" if near else "free", observation.tick >= 180
+        return ControlCommand(0.01, -2.0 if near else 0.25, emergency=emergency, note=note)
 
 
 def make(vehicle, tuning):
@@ -64,7 +65,7 @@ def redriven(record: Path, controller: str) -> pa.Table:
     """Return both answers of every tick."""
     setting = setting_of(record, REPOSITORY)
     setting = setting.driven_by(controller)
-    return side_by_side(answers(chain_of(setting, setting.controller(REPOSITORY)).chain, read_chain_inputs(record)))
+    return side_by_side(answers(assemble(setting, REPOSITORY).pipeline, read_pipeline_inputs(record)))
 
 
 def test_the_same_controller_answers_the_same(record: Path) -> None:

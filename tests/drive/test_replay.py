@@ -18,7 +18,7 @@ from vve_sumo.drive.replay import (
     changed_controller,
     changed_since,
     read_car_frames,
-    read_chain_inputs,
+    read_pipeline_inputs,
     replay,
     setting_of,
 )
@@ -50,7 +50,7 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def replayed(folder: Path) -> Difference | None:
     setting = setting_of(folder, REPOSITORY)
     assert changed_since(folder, setting) == changed_controller(folder, setting, REPOSITORY) == []
-    return replay(setting, read_chain_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
+    return replay(setting, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
 
 
 @pytest.mark.parametrize("name", DRIVES)

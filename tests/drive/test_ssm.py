@@ -15,9 +15,11 @@ import pyarrow as pa
 import pytest
 
 from tests.isolated import isolated
-from tests.metrics.test_drive_metrics import ticks_of
+from tests.metrics.tables import ticks_of
 from tests.world.streets import FUSION, PERIOD, demand, pose, street
-from vve_sumo.metrics import drive_metrics, following
+from vve_sumo.metrics import following
+from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path as Curve
 from vve_sumo.record.record import SCHEMAS
 from vve_sumo.values import Actors, Floats
@@ -107,10 +109,10 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
     return isolated(closing_in, str(tmp_path_factory.mktemp("ssm")))
 
 
-def seen_by(driven: Driven) -> drive_metrics.LeadVehicle:
+def seen_by(driven: Driven) -> LeadVehicle:
     ticks, actors = ticks_of(driven.ego), pa.Table.from_pylist(driven.actors, SCHEMAS["actors"])
     line = np.arange(0.0, 1000.0, 5.0)
-    return drive_metrics.ahead(ticks, actors, Curve.from_points(line, np.full_like(line, LANE)), FUSION)
+    return DriveData(ticks, actors, Curve.from_points(line, np.full_like(line, LANE)), FUSION, PERIOD).lead
 
 
 def device(driven: Driven, name: str) -> Floats:
@@ -121,7 +123,7 @@ def device(driven: Driven, name: str) -> Floats:
 def test_sumos_safety_device_on_the_ego_sees_what_the_figures_say(driven: Driven) -> None:
     """Tick for tick; the device writes two decimals."""
     seen = seen_by(driven)
-    ttc, drac = drive_metrics.time_to_collision(seen), drive_metrics.deceleration_to_avoid(seen)
+    ttc, drac = seen.time_to_collision, seen.required_deceleration
     their_ttc, their_drac = device(driven, "TTC"), device(driven, "DRAC")
     # Where the two do not agree on whether the gap closes, it hardly does.
     differ = np.isnan(ttc) != np.isnan(their_ttc)
@@ -141,8 +143,8 @@ def test_sumos_safety_device_sees_what_the_measures_of_the_analysis_say(driven: 
         "SGAP": gap,
         "TGAP": following.headway(gap, speed),
         "TTC": following.time_to_collision(gap, closing),
-        "DRAC": following.deceleration_to_avoid(gap, closing),
-        "MDRAC": following.deceleration_to_avoid(gap, closing, REACTION),
+        "DRAC": following.required_deceleration(gap, closing),
+        "MDRAC": following.required_deceleration(gap, closing, REACTION),
     }
     closes = closing > 0.06
     for name, ours in measures.items():

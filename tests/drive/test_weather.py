@@ -7,11 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from tests import vehicles
 from tests.drive.street import altered
 from tests.plant.test_car import EPOCH, LOT, ride
 from vve_sumo.drive.lockstep import car_parameters
-from vve_sumo.plant import fusion
 from vve_sumo.plant.car import Car, CarParameters
+from vve_sumo.plant.parameters import DRY
 from vve_sumo.vehicle.calibration import GRAVITY
 
 
@@ -45,5 +46,5 @@ def test_full_braking_is_what_friction_lets_through(friction: float) -> None:
 
 def test_on_a_dry_road_the_car_is_the_one_it_was() -> None:
     told = altered({"ego.car": {}})
-    assert car_parameters(told) == fusion.parameters()
-    assert math.isclose(told.scenario.weather.friction, fusion.FRICTION)
+    assert car_parameters(told) == vehicles.parameters()
+    assert math.isclose(told.scenario.weather.friction, DRY)

@@ -11,11 +11,11 @@ from typing import Final, NamedTuple
 import pytest
 
 from controllers import follow_and_stop
+from tests import vehicles
 from tests.live.matrix import GATEWAY, HALF, OPEN_THROTTLE, PERIOD, PUSH, PUSHED, Layer, Right, Row, bound
 from tests.vehicle.closed_loop import Came, ClosedLoop, Slowing, came_of, straight, winding
 from vve_sumo.path import Path
 from vve_sumo.plant.injected_faults import InjectedFault
-from vve_sumo.vehicle import fusion
 
 AT: Final = 7.0  #: of the fault, after the first motion, when the car keeps its speed [s]
 SECONDS: Final = 12.0  #: that are watched after it
@@ -60,7 +60,7 @@ PROMISED: Final = (
 
 def driven(kind: str, speed: float, path: Path, value: float = math.nan, brakes: float = 0.0) -> Came:
     """What comes of a fault at a speed; with `brakes` [m/s2] the controller asks for them from `BRAKES_AT` on."""
-    controller = follow_and_stop.make(fusion.vehicle(), {})
+    controller = follow_and_stop.make(vehicles.FUSION.vehicle, {})
     slowing = Slowing(controller, BRAKES_AT, brakes) if brakes else controller
     loop = ClosedLoop(path, speed, [InjectedFault(kind, AT, 3600.0, value)], controller=slowing)
     return came_of(loop, AT, SECONDS)

@@ -33,16 +33,16 @@ import random
 import struct
 from typing import Final
 
+from tests import vehicles
 from tests.fuzz.invariant import Violation, hold
 from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
-from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 STEPS: Final = 600  # of a drive
 PERIOD: Final = 0.02  # [s]
-VEHICLE: Final = fusion.vehicle()
+VEHICLE, CALIBRATION = vehicles.FUSION.vehicle, vehicles.FUSION.calibration
 STATE: Final = ArmingState
 DISORDER: Final = (0.0, 0.0, 0.0005, 0.002, 0.01, 0.05, 0.3, 1.0)  # how likely each input is disturbed in a step
 ODD: Final = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, -1.0, 1e-300, 1e9, -1e9, 1.7e308, -1.7e308)
@@ -142,7 +142,9 @@ class Drive:
         self.shadow = chance.random() < 0.05
         self.variant = codec.Variant.DBW1_2024 if chance.random() < 0.9 else codec.Variant.DBW1_2018
         self.old = self.variant is codec.Variant.DBW1_2018
-        self.gateway = Gateway(VEHICLE, period=PERIOD, variant=self.variant, shadow=self.shadow)
+        self.gateway = Gateway(
+            VEHICLE, vehicles.FUSION.calibration, period=PERIOD, variant=self.variant, shadow=self.shadow
+        )
         self.angle_limit = min(VEHICLE.steering_limit, codec.WHEEL_ANGLE_LIMIT[self.variant] / VEHICLE.steering_ratio)
         self.torque_limit = min(3250.0, codec.TORQUE_LIMIT[self.variant])
         self.disorder = {
@@ -206,6 +208,7 @@ class Drive:
             "steering": self.steer,
             "acceleration": wish,
             "emergency": self.emergency,
+            "note": "",
             "sequence": self.sequence,
             "time": self.now,
             "expires": self.now + 0.1,
@@ -215,6 +218,7 @@ class Drive:
             "speed": car.speed,
             "yaw_rate": car.yaw_rate,
             "grade": 0.0,
+            "faults": (),
             "profile": None if self.sequence & 1 else FallbackPath(1.0, (0.01, 0.02, 0.0)),
         }
         if self._hit("setpoint"):

@@ -16,8 +16,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.live.patience import until
+from tests.setpoints import setpoint as complete
 from tests.vehicle.car import FUSION, PERIOD, Car
 from vve_sumo.live.channel import pair
 from vve_sumo.live.priority import CAR
@@ -25,7 +27,6 @@ from vve_sumo.live.slcan import Adapter
 from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.limits import Limits
@@ -92,7 +93,7 @@ class Bench:
     def _config(self) -> dict[str, object]:
         return {
             "vehicle": dataclasses.asdict(FUSION),
-            "calibration": dataclasses.asdict(Calibration()),
+            "calibration": dataclasses.asdict(vehicles.FUSION.calibration),
             "limits": dataclasses.asdict(Limits()),
             "variant": self.car.variant.name,
             "period": PERIOD,
@@ -195,7 +196,7 @@ class Bench:
     def _setpoint(self) -> Setpoint:
         self._sequence += 1
         now = self.now
-        return Setpoint(
+        return complete(
             0.0, 1.0, sequence=self._sequence, time=now, expires=now + LIFETIME, x=self.car.x, y=0.0, heading=0.0,
             speed=self.car.speed, yaw_rate=0.0,
         )  # fmt: skip

@@ -11,10 +11,9 @@ import tomllib
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
+from tests import vehicles
 from tests.conftest import REPOSITORY
 from vve_sumo.live.gateway import LATEST
-from vve_sumo.vehicle import fusion
-from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.limits import Limits
 
 PERIOD: Final = 0.020
@@ -51,7 +50,7 @@ class Layer(NamedTuple):
     lag: float  #: from knowing to the first deceleration [s]
 
 
-_LIMITS, _CAR = Limits(), fusion.vehicle()
+_LIMITS, _CAR, _CALIBRATION = Limits(), vehicles.FUSION.vehicle, vehicles.FUSION.calibration
 _LAG = _CAR.brake_delay + _CAR.brake_lag
 _TESTED = tomllib.loads((REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8"))["watchdog_test"]
 GATEWAY: Final = Layer("gateway", _LIMITS.stop_deceleration, _LIMITS.stop_deceleration / _LIMITS.stop_jerk, _LAG)
@@ -63,7 +62,7 @@ HARD: Final = Layer(
 _FULL_RISE: Final = _CAR.deceleration_limit / _LIMITS.emergency.jerk
 HALF: Final = Layer("gateway, with all that the brakes give", _CAR.deceleration_limit / 2.0, _FULL_RISE, _LAG)
 OPEN_THROTTLE: Final = 0.3  # of full force
-PUSH: Final = Calibration().drive_force(OPEN_THROTTLE, 0.0) / Calibration().mass  # [m/s2]
+PUSH: Final = _CALIBRATION.drive_force(OPEN_THROTTLE, 0.0) / _CALIBRATION.mass  # [m/s2]
 PUSHED: Final = Layer("gateway, with all that the brakes give", _CAR.deceleration_limit - PUSH, _FULL_RISE, _LAG)
 WATCHDOG: Final = Layer("the kit's watchdog", _TESTED["deceleration_mps2"], 0.0, PERIOD + _TESTED["delay_s"])
 
@@ -250,7 +249,7 @@ MATRIX: Final = (
     # Both are heard, so the bound is that of the weaker of the two; this torque is worth 2.4 m/s2.
     _report(
         "another_writer", "another node commands straight steering and weaker brakes, with our identifiers",
-        Fault("another_writer", 8.0, round(_LIMITS.stop_deceleration * Calibration().brake_gain)), ("another_writer",),
+        Fault("another_writer", 8.0, round(_LIMITS.stop_deceleration * _CALIBRATION.brake_gain)), ("another_writer",),
         GATEWAY,
     ),
     _report("brake_fault", "the brake module reports a fault", Fault("brake_fault"), ("brake_fault",), HARD),
@@ -340,7 +339,7 @@ def bound(row: Row, speed: float, acceleration: float) -> float:
     layer = row.stops
     assert layer is not None
     delay, a, rise = row.notice + layer.lag, layer.deceleration, layer.rise
-    v = speed + max(acceleration, 0.0) * (delay + Calibration().drive_lag) + row.push * delay
+    v = speed + max(acceleration, 0.0) * (delay + _CALIBRATION.drive_lag) + row.push * delay
     assert v > a * rise / 2.0
     closed = v * delay + v * rise - a * rise * rise / 6.0 + (v - a * rise / 2.0) ** 2 / (2.0 * a)
     return closed + speed * TOLERANCE

@@ -35,6 +35,8 @@ def main(descriptor: int, t0: float) -> None:
         setpoint = Setpoint(
             steering=0.0,
             acceleration=min(max(SPEED - speed, -1.5), 1.5),
+            emergency=False,
+            note="",
             sequence=sequence,
             time=now,
             expires=now + 0.1,
@@ -43,6 +45,9 @@ def main(descriptor: int, t0: float) -> None:
             heading=0.0,
             speed=speed,
             yaw_rate=0.0,
+            grade=0.0,
+            faults=(),
+            profile=None,
         )
         channel.send(link.encode_setpoint(setpoint))
         sequence += 1

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from vve_sumo.controller import Controller, Maker, Tuning, load
-from vve_sumo.values import Observation, Setpoint, Vehicle
+from vve_sumo.values import ControlCommand, Observation, Vehicle
 from vve_sumo.workspace import shipped_root
 
 MOMENT = "VVE_TEST_MOMENT"  # environment variable: name of the file
@@ -22,7 +22,7 @@ WANDER = 0.04  # road-wheel angle [rad]: 1 m aside after 12 m
 WEAVE, WEAVES_IN = 0.06, 3.0  # road-wheel angle [rad] to both sides, in a period of so long [s]
 BRAKES = 2.0  # [m/s2]
 
-Spoiling = Callable[[Setpoint], Setpoint]
+Spoiling = Callable[[ControlCommand], ControlCommand]
 
 
 class Spoilt:
@@ -32,10 +32,10 @@ class Spoilt:
         self._inner, self._spoil, self._speed = inner, spoil, speed
         self._spoilt = False
 
-    def step(self, situation: Observation) -> Setpoint:
-        """Answer a situation."""
-        answer = self._inner.step(situation)
-        if not self._spoilt and situation.pose.speed > self._speed:
+    def step(self, observation: Observation) -> ControlCommand:
+        """Answer an observation."""
+        answer = self._inner.step(observation)
+        if not self._spoilt and observation.pose.speed > self._speed:
             self._spoilt = True
             say_when()
         return self._spoil(answer) if self._spoilt else answer
@@ -53,17 +53,17 @@ def _maker(spoil: Spoiling, speed: float = SPEED) -> Maker:
     return make
 
 
-def _raise(answer: Setpoint) -> Setpoint:
+def _raise(answer: ControlCommand) -> ControlCommand:
     raise RuntimeError("spoilt on purpose")
 
 
-def _hang(answer: Setpoint) -> Setpoint:
+def _hang(answer: ControlCommand) -> ControlCommand:
     while True:
         pass
 
 
 def _busy(duration: float) -> Spoiling:
-    def spoil(answer: Setpoint) -> Setpoint:
+    def spoil(answer: ControlCommand) -> ControlCommand:
         end = time.monotonic() + duration
         while time.monotonic() < end:
             pass
@@ -72,7 +72,7 @@ def _busy(duration: float) -> Spoiling:
     return spoil
 
 
-def _weave(answer: Setpoint) -> Setpoint:
+def _weave(answer: ControlCommand) -> ControlCommand:
     return replace(answer, steering=WEAVE * math.sin(math.tau * time.monotonic() / WEAVES_IN))
 
 
@@ -89,12 +89,12 @@ braking = _maker(lambda answer: replace(answer, acceleration=min(answer.accelera
 # Controllers that mean no good to their process; `hostile` drives with them.
 
 
-def _block(answer: Setpoint) -> Setpoint:
+def _block(answer: ControlCommand) -> ControlCommand:
     time.sleep(1.0)
     return answer
 
 
-def _print(answer: Setpoint) -> Setpoint:
+def _print(answer: ControlCommand) -> ControlCommand:
     print("x" * 100_000)
     return answer
 
@@ -105,7 +105,7 @@ class Forks:
     def __init__(self) -> None:
         self._forked = False
 
-    def __call__(self, answer: Setpoint) -> Setpoint:
+    def __call__(self, answer: ControlCommand) -> ControlCommand:
         """Fork, once."""
         if not self._forked:
             self._forked = True
@@ -121,7 +121,7 @@ class Hoards:
     def __init__(self) -> None:
         self._hoard: list[bytearray] = []
 
-    def __call__(self, answer: Setpoint) -> Setpoint:
+    def __call__(self, answer: ControlCommand) -> ControlCommand:
         """Take 32 MB more."""
         if not self._hoard:
             pages = int(Path("/proc/self/statm").read_text().split()[0])
@@ -151,14 +151,14 @@ class Mutating:
     def __init__(self, inner: Controller) -> None:
         self._inner, self._said = inner, False
 
-    def step(self, situation: Observation) -> Setpoint:
+    def step(self, observation: Observation) -> ControlCommand:
         """Answer, and move the pose."""
-        answer = self._inner.step(situation)
-        if situation.pose.speed > SPEED or self._said:
+        answer = self._inner.step(observation)
+        if observation.pose.speed > SPEED or self._said:
             if not self._said:
                 self._said = True
                 say_when()
-            object.__setattr__(situation.pose, "x", situation.pose.x + 5.0)
+            object.__setattr__(observation.pose, "x", observation.pose.x + 5.0)
         return answer
 
 

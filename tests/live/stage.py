@@ -69,9 +69,10 @@ DRIVES = [
     """
 import sys
 from pathlib import Path
-from vve_sumo.live.command import live, plan
+from vve_sumo.cli.live_drive import drive
+from vve_sumo.live.session import plan
 scenario, _, rig, _, out, *controller = sys.argv[1:]
-live(plan(scenario, rig, Path.cwd(), out=Path(out), seed=None, controller=(None, *controller)[-1], shadow=False))
+drive(plan(scenario, rig, Path.cwd(), out=Path(out), seed=None, controller=(None, *controller)[-1], shadow=False))
 """,
 ]
 #: before one of them: standard input becomes the terminal of this session, whose closing is then heard

@@ -80,9 +80,10 @@ DRIVES = [
     """
 import sys
 from pathlib import Path
-from vve_sumo.live.command import live, plan
+from vve_sumo.cli.live_drive import drive
+from vve_sumo.live.session import plan
 scenario, _, rig, _, out = sys.argv[1:]
-live(plan(scenario, rig, Path.cwd(), out=Path(out), seed=None, controller=None, shadow=False))
+drive(plan(scenario, rig, Path.cwd(), out=Path(out), seed=None, controller=None, shadow=False))
 """,
 ]
 

@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 
 from tests.live.bench import LIFETIME, Bench, Heard, LiveCar, stop
 from tests.live.patience import until
-from tests.vehicle.car import FUSION, PERIOD
+from tests.setpoints import setpoint as complete
+from tests.vehicle.car import CALIBRATION, FUSION, PERIOD
 from vve_sumo.bus import read_log
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
@@ -89,7 +90,7 @@ def setpoint(sequence: int, **changes: Any) -> Setpoint:
     """A setpoint of a moment."""
     plain = {"sequence": sequence, "time": 0.0, "expires": 0.1, "speed": 0.0, "yaw_rate": 0.0}
     plain |= {"x": 0.0, "y": 0.0, "heading": 0.0}
-    return Setpoint(0.0, 1.0, **(plain | changes))
+    return complete(0.0, 1.0, **(plain | changes))
 
 
 def test_of_two_setpoints_the_newer_one_counts_and_the_older_ones_faults():
@@ -155,7 +156,7 @@ IDS = [codec.BRAKE_REPORT, codec.THROTTLE_REPORT, codec.STEERING_REPORT, codec.G
 @given(st.lists(st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=40))
 def test_a_bus_that_babbles_is_no_word_of_the_kit(frames: list[Frame]) -> None:
     """Only what its four modules report counts, and only where that can be understood."""
-    core = Gateway(FUSION, period=PERIOD)
+    core = Gateway(FUSION, CALIBRATION, period=PERIOD)
     core.step(5.0, None, [])
     assert core.kit_heard == -math.inf
     core.step(5.0 + PERIOD, None, frames)
@@ -167,7 +168,7 @@ def test_a_bus_that_babbles_is_no_word_of_the_kit(frames: list[Frame]) -> None:
 
 @pytest.mark.parametrize("number", IDS)
 def test_each_module_of_the_kit_is_heard(number: int) -> None:
-    core = Gateway(FUSION, period=PERIOD)
+    core = Gateway(FUSION, CALIBRATION, period=PERIOD)
     (report,) = [frame for frame in LiveCar().reports() if frame.id == number]
     core.step(7.0, None, [report])
     assert core.kit_heard == 7.0
@@ -219,7 +220,7 @@ def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
 
 def gateway_again(b: Bench) -> Gateway:
     """The core that the bench's process runs."""
-    return Gateway(FUSION, period=PERIOD, variant=b.car.variant)
+    return Gateway(FUSION, CALIBRATION, period=PERIOD, variant=b.car.variant)
 
 
 @pytest.mark.live

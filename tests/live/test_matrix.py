@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import shapely
 
+from tests import vehicles
 from tests.live.matrix import EACH, GATEWAY, MATRIX, SPEED, STEP, TOLERANCE, WATCHDOG, Layer, Right, Row, bound, in_turn
 from tests.live.stage import Evidence, Stage
 from vve_sumo.bus import read_log
@@ -24,7 +25,7 @@ from vve_sumo.drive import reasons
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve
 from vve_sumo.values import Setpoint
-from vve_sumo.vehicle import fusion, link
+from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import CRITICAL
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Variant
@@ -179,7 +180,7 @@ def assert_told(row: Row, evidence: Evidence) -> None:
 def assert_inside(evidence: Evidence) -> None:
     """All the ground that the body covered lies inside the lot."""
     rig = rigs.load(evidence.folder.parent / "rig.toml")
-    lot, car, truth = resolve.lot_of(rig), fusion.vehicle(), evidence.truth
+    lot, car, truth = resolve.lot_of(rig), vehicles.FUSION.vehicle, evidence.truth
     ground = shapely.Polygon(lot.outline, lot.holes)
     ahead, behind, half = car.wheelbase + car.front_overhang, -car.rear_overhang, car.width / 2.0
     corners = np.array([[ahead, half], [behind, half], [behind, -half], [ahead, -half]])

@@ -15,14 +15,16 @@ from tests import isolated
 from tests.commissioning.test_doctor import real_rig
 from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig, vve_sumo
+from vve_sumo.cli.live_drive import named
 from vve_sumo.errors import ConfigError
-from vve_sumo.live.command import Plan, named, plan
+from vve_sumo.live.session import Plan, plan
 
 #: prints who was named, of a drive that is never begun
 NAMES = """
 import sys
 from pathlib import Path
-from vve_sumo.live.command import named, plan
+from vve_sumo.cli.live_drive import named
+from vve_sumo.live.session import plan
 made = plan("seen_late", sys.argv[1], Path.cwd(), out=None, seed=None, controller=None, shadow=True)
 done = named(made, *(None if name == "-" else name for name in sys.argv[2:]))
 assert done.t0 > made.t0

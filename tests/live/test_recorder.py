@@ -22,10 +22,10 @@ from vve_sumo.live.recorder_client import BACKLOG, RecorderClient
 from vve_sumo.live.spawn import start
 from vve_sumo.live.summary import summarise
 from vve_sumo.record.record import LiveRecord, Record, hash_parts, read_pose_chunks, read_table, whole
-from vve_sumo.values import Detections, Frame, GatewayRow, LatencyRow
+from vve_sumo.values import Frame, GatewayRow, LatencyRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": "", "bytes": b"\x00\xff"}
-DETECTIONS = Detections(0.0, np.array([9.0]), np.array([0.1]), np.array([-2.0]), np.array([1], np.int8))
+COLUMNS = (np.array([9.0]), np.array([0.1]), np.array([-2.0]), np.array([1], np.int8), ("car0",))
 
 
 def plain(kind: type, **changes: object):
@@ -36,7 +36,7 @@ def plain(kind: type, **changes: object):
 def say_tick(tap: RecorderClient | LiveRecord | Record, tick: int, boxes: int = 3) -> None:
     """Say what a drive says of a tick."""
     tap.received_pose(0.02 * tick, bytes([tick % 256] * 72))
-    tap.scanned(tick, DETECTIONS, ["car0"])
+    tap.sensed(tick, "radar", COLUMNS)
     tap.snapshot(tick, actors(boxes))
     tap.ticked(row(tick))
 

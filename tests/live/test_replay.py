@@ -25,12 +25,14 @@ from tests.live.records import PATIENCE, Drive, begin
 from tests.live.witness import stalls, witness
 from vve_sumo import cli
 from vve_sumo.bus import read_log
-from vve_sumo.drive import command as drives
+from vve_sumo.drive import run as drives
 from vve_sumo.drive.lockstep import DriveEnd
+from vve_sumo.drive.summary import summarise
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.drive.verify import altered_parts
-from vve_sumo.live.assembly import restored
+from vve_sumo.live.assembly import from_dict
 from vve_sumo.live.replay import read_live_inputs, replay_drive, replay_gateway
+from vve_sumo.plotting.drive_record import draw_drive
 from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS, hash_parts, read_pose_chunks, read_table, whole, write_summary
 from vve_sumo.values import Setpoint
 from vve_sumo.vehicle import link
@@ -363,11 +365,11 @@ def open_with_every_tool(folder: Path) -> None:
     """Read every table, summarise and draw a record, whatever became of its drive."""
     for name in SCHEMAS | LIVE_SCHEMAS:
         read_table(folder, name)
-    setting, _rig = restored(read_live_inputs(folder).resolved, REPOSITORY)
-    summary = drives.summarise(setting, DriveEnd(Outcome.BROKEN, ()), folder, hash_parts(folder))
+    setting, _rig = from_dict(read_live_inputs(folder).resolved, REPOSITORY)
+    summary = summarise(setting, DriveEnd(Outcome.BROKEN, ()), folder, hash_parts(folder))
     assert summary["ticks"] > 100
     (folder / "drive.png").unlink(missing_ok=True)
-    drives.draw(setting, drives.Drive(folder, summary))
+    draw_drive(setting, drives.Drive(folder, summary))
     assert (folder / "drive.png").stat().st_size > 10_000
     assert cli.main(["redrive", str(folder), "--controller", "follow_and_stop"]) == 0
 

@@ -18,9 +18,10 @@ import pytest
 from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig
 from tests.live.patience import until
+from tests.setpoints import setpoint as complete
 from vve_sumo.pose.ncom import Encoder
 from vve_sumo.record.record import read_table
-from vve_sumo.values import Fix, FixQuality, Setpoint
+from vve_sumo.values import Fix, FixQuality
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.gateway import OperatorCommand
 
@@ -86,7 +87,7 @@ def waiting(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Path]]:
 
 def bait() -> list[bytes]:
     """What somebody might send who knows every format of ours: acts, setpoints, fixes elsewhere, and noise."""
-    setpoint = Setpoint(
+    setpoint = complete(
         0.0, 2.0, sequence=1 << 40, time=0.0, expires=0.1, x=0.0, y=0.0, heading=0.0, speed=0.0, yaw_rate=0.0
     )  # fmt: skip
     there = Fix(

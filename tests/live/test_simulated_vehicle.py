@@ -19,15 +19,16 @@ from typing import Any
 import can
 import pytest
 
+from tests import vehicles
+from tests.setpoints import setpoint as complete
 from vve_sumo.bus import Bus
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.simulated_vehicle import CarConfig, Node, Truth
 from vve_sumo.live.spawn import start
-from vve_sumo.plant import fusion
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.pose.ncom import Decoder
-from vve_sumo.values import ArmingState, Fix, Frame, GatewayStatus, Setpoint
+from vve_sumo.values import ArmingState, Fix, Frame, GatewayStatus
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -39,7 +40,7 @@ PERIOD = 0.02
 
 def configuration(truth: Path | None, port: int, **changes: Any) -> CarConfig:
     config = CarConfig(
-        parameters=fusion.parameters(noise=0.0),
+        parameters=vehicles.parameters(noise=0.0),
         lot=LOT,
         latitude_deg=40.002,
         longitude_deg=-82.98,
@@ -103,7 +104,7 @@ class Running:
                     speed, place = math.hypot(fix.velocity_north, fix.velocity_east), place_of(fix)
             now, last = tick * PERIOD, self.verdicts[-1] if self.verdicts else None
             acceleration, act = wish(speed, last) if last else (0.0, None)
-            setpoint = Setpoint(
+            setpoint = complete(
                 0.0, acceleration, sequence=tick, time=now, expires=now + 0.1, x=place[0], y=place[1],
                 heading=place[2], speed=speed, yaw_rate=0.0,
             )  # fmt: skip
@@ -168,8 +169,8 @@ def gateway_of(car: Running) -> Gateway:
 
 
 def test_what_is_told_is_heard(tmp_path):
-    parameters = fusion.parameters(
-        fusion.MOUNTING,
+    parameters = vehicles.parameters(
+        vehicles.FUSION.mounting,
         kit=DbwControllerParameters(variant=codec.Variant.DBW1_2018),
         noise=1.0,
         mass_factor=1.1,

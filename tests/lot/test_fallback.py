@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests import vehicles
 from vve_sumo.lot.fallback import LATERAL_ACCELERATION, fallback_path
 from vve_sumo.path import Path
 from vve_sumo.values import FallbackPath, Point, Pose
-from vve_sumo.vehicle import fusion
 
-VEHICLE = fusion.vehicle()
+VEHICLE = vehicles.FUSION.vehicle
 _ANGLE = np.linspace(0.0, math.pi / 2.0, 24)
 ROUND_A_CORNER = Path.from_points(
     np.concatenate((np.arange(0.0, 60.0), 60.0 + 15.0 * np.sin(_ANGLE), np.full(60, 75.0))),

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import shapely
 
+from tests import vehicles
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
 from vve_sumo.lot.fit import Fit, fit
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.path import Path
-from vve_sumo.vehicle import fusion
 
-VEHICLE = fusion.vehicle()
+VEHICLE = vehicles.FUSION.vehicle
 GATEWAY, WATCHDOG = Stop(2.4, 0.16, 0.48, 0.25), Stop(2.5, 0.22, 0.0, 0.25)
 STRAIGHT = Path.from_points(np.arange(0.0, 61.0), np.zeros(61))
 

@@ -11,14 +11,14 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests import vehicles
 from vve_sumo.frames import GRAVITY, Alignment
 from vve_sumo.lot.geofence import JERK, LOT_EDGE, Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.path import Path
 from vve_sumo.values import FallbackPath, Point, Pose
-from vve_sumo.vehicle import fusion
 
-VEHICLE = fusion.vehicle()
+VEHICLE = vehicles.FUSION.vehicle
 GATEWAY, WATCHDOG = Stop(2.4, 0.16, 0.48, 0.25), Stop(2.5, 0.22, 0.0, 0.25)
 LANE = [(-20.0, -30.0), (100.0, -30.0), (100.0, 30.0), (-20.0, 30.0)]
 BODY = np.array([[3.84, 0.926], [-1.032, 0.926], [-1.032, -0.926], [3.84, -0.926]])

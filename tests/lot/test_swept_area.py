@@ -10,10 +10,10 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests import vehicles
 from vve_sumo.lot.swept_area import Body, as_pairs, fan, relaxing, trail
-from vve_sumo.vehicle import fusion
 
-BODY = Body.of(fusion.vehicle())
+BODY = Body.of(vehicles.FUSION.vehicle)
 EDGE = np.concatenate(
     [a + np.linspace(0.0, 1.0, 12) * (b - a) for a, b in zip(BODY.corners, np.roll(BODY.corners, -1), strict=True)]
 )
@@ -80,7 +80,7 @@ def test_the_body_stays_on_the_trail_of_any_curvature(knots: list[float], spacin
 
 
 def test_a_straight_way_sweeps_a_rectangle_and_no_more() -> None:
-    vehicle = fusion.vehicle()
+    vehicle = vehicles.FUSION.vehicle
     for ground in (union(fan(BODY, 0.0, 0.0, 20.0)), union(trail(BODY, np.zeros(21), 1.0))):
         assert ground.area == pytest.approx((vehicle.length + 20.0) * vehicle.width, rel=1e-9)
         assert ground.bounds == pytest.approx(

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.metrics.test_boxes import bodies
-from vve_sumo.metrics.boxes import Boxes
+from tests.test_geometry import bodies
+from vve_sumo.geometry import Boxes
 from vve_sumo.metrics.crossing import encroachment, time_to_collision_zone
 
 PERIOD = 0.02

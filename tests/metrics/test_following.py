@@ -63,9 +63,9 @@ def test_closed_forms() -> None:
     assert following.headway(30.0, 15.0) == close(2.0, abs=1e-9)
     assert following.headway_front(30.0, 15.0, 4.5) == close(2.3, abs=1e-9)
     assert following.time_to_collision(24.0, 8.0) == close(3.0, abs=1e-9)
-    assert following.deceleration_to_avoid(24.0, 8.0) == close(64.0 / 48.0, abs=1e-9)
+    assert following.required_deceleration(24.0, 8.0) == close(64.0 / 48.0, abs=1e-9)
     # dv / (2 (TTC - PRT)), as it is published.
-    assert following.deceleration_to_avoid(24.0, 8.0, 1.0) == close(8.0 / (2.0 * (3.0 - 1.0)), abs=1e-9)
+    assert following.required_deceleration(24.0, 8.0, 1.0) == close(8.0 / (2.0 * (3.0 - 1.0)), abs=1e-9)
     # 13.9 + 1.75 + 17.4^2 / 8 - 10^2 / 16
     assert following.rss_distance(13.9, 10.0) == close(47.245, abs=1e-9)
     assert following.rss_distance(1.0, 30.0) == 0.0
@@ -85,10 +85,13 @@ def test_closed_forms() -> None:
         (following.modified_time_to_collision, (10.0, 0.0, 0.0), math.inf),
         (following.modified_time_to_collision, (10.0, 4.0, -1.0), math.inf),
         (following.modified_time_to_collision, (10.0, -4.0, -1.0), math.inf),
-        (following.deceleration_to_avoid, (10.0, 0.0), 0.0),
-        (following.deceleration_to_avoid, (-1.0, -3.0), 0.0),
-        (following.deceleration_to_avoid, (0.0, 3.0), math.inf),
-        (following.deceleration_to_avoid, (3.0, 3.0, 1.0), math.inf),
+        (following.modified_time_to_collision, (8.0, 0.0, 4.0), 2.0),
+        (following.modified_time_to_collision, (7.5, 4.0, -1.0), 3.0),
+        (following.modified_time_to_collision, (6.0, -1.0, 4.0), 2.0),
+        (following.required_deceleration, (10.0, 0.0), 0.0),
+        (following.required_deceleration, (-1.0, -3.0), 0.0),
+        (following.required_deceleration, (0.0, 3.0), math.inf),
+        (following.required_deceleration, (3.0, 3.0, 1.0), math.inf),
         (following.rss_distance, (-1.0, 5.0), math.nan),
         (following.rss_distance, (5.0, -1.0), math.nan),
     ],
@@ -100,20 +103,21 @@ def test_edges(measure, arguments, expected) -> None:
 @pytest.mark.parametrize(
     ("measure", "count"),
     [(following.headway, 2), (following.headway_front, 3), (following.time_to_collision, 2),
-     (following.modified_time_to_collision, 3), (following.deceleration_to_avoid, 3), (following.rss_distance, 2)],
+     (following.modified_time_to_collision, 3), (following.required_deceleration, 3), (following.rss_distance, 2)],
 )  # fmt: skip
 @pytest.mark.parametrize("other", [5.0, 0.0, -5.0])
 def test_not_a_number_in_is_not_a_number_out_and_arrays_broadcast(measure, count, other) -> None:
     for position in range(count):
         arguments = [math.nan if number == position else other for number in range(count)]
         assert np.isnan(measure(*arguments)), arguments
+    assert isinstance(measure(*[other] * count), float)
     columns = [np.full((3, 1), 5.0), np.full(2, 2.0), np.ones(())]
     assert measure(*columns[:count]).shape == (3, 2)
 
 
 @given(st.floats(0.1, 100.0), st.floats(0.1, 30.0), st.floats(0.0, 1.0))
 def test_the_needed_deceleration_just_stops_before_contact(gap: float, closing: float, delay: float) -> None:
-    needed = float(following.deceleration_to_avoid(gap, closing, delay))
+    needed = float(following.required_deceleration(gap, closing, delay))
     assert math.isinf(needed) == (gap <= closing * delay)
     if math.isfinite(needed):
         assert laws.stopping_distance(closing, needed, delay) == pytest.approx(gap)

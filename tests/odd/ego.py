@@ -10,9 +10,9 @@ import random
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
+from vve_sumo.geometry import Box, behind_bumper, overlap
 from vve_sumo.path import Path
 from vve_sumo.values import Actors, Point, Pose, Vehicle
-from vve_sumo.world.footprint import Rectangle, behind_bumper, overlap
 
 GENTLE: Final = 1.5  #: how it speeds up and slows down [m/s2]
 HARD: Final = 4.0  #: how it brakes for what is in its way [m/s2]
@@ -87,7 +87,7 @@ class OddEgo:
         x, y, heading = self._bumper()
         return Pose(self._time, Point.FRONT_BUMPER, x, y, heading, self._speed, 0.0, 0.0, 0.0, 0.0)
 
-    def body(self) -> Rectangle:
+    def body(self) -> Box:
         """Return the ground that the ego covers."""
         return behind_bumper(*self._bumper(), self._vehicle.length, self._vehicle.width)
 
@@ -129,12 +129,12 @@ class OddEgo:
         body = self.body()
         ahead = CLEARANCE + self._speed * self._speed / (2.0 * HARD) + 0.3 * abs(self._speed)
         heading = body.heading if direction > 0.0 else body.heading + math.pi
-        swept = Rectangle(body.x, body.y, heading, body.length, body.width + 0.4).stretched(ahead)
+        swept = Box(body.x, body.y, heading, body.length, body.width + 0.4).stretched(ahead)
         columns = (actors.x, actors.y, actors.heading, actors.length, actors.width)
         reach = body.length + ahead
         for name, x, y, turned, length, width in zip(actors.ids, *(c.tolist() for c in columns), strict=True):
             if max(abs(x - body.x), abs(y - body.y)) < reach + length and overlap(
-                swept, Rectangle(x, y, turned, length, width)
+                swept, Box(x, y, turned, length, width)
             ):
                 return str(name)
         return ""

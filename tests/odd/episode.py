@@ -11,9 +11,9 @@ from typing import Final
 
 from tests.odd.ego import Manoeuvre, OddEgo, plan
 from tests.odd.judge import Memory, judge
+from tests.vehicles import FUSION
 from vve_sumo.drive.resolved_scenario import PERIOD, read_path
-from vve_sumo.vehicle.fusion import vehicle
-from vve_sumo.world.footprint import Rectangle
+from vve_sumo.geometry import Box
 from vve_sumo.world.network import read_network
 from vve_sumo.world.world import World
 
@@ -55,15 +55,15 @@ def drive(
     """Drive as a driver means to for so long, from a share of the path on."""
     network = read_network(REPOSITORY / "networks" / "linden.net.xml")
     path, route = read_path(REPOSITORY / "routes" / f"{along}.csv", network.frame(), network)
-    ego = OddEgo(path, vehicle(), start * (path.length - 200.0), means)
+    ego = OddEgo(path, FUSION.vehicle, start * (path.length - 200.0), means)
     demand = [REPOSITORY / "routes" / f"linden_{level}.rou.xml"]
     told, memory, touched = Told(seed), Memory(PERIOD), dict[str, float]()
     with World(
-        network.path, demand=demand, seed=seed, period=PERIOD, vehicle=vehicle(), warm_up=warm_up, route=route
+        network.path, demand=demand, seed=seed, period=PERIOD, vehicle=FUSION.vehicle, warm_up=warm_up, route=route
     ) as world:
         world.place(ego.pose())
         report = world.step()
-        before: dict[str, Rectangle] = {}
+        before: dict[str, Box] = {}
         waited, lane = 0.0, ""
         for k in range(round(seconds / PERIOD)):
             now, actors = k * PERIOD, world.actors()
@@ -102,11 +102,11 @@ def drive(
     return told
 
 
-def _near(world: World, x: float, y: float) -> list[tuple[str, Rectangle, float]]:
+def _near(world: World, x: float, y: float) -> list[tuple[str, Box, float]]:
     actors = world.actors()
     columns = (actors.x, actors.y, actors.heading, actors.length, actors.width, actors.speed)
     return [
-        (name, Rectangle(at_x, at_y, heading, length, width), speed)
+        (name, Box(at_x, at_y, heading, length, width), speed)
         for name, at_x, at_y, heading, length, width, speed in zip(
             actors.ids, *(column.tolist() for column in columns), strict=True
         )
@@ -114,9 +114,7 @@ def _near(world: World, x: float, y: float) -> list[tuple[str, Rectangle, float]
     ]
 
 
-def _look_for_jumps(
-    told: Told, now: float, before: dict[str, Rectangle], others: list[tuple[str, Rectangle, float]]
-) -> None:
+def _look_for_jumps(told: Told, now: float, before: dict[str, Box], others: list[tuple[str, Box, float]]) -> None:
     for name, box, _ in others:
         last = before.get(name)
         if last is not None:

@@ -13,7 +13,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from vve_sumo.world.footprint import Rectangle, overlap
+from vve_sumo.geometry import Box, overlap
 
 REACTION: Final = 1.0  #: [s]
 DECELERATION: Final = 4.5  #: [m/s2]
@@ -25,8 +25,8 @@ class Moment(NamedTuple):
     """Ego and one other at one time."""
 
     time: float  #: [s]
-    ego: Rectangle
-    other: Rectangle
+    ego: Box
+    other: Box
     speed: float  #: of the other along its heading [m/s]
 
 
@@ -46,7 +46,7 @@ class Memory:
         self._length = round(REMEMBERED / period)
         self._of: dict[str, deque[Moment]] = {}
 
-    def keep(self, time: float, ego: Rectangle, others: Sequence[tuple[str, Rectangle, float]]) -> None:
+    def keep(self, time: float, ego: Box, others: Sequence[tuple[str, Box, float]]) -> None:
         """Remember this moment; who is not there any more is forgotten."""
         here = {name for name, _, _ in others}
         for name in [name for name in self._of if name not in here]:
@@ -70,7 +70,7 @@ def judge(moments: Sequence[Moment]) -> Verdict:
     return Verdict(avoidable, last.time - first.time, first.speed, last.speed)
 
 
-def _way(moments: Sequence[Moment]) -> list[tuple[float, Rectangle]]:
+def _way(moments: Sequence[Moment]) -> list[tuple[float, Box]]:
     """Distance driven and place at each moment."""
     driven, found = 0.0, [(0.0, moments[0].other)]
     for before, now in pairwise(moments):
@@ -79,7 +79,7 @@ def _way(moments: Sequence[Moment]) -> list[tuple[float, Rectangle]]:
     return found
 
 
-def _across(ego: Rectangle, ahead: Sequence[tuple[float, Rectangle]]) -> bool:
+def _across(ego: Box, ahead: Sequence[tuple[float, Box]]) -> bool:
     """Whether the ego covers a part of what the other has still to drive."""
     last = -math.inf
     for s, box in ahead:

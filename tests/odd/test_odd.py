@@ -13,17 +13,17 @@ from tests.isolated import isolated
 from tests.odd.ego import Manoeuvre
 from tests.odd.episode import Told, drive, odd
 from tests.odd.judge import DECELERATION, REACTION, Moment, judge
-from vve_sumo.world.footprint import Rectangle, overlap
+from vve_sumo.geometry import Box, overlap
 
 PERIOD = 0.02
 
 
-def met(speed: float, ego_at: Callable[[float], Rectangle], start: float) -> list[Moment]:
+def met(speed: float, ego_at: Callable[[float], Box], start: float) -> list[Moment]:
     """A driver comes from the west at a constant speed until it touches the ego."""
     moments: list[Moment] = []
     for k in range(2000):
         time = k * PERIOD
-        moments.append(Moment(time, ego_at(time), Rectangle(start + speed * time, 0.0, 0.0, 4.0, 2.0), speed))
+        moments.append(Moment(time, ego_at(time), Box(start + speed * time, 0.0, 0.0, 4.0, 2.0), speed))
         if overlap(moments[-1].ego, moments[-1].other):
             return moments
     raise AssertionError("they never met")
@@ -36,15 +36,15 @@ def test_who_drives_into_a_standing_ego_could_have_stopped_where_the_way_was_lon
     needed = REACTION * speed + 0.5 * speed * speed / DECELERATION
     if abs(gap - needed) < 0.5 + speed * PERIOD:
         return
-    across = Rectangle(0.0, 0.0, 0.5 * math.pi, 5.0, 2.0)
+    across = Box(0.0, 0.0, 0.5 * math.pi, 5.0, 2.0)
     verdict = judge(met(speed, lambda _: across, -3.0 - gap))
     assert verdict.avoidable == (gap > needed)
     assert verdict.impact == speed
 
 
 def test_an_ego_that_comes_from_the_side_a_moment_before_is_not_the_drivers_fault():
-    def ego(time: float) -> Rectangle:
-        return Rectangle(0.0, min(-12.0 + 4.0 * time, 0.0), 0.5 * math.pi, 5.0, 2.0)
+    def ego(time: float) -> Box:
+        return Box(0.0, min(-12.0 + 4.0 * time, 0.0), 0.5 * math.pi, 5.0, 2.0)
 
     verdict = judge(met(10.0, ego, -32.0))
     assert not verdict.avoidable
@@ -52,7 +52,7 @@ def test_an_ego_that_comes_from_the_side_a_moment_before_is_not_the_drivers_faul
 
 
 def test_an_ego_that_backs_into_a_standing_driver_is_not_the_drivers_fault():
-    verdict = judge(met(0.0, lambda time: Rectangle(8.0 - time, 0.0, 0.0, 5.0, 2.0), 0.0))
+    verdict = judge(met(0.0, lambda time: Box(8.0 - time, 0.0, 0.0, 5.0, 2.0), 0.0))
     assert not verdict.avoidable
 
 

@@ -9,12 +9,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from tests import vehicles
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
-from vve_sumo.plant import fusion
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
 from vve_sumo.vehicle.dataspeed.messages import (
@@ -57,7 +56,7 @@ def ride(car: Car, seconds: float, plan: Callable[[float], Command], start: floa
 
 
 def make(parameters: CarParameters | None = None, seed: int = 1) -> Car:
-    return Car(parameters or fusion.parameters(), START, LOT, EPOCH, np.random.SeedSequence(seed))
+    return Car(parameters or vehicles.parameters(), START, LOT, EPOCH, np.random.SeedSequence(seed))
 
 
 def in_drive(parameters: CarParameters | None = None) -> Car:
@@ -83,7 +82,7 @@ def test_two_rides_with_one_seed_are_the_same_to_the_bit() -> None:
 
 
 def test_truth_does_not_depend_on_the_noise() -> None:
-    noisy, quiet = make(), make(fusion.parameters(noise=0.0))
+    noisy, quiet = make(), make(vehicles.parameters(noise=0.0))
     for _ in zip(ride(noisy, 12.0, town), ride(quiet, 12.0, town), strict=True):
         assert noisy.truth() == quiet.truth()
 
@@ -106,7 +105,7 @@ def test_what_is_said_is_said_in_order_and_within_its_step() -> None:
 
 @pytest.mark.parametrize("variant", list(codec.Variant))
 def test_sensors_report_the_motion(variant: codec.Variant) -> None:
-    parameters = fusion.parameters(noise=0.0, kit=DbwControllerParameters(variant=variant))
+    parameters = vehicles.parameters(noise=0.0, kit=DbwControllerParameters(variant=variant))
     car, radius = make(parameters), parameters.vehicle.wheel_radius
     for output in ride(car, 9.0, town):
         truth = car.truth()
@@ -128,7 +127,7 @@ def test_sensors_report_the_motion(variant: codec.Variant) -> None:
 
 def test_ncom_placed_with_the_declared_mounting_is_the_truth() -> None:
     mounting = Mounting(0.9, -0.3, 0.01)
-    car = make(fusion.parameters(mounting, noise=0.0, delay=0.0, grade=0.02))
+    car = make(vehicles.parameters(mounting, noise=0.0, delay=0.0, grade=0.02))
     decoder, placement = Decoder(), Placement(LOT, Alignment(), mounting, EPOCH)
     for output in ride(car, 10.0, town):
         fixes = [fix for time, data in output.ncom for fix in decoder.feed(data, time)]
@@ -142,7 +141,7 @@ def test_ncom_placed_with_the_declared_mounting_is_the_truth() -> None:
 
 
 def test_in_park_the_car_stands_even_on_a_hill() -> None:
-    car = make(fusion.parameters(grade=0.1))
+    car = make(vehicles.parameters(grade=0.1))
     before = car.truth()
     for tick in range(500):
         car.step((tick + 1) * TICK, [])
@@ -151,7 +150,7 @@ def test_in_park_the_car_stands_even_on_a_hill() -> None:
 
 
 def test_held_in_drive_on_a_grade_for_a_minute_without_motion() -> None:
-    car = in_drive(fusion.parameters(grade=0.03))
+    car = in_drive(vehicles.parameters(grade=0.03))
     for _ in ride(car, 60.0, lambda _: (500.0, 0.0, 0.0), start=1.0):
         pass
     assert (car.truth().x, car.truth().y) == START[:2]
@@ -161,14 +160,14 @@ def test_released_in_drive_the_car_creeps_at_the_speed_where_creep_meets_rolling
     car = in_drive()
     for _ in ride(car, 40.0, lambda _: (0.0, 0.0, 0.0), start=1.0):
         pass
-    c = Calibration()
+    c = vehicles.FUSION.calibration
     rolling = c.rolling_resistance * c.mass * 9.80665
     balance = c.creep_speed * (1.0 - rolling / c.creep_force)
     assert car.truth().speed == pytest.approx(balance, abs=0.01)
 
 
 def test_first_torque_comes_the_declared_dead_time_after_the_frame() -> None:
-    parameters = fusion.parameters()
+    parameters = vehicles.parameters()
     car = in_drive(parameters)
     for _ in ride(car, 6.0, lambda _: (0.0, 0.3, 0.0), start=1.0):
         pass
@@ -187,12 +186,12 @@ def test_first_torque_comes_the_declared_dead_time_after_the_frame() -> None:
 
 @pytest.mark.parametrize(("gain", "mass"), [(1.0, 1.0), (0.9, 1.0), (1.0, 1.15)])
 def test_perturbations_scale_the_deceleration(gain: float, mass: float) -> None:
-    car = in_drive(fusion.parameters(brake_gain_factor=gain, mass_factor=mass))
+    car = in_drive(vehicles.parameters(brake_gain_factor=gain, mass_factor=mass))
     for _ in ride(car, 6.0, lambda _: (0.0, 0.4, 0.0), start=1.0):
         pass
     for output in ride(car, 1.0, lambda _: (1650.0, 0.0, 0.0), start=7.0):
         last = output
-    drag = Calibration().drag(car.truth().speed) / 1690.0
+    drag = vehicles.FUSION.calibration.drag(car.truth().speed) / 1690.0
     engine = 0.4 * 6500.0 / 1690.0 * math.exp(-(1.0 - 0.05) / 0.25)
     assert car.truth().acceleration == pytest.approx((-3.0 * gain + engine) / mass - drag, abs=0.03)
     info = [message for _, frame in last.reports if isinstance(message := codec.decode(frame), BrakeInfo)]
@@ -201,10 +200,10 @@ def test_perturbations_scale_the_deceleration(gain: float, mass: float) -> None:
 
 def test_steering_bias_bends_the_path_of_a_wheel_that_is_reported_straight() -> None:
     bias = math.radians(3.0)
-    car = in_drive(fusion.parameters(steering_wheel_bias=bias))
+    car = in_drive(vehicles.parameters(steering_wheel_bias=bias))
     for output in ride(car, 6.0, lambda _: (0.0, 0.2, 0.0), start=1.0):
         last = output
-    vehicle, truth = fusion.parameters().vehicle, car.truth()
+    vehicle, truth = vehicles.parameters().vehicle, car.truth()
     length = vehicle.wheelbase + vehicle.understeer_gradient * truth.speed**2
     assert truth.yaw_rate == pytest.approx(-truth.speed * bias / vehicle.steering_ratio / length, rel=0.02)
     steering = [message for _, frame in last.reports if isinstance(message := codec.decode(frame), SteeringReport)]

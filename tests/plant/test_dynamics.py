@@ -10,10 +10,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tests import vehicles
+from tests.vehicles import parameters
 from vve_sumo.plant.car import STEP, chassis
 from vve_sumo.plant.dynamics import DYNAMIC_SPEED, KINEMATIC_SPEED, Dynamics, blend
-from vve_sumo.plant.fusion import parameters
-from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY
 
 FUSION = chassis(parameters())
@@ -48,7 +48,7 @@ def test_stopping_distance_of_constant_brake_force(speed: float, brake: float) -
 @pytest.mark.parametrize("steering", [0.01, -0.02])
 def test_steady_circle_has_the_yaw_rate_of_the_understeer_gradient(speed: float, steering: float) -> None:
     motion = drive(Dynamics(FRICTIONLESS, ORIGIN, speed=speed), 8.0, steering)
-    vehicle = fusion.vehicle()
+    vehicle = vehicles.FUSION.vehicle
     expected = speed * steering / (vehicle.wheelbase + vehicle.understeer_gradient * speed**2)
     assert motion.yaw_rate == pytest.approx(expected, rel=2e-3)
 

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests import vehicles
 from tests.plant.test_car import EPOCH, LOT, START, commands
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Placement
-from vve_sumo.plant import fusion
 from vve_sumo.plant.car import STEP, Car
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.fault_injector import FaultInjector
@@ -28,7 +28,7 @@ from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
 from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport, WheelSpeeds
 
 AT, DURATION = 1.0, 0.5  # of the fault, from the first motion
-PARAMETERS = fusion.parameters(noise=0.0)
+PARAMETERS = vehicles.parameters(noise=0.0)
 Packets = list[tuple[float, bytes]]
 
 

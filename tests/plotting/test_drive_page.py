@@ -14,16 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib import image
 
+from tests import vehicles
 from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
-from vve_sumo.metrics import drive_metrics
+from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.path import Path
 from vve_sumo.plotting import birds_eye, drive_page, page
 from vve_sumo.record.record import SCHEMAS
 from vve_sumo.values import TickRow
-from vve_sumo.vehicle import fusion
 
-CAR = fusion.vehicle()
+CAR = vehicles.FUSION.vehicle
 PLAIN = {"int": 0, "float": 0.0, "bool": False, "str": ""}
 PIXELS = (round(page.SIZE[1] * page.DOTS_PER_INCH), round(page.SIZE[0] * page.DOTS_PER_INCH))
 SPEED, GAP, ACCELERATION, DEVIATION = range(4)
@@ -40,8 +40,8 @@ def sheet_of(rows: list[dict[str, Any]], actors: list[dict[str, Any]], heading: 
     s = np.arange(0.0, 301.0, 2.0)
     path = Path.from_points(s * math.cos(heading), s * math.sin(heading))
     lane = np.array([[0.0, 0.0], [300.0 * math.cos(heading), 300.0 * math.sin(heading)]])
-    seen = drive_metrics.ahead(ticks, others, path, CAR)
-    return page.Sheet("a title", "a subtitle", ticks, others, seen, path, CAR, [(lane, 3.5)])
+    lead = DriveData(ticks, others, path, CAR, 0.02).lead
+    return page.Sheet("a title", "a subtitle", ticks, others, lead, path, CAR, [(lane, 3.5)])
 
 
 def driving(count: int, heading: float = 0.0, begin: float = 0.0, **more: Any) -> list[dict[str, Any]]:
@@ -99,10 +99,11 @@ def dark(dots: Any) -> int:
 
 def drive_and_draw(folder: str) -> None:
     """Drive three seconds and draw them; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
+    from vve_sumo.plotting.drive_record import draw_drive
 
     setting = altered({"duration_s": 3.0})
-    command.draw(setting, command.run(setting, FilePath(folder), REPOSITORY))
+    draw_drive(setting, drives.run(setting, FilePath(folder), REPOSITORY))
 
 
 def test_a_real_drive_fills_every_panel(tmp_path: FilePath) -> None:

@@ -274,7 +274,7 @@ def test_safety_is_the_closed_form_over_time(figures: dict[str, Figure]) -> None
 def test_the_approach_runs_down_to_rest_over_the_parabola(figures: dict[str, Figure], run: Run) -> None:
     (way,) = lines(figures["approach"], "the drive")
     assert way[0] == pytest.approx(run.motion.speed)
-    assert way[1] == pytest.approx(run.ahead.gap)
+    assert way[1] == pytest.approx(run.lead.gap)
     v, needed = labelled(figures["approach"], "needed to stop")
     delay = CAR.brake_delay + CAR.brake_lag
     assert needed == pytest.approx(v * delay + v * v / (2.0 * CAR.deceleration_limit))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
 import math
 import os
 import pty
@@ -25,7 +26,7 @@ from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.pose import ncom, oxts_can
 from vve_sumo.pose.receivers.oxts_can import FRAME
 from vve_sumo.pose.receivers.port import PORT, Receiver, load
-from vve_sumo.rig.load import parse_json
+from vve_sumo.rig.load import parse, parse_json
 from vve_sumo.rig.resolve import receiver_of
 from vve_sumo.rig.validation import arming_refusal
 from vve_sumo.values import Frame
@@ -221,14 +222,14 @@ def test_the_shipped_kinds_are_known_and_each_is_a_receiver() -> None:
 
 def a_rig(**pose: Any) -> dict[str, Any]:
     table = tomllib.loads((REPOSITORY / "rigs" / "fusion_example.toml").read_text(encoding="utf-8"))
-    table["lot"]["surveyed"] = "2026-05-01"
+    table["lot"]["surveyed"] = datetime.date(2026, 5, 1)
     return table | {"pose": pose}
 
 
 def test_a_rig_drives_with_a_receiver_of_somebody_s_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(TOY.parent)
     table = a_rig(kind="csv_udp.py:make", heading_sigma_deg=0.2, port=4000, **CAR)
-    rig = parse_json(table, Path("mine.toml"))
+    rig = parse(table, Path("mine.toml"))
     receiver = receiver_of(rig)
     assert receiver.place() == "127.0.0.1 port 4000"
     assert receiver.not_fixed_hint == "see the green light on the receiver"
@@ -243,12 +244,12 @@ def test_a_key_that_somebody_s_own_receiver_lacks_is_one_line() -> None:
     with pytest.raises(
         ConfigError, match=r"^mine\.toml: unknown key 'pose\.baud'; kind '.*csv_udp\.py:make' has "
     ) as one:
-        parse_json(table, Path("mine.toml"))
+        parse(table, Path("mine.toml"))
     assert "\n" not in str(one.value)
 
 
 def test_no_car_is_armed_on_a_recording() -> None:
-    assert "recording" in str(arming_refusal(parse_json(a_rig(kind="file", file="a.ncom"), Path("mine.toml"))))
+    assert "recording" in str(arming_refusal(parse(a_rig(kind="file", file="a.ncom"), Path("mine.toml"))))
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,14 @@ import pytest
 
 from tests.drive.street import altered
 from vve_sumo.controller import Guarded
+from vve_sumo.drive.assembly import sensors_of
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement, wrap_angle
 from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.ncom import Decoder, Encoder, pack
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.sensors.radar import Radar
-from vve_sumo.values import Actors, FixQuality, Observation, Point, Pose, Setpoint
+from vve_sumo.values import Actors, ControlCommand, FixQuality, Observation, Point, Pose
 
 EPOCH = 1_300_000_010.0
 LOT = "+proj=tmerc +lat_0=40.31 +lon_0=-83.55 +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
@@ -56,8 +56,8 @@ def test_a_circle_comes_back_as_it_was_driven(projection, offset, left):
 
 
 class _Straight:
-    def step(self, situation: Observation) -> Setpoint:
-        return Setpoint(0.0, 0.0)
+    def step(self, observation: Observation) -> ControlCommand:
+        return ControlCommand(0.0, 0.0)
 
 
 def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[tuple[str, ...]]]:
@@ -73,7 +73,7 @@ def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[t
         gate=TrustGate(DRIVE, EPOCH),
         placement=placement,
         predictor=Predictor(),
-        radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(1)),
+        sensors=sensors_of(setting),
         controller=Guarded(_Straight()),
         vehicle=setting.vehicle,
         path=setting.path,

@@ -29,7 +29,7 @@ from vve_sumo.record.record import (
     read_table,
     whole,
 )
-from vve_sumo.values import Actors, Detections, Frame, TickRow
+from vve_sumo.values import Actors, Frame, TickRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": ""}
 
@@ -48,11 +48,11 @@ def actors(count: int) -> Actors:
 
 def fill(record: MemoryRecorder, ticks: int, **changes: object) -> None:
     """Record some ticks of everything."""
-    detections = Detections(0.0, np.array([9.0]), np.array([0.1]), np.array([-2.0]), np.array([1], np.int8))
+    detection = np.array([9.0]), np.array([0.1]), np.array([-2.0]), np.array([1], np.int8), ("car0",)
     for tick in range(ticks):
         record.received_pose(0.02 * tick, bytes([tick % 256] * 72))
         record.saw_frames(0.02 * tick, "can0", [Frame(0x060, bytes([tick % 256] * 8))])
-        record.scanned(tick, detections, ["car0"])
+        record.sensed(tick, "radar", detection)
         record.snapshot(tick, actors(3))
         record.ticked(row(tick, **changes))
 
@@ -83,7 +83,7 @@ def test_what_nobody_keeps_has_the_same_hash_and_tables(tmp_path: Path) -> None:
     kept, unkept = Record(tmp_path / "r", {"a": 1}, 1000.0), MemoryRecorder({"a": 1}, 1000.0)
     for record in (kept, unkept):
         fill(record, 25, note="brake", lateral_deviation_m=math.nan)
-        record.scanned(25, Detections(0.5, *[np.zeros(0)] * 3, np.zeros(0, np.int8)), [])
+        record.sensed(25, "radar", (*[np.zeros(0)] * 3, np.zeros(0, np.int8), ()))
     assert unkept.close() == kept.close() == hash_parts(tmp_path / "r")
     for name, table in unkept.tables.items():
         table.validate(full=True)
@@ -120,7 +120,7 @@ def test_the_hash_covers_every_part(part: str, tmp_path: Path) -> None:
         elif changed and part == "can":
             record.saw_frames(1.0, "can0", [Frame(1, b"")])
         elif changed and part == "detections":
-            record.scanned(13, Detections(0.0, *[np.array([1.0])] * 3, np.array([0], np.int8)), ["car1"])
+            record.sensed(13, "radar", (*[np.array([1.0])] * 3, np.array([0], np.int8), ("car1",)))
         elif changed and part == "actors":
             record.snapshot(13, actors(1))
         hashes.append(whole(record.close()))

@@ -62,9 +62,9 @@ class Folders(NamedTuple):
 
 def drive(folder: str) -> None:
     """Drive to a car that is parked near the start; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
-    command.run(altered({"obstacles.0.at_m": 60.0, "street.demand": []}), Path(folder), REPOSITORY)
+    drives.run(altered({"obstacles.0.at_m": 60.0, "street.demand": []}), Path(folder), REPOSITORY)
 
 
 def cut_short(record: Path, folder: Path) -> Path:

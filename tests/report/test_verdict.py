@@ -212,7 +212,7 @@ def test_each_criterion_says_what_it_asks_and_whether_that_was_met() -> None:
         ["outcome", "stopped", "stopped", "✓ met"],
         ["collision", "no", "yes", "✗ not met"],
         ["gap at rest", "4.5 to 5.5 m", "4.499 m", "✗ not met"],
-        ["closest approach", "at least 1 m", "none", "✓ met"],
+        ["minimum gap", "at least 1 m", "none", "✓ met"],
         ["drive time", "at most 60 s", "59.000 s", "✓ met"],
     ]
     assert {[cell for cell in row if cell][-1] for row in criteria(False)} == {"not judged"}

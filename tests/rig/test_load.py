@@ -71,6 +71,24 @@ def test_the_twin_is_ready_and_commands_nothing_real() -> None:
     assert rig.operator.automatic
 
 
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"vehicle": {"model": "tank"}}, "vehicle.model: no vehicle named 'tank'; known: ford_fusion, lincoln_mkz"),
+        ({"vehicle": {"model": 3}}, "vehicle.model: expected a text in quotes, got 3"),
+        ({"vehicle": 3}, "vehicle: expected a table, got 3"),
+        ({"vehicle": {"mass_kg": "heavy"}}, "vehicle.mass_kg: expected a number, got 'heavy'"),
+        (
+            {"vehicle": {"steering_limit_deg": 30.0}},
+            "unknown key 'vehicle.steering_limit_deg', did you mean 'steering_wheel_limit_deg'?",
+        ),
+        ({"simulated": {"sources": {}}}, "unknown key 'simulated.sources'"),
+    ],
+)
+def test_what_a_rig_says_of_its_car_is_named(table: dict[str, Any], words: str) -> None:
+    assert said(real(), lambda whole: whole.update(table)) == words
+
+
 def test_the_example_says_what_to_fill_in_first() -> None:
     with pytest.raises(
         ConfigError, match=r"fusion_example\.toml: key 'lot\.surveyed' is missing: .*survey it"

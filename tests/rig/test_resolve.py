@@ -10,8 +10,10 @@ from typing import Any
 
 import pytest
 
+from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.rig.test_load import DAY, TWIN, real, twin
+from vve_sumo.config_file import UNITS
 from vve_sumo.drive.resolved_scenario import resolve_scenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
@@ -23,7 +25,6 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.schema import Vehicle as VehicleTable
 from vve_sumo.scenario.load import load as load_scenario
 from vve_sumo.values import Point, Pose, Vehicle
-from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dataspeed.codec import Variant
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
@@ -38,19 +39,41 @@ def rig(**tables: dict[str, Any]) -> Rig:
 
 def test_a_rig_that_says_nothing_of_its_car_has_the_fusion() -> None:
     plain = rig()
-    assert resolve.vehicle_of(plain) == fusion.vehicle()
-    assert resolve.calibration_of(plain) == Calibration()
+    assert resolve.vehicle_of(plain) == vehicles.FUSION.vehicle
+    assert resolve.calibration_of(plain) == vehicles.FUSION.calibration
     assert resolve.limits_of(plain) == Limits()
     assert resolve.variant_of(plain) is Variant.DBW1_2024
     assert resolve.steering_wheel_bias_of(plain) == 0.0
 
 
+def test_a_rig_brings_the_model_that_it_names_and_its_own_measurements() -> None:
+    ours = rig(vehicle={"model": "lincoln_mkz", "brake_lag_s": 0.02}, calibration={"steering_wheel_bias_deg": 1.5})
+    model = resolve.model_of(ours)
+    assert model.vehicle == dataclasses.replace(vehicles.MKZ.vehicle, brake_lag=0.02)
+    assert model.calibration == vehicles.MKZ.calibration
+    assert model.simulated == vehicles.MKZ.simulated
+    assert (model.name, model.rig, model.variant) == ("lincoln_mkz", "Fusion, template", Variant.DBW1_2024)
+    assert model.steering_wheel_bias == pytest.approx(math.radians(1.5))
+    assert (model.mounting, model.limits) == (resolve.mounting_of(ours), resolve.limits_of(ours))
+
+
+def test_a_model_beside_the_rig_is_found_again_from_anywhere(tmp_path: Path) -> None:
+    text = (REPOSITORY / "vehicles" / "lincoln_mkz.toml").read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(text.replace("mass_kg = 2080.0", "mass_kg = 2100.0"), encoding="utf-8")
+    table = real() | {"vehicle": {"model": "mine.toml"}}
+    ours = parse(table, tmp_path / "rig.toml")
+    assert ours.vehicle.model == str(tmp_path / "mine.toml")
+    assert resolve.vehicle_of(ours).mass == 2100.0
+
+
 def test_every_declared_quantity_has_its_key() -> None:
     def bare(keys: list[str]) -> set[str]:
-        units = sorted(resolve.UNITS, key=len, reverse=True)
+        units = sorted(UNITS, key=len, reverse=True)
         return {next((key.removesuffix(unit) for unit in units if key.endswith(unit)), key) for key in keys}
 
-    assert bare(list(VehicleTable.model_fields)) == {field.name for field in dataclasses.fields(Vehicle)}
+    said = {field.name for field in dataclasses.fields(Vehicle)} - {"steering_limit", "steering_rate_limit"}
+    said |= {"steering_wheel_limit", "steering_wheel_rate_limit", "model"}
+    assert bare(list(VehicleTable.model_fields)) == said
     measured = {field.name for field in dataclasses.fields(Calibration)} - {"mass", "brake_torque_limit"}
     assert bare(list(CalibrationTable.model_fields)) == measured | {"date", "steering_wheel_bias"}
     limits = {field.name for field in dataclasses.fields(Limits)} - {"comfort", "emergency"}
@@ -62,8 +85,8 @@ def test_every_declared_quantity_has_its_key() -> None:
 def test_units_and_signs() -> None:
     changed = rig(
         vehicle={
-            "steering_limit_deg": 30.0,
-            "steering_rate_limit_degps": 45.0,
+            "steering_wheel_limit_deg": 450.0,
+            "steering_wheel_rate_limit_radps": 7.5,
             "mass_kg": 1700.0,
             "steering_ratio": 15.0,
         },
@@ -73,8 +96,8 @@ def test_units_and_signs() -> None:
     )
     vehicle, limits, mounting = resolve.vehicle_of(changed), resolve.limits_of(changed), resolve.mounting_of(changed)
     assert vehicle.steering_limit == pytest.approx(math.pi / 6.0)
-    assert vehicle.steering_rate_limit == pytest.approx(math.pi / 4.0)
-    assert (vehicle.steering_ratio, vehicle.wheelbase) == (15.0, fusion.vehicle().wheelbase)
+    assert vehicle.steering_rate_limit == pytest.approx(0.5)
+    assert (vehicle.steering_ratio, vehicle.wheelbase) == (15.0, vehicles.FUSION.vehicle.wheelbase)
     assert resolve.steering_wheel_bias_of(changed) == pytest.approx(math.radians(-3.0))
     # Clockwise in the file, counter-clockwise inside.
     assert (mounting.forward, mounting.left) == (1.5, -0.2)

@@ -66,8 +66,8 @@ def test_every_scenario_but_the_calibration_has_parameters_to_vary() -> None:
 
 
 def _foreseen() -> dict[str, str | None]:
-    from vve_sumo.drive.command import choose
     from vve_sumo.drive.no_brake_preview import preview_without_braking
+    from vve_sumo.drive.run import choose
 
     found = {
         name: preview_without_braking(choose(name, REPOSITORY)).contact
@@ -90,11 +90,11 @@ def test_an_ego_that_never_brakes_touches_who_the_scenario_is_about() -> None:
 def _driven(names: list[str]) -> dict[str, dict[str, Any]]:
     import tempfile
 
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
 
     with tempfile.TemporaryDirectory() as scratch:
         return {
-            name: command.run(command.choose(name, REPOSITORY), Path(scratch) / name, REPOSITORY).summary
+            name: drives.run(drives.choose(name, REPOSITORY), Path(scratch) / name, REPOSITORY).summary
             for name in names
         }
 

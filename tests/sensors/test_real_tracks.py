@@ -14,8 +14,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from tests.sensors.scenes import FUSION, actors, car, rear_axle
-from vve_sumo.scenario.schema import Radar as Wanted
 from vve_sumo.sensors.radar import Radar, RadarConfig
+from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.values import Floats
 
 #: longer without a report, and it is another track [s]
@@ -94,7 +94,7 @@ def test_the_default_latency_is_that_of_real_range_rates(
     left = [float(np.sum((wanted[keep] + speed(times[keep] - lag) @ free) ** 2)) for lag in LAGS]
     lag = LAGS[int(np.argmin(left))]
     assert lag == pytest.approx(RadarConfig().latency, abs=0.035)
-    assert Wanted().latency_s == RadarConfig().latency
+    assert RadarSettings().latency_s == RadarConfig().latency
 
 
 def test_range_and_range_rate_are_late_by_much_the_same(tracks: list[Track]) -> None:

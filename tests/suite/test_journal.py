@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.vehicles import FUSION
 from vve_sumo.errors import ConfigError
 from vve_sumo.suite import catalogue
 from vve_sumo.suite.journal import NAME, Journal
 from vve_sumo.suite.row import Outcome, Verdict
 
-ROWS = catalogue.rows("pass_through")
+ROWS = catalogue.rows("pass_through", FUSION)
 NUMBERS = st.none() | st.floats(allow_nan=False)
 OUTCOMES = st.builds(
     Outcome,

@@ -8,6 +8,7 @@ from itertools import count
 import numpy as np
 import pytest
 
+from tests import vehicles
 from vve_sumo import laws
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.engine import SIZES
@@ -15,12 +16,12 @@ from vve_sumo.scenario.schema import Actor, Scenario
 from vve_sumo.suite import catalogue, requirements
 from vve_sumo.suite.physics import DETECTION, TICK, Course, full_braking, gap_used, reaction_time
 from vve_sumo.suite.row import Row
-from vve_sumo.suite.track import CAR, LOADS
-from vve_sumo.vehicle import fusion
+from vve_sumo.suite.track import loads
 from vve_sumo.world.proving_ground import TEST_TRACK
 
 KMH = 1.0 / 3.6
-ALL = {name: {row.id: row for row in catalogue.rows(name)} for name in catalogue.names()}
+CAR, LOADS = vehicles.FUSION.vehicle, loads(vehicles.FUSION)
+ALL = {name: {row.id: row for row in catalogue.rows(name, vehicles.FUSION)} for name in catalogue.names()}
 DRIVEN = [row for rows in ALL.values() for row in rows.values() if row.scenario is not None]
 
 
@@ -50,7 +51,7 @@ def test_every_row_of_the_tables_is_there():
     assert sum(row.scenario is None for row in ALL["fmvss127"].values()) == 4
     assert all(row.not_applicable for rows in ALL.values() for row in rows.values() if row.scenario is None)
     with pytest.raises(ConfigError, match="no suite named 'r153'"):
-        catalogue.rows("r153")
+        catalogue.rows("r153", vehicles.FUSION)
 
 
 @pytest.mark.parametrize("row", DRIVEN, ids=lambda row: row.id)
@@ -86,9 +87,9 @@ def test_r152_demands_its_braking_wherever_something_is_in_the_way():
 
 
 def test_laden_is_the_vehicle_at_its_maximum_mass():
-    assert LOADS["laden"] * CAR.mass == pytest.approx(fusion.MAXIMUM_MASS)
+    assert LOADS["laden"] * CAR.mass == pytest.approx(vehicles.FUSION.simulated.laden_mass)
     # A Fusion Hybrid of 3668 lb that carries 800 to 1000 lb.
-    assert 4468 * 0.45359 < fusion.MAXIMUM_MASS < 4668 * 0.45359
+    assert 4468 * 0.45359 < vehicles.FUSION.simulated.laden_mass < 4668 * 0.45359
 
 
 def test_r152_allows_what_the_table_says():

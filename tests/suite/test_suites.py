@@ -11,21 +11,29 @@ from pathlib import Path
 import pyarrow.compute as pc
 import pytest
 
+from tests import vehicles
 from tests.conftest import REPOSITORY
 from vve_sumo import laws
+from vve_sumo.cli import main
+from vve_sumo.cli.suite import drive
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import read_table
 from vve_sumo.suite import catalogue, table
-from vve_sumo.suite.command import Asked, driven_by, suite
 from vve_sumo.suite.physics import DETECTION, TICK, Need
+from vve_sumo.suite.query import SuiteQuery, driven_by
 from vve_sumo.suite.row import Approach, CutIn, Judged, Outcome, Row, Verdict
 from vve_sumo.suite.run import invalidity, judge, run
-from vve_sumo.suite.track import AEB, CAR, scenario, target
+from vve_sumo.suite.track import AEB, scenario, target
 from vve_sumo.sweep.engine import Local
 from vve_sumo.sweep.job import Result
 
 KMH = 1.0 / 3.6
+CAR = vehicles.FUSION.vehicle
+
+
+def suite_rows(name: str) -> list[Row]:
+    return catalogue.rows(name, vehicles.FUSION)
 
 
 def driven(name: str, rows: list[Row], records: Path | None = None, workers: int = 2) -> dict[str, Outcome]:
@@ -59,7 +67,7 @@ SAMPLE = {
 
 @pytest.mark.parametrize("name", sorted(SAMPLE))
 def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
-    rows = [row for row in catalogue.rows(name) if row.id in SAMPLE[name]]
+    rows = [row for row in suite_rows(name) if row.id in SAMPLE[name]]
     assert len(rows) == len(SAMPLE[name])
     outcomes = driven(name, rows)
     assert {key: outcome.verdict for key, outcome in outcomes.items()} == dict.fromkeys(SAMPLE[name], Verdict.PASSED)
@@ -74,7 +82,7 @@ def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
 
 def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     """First echo of the child in the record, against the geometry of the row; a scan comes every 50 ms."""
-    row = next(row for row in catalogue.rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
+    row = next(row for row in suite_rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
     outcome = driven("hidden", [row], tmp_path / "records", workers=1)[row.id]
     assert outcome.verdict is Verdict.PASSED
     told = read_table(outcome.record, "detections").filter(pc.field("actor") == "target")["tick"][0].as_py()
@@ -90,7 +98,7 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
 
 
 def test_seeds_are_drives_of_their_own_and_the_same_each_time():
-    row = next(row for row in catalogue.rows("fmvss127") if row.id == "stopped_20")
+    row = next(row for row in suite_rows("fmvss127") if row.id == "stopped_20")
     (first,), (again,) = (run("seeds", [row], Local(2), REPOSITORY, seeds=2) for _ in range(2))
     assert [drive.seed for drive in first.drives] == [1, 2]
     assert first.drives[0].least_gap_m != first.drives[1].least_gap_m
@@ -103,7 +111,7 @@ def test_seeds_are_drives_of_their_own_and_the_same_each_time():
 
 def test_braking_that_is_too_gentle_is_a_failure_without_a_contact():
     """The comfort layer alone stops for a car ahead well before it, and never asks for 5 m/s2."""
-    row = next(row for row in catalogue.rows("r152") if row.id == "stationary_20_unladen")
+    row = next(row for row in suite_rows("r152") if row.id == "stationary_20_unladen")
     gentle = row.scenario.controller.model_copy(update={"tuning": {"emergency": False}})
     scenario = row.scenario.model_copy(update={"controller": gentle})
     # It slows down so gently that this counts as approach, long before it brakes.
@@ -116,7 +124,7 @@ def test_braking_that_is_too_gentle_is_a_failure_without_a_contact():
 
 def test_what_goes_wrong_is_told_apart(tmp_path):
     """One stationary car at 40 km/h: nobody brakes; it appears too late; the speed is not the one wanted; no driver."""
-    good = next(row for row in catalogue.rows("r152") if row.id == "stationary_40_unladen")
+    good = next(row for row in suite_rows("r152") if row.id == "stationary_40_unladen")
     nothing = good.scenario.controller.model_copy(update={"tuning": {"comfort": False, "emergency": False}})
     speed, ahead = good.scenario.ego.speed_mps, 5.0
     late = scenario(
@@ -260,31 +268,31 @@ def test_the_tables_hold_every_row_and_the_worst_of_its_drives(tmp_path):
 
 def test_the_command_lists_the_suites_and_refuses_in_one_line(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert suite(None, Asked()) == 0
+    assert main(["suite"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(catalogue.names())
     full = tmp_path / "full"
     full.mkdir()
     (full / "mine").touch()
     for name, asked, said in [
-        ("r153", Asked(), "no suite named 'r153'"),
-        ("r152", Asked(keep=True), "--keep: expected --out"),
-        ("r152", Asked(resume=True), "--resume: expected --out"),
-        ("r152", Asked(out=full), "is not empty"),
-        ("r152", Asked(out=full, resume=True), "holds no journal.jsonl"),
-        ("r152", Asked(workers=0), "--workers: expected 1 or more, got 0"),
-        ("r152", Asked(seeds=0), "--seeds: expected 1 or more, got 0"),
-        ("r152", Asked(controller="nobody"), "controller nobody: unknown"),
+        ("r153", SuiteQuery(), "no suite named 'r153'"),
+        ("r152", SuiteQuery(keep=True), "--keep: expected --out"),
+        ("r152", SuiteQuery(resume=True), "--resume: expected --out"),
+        ("r152", SuiteQuery(out=full), "is not empty"),
+        ("r152", SuiteQuery(out=full, resume=True), "holds no journal.jsonl"),
+        ("r152", SuiteQuery(workers=0), "--workers: expected 1 or more, got 0"),
+        ("r152", SuiteQuery(seeds=0), "--seeds: expected 1 or more, got 0"),
+        ("r152", SuiteQuery(controller="nobody"), "controller nobody: unknown"),
     ]:
         with pytest.raises(ConfigError, match=said):
-            suite(name, asked)
+            drive(name, asked)
 
 
 def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    few = catalogue.Suite("two rows", lambda: iter(row for row in catalogue.rows("pass_through")[1:]))
+    few = catalogue.Suite("two rows", lambda car: iter(catalogue.rows("pass_through", car)[1:]))
     monkeypatch.setitem(catalogue.SUITES, "few", few)
     out = tmp_path / "out"
-    assert suite("few", Asked(out=out, workers=1, keep=True)) == 0
+    assert drive("few", SuiteQuery(out=out, workers=1, keep=True)) == 0
     assert "2 rows: 1 passed, 1 not applicable; 1 of 1 drives passed" in capsys.readouterr().out
     record = out / "records" / "between_two_cars_whole" / "seed_1"
     assert (record / "summary.json").is_file()
@@ -292,7 +300,7 @@ def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypat
     torn = record.with_name("seed_2")  # of a drive that was killed
     torn.mkdir()
     (torn / "scenario.toml").write_text("half a", encoding="utf-8")
-    assert suite("few", Asked(out=out, workers=1, keep=True, resume=True, seeds=2)) == 0
+    assert drive("few", SuiteQuery(out=out, workers=1, keep=True, resume=True, seeds=2)) == 0
     assert "2 rows: 1 passed, 1 not applicable; 2 of 2 drives passed" in capsys.readouterr().out
     assert record.stat().st_mtime_ns == driven_at
     assert (torn / "summary.json").is_file()

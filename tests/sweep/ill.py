@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from vve_sumo.values import Observation, Setpoint, Vehicle
+from vve_sumo.values import ControlCommand, Observation, Vehicle
 
 BEGINS = 25  #: tick at which the illness breaks out
 
@@ -29,11 +29,11 @@ class Ill:
         self._note = note
         self._ticks = 0
 
-    def step(self, situation: Observation) -> Setpoint:
+    def step(self, observation: Observation) -> ControlCommand:
         self._ticks += 1
         if self._ticks == BEGINS:
             self._breaks_out(self._note)
-        return Setpoint(steering=0.0, acceleration=1.0)
+        return ControlCommand(steering=0.0, acceleration=1.0)
 
 
 def none(note: Path) -> None:

@@ -70,12 +70,12 @@ def driven(*jobs: Job, workers: int = 1) -> dict[str, Result]:
 
 def in_process(one: Job, folder: Path) -> dict[str, Any]:
     """The summary of a job's drive without any of the sweep's processes; call it through `isolated`."""
-    from vve_sumo.drive import command
+    from vve_sumo.drive import run as drives
     from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.scenario.load import parse
 
     setting = resolve_scenario(one.name, parse(one.table, one.file), one.file, one.working)
-    return command.run(setting, folder, one.working).summary
+    return drives.run(setting, folder, one.working).summary
 
 
 def eventually(condition: Callable[[], Any]) -> Any:

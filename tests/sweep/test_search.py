@@ -20,6 +20,8 @@ from scipy.stats.qmc import Sobol
 
 from tests.conftest import REPOSITORY
 from tests.sweep.reading import load_rows
+from tests.vehicles import FUSION
+from vve_sumo.cli.search_results import lines, table_of
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import stopping_distance
 from vve_sumo.record.sweep_folder import Plan, read_tables
@@ -29,9 +31,7 @@ from vve_sumo.sweep.job import Result
 from vve_sumo.sweep.plan import query_of
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs
 from vve_sumo.sweep.search import AdaptiveSearch, least_runs, met
-from vve_sumo.sweep.search_results import lines, table_of
 from vve_sumo.sweep.spec import Spec, parse_spec
-from vve_sumo.vehicle.fusion import vehicle
 
 Drive = Callable[[Mapping[str, Any], int], dict[str, Any]]
 
@@ -390,7 +390,7 @@ def test_a_real_car_hits_what_it_sees_too_late_from_the_speed_of_the_closed_form
     assert f"{flip['fails']:.6g}" in ran.stdout
     rows = load_rows(tmp_path / "found").set_index("ego.speed_mps")
     assert len(rows) == found["runs"] <= 12
-    car = vehicle()
+    car = FUSION.vehicle
     build_up = 2.0 * car.brake_lag + car.deceleration_limit / 30.0
     brakes = ((car.deceleration_limit, car.brake_delay + 0.2), (1.03 * car.deceleration_limit, car.brake_delay + 0.1))
     speeds = [0.01 * number for number in range(500, 1500)]

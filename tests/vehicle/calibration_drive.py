@@ -12,16 +12,15 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
+from tests import vehicles
 from vve_sumo.bus import candump_lines
 from vve_sumo.controller import load
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.path import Path
-from vve_sumo.plant import fusion as plant
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.values import ArmingState, Detections, Frame, Observation, Setpoint
-from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 REPOSITORY = FilePath(__file__).parent.parent.parent
@@ -41,9 +40,9 @@ class CalibrationDrive:
         self.path = Path.from_points(along * math.cos(heading), along * math.sin(heading))
         self.car = Car(parameters, (0.0, 0.0, heading), lot, EPOCH, np.random.SeedSequence(seed))
         self._decoder, self._predictor = Decoder(), Predictor()
-        self._placement = Placement(lot, Alignment(), plant.MOUNTING, EPOCH)
-        vehicle = fusion.vehicle()
-        self._gateway = Gateway(vehicle, period=PERIOD)
+        self._placement = Placement(lot, Alignment(), vehicles.FUSION.mounting, EPOCH)
+        vehicle = vehicles.FUSION.vehicle
+        self._gateway = Gateway(vehicle, vehicles.FUSION.calibration, period=PERIOD)
         self._controller = load("calibration_run", vehicle, {}, [REPOSITORY / "controllers"])
         self._act: OperatorCommand | None = None
         self._chunks: list[bytes] = []
@@ -74,7 +73,9 @@ class CalibrationDrive:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "pose.bin").write_bytes(b"".join(self._chunks))
         (folder / "can.log").write_text("".join(self._lines))
-        (folder / "scenario.json").write_text(json.dumps({"scenario": "calibration", "epoch_gnss_s": EPOCH}))
+        model = vehicles.FUSION.to_dict()
+        told = {"scenario": "calibration", "epoch_gnss_s": EPOCH, "vehicle": model.pop("vehicle")}
+        (folder / "scenario.json").write_text(json.dumps(told | {"vehicle_model": model}))
         return folder
 
     def _tick(self, tick: int, heard: CarOutput) -> tuple[Frame, ...]:
@@ -103,12 +104,13 @@ class CalibrationDrive:
             self.notes.append("")
             return None
         steering = self._gateway.measured_steering
-        wish = self._controller.step(Observation(tick, now, pose, self.path, SPEED, NOTHING, steering))
+        wish = self._controller.step(Observation(tick, now, pose, self.path, SPEED, {"radar": NOTHING}, steering))
         self.notes.append(wish.note)
         return Setpoint(
             wish.steering,
             wish.acceleration,
-            note=wish.note,
+            wish.emergency,
+            wish.note,
             sequence=tick,
             time=now,
             expires=now + 0.1,
@@ -118,4 +120,6 @@ class CalibrationDrive:
             speed=pose.speed,
             yaw_rate=pose.yaw_rate,
             grade=pose.grade,
+            faults=(),
+            profile=None,
         )

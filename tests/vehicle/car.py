@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from tests import vehicles
+from tests.setpoints import setpoint as complete
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
-from vve_sumo.vehicle import fusion
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -17,7 +18,7 @@ from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 PERIOD = 0.02
 GRAVITY = 9.80665
 
-FUSION = fusion.vehicle()
+FUSION, CALIBRATION = vehicles.FUSION.vehicle, vehicles.FUSION.calibration
 
 
 @dataclass
@@ -141,7 +142,7 @@ class Rig:
 
     def __post_init__(self) -> None:
         if self.gateway is None:
-            self.gateway = Gateway(FUSION, period=PERIOD, variant=self.car.variant)
+            self.gateway = Gateway(FUSION, CALIBRATION, period=PERIOD, variant=self.car.variant)
 
     @property
     def now(self) -> float:
@@ -161,7 +162,7 @@ class Rig:
             "yaw_rate": self.car.yaw_rate,
             "grade": self.car.grade,
         }
-        return Setpoint(steering, acceleration, **(values | changes))
+        return complete(steering, acceleration, **(values | changes))
 
     def step(
         self,

@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers import follow_and_stop
+from tests import vehicles
 from vve_sumo.controller import Controller, Guarded
 from vve_sumo.drive.lockstep import ScriptedOperator
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import EPOCH, PERIOD
 from vve_sumo.frames import Alignment, Placement, local_frame
 from vve_sumo.path import Path
-from vve_sumo.plant import fusion
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import STARTED, InjectedFault
@@ -28,7 +28,7 @@ from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.sensors.radar import Radar, RadarConfig
-from vve_sumo.values import Actors, ArmingState, Frame, GatewayStatus, Observation, Pose, Setpoint
+from vve_sumo.values import Actors, ArmingState, ControlCommand, Frame, GatewayStatus, Observation, Pose
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 LOT = local_frame(math.radians(40.0), math.radians(-82.98))
@@ -71,7 +71,7 @@ class ClosedLoop:
         deviation_limit: float = math.inf,
         chain: type[Pipeline] = Pipeline,
     ) -> None:
-        parameters = parameters or fusion.parameters()
+        parameters = parameters or vehicles.parameters()
         vehicle, begin = parameters.vehicle, path.at(0.0)
         seeds = np.random.SeedSequence(seed).spawn(3)
         start = begin.x, begin.y, begin.heading
@@ -86,7 +86,7 @@ class ClosedLoop:
             gate=TrustGate(DRIVE, EPOCH),
             placement=Placement(LOT, Alignment(), parameters.receiver.mounting, EPOCH),
             predictor=Predictor(),
-            radar=Radar(RadarConfig(), vehicle, np.random.default_rng(seeds[1])),
+            sensors={"radar": Radar(RadarConfig(), vehicle, np.random.default_rng(seeds[1]))},
             controller=Guarded(controller or follow_and_stop.make(vehicle, {})),
             vehicle=vehicle,
             path=path,
@@ -130,9 +130,9 @@ class Slowing:
     def __init__(self, other: Controller, since: float, deceleration: float) -> None:
         self._other, self._since, self._deceleration = other, since, deceleration
 
-    def step(self, situation: Observation) -> Setpoint:
-        setpoint = self._other.step(situation)
-        if situation.time < self._since:
+    def step(self, observation: Observation) -> ControlCommand:
+        setpoint = self._other.step(observation)
+        if observation.time < self._since:
             return setpoint
         return replace(setpoint, acceleration=min(setpoint.acceleration, -self._deceleration))
 

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.vehicle.car import FUSION, GRAVITY, PERIOD, Car
+from tests.vehicle.car import CALIBRATION, FUSION, GRAVITY, PERIOD, Car
 from vve_sumo.vehicle.actuation import Actuation
-from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dataspeed.codec import Gear
 
 CARS = list(itertools.product((0.85, 1.0, 1.15), (0.9, 1.0, 1.1), (-0.03, 0.0, 0.03)))
@@ -24,7 +23,7 @@ class Loop:
         self.car = car
         self.grade = car.grade if grade_known else 0.0
         self.car.gear, self.car.enabled, self.car._throttle_wish = Gear.DRIVE, True, 0.0
-        self.actuation = Actuation(Calibration(), FUSION.brake_delay, FUSION.brake_lag)
+        self.actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)
         self.pedals = []
 
     def run(self, duration: float, wish):
@@ -108,7 +107,7 @@ def test_noise_does_not_make_the_pedals_take_turns_where_coasting_is_all_it_take
     """Rolling and air resistance are the wished deceleration, so the wanted force is noise around zero."""
     loop, noise = Loop(Car(speed=14.0)), random.Random(1)
     loop.actuation._holding = False
-    believed = Calibration()
+    believed = CALIBRATION
     for _ in range(round(20.0 / PERIOD)):
         speed = loop.car.speed
         loop.step(-believed.drag(speed) / 1690.0, speed + noise.gauss(0.0, 0.005))
@@ -151,7 +150,7 @@ def test_a_saturated_pedal_winds_nothing_up():
     )
 )
 def test_never_both_pedals_and_never_beyond_their_travel(steps):
-    actuation = Actuation(Calibration(), FUSION.brake_delay, FUSION.brake_lag)
+    actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)
     for acceleration, speed, grade, brakes_only in steps:
         brake, throttle = actuation.step(acceleration, speed, grade, PERIOD, brakes_only)
         assert 0.0 <= brake <= 3250.0
@@ -162,7 +161,7 @@ def test_never_both_pedals_and_never_beyond_their_travel(steps):
 
 @pytest.mark.parametrize("deceleration", [2.4, 4.0])
 def test_without_a_speed_the_brakes_still_give_what_is_asked_against_full_creep(deceleration):
-    actuation = Actuation(Calibration(), FUSION.brake_delay, FUSION.brake_lag)
+    actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)
     brake, throttle = actuation.without_speed(deceleration)
     assert throttle == 0.0
     assert (brake * 1690.0 / 550.0 - 600.0) / 1690.0 == pytest.approx(deceleration)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from tests import vehicles
 from tests.vehicle.car import FUSION
 from vve_sumo.vehicle import brake_monitor
 from vve_sumo.vehicle.actuation import Pedals
@@ -15,7 +16,7 @@ from vve_sumo.vehicle.calibration import Calibration
 
 STEP = 0.02  # [s]
 #: 550 N m are 1 m/s2. Nothing else acts on the car unless a test says so.
-BARE = Calibration(rolling_resistance=0.0, drag_area=0.0, creep_force=0.0)
+BARE = replace(vehicles.FUSION.calibration, rolling_resistance=0.0, drag_area=0.0, creep_force=0.0)
 BRAKE = Pedals(1100.0, 0.0)  # a sound car brakes with 2 m/s2, the weakest one that passes with 1.5
 COAST = Pedals(0.0, 0.0)
 THROTTLE = Pedals(0.0, 0.3)

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests import vehicles
 from vve_sumo.errors import ConfigError
-from vve_sumo.vehicle.calibration import Calibration
 
-FUSION = Calibration()
+FUSION = vehicles.FUSION.calibration
 
 
 def test_the_measured_brake_plateau_is_reproduced():

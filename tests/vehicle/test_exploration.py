@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import pytest
 
-from tests.vehicle.car import FUSION
-from vve_sumo.values import ArmingState, Frame, Setpoint
+from tests.setpoints import setpoint as complete
+from tests.vehicle.car import CALIBRATION, FUSION
+from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
@@ -90,7 +91,7 @@ class Explored:
         setpoint = None
         if world.said != "none":
             faults = ("pose_lost",) if world.said == "fault" else ()
-            setpoint = Setpoint(
+            setpoint = complete(
                 0.0, 1.0, sequence=self.tick, time=now, expires=now + 0.5 * PERIOD, speed=world.speed, yaw_rate=0.0,
                 x=self.x, y=0.0, heading=0.0, faults=faults,
             )  # fmt: skip
@@ -171,7 +172,7 @@ def successors(place: Explored) -> Iterator[Explored]:
 @pytest.fixture(scope="module")
 def reached() -> dict[tuple[object, ...], Explored]:
     """Every state that there is, each with a gateway in it."""
-    first = Explored(Gateway(FUSION, period=PERIOD))
+    first = Explored(Gateway(FUSION, CALIBRATION, period=PERIOD))
     first.step(World(enabled=False, gear=Gear.PARK))
     found, frontier = {first.key: first}, [first]
     while frontier:

@@ -13,11 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.vehicle.car import FUSION, PERIOD, Car, Rig
+from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
-from vve_sumo.vehicle import brake_monitor, engagement, fusion, gateway, plausibility, reports, setpoint_validation
+from vve_sumo.vehicle import brake_monitor, engagement, gateway, plausibility, reports, setpoint_validation
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, REASONS
-from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -223,7 +222,7 @@ def test_the_emergency_envelope_is_for_those_who_ask_for_it():
 @pytest.mark.parametrize(("declared", "calibrated"), [(900.0, 3250.0), (3250.0, 900.0), (900.0, 900.0)])
 def test_no_more_torque_goes_out_than_car_and_calibration_both_allow(declared: float, calibrated: float) -> None:
     car = replace(FUSION, brake_torque_limit=declared)
-    rig = Rig(gateway=Gateway(car, calibration=Calibration(brake_torque_limit=calibrated), period=PERIOD))
+    rig = Rig(gateway=Gateway(car, calibration=replace(CALIBRATION, brake_torque_limit=calibrated), period=PERIOD))
     rig.cruise(12.0)
     rig.run(0.4, acceleration=-9.0, emergency=True)
     assert rig.commands()[0].value == pytest.approx(900.0, abs=0.5)
@@ -869,16 +868,16 @@ def test_every_reason_it_can_give_has_plain_words():
 
 
 def test_its_defaults_are_the_fusions():
-    assert Gateway(FUSION).step(0.0, None, []).verdict.state is S.DISARMED
+    assert Gateway(FUSION, CALIBRATION).step(0.0, None, []).verdict.state is S.DISARMED
 
 
 def test_a_calibrated_wheel_bias_is_taken_off_the_report_and_put_onto_the_command() -> None:
     """Commanded straight, the wheel is asked to the angle at which the wheels point straight, and reads as straight."""
     bias = math.radians(3.0)
-    gateway = Gateway(fusion.vehicle(), wheel_bias=bias)
+    gateway = Gateway(FUSION, CALIBRATION, wheel_bias=bias)
     report = codec.encode(codec.SteeringReport(bias, math.nan, 0.0, 0.0, enabled=False))
     output = gateway.step(0.0, None, [report])
-    assert gateway.measured_steering == pytest.approx(0.0, abs=math.radians(0.05) / fusion.STEERING_RATIO)
+    assert gateway.measured_steering == pytest.approx(0.0, abs=math.radians(0.05) / FUSION.steering_ratio)
     command = codec.decode(output.frames[2], codec.Variant.DBW1_2024)
     assert isinstance(command, codec.SteeringCommand)
     assert command.wheel_angle == pytest.approx(bias, abs=math.radians(0.06))

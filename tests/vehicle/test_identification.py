@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vve_sumo.vehicle import fusion, identification
-from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY, Calibration
+from tests import vehicles
+from vve_sumo.vehicle import identification
+from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY
 from vve_sumo.vehicle.identification import Answer, Log, Series
 
-FUSION, DECLARED = fusion.vehicle(), Calibration()
+FUSION, DECLARED = vehicles.FUSION.vehicle, vehicles.FUSION.calibration
 
 #: a car that differs in everything from what is declared
 TRUE = {

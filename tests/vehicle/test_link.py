@@ -11,6 +11,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from tests.setpoints import setpoint as complete
 from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.fallback import well_formed
@@ -147,7 +148,7 @@ def test_what_is_wrong_is_said():
 
 
 def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so():
-    said = Setpoint(0.0, 0.0, note="ä" * 1000, faults=("x" * 300,) * 100, profile=FallbackPath(1.0, (0.0,) * 10_000))
+    said = complete(0.0, 0.0, note="ä" * 1000, faults=("x" * 300,) * 100, profile=FallbackPath(1.0, (0.0,) * 10_000))
     data = link.encode_setpoint(said)
     assert len(data) < 20_000
     back = link.decode_setpoint(data)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
-from tests.vehicle.car import FUSION, Rig
-from vve_sumo.values import Setpoint
+from tests.setpoints import setpoint as complete
+from tests.vehicle.car import CALIBRATION, FUSION, Rig
 from vve_sumo.vehicle import plausibility
-from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.plausibility import CarMotion, Plausibility
 
 STEP = 0.02  # [s]
@@ -31,7 +31,7 @@ class Drive:
         learnt: bool = True,
         settling: float = 3.0,
     ) -> None:
-        self.subject = Plausibility(FUSION, Calibration(wheel_speed_tolerance=TOLERANCE))
+        self.subject = Plausibility(FUSION, replace(CALIBRATION, wheel_speed_tolerance=TOLERANCE))
         self.speed, self.yaw_rate, self.heading = speed, yaw_rate, heading
         self.x, self.y = 100.0, -50.0
         self.now, self.ticks = 0.0, 0
@@ -69,7 +69,7 @@ class Drive:
             values = {"x": self.x, "y": self.y, "heading": self.heading, "speed": self.speed, "yaw_rate": self.yaw_rate}
             for name, more in (receiver or {}).items():
                 values[name] += more
-            setpoint = Setpoint(0.0, 0.0, time=self.now, **values)
+            setpoint = complete(0.0, 0.0, time=self.now, **values)
         return self.subject.step(self.now, how.get("elapsed", STEP), motion, setpoint, how.get("fresh", True))
 
     def angle(self) -> float:
@@ -225,7 +225,7 @@ def told(drive: Drive, angle: float, reported: float = 0.0) -> bool:
     motion = CarMotion(10.0, 0.0, reported, (float(drive.ticks),), angle, False)
     drive.x += 10.0 * STEP * math.cos(drive.heading)
     drive.y += 10.0 * STEP * math.sin(drive.heading)
-    setpoint = Setpoint(0.0, 0.0, time=drive.now, x=drive.x, y=drive.y, heading=drive.heading, speed=10.0, yaw_rate=0.0)
+    setpoint = complete(0.0, 0.0, time=drive.now, x=drive.x, y=drive.y, heading=drive.heading, speed=10.0, yaw_rate=0.0)
     return "steering_report_frozen" in drive.subject.step(drive.now, STEP, motion, setpoint, True)
 
 
@@ -240,7 +240,7 @@ def test_the_steering_report_against_the_gyroscope(speed, steering, sign):
     circle = speed * math.tan(steering) / (2.85 + UNDERSTEER * speed * speed)
     allowed = 0.06 + 0.2 * abs(circle)
     for off, found in ((allowed - 0.001, False), (allowed + 0.001, True)):
-        subject = Plausibility(FUSION, Calibration())
+        subject = Plausibility(FUSION, CALIBRATION)
         car = CarMotion(speed, circle + sign * off, steering, (1.0,), math.nan, False)
         said = [subject.step(k * STEP, STEP, car, None, False) for k in range(30)]
         assert (said[24], said[25]) == ([], ["steering_mismatch"] if found else [])
@@ -361,7 +361,7 @@ def test_a_pose_is_compared_at_its_own_time():
         poses.append((drive.now, drive.x, drive.y, drive.heading))
         then, x, y, heading = poses[-5] if len(poses) >= 5 else poses[0]
         car = CarMotion(10.0, 0.3, drive.angle(), (float(drive.ticks),), math.nan, False)
-        setpoint = Setpoint(0.0, 0.0, time=then, x=x, y=y, heading=heading, speed=10.0, yaw_rate=0.3)
+        setpoint = complete(0.0, 0.0, time=then, x=x, y=y, heading=heading, speed=10.0, yaw_rate=0.3)
         place = drive.subject._place(drive.now, car, setpoint)
         if len(poses) > 5:
             assert drive.subject._heading - place.own_heading == pytest.approx(0.3 * 0.08)
@@ -431,7 +431,7 @@ def test_a_car_that_stands_does_not_turn_whatever_the_gyroscope_says():
 
 def test_dead_reckoning_drives_chords():
     """A circle's chord points half of the turn off its tangent; the rear axle slips outwards by a constant angle."""
-    subject = Plausibility(FUSION, Calibration())
+    subject = Plausibility(FUSION, CALIBRATION)
     for tick in range(101):
         subject.step(tick * STEP, STEP, CarMotion(10.0, 0.5, 0.1, (1.0,), math.nan, False), None, False)
     chord = math.atan2(subject._y, subject._x)
@@ -465,7 +465,7 @@ def test_a_heading_is_the_same_after_a_whole_turn():
     ],
 )
 def test_what_a_hundred_metres_in_ten_seconds_may_be_off(turned, left, ahead, sign):
-    subject = Plausibility(FUSION, Calibration())
+    subject = Plausibility(FUSION, CALIBRATION)
     then = plausibility._Place(0.0, 5.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 10.0)
     for more, found in ((-0.01, []), (0.01, ["position_mismatch"])):
         for x, y in ((0.0, sign * (left + more)), (sign * (ahead + more), 0.0)):

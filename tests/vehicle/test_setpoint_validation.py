@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-from vve_sumo.values import FallbackPath, Setpoint
+from tests.setpoints import setpoint as complete
+from vve_sumo.values import FallbackPath
 from vve_sumo.vehicle.setpoint_validation import Debounce, Refusal, SetpointValidator
 
-GOOD = Setpoint(
+GOOD = complete(
     steering=0.1, acceleration=-1.0, sequence=5, time=2.0, expires=2.1, x=1.0, y=2.0, heading=0.3, speed=4.0,
     yaw_rate=0.1, grade=0.01,
 )  # fmt: skip

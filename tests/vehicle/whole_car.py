@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from tests import vehicles
+from tests.setpoints import setpoint as complete
 from vve_sumo.frames import MapFrame
-from vve_sumo.plant import fusion
 from vve_sumo.plant.car import Car
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle.dataspeed.controller import HANDS_OFF, DriverInputs
@@ -17,7 +18,7 @@ from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 PERIOD = 0.02
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
-PARAMETERS = fusion.parameters(noise=0.0)
+PARAMETERS = vehicles.parameters(noise=0.0)
 VEHICLE = PARAMETERS.vehicle
 
 
@@ -51,7 +52,7 @@ class WholeCar:
             "speed": truth.speed,
             "yaw_rate": truth.yaw_rate,
         }
-        return Setpoint(steering, acceleration, **(values | changes))
+        return complete(steering, acceleration, **(values | changes))
 
     def step(
         self,

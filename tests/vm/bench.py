@@ -12,13 +12,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from tests import vehicles
 from tests.vm.sender import PERIOD, Sender
 from tests.vm.wires import Heard, Wire, Witness
 from vve_sumo.frames import MapFrame
 from vve_sumo.live.channel import pair
 from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.live.spawn import start
-from vve_sumo.plant import fusion
 from vve_sumo.values import ArmingState, Frame, GatewayRow
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.dataspeed import codec
@@ -37,7 +37,7 @@ class LiveCar:
     def __init__(self, wire: Wire, folder: Path) -> None:
         self.t0 = time.monotonic()
         self.truth_file = folder / f"truth-{wire.car}.csv"
-        self.parameters = fusion.parameters(noise=0.0)
+        self.parameters = vehicles.parameters(noise=0.0)
         config = CarConfig(
             self.parameters,
             LOT,

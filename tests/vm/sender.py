@@ -60,8 +60,8 @@ def _send(channel: Channel, t0: float, cruise_time: float) -> None:
         wish = min(max(SPEED - speed, -ACCELERATION), ACCELERATION) if now < reached + cruise_time else -ACCELERATION
         driven, before = driven + speed * (now - before), now
         setpoint = Setpoint(
-            0.0, wish, sequence=sequence, time=now, expires=now + LIFETIME, x=driven, y=0.0, heading=0.0, speed=speed,
-            yaw_rate=0.0,
+            0.0, wish, emergency=False, note="", sequence=sequence, time=now, expires=now + LIFETIME,
+            x=driven, y=0.0, heading=0.0, speed=speed, yaw_rate=0.0, grade=0.0, faults=(), profile=None,
         )  # fmt: skip
         channel.send(link.encode_setpoint(setpoint))
         sequence += 1

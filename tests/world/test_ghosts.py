@@ -11,8 +11,8 @@ from shapely import Polygon, box
 
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, along, crossing, demand, grid, lane_points, pose, street, trips, way
+from vve_sumo.geometry import Box, behind_bumper
 from vve_sumo.values import Actors
-from vve_sumo.world.footprint import Rectangle, behind_bumper
 from vve_sumo.world.world import World
 
 CAR = '<vType id="car" sigma="0" lcStrategic="0" lcSpeedGain="0" lcCooperative="0" lcKeepRight="0"/>'
@@ -35,7 +35,7 @@ class Seen:
     lane: str
 
 
-def _polygon(shape: Rectangle) -> Polygon:
+def _polygon(shape: Box) -> Polygon:
     return Polygon(shape.corners())
 
 
@@ -69,7 +69,7 @@ def _look(seen: Seen, actors: Actors, at: float, body: Polygon) -> set[str]:
         if flow not in LANES:
             seen.ghosts_among_actors.add(name)
             continue
-        gap = body.distance(_polygon(Rectangle(*(float(column[i]) for column in columns))))
+        gap = body.distance(_polygon(Box(*(float(column[i]) for column in columns))))
         if gap == 0.0:
             overlapping.add(name)
         if actors.speed[i] < 0.05:

@@ -12,7 +12,7 @@ from shapely import Polygon
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, crossing, demand, pose, street
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.footprint import Rectangle
+from vve_sumo.geometry import Box
 from vve_sumo.world.obstacles import LaneSpot, MapSpot, Obstacle
 from vve_sumo.world.world import World
 
@@ -37,7 +37,7 @@ def _traffic(folder: str, lanes: int, obstacle: Obstacle, seconds: float) -> dic
                 continue
             actors = world.actors()
             boxes = [
-                Polygon(Rectangle(*map(float, row)).corners())
+                Polygon(Box(*map(float, row)).corners())
                 for row in zip(actors.x, actors.y, actors.heading, actors.length, actors.width, strict=True)
             ]
             assert actors.ids[-1] == obstacle.id

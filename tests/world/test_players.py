@@ -13,8 +13,8 @@ from shapely import Polygon
 
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, crossing, demand, grid, pose, street
+from vve_sumo.geometry import Box
 from vve_sumo.values import Actors, ActorState
-from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.lanes import Lanes, cuts, read_lanes
 from vve_sumo.world.world import World
 
@@ -27,7 +27,7 @@ Track = Callable[[float], tuple[ActorState, ...]]
 
 def _boxes(actors: Actors) -> dict[str, Polygon]:
     rows = zip(actors.x, actors.y, actors.heading, actors.length, actors.width, strict=True)
-    boxes = (Polygon(Rectangle(*map(float, row)).corners()) for row in rows)
+    boxes = (Polygon(Box(*map(float, row)).corners()) for row in rows)
     return dict(zip(actors.ids, boxes, strict=True))
 
 
@@ -268,7 +268,7 @@ def _wandered(folder: str) -> tuple[int, int]:
             for _ in range(700):
                 heading += chance.uniform(-0.2, 0.2) + 0.02 * math.sin(heading - math.atan2(120.0 - y, 120.0 - x))
                 x, y = x + speed * math.cos(heading), y + speed * math.sin(heading)
-                box = Rectangle(x, y, heading, length, width)
+                box = Box(x, y, heading, length, width)
                 boxes += 1
                 wrong += cuts(box, near.close(box)) != cuts(box, everything)
     return boxes, wrong

@@ -11,18 +11,18 @@ from hypothesis import strategies as st
 
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, demand, pose, street
-from vve_sumo.world.footprint import Rectangle
+from vve_sumo.geometry import Box
 from vve_sumo.world.standoff import PATIENCE, Standoff
 from vve_sumo.world.world import World
 
-EGO = Rectangle(0.0, 0.0, 0.0, 4.9, 1.9)
+EGO = Box(0.0, 0.0, 0.0, 4.9, 1.9)
 
 
-def car(x: float, y: float, heading: float) -> Rectangle:
-    return Rectangle(x, y, heading, 4.5, 1.8)
+def car(x: float, y: float, heading: float) -> Box:
+    return Box(x, y, heading, 4.5, 1.8)
 
 
-def over(box: Rectangle, seconds: float = PATIENCE + 1.0, speed: float = 0.0) -> list[str]:
+def over(box: Box, seconds: float = PATIENCE + 1.0, speed: float = 0.0) -> list[str]:
     standoff, told = Standoff(), list[str]()
     for second in range(round(seconds) + 1):
         told = standoff.over(float(second), EGO, speed, [("other", box)])
@@ -65,17 +65,17 @@ def test_it_is_the_same_wherever_on_the_map_and_whoever_is_called_ego(x, y, head
     box = car(x, y, heading)
     cos, sin = math.cos(turn), math.sin(turn)
 
-    def moved(one: Rectangle) -> Rectangle:
-        return Rectangle(
+    def moved(one: Box) -> Box:
+        return Box(
             far + one.x * cos - one.y * sin, one.x * sin + one.y * cos, one.heading + turn, one.length, one.width
         )
 
-    def opposed(ego: Rectangle, other: Rectangle) -> bool:
+    def opposed(ego: Box, other: Box) -> bool:
         standoff = Standoff()
         standoff.over(0.0, ego, 0.0, [("other", other)])
         return standoff.over(PATIENCE, ego, 0.0, [("other", other)]) == ["other"]
 
-    nearly = any(opposed(EGO, Rectangle(x, y, heading, 4.5 + d, 1.8 + d)) != opposed(EGO, box) for d in (-1e-6, 1e-6))
+    nearly = any(opposed(EGO, Box(x, y, heading, 4.5 + d, 1.8 + d)) != opposed(EGO, box) for d in (-1e-6, 1e-6))
     if not nearly:
         assert opposed(moved(EGO), moved(box)) == opposed(EGO, box) == opposed(box, EGO)
 

@@ -9,9 +9,10 @@ from vve_sumo.analysis.latency import latency_breakdown, legs_over_time
 from vve_sumo.analysis.latency_margin import LatencyMargin, latency_margin_of
 from vve_sumo.analysis.load import load
 from vve_sumo.analysis.over_time import encroachment_of, exposure, over_time, zone_times
-from vve_sumo.analysis.run import Motion, Run
+from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import braked_for_nothing, radar_statistics
 from vve_sumo.analysis.stopping_bound import StoppingBoundCheck, stopping_bound_check, stopping_bound_checks
+from vve_sumo.metrics.drive_data import Motion
 
 __all__ = [
     "Comfort",

@@ -13,20 +13,21 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.stopping import Stop
-from vve_sumo.values import Floats
-from vve_sumo.vehicle.calibration import AIR_DENSITY, Calibration
+from vve_sumo.values import DRIVE_LAG, Floats
+from vve_sumo.vehicle.calibration import AIR_DENSITY
 from vve_sumo.vehicle.identification import LEAST_SAMPLES, MEMORY, Answer, Series, sigmas
 
 #: what is assumed of drag, creep and throttle, whatever was calibrated; the fit finds mass, brake gain and grade itself
-ASSUMED: Final = Calibration()
+DRAG_PER_MASS: Final = 0.62 / 1690.0  #: drag area over mass of a mid-size car [m2/kg]
+CREEP_SPEED: Final = 2.0  #: above it an idling engine pushes no more [m/s]
 THROTTLE_DELAY: Final = 0.05  #: assumed dead time of the throttle [s]; its lag is found
-DRAG: Final = 0.5 * AIR_DENSITY * ASSUMED.drag_area / ASSUMED.mass  #: deceleration by air over speed squared [1/m]
+DRAG: Final = 0.5 * AIR_DENSITY * DRAG_PER_MASS  #: deceleration by air over speed squared [1/m]
 
 #: the stretch that is fitted: from so long before the onset to so long after it [s] ...
 BEFORE: Final = 0.5
 AFTER: Final = 3.0
 #: ... and not below this speed, where an idling engine pushes [m/s]
-SLOWEST: Final = 1.1 * ASSUMED.creep_speed
+SLOWEST: Final = 1.1 * CREEP_SPEED
 #: commands from so long before that stretch still act in it, through the throttle's lag [s]
 LEAD: Final = 1.5
 
@@ -169,7 +170,7 @@ def _search(model: _Model, lag: float) -> _Found:
     from scipy.optimize import least_squares
 
     many = 3 if model.pushed else 2
-    guesses = [np.array((delay, (lag / delay) ** 2, ASSUMED.drive_lag)[:many]) for delay in DELAYS if delay > lag]
+    guesses = [np.array((delay, (lag / delay) ** 2, DRIVE_LAG)[:many]) for delay in DELAYS if delay > lag]
     ended = least_squares(
         model.residual,
         min(guesses, key=lambda guess: float(np.sum(model.residual(guess) ** 2))),

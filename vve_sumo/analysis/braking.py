@@ -10,9 +10,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from vve_sumo.analysis.over_time import SLOPE_REACH, slope
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics import stopping
+from vve_sumo.metrics.slope import SLOPE_REACH, slope
 
 #: over so long ISO 15622 averages the deceleration of adaptive cruise control [s]
 AVERAGED: Final = 2.0
@@ -46,13 +46,12 @@ def stop_of(run: Run) -> Stop | None:
 
     By the truth where there is one, else by the estimate, whose own delay then counts as the car's.
     """
-    motion, limit = run.motion, run.vehicle.deceleration_limit
-    found = stopping.last_stop(run.arrow("ticks"), motion.speed, motion.acceleration, limit)
+    found = run.data.stop
     if found is None:
         return None
     known = {field.name: getattr(found, field.name) for field in fields(found)}
     onset, rest = float(run.time[found.onset]), float(run.time[found.rest])
-    return Stop(**known, onset_s=onset, rest_s=rest, gap=float(run.ahead.gap[found.rest]))
+    return Stop(**known, onset_s=onset, rest_s=rest, gap=float(run.lead.gap[found.rest]))
 
 
 def comfort(run: Run, stop: Stop) -> Comfort:

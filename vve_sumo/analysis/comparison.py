@@ -6,7 +6,7 @@ Knows records and signals; must not know which of the two is the truth. Both are
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.similarity import pearson, rms, shift_of, theil_u
-from vve_sumo.analysis.units import described, unit_of
+from vve_sumo.analysis.units import described
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics.drive_metrics import LeadVehicle, ahead, measure
+from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -85,11 +87,10 @@ class _Side(NamedTuple):
     """One record, ready to be laid beside another."""
 
     run: Run
-    ticks: pa.Table  #: without the truth where the other has none
+    data: DriveData  #: without the truth where the other has none
     time: Floats  #: from first motion [s]
     station: Floats  #: along the path [m]
     signals: dict[str, Floats]
-    ahead: LeadVehicle
     begin: float  #: drive time of first motion [s]
 
 
@@ -138,19 +139,19 @@ def _side(run: Run, true: bool) -> _Side:
         place = ticks.schema.get_field_index("true_x_m")
         ticks = ticks.set_column(place, ticks.schema.field(place), pa.array(np.full(ticks.num_rows, np.nan)))
     prefix = "true_" if true else ""
-    seen = ahead(ticks, run.arrow("actors"), run.path, run.vehicle)
+    data = DriveData(ticks, run.arrow("actors"), run.path, run.vehicle, run.period)
     signals = {
         "speed_mps": ticks[f"{prefix}speed_mps"].to_numpy(),
         "acceleration_mps2": ticks[f"{prefix}acceleration_mps2"].to_numpy(),
         "yaw_rate_radps": ticks["yaw_rate_radps"].to_numpy(),
         "steering_rad": ticks["measured_steering_rad"].to_numpy(),
-        "gap_m": seen.gap,
+        "gap_m": data.lead.gap,
         "lateral_deviation_m": ticks["lateral_deviation_m" if true else "estimated_deviation_m"].to_numpy(),
     }
     begin = first_motion(run.time, signals["speed_mps"])
     if not math.isfinite(begin):
         raise ConfigError(f"{run.folder}: the car never reaches {FIRST_MOTION} m/s: no motion to compare")
-    return _Side(run, ticks, run.time - begin, ticks["station_m"].to_numpy(), signals, seen, begin)
+    return _Side(run, data, run.time - begin, ticks["station_m"].to_numpy(), signals, begin)
 
 
 def _laid_together(one: _Side, other: _Side) -> dict[str, pd.DataFrame]:
@@ -194,7 +195,7 @@ def _pair(one: _Side, other: _Side, name: str, axis: str, grid: Floats) -> pd.Da
     table = pd.DataFrame(sampled, index=pd.Index(grid, name=axis))
     if name == "gap_m" and len(grid):
         # Gaps to two different actors are two different things.
-        leaders = [np.array(side.ahead.actor, object)[_nearest(side.time, grid)] for side in (one, other)]
+        leaders = [np.array(side.data.lead.actor, object)[_nearest(side.time, grid)] for side in (one, other)]
         table.loc[leaders[0] != leaders[1], :] = np.nan
     table.attrs["units"] = dict.fromkeys(sides, unit_of(name)) | {axis: unit_of(axis)}
     return table
@@ -268,11 +269,13 @@ def _came_to(side: _Side) -> dict[str, float | str]:
     run = side.run
     return {
         "outcome": str(run.summary["outcome"]) if run.summary else "killed",
-        "collision": "yes" if any(side.ticks["contacts"].to_pylist()) else "no",
-        **asdict(measure(side.ticks, run.arrow("actors"), run.path, run.vehicle)),
+        **{name: _in_words(value) for name, value in PER_DRIVE.measure(side.data).items()},
         "first_motion_s": side.begin,
-        "duration_s": float(run.time[-1] - run.time[0]),
     }
+
+
+def _in_words(value: float | bool) -> float | str:
+    return ("yes" if value else "no") if isinstance(value, bool) else float(value)
 
 
 def _notes(one: Run, other: Run, true: bool) -> tuple[str, ...]:

@@ -19,9 +19,11 @@ import pyarrow as pa
 from vve_sumo.analysis import json_models
 from vve_sumo.analysis.groups import COUNTS, grouped, meanings
 from vve_sumo.analysis.run import Run
-from vve_sumo.analysis.units import described, unit_of
+from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.sweep_folder import FIGURES, MEANINGS, Held, unreadable
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.table import NUMBERS
+from vve_sumo.record.sweep_folder import COLUMNS, Held, unreadable
 
 if TYPE_CHECKING:
     import duckdb
@@ -66,7 +68,7 @@ class Sweep:
     @property
     def figures(self) -> list[str]:
         """What was measured, as far as it has a mean: names of columns."""
-        return [name for name, kind in FIGURES.items() if kind == "float"]
+        return list(NUMBERS)
 
     @property
     def columns(self) -> list[str]:
@@ -204,4 +206,4 @@ class Sweep:
         plan = self._held.plan
         varied = dict.fromkeys(plan.parameters, "varied")
         met = {f"meets_{name}": f"whether the criterion {name} was met" for name in plan.criteria}
-        return MEANINGS | varied | met
+        return {name: column.meaning for name, column in COLUMNS.items()} | varied | met

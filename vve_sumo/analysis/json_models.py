@@ -12,11 +12,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, create_model, model_validator
 
+from vve_sumo.config_file import Finite, Positive, complaint
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics.drive_metrics import Metrics
-from vve_sumo.scenario.load import complaint
-from vve_sumo.scenario.schema import Radar
-from vve_sumo.tables import Finite, Positive
+from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.values import Vehicle
 
 
@@ -93,7 +92,7 @@ class _Settings(_Asked):
     title: Text
     seed: int
     controller: _Controlled
-    radar: Radar
+    radar: RadarSettings
 
 
 class _Latency(JsonModel):
@@ -152,10 +151,11 @@ class Provenance(JsonModel):
 
 
 #: what was measured of a drive; null where it held nothing to measure
+_TYPES = {"float": float, "int": int, "bool": bool, "str": str}
 _Figures: Any = create_model(
     "_Figures",
     __base__=JsonModel,
-    **dict.fromkeys((*(field.name for field in fields(Metrics)), "duration_s"), (float | None, None)),
+    **{name: (_TYPES[metric.kind] | None, None) for name, metric in PER_DRIVE.items()},
 )  # type: ignore[call-overload]
 
 
@@ -165,7 +165,6 @@ class Summary(_Figures):  # type: ignore[misc]
     outcome: Text
     reasons: Annotated[tuple[Text, ...], Field(strict=False)] = ()
     text: Text = ""
-    collision: bool = False
     passed: bool | None = None
     failed: Annotated[tuple[Text, ...], Field(strict=False)] = ()
     record_sha256: Text = ""

@@ -13,6 +13,8 @@ import numpy as np
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.drive.latency_monitor import DATAGRAM, LEGS, TOTAL, legs, percentiles, rows_of
+from vve_sumo.metrics.metric import Metric
+from vve_sumo.metrics.table import rows
 from vve_sumo.values import LatencyRow
 
 if TYPE_CHECKING:
@@ -43,13 +45,14 @@ MEANINGS: Final = {
     POSE_AGE: "tick minus epoch of the newest trusted fix",
 }
 
-COLUMN_MEANINGS: Final = {
-    "p50_ms": "median: the smallest sample that half of them do not exceed",
-    "p95_ms": "95th percentile, likewise",
-    "p99_ms": "99th percentile, likewise",
-    "max_ms": "greatest",
-    "n": "ticks in which the leg happened from end to end",
-}
+#: of a leg, over the ticks of a drive
+PERCENTILES: Final = rows(
+    Metric("p50_ms", "median", "median: the smallest sample that half of them do not exceed", worse="higher"),
+    Metric("p95_ms", "95 %", "95th percentile, likewise", worse="higher"),
+    Metric("p99_ms", "99 %", "99th percentile, likewise", worse="higher"),
+    Metric("max_ms", "maximum", "greatest", worse="higher"),
+    Metric("n", "ticks", "ticks in which the leg happened from end to end", kind="int"),
+)
 
 
 def latency_breakdown(run: Run) -> pd.DataFrame:
@@ -62,14 +65,14 @@ def latency_breakdown(run: Run) -> pd.DataFrame:
     import pandas as pd
 
     over_time = _seconds(run)
-    rows = {}
+    legs = {}
     for name in MEANINGS:
         samples = over_time[name].to_numpy()
         ordered = sorted(samples[np.isfinite(samples)].tolist())
         figures = {f"{which}_ms": math.nan if value is None else value for which, value in percentiles(ordered).items()}
-        rows[name] = figures | {"n": len(ordered)}
-    table = pd.DataFrame.from_dict(rows, orient="index", columns=list(COLUMN_MEANINGS)).rename_axis("leg")
-    return described(table, COLUMN_MEANINGS)
+        legs[name] = figures | {"n": len(ordered)}
+    table = pd.DataFrame.from_dict(legs, orient="index", columns=list(PERCENTILES)).rename_axis("leg")
+    return described(table, PERCENTILES)
 
 
 def legs_over_time(run: Run) -> pd.DataFrame:

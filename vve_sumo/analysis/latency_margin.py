@@ -138,6 +138,12 @@ def latency_margin_of(sweep: Sweep, *, design_margin: float | None = None) -> La
     return LatencyMargin(sweep.title, sweep.scenario, speed, steps, edges_of(steps, speed), margin)
 
 
+def keep_design_margin(folder: Path, margin: float) -> None:
+    """Write the design's margin [s], or that there is none, beside a study's rows."""
+    note = {"design_delay_margin_s": margin if math.isfinite(margin) else None}
+    (folder / NOTE).write_text(json.dumps(note) + "\n", encoding="utf-8")
+
+
 def _noted(file: Path) -> float:
     """Return the design's margin that a study's note tells [s]; NaN where it knows none, or there is no note."""
     try:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -22,27 +22,14 @@ from vve_sumo.analysis import json_models
 from vve_sumo.analysis.units import described
 from vve_sumo.drive.resolved_scenario import refuse_layout
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics import drive_metrics
-from vve_sumo.metrics.drive_metrics import LeadVehicle
+from vve_sumo.metrics.drive_data import DriveData, Motion
+from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path
 from vve_sumo.record.record import LIVE_SCHEMAS, PROVENANCE, SCHEMAS, read_table
 from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """How the rear axle moved: one entry a tick, NaN where nobody knows."""
-
-    true: bool  #: whether this is the truth, which only a hardware-free car has; else the chain's estimate
-    time: Floats  #: drive time [s]
-    x: Floats  #: map [m]
-    y: Floats  #: map [m]
-    heading: Floats  #: [rad] counter-clockwise from the map's +x
-    speed: Floats  #: along the heading, forward positive [m/s]
-    acceleration: Floats  #: rate of change of speed [m/s2]
 
 
 class Run:
@@ -141,13 +128,14 @@ class Run:
         return self.table("actors")
 
     @cached_property
+    def data(self) -> DriveData:
+        """The tables as metrics read them."""
+        return DriveData(self.arrow("ticks"), self.arrow("actors"), self.path, self.vehicle, self.period)
+
+    @property
     def motion(self) -> Motion:
         """How the rear axle moved: the truth where there is one, else the estimate."""
-        ticks = self.arrow("ticks")
-        true = bool(np.isfinite(ticks["true_x_m"].to_numpy()).any())
-        prefix = "true_" if true else ""
-        names = ("x_m", "y_m", "heading_rad", "speed_mps", "acceleration_mps2")
-        return Motion(true, self.time, *(ticks[f"{prefix}{name}"].to_numpy() for name in names))
+        return self.data.motion
 
     @cached_property
     def time(self) -> Floats:
@@ -155,10 +143,10 @@ class Run:
         time: Floats = self.arrow("ticks")["time_s"].to_numpy()
         return time
 
-    @cached_property
-    def ahead(self) -> LeadVehicle:
-        """What stood ahead in the ego's way, and its gap, tick by tick."""
-        return drive_metrics.ahead(self.arrow("ticks"), self.arrow("actors"), self.path, self.vehicle)
+    @property
+    def lead(self) -> LeadVehicle:
+        """What was ahead in the ego's strip, and its gap, tick by tick."""
+        return self.data.lead
 
     def engaged(self) -> NDArray[np.bool_]:
         """Whether the gateway obeyed the controller, tick by tick."""

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
-from vve_sumo.drive.resolved_scenario import radar_of
-from vve_sumo.metrics.drive_metrics import CLOSING_FLOOR
+from vve_sumo.metrics.lead_vehicle import CLOSING_FLOOR
+from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.stopping import AT_REST
+from vve_sumo.metrics.table import rows
 from vve_sumo.record.record import ACTOR_COLUMNS
-from vve_sumo.scenario.schema import Radar
 from vve_sumo.sensors.echo import antenna_at, echoes
 from vve_sumo.sensors.radar import from_bumper
+from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.sensors.visibility import Sector
 from vve_sumo.values import Actors, Floats, Point, Pose
 
@@ -33,23 +34,58 @@ Truths = NDArray[np.bool_]
 #: an acceleration asked for that is harder than this counts as braking [m/s2]; lifting the foot is not braking
 BRAKING = -1.0
 
-MEANINGS = {
-    "first_tick": "tick at which the first detection came out",
-    "first_s": "drive time of that tick",
-    "first_range_m": "range of the first detection as measured, from the middle of the front bumper",
-    "first_ttc_s": "true range over true closing range rate when that was measured; NaN where it did not close in",
-    "scans_visible": "scans in which a part of it that nothing hid lay in the field of view",
-    "scans_detected": "scans that detected it",
-    "detected_share": "of the scans in which it was visible those that detected it",
-    "dropouts": "stretches of scans between first and last detection that did not detect it",
-    "dropouts_hidden": "those of them in which it was never visible",
-    "longest_dropout_s": "from the detection before the longest of them to the one after; 0 without any",
-    "range_error_mean_m": "range measured minus range of the nearest point truly visible",
-    "range_error_std_m": "sample standard deviation of the same",
-    "range_rate_error_mean_mps": "range rate measured minus the true one of that point, opening positive",
-    "range_rate_error_std_mps": "sample standard deviation of the same",
-    "ghosts": "detections of an actor that the street did not have when they were measured; a false alarm has no name",
-}
+#: what the radar showed of an actor
+STATISTICS = rows(
+    Metric("first_tick", "first tick", "tick at which the first detection came out", kind="int"),
+    Metric("first_s", "first seen", "drive time of that tick"),
+    Metric(
+        "first_range_m", "first range", "range of the first detection as measured, from the middle of the front bumper"
+    ),
+    Metric(
+        "first_ttc_s",
+        "first TTC",
+        "true range over true closing range rate when that was measured; NaN where it did not close in",
+    ),
+    Metric(
+        "scans_visible",
+        "scans visible",
+        "scans in which a part of it that nothing hid lay in the field of view",
+        kind="int",
+    ),
+    Metric("scans_detected", "scans detected", "scans that detected it", kind="int"),
+    Metric(
+        "detected_share", "share detected", "of the scans in which it was visible those that detected it", worse="lower"
+    ),
+    Metric(
+        "dropouts",
+        "drop-outs",
+        "stretches of scans between first and last detection that did not detect it",
+        worse="higher",
+        kind="int",
+    ),
+    Metric("dropouts_hidden", "drop-outs, hidden", "those of them in which it was never visible", kind="int"),
+    Metric(
+        "longest_dropout_s",
+        "longest drop-out",
+        "from the detection before the longest of them to the one after; 0 without any",
+        worse="higher",
+    ),
+    Metric("range_error_mean_m", "range error, mean", "range measured minus range of the nearest point truly visible"),
+    Metric("range_error_std_m", "range error, std", "sample standard deviation of the same"),
+    Metric(
+        "range_rate_error_mean_mps",
+        "range rate error, mean",
+        "range rate measured minus the true one of that point, opening positive",
+    ),
+    Metric("range_rate_error_std_mps", "range rate error, std", "sample standard deviation of the same"),
+    Metric(
+        "ghosts",
+        "ghosts",
+        "detections of an actor that the street did not have when they were measured; a false alarm has no name",
+        worse="higher",
+        kind="int",
+    ),
+)
 
 BRAKED_MEANINGS = {
     "begin_s": "drive time of the first tick of the stretch",
@@ -91,9 +127,9 @@ def radar_statistics(run: Run) -> pd.DataFrame:
     scans = _scans(run)
     truth = pd.DataFrame(_truths(run, scans), columns=["tick", "actor", "true_range", "true_rate"])
     looks = truth.merge(_detections(run, scans), on=["tick", "actor"], how="outer").sort_values("tick", kind="stable")
-    rows = {str(actor): _row(looked, scans) for actor, looked in looks.groupby("actor", sort=False)}
-    table = pd.DataFrame.from_dict(rows, orient="index", columns=list(MEANINGS))
-    return described(table.rename_axis("actor"), MEANINGS)
+    found = {str(actor): _row(looked, scans) for actor, looked in looks.groupby("actor", sort=False)}
+    table = pd.DataFrame.from_dict(found, orient="index", columns=list(STATISTICS))
+    return described(table.rename_axis("actor"), STATISTICS)
 
 
 def _scans(run: Run) -> _Scans:
@@ -108,18 +144,18 @@ def braked_for_nothing(run: Run) -> pd.DataFrame:
     """Return a row for each stretch in which the controller braked, the radar showed something, and the way was free.
 
     Braking is an emergency, or less than BRAKING asked for, of an engaged car that moves; free is a way without an
-    actor in the strip that the ego covers (`Run.ahead`). It is a list to look at and no verdict: a car brakes before a
+    actor in the strip that the ego covers (`Run.lead`). It is a list to look at and no verdict: a car brakes before a
     bend and before somebody who is about to step into its way, and `notes` say so.
     """
     import pandas as pd
 
     columns = ("acceleration_setpoint_mps2", "emergency", "note")
     wanted, emergency, notes = (run.arrow("ticks")[name].to_numpy(zero_copy_only=False) for name in columns)
-    alone = np.array([actor == "" for actor in run.ahead.actor], bool)
+    alone = np.array([actor == "" for actor in run.lead.actor], bool)
     names = _newest_scan(run)
     tempted = alone & np.array([bool(seen) for seen in names], bool)
     braked = run.engaged() & (run.motion.speed > AT_REST) & tempted & (emergency.astype(bool) | (wanted < BRAKING))
-    rows = [
+    found = [
         {
             "begin_s": run.time[begin],
             "duration_s": float(run.time[end - 1] - run.time[begin]) + run.period,
@@ -130,7 +166,7 @@ def braked_for_nothing(run: Run) -> pd.DataFrame:
         }
         for begin, end in stretches(braked)
     ]
-    return described(pd.DataFrame(rows, columns=list(BRAKED_MEANINGS)), BRAKED_MEANINGS)
+    return described(pd.DataFrame(found, columns=list(BRAKED_MEANINGS)), BRAKED_MEANINGS)
 
 
 def drop_outs(detected: Truths, visible: Truths, time: Floats) -> DropOuts:
@@ -200,7 +236,7 @@ def _detections(run: Run, scans: _Scans) -> pd.DataFrame:
 
 def _truths(run: Run, scans: _Scans) -> Iterator[tuple[int, str, float, float]]:
     """Scan's tick, actor, range from the bumper [m] and range rate [m/s] of every actor that it could see."""
-    radar = radar_of(Radar.model_validate(run.resolved["settings"]["radar"]))
+    radar = RadarSettings.model_validate(run.resolved["settings"]["radar"]).config()
     sectors = [Sector(mode.range_max, math.tan(mode.half_angle)) for mode in radar.modes]
     looked = run.arrow("ticks")["tick"].to_numpy()[scans.measured]
     looks = zip(scans.tick.tolist(), _poses(run, scans.measured), _snapshots(run, looked), strict=True)

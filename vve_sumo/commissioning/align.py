@@ -1,6 +1,6 @@
-"""`vve-sumo align`: where the path shall lie in the lot, by a standing car, by surveyed pairs or by a search.
+"""Where the path shall lie in the lot, by a standing car, by surveyed pairs or by a search; stored in the rig file.
 
-Listens, computes, asks, and writes the rig file; it sends no frame and moves nothing but the hardware-free car's clock.
+Listens, computes and writes; it sends no frame and moves nothing but the hardware-free car's clock.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ import contextlib
 import csv
 import datetime
 import math
-import sys
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any, Final
@@ -18,10 +18,10 @@ from typing import Any, Final
 import numpy as np
 
 from vve_sumo import workspace
-from vve_sumo.drive import command as drives
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.run import choose
 from vve_sumo.drive.virtual_road import standing
-from vve_sumo.errors import ConfigError, RigError
+from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Pair, Placement
 from vve_sumo.live import assembly, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
@@ -62,28 +62,37 @@ class Site:
 
 
 @dataclass(frozen=True, slots=True)
-class Laid:
+class AlignmentResult:
     """An alignment that was found, and how the path lies under it."""
 
     alignment: Alignment
     residual: float  #: worst error of the points that it was made from [m]
     fit: Fit | None
+    evidence: tuple[str, ...] = ()  #: what it was found by, a line each
+
+    @property
+    def whole(self) -> bool:
+        """Whether the car can stop inside the lot from everywhere on the path."""
+        return self.fit is not None and self.fit.whole
 
 
 def site_of(scenario: str, rig: str, working: FilePath) -> Site:
     """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot."""
     rig_file = workspace.find("rig", rig, working)
-    loaded = rigs.load(rig_file)
-    setting = drives.choose(scenario, working)
+    loaded = rigs.load(rig_file, working)
+    setting = choose(scenario, working)
     try:
-        setting = assembly.fitted(setting, loaded)
+        setting = assembly.fitted(setting, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
     return Site(setting, loaded, rig_file, meaning.fence_of(loaded, Alignment()))
 
 
-def matched(site: Site) -> Laid:
-    """Make the place where the car stands the start of the path; raises RigError where it has no fixes to trust."""
+def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> AlignmentResult:
+    """Make the place where the car stands the start of the path; raises RigError where it has no fixes to trust.
+
+    `notify` takes a line before the fixes are waited for.
+    """
     rig, path, t0 = site.rig, site.setting.path, time.monotonic()
     with contextlib.ExitStack() as stack:
         stack.enter_context(held(site.rig_file))
@@ -91,19 +100,19 @@ def matched(site: Site) -> Laid:
         stack.callback(source.close)
         if rig.car == "hardware_free":
             start_simulated_vehicle.start(rig, t0, site.setting.scenario.seed, stack, None)
-        print("waiting for trusted fixes of the standing car", file=sys.stderr)
-        stood = assembly.stood(rig, source, t0)
+        notify("waiting for trusted fixes of the standing car")
+        stood = assembly.standing_pose_of(rig, source, t0)
     begin = path.at(0.0)
     start = standing(begin.x, begin.y, begin.heading)
     alignment = lot_alignment(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, None).alignment
-    print(
+    evidence = (
         f"{stood.fixes} fixes of the standing car, within {stood.spread:.3f} m and {math.degrees(stood.turn):.3f} deg "
         "of their average"
     )
-    return Laid(alignment, stood.spread, site.fits(alignment))
+    return AlignmentResult(alignment, stood.spread, site.fits(alignment), (evidence,))
 
 
-def paired(site: Site, file: FilePath) -> Laid:
+def paired(site: Site, file: FilePath) -> AlignmentResult:
     """Lay the surveyed places of a CSV file onto their places on the street.
 
     Raises ConfigError for what is no such file, for mirrored or scaled surveys, and for a pair that is off by too much.
@@ -117,10 +126,11 @@ def paired(site: Site, file: FilePath) -> Laid:
         alignment = Alignment.from_surveyed_pairs(lot, street, limit)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
-    for number, residual in enumerate(loose.residuals, 1):
-        print(f"pair {number}: off by {residual:.3f} m")
-    print(f"street distances are {scale:.5f} times the lot's")
-    return Laid(alignment, max(alignment.residuals), site.fits(alignment))
+    evidence = (
+        *(f"pair {number}: off by {residual:.3f} m" for number, residual in enumerate(loose.residuals, 1)),
+        f"street distances are {scale:.5f} times the lot's",
+    )
+    return AlignmentResult(alignment, max(alignment.residuals), site.fits(alignment), evidence)
 
 
 def read_pairs(file: FilePath, site: Site) -> tuple[list[Pair], list[Pair]]:
@@ -158,32 +168,31 @@ def _numbers(file: FilePath, number: int, line: str, columns: list[int]) -> list
     return numbers
 
 
-def searched(site: Site) -> Laid:
+def searched(site: Site) -> AlignmentResult:
     """Look for the place where the path has most room; raises ConfigError where not even its start has any."""
-    print("searching, which takes longer where the path does not fit", file=sys.stderr)
     try:
         found = fit(site.setting.path, site.fence, site.speed)
     except ConfigError as error:
         raise ConfigError(f"{site.rig_file}: {error}") from None
     turn, shift = math.degrees(found.alignment.rotation), (found.alignment.x, found.alignment.y)
-    print(
+    evidence = (
         f"most room: the lot turned by {turn:.3f} deg, its origin at ({shift[0]:.2f}, {shift[1]:.2f}) m on the street"
     )
-    return Laid(found.alignment, 0.0, found)
+    return AlignmentResult(found.alignment, 0.0, found, (evidence,))
 
 
-def tell(site: Site, laid: Laid) -> None:
-    """Print how the path lies in the lot and where the car has to stand at its start."""
+def description(site: Site, result: AlignmentResult) -> Iterator[str]:
+    """Return lines: how the path lies in the lot, and where the car has to stand at its start."""
     length, margin = site.setting.path.length, site.rig.lot.margin_m
     what = f"{length:.0f} m of {site.setting.scenario.ego.path} at up to {site.speed:.1f} m/s"
-    if laid.fit is None:
-        print(f"{what}: not even the start lies inside the lot")
+    if result.fit is None:
+        yield f"{what}: not even the start lies inside the lot"
         return
-    if laid.fit.whole:
-        print(f"{what}: fits, {laid.fit.clearance:.1f} m clear of every edge beyond the margin of {margin:g} m")
+    if result.fit.whole:
+        yield f"{what}: fits, {result.fit.clearance:.1f} m clear of every edge beyond the margin of {margin:g} m"
     else:
-        print(f"{what}: from {laid.fit.station:.0f} m on, the car could not stop inside the lot")
-    print(_start(site, laid.fit))
+        yield f"{what}: from {result.fit.station:.0f} m on, the car could not stop inside the lot"
+    yield _start(site, result.fit)
 
 
 def _start(site: Site, found: Fit) -> str:
@@ -208,11 +217,11 @@ def _compass(heading: float) -> str:
     return f"{(90.0 - math.degrees(heading)) % 360.0:.2f}"
 
 
-def cut(site: Site, laid: Laid, out: FilePath) -> Path:
-    """Write the part of the path that fits as a path of its own, and return it."""
-    assert laid.fit is not None  # of a search
-    fence = site.fence.laid(laid.alignment)
-    short = shortened(site.setting.path, fence, site.speed, laid.fit.station)
+def cut(site: Site, result: AlignmentResult, out: FilePath) -> Path:
+    """Write the part of the path that fits as a path of its own into `out`, and return it."""
+    assert result.fit is not None  # of a search
+    fence = site.fence.laid(result.alignment)
+    short = shortened(site.setting.path, fence, site.speed, result.fit.station)
     source = site.setting.files["path"]
     comments = [line for line in source.read_text(encoding="utf-8-sig").splitlines() if line.startswith("#")]
     points = (short.at(s) for s in np.linspace(0.0, short.length, round(short.length) + 1).tolist())
@@ -224,17 +233,22 @@ def cut(site: Site, laid: Laid, out: FilePath) -> Path:
         *(f"{latitude:.{DECIMALS}f},{longitude:.{DECIMALS}f}" for latitude, longitude in rows),
     ]
     out.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print(f"the first {short.length:.0f} m of the path written to {out}")
-    scenario = site.setting.scenario
-    places = [("obstacle", one.id, one.at_m) for one in scenario.obstacles]
-    places += [("actor", one.id, one.at_m) for one in scenario.actors if one.path is None and one.at_m is not None]
-    for kind, name, at in places:
-        if at > short.length:
-            print(f"{kind} {name} at {at:g} m lies beyond it: give the scenario another place")
     return short
 
 
-def store(site: Site, laid: Laid, today: datetime.date) -> None:
+def beyond(site: Site, length: float) -> list[str]:
+    """Return a line for everything of the scenario that lies beyond this length of its path [m]."""
+    scenario = site.setting.scenario
+    places = [("obstacle", one.id, one.at_m) for one in scenario.obstacles]
+    places += [("actor", one.id, one.at_m) for one in scenario.actors if one.path is None and one.at_m is not None]
+    return [
+        f"{kind} {name} at {at:g} m lies beyond it: give the scenario another place"
+        for kind, name, at in places
+        if at > length
+    ]
+
+
+def store(site: Site, result: AlignmentResult, today: datetime.date) -> None:
     """Write an alignment into the rig file; raises ConfigError where it would not load or ships with the package."""
     shipped = workspace.shipped_root()
     if site.rig_file.resolve().parent == shipped / "rigs" and FilePath.cwd().resolve() != shipped:
@@ -244,53 +258,9 @@ def store(site: Site, laid: Laid, today: datetime.date) -> None:
         "network": site.setting.scenario.street.network,
         "date": today,
         "origin": list(site.rig.alignment.origin or site.rig.lot.outline[0]),
-        "rotation_deg": round(math.degrees(laid.alignment.rotation), 9),
-        "x_m": round(laid.alignment.x, 5),
-        "y_m": round(laid.alignment.y, 5),
-        "residual_m": round(laid.residual, 4),
+        "rotation_deg": round(math.degrees(result.alignment.rotation), 9),
+        "x_m": round(result.alignment.x, 5),
+        "y_m": round(result.alignment.y, 5),
+        "residual_m": round(result.residual, 4),
     }
     edit.put(site.rig_file, {("alignment", key): value for key, value in values.items()}, emptied=("alignment",))
-    print(f"stored in {site.rig_file}, dated {today}")
-
-
-def _agreed() -> bool:
-    """Ask whoever is at the keyboard; nobody there is no agreement."""
-    print("Enter stores it, anything else leaves the rig as it is: ", end="", flush=True)
-    return sys.stdin.readline() == "\n"
-
-
-def align(
-    scenario: str,
-    rig: str,
-    *,
-    pairs: FilePath | None = None,
-    search: bool = False,
-    cut_to: FilePath | None = None,
-    picture: FilePath | None = None,
-    agreed: bool = False,
-) -> int:
-    """Run the command and return its exit code, 3 where the path does not fit.
-
-    `agreed` stores without asking; a search stores with it only. Raises RigError where what was to be stored does not
-    keep the path inside the lot.
-    """
-    if cut_to is not None and not search:
-        raise ConfigError("--cut: only --fit finds where to cut a path")
-    site = site_of(scenario, rig, FilePath.cwd())
-    laid = searched(site) if search else paired(site, pairs) if pairs is not None else matched(site)
-    tell(site, laid)
-    if picture is not None:
-        from vve_sumo.plotting.alignment import draw
-
-        draw(site, laid, picture)
-        print(f"picture: {picture}")
-    whole = laid.fit is not None and laid.fit.whole
-    if cut_to is not None and not whole:
-        cut(site, laid, cut_to)
-        whole = True
-    if not whole:
-        advice = "--cut writes the part that fits" if search else "--fit looks for a place where it does"
-        raise RigError(f"{site.rig_file}: the path does not fit the lot there, nothing is stored; {advice}")
-    if agreed or (not search and _agreed()):
-        store(site, laid, datetime.date.today())
-    return 0

@@ -1,4 +1,4 @@
-"""From the record of a calibration drive to the numbers of its car: reads the folder, runs the fits, tells and writes.
+"""From the record of a calibration drive to the numbers of its car: reads the folder, runs the fits, writes.
 
 Any record will do, in lockstep or live, as long as the car did enough in it. It knows files and words; the fits are
 `vehicle.identify`'s.
@@ -18,20 +18,19 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from vve_sumo import bus
+from vve_sumo.drive.resolved_scenario import recorded_model
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
-from vve_sumo.plant import fusion as plant
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.record.record import read_pose_chunks
 from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
-from vve_sumo.rig import resolve as meaning
-from vve_sumo.rig.schema import Rig
-from vve_sumo.values import Fix, Floats, Vehicle
-from vve_sumo.vehicle import fusion
-from vve_sumo.vehicle.calibration import GRAVITY, Calibration
+from vve_sumo.rig.resolve import model_of, receiver_of
+from vve_sumo.values import Fix, Floats
+from vve_sumo.vehicle.calibration import GRAVITY
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.identification import Estimate, Identified, Log, Series, identify
+from vve_sumo.vehicle.model import VehicleModel
 
 PICTURE = "calibration.png"
 #: the car is given this long to settle after it was engaged [s]
@@ -44,40 +43,17 @@ NOTE: Final = (
 MODULES: Final = (codec.BrakeReport, codec.ThrottleReport, codec.SteeringReport)
 
 
-@dataclass(frozen=True, slots=True)
-class Declared:
-    """What is believed of a car before it is calibrated."""
-
-    vehicle: Vehicle
-    calibration: Calibration
-    mounting: Mounting
-    variant: codec.Variant = codec.Variant.DBW1_2024
-    steering_wheel_bias: float = 0.0  #: reported angle that drives straight [rad], left positive
-
-
 #: of a rig that a record was not made with, what would make its numbers another car's
 SAME: Final = ("vehicle.mass", "vehicle.wheelbase", "mounting.forward", "mounting.left", "variant")
 
 
-def declared_by(rig: Rig) -> Declared:
-    """What a rig declares of its car; raises ConfigError as `rig.resolve` does."""
-    return Declared(
-        meaning.vehicle_of(rig),
-        meaning.calibration_of(rig),
-        meaning.mounting_of(rig),
-        meaning.variant_of(rig),
-        meaning.steering_wheel_bias_of(rig),
-    )
-
-
-def declared_in(resolved: dict[str, Any]) -> Declared:
-    """What the drive was made with: its rig's car, or in lockstep the hardware-free one as everybody knows it."""
-    if "rig" not in resolved:
-        return Declared(fusion.vehicle(), Calibration(), plant.MOUNTING)
-    rig = rigs.parse_json(resolved["rig"], Path(str(resolved.get("rig_name", "rig"))))
-    if not isinstance(meaning.receiver_of(rig).decoder(), Decoder):
-        raise ConfigError(f"calibration takes a receiver that speaks NCOM, got pose.kind {rig.pose.kind!r}")
-    return declared_by(rig)
+def declared_in(resolved: dict[str, Any]) -> VehicleModel:
+    """Return the vehicle that a drive was made with; raises ConfigError for a receiver that speaks another format."""
+    if "rig" in resolved:
+        rig = rigs.parse_json(resolved["rig"], Path(str(resolved.get("rig_name", "rig"))))
+        if not isinstance(receiver_of(rig).decoder(), Decoder):
+            raise ConfigError(f"calibration takes a receiver that speaks NCOM, got pose.kind {rig.pose.kind!r}")
+    return recorded_model(resolved)
 
 
 class Quantity(NamedTuple):
@@ -86,7 +62,7 @@ class Quantity(NamedTuple):
     words: str
     unit: str
     factor: float  #: from SI to the unit
-    declared: Callable[[Declared], float]
+    declared: Callable[[VehicleModel], float]
     key: tuple[str, str] | None = None  #: table and key of the rig file; None for what is only told
     optional: bool = False  #: may stay as declared where a drive doesn't tell
 
@@ -94,7 +70,7 @@ class Quantity(NamedTuple):
 _DEGREES, _CLOCKWISE = math.degrees(1.0), -math.degrees(1.0)
 
 
-def _undeclared(_declared: Declared) -> float:
+def _undeclared(_declared: VehicleModel) -> float:
     return math.nan
 
 
@@ -160,7 +136,7 @@ class Calibrated:
     """What a drive told of its car."""
 
     folder: Path
-    declared: Declared
+    declared: VehicleModel
     identified: Identified
 
     @property
@@ -181,7 +157,7 @@ def calibrate(folder: Path) -> Calibrated:
     return Calibrated(folder, declared, identify(log, declared.vehicle, declared.calibration))
 
 
-def read(folder: Path, resolved: dict[str, Any], declared: Declared) -> Log:
+def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
     """Read a record's commands, reports and fixes onto the drive's clock; raises ConfigError naming what is missing."""
     said = _messages(folder / "can.log", float(resolved["epoch_gnss_s"]), declared.variant)
     fixes = _fixes(folder / "pose.bin")
@@ -366,11 +342,11 @@ def put_into(rig: Path, calibrated: Calibrated, date: str, leave: Sequence[str] 
     Quantities in `leave` stay as they are in the file. Raises ConfigError, the file untouched, for a poor number that
     is not left, for a rig of another car than the drive's, and for a result that would not load.
     """
-    _same_car(rig, calibrated.declared, declared_by(rigs.load(rig)))
+    _same_car(rig, calibrated.declared, model_of(rigs.load(rig)))
     edit.put(rig, _dated(_values(calibrated, leave), date))
 
 
-def _same_car(rig: Path, driven: Declared, written: Declared) -> None:
+def _same_car(rig: Path, driven: VehicleModel, written: VehicleModel) -> None:
     for name in SAME:
         then, now = attrgetter(name)(driven), attrgetter(name)(written)
         if then != now:
@@ -398,33 +374,3 @@ def draw(calibrated: Calibrated) -> Path:
     file = calibrated.folder / PICTURE
     paint(calibrated.identified.curves, f"Calibration from {calibrated.folder.name}", subtitle, file)
     return file
-
-
-def calibrate_command(folder: Path, rig: Path | None, date: str, leave: Sequence[str] = ()) -> int:
-    """Run the command: fit, draw, show, and write into `rig` where one is given; return the exit code.
-
-    It is 1 where a number that a rig needs is poor and no rig was given; with one, that is a ConfigError.
-    """
-    calibrated = calibrate(folder)
-    _show(calibrated, draw(calibrated))
-    if rig is None:
-        return 1 if calibrated.poor else 0
-    put_into(rig, calibrated, date, leave)
-    print(f"written into {rig}, dated {date}")
-    return 0
-
-
-def _show(calibrated: Calibrated, picture: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=f"Calibration from {calibrated.folder}", title_justify="left")
-    for head in Row._fields:
-        table.add_column({"words": "", "uncertainty": "±"}.get(head, head))
-    for row in rows(calibrated):
-        colour = "red" if row.verdict.startswith("poor") else "green"
-        table.add_row(*row[:-1], f"[{colour}]{row.verdict}[/{colour}]")
-    console = Console(soft_wrap=True)
-    console.print(table)
-    console.print(NOTE, highlight=False, markup=False)
-    console.print(f"picture: {picture}", highlight=False, markup=False)

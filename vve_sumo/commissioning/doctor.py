@@ -1,4 +1,4 @@
-"""`vve-sumo doctor`: looks at everything that a drive needs, and ends with go or no-go.
+"""Everything that a drive needs is looked at before it, and what speaks against the drive is named.
 
 Puts the checks in order and turns refusals into findings; makes no check itself.
 """
@@ -7,55 +7,45 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import sys
+from collections.abc import Callable
 from pathlib import Path as FilePath
 
 from vve_sumo import workspace
 from vve_sumo.commissioning import doctor_result, machine_checks, rig_checks
 from vve_sumo.commissioning.findings import Check, Report
-from vve_sumo.drive import command as drives
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.errors import ConfigError, RigError
+from vve_sumo.drive.run import choose
+from vve_sumo.errors import ConfigError
 from vve_sumo.live import assembly
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig.lock import held
 from vve_sumo.rig.schema import Rig
 
 
-def doctor(scenario: str, rig: str | None) -> int:
-    """Run the command and return its exit code: 0 for go, 3 for no-go."""
-    report = examine(scenario, rig, FilePath.cwd())
-    if rig is not None:
-        _keep(report, scenario, rig, FilePath.cwd())
-    against = [check.name for check in report.against]
-    print(f"NO-GO: {', '.join(against)}" if against else "GO")
-    return RigError.exit_code if against else 0
+def keep(report: Report, scenario: str, rig: str, working: FilePath) -> None:
+    """Keep the verdict on a rig for the records of the drives that follow; a rig that is not there has none.
+
+    Raises OSError where it cannot be written.
+    """
+    with contextlib.suppress(ConfigError):
+        rig_file = workspace.find("rig", rig, working)
+        doctor_result.keep(rig_file, report.checks, scenario, working, datetime.datetime.now(datetime.UTC))
 
 
-def _keep(report: Report, scenario: str, rig: str, working: FilePath) -> None:
-    """Keep the verdict on a rig for the records of the drives that follow; a rig that is not there has none."""
-    try:
-        doctor_result.keep(
-            workspace.find("rig", rig, working), report.checks, scenario, working, datetime.datetime.now(datetime.UTC)
-        )
-    except ConfigError:
-        pass
-    except OSError as error:
-        print(f"vve-sumo: the verdict is not kept for the record: {error}", file=sys.stderr)
-
-
-def examine(scenario: str, rig: str | None, working: FilePath) -> Report:
-    """Make every check that can be made, printing them; of a real car's rig nothing is asked but to listen."""
-    report = Report()
+def examine(
+    scenario: str, rig: str | None, working: FilePath, show: Callable[[Check], None] = lambda check: None
+) -> Report:
+    """Make every check that can be made, `show`n as they come; of a real car's rig nothing is asked but to listen."""
+    report = Report(show)
     report.add(machine_checks.machine(working))
     advice = "correct the scenario, or name another one"
-    setting = report.attempt("scenario", advice, lambda: drives.choose(scenario, working))
+    setting = report.attempt("scenario", advice, lambda: choose(scenario, working))
     if setting is not None:
         report.add([Check("scenario", f"{setting.name}: {setting.path.length:.0f} m of {setting.scenario.ego.path}")])
     loaded = None
     if rig is not None:
         advice = "correct the rig file, or name another one"
-        loaded = report.attempt("rig", advice, lambda: rigs.load(workspace.find("rig", rig, working)))
+        loaded = report.attempt("rig", advice, lambda: rigs.load(workspace.find("rig", rig, working), working))
     if loaded is not None:
         report.add([Check("rig", f"{loaded.title} ({loaded.car})")])
     if setting is not None:
@@ -77,7 +67,9 @@ def _examine_scenario(report: Report, setting: ResolvedScenario, rig: Rig | None
     if controller is not None:
         report.add([Check("controller", setting.scenario.controller.name)])
     if rig is not None:
-        fitted = report.attempt("speed", "see limits.speed_mps of the rig", lambda: assembly.fitted(setting, rig))
+        fitted = report.attempt(
+            "speed", "see limits.speed_mps of the rig", lambda: assembly.fitted(setting, rig, working)
+        )
         if fitted is not None:
             report.add([Check("speed", f"{fitted.scenario.ego.speed_mps:g} of {rig.limits.speed_mps:g} m/s allowed")])
     advice = "correct the scenario's street, traffic or obstacles"

@@ -44,16 +44,18 @@ def judged(name: str, found: str, good: bool, advice: str, *, otherwise: Finding
 
 
 class Report:
-    """The checks so far, printed as they come."""
+    """The checks so far, each handed on as it comes."""
 
-    def __init__(self) -> None:
+    def __init__(self, show: Callable[[Check], None] = lambda check: None) -> None:
+        """Hand every check to `show` as soon as it is made."""
         self.checks: list[Check] = []
+        self._show = show
 
     def add(self, checks: Iterable[Check]) -> None:
-        """Print checks as they are made."""
+        """Take in checks as they are made."""
         for check in checks:
             self.checks.append(check)
-            print(*check.lines(), sep="\n", flush=True)
+            self._show(check)
 
     def attempt(self, name: str, advice: str, make: Callable[[], T]) -> T | None:
         """Return what `make` returns; where it is refused, None, and the refusal is a check of this name."""

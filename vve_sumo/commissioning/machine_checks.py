@@ -25,7 +25,7 @@ import numpy as np
 from vve_sumo import bus
 from vve_sumo.commissioning.findings import Check, Finding, judged
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
-from vve_sumo.drive.virtual_road import cast_of, open_world, standing
+from vve_sumo.drive.virtual_road import open_world, scenario_engine, standing
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
 from vve_sumo.live.priority import GATEWAY, KEPT
@@ -204,7 +204,7 @@ def street(setting: ResolvedScenario) -> Iterator[Check]:
     ego = move_point(
         standing(begin.x, begin.y, begin.heading), setting.vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER
     )
-    cast = cast_of(_all_at_once(setting))
+    cast = scenario_engine(_all_at_once(setting))
     with open_world(setting, time.perf_counter) as world:
         begun = time.monotonic()
         for step in range(STEPS):

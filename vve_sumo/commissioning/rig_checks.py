@@ -23,7 +23,7 @@ from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
-from vve_sumo.live.alignment import AVERAGED, STANDSTILL, average, lot_alignment
+from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average, lot_alignment
 from vve_sumo.lot.fit import measured
 from vve_sumo.pose.clock import AgeKind, Clock
 from vve_sumo.pose.receivers.port import Receiver
@@ -73,7 +73,7 @@ class Heard:
         """The newest fixes in a row that are trusted and of a standing car."""
         row: list[Fix] = []
         for fix, trust in reversed(self.fixes):
-            if not (trust.trusted and math.hypot(fix.velocity_north, fix.velocity_east) < STANDSTILL):
+            if not (trust.trusted and math.hypot(fix.velocity_north, fix.velocity_east) < MAX_STANDSTILL_SPEED):
                 break
             row.append(fix)
         return row[::-1]
@@ -119,7 +119,8 @@ def papers(rig: Rig, today: datetime.date) -> Iterator[Check]:
     if rig.calibration.date is not None:
         yield _dated("calibration", f"of {rig.calibration.date}", rig.calibration.date, today)
     elif rig.car == "real":
-        advice = "pedals and steering are taken to be a 2018 Ford Fusion's; vve-sumo calibrate finds this car's"
+        model = rig.vehicle.model
+        advice = f"pedals and steering are taken to be those of model {model}; vve-sumo calibrate finds this car's"
         yield Check("calibration", "none", Finding.NOTE, advice)
     lot = meaning.lot_of(rig)
     found = f"{lot.area:.0f} m2, {len(lot.holes)} holes, margin {lot.margin:g} m, grade {rig.lot.grade_percent:g} %"
@@ -258,7 +259,7 @@ def _kit_checks(reports: CarReports) -> Iterator[Check]:
     advice = advice if gear is codec.Gear.DRIVE else "shift to P"
     yield judged("gear", gear.name.lower(), gear is codec.Gear.PARK, advice, otherwise=in_drive)
     speed = reports.fastest_wheel
-    yield judged("wheels", f"{speed:.2f} m/s", abs(speed) < STANDSTILL, "a drive begins at standstill")
+    yield judged("wheels", f"{speed:.2f} m/s", abs(speed) < MAX_STANDSTILL_SPEED, "a drive begins at standstill")
 
 
 def _in_words(codes: list[str]) -> str:
@@ -331,8 +332,10 @@ def path_checks(rig: Rig, setting: ResolvedScenario, heard: Heard) -> Iterator[C
     frame, mounting = meaning.frame_of(rig), meaning.mounting_of(rig)
     begin = setting.path.at(0.0)
     if stored is None:
-        if not stood or stood[-1].time - stood[0].time < AVERAGED:
-            advice = f"where it lies follows from where the car stands: {AVERAGED:g} s of fixes to trust are needed"
+        if not stood or stood[-1].time - stood[0].time < AVERAGING_TIME:
+            advice = (
+                f"where it lies follows from where the car stands: {AVERAGING_TIME:g} s of fixes to trust are needed"
+            )
             yield Check("path in the lot", "not known", Finding.NO_GO, advice)
             return
         place = standing(begin.x, begin.y, begin.heading)

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
-from vve_sumo.drive.virtual_road import cast_of, spot_of
+from vve_sumo.drive.virtual_road import scenario_engine, spot_of
+from vve_sumo.geometry import Box, behind_bumper, overlap
+from vve_sumo.laws import squared_speed_limits
 from vve_sumo.path import SAMPLE_SPACING, Path
 from vve_sumo.values import ActorState, Point, Pose
-from vve_sumo.world.footprint import Rectangle, behind_bumper, overlap
 
 #: as the shipped controller drives where nothing is in its way: speeding up, slowing for bends, lateral in bends [m/s2]
 SPEEDING_UP, SLOWING, LATERAL = 1.5, 1.5, 2.0
@@ -29,7 +30,7 @@ class Event(NamedTuple):
     actor: int  #: its number in the scenario
     act: int  #: the act's number, -1 for entering
     time: float  #: since the drive began [s]
-    ego: Rectangle  #: where the ego is then
+    ego: Box  #: where the ego is then
     station: float  #: of the ego's front bumper [m]
     player: ActorState  #: where the actor is then
 
@@ -39,7 +40,7 @@ class Contact(NamedTuple):
 
     id: str  #: of the obstacle or actor
     time: float  #: since the drive began [s]
-    ego: Rectangle
+    ego: Box
     station: float  #: of the ego's front bumper [m]
     player: ActorState | None  #: None for an obstacle
 
@@ -48,7 +49,7 @@ class PreviewSample(NamedTuple):
     """One moment of the foresight."""
 
     time: float  #: since the drive began [s]
-    ego: Rectangle
+    ego: Box
     station: float  #: of the ego's front bumper [m]
     speed: float  #: of the ego [m/s]
     players: tuple[ActorState, ...]
@@ -65,33 +66,33 @@ class NoBrakePreview:
 
 def preview_without_braking(setting: ResolvedScenario) -> NoBrakePreview:
     """Play a scenario without traffic against an ego that keeps its speed; until contact, or until it would end."""
-    cast, begun = cast_of(setting), [-1] * len(setting.scenario.actors)
+    engine, begun = scenario_engine(setting), [-1] * len(setting.scenario.actors)
     boxes = standing_boxes(setting)
     moments: list[PreviewSample] = []
     events: list[Event] = []
     contact: Contact | None = None
     for time, ego, pose, station in _ego(setting):
-        players = cast.step(time, pose)
+        players = engine.step(time, pose)
         moments.append(PreviewSample(time, ego, station, pose.speed, players))
         if contact is None:
-            events += _events(setting, begun, cast.begun, moments[-1])
+            events += _events(setting, begun, engine.begun, moments[-1])
             contact = _contact(moments[-1], boxes)
-        begun = list(cast.begun)
+        begun = list(engine.begun)
         if contact is not None and time > contact.time + AFTERWARDS:
             break
     return NoBrakePreview(moments, events, contact)
 
 
-def standing_boxes(setting: ResolvedScenario) -> dict[str, Rectangle]:
+def standing_boxes(setting: ResolvedScenario) -> dict[str, Box]:
     """Return the ground that each of the scenario's obstacles covers."""
     placed = {}
     for one in setting.scenario.obstacles:
         at = spot_of(one, setting.path)
-        placed[one.id] = Rectangle(at.x, at.y, at.heading, one.length_m, one.width_m)
+        placed[one.id] = Box(at.x, at.y, at.heading, one.length_m, one.width_m)
     return placed
 
 
-def _ego(setting: ResolvedScenario) -> Iterator[tuple[float, Rectangle, Pose, float]]:
+def _ego(setting: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]:
     """Time, box, pose of the front bumper and its station, from the start at rest to the end of the drive."""
     path, car, scenario = setting.path, setting.vehicle, setting.scenario
     limits = _limits(path)
@@ -112,10 +113,7 @@ def _ego(setting: ResolvedScenario) -> Iterator[tuple[float, Rectangle, Pose, fl
 def _limits(path: Path) -> list[float]:
     """The greatest speed every SAMPLE_SPACING metres that keeps bends comfortable and can be slowed down to in time."""
     bends = [path.at(number * SAMPLE_SPACING).curvature for number in range(int(path.length / SAMPLE_SPACING) + 1)]
-    squares = [LATERAL / abs(bend) if bend else math.inf for bend in bends]
-    for row in range(len(squares) - 2, -1, -1):
-        squares[row] = min(squares[row], squares[row + 1] + 2.0 * SLOWING * SAMPLE_SPACING)
-    return [math.sqrt(square) for square in squares]
+    return [math.sqrt(v2) for v2 in squared_speed_limits(bends, math.inf, LATERAL, SLOWING, SAMPLE_SPACING)]
 
 
 def _events(
@@ -129,11 +127,11 @@ def _events(
                 yield Event(number, act, moment.time, moment.ego, moment.station, player)
 
 
-def _contact(moment: PreviewSample, boxes: dict[str, Rectangle]) -> Contact | None:
+def _contact(moment: PreviewSample, boxes: dict[str, Box]) -> Contact | None:
     for name, box in boxes.items():
         if overlap(moment.ego, box):
             return Contact(name, moment.time, moment.ego, moment.station, None)
     for player in moment.players:
-        if overlap(moment.ego, Rectangle(player.x, player.y, player.heading, player.length, player.width)):
+        if overlap(moment.ego, Box(player.x, player.y, player.heading, player.length, player.width)):
             return Contact(player.id, moment.time, moment.ego, moment.station, player)
     return None

@@ -1,13 +1,15 @@
-"""One tick of a drive: from pose bytes to a setpoint, where the ego is to be placed, and the way to rest.
+"""From pose bytes to a setpoint, where the ego is to be placed, and the fallback path: what a tick computes.
 
-The order is sense and act first: nothing here waits for SUMO, and what can be had ready before a tick is prepared in
-the slack before it. No I/O, no clock, no gateway; every shell drives this same object.
+Nothing here waits for SUMO, and what can be had ready before a tick is prepared in the slack before it. No I/O, no
+clock, no gateway; `drive.tick` says in which order a tick asks, `drive.assembly` puts a pipeline together.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 from vve_sumo.controller import Guarded
@@ -19,37 +21,50 @@ from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate
-from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, Scan
-from vve_sumo.values import Actors, Detections, FallbackPath, Fix, Observation, Point, Pose, Setpoint, Vehicle
+from vve_sumo.sensors.port import Reading, Sensor
+from vve_sumo.values import (
+    Actors,
+    ControlCommand,
+    FallbackPath,
+    Fix,
+    Observation,
+    Point,
+    Pose,
+    SensorOutput,
+    Setpoint,
+    Vehicle,
+)
 
-#: a way to rest that was prepared for another moment than this far from the tick's is not the tick's [s]
-PREPARED = 0.01
-#: how long a setpoint may be acted on [s]; the drive-by-wire kit's own command time-out is the same 100 ms
+#: a fallback path that was prepared for a time farther than this from the tick's is not the tick's [s]
+PREPARED_TOLERANCE = 0.01
+#: how long a setpoint may be acted on [s]; the drive-by-wire controller's own command time-out is the same 100 ms
 SETPOINT_LIFETIME = 0.1
+
+_NO_READINGS: Mapping[str, Reading] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
 class TickResult:
-    """What one tick came to."""
+    """What the pipeline computed at one tick."""
 
     setpoint: Setpoint | None  #: for the gateway; None before the first trusted fix
     pose: Pose | None  #: of the rear axle at the tick; None before the first trusted fix
-    station: float  #: distance along the path of the pose [m]
-    deviation: float  #: of the pose from the path [m], left positive
-    scan: Scan | None  #: that came out at this tick; None where none did
-    detections: Detections  #: the newest scan's
+    s: float  #: distance along the path of the pose [m]
+    d: float  #: distance of the pose from the path [m], left positive
+    readings: Mapping[str, Reading]  #: what came out of the sensors at this tick, by the sensor's name
+    sensors: Mapping[str, SensorOutput]  #: the newest output of every sensor, by the sensor's name
     pose_age: float  #: tick minus epoch of the newest trusted fix [s]
     pose_reasons: tuple[str, ...]  #: why the newest fix was not trusted
-    found: tuple[str, ...]  #: faults that were handed in
+    shell_faults: tuple[str, ...]  #: faults that the shell and the virtual road handed in
     faults: tuple[str, ...]  #: all faults of this tick
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
-    """What a tick sees before its controller is asked."""
+class _Sensed:
+    """What a tick knows before its controller is asked."""
 
     pose: Pose | None
-    scan: Scan | None
+    readings: Mapping[str, Reading]
     faults: tuple[str, ...]
 
 
@@ -66,7 +81,7 @@ class Pipeline:
         gate: TrustGate,
         placement: Placement,
         predictor: Predictor,
-        radar: Radar,
+        sensors: Mapping[str, Sensor],
         controller: Guarded,
         vehicle: Vehicle,
         path: Path,
@@ -74,28 +89,28 @@ class Pipeline:
         deviation_limit: float = math.inf,
         clock: Clock | None = None,
         epoch: float = 0.0,
-        fence: Geofence | None = None,
+        geofence: Geofence | None = None,
     ) -> None:
-        """Put the chain together; farther than `deviation_limit` [m] off its path, the car is stopped.
+        """Put the pipeline together; farther than `deviation_limit` [m] off its path, the car is stopped.
 
         `clock` brings the receiver's times to the drive's clock, on which GNSS second `epoch` is time 0; without one
-        both run alike. `fence` is the lot's; without one the car may stop anywhere.
+        both run alike. `geofence` is the lot's; without one the car may stop anywhere.
         """
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor
-        self._radar, self._controller = radar, controller
+        self._sensors, self._controller = dict(sensors), controller
         self._vehicle, self._path, self._desired_speed = vehicle, path, desired_speed
         self._deviation_limit = deviation_limit
-        self._clock, self._epoch, self._fence = clock, epoch, fence
+        self._clock, self._epoch, self._geofence = clock, epoch, geofence
         self._sequence = 0
-        self._station: float | None = None
+        self._s: float | None = None
         self._newest = -math.inf
         self._reasons: tuple[str, ...] = ()
-        self._detections = BEFORE_FIRST_SCAN
-        self._seen = _Seen(None, None, ())
-        self._profile: FallbackPath | None = None
+        self._outputs = self._newest_outputs()
+        self._sensed = _Sensed(None, _NO_READINGS, ())
+        self._fallback: FallbackPath | None = None
         self._prepared_for = -math.inf
-        self._edge: tuple[str, ...] = ()
-        self.heard = -math.inf  #: epoch of the newest fix, trusted or not, as drive time [s]
+        self._geofence_breach: tuple[str, ...] = ()
+        self.newest_epoch = -math.inf  #: of the newest fix, trusted or not, as drive time [s]
 
     def receive(self, received: float, data: bytes) -> None:
         """Take pose bytes that arrived at drive time `received` [s]."""
@@ -117,11 +132,11 @@ class Pipeline:
         return replace(fix, time=self._epoch + made)
 
     def accept(self, now: float, fix: Fix) -> Pose | None:
-        """Take one fix: judge it, and where it is trusted place it on the street and learn from it.
+        """Take one fix: judge it, and where it is trusted place it on the virtual road and learn from it.
 
         Returns the rear axle's pose as measured, None where the fix is not trusted.
         """
-        self.heard = fix.time - self._epoch
+        self.newest_epoch = fix.time - self._epoch
         trust = self._gate.step(now, fix)
         self._reasons = trust.reasons
         if not trust.trusted:
@@ -132,64 +147,65 @@ class Pipeline:
         return pose
 
     def see(self, now: float, actors: Actors) -> None:
-        """Find the pose at drive time `now` [s] and look at the `actors` of this tick with the radar."""
+        """Predict the pose to drive time `now` [s] and look at the `actors` of this tick with every sensor."""
         faults = self._gate.stale(now) if self._newest > -math.inf else ()
         if not self._gate.profile.may_arm:
             faults += ("profile_may_not_arm",)
-        pose, scan = self._predictor.at(now), None
+        pose, readings = self._predictor.at(now), _NO_READINGS
         if pose is not None:
-            scan = self._radar.step(now, pose, actors)
-            faults += ("actors_not_finite",) if self._radar.refused else ()
-            if scan is not None:
-                self._detections = scan.detections
-        self._seen = _Seen(pose, scan, faults)
+            stepped = {name: sensor.step(now, pose, actors) for name, sensor in self._sensors.items()}
+            faults += ("actors_not_finite",) if any(sensor.refused for sensor in self._sensors.values()) else ()
+            readings = {name: reading for name, reading in stepped.items() if reading is not None}
+            if readings:
+                self._outputs = self._newest_outputs()
+        self._sensed = _Sensed(pose, readings, faults)
 
-    def decide(self, tick: int, now: float, steering: float, found: tuple[str, ...] = ()) -> TickResult:
+    def decide(self, tick: int, now: float, steering: float, shell_faults: tuple[str, ...] = ()) -> TickResult:
         """Ask the controller what to do at drive time `now` [s], after `see`.
 
-        `steering` is the road-wheel angle that the car reports [rad], NaN where it said none; `found` are reason codes
-        of faults that the shell saw. Faults travel to the gateway in the setpoint, which is then a reason to stop and
-        nothing else; without a pose there is no setpoint at all.
+        `steering` is the road-wheel angle that the car reports [rad], NaN where the car reported none; `shell_faults`
+        are reason codes of faults that the shell and the virtual road found. Faults travel to the gateway in the
+        setpoint, which is then a reason to stop and nothing else; without a pose there is no setpoint at all.
         """
-        seen, pose = self._seen, self._seen.pose
-        faults = found + seen.faults
-        setpoint, station, deviation = None, math.nan, math.nan
+        sensed, pose = self._sensed, self._sensed.pose
+        faults = shell_faults + sensed.faults
+        setpoint, s, d = None, math.nan, math.nan
         if pose is not None:
-            beside = self._path.project(pose.x, pose.y, self._station)
-            self._station, station, deviation = beside.s, beside.s, beside.offset
-            faults += ("off_path",) if not abs(deviation) <= self._deviation_limit else ()
-            if not abs(now - self._prepared_for) <= PREPARED:
-                # Ticks were skipped: where the way was to begin, the car is no more.
+            beside = self._path.project(pose.x, pose.y, self._s)
+            self._s, s, d = beside.s, beside.s, beside.offset
+            faults += ("off_path",) if not abs(d) <= self._deviation_limit else ()
+            if not abs(now - self._prepared_for) <= PREPARED_TOLERANCE:
+                # Ticks were skipped: the car is no longer where the prepared fallback path begins.
                 self.prepare(now, steering)
-            faults += self._edge
-            answer, failures = self._controller.step(self._situation(tick, now, pose, steering))
+            faults += self._geofence_breach
+            command, failures = self._controller.step(self._observation(tick, now, pose, steering))
             faults += failures
-            setpoint = self._stamped(answer or self._nothing(steering), now, pose, faults)
+            setpoint = self._stamped(command or _after_failure(steering), now, pose, faults)
         return TickResult(
             setpoint=setpoint,
             pose=pose,
-            station=station,
-            deviation=deviation,
-            scan=seen.scan,
-            detections=self._detections,
+            s=s,
+            d=d,
+            readings=sensed.readings,
+            sensors=self._outputs,
             pose_age=now - self._newest if self._newest > -math.inf else math.nan,
             pose_reasons=self._reasons,
-            found=found,
+            shell_faults=shell_faults,
             faults=faults,
         )
 
     def prepare(self, time: float, steering: float) -> None:
-        """Find the way to rest from where the car will be at drive time `time` [s], and whether it stays in the lot.
+        """Find the fallback path from where the car will be at drive time `time` [s], and check it with the geofence.
 
         `steering` is the road-wheel angle that the car reports [rad]; the next setpoint carries what is found.
         """
         pose = self._predictor.at(time)
-        self._profile, self._edge, self._prepared_for = None, (), time
-        if pose is None or self._station is None:
+        self._fallback, self._geofence_breach, self._prepared_for = None, (), time
+        if pose is None or self._s is None:
             return
-        self._profile = fallback_path(pose, steering, self._path, self._station, self._vehicle)
-        if self._fence is not None:
-            self._edge = self._fence.check(pose, steering, self._profile)
+        self._fallback = fallback_path(pose, steering, self._path, self._s, self._vehicle)
+        if self._geofence is not None:
+            self._geofence_breach = self._geofence.check(pose, steering, self._fallback)
 
     def front_bumper_at(self, time: float) -> Pose | None:
         """Return the pose to ask of SUMO for drive time `time`; None before the first trusted fix."""
@@ -197,7 +213,7 @@ class Pipeline:
         return None if pose is None else move_point(pose, self._vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER)
 
     def clock_report(self) -> dict[str, Any]:
-        """Return what is known of the receiver's clock against the drive's, to be told; empty where they are one."""
+        """Return what is known of the receiver's clock against the drive's, for the summary; empty for one clock."""
         if self._clock is None:
             return {}
         report = self._clock.report()
@@ -210,36 +226,35 @@ class Pipeline:
 
     @property
     def pose(self) -> Pose | None:
-        """Pose of the rear axle at the tick that was last seen; None before the first trusted fix."""
-        return self._seen.pose
+        """Pose of the rear axle at the tick of the last `see`; None before the first trusted fix."""
+        return self._sensed.pose
 
     @property
     def failure(self) -> str:
         """What the controller's last failure said; empty where it never failed."""
         return self._controller.text
 
-    def _situation(self, tick: int, now: float, pose: Pose, steering: float) -> Observation:
+    def _newest_outputs(self) -> Mapping[str, SensorOutput]:
+        return MappingProxyType({name: sensor.output for name, sensor in self._sensors.items()})
+
+    def _observation(self, tick: int, now: float, pose: Pose, steering: float) -> Observation:
         return Observation(
             tick=tick,
             time=now,
             pose=pose,
             path=self._path,
             desired_speed=self._desired_speed,
-            detections=self._detections,
+            sensors=self._outputs,
             steering=steering,
         )
 
-    def _nothing(self, steering: float) -> Setpoint:
-        """Stand in for a controller that failed: the gateway stops for the faults that come with it."""
-        return Setpoint(steering if math.isfinite(steering) else 0.0, 0.0, note="failed")
-
-    def _stamped(self, setpoint: Setpoint, now: float, pose: Pose, faults: tuple[str, ...]) -> Setpoint:
+    def _stamped(self, command: ControlCommand, now: float, pose: Pose, faults: tuple[str, ...]) -> Setpoint:
         self._sequence += 1
         return Setpoint(
-            steering=setpoint.steering,
-            acceleration=setpoint.acceleration,
-            emergency=setpoint.emergency,
-            note=setpoint.note,
+            steering=command.steering,
+            acceleration=command.acceleration,
+            emergency=command.emergency,
+            note=command.note,
             sequence=self._sequence,
             time=now,
             expires=now + SETPOINT_LIFETIME,
@@ -250,5 +265,10 @@ class Pipeline:
             yaw_rate=pose.yaw_rate,
             grade=pose.grade,
             faults=faults,
-            profile=self._profile,
+            profile=self._fallback,
         )
+
+
+def _after_failure(steering: float) -> ControlCommand:
+    """Stand in for a controller that failed: the gateway stops for the faults that come with it."""
+    return ControlCommand(steering if math.isfinite(steering) else 0.0, 0.0, note="failed")

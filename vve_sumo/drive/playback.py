@@ -1,42 +1,36 @@
-"""The playback shell: a recorded drive goes through the same chain, laid on the street by matched start.
+"""The playback shell: a recorded drive goes through the same pipeline, placed on the virtual road by matched start.
 
 Time is the recording's own; nothing here looks at a real clock. The trust profile can never arm: setpoints are computed
-and recorded, the gateway stays disarmed, and nobody obeys.
+and recorded, the gateway stays disarmed, and no car obeys.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import astuple
+from dataclasses import astuple, replace
+from itertools import count
 from pathlib import Path as FilePath
 
-import numpy as np
-
-from vve_sumo.controller import Guarded
-from vve_sumo.drive.lockstep import CAR_BUS, DriveEnd, Watch
-from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
+from vve_sumo.drive.lockstep import CAR_BUS, DriveEnd, Watch, drive_end, gateway_of
 from vve_sumo.drive.prediction_error import PredictionError
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
 from vve_sumo.drive.termination import Outcome
-from vve_sumo.drive.tick_rows import RecordedTick, keep_scan, tick_row
-from vve_sumo.drive.virtual_road import VirtualRoad, cast_of, laid, open_world, standing
+from vve_sumo.drive.tick import DueTick, Tick
+from vve_sumo.drive.virtual_road import VirtualRoad, open_world, scenario_engine, standing
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose import recording
 from vve_sumo.pose.ncom import Decoder
-from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.record.record import MemoryRecorder
-from vve_sumo.sensors.radar import Radar
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, GatewayStatus, Setpoint
 from vve_sumo.vehicle.gateway import Gateway
 
 #: a recording says nothing of its receiver's place: its positions are taken as the rear axle's
 AT_REAR_AXLE = Mounting(0.0, 0.0)
-
-
-#: a recording that says nothing for longer is two recordings [s]
-LONGEST_GAP = 60.0
+#: a recording without a fix for longer is two recordings [s]
+MAX_GAP = 60.0
 
 
 def _first_usable(file: FilePath) -> tuple[float, Fix]:
@@ -51,7 +45,7 @@ def _first_usable(file: FilePath) -> tuple[float, Fix]:
         if gate is None:
             epoch = last = math.floor(fix.time)
             gate = TrustGate(PLAYBACK, epoch)
-        if fix.time - last > LONGEST_GAP:
+        if fix.time - last > MAX_GAP:
             raise ConfigError(f"{file}: {fix.time - last:.0f} s without a fix before time {fix.time:.3f}; cut it there")
         last = fix.time
         if first is None and gate.step(fix.time - epoch, fix).trusted:
@@ -66,78 +60,66 @@ class Playback:
 
     def __init__(self, setting: ResolvedScenario, file: FilePath, working: FilePath) -> None:
         """Match the recording's first usable fix with the start of the path; raises ConfigError where that fails."""
-        self.epoch, first = _first_usable(file)
+        epoch, first = _first_usable(file)
         self._fixes = recording.fixes(file)
         frame = local_frame(first.latitude, first.longitude)
         begin = setting.path.at(0.0)
-        there = Placement(frame, Alignment(), AT_REAR_AXLE, self.epoch).place(first)
-        alignment = Alignment.from_matched_start(there, standing(begin.x, begin.y, begin.heading))
-        self.laid = laid(frame, alignment, self.epoch)
-        self._setting, self._begin = setting, first.time - self.epoch
-        controller = setting.controller(working)
-        self._chain = Pipeline(
-            decoder=Decoder(),
-            gate=TrustGate(PLAYBACK, self.epoch),
-            placement=Placement(frame, alignment, AT_REAR_AXLE, self.epoch),
-            predictor=Predictor(),
-            radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(setting.scenario.seed)),
-            controller=Guarded(controller),
-            vehicle=setting.vehicle,
-            path=setting.path,
-            desired_speed=setting.scenario.ego.speed_mps,
-        )
-        self._gateway = Gateway(setting.vehicle, period=PERIOD)
-        self._datagrams = 0
-        self._world = open_world(setting)
-        self._street = VirtualRoad(self._world, cast_of(setting))
-        self._staleness = PredictionError()
+        start = Placement(frame, Alignment(), AT_REAR_AXLE, epoch).place(first)
+        alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
+        self.lot = LotAlignment(frame.projection, alignment, epoch)
+        self._setting, self._begin = setting, first.time - epoch
+        placement = Placement(frame, alignment, AT_REAR_AXLE, epoch)
+        self._pipeline = build_pipeline(setting, PoseInput(Decoder(), PLAYBACK, placement, epoch), working)
+        self._gateway = gateway_of(setting.model)
+        self._road = VirtualRoad(open_world(setting), scenario_engine(setting))
+        self._prediction_error = PredictionError()
 
     def close(self) -> None:
         """End the simulation."""
-        self._world.close()
+        self._road.close()
 
     def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         """Play to the end of the recording and return how it went; everything else is in the record."""
-        tick = math.ceil(self._begin / PERIOD)
-        coming = next(self._fixes, None)
-        reasons: tuple[str, ...] = ()
-        while coming is not None:
-            now = tick * PERIOD
-            while coming is not None and coming.time - self.epoch <= now:
-                record.received_pose(coming.time_received, repr(astuple(coming)).encode() + b"\n")
-                self._datagrams += 1
-                pose = self._chain.accept(coming.time - self.epoch, coming)
-                if pose is not None:
-                    self._staleness.step(pose)
-                coming = next(self._fixes, None)
-            reasons = self._tick(tick, now, record, watch)
-            tick += 1
-        return DriveEnd(
-            outcome=Outcome.PLAYED,
-            reasons=reasons,
-            cleared=self._world.cleared,
-            warnings=self._world.warnings,
-            text=self._chain.failure or self._street.detail,
-            standoffs=self._world.standoffs,
-            extra={
-                "prediction_error_100ms_mean_m": self._staleness.mean,
-                "prediction_error_100ms_max_m": self._staleness.greatest,
-            },
-        )
+        tick = Tick(self._pipeline, self._road, self._setting.path, _Unheard(self._gateway, record), record)
+        try:
+            reasons = self._play(tick, watch)
+        finally:
+            tick.finish()
+        error = self._prediction_error
+        extra = {"prediction_error_100ms_mean_m": error.mean, "prediction_error_100ms_max_m": error.greatest}
+        return replace(drive_end(Outcome.PLAYED, reasons, self._pipeline, self._road), extra=extra)
 
-    def _tick(self, tick: int, now: float, record: MemoryRecorder, watch: Watch) -> tuple[str, ...]:
-        street, chain = self._street, self._chain
-        chain.see(now, street.actors)
-        decided = chain.decide(tick, now, math.nan, street.found)
-        output = self._gateway.step(now, decided.setpoint, ())
-        record.saw_frames(now, CAR_BUS, output.frames)
-        keep_scan(record, tick, decided)
-        chain.prepare(now + PERIOD, math.nan)
-        asked = chain.front_bumper_at((tick + 1) * PERIOD)
-        report = street.advance(asked)
-        moment = RecordedTick(tick, now, self._datagrams, math.nan, decided, output.verdict)
-        record.ticked(tick_row(moment, None, self._setting.path, asked, report, street))
-        if report is not None:
-            record.snapshot(tick + 1, street.actors)
-        watch(tick, now, decided.pose.speed if decided.pose else 0.0, decided.station)
-        return output.verdict.reasons
+    def _play(self, tick: Tick, watch: Watch) -> tuple[str, ...]:
+        """Tick until the recording ends; return the gateway's reason codes of the last tick."""
+        reasons: tuple[str, ...] = ()
+        coming = next(self._fixes, None)
+        for number in count(math.ceil(self._begin / PERIOD)):
+            if coming is None:
+                break
+            now = number * PERIOD
+            while coming is not None and coming.time - self.lot.epoch <= now:
+                pose = tick.accept(coming.time - self.lot.epoch, coming, repr(astuple(coming)).encode() + b"\n")
+                if pose is not None:
+                    self._prediction_error.step(pose)
+                coming = next(self._fixes, None)
+            done = tick.step(DueTick(number, now, (number + 1) * PERIOD), math.nan)
+            pose, reasons = done.result.pose, done.status.reasons
+            watch(number, now, pose.speed if pose else 0.0, done.result.s)
+        return reasons
+
+
+class _Unheard:
+    """The tick's shell of a playback: a gateway that stays disarmed, and no car that would obey it."""
+
+    def __init__(self, gateway: Gateway, record: MemoryRecorder) -> None:
+        self._gateway, self._record = gateway, record
+
+    def faults(self) -> tuple[str, ...]:
+        """Return nothing: what can fail here ends the playback."""
+        return ()
+
+    def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
+        """Have the gateway step without a car."""
+        output = self._gateway.step(now, setpoint, ())
+        self._record.saw_frames(now, CAR_BUS, output.frames)
+        return output.verdict

@@ -21,7 +21,7 @@ from pyarrow import csv
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.replay import codes
 from vve_sumo.errors import ConfigError
-from vve_sumo.values import Floats, Setpoint
+from vve_sumo.values import ControlCommand, Floats
 
 #: a controller that asks for more than this deceleration brakes [m/s2]; less is coasting, or holding its speed
 BRAKES: Final = 0.5
@@ -73,14 +73,14 @@ def side_by_side(pairs: Iterable[tuple[dict[str, Any], TickResult]]) -> pa.Table
 
     Before the first trusted fix nobody is asked: NaN, no note. A controller that failed gave NaN and a reason code.
     """
-    return pa.Table.from_pylist([_row(row, decided) for row, decided in pairs], schema=_SCHEMA)
+    return pa.Table.from_pylist([_row(row, result) for row, result in pairs], schema=_SCHEMA)
 
 
-def _row(row: dict[str, Any], decided: TickResult) -> dict[str, Any]:
-    setpoint = decided.setpoint or Setpoint(math.nan, math.nan)
+def _row(row: dict[str, Any], result: TickResult) -> dict[str, Any]:
+    command = result.setpoint or ControlCommand(math.nan, math.nan)
     recorded = (row["steering_setpoint_rad"], row["acceleration_setpoint_mps2"], row["emergency"], row["note"])
-    other = (setpoint.steering, setpoint.acceleration, setpoint.emergency, setpoint.note)
-    answers = (_answer(recorded, codes(row["faults"])), _answer(other, decided.faults))
+    other = (command.steering, command.acceleration, command.emergency, command.note)
+    answers = (_answer(recorded, codes(row["faults"])), _answer(other, result.faults))
     spelt = {f"{whose}_{name}": answer[name] for whose, answer in zip(_WHOSE, answers, strict=True) for name in _ANSWER}
     return {"tick": row["tick"], "time_s": row["time_s"]} | spelt
 

@@ -1,14 +1,14 @@
-"""The replay shell: a record's inputs through the same chain, and the first difference in what comes out.
+"""The replay shell: a record's inputs through the same pipeline, and the first difference in what comes out.
 
-SUMO is not started: the recorded actors are fed. What the chain is told at a tick (bytes, actors, the steering that the
-car had reported, the shell's faults) is all in the record, and so is everything that it answered.
+SUMO is not started: the recorded actors are fed. What goes into the pipeline at a tick (bytes, actors, the
+steering that the car had reported, the shell's faults) is all in the record, and so is everything that it answered.
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path as FilePath
@@ -19,7 +19,7 @@ import pyarrow as pa
 
 from vve_sumo import bus
 from vve_sumo.drive import provenance
-from vve_sumo.drive.lockstep import ScriptedOperator, chain_of
+from vve_sumo.drive.lockstep import ScriptedOperator, assemble
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import (
     CONTROLLER,
@@ -28,13 +28,15 @@ from vve_sumo.drive.resolved_scenario import (
     changed_code,
     digests,
     read_resolved,
+    recorded_model,
     resolve_scenario,
     versions,
 )
+from vve_sumo.drive.tick_rows import result_columns, status_columns
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import ACTOR_COLUMNS, LIVE_SCHEMAS, SCHEMAS, read_pose_chunks, read_table
 from vve_sumo.scenario.load import parse
-from vve_sumo.values import Actors, Frame, GatewayStatus
+from vve_sumo.values import Actors, Frame
 from vve_sumo.vehicle.dataspeed.codec import COMMAND_IDS
 
 #: a candump log has microseconds; what happens lies milliseconds apart [s]
@@ -65,12 +67,12 @@ NOTHING = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
 
 
 @dataclass(frozen=True, slots=True)
-class ChainInputs:
-    """What the chain was given and what it answered."""
+class PipelineInputs:
+    """What the pipeline was given and what it answered."""
 
     pose: list[tuple[float, bytes]]  #: in the order taken in
     actors: dict[int, Actors]  #: by tick
-    scans: dict[int, list[Detection]]  #: by tick
+    scans: dict[int, list[Detection]]  #: of the radar, by tick
     ticks: list[dict[str, Any]]  #: rows of the record, as far as all that went into them is there
     torn: int  #: rows after those: their inputs did not come to the disk any more
 
@@ -95,7 +97,8 @@ def setting_of(folder: FilePath, working: FilePath) -> ResolvedScenario:
         raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
     if "pose" in hashes:
         raise ConfigError(f"{folder}: a playback, expected a drive with the hardware-free car")
-    return resolve_scenario(name, parse(settings, file), file, working)
+    setting = resolve_scenario(name, parse(settings, file), file, working)
+    return replace(setting, model=recorded_model(resolved))
 
 
 def changed_since(folder: FilePath, setting: ResolvedScenario) -> list[str]:
@@ -127,19 +130,19 @@ def read_rows(folder: FilePath, name: str) -> pa.Table:
     return table
 
 
-def read_chain_inputs(folder: FilePath) -> ChainInputs:
-    """Read what went into the chain and what it answered, of a record that is finished or was cut off.
+def read_pipeline_inputs(folder: FilePath) -> PipelineInputs:
+    """Read what went into the pipeline and what it answered, of a record that is finished or was cut off.
 
     Raises ConfigError where one of the record's files is missing or unreadable.
     """
     ticks, actors, scans = (read_rows(folder, name) for name in ("ticks", "actors", "detections"))
     pose = read_pose_chunks(folder / "pose.bin")
-    inputs = ChainInputs(pose, _snapshots(actors), _scans(scans), ticks.to_pylist(), 0)
+    inputs = PipelineInputs(pose, _snapshots(actors), _scans(scans), ticks.to_pylist(), 0)
     whole = _whole_ticks(inputs)
     return replace(inputs, ticks=inputs.ticks[:whole], torn=len(inputs.ticks) - whole)
 
 
-def _whole_ticks(inputs: ChainInputs) -> int:
+def _whole_ticks(inputs: PipelineInputs) -> int:
     """Return how many ticks from the first on have all that they say went into them."""
     expected = 0
     for number, row in enumerate(inputs.ticks):
@@ -184,17 +187,17 @@ def _scans(table: pa.Table) -> dict[int, list[Detection]]:
     return found
 
 
-def answers(chain: Pipeline, inputs: ChainInputs) -> Iterator[tuple[dict[str, Any], TickResult]]:
-    """Ask the chain again, tick by tick: each recorded row with what comes out now."""
+def answers(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple[dict[str, Any], TickResult]]:
+    """Ask the pipeline again, tick by tick: each recorded row with what comes out now."""
     taken = 0
     for row in inputs.ticks:
         tick, now, steering = int(row["tick"]), row["time_s"], row["measured_steering_rad"]
         for time, data in inputs.pose[taken : row["datagrams"]]:
-            chain.receive(time, data)
+            pipeline.receive(time, data)
         taken = row["datagrams"]
-        chain.see(now, inputs.actors.get(tick, NOTHING))
-        yield row, chain.decide(tick, now, steering, codes(row["found"]))
-        chain.prepare(now + PERIOD, steering)
+        pipeline.see(now, inputs.actors.get(tick, NOTHING))
+        yield row, pipeline.decide(tick, now, steering, codes(row["found"]))
+        pipeline.prepare(now + PERIOD, steering)
 
 
 def codes(joined: str) -> tuple[str, ...]:
@@ -202,17 +205,19 @@ def codes(joined: str) -> tuple[str, ...]:
     return tuple(code for code in joined.split("+") if code)
 
 
-def replay(setting: ResolvedScenario, inputs: ChainInputs, frames: CarFrames, working: FilePath) -> Difference | None:
-    """Run a lockstep record through chain and gateway; return the first difference, None where all is the same."""
-    put, operator = chain_of(setting, setting.controller(working)), ScriptedOperator()
-    for row, decided in answers(put.chain, inputs):
+def replay(
+    setting: ResolvedScenario, inputs: PipelineInputs, frames: CarFrames, working: FilePath
+) -> Difference | None:
+    """Run a lockstep record through pipeline and gateway; return the first difference, None where all is the same."""
+    parts, operator = assemble(setting, working), ScriptedOperator()
+    for row, result in answers(parts.pipeline, inputs):
         tick = int(row["tick"])
         reports, commands = frames.reports.get(tick, []), frames.commands.get(tick, [])
-        output = put.gateway.step(row["time_s"], decided.setpoint, reports, operator.act())
+        output = parts.gateway.step(row["time_s"], result.setpoint, reports, operator.act())
         operator.saw(output.verdict)
         difference = (
-            compare_decided(inputs, row, decided)
-            or compare(tick, row, verdict_columns(output.verdict))
+            compare_result(inputs, row, result)
+            or compare(tick, row, status_columns(output.verdict))
             or compare_frames(tick, commands, output.frames)
         )
         if difference is not None:
@@ -220,24 +225,24 @@ def replay(setting: ResolvedScenario, inputs: ChainInputs, frames: CarFrames, wo
     return None
 
 
-def compare(number: int, row: dict[str, Any], mine: Iterable[tuple[str, Any]]) -> Difference | None:
+def compare(number: int, row: dict[str, Any], mine: Mapping[str, Any]) -> Difference | None:
     """Return the first column that is not as it was recorded, NaN being like NaN."""
-    for what, value in mine:
+    for what, value in mine.items():
         recorded = row[what]
         if recorded != value and not (recorded != recorded and value != value):
             return Difference(number, what, repr(recorded), repr(value))
     return None
 
 
-def compare_decided(inputs: ChainInputs, row: dict[str, Any], decided: TickResult) -> Difference | None:
-    """Return what the chain came to otherwise than its row and its scan say."""
+def compare_result(inputs: PipelineInputs, row: dict[str, Any], result: TickResult) -> Difference | None:
+    """Return what the pipeline computed otherwise than its row and its scan say."""
     tick = int(row["tick"])
-    difference = compare(tick, row, decided_columns(decided))
-    if difference is not None or decided.scan is None:
+    difference = compare(tick, row, result_columns(result))
+    scan = result.readings.get("radar")
+    if difference is not None or scan is None:
         return difference
-    seen = decided.scan.detections
-    columns = (column.tolist() for column in (seen.range, seen.azimuth, seen.range_rate, seen.mode))
-    mine = list(map(Detection, *columns, decided.scan.actors))
+    columns = (column.tolist() if isinstance(column, np.ndarray) else column for column in scan.columns())
+    mine = [Detection(*values) for values in zip(*columns, strict=True)]
     for number, (then, now) in enumerate(zip_longest(inputs.scans.get(tick, []), mine)):
         if then != now:
             return Difference(tick, f"detection {number}", repr(then), repr(now))
@@ -247,40 +252,6 @@ def compare_decided(inputs: ChainInputs, row: dict[str, Any], decided: TickResul
 def compare_frames(number: int, recorded: list[Frame], mine: tuple[Frame, ...]) -> Difference | None:
     """Return what differs between frames as recorded and as sent now."""
     return None if list(mine) == recorded else Difference(number, "frames", _spelt(recorded), _spelt(mine))
-
-
-def decided_columns(decided: TickResult) -> Iterator[tuple[str, Any]]:
-    """Name what the chain came to by the record's columns."""
-    pose, setpoint, nan = decided.pose, decided.setpoint, math.nan
-    yield "x_m", pose.x if pose else nan
-    yield "y_m", pose.y if pose else nan
-    yield "heading_rad", pose.heading if pose else nan
-    yield "speed_mps", pose.speed if pose else nan
-    yield "acceleration_mps2", pose.acceleration if pose else nan
-    yield "yaw_rate_radps", pose.yaw_rate if pose else nan
-    yield "station_m", decided.station
-    yield "estimated_deviation_m", decided.deviation
-    yield "pose_age_s", decided.pose_age
-    yield "pose_reasons", "+".join(decided.pose_reasons)
-    yield "scanned", decided.scan is not None
-    yield "scan_time_s", decided.detections.time if math.isfinite(decided.detections.time) else nan
-    yield "detections", len(decided.detections.range)
-    yield "steering_setpoint_rad", setpoint.steering if setpoint else nan
-    yield "acceleration_setpoint_mps2", setpoint.acceleration if setpoint else nan
-    yield "emergency", setpoint is not None and setpoint.emergency
-    yield "note", setpoint.note if setpoint else ""
-    yield "faults", "+".join(decided.faults)
-
-
-def verdict_columns(verdict: GatewayStatus) -> Iterator[tuple[str, Any]]:
-    """Name what the gateway came to by the record's columns."""
-    yield "state", verdict.state.value
-    yield "reasons", "+".join(verdict.reasons)
-    yield "limited", "+".join(verdict.limited)
-    yield "steering_rad", verdict.steering
-    yield "granted_acceleration_mps2", verdict.acceleration
-    yield "brake_torque_nm", verdict.brake_torque
-    yield "throttle_percent", 100.0 * verdict.throttle
 
 
 def _spelt(frames: Iterable[Frame]) -> str:

@@ -10,12 +10,12 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path as FilePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -26,15 +26,20 @@ from vve_sumo.drive.actor_paths import Speeds, followed
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
-from vve_sumo.scenario.schema import Radar, Scenario
-from vve_sumo.sensors.radar import RadarConfig, RadarMode
+from vve_sumo.scenario.schema import Scenario
 from vve_sumo.values import Floats, Vehicle
-from vve_sumo.vehicle import fusion
+from vve_sumo.vehicle.load import load as load_vehicle
+from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.world.network import Network, lane_shapes, read_network
 
+if TYPE_CHECKING:
+    from vve_sumo.rig.schema import Rig
+
 #: Of what a record holds; the first had neither path nor car, the second no provenance.json and no seal, the third
-#: neither the speed of actors across their heading nor the time at which a scan was measured.
-LAYOUT = 4
+#: neither the speed of actors across their heading nor the time at which a scan was measured, the fourth, of a live
+#: drive, not the actors as SUMO's last step left them, which stand under the tick after the last; the fifth had no
+#: vehicle model.
+LAYOUT = 6
 PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
 EPOCH = 1_451_260_818.0
@@ -66,11 +71,16 @@ class ResolvedScenario:
     street: MapFrame  #: of the network
     path: Path  #: of the rear axle, in the street's map
     route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
-    vehicle: Vehicle  #: as declared
+    model: VehicleModel  #: that drives
     files: dict[str, FilePath]  #: what was read, by role
     lines: dict[str, Path]  #: paths of actors, by the names that they use, in the street's map
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
     file: FilePath  #: the scenario's own
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle as declared."""
+        return self.model.vehicle
 
     def resolved(self, working: FilePath) -> dict[str, Any]:
         """Return what the record keeps: scenario, path and car, the content of files as hashes, and the versions.
@@ -79,13 +89,15 @@ class ResolvedScenario:
         """
         code = sources(self.scenario.controller.name, workspace.controller_folders(working))
         files = self.files | {f"{CONTROLLER}{module}": file for module, file in code.items()}
+        model = self.model.to_dict()
         return {
             "layout": LAYOUT,
             "scenario": self.name,
             "settings": self.scenario.model_dump(mode="json"),
             "period_s": PERIOD,
             "path_m": [f"{x} {y}" for x, y in self.path.points],
-            "vehicle": asdict(self.vehicle),
+            "vehicle": model.pop("vehicle"),
+            "vehicle_model": model,
             "files_sha256": digests(files),
             "versions": versions(),
         }
@@ -103,24 +115,14 @@ class ResolvedScenario:
         other = control.model_copy(update={"name": name, "tuning": {}})
         return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
 
-    def radar(self) -> RadarConfig:
-        """Return the radar's configuration."""
-        return radar_of(self.scenario.radar)
+    def with_rig(self, rig: Rig, working: FilePath) -> ResolvedScenario:
+        """Return the same setting with a rig's car; raises ConfigError where its vehicle model is gone."""
+        from vve_sumo.rig.resolve import model_of  # and with it the lot's geometry, which no other drive needs
 
-
-def radar_of(wanted: Radar) -> RadarConfig:
-    """Return the configuration of the radar that a scenario wants."""
-    modes = RadarConfig().modes
-    if wanted.range_limit_m is not None:
-        limit = wanted.range_limit_m
-        modes = tuple(RadarMode(min(mode.range_max, limit), mode.half_angle) for mode in modes)
-    config = RadarConfig(
-        modes=modes,
-        latency=wanted.latency_s,
-        noise_correlation=wanted.noise_correlation,
-        false_alarms=wanted.false_alarms,
-    )
-    return config.ideal() if wanted.ideal else config
+        file = workspace.find("vehicle", rig.vehicle.model, working)
+        ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})
+        scenario = self.scenario.model_copy(update={"ego": ego})
+        return replace(self, scenario=scenario, model=model_of(rig), files=self.files | {"vehicle": file})
 
 
 @cache
@@ -164,6 +166,14 @@ def read_resolved(folder: FilePath) -> dict[str, Any]:
     return resolved
 
 
+def recorded_model(resolved: Mapping[str, Any]) -> VehicleModel:
+    """Return the vehicle that a record's `scenario.json` says was driven; raises ConfigError where it says none."""
+    try:
+        return VehicleModel.from_dict({**resolved["vehicle_model"], "vehicle": resolved["vehicle"]})
+    except (KeyError, TypeError) as error:
+        raise ConfigError(f"scenario.json: no vehicle model of this version: {error!r}") from None
+
+
 def refuse_layout(resolved: Mapping[str, Any], file: FilePath) -> None:
     """Raise ConfigError for a record of another layout than this version writes; `file` is its `scenario.json`."""
     layout = resolved.get("layout", 1)
@@ -199,6 +209,7 @@ def resolve_scenario(
     network = (network_in or read_network)(find("network", scenario.street.network, "street.network"))
     demand = tuple(find("demand", wanted, "street.demand") for wanted in scenario.street.demand)
     path_file = find("path", scenario.ego.path, "ego.path")
+    vehicle_file = find("vehicle", scenario.ego.vehicle, "ego.vehicle")
     try:
         street = network.frame()
     except ConfigError as error:
@@ -214,10 +225,21 @@ def resolve_scenario(
         return (path_in or read_path)(of, street, network)[0]
 
     cast = followed(scenario.actors, file, path, find, read)
-    files = {"network": network.path, "path": path_file, **cast.files}
+    files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **cast.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
     return ResolvedScenario(
-        name, scenario, network, demand, street, path, route, fusion.vehicle(), files, cast.lines, cast.recordings, file
+        name=name,
+        scenario=scenario,
+        network=network,
+        demand=demand,
+        street=street,
+        path=path,
+        route=route,
+        model=load_vehicle(vehicle_file),
+        files=files,
+        lines=cast.lines,
+        recordings=cast.recordings,
+        file=file,
     )
 
 

@@ -1,105 +1,102 @@
-"""What the record keeps of a tick, put together from what the tick came to."""
+"""What the record keeps of a tick: one definition of every column, for the record and for what a replay compares."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.virtual_road import VirtualRoad
 from vve_sumo.path import Path
-from vve_sumo.values import Detections, GatewayStatus, Pose, TickRow
+from vve_sumo.values import GatewayStatus, Pose, TickRow, newest_scan
 from vve_sumo.world.ego_sync import EgoSyncReport
 
-
-class ScanRecorder(Protocol):
-    """What keeps radar scans: a record, or the way to one."""
-
-    def scanned(self, tick: int, detections: Detections, seen: Sequence[str]) -> None:
-        """Keep one radar scan; `seen` names the actor behind each detection."""
-        ...
+_NAN = math.nan
 
 
 class RecordedTick(NamedTuple):
-    """One tick: when it was, what it was told, and what was made of it."""
+    """One tick: when it was, what went into it, and what came of it."""
 
     tick: int
     now: float  #: drive time [s]
     datagrams: int  #: portions of pose bytes taken in so far
     steering: float  #: road-wheel angle that the car had reported [rad]
-    decided: TickResult
-    verdict: GatewayStatus  #: the gateway's newest
+    result: TickResult
+    status: GatewayStatus  #: the gateway's newest
+    truth: Pose | None  #: of the rear axle on the virtual road; None where nobody knows
 
 
-def keep_scan(record: ScanRecorder, tick: int, decided: TickResult) -> None:
-    """Keep the radar scan that came out at a tick, where one did, with the names behind its detections."""
-    if decided.scan is not None:
-        record.scanned(tick, decided.scan.detections, decided.scan.actors)
+def result_columns(result: TickResult) -> dict[str, Any]:
+    """Return what the pipeline computed, by the record's columns."""
+    pose, setpoint, scan = result.pose, result.setpoint, newest_scan(result.sensors)
+    return {
+        "x_m": pose.x if pose else _NAN,
+        "y_m": pose.y if pose else _NAN,
+        "heading_rad": pose.heading if pose else _NAN,
+        "speed_mps": pose.speed if pose else _NAN,
+        "acceleration_mps2": pose.acceleration if pose else _NAN,
+        "yaw_rate_radps": pose.yaw_rate if pose else _NAN,
+        "station_m": result.s,
+        "estimated_deviation_m": result.d,
+        "pose_age_s": result.pose_age,
+        "pose_reasons": "+".join(result.pose_reasons),
+        "scanned": "radar" in result.readings,
+        "scan_time_s": scan.time if math.isfinite(scan.time) else _NAN,
+        "detections": len(scan.range),
+        "steering_setpoint_rad": setpoint.steering if setpoint else _NAN,
+        "acceleration_setpoint_mps2": setpoint.acceleration if setpoint else _NAN,
+        "emergency": setpoint is not None and setpoint.emergency,
+        "note": setpoint.note if setpoint else "",
+        "faults": "+".join(result.faults),
+    }
+
+
+def status_columns(status: GatewayStatus) -> dict[str, Any]:
+    """Return what the gateway made of a setpoint, by the record's columns."""
+    return {
+        "state": status.state.value,
+        "reasons": "+".join(status.reasons),
+        "limited": "+".join(status.limited),
+        "steering_rad": status.steering,
+        "granted_acceleration_mps2": status.acceleration,
+        "brake_torque_nm": status.brake_torque,
+        "throttle_percent": 100.0 * status.throttle,
+    }
 
 
 def tick_row(
-    moment: RecordedTick,
-    truth: Pose | None,
-    path: Path,
-    asked: Pose | None,
-    report: EgoSyncReport | None,
-    street: VirtualRoad,
+    recorded: RecordedTick, path: Path, asked: Pose | None, report: EgoSyncReport | None, road: VirtualRoad
 ) -> TickRow:
-    """Return what the record keeps of a tick, after the street has advanced."""
-    nan = math.nan
-    decided, verdict = moment.decided, moment.verdict
-    pose, setpoint = decided.pose, decided.setpoint
-    beside = nan
-    if truth is not None:
-        near = decided.station if math.isfinite(decided.station) else None
-        beside = path.project(truth.x, truth.y, near).offset
+    """Return what the record keeps of a tick, after the virtual road has advanced."""
+    result, truth = recorded.result, recorded.truth
     return TickRow(
-        tick=moment.tick,
-        time_s=moment.now,
-        datagrams=moment.datagrams,
-        pose_trusted=pose is not None and not decided.pose_reasons and "pose_stale" not in decided.faults,
-        pose_age_s=decided.pose_age,
-        pose_reasons="+".join(decided.pose_reasons),
-        x_m=pose.x if pose else nan,
-        y_m=pose.y if pose else nan,
-        heading_rad=pose.heading if pose else nan,
-        speed_mps=pose.speed if pose else nan,
-        acceleration_mps2=pose.acceleration if pose else nan,
-        yaw_rate_radps=pose.yaw_rate if pose else nan,
-        station_m=decided.station,
-        estimated_deviation_m=decided.deviation,
-        true_x_m=truth.x if truth else nan,
-        true_y_m=truth.y if truth else nan,
-        true_heading_rad=truth.heading if truth else nan,
-        true_speed_mps=truth.speed if truth else nan,
-        true_acceleration_mps2=truth.acceleration if truth else nan,
-        lateral_deviation_m=beside,
-        scanned=decided.scan is not None,
-        scan_time_s=decided.detections.time if math.isfinite(decided.detections.time) else nan,
-        detections=len(decided.detections.range),
-        steering_setpoint_rad=setpoint.steering if setpoint else nan,
-        acceleration_setpoint_mps2=setpoint.acceleration if setpoint else nan,
-        emergency=setpoint is not None and setpoint.emergency,
-        note=setpoint.note if setpoint else "",
-        found="+".join(decided.found),
-        faults="+".join(decided.faults),
-        state=verdict.state.value,
-        reasons="+".join(verdict.reasons),
-        limited="+".join(verdict.limited),
-        steering_rad=verdict.steering,
-        granted_acceleration_mps2=verdict.acceleration,
-        brake_torque_nm=verdict.brake_torque,
-        throttle_percent=100.0 * verdict.throttle,
-        measured_steering_rad=moment.steering,
-        asked_x_m=asked.x if asked else nan,
-        asked_y_m=asked.y if asked else nan,
-        asked_heading_rad=asked.heading if asked else nan,
-        asked_speed_mps=asked.speed if asked else nan,
-        anchor_position_error_m=report.position_error if report else nan,
-        anchor_speed_error_mps=report.speed_error if report else nan,
+        tick=recorded.tick,
+        time_s=recorded.now,
+        datagrams=recorded.datagrams,
+        pose_trusted=result.pose is not None and not result.pose_reasons and "pose_stale" not in result.faults,
+        true_x_m=truth.x if truth else _NAN,
+        true_y_m=truth.y if truth else _NAN,
+        true_heading_rad=truth.heading if truth else _NAN,
+        true_speed_mps=truth.speed if truth else _NAN,
+        true_acceleration_mps2=truth.acceleration if truth else _NAN,
+        lateral_deviation_m=_NAN if truth is None else _beside(truth, result.s, path),
+        found="+".join(result.shell_faults),
+        measured_steering_rad=recorded.steering,
+        asked_x_m=asked.x if asked else _NAN,
+        asked_y_m=asked.y if asked else _NAN,
+        asked_heading_rad=asked.heading if asked else _NAN,
+        asked_speed_mps=asked.speed if asked else _NAN,
+        anchor_position_error_m=report.position_error if report else _NAN,
+        anchor_speed_error_mps=report.speed_error if report else _NAN,
         anchor_faults="+".join(report.faults) if report else "",
         lane=report.lane if report else "",
-        actors=len(street.actors.ids),
-        contacts="+".join(street.contacts),
+        actors=len(road.actors.ids),
+        contacts="+".join(road.contacts),
+        **result_columns(result),
+        **status_columns(recorded.status),
     )
+
+
+def _beside(truth: Pose, s: float, path: Path) -> float:
+    """Return the distance of the true rear axle from the path [m], left positive."""
+    return path.project(truth.x, truth.y, s if math.isfinite(s) else None).offset

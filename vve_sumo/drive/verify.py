@@ -17,10 +17,10 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.drive import provenance
-from vve_sumo.drive.command import summary_of
 from vve_sumo.drive.latency_monitor import summarize
 from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.resolved_scenario import PERIOD, read_resolved
+from vve_sumo.drive.summary import summary_of
 from vve_sumo.drive.termination import UNDER_WAY, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path

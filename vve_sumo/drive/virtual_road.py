@@ -1,4 +1,4 @@
-"""The street as a shell drives it: starts the world from a setting, places the ego, remembers what the next tick sees.
+"""The virtual road as a shell drives it: starts the world, places the ego, remembers what the next tick looks at.
 
 Every shell uses it, lockstep, playback and live; it knows no car and no controller.
 """
@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any
 
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
-from vve_sumo.frames import Alignment, MapFrame
 from vve_sumo.path import Path
 from vve_sumo.scenario import schema
 from vve_sumo.scenario.engine import ScenarioEngine
@@ -25,7 +24,7 @@ MOVING = 0.5
 
 
 def obstacles_of(setting: ResolvedScenario) -> tuple[Obstacle, ...]:
-    """Return the scenario's obstacles, laid beside the path."""
+    """Return the scenario's obstacles where they stand beside the path."""
     wanted = setting.scenario.obstacles
     return tuple(Obstacle(one.id, spot_of(one, setting.path), one.length_m, one.width_m) for one in wanted)
 
@@ -37,7 +36,7 @@ def spot_of(wanted: schema.Obstacle, path: Path) -> MapSpot:
     return MapSpot(x, y, at.heading + math.radians(wanted.turned_deg))
 
 
-def cast_of(setting: ResolvedScenario) -> ScenarioEngine:
+def scenario_engine(setting: ResolvedScenario) -> ScenarioEngine:
     """Return the scenario's actors, none of them on the street yet."""
     scenario = setting.scenario
     return ScenarioEngine(scenario.actors, setting.path, setting.lines, setting.recordings, setting.vehicle)
@@ -49,7 +48,7 @@ def standing(x: float, y: float, heading: float) -> Pose:
 
 
 def open_world(setting: ResolvedScenario, clock: Callable[[], float] | None = None) -> World:
-    """Start SUMO with the setting's street, traffic and obstacles; raises ConfigError as World does.
+    """Start SUMO with the scenario's network, traffic and obstacles; raises ConfigError as World does.
 
     With a `clock` [s] the traffic is held within what a live tick has room for.
     """
@@ -66,34 +65,29 @@ def open_world(setting: ResolvedScenario, clock: Callable[[], float] | None = No
     )
 
 
-def laid(frame: MapFrame, alignment: Alignment, epoch: float) -> dict[str, Any]:
-    """Return what ties a drive to time and earth, for the record: time 0, the lot's map, its place on the street."""
-    return {
-        "epoch_gnss_s": epoch,
-        "lot_projection": frame.projection,
-        "lot_to_street": {"rotation_rad": alignment.rotation, "x_m": alignment.x, "y_m": alignment.y},
-    }
-
-
 class VirtualRoad:
-    """The world as a shell drives it: waits for the first pose, remembers what the next tick is to know."""
+    """The world as a shell drives it: waits for the first pose, remembers what the next tick is to know.
 
-    def __init__(self, world: World, cast: ScenarioEngine) -> None:
-        self._world, self._cast = world, cast
+    The scenario's actors begin with the first pose; where the road `waits` for the operator's go, with `go`, or as soon
+    as the car moves.
+    """
+
+    def __init__(self, world: World, engine: ScenarioEngine, *, waits: bool = False) -> None:
+        self._world, self._engine, self._waits = world, engine, waits
         self._began: float | None = None
         self.actors: Actors = table(0.0, ())
         self.contacts: tuple[str, ...] = ()  #: actors that the ego touches
-        self.found: tuple[str, ...] = ()  #: reason codes for the next tick
-        self.detail = ""  #: SUMO's words about its last breach of the anchor's contract
+        self.faults: tuple[str, ...] = ()  #: reason codes for the next tick
+        self.detail = ""  #: SUMO's words about its last breach of the ego's contract
 
     @property
     def cleared(self) -> tuple[str, ...]:
-        """Vehicles taken off the street where the ego, or an actor of the scenario, entered it."""
+        """Vehicles taken off the road where the ego, or an actor of the scenario, entered it."""
         return self._world.cleared
 
     @property
     def standoffs(self) -> tuple[str, ...]:
-        """Vehicles taken off the street because they and the ego waited for each other."""
+        """Vehicles taken off the road because they and the ego waited for each other."""
         return self._world.standoffs
 
     @property
@@ -103,13 +97,13 @@ class VirtualRoad:
 
     @property
     def fits(self) -> bool:
-        """Whether the street's steps were measured and leave a live tick its time; true where nobody measures."""
+        """Whether SUMO's steps were measured and leave a live tick its time; true where nobody measures."""
         headroom = self._world.headroom
         return headroom is None or headroom.fits
 
     @property
     def load(self) -> dict[str, Any]:
-        """What the street's steps took and what was done about it, for the summary; empty where nobody measures."""
+        """What SUMO's steps took and what was done about it, for the summary; empty where nobody measures."""
         headroom = self._world.headroom
         return {} if headroom is None else headroom.summary
 
@@ -117,22 +111,22 @@ class VirtualRoad:
         """End the simulation."""
         self._world.close()
 
-    def advance(self, asked: Pose | None, *, waits: bool = False) -> EgoSyncReport | None:
-        """Place the ego and the actors, let SUMO step, look around; None while there is no pose: then SUMO waits too.
+    def go(self) -> None:
+        """Take note that the operator said go."""
+        self._waits = False
 
-        The scenario's actors begin with the first pose; where the drive `waits` for the operator's go, with that, or
-        as soon as the car moves.
-        """
+    def advance(self, asked: Pose | None) -> EgoSyncReport | None:
+        """Place the ego and the actors and let SUMO step; None while there is no pose, for which SUMO waits too."""
         if asked is None:
             return None
         self._world.place(asked)
-        if self._began is None and (not waits or asked.speed > MOVING):
+        if self._began is None and (not self._waits or asked.speed > MOVING):
             self._began = asked.time
         if self._began is not None:
-            self._world.play(self._cast.step(asked.time - self._began, asked))
+            self._world.play(self._engine.step(asked.time - self._began, asked))
         report = self._world.step()
         self.actors = self._world.actors()
         self.contacts = self._world.contacts()
-        self.found = report.faults + (("virtual_contact",) if self.contacts else ())
+        self.faults = report.faults + (("virtual_contact",) if self.contacts else ())
         self.detail = report.detail or self.detail
         return report

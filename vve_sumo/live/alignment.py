@@ -1,7 +1,7 @@
-"""Where the lot lies on the street and what time it is, found while the car stands: the first thing a live drive does.
+"""How the lot lies on the virtual road and what time it is, measured while the car stands: where a live drive begins.
 
-Averages the receiver's trusted fixes at standstill. What is found is frozen for the drive: nothing moves the street
-under a car that is engaged.
+Averages the receiver's trusted fixes at standstill. The alignment is frozen for the drive: nothing moves the road under
+a car that is engaged.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ import math
 import select
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
+from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
@@ -24,14 +25,14 @@ from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import EARTH_RADIUS, TrustGate, TrustProfile
 from vve_sumo.values import Fix, Pose
 
-#: trusted fixes at standstill that are averaged, as a time [s]: RTK noise falls by three at 10 Hz, by ten at 100 Hz
-AVERAGED: Final = 1.5
-#: between two looks at a silent receiver [s]
-LOOK: Final = 0.1
+#: over which trusted fixes at standstill are averaged [s]: RTK noise falls by three at 10 Hz, by ten at 100 Hz
+AVERAGING_TIME: Final = 1.5
+#: between two polls of a silent receiver [s]
+POLL_INTERVAL: Final = 0.1
 #: a receiver that gives no such fixes for so long is not ready [s]
-PATIENCE: Final = 30.0
-#: faster than this is no standstill [m/s]: five sigma of a receiver's velocity
-STANDSTILL: Final = 0.15
+TIMEOUT: Final = 30.0
+#: a car that is faster does not stand [m/s]: five sigma of a receiver's velocity
+MAX_STANDSTILL_SPEED: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,35 +44,6 @@ class StandingPose:
     fixes: int  #: so many of them
     spread: float  #: farthest of them from the average [m]
     turn: float  #: largest difference of their headings from the average [rad]
-
-
-@dataclass(frozen=True, slots=True)
-class LotAlignment:
-    """How the lot lies on the street, and GNSS time on the drive's clock."""
-
-    projection: str  #: PROJ string of the lot's map
-    alignment: Alignment
-    epoch: float  #: GNSS second of drive time 0
-
-    def frame(self) -> MapFrame:
-        """Return the lot's map."""
-        return MapFrame(self.projection)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON."""
-        alignment = self.alignment
-        return {
-            "epoch_gnss_s": self.epoch,
-            "lot_projection": self.projection,
-            "lot_to_street": {"rotation_rad": alignment.rotation, "x_m": alignment.x, "y_m": alignment.y},
-        }
-
-    @classmethod
-    def of(cls, told: Mapping[str, Any]) -> LotAlignment:
-        """Return the ground that `as_dict` told of."""
-        turned = told["lot_to_street"]
-        alignment = Alignment(turned["rotation_rad"], turned["x_m"], turned["y_m"])
-        return cls(told["lot_projection"], alignment, told["epoch_gnss_s"])
 
 
 def standing_pose(
@@ -94,8 +66,8 @@ def standing_pose(
     epoch = math.nan
     stood: list[Fix] = []
     lacks: Counter[str] = Counter()
-    while time.monotonic() - begun < PATIENCE:
-        select.select([source], [], [], LOOK)
+    while time.monotonic() - begun < TIMEOUT:
+        select.select([source], [], [], POLL_INTERVAL)
         for stamp, data in source.receive():
             received = stamp - t0
             for fix in decoder.feed(data, received):
@@ -106,16 +78,16 @@ def standing_pose(
                 timed = replace(fix, time=epoch + timing.step(received, fix.time))
                 trust = gate.step(received, timed)
                 lacks.update(trust.reasons)
-                moves = not math.hypot(fix.velocity_north, fix.velocity_east) < STANDSTILL
+                moves = not math.hypot(fix.velocity_north, fix.velocity_east) < MAX_STANDSTILL_SPEED
                 lacks.update(("car_moves",) if moves else ())
                 if moves or not trust.trusted:
                     stood.clear()
                 else:
                     stood.append(fix)
-        if stood and stood[-1].time - stood[0].time >= AVERAGED:
+        if stood and stood[-1].time - stood[0].time >= AVERAGING_TIME:
             return average(epoch, stood)
     heard = "no fix at all" if timing is None else ", ".join(code for code, _count in lacks.most_common(4))
-    raise RigError(f"pose: {PATIENCE:.0f} s without {AVERAGED} s of trusted fixes at standstill: {heard}")
+    raise RigError(f"pose: {TIMEOUT:.0f} s without {AVERAGING_TIME} s of trusted fixes at standstill: {heard}")
 
 
 def lot_alignment(

@@ -7,35 +7,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path as FilePath
 from typing import Any, Final
 
-import numpy as np
-
 from vve_sumo.bus import Bus
-from vve_sumo.controller import Guarded
+from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario, resolve_scenario
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.frames import Placement
-from vve_sumo.live.alignment import LotAlignment, StandingPose, standing_pose
+from vve_sumo.live.alignment import StandingPose, standing_pose
 from vve_sumo.pose.clock import Clock
-from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.sources import Source
-from vve_sumo.pose.trust import TrustGate
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.scenario.load import parse
-from vve_sumo.sensors.radar import Radar
 
 #: GNSS time minus this machine's wall clock where that is disciplined to UTC [s]: epoch of GPS, and 18 leap seconds
 GNSS_OF_UNIX: Final = -315_964_800.0 + 18.0
 
 
-def told(setting: ResolvedScenario, scenario_file: FilePath, rig_name: str, rig: Rig) -> dict[str, Any]:
-    """Return what `restored` needs beside the record's own keys, as plain JSON."""
+def to_dict(setting: ResolvedScenario, scenario_file: FilePath, rig_name: str, rig: Rig) -> dict[str, Any]:
+    """Return what `from_dict` needs beside the record's own keys, as plain JSON."""
     return {
         "scenario_file": str(scenario_file),
         "rig_name": rig_name,
@@ -44,18 +39,18 @@ def told(setting: ResolvedScenario, scenario_file: FilePath, rig_name: str, rig:
     }
 
 
-def restored(resolved: Mapping[str, Any], working: FilePath) -> tuple[ResolvedScenario, Rig]:
-    """Return the setting and the rig of a live drive from what its record says.
+def from_dict(resolved: Mapping[str, Any], working: FilePath) -> tuple[ResolvedScenario, Rig]:
+    """Return the resolved scenario and the rig of a live drive from what its record says.
 
     Raises ConfigError where something that it names is not there any more.
     """
     file = FilePath(resolved["scenario_file"])
     setting = resolve_scenario(resolved["scenario"], parse(resolved["settings"], file), file, working)
     rig = rigs.parse_json(resolved["rig"], FilePath(resolved["rig_name"]))
-    return fitted(setting, rig), rig
+    return fitted(setting, rig, working), rig
 
 
-def fitted(setting: ResolvedScenario, rig: Rig) -> ResolvedScenario:
+def fitted(setting: ResolvedScenario, rig: Rig, working: FilePath) -> ResolvedScenario:
     """Return a scenario's setting with the rig's car; raises ConfigError for a speed that the lot does not allow."""
     wanted, allowed = setting.scenario.ego.speed_mps, rig.limits.speed_mps
     if wanted > allowed:
@@ -63,7 +58,7 @@ def fitted(setting: ResolvedScenario, rig: Rig) -> ResolvedScenario:
             f"ego.speed_mps: {wanted:g} m/s is more than the rig's limits.speed_mps, {allowed:g} m/s; "
             "lower the scenario's speed or take a larger lot"
         )
-    return replace(setting, vehicle=meaning.vehicle_of(rig))
+    return setting.with_rig(rig, working)
 
 
 def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
@@ -80,28 +75,20 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
     }
 
 
-def chain_of(setting: ResolvedScenario, rig: Rig, ground: LotAlignment, working: FilePath) -> Pipeline:
-    """Put the chain of a live drive together; raises ConfigError as `ResolvedScenario.controller` does."""
-    scenario, epoch = setting.scenario, ground.epoch
+def pipeline_of(setting: ResolvedScenario, rig: Rig, lot: LotAlignment, working: FilePath) -> Pipeline:
+    """Return the pipeline of a live drive; raises ConfigError as `build_pipeline` does, and for another lot."""
     frame, receiver = meaning.frame_of(rig), meaning.receiver_of(rig)
-    if frame.projection != ground.projection:
-        raise ConfigError("the rig's lot is not the one that the drive was laid out in")
-    radar_seeds = np.random.SeedSequence(scenario.seed).spawn(2)[1]
-    return Pipeline(
+    if frame.projection != lot.projection:
+        raise ConfigError("the rig's lot is not the one that the drive was aligned in")
+    pose = PoseInput(
         decoder=receiver.decoder(),
-        gate=TrustGate(receiver.profile, epoch),
-        placement=Placement(frame, ground.alignment, meaning.mounting_of(rig), epoch),
-        predictor=Predictor(),
-        radar=Radar(setting.radar(), setting.vehicle, np.random.default_rng(radar_seeds)),
-        controller=Guarded(setting.controller(working)),
-        vehicle=setting.vehicle,
-        path=setting.path,
-        desired_speed=scenario.ego.speed_mps,
-        deviation_limit=scenario.ego.deviation_limit_m,
-        clock=Clock(epoch, minimum_delay_of(rig), absolute=rig.pose.clock == "absolute"),
-        epoch=epoch,
-        fence=meaning.fence_of(rig, ground.alignment),
+        profile=receiver.profile,
+        placement=Placement(frame, lot.alignment, meaning.mounting_of(rig), lot.epoch),
+        epoch=lot.epoch,
+        clock=Clock(lot.epoch, minimum_delay_of(rig), absolute=rig.pose.clock == "absolute"),
+        geofence=meaning.fence_of(rig, lot.alignment),
     )
+    return build_pipeline(setting, pose, working)
 
 
 def minimum_delay_of(rig: Rig) -> float:
@@ -124,8 +111,8 @@ def absolute_epoch(rig: Rig, t0: float) -> float | None:
     return wall_epoch(t0) if rig.pose.clock == "absolute" else None
 
 
-def stood(rig: Rig, source: Source, t0: float) -> StandingPose:
-    """Wait for what the rig's receiver says of the standing car; raises RigError as `ground.stand`."""
+def standing_pose_of(rig: Rig, source: Source, t0: float) -> StandingPose:
+    """Wait for what the rig's receiver says of the standing car; raises RigError as `standing_pose` does."""
     receiver, delay = meaning.receiver_of(rig), minimum_delay_of(rig)
     try:
         return standing_pose(source, receiver.decoder(), receiver.profile, delay, t0, absolute_epoch(rig, t0))

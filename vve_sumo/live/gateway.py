@@ -327,8 +327,8 @@ def gateway_of(config: Mapping[str, Any]) -> Gateway:
     nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
     return Gateway(
         Vehicle(**config["vehicle"]),
-        Limits(**{**limits, **nested}),
         Calibration(**config["calibration"]),
+        Limits(**{**limits, **nested}),
         config["period"],
         codec.Variant[config["variant"]],
         config["shadow"],
@@ -339,7 +339,7 @@ def gateway_of(config: Mapping[str, Any]) -> Gateway:
 def _say(line: str) -> None:
     """Write to the log; a log that can't be written is no reason for anything."""
     with contextlib.suppress(OSError, ValueError):
-        print(f"gateway: {line}", file=sys.stderr, flush=True)
+        print(f"gateway: {line}", file=sys.stderr, flush=True)  # noqa: T201 (the log of a process without a terminal)
 
 
 def main() -> int:

@@ -23,7 +23,7 @@ from vve_sumo.record.record import PROVENANCE, LiveRecord, write_summary
 FLUSH: Final = 0.1
 
 #: what a tap may ask for: the record's verbs
-VERBS: Final = frozenset({"received_pose", "saw_frames", "scanned", "snapshot", "ticked", "stepped", "timed"})
+VERBS: Final = frozenset({"received_pose", "saw_frames", "sensed", "snapshot", "ticked", "stepped", "timed"})
 
 #: what a summary is made from: the record's folder, and how the drive says that it ended (None where it never did)
 Summarise = Callable[[Path, dict[str, Any] | None], dict[str, Any]]

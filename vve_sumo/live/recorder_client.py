@@ -8,11 +8,12 @@ from __future__ import annotations
 import pickle
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any, Final
 
 from vve_sumo.live.channel import Channel
-from vve_sumo.values import Actors, Detections, Frame, GatewayRow, LatencyRow, TickRow
+from vve_sumo.sensors.port import Column
+from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
 
 #: datagrams kept here while the recorder's queue is full; with one in 20 ms, the recorder may be 2 s behind its queue
 BACKLOG: Final = 100
@@ -41,9 +42,9 @@ class RecorderClient:
         """Keep CAN frames heard or sent at one drive time."""
         self._calls.append(("saw_frames", (time, channel, [tuple(frame) for frame in frames])))
 
-    def scanned(self, tick: int, detections: Detections, seen: Sequence[str]) -> None:
-        """Keep one radar scan; `seen` names the actor behind each detection."""
-        self._calls.append(("scanned", (tick, detections, tuple(seen))))
+    def sensed(self, tick: int, sensor: str, columns: tuple[Column, ...]) -> None:
+        """Keep what came out of the sensor of that name at a tick, as the columns of its table."""
+        self._calls.append(("sensed", (tick, sensor, columns)))
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Keep the actors that tick `tick` looks at."""

@@ -7,30 +7,29 @@ the drive computes from the recorded bytes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate, islice
 from pathlib import Path as FilePath
 from typing import Any, Final
 
 from vve_sumo import bus
+from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
-    ChainInputs,
     Difference,
+    PipelineInputs,
     answers,
     codes,
     compare,
-    compare_decided,
     compare_frames,
-    read_chain_inputs,
+    compare_result,
+    read_pipeline_inputs,
     read_rows,
-    verdict_columns,
 )
 from vve_sumo.drive.resolved_scenario import read_resolved
+from vve_sumo.drive.tick_rows import status_columns
 from vve_sumo.errors import ConfigError
-from vve_sumo.live.alignment import LotAlignment
-from vve_sumo.live.assembly import chain_of, restored
+from vve_sumo.live.assembly import from_dict, pipeline_of
 from vve_sumo.live.gateway import gateway_of
 from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
@@ -48,7 +47,7 @@ class LiveInputs:
     """What went into a live drive, as far as its record reaches."""
 
     resolved: dict[str, Any]  #: scenario.json
-    chain: ChainInputs
+    pipeline: PipelineInputs
     steps: list[dict[str, Any]]  #: rows of the gateway's table, as far as none is missing and its frames are there
     torn: int  #: rows after those
     frames: list[Frame]  #: of can.log, in its order
@@ -69,11 +68,11 @@ def resolved_of(folder: FilePath) -> dict[str, Any]:
 
 def read_live_inputs(folder: FilePath) -> LiveInputs:
     """Read a live record, finished or cut off; raises ConfigError where a part of it is missing or unreadable."""
-    resolved, chain = resolved_of(folder), read_chain_inputs(folder)
+    resolved, pipeline = resolved_of(folder), read_pipeline_inputs(folder)
     steps = read_rows(folder, "gateway").to_pylist()
     frames = [frame for _time, _channel, frame in bus.read_log(folder / "can.log")]
     whole = _whole_steps(steps, len(frames))
-    return LiveInputs(resolved, chain, steps[:whole], len(steps) - whole, frames)
+    return LiveInputs(resolved, pipeline, steps[:whole], len(steps) - whole, frames)
 
 
 def _whole_steps(steps: list[dict[str, Any]], frames: int) -> int:
@@ -82,24 +81,24 @@ def _whole_steps(steps: list[dict[str, Any]], frames: int) -> int:
     return next(torn, len(steps))
 
 
-def chain_again(resolved: dict[str, Any], working: FilePath, controller: str | None = None) -> Pipeline:
-    """Put the chain of a live drive together again, with another `controller` if one is named.
+def rebuilt_pipeline(resolved: dict[str, Any], working: FilePath, controller: str | None = None) -> Pipeline:
+    """Build the pipeline of a live drive again, with another `controller` if one is named.
 
     Raises ConfigError where something that the record names is not there any more.
     """
-    setting, rig = restored(resolved, working)
+    setting, rig = from_dict(resolved, working)
     if controller is not None:
         setting = setting.driven_by(controller)
-    return chain_of(setting, rig, LotAlignment.of(resolved), working)
+    return pipeline_of(setting, rig, LotAlignment.from_dict(resolved), working)
 
 
 def replay_drive(inputs: LiveInputs, working: FilePath) -> Difference | None:
     """Return the first tick at which the drive's part differs: in what it saw, decided, or sent to the gateway."""
     sent = _setpoints(inputs.steps)
-    for row, decided in answers(chain_again(inputs.resolved, working), inputs.chain):
-        if (difference := compare_decided(inputs.chain, row, decided)) is not None:
+    for row, result in answers(rebuilt_pipeline(inputs.resolved, working), inputs.pipeline):
+        if (difference := compare_result(inputs.pipeline, row, result)) is not None:
             return difference
-        setpoint = decided.setpoint
+        setpoint = result.setpoint
         if setpoint is None or (then := sent.get(setpoint.sequence)) is None:
             continue
         if link.encode_setpoint(setpoint) != then:
@@ -137,11 +136,13 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
     return None
 
 
-def _gateway_columns(step: int, gateway: Gateway, verdict: GatewayStatus) -> Iterator[tuple[str, Any]]:
-    """Name what the gateway came to by the record's columns."""
-    yield "step", step
-    yield from verdict_columns(verdict)
-    yield "sequence", gateway.sequence
-    yield "measured_steering_rad", gateway.measured_steering
-    yield "wheel_speed_mps", gateway.wheel_speed
-    yield "gear", gateway.gear
+def _gateway_columns(step: int, gateway: Gateway, status: GatewayStatus) -> dict[str, Any]:
+    """Return what the gateway came to, by the record's columns."""
+    return {
+        "step": step,
+        **status_columns(status),
+        "sequence": gateway.sequence,
+        "measured_steering_rad": gateway.measured_steering,
+        "wheel_speed_mps": gateway.wheel_speed,
+        "gear": gateway.gear,
+    }

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import select
 import subprocess
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, Final
 
@@ -19,11 +18,12 @@ from vve_sumo.errors import RigError
 from vve_sumo.live import assembly, spawn
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.simulated_vehicle import CarConfig
-from vve_sumo.plant import fusion as plant
+from vve_sumo.plant.parameters import DRY, perturbed
 from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY
+from vve_sumo.vehicle.model import VehicleModel
 
 #: for the car to say that it is there [s]
 PATIENCE: Final = 30.0
@@ -44,7 +44,7 @@ def start(
     seed: int,
     stack: contextlib.ExitStack,
     folder: FilePath | None,
-    friction: float = plant.FRICTION,
+    friction: float = DRY,
 ) -> SimulatedVehicleProcess:
     """Start the car and wait until it is there; it is ended where `stack` is left.
 
@@ -54,7 +54,7 @@ def start(
     told = _config(rig, t0, seed, folder, friction).told()
     ours, theirs = pair()
     log = {} if folder is None else {"log": str(folder / "car.log")}
-    process = spawn.start("car", told | log, {"console": theirs}, own_session=True)
+    process = spawn.start("simulated_vehicle", told | log, {"console": theirs}, own_session=True)
     stack.callback(_end, process)
     stack.callback(ours.close)
     said = _first_word(ours)
@@ -78,17 +78,7 @@ def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: f
     assert isinstance(pose, NcomUdp)
     wire = rig.bus.interface, start.channel or rig.bus.channel
     return CarConfig(
-        parameters=plant.parameters(
-            noise=start.noise_factor if start.noise else 0.0,
-            delay=start.gnss_delay_s,
-            hidden_delay=start.gnss_hidden_delay_s,
-            mass_factor=start.mass_factor,
-            brake_gain_factor=start.brake_gain_factor,
-            friction=friction,
-            grade=math.atan(start.grade_percent / 100.0),
-            steering_wheel_bias=math.radians(start.steering_wheel_bias_deg),
-            heading_misalignment=-math.radians(start.heading_misalignment_deg),
-        ),
+        parameters=perturbed(_uncalibrated(meaning.model_of(rig)), start, friction),
         lot=meaning.frame_of(rig),
         latitude_deg=start.latitude_deg,
         longitude_deg=start.longitude_deg,
@@ -101,6 +91,11 @@ def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: f
         rehearsed=meaning.rehearsed_of(rig),
         truth=None if folder is None else folder / "truth.csv",
     )
+
+
+def _uncalibrated(model: VehicleModel) -> VehicleModel:
+    """Return a model without its two corrections: `car_start` states how the car really stands, calibrated or not."""
+    return replace(model, steering_wheel_bias=0.0, mounting=replace(model.mounting, heading_misalignment=0.0))
 
 
 def _first_word(channel: Channel) -> dict[str, Any]:

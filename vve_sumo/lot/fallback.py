@@ -54,7 +54,7 @@ def _follow(
 ) -> tuple[float, ...] | None:
     """Curvature at `count` + 1 knots; the simulation advances from one to the next with their mean."""
     # A good part of what a tick costs is this loop: plain names and no calls that can be had without.
-    cos, sin, sqrt, beside = math.cos, math.sin, math.sqrt, path.beside
+    cos, sin, sqrt, frenet_near = math.cos, math.sin, math.sqrt, path.frenet_near
     x, y, heading = pose.x, pose.y, pose.heading
     tightest = math.tan(vehicle.steering_limit) / vehicle.wheelbase
     answer = vehicle.steering_rate_limit / vehicle.wheelbase
@@ -66,7 +66,7 @@ def _follow(
         v = sqrt(square) if square > SQUARE_OF_LEAST_SPEED else LEAST_SPEED
         # Where the present curvature leads, and what would be right there.
         ahead = heading + 0.5 * bend * spacing
-        s, offset, turned, path_bend = beside(
+        s, offset, turned, path_bend = frenet_near(
             s + spacing, x + spacing * cos(ahead), y + spacing * sin(ahead), heading + bend * spacing
         )
         if not (-FARTHEST < offset < FARTHEST and -MOST_TURNED < turned < MOST_TURNED):

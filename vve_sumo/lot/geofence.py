@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from vve_sumo.frames import GRAVITY, Alignment
+from vve_sumo.laws import squared_speed_limits
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body, Complexes, as_pairs, fan, relaxing, trail
 from vve_sumo.path import EXTENSION, SAMPLE_SPACING, Path
@@ -197,11 +198,9 @@ def _knots(profile: FallbackPath, distance: float) -> Floats | None:
 def driven_speeds(curvature: Floats, speed: float) -> list[float]:
     """Return the greatest speeds [m/s], one per SAMPLE_SPACING, of a drive from rest that asks for `speed`.
 
-    v^2 <= lateral / |curvature|, v^2 <= v_next^2 + 2 slowing ds, v^2 <= v_last^2 + 2 speeding_up ds.
+    Those of `laws.squared_speed_limits`, and v^2 <= v_last^2 + 2 speeding_up ds.
     """
-    squares = [min(speed * speed, LATERAL / abs(bend)) if bend else speed * speed for bend in curvature.tolist()]
-    for row in range(len(squares) - 2, -1, -1):
-        squares[row] = min(squares[row], squares[row + 1] + 2.0 * SLOWING * SAMPLE_SPACING)
+    squares = squared_speed_limits(curvature.tolist(), speed, LATERAL, SLOWING, SAMPLE_SPACING)
     squares[0] = 0.0
     for row in range(1, len(squares)):
         squares[row] = min(squares[row], squares[row - 1] + 2.0 * SPEEDING_UP * SAMPLE_SPACING)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.metrics.boxes import Boxes, interval_in_lane, separation
+from vve_sumo.geometry import Boxes, interval_in_lane, separation
 from vve_sumo.values import Floats
 
 Indices = NDArray[np.int64]
@@ -73,7 +73,7 @@ def encroachment(time: Floats, one: Boxes, other_time: Floats, other: Boxes) -> 
     near, columns = _near(one, other), _near(other, one)
     for start in range(0, len(near), CHUNK):
         rows = near[start : start + CHUNK]
-        apart = separation(Boxes(*(column[:, None] for column in one.taken(rows))), other.taken(columns))
+        apart = separation(Boxes(*(column[:, None] for column in one.select(rows))), other.select(columns))
         mine[rows] = np.fmin.reduce(apart, axis=1, initial=np.inf)
         theirs[columns] = np.fmin(theirs[columns], np.fmin.reduce(apart, axis=0, initial=np.inf))
     return Encroachment(*_stay(time, mine), *_stay(other_time, theirs))
@@ -91,12 +91,12 @@ def time_to_collision_zone(one: Boxes, other: Boxes) -> Passages:
 def _near(one: Boxes, other: Boxes) -> Indices:
     """Return the instants of `one` at which it is not far from the rectangle around all the places of `other`."""
     radius = 0.5 * np.hypot(one.length, one.width) + FAR
-    beside = np.ones(len(one.x), np.bool_)
+    near = np.ones(len(one.x), np.bool_)
     for mine, theirs in ((one.x, other.x), (one.y, other.y)):
         low = np.fmin.reduce(theirs - 0.5 * np.hypot(other.length, other.width), initial=np.inf)
         high = np.fmax.reduce(theirs + 0.5 * np.hypot(other.length, other.width), initial=-np.inf)
-        beside &= (mine > low - radius) & (mine < high + radius)
-    return np.flatnonzero(beside)
+        near &= (mine > low - radius) & (mine < high + radius)
+    return np.flatnonzero(near)
 
 
 def _ahead(enters: Floats, leaves: Floats) -> tuple[Floats, Floats]:

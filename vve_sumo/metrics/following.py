@@ -1,6 +1,7 @@
 """Surrogate safety measures of one road user behind another in the same lane, on whole arrays at once.
 
-Knows gaps, speeds and times; no record, no map, no car. Inputs broadcast; NaN in any of them is NaN in the answer.
+Knows gaps, speeds and times; no record, no map, no car. Inputs broadcast, plain numbers in give a number out; NaN in
+any of them is NaN in the answer.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ def modified_time_to_collision(gap: ArrayLike, closing_speed: ArrayLike, closing
     return _known(np.where(g <= 0.0, 0.0, np.where(square < 0.0, np.inf, time)), g, dv, da)
 
 
-def deceleration_to_avoid(gap: ArrayLike, closing_speed: ArrayLike, delay: ArrayLike = 0.0) -> Floats:
+def required_deceleration(gap: ArrayLike, closing_speed: ArrayLike, delay: ArrayLike = 0.0) -> Floats:
     """Constant deceleration, begun after `delay`, that just avoids contact with a leader of constant speed [m/s2].
 
     dv^2 / (2 (g - dv delay)): without a delay DRAC (Almqvist et al. 1991), with one, a perception-reaction time [s],
@@ -103,7 +104,8 @@ def rss_distance(speed: ArrayLike, leader_speed: ArrayLike, assumed: Rss = RSS) 
     rho, a = assumed.response, assumed.acceleration
     way = v * rho + 0.5 * a * rho * rho + (v + rho * a) ** 2 / (2.0 * assumed.least_braking)
     distance = np.maximum(way - w * w / (2.0 * assumed.greatest_braking), 0.0)
-    return np.where((v >= 0.0) & (w >= 0.0), distance, np.nan)
+    safe: Floats = np.where((v >= 0.0) & (w >= 0.0), distance, np.nan)[()]
+    return safe
 
 
 def time_exposed(time: Floats, ttc: Floats, threshold: float = TTC_THRESHOLD) -> float:
@@ -152,4 +154,5 @@ def _ratio(above: Floats, below: Floats, where: ArrayLike) -> Floats:
 def _known(answer: Floats, *inputs: Floats) -> Floats:
     """Return the answer, NaN where an input is."""
     unknown = np.logical_or.reduce([np.isnan(value) for value in inputs])
-    return np.where(unknown, np.nan, answer)
+    known: Floats = np.where(unknown, np.nan, answer)[()]
+    return known

@@ -8,14 +8,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 
 from vve_sumo.laws import stopping_distance
-from vve_sumo.values import Floats, Vehicle
-from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.values import DRIVE_LAG, Floats, Vehicle
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 #: below this speed the car is at rest, and has a gap to talk of [m/s]
 AT_REST: Final = 0.05
@@ -35,8 +36,6 @@ PAUSE: Final = 1.0
 LOW, HIGH = 0.1, 0.9
 #: over so many ticks the deceleration before the braking is averaged
 TICKS_BEFORE: Final = 10
-#: with this lag the push of a throttle that is let go is assumed to fade, whatever was calibrated [s]
-DRIVE_LAG: Final = Calibration().drive_lag
 #: states of the gateway in which it commands the brakes
 _COMMANDING: Final = frozenset({"engaged", "stopping", "stopped"})
 
@@ -77,7 +76,8 @@ class Stop:
 
         The closed form of `laws.stopping_distance` from the onset's speed at the demand. The declared lag of the brakes
         counts as a ramp of twice its length, which costs v T - a T^2 / 6 where the lag costs v T - a T^2 / 2. A car
-        that was still gaining speed at the onset first gains what the fading push of its throttle gives.
+        that was still gaining speed at the onset first gains what the fading push of its throttle gives, whatever lag
+        was calibrated.
         """
         delay, build_up = latency + vehicle.brake_delay, 2.0 * vehicle.brake_lag
         gained = max(self.onset_acceleration, 0.0) * (delay + DRIVE_LAG)

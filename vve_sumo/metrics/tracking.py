@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vve_sumo.metrics.drive_metrics import locate
 from vve_sumo.path import Path
 from vve_sumo.values import Floats
 
@@ -32,7 +31,7 @@ def track(path: Path, x: Floats, y: Floats, heading: Floats, station: Floats) ->
     """
     known = np.flatnonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(station))
     lateral, along = np.full(len(x), np.nan), np.full(len(x), np.nan)
-    _, lateral[known], along[known] = locate(path, x[known], y[known], station[known], WINDOW)
+    _, lateral[known], along[known] = path.project_many(x[known], y[known], station[known], WINDOW)
     return Tracking(lateral, wrapped(heading - along), along)
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vve_sumo.geometry import Box, vehicle_boxes
 from vve_sumo.path import Path
 from vve_sumo.plotting.page import (
     EGO,
@@ -59,8 +60,7 @@ class View:
 
     def corners(self) -> Floats:
         """Return the window's corners on the map (4 x 2) [m]."""
-        right, up = np.array([1.0, 1.0, -1.0, -1.0]), np.array([1.0, -1.0, -1.0, 1.0])
-        return np.array([self.x, self.y]) + rotated(right * self.width / 2.0, up * self.height / 2.0, self.heading)
+        return np.array(Box(self.x, self.y, self.heading, self.width, self.height).corners())
 
     def holds(self, x: float, y: float) -> bool:
         """Whether a map point lies in the window."""
@@ -69,14 +69,10 @@ class View:
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
-    """A car on the map."""
+class DrawnCar:
+    """A car on the map and how it is drawn."""
 
-    x: float  #: of its middle [m]
-    y: float  #: of its middle [m]
-    heading: float  #: [rad]
-    length: float  #: [m]
-    width: float  #: [m]
+    box: Box
     colour: str
     name: str  #: what the legend calls it
 
@@ -87,24 +83,22 @@ def rotated(x: Floats, y: Floats, angle: float) -> Floats:
     return np.column_stack((x * cos - y * sin, x * sin + y * cos))
 
 
-def _ego(sheet: Sheet) -> Box:
-    x, y, heading = (float(column[-1]) for column in trace(sheet.ticks))
-    car = sheet.vehicle
-    ahead = car.rear_axle_to_bumper - car.length / 2.0
-    x, y = x + ahead * math.cos(heading), y + ahead * math.sin(heading)
-    return Box(x, y, heading, car.length, car.width, EGO, "ego at the end")
+def _ego(sheet: Sheet) -> DrawnCar:
+    x, y, heading = (column[-1:] for column in trace(sheet.ticks))
+    boxes = vehicle_boxes(x, y, heading, np.zeros_like(x), sheet.vehicle)
+    return DrawnCar(Box(*(float(column[0]) for column in boxes[:5])), EGO, "ego at the end")
 
 
-def _boxes(sheet: Sheet) -> list[Box]:
+def _actors(sheet: Sheet) -> list[DrawnCar]:
     """Return the actors at the last tick; last among them what the ego stands before or has touched."""
     last = sheet.actors.filter(np.equal(sheet.actors["tick"].to_numpy(), sheet.ticks["tick"][-1].as_py()))
-    met = {sheet.seen.actor[-1], *"+".join(sheet.ticks["contacts"].to_pylist()).split("+")}
+    met = {sheet.lead.actor[-1], *"+".join(sheet.ticks["contacts"].to_pylist()).split("+")}
     columns = (last[name].to_pylist() for name in ("actor", "x_m", "y_m", "heading_rad", "length_m", "width_m"))
-    boxes = [
-        Box(x, y, heading, length, width, *((OBSTACLE, "obstacle") if actor in met else (PAPER, "other traffic")))
-        for actor, x, y, heading, length, width in zip(*columns, strict=True)
+    cars = [
+        DrawnCar(Box(*place), *((OBSTACLE, "obstacle") if actor in met else (PAPER, "other traffic")))
+        for actor, *place in zip(*columns, strict=True)
     ]
-    return sorted(boxes, key=lambda box: box.name, reverse=True)
+    return sorted(cars, key=lambda car: car.name, reverse=True)
 
 
 def _map(axes: Axes, sheet: Sheet, view: View, edge: str) -> None:
@@ -148,12 +142,10 @@ def compass(axes: Axes, view: View, wide: float) -> None:
         axes.text(before - 0.01 * view.width, above, words, transform=across, ha="right", va="center")
 
 
-def draw_car(axes: Axes, view: View, box: Box) -> None:
+def draw_car(axes: Axes, view: View, box: Box, colour: str) -> None:
     """Draw a car as large as it is."""
-    right, up = np.array([1.0, 1.0, -1.0, -1.0]), np.array([1.0, -1.0, -1.0, 1.0])
-    corners = rotated(right * box.length / 2.0, up * box.width / 2.0, box.heading)
-    placed = view.place(box.x + corners[:, 0], box.y + corners[:, 1])
-    axes.fill(*placed.T, facecolor=box.colour, edgecolor=INK, linewidth=0.8, zorder=6)
+    placed = view.place(*np.array(box.corners()).T)
+    axes.fill(*placed.T, facecolor=colour, edgecolor=INK, linewidth=0.8, zorder=6)
 
 
 def draw_overview(axes: Axes, sheet: Sheet, view: View) -> None:
@@ -168,19 +160,20 @@ def draw_overview(axes: Axes, sheet: Sheet, view: View) -> None:
 
 
 def _cars(axes: Axes, sheet: Sheet, view: View) -> None:
-    for box in (*_boxes(sheet), _ego(sheet)):
-        if view.holds(box.x, box.y):
-            _mark(axes, view, box)
+    for car in (*_actors(sheet), _ego(sheet)):
+        if view.holds(car.box.x, car.box.y):
+            _mark(axes, view, car)
 
 
-def _mark(axes: Axes, view: View, box: Box) -> None:
+def _mark(axes: Axes, view: View, car: DrawnCar) -> None:
     """Draw a car as it is if that is large enough to be seen, else as a square."""
+    box = car.box
     ((x, y),) = view.place(np.array([box.x]), np.array([box.y]))
     if box.length / view.width * LEFT_WIDTH * POINTS_PER_INCH > MARK:
-        draw_car(axes, view, box)
+        draw_car(axes, view, box, car.colour)
         x, y = math.nan, math.nan
     style: dict[str, Any] = {"markersize": MARK, "markeredgecolor": INK, "markeredgewidth": 0.8, "zorder": 6}
-    axes.plot(x, y, "s", color=box.colour, label=box.name, **style)
+    axes.plot(x, y, "s", color=car.colour, label=car.name, **style)
 
 
 def _directions(axes: Axes, sheet: Sheet, view: View) -> None:
@@ -209,7 +202,7 @@ def draw_close_up(axes: Axes, sheet: Sheet, view: View) -> None:
     _map(axes, sheet, view, PAPER)
     _cars(axes, sheet, view)
     _cross(axes, sheet, view)
-    gap, station = float(sheet.seen.gap[-1]), sheet.ticks["station_m"][-1].as_py()
+    gap, station = float(sheet.lead.gap[-1]), sheet.ticks["station_m"][-1].as_py()
     if 0.0 < gap <= LONGEST_GAP and math.isfinite(station):
         bumper = station + sheet.vehicle.rear_axle_to_bumper
         _dimension(axes, view, sheet.path, bumper, gap, sheet.vehicle.width / 2.0 + 0.7)

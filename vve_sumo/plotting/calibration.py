@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.page import DOTS_PER_INCH, EGO_PALE, INK, QUIET, SIZE, STYLE, say
 from vve_sumo.values import Floats
 from vve_sumo.vehicle.identification import Curve
@@ -92,4 +93,4 @@ def _explain(panels: list[Axes]) -> None:
     """Name the two lines once, and the time axes below."""
     panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.08), ncols=2, borderpad=0.0)
     for axes in panels[-2:]:
-        axes.set_xlabel("drive time [s]", labelpad=2)
+        axes.set_xlabel(axis_of("time_s"), labelpad=2)

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, Final
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vve_sumo.analysis.units import unit_of
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.table import label_of
 from vve_sumo.plotting.page import INK, QUIET
-from vve_sumo.plotting.style import FIRST, OVER, SECOND, UNDER, blank, explain, name, page, plain, words
+from vve_sumo.plotting.style import FIRST, OVER, SECOND, UNDER, blank, explain, name, page, plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +68,7 @@ def _overlaid(axes: Axes, table: pd.DataFrame, signal: str) -> None:
     for column, word, look, wide in (("one", "first", FIRST, UNDER), ("other", "second", SECOND, OVER)):
         style: dict[str, Any] = {"color": look.colour, "linestyle": look.stroke, "linewidth": wide}
         axes.plot(table.index, table[column], label=word, **style)
-    axes.set_ylabel(f"{textwrap.fill(words(signal), 12)}\n[{unit_of(signal)}]")
+    axes.set_ylabel(f"{textwrap.fill(label_of(signal), 12)}\n[{unit_of(signal)}]")
 
 
 def _difference(axes: Axes, table: pd.DataFrame, figures: Mapping[Any, Any]) -> None:

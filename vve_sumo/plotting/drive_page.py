@@ -111,7 +111,7 @@ def _from_above(figure: Figure, sheet: Sheet) -> None:
     whole.set_title("the street from above", loc="left", pad=5)
     close = panel(figure, LEFT, BOTTOM, LEFT_WIDTH, TOP - BOTTOM - BETWEEN - height)
     bumper = sheet.vehicle.rear_axle_to_bumper
-    draw_close_up(close, sheet, _close_up(sheet.ticks, bumper, float(sheet.seen.gap[-1]), _left_over(view)))
+    draw_close_up(close, sheet, _close_up(sheet.ticks, bumper, float(sheet.lead.gap[-1]), _left_over(view)))
     close.set_title("where it ended, driving to the right", loc="left", pad=5)
     named = {
         name: mark for axes in (close, whole) for mark, name in zip(*axes.get_legend_handles_labels(), strict=True)

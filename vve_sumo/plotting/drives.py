@@ -16,6 +16,8 @@ from matplotlib.figure import Figure
 from vve_sumo.analysis.over_time import over_time
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.following import TTC_THRESHOLD
+from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting import drive_page
 from vve_sumo.plotting.page import INK, OBSTACLE, QUIET, SIZE, Sheet, contact, said
 from vve_sumo.plotting.style import FIRST, LIMIT, OVER, SECOND, THIRD, UNDER, WIDTH, Look, explain, name, page, plain
@@ -46,7 +48,7 @@ def drive_sheet(run: Run) -> Figure:
         subtitle=f"killed: the record ends at {run.time[-1]:.2f} s" if run.summary is None else said(run.summary),
         ticks=run.arrow("ticks"),
         actors=run.arrow("actors"),
-        seen=run.ahead,
+        lead=run.lead,
         path=run.path,
         vehicle=run.vehicle,
         lanes=(),
@@ -70,7 +72,7 @@ def safety_over_time(run: Run) -> Figure:
             plain(axes)
             paint(axes, run, frame)
             explain(axes, 4)
-        panels[-1].set_xlabel("drive time [s]")
+        panels[-1].set_xlabel(axis_of("time_s"))
         panels[0].set_xlim(*_while_ahead(frame, contact(run.arrow("ticks"))))
         _mark_contact(panels, run)
         figure.align_ylabels()
@@ -110,7 +112,7 @@ def _curves(axes: Axes, frame: pd.DataFrame, curves: Curves, unit: str, why: str
 
 def _gap(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
     curves = (("gap_m", FIRST, "gap"), ("rss_distance_m", SECOND, "safe gap by RSS"))
-    if not _curves(axes, frame, curves, "gap [m]", "nothing was ahead"):
+    if not _curves(axes, frame, curves, axis_of("gap_m"), "nothing was ahead"):
         return
     gap, safe = frame["gap_m"].to_numpy(), frame["rss_distance_m"].to_numpy()
     style: dict[str, Any] = {"color": OBSTACLE, "alpha": 0.2, "linewidth": 0.0, "label": "gap too short"}
@@ -128,9 +130,9 @@ def _most(values: Floats) -> float:
 
 def _times(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
     curves = (("ttc_s", FIRST, "on the path"), ("mttc_s", SECOND, "modified"), ("ttc_2d_s", THIRD, "boxes"))
-    if _curves(axes, frame, curves, "TTC [s]", "nothing closed in"):
+    if _curves(axes, frame, curves, axis_of("ttc_s"), "nothing closed in"):
         _limit(axes, TTC_THRESHOLD, f"{TTC_THRESHOLD:g} s: exposure")
-        _asked(axes, run, "min_ttc_s", "min", "s")
+        _asked(axes, run, "min_ttc_s")
         axes.set_ylim(0.0, LONGEST)
 
 
@@ -140,13 +142,13 @@ def _decelerations(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
         return
     able = run.vehicle.deceleration_limit
     _limit(axes, able, f"declared {able:g} m/s²")
-    _asked(axes, run, "max_drac_mps2", "max", "m/s²")
+    _asked(axes, run, "max_drac_mps2")
     axes.set_ylim(0.0, GREATEST * able)
 
 
 def _headway(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
     curves = (("headway_s", FIRST, "bumper to bumper"), ("headway_front_s", SECOND, "front to front"))
-    if _curves(axes, frame, curves, "headway [s]", "nothing was ahead while it moved"):
+    if _curves(axes, frame, curves, axis_of("headway_s"), "nothing was ahead while it moved"):
         axes.set_ylim(0.0, LONGEST)
 
 
@@ -154,12 +156,16 @@ def _limit(axes: Axes, value: float, word: str) -> None:
     axes.axhline(value, label=word, **LIMIT)
 
 
-def _asked(axes: Axes, run: Run, criterion: str, end: str, unit: str) -> None:
-    """Draw what the scenario asks of a figure, if it does."""
+def _asked(axes: Axes, run: Run, criterion: str) -> None:
+    """Draw the bound that the scenario sets to a metric on the side on which it is worse, if it does."""
+    metric = PER_DRIVE[criterion]
+    end = "min" if metric.worse == "lower" else "max"
     bound = (run.resolved["settings"].get("criteria", {}).get(criterion) or {}).get(end)
     if bound is not None:
         words = "at least" if end == "min" else "at most"
-        axes.axhline(bound, label=f"asked: {words} {bound:g} {unit}", **LIMIT | {"linestyle": "-", "linewidth": 0.9})
+        axes.axhline(
+            bound, label=f"asked: {words} {bound:g} {metric.unit}", **LIMIT | {"linestyle": "-", "linewidth": 0.9}
+        )
 
 
 def _mark_contact(panels: Any, run: Run) -> None:

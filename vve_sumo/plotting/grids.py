@@ -13,9 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import CenteredNorm, Normalize
 from matplotlib.figure import Figure
 
+from vve_sumo.metrics.table import axis_of, label_of
 from vve_sumo.plotting.columns import is_truth, numbers
 from vve_sumo.plotting.page import INK, PAPER, QUIET
-from vve_sumo.plotting.style import LIMIT, LOOKS, WIDTH, blank, explain, label, name, page, plain, words
+from vve_sumo.plotting.style import LIMIT, LOOKS, WIDTH, blank, explain, name, page, plain
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -59,8 +60,8 @@ def grid(rows: pd.DataFrame, x: str, y: str, figure: str) -> Grid:
 def said(rows: pd.DataFrame, figure: str) -> str:
     """Return the label of a figure: of a truth value that of the share."""
     if is_truth(rows, figure):
-        return f"{words(figure)} [% of runs]"
-    return label(figure, rows.attrs.get("units"))
+        return f"{label_of(figure)} [% of runs]"
+    return axis_of(figure, rows.attrs.get("units"))
 
 
 def _cells(column: pd.Series[Any]) -> tuple[Any, list[str]]:
@@ -90,9 +91,9 @@ def heat_map(rows: pd.DataFrame, x: str, y: str, figure: str, zero: str | None =
     with page(WIDTH, height) as drawn:
         axes = drawn.subplots()
         kind = "Share" if is_truth(rows, figure) else "Mean"
-        name(drawn, f"{kind} of {words(figure)} over {means.runs:,} of {len(rows):,} runs")
+        name(drawn, f"{kind} of {label_of(figure)} over {means.runs:,} of {len(rows):,} runs")
         if means.runs == 0:
-            blank(axes, f"no run has a {words(figure)}")
+            blank(axes, f"no run has a {label_of(figure)}")
             return drawn
         norm = _scale(is_truth(rows, figure), zero)
         _paint(drawn, axes, means, said(rows, figure), norm, zero)
@@ -101,7 +102,7 @@ def heat_map(rows: pd.DataFrame, x: str, y: str, figure: str, zero: str | None =
             longest = max(map(len, names)) + 2 if column == x else 4
             every = 1 + len(names) * longest // NAMED
             axis.set_ticks(range(0, len(names), every), names[::every])
-            axis.set_label_text(label(column, units))
+            axis.set_label_text(axis_of(column, units))
         return drawn
 
 
@@ -151,9 +152,9 @@ def distribution(
         axes = drawn.subplots()
         plain(axes)
         values = numbers(rows, figure)
-        name(drawn, f"Distribution of {words(figure)} over {np.isfinite(values).sum():,} of {len(rows):,} runs")
+        name(drawn, f"Distribution of {label_of(figure)} over {np.isfinite(values).sum():,} of {len(rows):,} runs")
         if not np.isfinite(values).any():
-            blank(axes, f"no run has a {words(figure)}")
+            blank(axes, f"no run has a {label_of(figure)}")
             return drawn
         for look, (word, chosen) in zip(LOOKS, _portioned(rows, by), strict=False):
             part = np.sort(values[chosen & np.isfinite(values)])
@@ -172,8 +173,8 @@ def _portioned(rows: pd.DataFrame, by: str | None) -> list[tuple[str, Any]]:
         return [("all runs", np.ones(len(rows), bool))]
     place, names = _cells(rows[by])
     shown = sorted({round(n) for n in np.linspace(0, len(names) - 1, min(len(LOOKS), len(names)))})
-    unit = label(by, rows.attrs.get("units")).removeprefix(words(by)).strip(" []")
-    return [(f"{words(by)} {names[n]} {unit}".removesuffix(" 1"), place == n) for n in shown]
+    unit = axis_of(by, rows.attrs.get("units")).removeprefix(label_of(by)).strip(" []")
+    return [(f"{label_of(by)} {names[n]} {unit}".removesuffix(" 1"), place == n) for n in shown]
 
 
 def _curve(axes: Axes, ordered: Floats, style: dict[str, Any]) -> None:

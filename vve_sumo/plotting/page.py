@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from vve_sumo.metrics.drive_metrics import LeadVehicle
+from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path
 from vve_sumo.values import Floats, Vehicle
 
@@ -53,7 +53,7 @@ class Sheet:
     subtitle: str
     ticks: pa.Table
     actors: pa.Table
-    seen: LeadVehicle
+    lead: LeadVehicle
     path: Path
     vehicle: Vehicle
     lanes: Sequence[tuple[Floats, float]]  #: centre line (n x 2) [m] and width [m] of each lane

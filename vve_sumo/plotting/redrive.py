@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.drive.redrive import Comparison, numbers
+from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.page import ALARM, DOTS_PER_INCH, EGO_PALE, INK, QUIET, SIZE, STYLE, say
 
 if TYPE_CHECKING:
@@ -93,4 +94,4 @@ def _explain(figure: Figure, names: tuple[str, str]) -> None:
         figure.axes[0].legend(
             [*marks.values()], [*marks], loc="lower left", bbox_to_anchor=(0.0, 1.075), ncols=3, borderpad=0.0
         )
-    figure.axes[-1].set_xlabel("drive time [s]", labelpad=2)
+    figure.axes[-1].set_xlabel(axis_of("time_s"), labelpad=2)

@@ -18,7 +18,8 @@ import numpy as np
 from vve_sumo.drive.no_brake_preview import Event, NoBrakePreview, preview_without_braking, standing_boxes
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
-from vve_sumo.plotting.birds_eye import Box, View, compass, draw_car, ribbon, rotated
+from vve_sumo.geometry import Box
+from vve_sumo.plotting.birds_eye import View, compass, draw_car, ribbon, rotated
 from vve_sumo.plotting.drive_page import long_axis
 from vve_sumo.plotting.page import (
     ACTOR,
@@ -41,7 +42,6 @@ from vve_sumo.plotting.page import (
 from vve_sumo.scenario import descriptions
 from vve_sumo.scenario.schema import Actor
 from vve_sumo.values import ActorState, Floats
-from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.network import lane_shapes
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class Page:
 
     setting: ResolvedScenario
     seen: NoBrakePreview
-    boxes: dict[str, Rectangle]  #: of the obstacles
+    boxes: dict[str, Box]  #: of the obstacles
     lanes: Sequence[tuple[Floats, float]]
     view: View
 
@@ -164,7 +164,7 @@ def _path_points(setting: ResolvedScenario) -> Floats:
     return np.array([setting.path.at(float(s))[:2] for s in np.arange(0.0, setting.path.length, 2.0)])
 
 
-def _view(setting: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Rectangle]) -> View:
+def _view(setting: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Box]) -> View:
     """Return the window on what happens, the ego driving to the right; on the whole way where nothing does."""
     shown = _shown(seen, boxes)
     shape = HIGH / WIDE
@@ -184,7 +184,7 @@ def _view(setting: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Rect
     return View(float(x), float(y), angle, width, shape * width)
 
 
-def _shown(seen: NoBrakePreview, boxes: dict[str, Rectangle]) -> list[Rectangle]:
+def _shown(seen: NoBrakePreview, boxes: dict[str, Box]) -> list[Box]:
     """Return the boxes that the window must hold, the ego's at the contact or the last event first."""
     contact, events = seen.contact, seen.events
     if contact is None and not events:
@@ -197,8 +197,8 @@ def _shown(seen: NoBrakePreview, boxes: dict[str, Rectangle]) -> list[Rectangle]
     return [ego, before[0], *near] if not events else [ego, *near]
 
 
-def _box(player: ActorState) -> Rectangle:
-    return Rectangle(player.x, player.y, player.heading, player.length, player.width)
+def _box(player: ActorState) -> Box:
+    return Box(player.x, player.y, player.heading, player.length, player.width)
 
 
 def _street(axes: Axes, page: Page) -> None:
@@ -246,13 +246,12 @@ def _lines_of_motion(axes: Axes, page: Page) -> None:
             axes.annotate("", tuple(line[-1]), tuple(far), arrowprops=shape, zorder=5)
 
 
-def _body(axes: Axes, view: View, box: Rectangle, colour: str, edge: str = INK) -> None:
+def _body(axes: Axes, view: View, box: Box, colour: str, edge: str = INK) -> None:
     """Draw a body as it is where that is large enough to be seen, else as a square."""
     if not view.holds(box.x, box.y):
         return
     if min(box.length, box.width) / view.width * WIDE * POINTS_PER_INCH > MARK / 2.0:
-        drawn = Box(box.x, box.y, box.heading, box.length, box.width, colour, "")
-        draw_car(axes, view, drawn)
+        draw_car(axes, view, box, colour)
         axes.patches[-1].set_edgecolor(edge)
         axes.patches[-1].set_linewidth(1.3)
         return
@@ -260,7 +259,7 @@ def _body(axes: Axes, view: View, box: Rectangle, colour: str, edge: str = INK) 
     axes.plot(x, y, "s", color=colour, markersize=MARK, markeredgecolor=edge, markeredgewidth=1.3, zorder=6)
 
 
-def _number(axes: Axes, view: View, box: Rectangle, number: int, colour: str, side: tuple[float, float]) -> None:
+def _number(axes: Axes, view: View, box: Box, number: int, colour: str, side: tuple[float, float]) -> None:
     """Write an event's number beside a body, on that `side` of it (right, up)."""
     if not view.holds(box.x, box.y):
         return

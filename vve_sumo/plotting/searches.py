@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from vve_sumo.metrics.table import axis_of, label_of
 from vve_sumo.plotting.columns import faults, holds, numbers, runs
 from vve_sumo.plotting.page import INK, OBSTACLE, PAPER, QUIET
 from vve_sumo.plotting.style import (
@@ -23,12 +24,10 @@ from vve_sumo.plotting.style import (
     blank,
     explain,
     finite,
-    label,
     name,
     page,
     plain,
     widened,
-    words,
 )
 from vve_sumo.values import Floats
 
@@ -80,7 +79,7 @@ def _boundary(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
     with page(WIDTH, height) as figure:
         axes = figure.subplots()
         plain(axes)
-        name(figure, f"Where “{_said(criterion)}” flips along {words(along)} · {sweep.title}")
+        name(figure, f"Where “{_said(criterion)}” flips along {label_of(along)} · {sweep.title}")
         if not len(rows):
             blank(axes, "no run is finished yet")
             return figure
@@ -89,13 +88,13 @@ def _boundary(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
         for place, values in enumerate(lines):
             _flips(axes, place, flips.get(values), said=len(lines) <= NAMED)
         _name_lines(axes, lines, others, rows.attrs["units"])
-        axes.set_xlabel(label(along, rows.attrs["units"]))
+        axes.set_xlabel(axis_of(along, rows.attrs["units"]))
         explain(axes)
         return figure
 
 
 def _said(criterion: str) -> str:
-    return {"collision": "no collision", "passed": "passed"}.get(criterion, words(criterion))
+    return {"collision": "no collision", "passed": "passed"}.get(criterion, label_of(criterion))
 
 
 def _lines(rows: pd.DataFrame, others: list[str]) -> list[tuple[Any, ...]]:
@@ -161,7 +160,7 @@ def _name_lines(axes: Axes, lines: list[tuple[Any, ...]], others: list[str], uni
     every = 1 + (len(lines) - 1) // NAMED
     shown = range(0, len(lines), every)
     axes.set_yticks(list(shown), [", ".join(map(_short, lines[place])) for place in shown])
-    axes.set_ylabel("\n".join(label(other, units) for other in others))
+    axes.set_ylabel("\n".join(axis_of(other, units) for other in others))
 
 
 def _short(value: Any) -> str:
@@ -174,12 +173,12 @@ def _worst(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
     goal = "highest" if sign > 0.0 else "lowest"
     numeric = [parameter for parameter in sweep.parameters if rows[parameter].dtype.kind in "if"]
     with page(WIDTH, 3.8) as figure:
-        name(figure, f"The {goal} {words(figure_name)} · {sweep.title}")
+        name(figure, f"The {goal} {label_of(figure_name)} · {sweep.title}")
         panels = figure.subplots(1, 2 if len(numeric) > 1 else 1, squeeze=False)[0]
         values = numbers(rows, figure_name)
         if not np.isfinite(values).any():
             for axes in panels:
-                blank(axes, f"no run has a {words(figure_name)}")
+                blank(axes, f"no run has a {label_of(figure_name)}")
             return figure
         worst = int(np.nanargmax(sign * values))
         _course(panels[0], rows["number"].to_numpy(float), values, sign, figure_name)
@@ -199,7 +198,7 @@ def _course(axes: Axes, number: Floats, values: Floats, sign: float, figure_name
         across = axes.get_xaxis_transform()
         word = f"without ({runs(without)})"
         axes.plot(number[without], np.full(without.sum(), 0.02), "|", color=QUIET, transform=across, label=word)
-    axes.set(xlabel="run of the search [number]", ylabel=label(figure_name))
+    axes.set(xlabel="run of the search [number]", ylabel=axis_of(figure_name))
     explain(axes, IN_A_LINE - 1)
 
 
@@ -212,6 +211,6 @@ def _places(figure: Figure, axes: Axes, rows: pd.DataFrame, both: list[str], fig
     shown = axes.scatter(x[known], y[known], c=values[known], cmap="cividis", s=26, edgecolor=INK, linewidth=0.4)
     ring: dict[str, Any] = {"markersize": 13.0, "markerfacecolor": "none", "markeredgecolor": OBSTACLE}
     axes.plot(x[worst], y[worst], "o", markeredgewidth=2.0, label="worst", **ring)
-    axes.set(xlabel=label(both[0], units), ylabel=label(both[1], units), facecolor=PAPER)
-    figure.colorbar(shown, ax=axes, label=label(figure_name))
+    axes.set(xlabel=axis_of(both[0], units), ylabel=axis_of(both[1], units), facecolor=PAPER)
+    figure.colorbar(shown, ax=axes, label=axis_of(figure_name))
     explain(axes)

@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.stopping_bound import TOLERANCE, stopping_bound_checks
 from vve_sumo.laws import stopping_distance as closed_form
+from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.columns import faults, holds, numbers, runs
 from vve_sumo.plotting.crowd import MANY, bands, crowd, thinned
 from vve_sumo.plotting.page import INK, PAPER, QUIET, contact
-from vve_sumo.plotting.style import BAD, FIRST, LIMIT, SECOND, blank, explain, finite, label, name, page, plain, widened
+from vve_sumo.plotting.style import BAD, FIRST, LIMIT, SECOND, blank, explain, finite, name, page, plain, widened
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -49,18 +50,18 @@ def _approach(run: Run) -> Figure:
         axes = figure.subplots()
         plain(axes)
         name(figure, f"Gap over speed · {run.title}")
-        speed, gap = run.motion.speed, run.ahead.gap.copy()
+        speed, gap = run.motion.speed, run.lead.gap.copy()
         if not finite(speed, gap).any():
             blank(axes, "nothing was ahead")
             return figure
-        changed = [other not in (one, "") for one, other in pairwise(run.ahead.actor)]
+        changed = [other not in (one, "") for one, other in pairwise(run.lead.actor)]
         gap[:-1][np.array(changed, bool)] = np.nan
         fastest = 1.05 * max(1.0, float(np.nanmax(speed[finite(gap)])))
         needed = _needed(axes, run, fastest)
         axes.plot(speed, gap, color=FIRST.colour, linewidth=2.0, label="the drive")
         _ends(axes, run, speed, gap)
         axes.set(
-            xlabel="speed [m/s]", ylabel="gap to what is ahead [m]", xlim=(min(0.0, float(np.nanmin(speed))), fastest)
+            xlabel=axis_of("speed_mps"), ylabel=axis_of("gap_m"), xlim=(min(0.0, float(np.nanmin(speed))), fastest)
         )
         most = max(1.0, min(float(np.nanmax(gap)), max(LEAST, ENOUGH * needed)))
         axes.set_ylim(min(0.0, float(np.nanmin(gap))), 1.05 * most)
@@ -124,7 +125,9 @@ def _gaps_at_rest(rows: pd.DataFrame) -> Figure:
         axes.axhline(0.0, color=INK, linewidth=1.0)
         _without(axes, rows, speed, gap)
         known = speed[np.isfinite(speed)]
-        axes.set(xlabel=label(column), ylabel="gap at rest [m]", xlim=widened(float(known.min()), float(known.max())))
+        axes.set(
+            xlabel=axis_of(column), ylabel=axis_of("stop_gap_m"), xlim=widened(float(known.min()), float(known.max()))
+        )
         explain(axes, 2)
         return figure
 
@@ -184,7 +187,7 @@ def stopping_distance(rows: pd.DataFrame) -> Figure:
         lower.annotate("broken above", (1.0, TOLERANCE), xycoords=("axes fraction", "data"), fontsize=9.5, **place)
         lower.margins(y=0.15)
         upper.set(ylabel="onset to rest [m]", xlim=(0.0, 1.05 * float(speed[known].max())), ylim=(0.0, None))
-        lower.set(xlabel=label(columns[0]), ylabel="beyond own\nbound [m]")
+        lower.set(xlabel=axis_of(columns[0]), ylabel="beyond own\nbound [m]")
         explain(upper, 2)
         return figure
 

@@ -19,7 +19,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vve_sumo.analysis.units import ending_of, unit_of
 from vve_sumo.plotting.page import ACTOR, ALARM, EGO, EGO_PALE, INK, OBSTACLE, QUIET, STYLE
 
 #: of a plot; at half of it, a paper's column, the letters are still 5 points high [inch]
@@ -31,19 +30,6 @@ TITLE: Final = 9.4
 IN_A_LINE: Final = 3
 #: of a legend: a letter, and what an entry takes beside its letters; of axes: what stands beside them [inch]
 LETTER, ENTRY, BESIDE = 0.083, 0.65, 0.9
-#: of names of things to be read in text
-WORDS: Final = {
-    "ttc": "TTC",
-    "mttc": "modified TTC",
-    "drac": "DRAC",
-    "rss": "RSS",
-    "gnss": "GNSS",
-    "mfdd": "MFDD",
-    "min": "least",
-    "max": "greatest",
-}
-#: columns that have a name of their own, without their unit
-NAMES: Final = {"stop_gap": "gap at rest", "stop_onset_speed": "speed at the onset"}
 
 
 class Look(NamedTuple):
@@ -149,21 +135,6 @@ def explain(axes: Axes, most: int = IN_A_LINE) -> None:
         space: dict[str, Any] = {"columnspacing": 1.2, "handlelength": 2.3, "handletextpad": 0.5}
         columns = _columns(axes, words, most)
         axes.legend([named[word] for word in words], words, ncols=columns, **place, **space)
-
-
-def words(column: str) -> str:
-    """Return what a column is about, without its unit: `min_ttc_s` is "least TTC", `ego.speed_mps` "ego speed"."""
-    bare = column.removesuffix(ending_of(column))
-    if bare in NAMES:
-        return NAMES[bare]
-    last = [part for part in bare.split(".") if not part.isdigit()][-2:]
-    return " ".join(WORDS.get(word, word) for part in last for word in part.split("_"))
-
-
-def label(column: str, units: dict[str, str] | None = None) -> str:
-    """Return what an axis says: what a column is about and its unit, 1 for a number without one."""
-    unit = (units or {}).get(column) or unit_of(column)
-    return f"{words(column)} [{unit or '1'}]"
 
 
 def blank(axes: Axes, why: str) -> None:

@@ -15,6 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vve_sumo.metrics.stopping import AT_REST
+from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.page import (
     ALARM,
     BETWEEN,
@@ -79,10 +80,10 @@ def _speed(axes: Axes, sheet: Sheet) -> None:
 
 def _gap(axes: Axes, sheet: Sheet) -> None:
     """Draw the gap; the curve breaks where nothing is ahead and where something else becomes the nearest."""
-    gap = sheet.seen.gap.copy()
-    changed = [other not in (one, "") for one, other in pairwise(sheet.seen.actor)]
+    gap = sheet.lead.gap.copy()
+    changed = [other not in (one, "") for one, other in pairwise(sheet.lead.actor)]
     gap[:-1][np.array(changed, bool)] = np.nan
-    if not _curves(axes, "gap to what is ahead [m]", sheet, [(gap, {"color": OBSTACLE})], "nothing ahead"):
+    if not _curves(axes, axis_of("gap_m"), sheet, [(gap, {"color": OBSTACLE})], "nothing ahead"):
         return
     _from_zero(axes, gap, 1.0)
     if math.isfinite(gap[-1]):
@@ -107,7 +108,7 @@ def _acceleration(axes: Axes, sheet: Sheet) -> None:
         (did, {"color": EGO_PALE, "linewidth": 3.6, "label": "car"}),
         (told, {"color": INK, "linewidth": 1.0, "label": word}),
     ]
-    if _curves(axes, "acceleration [m/s²]", sheet, curves, "no pose"):
+    if _curves(axes, axis_of("acceleration_mps2"), sheet, curves, "no pose"):
         _include(axes, -0.5, 0.5)
 
 
@@ -159,7 +160,7 @@ def over_time(figure: Figure, sheet: Sheet) -> None:
         _events(axes, sheet)
         axes.tick_params(labelbottom=row == len(panels) - 1)
         _legend_above(axes, events=paint is _speed)
-    axes.set_xlabel("drive time [s]", labelpad=2)
+    axes.set_xlabel(axis_of("time_s"), labelpad=2)
 
 
 def _legend_above(axes: Axes, events: bool) -> None:

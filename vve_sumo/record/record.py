@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 
 from vve_sumo.bus import candump_lines
 from vve_sumo.errors import ConfigError
-from vve_sumo.values import Actors, Detections, Frame, GatewayRow, LatencyRow, TickRow
+from vve_sumo.sensors.port import Column, SensorTable
+from vve_sumo.sensors.registry import SENSORS
+from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
 
 #: ticks between two writes; 10 ticks of 20 ms are 0.2 s, the most that a kill may lose
 TICKS_PER_BATCH = 10
@@ -35,7 +37,8 @@ UNKEPT_TICKS_PER_BATCH = 250
 #: numpy's kind of each numeric column
 _NUMPY = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
 _ARROW: dict[str, pa.DataType] = {
-    "int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "str": pa.string(), "bytes": pa.binary()
+    "int": pa.int64(), "int8": pa.int8(), "float": pa.float64(),
+    "bool": pa.bool_(), "str": pa.string(), "bytes": pa.binary(),
 }  # fmt: skip
 
 
@@ -54,21 +57,17 @@ def _schema(columns: Sequence[tuple[str, pa.DataType, str]]) -> pa.Schema:
 
 _TICK = ("tick", pa.int64(), "number of the tick")
 
+
+def _sensor_schema(table: SensorTable) -> pa.Schema:
+    return _schema([_TICK, *((name, _ARROW[kind], meaning) for name, kind, meaning in table.columns)])
+
+
 SCHEMAS: dict[str, pa.Schema] = {
     "ticks": _row_schema(TickRow),
-    "detections": _schema(
-        [
-            _TICK,
-            ("range_m", pa.float64(), "from the middle of the front bumper to the seen point"),
-            ("azimuth_rad", pa.float64(), "direction of the seen point from the front bumper, left positive"),
-            ("range_rate_mps", pa.float64(), "radial velocity at the antenna, opening positive"),
-            ("mode", pa.int8(), "0 long range, 1 medium range"),
-            ("actor", pa.string(), "what was seen: truth that no controller is told"),
-        ]
-    ),
+    **{kind.table.name: _sensor_schema(kind.table) for kind in SENSORS.values()},
     "actors": _schema(
         [
-            ("tick", pa.int64(), "number of the tick that looks at this snapshot"),
+            ("tick", pa.int64(), "number of the tick that looks at this snapshot, or would have after the last"),
             ("actor", pa.string(), "name in SUMO"),
             ("x_m", pa.float64(), "centre of the box, map"),
             ("y_m", pa.float64(), "centre of the box, map"),
@@ -105,8 +104,6 @@ PROVENANCE = "provenance.json"
 HASHED_FILES = (*(f"{name}{CLOSED_ENDING}" for name in SCHEMAS | LIVE_SCHEMAS), PROVENANCE)
 
 _CHUNK_HEAD = struct.Struct("<dI")
-
-Column = Sequence[Any] | NDArray[Any]
 
 
 def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
@@ -408,12 +405,11 @@ class MemoryRecorder:
         """Keep CAN frames heard or sent at one time, in candump form; `time` is drive time, written as GNSS time."""
         self._can.append(candump_lines(self._epoch + time, channel, frames).encode())
 
-    def scanned(self, tick: int, detections: Detections, seen: Sequence[str]) -> None:
-        """Keep one radar scan; `seen` names the actor behind each detection."""
-        if not seen:
-            return
-        columns = (detections.range, detections.azimuth, detections.range_rate, detections.mode)
-        self._tables["detections"].extend((np.full(len(seen), tick), *columns, seen))
+    def sensed(self, tick: int, sensor: str, columns: tuple[Column, ...]) -> None:
+        """Keep what came out of the sensor of that name at a tick, as the columns of its table."""
+        rows = len(columns[0])
+        if rows:
+            self._tables[SENSORS[sensor].table.name].extend((np.full(rows, tick), *columns))
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Keep the actors that tick `tick` looks at."""

@@ -18,90 +18,35 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics.drive_metrics import Metrics
+from vve_sumo.metrics.metric import Kind, Metric
+from vve_sumo.metrics.table import FIGURES, rows
 
 if TYPE_CHECKING:
     from pyarrow.dataset import Dataset
 
 VERSION = 2  #: of this layout; rows of the first had fewer figures
 
-#: of a column
-Kind = Literal["bool", "int", "float", "str"]
-
 _ARROW: dict[str, pa.DataType] = {"bool": pa.bool_(), "int": pa.int64(), "float": pa.float64(), "str": pa.string()}
 
-#: figures of every drive, by their place in its summary
-FIGURES: dict[str, Kind] = {
-    "outcome": "str",
-    "passed": "bool",
-    "failed": "str",
-    "reasons": "str",
-    "collision": "bool",
-    **{field.name: "float" for field in fields(Metrics)},
-    "emergency_used": "bool",
-    "duration_s": "float",
-    "ticks": "int",
-    "anchor_position_error_m": "float",
-    "anchor_speed_error_mps": "float",
-    "removed_at_entry": "int",
-    "removed_after_standoff": "int",
-    "sumo_warnings": "int",
-    "text": "str",
-    "record_sha256": "str",
-}
+#: of a run, beside its figures
+RUN = rows(
+    Metric("number", "number", "of the run, in the design's order", kind="int"),
+    Metric("key", "key", "of the run; the same run has the same key in every sweep", kind="str"),
+    Metric("seed", "seed", "of the run", kind="int"),
+    Metric("fault", "fault", "why there are no figures; empty where there are", kind="str"),
+)
 #: what a run took of the machine, and the last that a run with a fault printed
-MACHINE: dict[str, Kind] = {
-    "number": "int",
-    "key": "str",
-    "wall_s": "float",
-    "cpu_s": "float",
-    "peak_mb": "float",
-    "said": "str",
-}
-#: columns that no parameter may be called by
-TAKEN = frozenset({"seed", "fault", *FIGURES, *MACHINE})
-
-#: what is in a column; docs/record.md says more of the figures
-MEANINGS: dict[str, str] = {
-    "number": "of the run, in the design's order",
-    "key": "of the run; the same run has the same key in every sweep",
-    "seed": "of the run",
-    "fault": "why there are no figures; empty where there are",
-    "outcome": "how the drive ended",
-    "passed": "whether it met all criteria",
-    "failed": "criteria that it did not meet, joined by ;",
-    "reasons": "the gateway's reason codes at the end, joined by ;",
-    "collision": "whether the ego's rectangle overlapped another's at any tick",
-    "stop_gap_m": "at the last tick, standing: front bumper to the nearest box in the ego's way, along the path",
-    "min_ttc_s": "least gap over closing speed at any tick",
-    "max_drac_mps2": "deceleration rate to avoid a crash, the greatest at any tick",
-    "min_gap_m": "least gap at any tick to what was ahead; negative is overlap",
-    "impact_speed_mps": "at the first contact, along the ego's heading; 0 without contact",
-    "max_lateral_deviation_m": "of the true rear axle from the path",
-    "max_deceleration_mps2": "of the true rear axle along its heading",
-    "max_speed_mps": "of the true rear axle along its heading",
-    "stop_onset_speed_mps": "at the tick that first commanded the braking of the last stop",
-    "stop_distance_m": "from there to rest",
-    "stop_bound_m": "that the car as declared needs from there at most: its brake delay and lag, at the demand",
-    "stop_demand_mps2": "deceleration that the last stop demanded, as a constant that stops in the same distance",
-    "stop_reaction_s": "from the onset of the last stop until the car's deceleration begins to rise",
-    "stop_build_up_s": "from there until it has risen",
-    "mfdd_mps2": "mean fully developed deceleration of the last stop, between 80 % and 10 % of the onset's speed",
-    "emergency_used": "whether the emergency layer braked the car",
-    "duration_s": "drive time",
-    "ticks": "how many there were",
-    "anchor_position_error_m": "largest distance of SUMO's ego from what was asked of it",
-    "anchor_speed_error_mps": "largest difference of SUMO's ego from the speed that was asked of it",
-    "removed_at_entry": "vehicles taken off the street to make room for the ego",
-    "removed_after_standoff": "vehicles taken off the street because they and the ego waited for each other",
-    "sumo_warnings": "how often SUMO warned",
-    "text": "what a failure said in its own words",
-    "record_sha256": "hash of the run's record",
-    "wall_s": "wall time that the run took",
-    "cpu_s": "processor time that it took",
-    "peak_mb": "greatest memory of its process, 10^6 bytes",
-    "said": "the last that a run with a fault printed",
-}
+MACHINE = rows(
+    RUN["number"],
+    RUN["key"],
+    Metric("wall_s", "wall time", "wall time that the run took"),
+    Metric("cpu_s", "processor time", "processor time that it took"),
+    Metric("peak_mb", "peak memory", "greatest memory of its process, 10^6 bytes"),
+    Metric("said", "last words", "the last that a run with a fault printed", kind="str"),
+)
+#: every column that is no parameter; no parameter may be called by one of these names
+COLUMNS: dict[str, Metric] = {**RUN, **FIGURES, **MACHINE}
+MACHINE_KINDS: dict[str, Kind] = {name: column.kind for name, column in MACHINE.items()}
 
 Row = dict[str, Any]
 
@@ -124,7 +69,8 @@ class Plan:
     def columns(self) -> dict[str, Kind]:
         """Return the columns of a row in their order."""
         met: dict[str, Kind] = {f"meets_{name}": "bool" for name in self.criteria}
-        return {"number": "int", "key": "str", **self.parameters, "seed": "int", "fault": "str", **FIGURES, **met}
+        figures: dict[str, Kind] = {name: metric.kind for name, metric in FIGURES.items()}
+        return {"number": "int", "key": "str", **self.parameters, "seed": "int", "fault": "str", **figures, **met}
 
     def text(self) -> str:
         """Return the content of the file."""
@@ -246,13 +192,13 @@ class Held:
 
     def machine(self) -> Iterator[pa.Table]:
         """Return what the runs took of the machine, as `tables` does the rows."""
-        return self._portions(MACHINE, None, "machine")
+        return self._portions(MACHINE_KINDS, None, "machine")
 
     def lazy(self, place: Literal["rows", "machine"] = "rows") -> Dataset:
         """Return the rows, or what the runs took of the machine, to be read as a query needs them."""
         from pyarrow import dataset
 
-        kinds = self.plan.columns() if place == "rows" else MACHINE
+        kinds = self.plan.columns() if place == "rows" else MACHINE_KINDS
         files = [self.folder / place / part.file.name for part in self.parts]
         absent = next((file for file in files if not file.is_file()), None)
         if absent is not None:

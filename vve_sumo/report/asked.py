@@ -9,10 +9,11 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from vve_sumo.analysis.units import unit_of
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.table import label_of
 from vve_sumo.report.html import Column, Html, folded, sub, table, tag
 from vve_sumo.report.tables import about
-from vve_sumo.report.words import NONE, asked, figure_of, flat, number, said, short, with_unit
+from vve_sumo.report.words import NONE, asked, flat, number, said, short, with_unit
 
 #: settings that everybody asks for first
 MAIN: dict[str, str] = {
@@ -94,7 +95,7 @@ def criteria(wanted: Mapping[str, Any], figures: Mapping[str, Any], judged: bool
     """
     failed = [str(line) for line in figures.get("failed") or ()]
     rows = [
-        (figure_of(key).name, asked(key, want), _reached(key, figures.get(key)), _met(key, failed, judged))
+        (label_of(key), asked(key, want), _reached(key, figures.get(key)), _met(key, failed, judged))
         for key, want in wanted.items()
         if want is not None
     ]

@@ -14,8 +14,10 @@ from vve_sumo.analysis.latency import latency_breakdown
 from vve_sumo.analysis.over_time import exposure, over_time
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import radar_statistics
-from vve_sumo.analysis.units import unit_of
 from vve_sumo.drive.verify import altered_parts
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.per_drive import OF_STOP, PER_DRIVE
+from vve_sumo.metrics.table import PLAYBACK
 from vve_sumo.report import asked, pictures, stops
 from vve_sumo.report.html import Column, Html, folded, paragraphs, sub, table, tag
 from vve_sumo.report.page import Part, Report, commands, hashes, versions
@@ -23,12 +25,12 @@ from vve_sumo.report.picture import Picture
 from vve_sumo.report.sources import open_street_map
 from vve_sumo.report.tables import about, meanings, named, of_frame
 from vve_sumo.report.verdict import altered, figures_of, of_drive
-from vve_sumo.report.words import FIGURES, NONE, count, number, said, share, short
+from vve_sumo.report.words import NONE, count, number, said, share, short
 
 Figures = Mapping[str, Any]
 
 #: figures that the section on the stop tells
-STOP = frozenset(name for name in FIGURES if name.startswith("stop_") or name == "mfdd_mps2") - {"stop_gap_m"}
+STOP = frozenset(OF_STOP)
 #: actors whose radar statistics are shown
 ACTORS = 30
 #: of them, what everybody asks for first
@@ -101,7 +103,9 @@ def _happened(run: Run, figures: Figures, sheet: Picture) -> list[Html]:
 
 def _figures(figures: Figures) -> Html:
     rows: list[tuple[str, str]] = [
-        (named(key), _said(key, figures)) for key in FIGURES if key in figures and key not in STOP
+        (named(key), _said(key, figures))
+        for key in ("outcome", *PER_DRIVE, *PLAYBACK)
+        if key in figures and key not in STOP
     ]
     removed = figures.get("removed_at_entry") or ()
     if removed:

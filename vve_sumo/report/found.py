@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from vve_sumo.analysis.units import unit_of
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.table import label_of
 from vve_sumo.report.html import Column, Html, sub, table, tag
 from vve_sumo.report.tables import head_of
-from vve_sumo.report.words import NONE, SPACE, count, figure_of, said, short
+from vve_sumo.report.words import NONE, SPACE, count, said, short
 
 #: combinations that are shown
 MOST = 200
@@ -63,16 +64,16 @@ def _unit(name: str, units: Units) -> str:
 
 
 def _said(criterion: str) -> str:
-    return {"collision": "no collision", "passed": "every criterion"}.get(criterion, figure_of(criterion).name)
+    return {"collision": "no collision", "passed": "every criterion"}.get(criterion, label_of(criterion))
 
 
 def _worst(found: Found, units: Units) -> str:
     goal = "highest" if "highest" in found else "lowest"
     case = found["worst"]
     if not case:
-        return f"No run has the figure that was sought, {figure_of(found[goal]).name}."
+        return f"No run has the figure that was sought, {label_of(found[goal])}."
     where = ", ".join(f"{name} = {short(value)}{_unit(name, units)}" for name, value in case["values"].items())
-    return f"The {goal} {figure_of(found[goal]).name} found is {said(found[goal], case[found[goal]])}, at {where}."
+    return f"The {goal} {label_of(found[goal])} found is {said(found[goal], case[found[goal]])}, at {where}."
 
 
 def shown(found: Found, units: Units = None) -> Html:

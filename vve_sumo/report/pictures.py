@@ -13,9 +13,9 @@ import numpy as np
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
+from vve_sumo.metrics.table import label_of
 from vve_sumo.report.asked import varied_criteria
 from vve_sumo.report.picture import Picture, drawn
-from vve_sumo.report.words import figure_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,7 +63,7 @@ def of_drive(run: Run) -> tuple[Picture, ...]:
     from vve_sumo import plotting
 
     told = [drawn(plotting.drive_sheet(run), "drive_sheet", "the drive from above and over time", SHEET)]
-    if np.isfinite(run.ahead.gap).any():  # else there is nothing to be seen in them
+    if np.isfinite(run.lead.gap).any():  # else there is nothing to be seen in them
         told.append(drawn(plotting.safety_over_time(run), "safety_over_time", "safety over drive time", SAFETY))
         told.append(drawn(plotting.gap_against_speed(run), "gap_against_speed", "gap over speed", APPROACH))
     if run.holds("latency"):
@@ -112,7 +112,7 @@ def _maps(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[
     for figure in ("passed", *figures[:2]):
         if not rows[figure].notna().any():
             continue
-        what = "share of runs that passed" if figure == "passed" else f"mean {figure_of(figure).name}"
+        what = "share of runs that passed" if figure == "passed" else f"mean {label_of(figure)}"
         caption = f"The {what} over {x} to the right and {y} upwards.{over} {LACKING}"
         yield drawn(plotting.heat_map(rows, x, y, figure), f"map_{figure}", f"{what} over {x} and {y}", caption)
 
@@ -125,10 +125,10 @@ def _curves(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterato
     if figure is None:
         return
     by = next((name for name in sweep.parameters if rows[name].nunique() > 1), None)
-    what = f"distribution of {figure_of(figure).name}"
+    what = f"distribution of {label_of(figure)}"
     apart = f", some values of {by} each on its own" if by else ""
     band = _band(sweep, figure)
-    caption = f"What share of the runs has a {figure_of(figure).name} of at most so much{apart}."
+    caption = f"What share of the runs has a {label_of(figure)} of at most so much{apart}."
     caption += " The shaded part does not pass." if band else ""
     yield drawn(plotting.distribution(rows, figure, by, band), f"distribution_{figure}", what, caption)
 

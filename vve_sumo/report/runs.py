@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vve_sumo.analysis.dataset import Sweep
-from vve_sumo.analysis.units import unit_of
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.report.html import Column, Html, folded, join, sub, table, tag
 from vve_sumo.report.tables import cell, head_of, named
 from vve_sumo.report.words import count, number, said, share, short
@@ -30,8 +31,8 @@ WORST = 100
 LONG = 12
 #: figures that are told where no criterion asks for others
 MAIN = ("stop_gap_m", "min_gap_m", "min_ttc_s", "max_deceleration_mps2")
-#: figures of which less is worse, and of which more is, in the order in which they tell which run is worse
-LESS_IS_WORSE = ("min_gap_m", "min_ttc_s", "stop_gap_m")
+#: metrics in the order in which they tell which run is worse
+WORST_BY = ("impact_speed_mps", "min_gap_m", "min_ttc_s", "stop_gap_m")
 #: columns of the rows that the page needs beside parameters and criteria
 NEEDED = ("number", "key", "seed", "fault", "outcome", "passed", "failed", "collision", "impact_speed_mps")
 
@@ -137,8 +138,8 @@ def worst(rows: pd.DataFrame, sweep: Sweep, figures: Sequence[str], name: str) -
     failed = rows[rows["passed"].to_numpy(np.float64, na_value=np.nan) == 0.0]
     if failed.empty:
         return Html("")
-    by = ["impact_speed_mps", *LESS_IS_WORSE, "number"]
-    ordered = failed.sort_values(by, ascending=[False, *(True for _ in by[1:])], kind="stable").head(WORST)
+    upwards = [*(PER_DRIVE[name].worse == "lower" for name in WORST_BY), True]
+    ordered = failed.sort_values([*WORST_BY, "number"], ascending=upwards, kind="stable").head(WORST)
     units = rows.attrs.get("units", {})
     shown = list(dict.fromkeys(["impact_speed_mps", *figures]))
     columns = [

@@ -17,7 +17,8 @@ from vve_sumo.analysis.stopping_bound import (
     stopping_bound_check,
     stopping_bound_checks,
 )
-from vve_sumo.analysis.units import unit_of
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.table import label_of
 from vve_sumo.report.html import Column, Html, folded, sub, table, tag
 from vve_sumo.report.tables import about
 from vve_sumo.report.words import count, number, said
@@ -58,10 +59,10 @@ def _split(found: Stop) -> Html:
 def _felt(run: Run, found: Stop) -> Html:
     felt = comfort(run, found)
     named = {
-        "mean fully developed deceleration (MFDD)": (found.mfdd, "m/s²"),
-        "greatest mean deceleration over 2 s": (felt.mean_deceleration_mps2, unit_of("_mps2")),
-        "greatest jerk": (felt.max_jerk_mps3, unit_of("_mps3")),
-        "jerk, root mean square": (felt.rms_jerk_mps3, unit_of("_mps3")),
+        label_of("mfdd_mps2"): (found.mfdd, unit_of("mfdd_mps2")),
+        "maximum mean deceleration over 2 s": (felt.mean_deceleration_mps2, unit_of("_mps2")),
+        label_of("max_jerk_mps3"): (felt.max_jerk_mps3, unit_of("_mps3")),
+        label_of("rms_jerk_mps3"): (felt.rms_jerk_mps3, unit_of("_mps3")),
     }
     rows = [(name, number(value, unit)) for name, (value, unit) in named.items()]
     return table(("figure", Column("value", True)), rows, "how the stop felt")
@@ -73,8 +74,8 @@ def promised(run: Run) -> Html:
     if not (found.held or found.broken):
         return Html("")
     rows = [
-        ("speed at the onset", number(found.onset_speed, "m/s")),
-        ("deceleration granted, as a constant one", number(found.demand, "m/s²")),
+        (label_of("stop_onset_speed_mps"), number(found.onset_speed, "m/s")),
+        (label_of("stop_demand_mps2"), number(found.demand, "m/s²")),
         ("worst latency of the loop during the stop", number(1000.0 * found.latency, "ms", 1)),
         ("declared dead time and lag of the brakes", number(1000.0 * (found.brake_delay + found.brake_lag), "ms", 1)),
         ("bound: what the car as declared needs at most", number(found.bound, "m")),

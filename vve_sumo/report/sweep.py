@@ -14,7 +14,8 @@ import numpy as np
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.latency_margin import LatencyMargin
-from vve_sumo.analysis.units import unit_of
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.table import label_of
 from vve_sumo.report import asked, found, pictures, runs, stops, study
 from vve_sumo.report.html import Column, Html, folded, paragraphs, sub, table, tag
 from vve_sumo.report.page import Part, Report, commands, hashes, versions
@@ -23,7 +24,7 @@ from vve_sumo.report.sources import open_street_map
 from vve_sumo.report.tables import about
 from vve_sumo.report.verdict import Verdict, Word
 from vve_sumo.report.words import asked as asked_for
-from vve_sumo.report.words import count, figure_of, number, said, share, short
+from vve_sumo.report.words import count, number, said, share, short
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -173,7 +174,7 @@ def _criteria(sweep: Sweep, rows: pd.DataFrame) -> Html:
         looks = ("yes" if good == judged else "no") if judged else "quiet"
         wanted = "set by a parameter" if name in varied else asked_for(name, stated.get(name, False))
         lines.append(
-            (figure_of(name).name, wanted, tag("span", part, class_=looks), share(good / judged) if judged else "none")
+            (label_of(name), wanted, tag("span", part, class_=looks), share(good / judged) if judged else "none")
         )
     columns = ("criterion", "asked", Column("runs that met it", True), Column("share", True))
     return sub("Criteria", table(columns, lines, "criteria")) if lines else Html("")

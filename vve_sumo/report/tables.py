@@ -6,14 +6,15 @@ Knows pandas' tables and their `attrs`; not what they are about.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vve_sumo.analysis.units import unit_of
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.table import label_of, meaning_of
 from vve_sumo.report.html import Column, Html, escaped, join, table, tag
-from vve_sumo.report.words import NONE, figure_of, number, short
+from vve_sumo.report.words import NONE, number, short
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
 DIGITS = 2
 
 
-def head_of(column: str, units: dict[str, str] | None = None) -> str:
+def head_of(column: str, units: Mapping[str, str] | None = None, labels: Mapping[str, str] | None = None) -> str:
     """Return what stands over a column: what it is, and its unit."""
-    unit = (units or {}).get(column) or unit_of(column)
-    return f"{figure_of(column).name} [{unit}]" if unit else figure_of(column).name
+    unit, label = (units or {}).get(column) or unit_of(column), (labels or {}).get(column) or label_of(column)
+    return f"{label} [{unit}]" if unit else label
 
 
 def about(name: str, meaning: str) -> Html:
@@ -35,7 +36,7 @@ def about(name: str, meaning: str) -> Html:
 
 def named(key: str) -> Html:
     """Return what a figure is called with what it is beneath."""
-    return about(*figure_of(key))
+    return about(label_of(key), meaning_of(key))
 
 
 def of_frame(frame: pd.DataFrame, name: str, first: str = "", keep: Sequence[str] | None = None) -> Html:
@@ -44,9 +45,8 @@ def of_frame(frame: pd.DataFrame, name: str, first: str = "", keep: Sequence[str
     `keep` chooses columns, in their order; those that the table has not are left out.
     """
     shown = frame if keep is None else frame[[column for column in keep if column in frame.columns]]
-    units = {str(key): str(unit) for key, unit in frame.attrs.get("units", {}).items()}
     numeric = [kind.kind in "iuf" for kind in shown.dtypes]
-    columns = [Column(head_of(str(column), units), right) for column, right in zip(shown.columns, numeric, strict=True)]
+    columns = [Column(_head(frame, str(column)), right) for column, right in zip(shown.columns, numeric, strict=True)]
     rows = [list(map(cell, row)) for row in shown.astype(object).itertuples(index=False, name=None)]
     if first:
         columns = [Column(first), *columns]
@@ -61,8 +61,12 @@ def meanings(frame: pd.DataFrame, keep: Sequence[str] | None = None) -> Html:
     """Return what the columns of a table are, as a list of words."""
     told = frame.attrs.get("meanings", {})
     columns = [str(column) for column in (frame.columns if keep is None else keep) if told.get(str(column))]
-    parts = [part for column in columns for part in (tag("dt", head_of(column)), tag("dd", str(told[column])))]
+    parts = [part for column in columns for part in (tag("dt", _head(frame, column)), tag("dd", str(told[column])))]
     return tag("dl", *parts) if parts else Html("")
+
+
+def _head(frame: pd.DataFrame, column: str) -> str:
+    return head_of(column, frame.attrs.get("units"), frame.attrs.get("labels"))
 
 
 def cell(value: Any) -> str:

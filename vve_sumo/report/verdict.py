@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.reasons import in_words
-from vve_sumo.metrics.drive_metrics import measure
+from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.report.words import SPACE, number
 
 #: as it stands on the page
@@ -38,11 +38,9 @@ def figures_of(run: Run) -> dict[str, Any]:
     """Return the figures of a drive: those of its summary, or of a drive that was killed, measured up to its end."""
     if run.summary is not None and "max_speed_mps" in run.summary:
         return run.summary
-    ticks = run.arrow("ticks")
-    told = asdict(measure(ticks, run.arrow("actors"), run.path, run.vehicle))
-    told |= {"collision": any(ticks["contacts"].to_pylist()), "ticks": ticks.num_rows}
-    told |= {"duration_s": float(run.time[-1] - run.time[0])}
-    return told | {name: value for name, value in (run.summary or {}).items() if value is not None}
+    return PER_DRIVE.measure(run.data) | {
+        name: value for name, value in (run.summary or {}).items() if value is not None
+    }
 
 
 def of_drive(run: Run, figures: Mapping[str, Any]) -> Verdict:
@@ -107,7 +105,7 @@ def _gap_at_rest(run: Run, figures: Mapping[str, Any]) -> str:
 
 
 def _last_ahead(run: Run) -> str:
-    return next((name for name in reversed(run.ahead.actor) if name), "what was ahead")
+    return next((name for name in reversed(run.lead.actor) if name), "what was ahead")
 
 
 def _hit(run: Run, figures: Mapping[str, Any]) -> str:

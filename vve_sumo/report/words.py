@@ -1,6 +1,6 @@
-"""Numbers, names of figures and verdicts in the words that people read.
+"""Numbers, settings and verdicts in the words that people read.
 
-Knows names of figures and what they mean; neither HTML nor where a value comes from.
+Knows units of names; neither HTML nor where a value comes from.
 """
 
 from __future__ import annotations
@@ -8,90 +8,15 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
-from vve_sumo.analysis.units import unit_of
+from vve_sumo.metrics.metric import unit_of
 
 #: where a text stands for a number that is not there
 NONE = "none"
 #: between a number and its unit, which stay in one line
 SPACE = "\u00a0"
 MINUS = "\u2212"
-
-
-class Figure(NamedTuple):
-    """A figure of a drive as people call it."""
-
-    name: str
-    meaning: str
-
-
-#: figures of a drive's summary, by their keys, in the order in which they are told
-FIGURES: dict[str, Figure] = {
-    "outcome": Figure("outcome", "how the drive ended"),
-    "collision": Figure("collision", "whether the car's outline overlapped another's at any tick"),
-    "impact_speed_mps": Figure("impact speed", "relative, at the first contact"),
-    "stop_gap_m": Figure(
-        "gap at rest", "front bumper to what stood ahead, along the path, once the car stood; negative is overlap"
-    ),
-    "min_gap_m": Figure("closest approach", "least gap at any tick; negative is overlap"),
-    "min_ttc_s": Figure("least time to collision", "gap over closing speed, the least at any tick"),
-    "max_drac_mps2": Figure("greatest deceleration needed", "to avoid a contact (DRAC), the greatest at any tick"),
-    "max_deceleration_mps2": Figure("greatest deceleration", "of the rear axle along its heading"),
-    "max_speed_mps": Figure("greatest speed", "of the rear axle along its heading"),
-    "max_lateral_deviation_m": Figure("greatest lateral deviation", "of the rear axle from its path"),
-    "emergency_used": Figure("emergency layer", "whether it braked the car"),
-    "duration_s": Figure("drive time", "from the first tick to the last"),
-    "ticks": Figure("ticks", "steps of the drive that the record holds"),
-    "anchor_position_error_m": Figure("error of SUMO's ego, place", "from what was asked of it, the greatest"),
-    "anchor_speed_error_mps": Figure("error of SUMO's ego, speed", "from what was asked of it, the greatest"),
-    "stop_distance_m": Figure("stopping distance", "of the last stop, from the first command to rest"),
-    "stop_bound_m": Figure("bound of the stopping distance", "what the car as declared needs for that stop at most"),
-    "stop_onset_speed_mps": Figure("speed at the onset", "of the last stop"),
-    "stop_demand_mps2": Figure("deceleration granted", "in the last stop, as a constant one"),
-    "stop_reaction_s": Figure("reaction", "of the last stop, until the deceleration begins to rise"),
-    "stop_build_up_s": Figure("build-up", "of the last stop, until the deceleration has risen"),
-    "mfdd_mps2": Figure("mean fully developed deceleration (MFDD)", "of the last stop"),
-    "prediction_error_100ms_mean_m": Figure("prediction over 100 ms, mean error", "against what was measured then"),
-    "prediction_error_100ms_max_m": Figure("prediction over 100 ms, greatest error", "against what was measured then"),
-}
-
-#: what a table of the analysis may have beside them
-MEASURES: dict[str, Figure] = {
-    "tet_s": Figure("time exposed (TET)", "time with a time to collision below 1.5 s"),
-    "tit_s2": Figure("time integrated (TIT)", "by how much the time to collision lay below 1.5 s, summed over time"),
-    "cpi_share": Figure(
-        "crash potential index (CPI)",
-        "share of the time in which more deceleration was needed than the car is declared to reach",
-    ),
-    "rss_share": Figure("gap shorter than safe (RSS)", "share of the time, by Responsibility-Sensitive Safety"),
-    "max_jerk_mps3": Figure("greatest jerk", "rate of change of the acceleration"),
-    "rms_jerk_mps3": Figure("jerk, root mean square", "over the whole drive"),
-    "rms_acceleration_mps2": Figure("acceleration, root mean square", "over the whole drive"),
-    "first_s": Figure("first seen", ""),
-    "first_range_m": Figure("first range", ""),
-    "first_ttc_s": Figure("first TTC", ""),
-    "detected_share": Figure("share detected", ""),
-    "dropouts": Figure("drop-outs", ""),
-    "dropouts_hidden": Figure("drop-outs, hidden", ""),
-    "longest_dropout_s": Figure("longest drop-out", ""),
-    "range_error_mean_m": Figure("range error, mean", ""),
-    "range_error_std_m": Figure("range error, std", ""),
-    "range_rate_error_mean_mps": Figure("range rate error, mean", ""),
-    "range_rate_error_std_mps": Figure("range rate error, std", ""),
-    "p50_ms": Figure("median", ""),
-    "p95_ms": Figure("95 %", ""),
-    "p99_ms": Figure("99 %", ""),
-    "max_ms": Figure("greatest", ""),
-    "n": Figure("ticks", ""),
-}
-
-
-def figure_of(key: str) -> Figure:
-    """Return what a figure is called; of one that nobody named, its key without the unit."""
-    unit = unit_of(key)
-    bare = key.rpartition("_")[0] if unit or key.endswith("_share") else key
-    return (FIGURES | MEASURES).get(key, Figure(bare.replace("_", " "), ""))
 
 
 def number(value: float, unit: str = "", digits: int | None = None) -> str:

@@ -1,4 +1,7 @@
-"""Reads rig files; every complaint is one line that names file and key, and comes before anything is opened."""
+"""Reads rig files and lays them over their vehicle models; a complaint is one line that names file and key.
+
+Every complaint comes before anything is opened.
+"""
 
 from __future__ import annotations
 
@@ -9,33 +12,73 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
+from vve_sumo import workspace
+from vve_sumo.config_file import complaint, read
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.receivers import port as receivers
 from vve_sumo.rig.schema import Rig, rig_with
 from vve_sumo.rig.validation import refuse
-from vve_sumo.scenario.load import complaint, read
+from vve_sumo.scenario.schema import DEFAULT_VEHICLE
+from vve_sumo.vehicle import load as vehicles
 
 _UNSURVEYED: Final = ": a lot that nobody has surveyed is refused; survey it, write down its corners and the day"
 #: what to say beside that a key is missing
 ADVICE: Final = {"lot": _UNSURVEYED, "lot.surveyed": _UNSURVEYED}
+#: tables of a vehicle file that a rig may change
+MODEL_TABLES: Final = ("vehicle", "calibration", "simulated")
 
 
-def parse(table: dict[str, Any], file: Path) -> Rig:
-    """Return the rig that a parsed TOML table holds; `file` is named in the ConfigError of a wrong one."""
-    return _judged(table, file, lambda model, rig: model.model_validate(rig))
+def parse(table: dict[str, Any], file: Path, working: Path | None = None) -> Rig:
+    """Return the rig that a parsed TOML table holds, laid over its vehicle model.
+
+    The model is looked up from the folder of `file` and from `working`, by default the current one; `file` is named in
+    the ConfigError of a wrong rig.
+    """
+    whole = _over_model(table, file, working or Path.cwd())
+    return _judged(whole, file, lambda model, rig: model.model_validate(rig))
 
 
 def parse_json(table: dict[str, Any], file: Path) -> Rig:
-    """Return the rig that a record keeps, in which days are texts; `file` is named as `parse` names it."""
+    """Return the rig that a record keeps whole, in which days are texts; `file` is named as `parse` names it."""
     return _judged(table, file, lambda model, rig: model.model_validate_json(json.dumps(rig)))
 
 
-def load(file: Path) -> Rig:
-    """Return the rig in a TOML file.
+def load(file: Path, working: Path | None = None) -> Rig:
+    """Return the rig in a TOML file, laid over its vehicle model.
 
     Raises ConfigError naming the file and what is wrong with it.
     """
-    return parse(read(file, "rig"), file)
+    return parse(read(file, "rig"), file, working)
+
+
+def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, Any]:
+    """Return a rig's table in which all that it does not say of its car is as its vehicle model says."""
+    said = {name: table.get(name, {}) for name in MODEL_TABLES}
+    if not all(isinstance(one, dict) for one in said.values()):
+        return table  # which the schema refuses in its own words
+    name = said["vehicle"].get("model", DEFAULT_VEHICLE)
+    if not isinstance(name, str):
+        raise ConfigError(f"{file}: vehicle.model: expected a text in quotes, got {name!r}")
+    try:
+        found = workspace.find("vehicle", name, working, beside=file.parent)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: vehicle.model: {error}") from None
+    vehicles.load(found)  # refuses what is wrong in the model's own file
+    model = read(found, "vehicle")
+    whole = {one: {k: v for k, v in model[one].items() if k != "sources"} | said[one] for one in MODEL_TABLES}
+    if "brake_gain_kgm" not in said["calibration"]:
+        _scale_brake_gain(whole, model["vehicle"])
+    # A record keeps the rig whole: the model's file must be found again from anywhere.
+    whole["vehicle"]["model"] = name if name == found.name.removesuffix(".toml") else str(found.absolute())
+    return table | whole
+
+
+def _scale_brake_gain(whole: dict[str, Any], model: dict[str, Any]) -> None:
+    """Make a brake gain that was not measured the model's in proportion to mass times wheel radius."""
+    factors = [whole["vehicle"][key] for key in ("mass_kg", "wheel_radius_m")]
+    if all(type(factor) in (int, float) for factor in factors):  # anything else the schema refuses
+        share = factors[0] * factors[1] / (model["mass_kg"] * model["wheel_radius_m"])
+        whole["calibration"]["brake_gain_kgm"] *= share
 
 
 def _judged(table: dict[str, Any], file: Path, validate: Callable[[type[Rig], dict[str, Any]], Rig]) -> Rig:

@@ -9,18 +9,19 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
+from vve_sumo.config_file import in_si
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, local_frame
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.rig.schema import Rig
-from vve_sumo.tables import Table
 from vve_sumo.values import Vehicle
-from vve_sumo.vehicle import fusion
+from vve_sumo.vehicle import load as vehicles
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.dataspeed.codec import Variant
 from vve_sumo.vehicle.limits import Limits
+from vve_sumo.vehicle.model import VehicleModel
 
 if TYPE_CHECKING:
     from vve_sumo.plant.injected_faults import InjectedFault
@@ -28,60 +29,30 @@ if TYPE_CHECKING:
 EXPIRY: Final = 0.100  #: how long the last good setpoint is acted on [s]
 NOTICED: Final = 0.030  #: the gateway's timer sees an expired setpoint this much later at most [s]
 
-#: endings of keys and what they are in SI units
-UNITS: Final = {
-    "_deg": math.pi / 180.0,
-    "_degps": math.pi / 180.0,
-    "_m": 1.0,
-    "_m2": 1.0,
-    "_s": 1.0,
-    "_kg": 1.0,
-    "_kgm": 1.0,
-    "_kgm2": 1.0,
-    "_mps": 1.0,
-    "_mps2": 1.0,
-    "_mps3": 1.0,
-    "_n": 1.0,
-    "_nm": 1.0,
-    "_npr": 1.0,
-    "_w": 1.0,
-}
 
-
-def _in_si(table: Table, *left_out: str) -> dict[str, float]:
-    """Return what a table says, by names without units."""
-    said: dict[str, float] = {}
-    for key, value in table:
-        if value is not None and key not in left_out:
-            name, _, unit = key.rpartition("_")
-            factor = UNITS.get(f"_{unit}")
-            said[key if factor is None else name] = value * (factor or 1.0)
-    return said
+def model_of(rig: Rig) -> VehicleModel:
+    """Return the car as the rig declares and calibrates it."""
+    return VehicleModel(
+        name=rig.vehicle.model,
+        vehicle=vehicle_of(rig),
+        calibration=calibration_of(rig),
+        simulated=vehicles.simulated(rig.simulated),
+        mounting=mounting_of(rig),
+        limits=limits_of(rig),
+        variant=variant_of(rig),
+        steering_wheel_bias=steering_wheel_bias_of(rig),
+        rig=rig.title,
+    )
 
 
 def vehicle_of(rig: Rig) -> Vehicle:
     """Return the car as declared."""
-    vehicle = replace(fusion.vehicle(), **_in_si(rig.vehicle))
-    if not vehicle.rear_overhang >= 0.0:
-        raise ConfigError("vehicle: length_m is less than wheelbase_m and front_overhang_m together")
-    if not vehicle.front_axle_to_mass < vehicle.wheelbase:
-        raise ConfigError("vehicle: front_axle_to_mass_m is not less than wheelbase_m")
-    return vehicle
+    return vehicles.declared(rig.vehicle)
 
 
 def calibration_of(rig: Rig) -> Calibration:
-    """Return the car's longitudinal calibration; mass and torque limit are the vehicle's.
-
-    A brake gain that was not measured is the Fusion's, in proportion to mass times wheel radius.
-    """
-    vehicle, usual, default = vehicle_of(rig), fusion.vehicle(), Calibration()
-    share = vehicle.mass * vehicle.wheel_radius / (usual.mass * usual.wheel_radius)
-    said = {
-        "mass": vehicle.mass,
-        "brake_torque_limit": vehicle.brake_torque_limit,
-        "brake_gain": default.brake_gain * share,
-    } | _in_si(rig.calibration, "date", "steering_wheel_bias_deg")
-    return Calibration(**said)
+    """Return the car's longitudinal calibration; mass and torque limit are the vehicle's."""
+    return vehicles.calibrated(rig.calibration, vehicle_of(rig))
 
 
 def steering_wheel_bias_of(rig: Rig) -> float:
@@ -91,7 +62,7 @@ def steering_wheel_bias_of(rig: Rig) -> float:
 
 def limits_of(rig: Rig) -> Limits:
     """Return what the gateway keeps to."""
-    said, usual = _in_si(rig.limits, "speed_mps"), Limits()
+    said, usual = in_si(rig.limits, "speed_mps"), Limits()
 
     def changed(prefix: str) -> dict[str, float]:
         return {key.removeprefix(prefix): value for key, value in said.items() if key.startswith(prefix)}

@@ -1,5 +1,6 @@
 """What a rig file may say: pydantic models, the edge where units are in the names.
 
+A rig is whole only with its vehicle model: `rig.load` lays what the rig says over the model's tables.
 Knows nothing of files' places, buses or how a drive is run; what a rig means to the rest is `rig.resolve`.
 """
 
@@ -11,15 +12,15 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, create_model, model_validator
 
+from vve_sumo.config_file import Bitrate, Finite, Name, NotNegative, Positive, Short, Strength, Table
 from vve_sumo.pose.receivers.port import ReceiverTable
+from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.scenario.schema import Car as TrueCar
 from vve_sumo.scenario.schema import Lot as Start
-from vve_sumo.tables import Bitrate, Finite, Name, NotNegative, Positive, Table
+from vve_sumo.vehicle.schema import Calibration as ModelCalibration
+from vve_sumo.vehicle.schema import Declared, Simulated
 
 Date = datetime.date
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Short = Annotated[float, Field(ge=0.0, le=2.0, allow_inf_nan=False)]
-Strength = Annotated[float, Field(gt=0.0, le=12.0, allow_inf_nan=False)]
 
 
 def _latitude_first(corner: tuple[float, float]) -> tuple[float, float]:
@@ -70,67 +71,18 @@ class Bus(Table):
     )
 
 
-class Vehicle(Table):
-    """The car, where it differs from a 2018 Ford Fusion."""
+class Vehicle(Declared):
+    """The car: a vehicle model, and what was measured of this car in place of the model's numbers."""
 
-    length_m: Annotated[float, Field(gt=1.0, le=20.0)] | None = Field(default=None, description="bumper to bumper")
-    width_m: Annotated[float, Field(gt=0.5, le=3.0)] | None = Field(default=None, description="without mirrors")
-    wheelbase_m: Annotated[float, Field(gt=0.5, le=10.0)] | None = None
-    front_overhang_m: Annotated[float, Field(ge=0.0, le=3.0)] | None = Field(
-        default=None, description="front axle to front bumper"
-    )
-    mass_kg: Annotated[float, Field(ge=300.0, le=20_000.0)] | None = Field(default=None, description="with occupants")
-    yaw_inertia_kgm2: Annotated[float, Field(ge=100.0, le=1e5)] | None = Field(
-        default=None, description="about the centre of mass"
-    )
-    front_axle_to_mass_m: Annotated[float, Field(gt=0.0, le=10.0)] | None = Field(
-        default=None, description="front axle to centre of mass"
-    )
-    cornering_stiffness_front_npr: Annotated[float, Field(ge=1e4, le=1e6)] | None = Field(
-        default=None, description="whole axle, N/rad"
-    )
-    cornering_stiffness_rear_npr: Annotated[float, Field(ge=1e4, le=1e6)] | None = Field(
-        default=None, description="whole axle, N/rad"
-    )
-    wheel_radius_m: Annotated[float, Field(ge=0.1, le=1.0)] | None = Field(default=None, description="rolling")
-    steering_ratio: Annotated[float, Field(ge=5.0, le=40.0)] | None = Field(
-        default=None, description="steering-wheel angle over road-wheel angle"
-    )
-    steering_limit_deg: Annotated[float, Field(gt=0.0, le=60.0)] | None = Field(
-        default=None, description="road-wheel angle"
-    )
-    steering_rate_limit_degps: Annotated[float, Field(gt=0.0, le=120.0)] | None = Field(
-        default=None, description="road-wheel angle rate"
-    )
-    steering_delay_s: Short | None = Field(default=None, description="from frame to first movement")
-    steering_lag_s: Short | None = Field(default=None, description="first-order, after the delay")
-    brake_delay_s: Short | None = Field(default=None, description="from frame to first torque")
-    brake_lag_s: Short | None = Field(default=None, description="first-order, after the delay")
-    brake_torque_limit_nm: Annotated[float, Field(gt=0.0, le=20_000.0)] | None = Field(
-        default=None, description="all wheels together"
-    )
-    deceleration_limit_mps2: Strength | None = Field(default=None, description="reached at the torque limit, laden")
+    model: Name = Field(default=DEFAULT_VEHICLE, description="vehicle model: a name under vehicles/ or a file")
 
 
-class Calibration(Table):
-    """What was measured of the car's pedals and steering, where it differs from a 2018 Ford Fusion."""
+class Calibration(ModelCalibration):
+    """What was measured of the car's pedals and steering in place of the model's numbers."""
 
     date: Date | None = Field(default=None, description="day of the calibration")
     steering_wheel_bias_deg: Annotated[float, Field(ge=-20.0, le=20.0)] = Field(
         default=0.0, description="steering-wheel angle at which the wheels point straight, left positive"
-    )
-    brake_gain_kgm: Positive | None = Field(default=None, description="brake torque for each m/s2 of deceleration")
-    drive_force_limit_n: Positive | None = Field(default=None, description="at full throttle and low speed")
-    drive_power_limit_w: Positive | None = Field(default=None, description="at full throttle and high speed")
-    drive_lag_s: Short | None = Field(default=None, description="first-order, from throttle to drive force")
-    creep_force_n: NotNegative | None = Field(default=None, description="in drive at standstill with no pedal pressed")
-    creep_speed_mps: Positive | None = Field(default=None, description="where the creep force has fallen to zero")
-    rolling_resistance: Share | None = Field(default=None, description="rolling drag over weight")
-    drag_area_m2: Annotated[float, Field(ge=0.0, le=10.0)] | None = Field(
-        default=None, description="drag coefficient times frontal area"
-    )
-    wheel_speed_tolerance: Annotated[float, Field(ge=0.005, le=0.1)] | None = Field(
-        default=None, description="share of the true speed by which the wheels may tell another one"
     )
 
 
@@ -274,8 +226,9 @@ class Rig(Table):
     pose: ReceiverTable
     mounting: Mounting
     bus: Bus
-    vehicle: Vehicle = Vehicle()
-    calibration: Calibration = Calibration()
+    vehicle: Vehicle
+    calibration: Calibration
+    simulated: Simulated
     limits: Limits
     lot: Lot
     alignment: Alignment = Alignment()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.table import label_of
 from vve_sumo.scenario.schema import Actor, Band, Criteria, Event, Scenario, When
 
 CONDITIONS = {
@@ -12,17 +14,6 @@ CONDITIONS = {
     "ttc_s": "the time to collision is {:g} s",
     "ego_arrives_in_s": "the ego is {:g} s away",
     "ego_speed_mps": "the ego drives {:g} m/s",
-}
-
-FIGURES = {
-    "stop_gap_m": ("stops", "m before it"),
-    "min_ttc_s": ("time to collision", "s"),
-    "max_lateral_deviation_m": ("off the path", "m"),
-    "max_deceleration_mps2": ("deceleration", "m/s²"),
-    "max_drac_mps2": ("deceleration needed", "m/s²"),
-    "min_gap_m": ("gap", "m"),
-    "impact_speed_mps": ("impact", "m/s"),
-    "duration_s": ("drive time", "s"),
 }
 
 
@@ -70,15 +61,11 @@ def _beside(offset: float) -> str:
 def passes(criteria: Criteria) -> str:
     """Return what a drive must come to, in one line."""
     said = [] if criteria.outcome is None else [f"outcome {criteria.outcome}"]
-    for key, (what, unit) in FIGURES.items():
-        band: Band | None = getattr(criteria, key)
-        if band is not None:
-            said.append(f"{what} {_between(band)} {unit}")
-    for wanted, yes, no in (
-        (criteria.collision, "contact", "no contact"),
-        (criteria.emergency_used, "emergency braking", "no emergency braking"),
-    ):
-        said += [] if wanted is None else [yes if wanted else no]
+    for name, wanted in criteria:
+        if isinstance(wanted, Band):
+            said.append(f"{label_of(name)} {_between(wanted)} {unit_of(name)}".rstrip())
+        elif isinstance(wanted, bool):
+            said.append(label_of(name) if wanted else f"no {label_of(name)}")
     return ", ".join(said) or "not judged"
 
 

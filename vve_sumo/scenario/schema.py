@@ -5,12 +5,17 @@ Knows nothing of SUMO, files' places or how a drive is run.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
-from vve_sumo.tables import Finite, Name, NotNegative, Positive, Table
+from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Table
+from vve_sumo.metrics.metric import Metric
+from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.sensors.radar_settings import RadarSettings
 
+#: the vehicle model of whoever names none
+DEFAULT_VEHICLE = "ford_fusion"
 RoadSpeed = Annotated[float, Field(ge=0.0, le=100.0)]
 
 
@@ -61,6 +66,9 @@ class Car(Table):
 class Ego(Table):
     """What the ego drives and how fast."""
 
+    vehicle: Name = Field(
+        default=DEFAULT_VEHICLE, description="vehicle model: a name under vehicles/ or a file; a rig brings its own"
+    )
     path: Name = Field(description="CSV of latitude_deg,longitude_deg of the rear axle: a name under routes/ or a file")
     speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = Field(description="speed to keep where nothing forbids it")
     deviation_limit_m: Positive = Field(
@@ -68,24 +76,6 @@ class Ego(Table):
     )
     lot: Lot
     car: Car = Car()
-
-
-class Radar(Table):
-    """The virtual radar, where it differs from the Delphi ESR defaults."""
-
-    ideal: bool = Field(
-        default=False, description="no latency, noise, quanta or false alarms, every visible target detected"
-    )
-    range_limit_m: Positive | None = Field(default=None, description="blind beyond this range in every mode")
-    latency_s: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
-        default=0.09, description="from measuring to a scan's coming out; it is dated when it was measured"
-    )
-    noise_correlation: Annotated[float, Field(ge=0.0, lt=1.0)] = Field(
-        default=0.0, description="of one actor's errors from scan to scan; 0 is white noise"
-    )
-    false_alarms: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
-        default=0.0, description="mean number a scan, anywhere in the field of view"
-    )
 
 
 class Control(Table):
@@ -224,24 +214,30 @@ class Band(Table):
         return self
 
 
-class Criteria(Table):
+class Judged(Table):
     """What makes the drive pass; a criterion that is left out is not judged."""
 
     outcome: Literal["stopped", "arrived", "aborted", "fault"] | None = Field(
         default=None, description="how the drive must end; fault: stopped by the gateway"
     )
-    collision: bool | None = Field(default=False, description="whether a contact may, or must not, happen")
-    stop_gap_m: Band | None = None
-    min_ttc_s: Band | None = None
-    max_lateral_deviation_m: Band | None = None
-    max_deceleration_mps2: Band | None = None
-    max_drac_mps2: Band | None = Field(default=None, description="deceleration rate to avoid a crash, the greatest")
-    min_gap_m: Band | None = Field(default=None, description="to what was ahead in the ego's way, the least")
-    impact_speed_mps: Band | None = Field(default=None, description="relative, at the first contact; 0 without one")
-    emergency_used: bool | None = Field(
-        default=None, description="whether the emergency layer must, or must not, brake"
+
+
+def _criterion(metric: Metric) -> tuple[Any, Any]:
+    """Return type and default of a metric as a criterion; contact alone is judged where nothing is said of it."""
+    annotation = (bool if metric.kind == "bool" else Band) | None
+    return annotation, Field(default=False if metric.name == "collision" else None, description=metric.meaning)
+
+
+if TYPE_CHECKING:
+    Criteria: TypeAlias = Judged
+else:
+    #: the end of a drive, and every metric of a drive that may be a criterion
+    Criteria = create_model(
+        "Criteria",
+        __base__=Judged,
+        __doc__=Judged.__doc__,
+        **{name: _criterion(metric) for name, metric in PER_DRIVE.items() if metric.criterion},
     )
-    duration_s: Band | None = None
 
 
 class Abort(Table):
@@ -291,7 +287,7 @@ class Scenario(Table):
     )
     street: Street
     ego: Ego
-    radar: Radar = Radar()
+    radar: RadarSettings = RadarSettings()
     controller: Control = Control()
     weather: Weather = Weather()
     obstacles: tuple[Obstacle, ...] = Field(default=(), strict=False)

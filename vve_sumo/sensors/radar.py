@@ -19,6 +19,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.sensors.chance import Luck, stream
 from vve_sumo.sensors.echo import Echo, Mount, antenna_at, echoes
 from vve_sumo.sensors.falsealarm import false_alarms
+from vve_sumo.sensors.port import Column, SensorTable
 from vve_sumo.sensors.visibility import Sector
 from vve_sumo.values import Actors, Detections, Pose, Vehicle
 
@@ -28,6 +29,17 @@ MICROSECONDS = 1_000_000
 REFERENCE_CROSS_SECTION = 10.0
 #: Name of what stands behind a false alarm: no actor has it.
 NOBODY = ""
+#: What the record keeps of a scan, a row a detection.
+TABLE = SensorTable(
+    "detections",
+    (
+        ("range_m", "float", "from the middle of the front bumper to the seen point"),
+        ("azimuth_rad", "float", "direction of the seen point from the front bumper, left positive"),
+        ("range_rate_mps", "float", "radial velocity at the antenna, opening positive"),
+        ("mode", "int8", "0 long range, 1 medium range"),
+        ("actor", "str", "what was seen: truth that no controller is told"),
+    ),
+)
 #: Dated before every drive, and empty: what a controller holds until the first scan.
 BEFORE_FIRST_SCAN = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
 
@@ -119,6 +131,11 @@ class Scan:
     detections: Detections  #: nearest first, dated when they were measured
     actors: tuple[str, ...]  #: name behind each detection; NOBODY behind a false alarm
 
+    def columns(self) -> tuple[Column, ...]:
+        """Return the rows of the record's table."""
+        seen = self.detections
+        return seen.range, seen.azimuth, seen.range_rate, seen.mode, self.actors
+
 
 #: A detection before it becomes a row: range, azimuth, range rate, mode and name of its actor; sorts nearest first.
 _Measurement = tuple[float, float, float, int, str]
@@ -165,6 +182,7 @@ class Radar:
         self._seed = generator.bytes(32)
         self._luck: dict[str, Luck] = {}
         self._nothing = stream(self._seed, NOBODY)
+        self.output = BEFORE_FIRST_SCAN  #: the newest scan that came out
         self.refused = 0  #: rows of `Actors` that this tick's measuring left out: a value in them is not finite
 
     def step(self, time: float, pose: Pose, actors: Actors) -> Scan | None:
@@ -181,6 +199,7 @@ class Radar:
             self._coming.append((now + self._latency, self._measure(time, now, pose, actors)))
         while self._coming and self._coming[0][0] <= now:
             _, out = self._coming.popleft()
+            self.output = out.detections
         return out
 
     def _measure(self, time: float, now: int, pose: Pose, actors: Actors) -> Scan:

@@ -11,13 +11,14 @@ from typing import NamedTuple
 from vve_sumo.errors import ConfigError
 from vve_sumo.suite import euroncap, fmvss127, fmvss127_pedestrian, r152, r157
 from vve_sumo.suite.row import Row
+from vve_sumo.vehicle.model import VehicleModel
 
 
 class Suite(NamedTuple):
     """A suite before its rows are built."""
 
     title: str
-    rows: Callable[[], Iterator[Row]]
+    rows: Callable[[VehicleModel], Iterator[Row]]
 
 
 SUITES = {
@@ -38,8 +39,8 @@ def names() -> tuple[str, ...]:
     return tuple(SUITES)
 
 
-def rows(name: str) -> list[Row]:
-    """Return a suite's rows; raises ConfigError where there is no such suite."""
+def rows(name: str, car: VehicleModel) -> list[Row]:
+    """Return a suite's rows for a car; raises ConfigError where there is no such suite."""
     if name not in SUITES:
         raise ConfigError(f"no suite named {name!r}; known: {', '.join(SUITES)}")
-    return list(SUITES[name].rows())
+    return list(SUITES[name].rows(car))

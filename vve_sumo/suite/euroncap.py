@@ -12,22 +12,23 @@ from vve_sumo.suite import requirements
 from vve_sumo.suite.fmvss127 import braking_lead, braking_need
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, Row
-from vve_sumo.suite.track import AEB, CAR, KMH, TARGET, impact_at_most, said, scenario, target, time_to_brake
+from vve_sumo.suite.track import AEB, KMH, TARGET, impact_at_most, said, scenario, target, time_to_brake
+from vve_sumo.vehicle.model import VehicleModel
 
 START = 4.0  #: time to collision at which the target enters [s]; ours
 TOLERANCE = 1.0 * KMH  #: of the test speed [m/s]; ours
 LENGTH = 4.0  #: of the target [m]; ours
 
 
-def rows() -> Iterator[Row]:
+def rows(car: VehicleModel) -> Iterator[Row]:
     """Return the suite's rows."""
     for kmh in requirements.EURO_NCAP_CCRS:
         for overlap in requirements.EURO_NCAP_OVERLAPS:
-            yield _closing("CCRs", kmh, 0.0, overlap)
+            yield _closing(car, "CCRs", kmh, 0.0, overlap)
     for kmh in requirements.EURO_NCAP_CCRM:
         for overlap in requirements.EURO_NCAP_OVERLAPS:
-            yield _closing("CCRm", kmh, requirements.EURO_NCAP_CCRM_TARGET, overlap)
-    yield from _braking()
+            yield _closing(car, "CCRm", kmh, requirements.EURO_NCAP_CCRM_TARGET, overlap)
+    yield from _braking(car)
     low, high = requirements.EURO_NCAP_CCRS_FCW[0], requirements.EURO_NCAP_CCRS_FCW[-1]
     why = "the warning is judged by a driver who brakes on it: an override hands over"
     yield Row("CCRs_FCW", f"CCRs with warning, {low:g} to {high:g} km/h", "a warning", None, not_applicable=why)
@@ -44,13 +45,13 @@ def lateral_offset(overlap: float, width: float) -> float:
     return math.copysign(aside, overlap)
 
 
-def _closing(kind: str, kmh: float, target_kmh: float, overlap: float) -> Row:
+def _closing(car: VehicleModel, kind: str, kmh: float, target_kmh: float, overlap: float) -> Row:
     speed, lead = kmh * KMH, target_kmh * KMH
     ahead = START * (speed - lead)
     what = f"{kind}, {kmh:g} km/h, overlap {overlap:g} %"
     keys = {
         "speed_mps": lead,
-        "offset_m": lateral_offset(overlap, CAR.width),
+        "offset_m": lateral_offset(overlap, car.vehicle.width),
         "width_m": requirements.EURO_NCAP_TARGET_WIDTH,
         "length_m": LENGTH,
     }
@@ -68,11 +69,11 @@ def _closing(kind: str, kmh: float, target_kmh: float, overlap: float) -> Row:
             abort={"contact": True},
         ),
         approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
-        need=Need(gap_used(full_braking(CAR, speed), Course(lead)), ahead),
+        need=Need(gap_used(full_braking(car.vehicle, speed), Course(lead)), ahead),
     )
 
 
-def _braking() -> Iterator[Row]:
+def _braking(car: VehicleModel) -> Iterator[Row]:
     kmh = requirements.EURO_NCAP_CCRB
     speed, last = kmh * KMH, requirements.EURO_NCAP_CCRB_END * KMH
     for headway in requirements.EURO_NCAP_CCRB_HEADWAY:
@@ -84,5 +85,5 @@ def _braking() -> Iterator[Row]:
                 required=said(0.0),
                 scenario=braking_lead(f"Euro NCAP: {what}", speed, headway, deceleration, last),
                 approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
-                need=braking_need(speed, headway, deceleration, last),
+                need=braking_need(car, speed, headway, deceleration, last),
             )

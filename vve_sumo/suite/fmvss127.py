@@ -11,7 +11,6 @@ from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, Row
 from vve_sumo.suite.track import (
     AEB,
-    CAR,
     GRAVITY,
     KMH,
     TARGET,
@@ -23,6 +22,7 @@ from vve_sumo.suite.track import (
     target,
     time_to_brake,
 )
+from vve_sumo.vehicle.model import VehicleModel
 
 STEP = 10.0  #: between the speeds of a range [km/h]; the standard allows any in it
 STEADY = 3.0  #: the car ahead keeps its speed so long, then brakes [s]
@@ -31,7 +31,7 @@ NO_OVERRIDE = "a driver who brakes takes over: the override hands the car to him
 TOLERANCE = requirements.FMVSS_127_SPEED_TOLERANCE * KMH
 
 
-def lead_rows() -> Iterator[Row]:
+def lead_rows(car: VehicleModel) -> Iterator[Row]:
     """Return the rows with a vehicle ahead."""
     for entry in requirements.FMVSS_127_LEAD:
         if entry.manual_brake:
@@ -41,19 +41,19 @@ def lead_rows() -> Iterator[Row]:
             what = f"lead {entry.kind}, {speeds} km/h, driver brakes"
             yield Row(id, what, said(0.0), None, not_applicable=NO_OVERRIDE)
         elif entry.headway is None or entry.deceleration is None:
-            yield from _closing(entry)
+            yield from _closing(car, entry)
         else:
-            yield from _decelerating(entry.lead, entry.headway, entry.deceleration)
+            yield from _decelerating(car, entry.lead, entry.headway, entry.deceleration)
 
 
-def _closing(entry: requirements.Lead) -> Iterator[Row]:
+def _closing(car: VehicleModel, entry: requirements.Lead) -> Iterator[Row]:
     low, high = entry.subject
     for number in range(round((high - low) / STEP) + 1):
         kmh = low + number * STEP
         speed, lead = kmh * KMH, entry.lead * KMH
         ahead = requirements.FMVSS_127_START * (speed - lead)
         what = f"lead {entry.kind}, {kmh:g} km/h" + (f" against {entry.lead:g}" if lead else "")
-        need = Need(gap_used(full_braking(CAR, speed), Course(lead)), ahead)
+        need = Need(gap_used(full_braking(car.vehicle, speed), Course(lead)), ahead)
         actors = [target(speed, ahead, speed_mps=lead)]
         yield untouched(f"{entry.kind}_{kmh:g}", what, what, speed, requirements.FMVSS_127_START, actors, need)
 
@@ -87,7 +87,9 @@ def untouched(
     )
 
 
-def _decelerating(kmh: float, headways: tuple[float, ...], decelerations: tuple[float, ...]) -> Iterator[Row]:
+def _decelerating(
+    car: VehicleModel, kmh: float, headways: tuple[float, ...], decelerations: tuple[float, ...]
+) -> Iterator[Row]:
     speed = kmh * KMH
     for headway in headways:
         for share in decelerations:
@@ -98,7 +100,7 @@ def _decelerating(kmh: float, headways: tuple[float, ...], decelerations: tuple[
                 required=said(0.0),
                 scenario=braking_lead(f"FMVSS 127: {what}", speed, headway, share * GRAVITY, 0.0),
                 approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
-                need=braking_need(speed, headway, share * GRAVITY, 0.0),
+                need=braking_need(car, speed, headway, share * GRAVITY, 0.0),
             )
 
 
@@ -116,13 +118,13 @@ def braking_lead(title: str, speed: float, headway: float, deceleration: float, 
     )
 
 
-def braking_need(speed: float, headway: float, deceleration: float, last: float) -> Need:
+def braking_need(car: VehicleModel, speed: float, headway: float, deceleration: float, last: float) -> Need:
     """Return what `braking_lead` demands; to see the car ahead brake takes the time of a detection."""
     lead = Course(speed, deceleration, build_up=RAMP, last_speed=last)
-    return Need(gap_used(full_braking(CAR, speed), lead), headway)
+    return Need(gap_used(full_braking(car.vehicle, speed), lead), headway)
 
 
-def pass_through_rows() -> Iterator[Row]:
+def pass_through_rows(_car: VehicleModel) -> Iterator[Row]:
     """Return the rows of the tests for false activation."""
     speed, limit = requirements.FMVSS_127_PASS_SPEED * KMH, requirements.FMVSS_127_FALSE_ACTIVATION * GRAVITY
     ahead = requirements.FMVSS_127_START * speed

@@ -11,23 +11,24 @@ from vve_sumo.suite.fmvss127 import STEP, untouched
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used, seen_past
 from vve_sumo.suite.row import Row
 from vve_sumo.suite.track import (
-    CAR,
     KMH,
     WIDTH,
     gone_by,
     said,
     target,
 )
+from vve_sumo.values import Vehicle
+from vve_sumo.vehicle.model import VehicleModel
 
 PARKED_LENGTH = 4.5  #: of the cars that hide a pedestrian [m]
 DARK = "the radar is geometric: it knows no light, the rows above stand for darkness too"
 
 
-def rows() -> Iterator[Row]:
+def rows(car: VehicleModel) -> Iterator[Row]:
     """Return the suite's rows."""
     for walk in requirements.FMVSS_127_WALKS:
         for kmh in speeds(walk.subject):
-            yield _crossing(walk, kmh) if walk.kind == "crossing" else _on_the_way(walk, kmh)
+            yield (_crossing if walk.kind == "crossing" else _on_the_way)(car.vehicle, walk, kmh)
     for beam in ("lower", "upper"):
         what = f"every row in darkness, {beam} beam"
         yield Row(f"dark_{beam}_beam", what, said(0.0), None, not_applicable=DARK)
@@ -40,12 +41,12 @@ def speeds(ends: tuple[float, float]) -> list[float]:
     return steps if steps[-1] == high else [*steps, high]
 
 
-def _crossing(walk: requirements.Walk, kmh: float) -> Row:
+def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> Row:
     """Return the row of one who waits at the kerb, and sets out so that the car would hit him at the overlap."""
     speed, pace, kerb = kmh * KMH, walk.speed * KMH, requirements.KERBS[walk.side]
     ahead = requirements.FMVSS_127_WALK_START * speed
     side = -1.0 if walk.side == "right" else 1.0
-    way = kerb.aside - side * aside(walk)
+    way = kerb.aside - side * aside(walk, car.width)
     walking = (way + kerb.speeding_up) / pace
     sets_out = {
         "when": {"after_s": requirements.FMVSS_127_WALK_START - walking},
@@ -60,35 +61,35 @@ def _crossing(walk: requirements.Walk, kmh: float) -> Row:
         turned_deg=-90.0 * side,
         acts=[sets_out],
     )
-    parked = _parked(speed, ahead) if walk.obstructed else []
+    parked = _parked(car, speed, ahead) if walk.obstructed else []
     # There is something to brake for when he sets out, or comes in sight.
     there = speed * walking
     if walk.obstructed:
-        corner = 0.5 * CAR.width + requirements.PARKED_ASIDE
+        corner = 0.5 * car.width + requirements.PARKED_ASIDE
         there = seen_past(corner, requirements.PARKED_GAP, speed, pace, 0.5 * SIZES["child"].length)
-    return _row(walk, kmh, [actor, *parked], Need(_needed(speed, 0.0), there), gone_by(speed, ahead))
+    return _row(walk, kmh, [actor, *parked], Need(_needed(car, speed, 0.0), there), gone_by(speed, ahead))
 
 
-def _on_the_way(walk: requirements.Walk, kmh: float) -> Row:
+def _on_the_way(car: Vehicle, walk: requirements.Walk, kmh: float) -> Row:
     speed, pace = kmh * KMH, walk.speed * KMH
     ahead = requirements.FMVSS_127_WALK_START * (speed - pace)
-    actor = target(speed, ahead, kind="pedestrian", speed_mps=pace, offset_m=aside(walk))
-    return _row(walk, kmh, [actor], Need(_needed(speed, pace), ahead), {"contact": True})
+    actor = target(speed, ahead, kind="pedestrian", speed_mps=pace, offset_m=aside(walk, car.width))
+    return _row(walk, kmh, [actor], Need(_needed(car, speed, pace), ahead), {"contact": True})
 
 
-def aside(walk: requirements.Walk) -> float:
-    """Return where the overlap is, beside the middle of the car's way [m], left positive."""
-    from_side = walk.overlap / 100.0 * CAR.width
-    return from_side - 0.5 * CAR.width if walk.side == "right" else 0.5 * CAR.width - from_side
+def aside(walk: requirements.Walk, width: float) -> float:
+    """Return where the overlap with a car of a `width` [m] is, beside the middle of its way [m], left positive."""
+    from_side = walk.overlap / 100.0 * width
+    return from_side - 0.5 * width if walk.side == "right" else 0.5 * width - from_side
 
 
-def _needed(speed: float, pace: float) -> float:
-    return gap_used(full_braking(CAR, speed), Course(pace))
+def _needed(car: Vehicle, speed: float, pace: float) -> float:
+    return gap_used(full_braking(car, speed), Course(pace))
 
 
-def _parked(speed: float, ahead: float) -> list[dict[str, Any]]:
+def _parked(car: Vehicle, speed: float, ahead: float) -> list[dict[str, Any]]:
     """Return the two cars behind which a pedestrian comes out."""
-    offset = -(0.5 * CAR.width + requirements.PARKED_ASIDE + 0.5 * WIDTH)
+    offset = -(0.5 * car.width + requirements.PARKED_ASIDE + 0.5 * WIDTH)
     size = {"length_m": PARKED_LENGTH, "width_m": WIDTH}
     rear = [ahead - number * (requirements.PARKED_GAP + PARKED_LENGTH) for number in (1, 2)]
     return [

@@ -13,10 +13,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from vve_sumo.drive.resolved_scenario import read_resolved, recorded_model
 from vve_sumo.record.record import read_table
 from vve_sumo.suite.row import CutIn, Row
-from vve_sumo.suite.track import CAR, GRAVITY
-from vve_sumo.values import Floats
+from vve_sumo.suite.track import GRAVITY
+from vve_sumo.values import Floats, Vehicle
 
 BRAKING = 0.15 * GRAVITY  #: the car brakes when it decelerates by more [m/s2]; FMVSS 127, S4 [P]
 
@@ -41,15 +42,16 @@ def measure(row: Row, record: Path) -> Measured:
     seen = actors.filter(pc.equal(actors["actor"], row.approach.target))
     if not seen.num_rows:
         return Measured()
+    car = recorded_model(read_resolved(record)).vehicle
     entry = int(seen["tick"][0].as_py()) - int(ticks["tick"][0].as_py())
-    cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, seen)
-    return Measured(_speeds(ticks, entry, cut), ttc, _demand(ticks, entry) if row.demand > 0.0 else None)
+    cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, seen, car)
+    return Measured(_speeds(ticks, entry, cut), ttc, _demand(ticks, entry, car) if row.demand > 0.0 else None)
 
 
-def _demand(ticks: pa.Table, entry: int) -> float:
+def _demand(ticks: pa.Table, entry: int, car: Vehicle) -> float:
     """Return the most torque asked of the service brakes after the entry, over the declared mass and wheels [m/s2]."""
     torque, speed = (ticks[name].to_numpy()[entry:] for name in ("brake_torque_nm", "true_speed_mps"))
-    return float(torque[speed > MOVING].max(initial=0.0)) / (CAR.mass * CAR.wheel_radius)
+    return float(torque[speed > MOVING].max(initial=0.0)) / (car.mass * car.wheel_radius)
 
 
 def _speeds(ticks: pa.Table, entry: int, cut: int | None) -> tuple[float, float]:
@@ -64,7 +66,7 @@ def _speeds(ticks: pa.Table, entry: int, cut: int | None) -> tuple[float, float]
     return float(approach.min()), float(approach.max())
 
 
-def _cut_in(wanted: CutIn, ticks: pa.Table, seen: pa.Table) -> tuple[int | None, float | None]:
+def _cut_in(wanted: CutIn, ticks: pa.Table, seen: pa.Table, car: Vehicle) -> tuple[int | None, float | None]:
     """Return the tick at which the target's near side has come over the lane's edge, and the time to collision."""
     at = seen["tick"].to_numpy() - int(ticks["tick"][0].as_py())
     known = at < ticks.num_rows
@@ -76,7 +78,7 @@ def _cut_in(wanted: CutIn, ticks: pa.Table, seen: pa.Table) -> tuple[int | None,
     first = int(inside[0])
     if not closing[first] > 0.0:
         return int(at[first]), math.inf
-    return int(at[first]), float((back[first] - CAR.rear_axle_to_bumper) / closing[first])
+    return int(at[first]), float((back[first] - car.rear_axle_to_bumper) / closing[first])
 
 
 def _from_ego(rows: pa.Table, ego: dict[str, Floats]) -> tuple[Floats, Floats, Floats]:

@@ -13,68 +13,68 @@ from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, Row
 from vve_sumo.suite.track import (
     AEB,
-    CAR,
     KMH,
-    LOADS,
     TARGET,
     gate,
     gone_by,
     impact_at_most,
+    loads,
     said,
     scenario,
     target,
     time_to_brake,
 )
+from vve_sumo.vehicle.model import VehicleModel
 
 #: the test speed may be less than stated, never more; so much less is driven [km/h]
 BELOW = 0.2
 
 
-def rows() -> Iterator[Row]:
+def rows(car: VehicleModel) -> Iterator[Row]:
     """Return the rows of the 00 series."""
     moving = requirements.R152_MOVING_TARGET_SPEED
-    for load in LOADS:
+    for load in loads(car):
         for entry in requirements.R152_STATIONARY:
-            yield from _car(entry, load, 0.0)
-    for load in LOADS:
+            yield from _car(car, entry, load, 0.0)
+    for load in loads(car):
         for entry in requirements.R152_MOVING:
-            yield from _car(entry, load, moving)
-    for load in LOADS:
+            yield from _car(car, entry, load, moving)
+    for load in loads(car):
         for entry in requirements.R152_PEDESTRIAN:
-            yield from _crossing("child", requirements.R152_PEDESTRIAN_SPEED, entry, load)
+            yield from _crossing(car, "child", requirements.R152_PEDESTRIAN_SPEED, entry, load)
     yield from _false_reaction()
 
 
-def rows_01() -> Iterator[Row]:
+def rows_01(car: VehicleModel) -> Iterator[Row]:
     """Return what the 01 series changes."""
-    for load in LOADS:
+    for load in loads(car):
         for entry in requirements.R152_PEDESTRIAN_01:
-            yield from _crossing("child", requirements.R152_PEDESTRIAN_SPEED, entry, load)
+            yield from _crossing(car, "child", requirements.R152_PEDESTRIAN_SPEED, entry, load)
 
 
-def rows_02() -> Iterator[Row]:
+def rows_02(car: VehicleModel) -> Iterator[Row]:
     """Return what the 02 series adds."""
-    for load in LOADS:
+    for load in loads(car):
         for entry in requirements.R152_BICYCLE:
-            yield from _crossing("bicycle", requirements.R152_BICYCLE_SPEED, entry, load)
+            yield from _crossing(car, "bicycle", requirements.R152_BICYCLE_SPEED, entry, load)
 
 
-def _car(entry: requirements.Impact, load: str, target_kmh: float) -> Iterator[Row]:
+def _car(car: VehicleModel, entry: requirements.Impact, load: str, target_kmh: float) -> Iterator[Row]:
     ahead = requirements.R152_LEAST_TTC * entry.speed * KMH
     actor = {"speed_mps": target_kmh * KMH}
     kind, what = "stationary", f"car stationary, {entry.speed:g} km/h"
     if target_kmh:
         kind, what = "moving", f"car moving at {target_kmh:g} km/h, {entry.speed:g} km/h faster"
-    yield from _row(kind, what, entry, load, ahead, actor, lead=target_kmh * KMH)
+    yield from _row(car, kind, what, entry, load, ahead, actor, lead=target_kmh * KMH)
 
 
-def _crossing(kind: str, kmh: float, entry: requirements.Impact, load: str) -> Iterator[Row]:
+def _crossing(car: VehicleModel, kind: str, kmh: float, entry: requirements.Impact, load: str) -> Iterator[Row]:
     time, pace = requirements.R152_LEAST_TTC, kmh * KMH
     ahead = time * entry.speed * KMH
     # From the right; it would be in the middle of the car's way when the car comes by.
     actor = {"kind": kind, "speed_mps": pace, "offset_m": -time * pace, "turned_deg": 90.0}
     what = f"{kind} crossing at {kmh:g} km/h, {entry.speed:g} km/h"
-    yield from _row(kind, what, entry, load, ahead, actor, abort=gone_by(entry.speed * KMH, ahead))
+    yield from _row(car, kind, what, entry, load, ahead, actor, abort=gone_by(entry.speed * KMH, ahead))
 
 
 def _false_reaction() -> Iterator[Row]:
@@ -110,6 +110,7 @@ def _approach(speed: float) -> Approach:
 
 
 def _row(
+    car: VehicleModel,
     kind: str,
     what: str,
     entry: requirements.Impact,
@@ -126,7 +127,8 @@ def _row(
         return
     relative, speed = entry.speed * KMH, entry.speed * KMH + lead
     driven = speed - BELOW * KMH
-    needed = gap_used(full_braking(CAR, speed, LOADS[load]), Course(lead), allowed * KMH)
+    mass = loads(car)[load]
+    needed = gap_used(full_braking(car.vehicle, speed, mass), Course(lead), allowed * KMH)
     yield Row(
         id=f"{kind}_{entry.speed:g}_{load}",
         what=f"{what}, {load}",
@@ -135,7 +137,7 @@ def _row(
             f"R152: {what}, {load}",
             driven,
             lasts=ahead / relative + time_to_brake(speed),
-            car={"mass_factor": LOADS[load]},
+            car={"mass_factor": mass},
             controller={"tuning": AEB},
             actors=[target(driven, ahead, **actor)],
             criteria=impact_at_most(allowed * KMH),

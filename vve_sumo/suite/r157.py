@@ -12,7 +12,6 @@ from vve_sumo.suite import requirements
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, CutIn, Row
 from vve_sumo.suite.track import (
-    CAR,
     KMH,
     LANE_WIDTH,
     TARGET,
@@ -22,6 +21,7 @@ from vve_sumo.suite.track import (
     target,
     time_to_brake,
 )
+from vve_sumo.vehicle.model import VehicleModel
 
 OTHER_SPEED = 40.0  #: of the car that cuts in [km/h]; ours
 LENGTH, WIDTH = 4.5, 1.8  #: of that car [m]
@@ -35,7 +35,7 @@ FASTER = 1.15  #: the car wants to drive, over the speed of the steady car ahead
 FOLLOWS = 20.0  #: a steady car for so long [s]
 
 
-def cut_in_rows() -> Iterator[Row]:
+def cut_in_rows(car: VehicleModel) -> Iterator[Row]:
     """Return the rows with a car that cuts in."""
     for kmh in requirements.R157_CUT_IN_SPEEDS:
         relative, other = kmh * KMH, OTHER_SPEED * KMH
@@ -60,7 +60,7 @@ def cut_in_rows() -> Iterator[Row]:
             approach=Approach(TARGET, speed, SPEED_TOLERANCE, SPEED_TOLERANCE),
             cut_in=CutIn(TARGET, EDGE, ttc, EARLIER),
             # It has long been seen when it comes in: nothing is lost for a detection.
-            need=Need(gap_used(full_braking(CAR, relative, detection=0.0), Course(0.0)), ttc * relative),
+            need=Need(gap_used(full_braking(car.vehicle, relative, detection=0.0), Course(0.0)), ttc * relative),
         )
 
 
@@ -81,7 +81,7 @@ def intrusion(speed: float) -> tuple[float, float]:
     raise AssertionError("it never comes in")
 
 
-def following_rows() -> Iterator[Row]:
+def following_rows(_car: VehicleModel) -> Iterator[Row]:
     """Return the rows with a steady car ahead."""
     for entry in requirements.R157_FOLLOWING:
         lead = entry.speed * KMH

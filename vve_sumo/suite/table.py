@@ -1,4 +1,4 @@
-"""Prints what came of a suite's rows as a table, and writes it as CSV, JSON and Markdown.
+"""What came of a suite's rows as a table: its cells and lines, and the files as CSV, JSON and Markdown.
 
 Knows rows that were judged; nothing of how that came about.
 """
@@ -12,20 +12,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rich.table import Table
-from rich.text import Text
-
 from vve_sumo.suite.row import Judged, Verdict
 
 IN_KMH = 3.6  #: km/h in a m/s
-
-COLOURS = {
-    Verdict.PASSED: "green",
-    Verdict.FAILED: "red",
-    Verdict.UNAVOIDABLE: "yellow",
-    Verdict.INVALID: "red",
-    Verdict.NOT_APPLICABLE: "dim",
-}
 
 
 def record_of(judged: Judged) -> dict[str, Any]:
@@ -116,18 +105,6 @@ HEADINGS = (
     "verdict",
 )  # fmt: skip
 NUMBERS = range(2, 9)  #: of the cells, those with numbers
-
-
-def table(title: str, rows: Sequence[Judged]) -> Table:
-    """Return the rows as a table for the screen."""
-    drawn = Table(title=Text(title), title_justify="left")
-    for number, heading in enumerate(HEADINGS):
-        drawn.add_column(heading, justify="right" if number in NUMBERS else "left")
-    for judged in rows:
-        *others, verdict = (Text(cell) for cell in cells(judged))
-        verdict.stylize(COLOURS[judged.verdict])
-        drawn.add_row(*others, verdict)
-    return drawn
 
 
 def whys(rows: Sequence[Judged]) -> list[str]:

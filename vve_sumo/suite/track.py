@@ -9,15 +9,11 @@ from __future__ import annotations
 from typing import Any
 
 from vve_sumo.scenario.schema import Scenario
-from vve_sumo.vehicle import fusion
+from vve_sumo.vehicle.model import VehicleModel
 
 KMH = 1.0 / 3.6  #: a km/h [m/s]
 GRAVITY = 9.80665  #: standard [m/s2]
 LANE_WIDTH = 4.0  #: of the test track [m]
-CAR = fusion.vehicle()
-
-#: True mass over declared. Declared is what the recorded car weighed with its occupants: this is the car unladen.
-LOADS = {"laden": fusion.MAXIMUM_MASS / CAR.mass, "unladen": 1.0}
 #: what the driver of an emergency-braking test does: nothing
 AEB = {"comfort": False}
 
@@ -28,6 +24,11 @@ SETTLING = 4.0  #: of steady driving beyond the run-up before a target enters, a
 FOREMOST = 6.0  #: station of the front bumper at the start, or a little more [m]
 #: at rest so long, a row is over [s]
 AT_REST = 0.3
+
+
+def loads(car: VehicleModel) -> dict[str, float]:
+    """Return the true mass over the declared one, by load; declared is the car with its occupants, here unladen."""
+    return {"laden": car.laden_factor, "unladen": 1.0}
 
 
 def entry_station(speed: float) -> float:

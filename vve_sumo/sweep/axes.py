@@ -13,7 +13,7 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
-from vve_sumo.record.sweep_folder import Kind
+from vve_sumo.metrics.metric import Kind
 from vve_sumo.sweep.overrides import Value
 
 #: keys of a table that says an axis, by what they say

@@ -29,7 +29,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.sweep_folder import MACHINE, Kind, Plan, Row, journal, parts, table_of
+from vve_sumo.metrics.metric import Kind
+from vve_sumo.record.sweep_folder import MACHINE_KINDS, Plan, Row, journal, parts, table_of
 from vve_sumo.sweep.job import Result
 from vve_sumo.sweep.run_specs import RunSpec
 
@@ -170,7 +171,7 @@ class Dataset:
         first = part * self._per_part
         rows = [self._open[number] for number in range(first, first + self._size(part))]
         name = f"part-{part:05d}.parquet"
-        _put(self.folder / "machine" / name, _parquet(rows, MACHINE))
+        _put(self.folder / "machine" / name, _parquet(rows, MACHINE_KINDS))
         _put(self.folder / "rows" / name, _parquet(rows, self.plan.columns()))
         self._sealed[part] = len(rows)
         del self._finished_in[part]

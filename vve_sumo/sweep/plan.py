@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from vve_sumo import workspace
+from vve_sumo.config_file import read
 from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.sweep_folder import FIGURES, TAKEN, Plan
-from vve_sumo.scenario.load import parse, read
+from vve_sumo.metrics.table import NUMBERS
+from vve_sumo.record.sweep_folder import COLUMNS, Plan
+from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep import worst
 from vve_sumo.sweep.job import Job
@@ -43,16 +45,24 @@ class SweepQuery:
     cells: RunSpecs
 
 
-def query_of(name: str, working: Path, *, yes: bool, search: bool = False) -> SweepQuery:
-    """Return the sweep that a name or file says; `search` insists that it is one.
+def query_of(name: str, working: Path, *, yes: bool, search: bool = False, vehicle: str | None = None) -> SweepQuery:
+    """Return the sweep that a name or file says; `search` insists that it is one, `vehicle` replaces the scenario's.
 
     Raises ConfigError, naming file and key, for whatever is wrong, and for very many runs unless `yes`.
     """
     file = workspace.find("sweep", name, working)
-    return planned(read(file, "sweep"), file, working, yes=yes, search=search)
+    return planned(read(file, "sweep"), file, working, yes=yes, search=search, vehicle=vehicle)
 
 
-def planned(said: dict[str, Any], file: Path, working: Path, *, yes: bool, search: bool = False) -> SweepQuery:
+def planned(
+    said: dict[str, Any],
+    file: Path,
+    working: Path,
+    *,
+    yes: bool,
+    search: bool = False,
+    vehicle: str | None = None,
+) -> SweepQuery:
     """Return the sweep that a spec's table says, as `asked` does; `file` is where it stands, or what to call it."""
     spec = parse_spec(said, file)
     if search and spec.search is None:
@@ -63,7 +73,9 @@ def planned(said: dict[str, Any], file: Path, working: Path, *, yes: bool, searc
         raise ConfigError(f"{file}: scenario: {error}") from None
     table = read(scenario_file, "scenario")
     scenario = parse(table, scenario_file)
-    fit(spec, file, table, TAKEN | {f"meets_{name}" for name in Criteria.model_fields})
+    if vehicle is not None:
+        table = table | {"ego": table["ego"] | {"vehicle": vehicle}}
+    fit(spec, file, table, frozenset(COLUMNS) | {f"meets_{name}" for name in Criteria.model_fields})
     cells = cells_of(spec, scenario_file.name.removesuffix(".toml"), scenario)
     count, criteria = least_runs(cells), _criteria(spec, scenario, table)
     if count >= MANY and not yes:
@@ -105,10 +117,9 @@ def _sought(search: Boundary | Worst | None, criteria: list[str], file: Path) ->
         if search.criterion not in known:
             raise ConfigError(f"{file}: search.criterion: expected {', '.join(known)}, got {search.criterion!r}")
     elif search is not None:
-        numbers = [name for name, kind in FIGURES.items() if kind == "float"]
-        if search.figure not in numbers:
+        if search.figure not in NUMBERS:
             goal = "highest" if search.highest else "lowest"
-            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(numbers)}, got {search.figure!r}")
+            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(NUMBERS)}, got {search.figure!r}")
         worst.need()
 
 

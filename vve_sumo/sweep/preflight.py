@@ -81,7 +81,8 @@ def main() -> None:
             seen = Look("", setting.resolved(job.working)["files_sha256"])
         except ConfigError as error:
             seen = Look(str(error), {})
-        print(json.dumps(seen), file=answers, flush=True)
+        answers.write(f"{json.dumps(seen)}\n")
+        answers.flush()
 
 
 if __name__ == "__main__":

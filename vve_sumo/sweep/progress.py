@@ -1,18 +1,12 @@
-"""How far a sweep has come, told while it goes on: a bar on a terminal, else a line every few seconds.
+"""How far a sweep has come, and how long it will take.
 
 Counts runs and looks at the clock; nothing else.
 """
 
 from __future__ import annotations
 
-import contextlib
-import sys
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-
-#: between two lines where there is no terminal [s]
-LINE_EVERY = 10.0
 
 
 @dataclass(slots=True)
@@ -52,34 +46,3 @@ def _span(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s"
-
-
-@contextlib.contextmanager
-def telling(tally: Tally, *, quiet: bool) -> Iterator[Callable[[], None]]:
-    """Give what is to be called after every run; it tells the tally on stderr, but not too often."""
-    if quiet:
-        yield lambda: None
-    elif sys.stderr.isatty():
-        with _bar(tally) as told:
-            yield told
-    else:
-        told_at = time.monotonic()
-
-        def line() -> None:
-            nonlocal told_at
-            if time.monotonic() - told_at >= LINE_EVERY:
-                told_at = time.monotonic()
-                print(tally.say(), file=sys.stderr, flush=True)
-
-        yield line
-
-
-@contextlib.contextmanager
-def _bar(tally: Tally) -> Iterator[Callable[[], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    columns = (BarColumn(bar_width=20), TextColumn("{task.fields[say]}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=tally.total, completed=tally.finished, say=tally.say())
-        yield lambda: bar.update(task, completed=tally.finished, say=tally.say())

@@ -11,7 +11,8 @@ import shutil
 from pathlib import Path as FilePath
 from typing import Any
 
-from vve_sumo.drive import command
+from vve_sumo.drive import run as drives
+from vve_sumo.drive.summary import judge
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
 from vve_sumo.record import record
@@ -37,7 +38,7 @@ def run_job(job: Job, scratch: FilePath, readings: InputCache) -> Result:
         setting = setting_of(job, readings)
         claim(job)
         folder, kept = growing(job, scratch), job.keep is not None
-        summary = command.run(setting, folder, job.working, kept=kept).summary
+        summary = drives.run(setting, folder, job.working, kept=kept).summary
     except ConfigError as error:
         return refused(job, error)
     except Exception as error:
@@ -75,8 +76,7 @@ def meets(criteria: Criteria, summary: dict[str, Any]) -> dict[str, bool]:
     none = dict.fromkeys(Criteria.model_fields)
     stated = {name: wanted for name, wanted in criteria if wanted is not None}
     return {
-        name: not command.judge(Criteria.model_construct(**none | {name: wanted}), summary)
-        for name, wanted in stated.items()
+        name: not judge(Criteria.model_construct(**none | {name: wanted}), summary) for name, wanted in stated.items()
     }
 
 

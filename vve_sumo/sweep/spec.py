@@ -14,12 +14,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationError, model_validator
 
+from vve_sumo.config_file import Name, Positive, Table, complaint, read
 from vve_sumo.errors import ConfigError
-from vve_sumo.scenario.load import complaint, read
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sweep.axes import Axis, Between, Choice, Steps, axes
 from vve_sumo.sweep.overrides import places
-from vve_sumo.tables import Name, Positive, Table
 
 #: designs that draw `samples` points, and those that take every value that is listed
 SAMPLED, LISTED = ("latin_hypercube", "sobol", "random"), ("grid", "list")

@@ -17,24 +17,22 @@ AIR_DENSITY = 1.2  # dry air at 20 C and sea level [kg/m3]
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Longitudinal calibration of one car; the defaults describe a 2018 Ford Fusion.
+    """Longitudinal calibration of one car; a vehicle file holds it, and what was measured of it.
 
-    The default brake gain is measured: public CAN recordings of one Fusion show 3017 N m for 5.49 m/s2, so mass times
-    wheel radius is 550 kg m. The other defaults are plain assumptions for a car of that size, to be replaced by a
-    coast-down and a throttle sweep of the car at hand. Raises ConfigError for a value that cannot be.
+    Raises ConfigError for a value that cannot be.
     """
 
-    mass: float = 1690.0  #: with occupants [kg]
-    brake_gain: float = 550.0  #: brake torque of all wheels for each m/s2 of deceleration [kg m]
-    brake_torque_limit: float = 3250.0  #: largest torque that the kit grants, all wheels together [N m]
-    drive_force_limit: float = 6500.0  #: at full throttle and low speed [N]
-    drive_power_limit: float = 120_000.0  #: at full throttle and high speed [W]
-    drive_lag: float = 0.25  #: first-order time constant from throttle to drive force [s]
-    creep_force: float = 600.0  #: in drive at standstill with no pedal pressed [N]
-    creep_speed: float = 2.0  #: where the creep force has fallen to zero, linearly [m/s]
-    rolling_resistance: float = 0.012  #: rolling drag over weight
-    drag_area: float = 0.62  #: drag coefficient times frontal area [m2]
-    wheel_speed_tolerance: float = 0.02  #: share of the true speed by which the wheels may tell another one
+    mass: float  #: with occupants [kg]
+    brake_gain: float  #: brake torque of all wheels for each m/s2 of deceleration [kg m]
+    brake_torque_limit: float  #: largest torque that the kit grants, all wheels together [N m]
+    drive_force_limit: float  #: at full throttle and low speed [N]
+    drive_power_limit: float  #: at full throttle and high speed [W]
+    drive_lag: float  #: first-order time constant from throttle to drive force [s]
+    creep_force: float  #: in drive at standstill with no pedal pressed [N]
+    creep_speed: float  #: where the creep force has fallen to zero, linearly [m/s]
+    rolling_resistance: float  #: rolling drag over weight
+    drag_area: float  #: drag coefficient times frontal area [m2]
+    wheel_speed_tolerance: float  #: share of the true speed by which the wheels may tell another one
 
     def __post_init__(self) -> None:
         """Refuse what no car can have, before anything moves."""

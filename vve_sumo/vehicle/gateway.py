@@ -98,15 +98,14 @@ class Gateway:
     def __init__(
         self,
         vehicle: Vehicle,
+        calibration: Calibration,
         limits: Limits | None = None,
-        calibration: Calibration | None = None,
         period: float = 0.02,
         variant: codec.Variant = codec.Variant.DBW1_2024,
         shadow: bool = False,
         wheel_bias: float = 0.0,
     ) -> None:
         self._limits = limits or Limits()
-        calibration = calibration or Calibration()
         self._period = period
         self._variant = variant
         self._shadow = shadow

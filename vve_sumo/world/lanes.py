@@ -15,8 +15,9 @@ import libsumo
 import numpy as np
 from numpy.typing import NDArray
 
+from vve_sumo.geometry import Box, Corners
 from vve_sumo.values import Floats
-from vve_sumo.world.footprint import Band, Corners, Rectangle, covered
+from vve_sumo.world.coverage import Band, covered
 
 #: Straight on first, a U-turn last: where a driver of unknown intent most likely goes.
 TURN_PREFERENCE = "sRLrlt"
@@ -120,7 +121,7 @@ class Lanes:
             inside: lane for lane in self.by_id if not lane.startswith(":") for _, inside, _ in self._links_of(lane)
         }
 
-    def cut(self, box: Rectangle) -> dict[str, Cut]:
+    def cut(self, box: Box) -> dict[str, Cut]:
         """Return the covered part of every lane that a box cuts, by lane."""
         return cuts(box, self._nearby.touched(box))
 
@@ -235,15 +236,15 @@ class Nearby:
         self._centre = (math.inf, math.inf)
         self._near: NDArray[np.intp] = np.empty(0, dtype=np.intp)
         self._table: Floats = np.empty((6, 0))
-        self._box: Rectangle | None = None
+        self._box: Box | None = None
         self._close: list[tuple[Lane, int]] = []
 
-    def touched(self, box: Rectangle) -> list[tuple[Lane, int]]:
+    def touched(self, box: Box) -> list[tuple[Lane, int]]:
         """Return the pieces that a box shares ground with."""
         self._look_around(box.x, box.y)
         return self._touched(box)
 
-    def close(self, box: Rectangle) -> list[tuple[Lane, int]]:
+    def close(self, box: Box) -> list[tuple[Lane, int]]:
         """Return the pieces that a box may share ground with: for a small one that moves by little, far cheaper."""
         last = self._box
         if last is not None:
@@ -259,7 +260,7 @@ class Nearby:
             self._near = self._lanes.around(x, y, NEARBY_MOVE + self._reach)
             self._table = self._lanes.rows(self._near)
 
-    def _touched(self, box: Rectangle) -> list[tuple[Lane, int]]:
+    def _touched(self, box: Box) -> list[tuple[Lane, int]]:
         """Separating axes of a box and every piece nearby at once; in the order of the network."""
         px, py, cos, sin, length, half_width = self._table
         ahead, across = 0.5 * box.length, 0.5 * box.width
@@ -277,7 +278,7 @@ class Nearby:
         return [self._lanes.piece(number) for number in self._near[~apart].tolist()]
 
 
-def cuts(box: Rectangle, pieces: Iterable[tuple[Lane, int]]) -> dict[str, Cut]:
+def cuts(box: Box, pieces: Iterable[tuple[Lane, int]]) -> dict[str, Cut]:
     """Return the covered part of every lane of which a box cuts a piece, by lane."""
     corners, cos, sin = box.corners(), math.cos(box.heading), math.sin(box.heading)
     found: dict[str, Cut] = {}
@@ -292,7 +293,7 @@ def cuts(box: Rectangle, pieces: Iterable[tuple[Lane, int]]) -> dict[str, Cut]:
     return found
 
 
-def _part(box: Rectangle, corners: Corners, cos: float, sin: float, band: Band) -> tuple[float, float] | None:
+def _part(box: Box, corners: Corners, cos: float, sin: float, band: Band) -> tuple[float, float] | None:
     """What `covered` says, without clipping where the box lies wholly on the band or clear of it along its axes."""
     dx, dy = box.x - band.x, box.y - band.y
     middle, across = dx * band.cos + dy * band.sin, abs(dy * band.cos - dx * band.sin)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import libsumo
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.footprint import Rectangle
+from vve_sumo.geometry import Box
 from vve_sumo.world.lanes import Cut, Lanes
 
 STAND_IN_TYPE = "obstacle_stand_in"
@@ -62,7 +62,7 @@ class Obstacle:
     kind: str = "passenger"  #: SUMO vehicle class; decides how well radar sees it
 
 
-def body(obstacle: Obstacle, lanes: Lanes) -> Rectangle:
+def body(obstacle: Obstacle, lanes: Lanes) -> Box:
     """Return the box of a declared obstacle.
 
     Raises ConfigError where its numbers are not finite, its size not positive, its lane unknown or too short, or
@@ -84,11 +84,11 @@ def body(obstacle: Obstacle, lanes: Lanes) -> Rectangle:
     return box
 
 
-def _on_map(obstacle: Obstacle, spot: MapSpot) -> Rectangle:
-    return Rectangle(spot.x, spot.y, math.remainder(spot.heading, math.tau), obstacle.length, obstacle.width)
+def _on_map(obstacle: Obstacle, spot: MapSpot) -> Box:
+    return Box(spot.x, spot.y, math.remainder(spot.heading, math.tau), obstacle.length, obstacle.width)
 
 
-def _on_lane(obstacle: Obstacle, spot: LaneSpot, lanes: Lanes) -> Rectangle:
+def _on_lane(obstacle: Obstacle, spot: LaneSpot, lanes: Lanes) -> Box:
     if spot.lane not in lanes.by_id:
         raise ConfigError(f"obstacle {obstacle.id}: lane of the network expected, got {spot.lane!r}")
     lane = lanes.by_id[spot.lane]
@@ -99,7 +99,7 @@ def _on_lane(obstacle: Obstacle, spot: LaneSpot, lanes: Lanes) -> Rectangle:
         )
     x, y, heading = lane.at(spot.position)
     cos, sin, back = math.cos(heading), math.sin(heading), 0.5 * obstacle.length
-    return Rectangle(
+    return Box(
         x - back * cos - spot.offset * sin,
         y - back * sin + spot.offset * cos,
         heading,

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 
 import libsumo
 
-from vve_sumo.world.footprint import Corners, Rectangle
+from vve_sumo.geometry import Box, Corners
 from vve_sumo.world.lanes import Cut, Lane, Lanes, holds, in_line
 
 GHOST_TYPE = "ego_ghost"
@@ -58,7 +58,7 @@ class ProxyVehicles:
         """Lanes that have a ghost now."""
         return tuple(self._by_lane)
 
-    def place(self, body: Rectangle, speed: float, lane: str) -> None:
+    def place(self, body: Box, speed: float, lane: str) -> None:
         """Put a ghost on each lane that the ego cuts, for the coming step.
 
         `body` and `speed` [m/s] are the ego's at the coming step, `lane` the one SUMO last mapped it to ("" is
@@ -72,7 +72,7 @@ class ProxyVehicles:
             return
         self.cover(body, speed, self._lanes.cut)
 
-    def cover(self, body: Rectangle, speed: float, cut: Callable[[Rectangle], dict[str, Cut]]) -> None:
+    def cover(self, body: Box, speed: float, cut: Callable[[Box], dict[str, Cut]]) -> None:
         """Put a ghost on each lane that a body cuts, for the coming step, whether it lies within one or not.
 
         `speed` [m/s] is the body's at the coming step, `cut` tells what a box cuts. Raises SUMO's errors.

@@ -11,9 +11,9 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from vve_sumo.geometry import Box
 from vve_sumo.values import ActorState
 from vve_sumo.world.ego_sync import FASTEST
-from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.lanes import Cut, Lanes, cuts
 from vve_sumo.world.proxies import GHOST_TYPE, ProxyVehicles
 from vve_sumo.world.surroundings import cross_section
@@ -25,9 +25,9 @@ SUMO_CLASSES: Final = {"car": "passenger", "van": "delivery"}
 FARTHEST: Final = 2e7
 
 
-def box_of(player: ActorState) -> Rectangle:
+def box_of(player: ActorState) -> Box:
     """Return the ground that a player covers."""
-    return Rectangle(player.x, player.y, player.heading, player.length, player.width)
+    return Box(player.x, player.y, player.heading, player.length, player.width)
 
 
 class ScenarioActors:
@@ -87,7 +87,7 @@ class Shadow:
         """Take it off the street; raises SUMO's errors."""
         self._ghosts.leave()
 
-    def _cut(self, box: Rectangle) -> dict[str, Cut]:
+    def _cut(self, box: Box) -> dict[str, Cut]:
         return cuts(box, self._nearby.close(box))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from vve_sumo.world.footprint import Rectangle, overlap
+from vve_sumo.geometry import Box, overlap
 
 #: A driver who can't go on because of the ego, and the ego because of him, is taken off the street after so long [s].
 #: Longer than a left turn waits inside a junction for a phase of a signal.
@@ -30,7 +30,7 @@ class Standoff:
     def __init__(self) -> None:
         self._since: dict[str, float] = {}
 
-    def over(self, time: float, ego: Rectangle, speed: float, drivers: Iterable[tuple[str, Rectangle]]) -> list[str]:
+    def over(self, time: float, ego: Box, speed: float, drivers: Iterable[tuple[str, Box]]) -> list[str]:
         """Return the drivers whose standoff with the ego has lasted too long at a drive time [s].
 
         `speed` [m/s] is the ego's; `drivers` are those near it that stand, with the ground that they cover.
@@ -44,7 +44,7 @@ class Standoff:
         return [name for name, since in self._since.items() if time - since >= PATIENCE]
 
 
-def _way(body: Rectangle) -> Rectangle:
+def _way(body: Box) -> Box:
     """Return the ground on which nothing may be if the body is to go on."""
-    wide = Rectangle(body.x, body.y, body.heading, body.length, body.width + 2.0 * BESIDE)
+    wide = Box(body.x, body.y, body.heading, body.length, body.width + 2.0 * BESIDE)
     return wide.stretched(AHEAD)

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import libsumo
 import numpy as np
 
+from vve_sumo.geometry import Box
 from vve_sumo.values import Actors, ActorState
 from vve_sumo.world.ego_sync import EGO, heading_of
-from vve_sumo.world.footprint import Rectangle
 from vve_sumo.world.obstacles import Obstacle
 from vve_sumo.world.standoff import STANDING
 
@@ -87,7 +87,7 @@ def cross_section(kind: str) -> float:
 class Surroundings:
     """The actors within a range of the ego."""
 
-    def __init__(self, reach: float, obstacles: Sequence[tuple[Obstacle, Rectangle]]) -> None:
+    def __init__(self, reach: float, obstacles: Sequence[tuple[Obstacle, Box]]) -> None:
         """Look as far as `reach` [m] from the ego's front bumper to an actor's centre."""
         self._reach = reach
         self._obstacles = [
@@ -120,14 +120,14 @@ class Surroundings:
         limit = self._reach * self._reach
         return table(time, [row for row in found if (row[1] - x) ** 2 + (row[2] - y) ** 2 <= limit])
 
-    def standing(self, seen: Actors, near: Rectangle) -> list[tuple[str, Rectangle]]:
+    def standing(self, seen: Actors, near: Box) -> list[tuple[str, Box]]:
         """Return the vehicles of the last snapshot that stand within `CLOSE` of a body, with the ground they cover."""
         at = np.flatnonzero(
             (np.abs(seen.speed) < STANDING) & (np.abs(seen.x - near.x) < CLOSE) & (np.abs(seen.y - near.y) < CLOSE)
         )
         columns = (seen.x, seen.y, seen.heading, seen.length, seen.width)
         return [
-            (seen.ids[row], Rectangle(*(float(column[row]) for column in columns)))
+            (seen.ids[row], Box(*(float(column[row]) for column in columns)))
             for row in at.tolist()
             if seen.ids[row] in self._before
         ]

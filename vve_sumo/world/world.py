@@ -13,9 +13,9 @@ from types import TracebackType
 import libsumo
 
 from vve_sumo.errors import ConfigError, SimulationError
+from vve_sumo.geometry import Box, behind_bumper, overlap
 from vve_sumo.values import Actors, ActorState, Pose, Vehicle
 from vve_sumo.world.ego_sync import DECELERATION, EGO, EgoSync, EgoSyncReport, heading_of, make_type
-from vve_sumo.world.footprint import Rectangle, behind_bumper, overlap
 from vve_sumo.world.lanes import Lanes, read_lanes
 from vve_sumo.world.obstacles import STAND_IN_TYPE, Obstacle, Obstacles
 from vve_sumo.world.proxies import GHOST_TYPE, ProxyVehicles
@@ -70,7 +70,7 @@ class World:
             if isinstance(error, SUMO_ERRORS):
                 raise SimulationError(f"{network}: SUMO refused the street's furniture: {error}") from error
             raise
-        self._body: Rectangle | None = None
+        self._body: Box | None = None
         self._pose: Pose | None = None
         self._start, self._steps = 0.0, 0
         self._snapshot: Actors | None = None
@@ -185,7 +185,7 @@ class World:
             name
             for name, x, y, heading, length, width in rows
             if max(abs(x - body.x), abs(y - body.y)) < reach + length + width
-            and overlap(body, Rectangle(x, y, heading, length, width))
+            and overlap(body, Box(x, y, heading, length, width))
         )
 
     def close(self) -> None:
@@ -224,7 +224,7 @@ class World:
         if duration > self._period:
             self._simulation.run_until(duration)
 
-    def _check_entry(self, body: Rectangle) -> None:
+    def _check_entry(self, body: Box) -> None:
         for declared, box in self._obstacles.declared:
             if overlap(body, box):
                 raise ConfigError(f"obstacle {declared.id}: it stands where the ego starts")
@@ -254,7 +254,7 @@ class World:
         return self._surroundings.snapshot(self._time(), x, y, self._hidden(), players)
 
 
-def _clear(body: Rectangle, speed: float, keep: frozenset[str]) -> tuple[str, ...]:
+def _clear(body: Box, speed: float, keep: frozenset[str]) -> tuple[str, ...]:
     """Take every vehicle off the street that overlaps the entering ego or could not stop behind it."""
     doomed = []
     vehicle = libsumo.vehicle

@@ -10,10 +10,10 @@ from typing import ClassVar, Final
 
 from pydantic import Field
 
+from vve_sumo.config_file import Positive
 from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.pose.receivers.udp import UdpReceiver
 from vve_sumo.pose.trust import DRIVE, TrustProfile
-from vve_sumo.tables import Positive
 from vve_sumo.values import Fix, FixQuality
 
 #: of a line: GNSS time [s]; latitude, longitude [deg]; altitude [m]; heading clockwise from north, pitch [deg];

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from vve_sumo.config_file import Name
 from vve_sumo.pose import ncom, sources
 from vve_sumo.pose.receivers.port import OpenBus, Receiver, ReceiverTable
 from vve_sumo.pose.trust import PLAYBACK, TrustProfile
-from vve_sumo.tables import Name
 
 
 class Recording(ReceiverTable):

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from vve_sumo.config_file import Positive
 from vve_sumo.pose import nmea
 from vve_sumo.pose.receivers.port import ReceiverTable
 from vve_sumo.pose.trust import NMEA, TrustProfile
-from vve_sumo.tables import Positive
 
 
 class NmeaReceiver(ReceiverTable):

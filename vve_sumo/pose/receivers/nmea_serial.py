@@ -6,10 +6,10 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
+from vve_sumo.config_file import Name
 from vve_sumo.pose import sources
 from vve_sumo.pose.receivers.nmea import NmeaReceiver
 from vve_sumo.pose.receivers.port import OpenBus, Receiver
-from vve_sumo.tables import Name
 
 
 class NmeaSerial(NmeaReceiver):

@@ -12,12 +12,12 @@ from typing import Any, ClassVar, Final
 
 from pydantic import Field
 
+from vve_sumo.config_file import Bitrate, Name
 from vve_sumo.errors import RigError
 from vve_sumo.pose import oxts_can
 from vve_sumo.pose.receivers.port import FrameBus, OnCan, OpenBus, Receiver, ReceiverTable
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import DRIVE, TrustProfile
-from vve_sumo.tables import Bitrate, Name
 from vve_sumo.values import Fix, Frame
 
 #: a frame as a portion of pose bytes: identifier, length, payload

@@ -12,11 +12,11 @@ from typing import Annotated, ClassVar, Final, Literal, NamedTuple, Protocol, Se
 
 from pydantic import Field, model_validator
 
+from vve_sumo.config_file import Name, Table
 from vve_sumo.errors import ConfigError
 from vve_sumo.ports import Port
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import TrustProfile
-from vve_sumo.tables import Name, Table
 from vve_sumo.values import Fix, Frame
 
 _HERE: Final = "vve_sumo.pose.receivers"

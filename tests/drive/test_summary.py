@@ -1,0 +1,111 @@
+"""From a drive's tables and figures to a judgement."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from vve_sumo.drive import summary
+from vve_sumo.scenario.schema import Band, Criteria
+
+GOOD = {
+    "outcome": "stopped",
+    "collision": False,
+    "stop_gap_m": 5.1,
+    "min_ttc_s": 2.0,
+    "max_lateral_deviation_m": 0.1,
+    "max_deceleration_mps2": 2.2,
+    "duration_s": 60.0,
+}
+
+
+def judged(criteria: Criteria, **changes: Any) -> list[str]:
+    return summary.judge(criteria, GOOD | changes)
+
+
+STRICT = Criteria(
+    outcome="stopped",
+    collision=False,
+    stop_gap_m=Band(min=4.5, max=5.5),
+    max_lateral_deviation_m=Band(max=0.15),
+)
+
+
+def test_a_drive_that_meets_its_criteria_passes() -> None:
+    assert judged(STRICT) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"outcome": "fault"}, "outcome is fault, expected stopped"),
+        ({"collision": True}, "collision is True, expected False"),
+        ({"stop_gap_m": 5.6}, "stop_gap_m is 5.600, expected 4.5 to 5.5"),
+        ({"stop_gap_m": 4.4}, "stop_gap_m is 4.400"),
+        ({"stop_gap_m": math.nan}, "stop_gap_m is nan"),
+        ({"max_lateral_deviation_m": 0.16}, "expected at most 0.15"),
+        ({"max_lateral_deviation_m": math.nan}, "max_lateral_deviation_m is nan"),
+    ],
+)
+def test_each_criterion_fails_by_itself(changes: dict[str, Any], words: str) -> None:
+    (line,) = judged(STRICT, **changes)
+    assert words in line
+
+
+def test_nothing_ahead_meets_a_limit_on_the_time_to_collision_only_from_below() -> None:
+    """No time to collision at all is as good as an endless one."""
+    assert judged(Criteria(min_ttc_s=Band(min=1.5)), min_ttc_s=math.nan) == []
+    assert judged(Criteria(min_ttc_s=Band(min=1.5)), min_ttc_s=1.2)
+
+
+@pytest.mark.parametrize(
+    ("name", "met", "missed"),
+    [
+        ("max_drac_mps2", Band(max=3.0), Band(min=0.5)),
+        ("min_gap_m", Band(min=1.0), Band(max=20.0)),
+        ("min_ttc_s", Band(min=1.0), Band(max=5.0)),
+        ("stop_gap_m", None, Band(min=1.0)),
+        ("impact_speed_mps", None, Band(max=9.0)),
+    ],
+)
+def test_what_nothing_ahead_is_as_good_as(name: str, met: Band | None, missed: Band) -> None:
+    """No need to brake, an endless gap, an endless time; a figure that is missing for another reason fails."""
+    if met is not None:
+        assert judged(Criteria(**{name: met}), **{name: math.nan}) == []
+    assert judged(Criteria(**{name: missed}), **{name: math.nan})
+
+
+def test_the_figures_of_conflicts_are_judged() -> None:
+    wanted = Criteria(
+        outcome="aborted",
+        collision=True,
+        impact_speed_mps=Band(max=5.0),
+        emergency_used=True,
+        max_drac_mps2=Band(max=4),
+    )
+    good = {"outcome": "aborted", "collision": True, "impact_speed_mps": 4.9, "emergency_used": True}
+    assert judged(wanted, **good, max_drac_mps2=3.0) == []
+    assert judged(wanted, **good | {"impact_speed_mps": 5.1}, max_drac_mps2=3.0) == [
+        "impact_speed_mps is 5.100, expected at most 5"
+    ]
+    assert judged(wanted, **good | {"emergency_used": False}, max_drac_mps2=3.0) == [
+        "emergency_used is False, expected True"
+    ]
+    assert len(judged(wanted, **good, max_drac_mps2=4.1)) == 1
+
+
+def test_a_broken_drive_never_passes() -> None:
+    for outcome in ("broken", "interrupted"):
+        assert judged(Criteria(), outcome=outcome)
+
+
+def test_a_drive_that_a_fault_ended_passes_only_where_that_was_asked_for() -> None:
+    assert judged(Criteria(), outcome="fault") == ["a fault ended the drive"]
+    assert judged(Criteria(outcome="fault"), outcome="fault") == []
+
+
+def test_a_band_that_nothing_can_meet_is_refused() -> None:
+    with pytest.raises(ValueError, match="least 6"):
+        Band(min=6.0, max=5.0)

@@ -1,0 +1,91 @@
+"""Other cars than the default one drive: a second model, and the simulated vehicle as a rig calibrates it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import REPOSITORY
+from tests.isolated import isolated
+from tests.vehicles import FUSION, MKZ
+from vve_sumo.errors import ConfigError
+from vve_sumo.record.record import hash_file
+
+CALIBRATED = """
+[vehicle]
+steering_ratio = 15.2
+brake_lag_s = 0.03
+
+[calibration]
+date = 2026-05-01
+steering_wheel_bias_deg = 1.5
+brake_gain_kgm = 541.0
+"""
+
+
+def drive(folder: str, vehicle: str | None = None, rig: str | None = None) -> dict[str, Any]:
+    """Drive the paper's drive and replay it; call it through `isolated`."""
+    from vve_sumo.drive import run
+    from vve_sumo.drive.replay import read_car_frames, read_chain_inputs, replay, setting_of
+    from vve_sumo.drive.resolved_scenario import EPOCH
+    from vve_sumo.rig.load import load
+
+    setting = run.choose("parked_car", REPOSITORY, seed=1, vehicle=vehicle)
+    if rig is not None:
+        setting = setting.with_rig(load(Path(rig), REPOSITORY), REPOSITORY)
+        Path(rig).unlink()  # a record is replayed without it
+    record = Path(folder)
+    summary = run.run(setting, record, REPOSITORY).summary
+    again = setting_of(record, REPOSITORY)
+    assert again.model == setting.model
+    assert replay(again, read_chain_inputs(record), read_car_frames(record, EPOCH), REPOSITORY) is None
+    return summary
+
+
+def resolved(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "scenario.json").read_text(encoding="utf-8")))
+
+
+def test_the_mkz_drives_the_papers_drive(tmp_path: Path) -> None:
+    summary = isolated(drive, str(tmp_path / "mkz"), "lincoln_mkz")
+    assert summary["failed"] == []
+    assert summary["outcome"] == "stopped"
+    assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.5)
+    assert not summary["emergency_used"]
+    told = resolved(tmp_path / "mkz")
+    assert told["vehicle"]["mass"] == MKZ.vehicle.mass
+    assert told["vehicle_model"]["name"] == told["settings"]["ego"]["vehicle"] == "lincoln_mkz"
+    assert told["files_sha256"]["vehicle"] == hash_file(REPOSITORY / "vehicles" / "lincoln_mkz.toml")
+
+
+def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_path: Path) -> None:
+    """Bias and lever arm are known to rig and car alike, so the drive is as good as with a car that has neither."""
+    rig = tmp_path / "ours.toml"
+    text = (REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8")
+    changes = {"forward_m = 0.30": "forward_m = 1.10", "[limits]\n": f"{CALIBRATED}\n[limits]\nstop_jerk_mps3 = 4.0\n"}
+    for was, becomes in changes.items():
+        assert was in text
+        text = text.replace(was, becomes, 1)
+    rig.write_text(text, encoding="utf-8")
+    summary = isolated(drive, str(tmp_path / "record"), None, str(rig))
+    assert summary["failed"] == []
+    told = resolved(tmp_path / "record")
+    model = told["vehicle_model"]
+    assert told["vehicle"]["steering_ratio"] == 15.2
+    assert told["vehicle"]["mass"] == FUSION.vehicle.mass
+    assert (model["calibration"]["brake_gain"], model["limits"]["stop_jerk"]) == (541.0, 4.0)
+    assert model["mounting"]["forward"] == 1.10
+    assert model["steering_wheel_bias"] == math.radians(1.5)
+    assert model["rig"] == "The hardware-free car on a made-up airfield"
+    assert "rig" not in told, "which only a live drive has"
+
+
+def test_a_vehicle_that_nobody_knows_is_named() -> None:
+    from vve_sumo.drive.run import choose
+
+    with pytest.raises(ConfigError, match=r"parked_car\.toml: ego\.vehicle: no vehicle named 'tank'; known: ford_fus"):
+        choose("parked_car", REPOSITORY, vehicle="tank")

@@ -1,0 +1,19 @@
+"""The shipped vehicles, loaded once for every test that drives one."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from tests.conftest import REPOSITORY
+from vve_sumo.plant import parameters as plant
+from vve_sumo.plant.car import CarParameters
+from vve_sumo.vehicle.load import load
+from vve_sumo.vehicle.model import VehicleModel
+
+FUSION: Final = load(REPOSITORY / "vehicles" / "ford_fusion.toml")
+MKZ: Final = load(REPOSITORY / "vehicles" / "lincoln_mkz.toml")
+
+
+def parameters(*mounting: Any, model: VehicleModel = FUSION, **perturbations: Any) -> CarParameters:
+    """A simulated vehicle, the Fusion unless told otherwise, with the perturbations of `plant.parameters`."""
+    return plant.parameters(model, *mounting, **perturbations)

@@ -1,0 +1,115 @@
+"""`vve-sumo align`: where a scenario's path lies in a rig's lot, shown, agreed to and stored."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vve_sumo.cli.console import notify
+from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.errors import ConfigError, RigError
+
+if TYPE_CHECKING:
+    from vve_sumo.commissioning.align import AlignmentResult, Site
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    align = add_command(
+        commands,
+        "align",
+        "lay a scenario's path into a rig's lot and store how",
+        "Find how the lot lies on the virtual street, say whether the path fits, and write it into the rig file.\n\n"
+        "examples:\n"
+        "  vve-sumo align --rig ours                     the car stands at the path's start: make that the start\n"
+        "  vve-sumo align --rig ours --pairs places.csv  by places that were surveyed in the lot and on the street\n"
+        "  vve-sumo align --rig ours --fit --picture lot.png   no car needed: where the path has most room\n"
+        "  vve-sumo align --rig ours --fit --cut short.csv     and where it does not fit, the part of it that does",
+    )
+    align.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    align.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
+    how = align.add_mutually_exclusive_group()
+    how.add_argument(
+        "--pairs",
+        type=Path,
+        metavar="FILE",
+        help="CSV with lot_latitude_deg, lot_longitude_deg and street_x_m, street_y_m (or street_latitude_deg, "
+        "street_longitude_deg), two rows or more",
+    )
+    how.add_argument("--fit", action="store_true", help="search the turn and shift that leave most room")
+    align.add_argument("--cut", type=Path, metavar="CSV", help="with --fit: write what fits of a path too long")
+    align.add_argument("--picture", type=Path, metavar="FILE", help="draw lot, path and start as a PNG file")
+    align.add_argument(
+        "--store", "--yes", dest="store", action="store_true", help="store without asking; --fit stores only with this"
+    )
+    align.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Find how the path lies in the lot, show it, and store it where that was agreed to; return the exit code, 0.
+
+    `--store` agrees beforehand; a search stores with it only. Raises RigError where what was to be stored does not
+    keep the path inside the lot.
+    """
+    from vve_sumo.commissioning import align
+
+    if arguments.cut is not None and not arguments.fit:
+        raise ConfigError("--cut: only --fit finds where to cut a path")
+    site = align.site_of(arguments.scenario, arguments.rig, Path.cwd())
+    result = _found(site, arguments)
+    for line in (*result.evidence, *align.description(site, result)):
+        print(line)
+    if arguments.picture is not None:
+        _draw(site, result, arguments.picture)
+    whole = result.whole
+    if arguments.cut is not None and not whole:
+        length = align.cut(site, result, arguments.cut).length
+        print(f"the first {length:.0f} m of the path written to {arguments.cut}")
+        for line in align.beyond(site, length):
+            print(line)
+        whole = True
+    if not whole:
+        advice = "--cut writes the part that fits" if arguments.fit else "--fit looks for a place where it does"
+        raise RigError(f"{site.rig_file}: the path does not fit the lot there, nothing is stored; {advice}")
+    if arguments.store or (not arguments.fit and _agreed()):
+        today = datetime.date.today()
+        align.store(site, result, today)
+        print(f"stored in {site.rig_file}, dated {today}")
+    return 0
+
+
+def _found(site: Site, arguments: argparse.Namespace) -> AlignmentResult:
+    from vve_sumo.commissioning import align
+
+    if arguments.fit:
+        notify("searching, which takes longer where the path does not fit")
+        return align.searched(site)
+    if arguments.pairs is not None:
+        return align.paired(site, arguments.pairs)
+    return align.matched(site, notify)
+
+
+def _draw(site: Site, result: AlignmentResult, file: Path) -> None:
+    from vve_sumo.plotting.alignment import PathInLot, draw
+
+    shown = PathInLot(
+        path_name=site.setting.scenario.ego.path,
+        lot_name=site.rig_file.stem,
+        path=site.setting.path,
+        speed=site.speed,
+        vehicle=site.setting.vehicle,
+        fence=site.fence,
+        alignment=result.alignment,
+        fit=result.fit,
+    )
+    draw(shown, file)
+    print(f"picture: {file}")
+
+
+def _agreed() -> bool:
+    """Ask whoever is at the keyboard; nobody there is no agreement."""
+    print("Enter stores it, anything else leaves the rig as it is: ", end="", flush=True)
+    return sys.stdin.readline() == "\n"

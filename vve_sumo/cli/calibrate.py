@@ -1,0 +1,109 @@
+"""`vve-sumo calibrate`: a car's numbers from a short drive on its rig, shown and written into the rig's file."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vve_sumo.cli import live_drive
+from vve_sumo.cli.console import notify
+from vve_sumo.cli.parser import Commands, add_command, names
+
+if TYPE_CHECKING:
+    from vve_sumo.commissioning.calibrate import Calibrated
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    calibrate = add_command(
+        commands,
+        "calibrate",
+        "find brakes, throttle, steering and delays of a car by a short drive",
+        "Drive the calibration run on a rig (about 270 m straight ahead, 70 s) and fit brake and throttle maps,\n"
+        "steering ratio and bias, delays and the receiver's misalignment; each with its uncertainty and a verdict.\n\n"
+        "examples:\n"
+        "  vve-sumo calibrate --rig twin                       drive, fit, show\n"
+        "  vve-sumo calibrate --rig ours --write               and put what was found, dated, into rigs/ours.toml\n"
+        "  vve-sumo calibrate --rig ours --record runs/DIR     fit a record that is there already",
+    )
+    calibrate.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
+    calibrate.add_argument("--record", type=Path, metavar="DIR", help="of a drive, instead of driving")
+    calibrate.add_argument(
+        "--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)"
+    )
+    calibrate.add_argument("--write", action="store_true", help="change the rig file; comments stay")
+    calibrate.add_argument(
+        "--leave",
+        type=names,
+        default=(),
+        metavar="KEY,KEY",
+        help="poor numbers that the rig file keeps as they are",
+    )
+    calibrate.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Drive where no record is given, fit, show, and change the rig file where that is asked for; the exit code.
+
+    Raises ConfigError before anything moves where the rig file may not be written or the record was altered, RigError
+    where the drive was cut short.
+    """
+    from vve_sumo.commissioning import calibration_drive
+
+    working = Path.cwd()
+    rig_file = calibration_drive.rig_file_of(arguments.rig, working, write=arguments.write)
+    if arguments.record is not None:
+        calibration_drive.refuse_altered(arguments.record)
+    folder = arguments.record if arguments.record is not None else _drive(arguments.rig, working, arguments.out)
+    today = datetime.date.today().isoformat()
+    return conclude(folder, rig_file if arguments.write else None, today, arguments.leave)
+
+
+def _drive(rig: str, working: Path, out: Path | None) -> Path:
+    from vve_sumo.commissioning import calibration_drive
+
+    plan = live_drive.named(calibration_drive.plan(rig, working, out), None, None)
+    speed = plan.setting.scenario.ego.speed_mps
+    notify(
+        f"calibration drive: {plan.setting.path.length:.0f} m straight ahead at up to {speed:g} m/s, braking, coasting "
+        "and steering gently in between; keep your foot over the brake"
+    )
+    calibration_drive.refuse_cut_short(live_drive.drive(plan), plan.folder)
+    return plan.folder
+
+
+def conclude(folder: Path, rig_file: Path | None, date: str, leave: Sequence[str] = ()) -> int:
+    """Fit, draw, show, and write into a rig's file where one is given; return the exit code.
+
+    It is 1 where a number that a rig needs is poor and no rig was given; with one, that is a ConfigError.
+    """
+    from vve_sumo.commissioning.calibrate import calibrate, draw, put_into
+
+    calibrated = calibrate(folder)
+    _show(calibrated, draw(calibrated))
+    if rig_file is None:
+        return 1 if calibrated.poor else 0
+    put_into(rig_file, calibrated, date, leave)
+    print(f"written into {rig_file}, dated {date}")
+    return 0
+
+
+def _show(calibrated: Calibrated, picture: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from vve_sumo.commissioning.calibrate import NOTE, Row, rows
+
+    table = Table(title=f"Calibration from {calibrated.folder}", title_justify="left")
+    for head in Row._fields:
+        table.add_column({"words": "", "uncertainty": "±"}.get(head, head))
+    for row in rows(calibrated):
+        colour = "red" if row.verdict.startswith("poor") else "green"
+        table.add_row(*row[:-1], f"[{colour}]{row.verdict}[/{colour}]")
+    console = Console(soft_wrap=True)
+    console.print(table)
+    console.print(NOTE, highlight=False, markup=False)
+    console.print(f"picture: {picture}", highlight=False, markup=False)

@@ -1,0 +1,131 @@
+"""`vve-sumo compare`: two records laid together, and how far apart they are."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vve_sumo.cli.console import plain_console
+from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from vve_sumo.analysis.comparison import Comparison
+    from vve_sumo.analysis.run import Run
+
+EXIT_CODES = """exit codes:
+  0  compared, however far apart they are
+  2  wrong use, or not the records of two drives
+"""
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    compare = add_command(
+        commands,
+        "compare",
+        "compare two records: a real drive and its virtual twin, or any two",
+        "Lay two records together at first motion and say how far apart they are: RMSE, correlation, Theil's U and\n"
+        "time shift of each signal, and what each drive came to.\n\n"
+        "examples:\n"
+        "  vve-sumo compare runs/lot runs/lockstep               a live drive and its twin in lockstep\n"
+        "  vve-sumo compare runs/a runs/b --out difference.png   two of anything, and a picture",
+        EXIT_CODES,
+    )
+    compare.add_argument("one", type=Path, metavar="ONE", help="folder of a drive")
+    compare.add_argument("other", type=Path, metavar="OTHER", help="folder of another; differences are other minus one")
+    compare.add_argument("--out", type=Path, metavar="PNG", help="picture to write")
+    compare.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compare two records, print what differs, draw it where that is asked for; return the exit code, 0."""
+    from vve_sumo.analysis.comparison import compare
+
+    out = arguments.out
+    if out is not None and out.suffix.lower() != ".png":
+        raise ConfigError(f"--out: expected a file that ends in .png, got {out.name}")
+    if out is not None and not out.parent.is_dir():
+        raise ConfigError(f"--out: no folder {out.parent} for the picture")
+    compared = compare(_record(arguments.one), _record(arguments.other))
+    _show(compared)
+    if out is not None:
+        from vve_sumo.plotting import comparison, save
+
+        save(comparison(compared), out)
+        print(f"picture: {out}")
+    return 0
+
+
+def _record(folder: Path) -> Run:
+    from vve_sumo.analysis.load import load
+    from vve_sumo.analysis.run import Run
+
+    found = load(folder)
+    if not isinstance(found, Run):
+        raise ConfigError(f"{folder}: a sweep's dataset; expected the record of one drive")
+    return found
+
+
+def _show(compared: Comparison) -> None:
+    console = plain_console()
+    for name, run, begin in zip(("one", "other"), (compared.one, compared.other), compared.begin, strict=True):
+        how = "live" if run.live else "in lockstep"
+        console.print(f"{name + ':':<7}{run.folder}: {run.title}, {how}, first motion at {begin:.3f} s")
+    console.print("measured by " + ("the truth" if compared.true else "the chain's estimate"))
+    for note in compared.notes:
+        console.print(f"note:  {note}")
+    _print_signals(console, compared)
+    _print_outcomes(console, compared)
+
+
+def _print_signals(console: Console, compared: Comparison) -> None:
+    from vve_sumo.analysis.comparison import STATION
+
+    heads = ("signal", "RMSE", "greatest", "mean", "unit", "r", "Theil's U", "other is later by", "points")
+    rows = []
+    for name, row in compared.signals.iterrows():
+        errors = [_number(row[key]) for key in ("rmse", "max_error", "mean_error")]
+        shift = _number(row["shift_m"], "m") if row["axis"] == STATION else _number(1e3 * row["shift_s"], "ms", 1)
+        likeness = [_number(row[key]) for key in ("pearson_r", "theil_u")]
+        rows.append([_words(str(name), row["unit"]), *errors, row["unit"], *likeness, shift, str(row["n"])])
+    _print(console, "Signals: other minus one", heads, rows)
+
+
+def _print_outcomes(console: Console, compared: Comparison) -> None:
+    rows = []
+    for name, row in compared.outcomes.iterrows():
+        values = [value if isinstance(value, str) else _number(value) for value in (row["one"], row["other"])]
+        alike = "same" if row["one"] == row["other"] else "differs"
+        difference = alike if isinstance(row["one"], str) else _number(row["difference"])
+        rows.append([_words(str(name), row["unit"]), *values, difference, row["unit"]])
+    _print(console, "Outcomes", ("figure", "one", "other", "other minus one", "unit"), rows)
+
+
+def _print(console: Console, title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE)
+    for head in heads:
+        table.add_column(head, justify="left" if head in (heads[0], "unit") else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+
+
+def _words(column: str, unit: str) -> str:
+    """What a column is about, without its unit."""
+    return (column.rpartition("_")[0] if unit else column).replace("_", " ")
+
+
+def _number(value: Any, unit: str = "", digits: int = 4) -> str:
+    if not math.isfinite(value):
+        return "-"
+    # Adding 0 takes the sign from what rounds to nothing.
+    return f"{round(value, digits) + 0.0:.{digits}f} {unit}".strip()

@@ -1,0 +1,38 @@
+"""`vve-sumo design`: the margins of a scenario's steering loop."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.errors import ConfigError
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    design = add_command(
+        commands,
+        "design",
+        "margins of the steering loop over speed; refuses what the latency would eat",
+        "Print gain, phase and delay margin of the shipped steering gains over the speed range, by python-control.\n"
+        "Refuses (exit 2) a design whose delay margin is below the stated latency.",
+    )
+    design.add_argument("scenario", nargs="?", default="parked_car", help="whose tuning (default: parked_car)")
+    design.add_argument("--latency-ms", type=float, default=100.0, metavar="MS", help="end to end (default: 100)")
+    design.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the margins of a scenario's preview steering; refuse what the stated latency would make unstable."""
+    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.steering_margins import steering_margins
+
+    latency_ms, working = arguments.latency_ms, Path.cwd()
+    if not latency_ms >= 0.0:
+        raise ConfigError(f"--latency-ms: expected 0 or more, got {latency_ms:g}")
+    margins = steering_margins(choose(arguments.scenario, working), working)
+    print(margins.table)
+    margins.check(latency_ms / 1000.0)
+    print(f"bears the stated {latency_ms:.0f} ms at every speed; the least margin is {1000.0 * margins.delay:.0f} ms")
+    return 0

@@ -1,0 +1,92 @@
+"""The command line put together from its commands, and one command run."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import sys
+from collections.abc import Sequence
+
+from vve_sumo import __version__
+from vve_sumo.cli import (
+    align,
+    calibrate,
+    compare,
+    design,
+    doctor,
+    drive,
+    init,
+    network,
+    notebooks,
+    path,
+    pose,
+    redrive,
+    replay,
+    report,
+    scenarios,
+    study,
+    suite,
+    sweep,
+)
+from vve_sumo.cli.console import complain
+from vve_sumo.cli.parser import EXIT_CODES, Parser
+from vve_sumo.errors import VveError
+
+#: in the order of the list in the help; what a command needs besides its arguments is imported when it runs
+COMMANDS = (
+    drive,
+    scenarios,
+    suite,
+    sweep,
+    study,
+    doctor,
+    align,
+    calibrate,
+    replay,
+    redrive,
+    report,
+    compare,
+    pose,
+    path,
+    network,
+    design,
+    init,
+    notebooks,
+)
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog="vve-sumo",
+        description="Vehicle in Virtual Environment testing on SUMO: a real drive-by-wire car, a virtual street.",
+        epilog="Start with `vve-sumo drive`: it drives the hardware-free car towards a parked car in Linden.\n\n"
+        + EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"vve-sumo {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
+    for command in COMMANDS:
+        command.add(commands)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code; an error of ours is one line on the screen."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    parsed = _parser().parse_args(arguments)
+    try:
+        code: int = parsed.run(parsed)
+    except VveError as error:
+        complain(str(error))
+        return error.exit_code
+    except BrokenPipeError:
+        return 1
+    except OSError as error:
+        complain(f"{error.filename or 'a file'}: {error.strerror or error}")
+        return 2
+    except KeyboardInterrupt as interrupt:
+        complain(str(interrupt) or "interrupted")
+        return 130
+    return code

@@ -1,0 +1,49 @@
+"""`vve-sumo doctor`: go or no-go before a drive."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vve_sumo.cli.console import complain
+from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.errors import RigError
+
+if TYPE_CHECKING:
+    from vve_sumo.commissioning.findings import Check
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    doctor = add_command(
+        commands,
+        "doctor",
+        "go or no-go before a drive: machine, scenario, and with --rig the rig",
+        "Look at everything that a drive needs, say what was found, and what to do about what is not good enough.\n"
+        "With --rig it listens to the receiver and to the car's bus for some seconds; it sends nothing to a real car.\n"
+        "Ends with GO (exit code 0) or NO-GO (3).",
+    )
+    doctor.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    doctor.add_argument("--rig", metavar="NAME", help="a name under rigs/ or a .toml file")
+    doctor.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print every check as it is made; return the exit code, 0 for go, 3 for no-go."""
+    from vve_sumo.commissioning import doctor
+
+    scenario, rig, working = arguments.scenario, arguments.rig, Path.cwd()
+    report = doctor.examine(scenario, rig, working, _show)
+    if rig is not None:
+        try:
+            doctor.keep(report, scenario, rig, working)
+        except OSError as error:
+            complain(f"the verdict is not kept for the record: {error}")
+    against = [check.name for check in report.against]
+    print(f"NO-GO: {', '.join(against)}" if against else "GO")
+    return RigError.exit_code if against else 0
+
+
+def _show(check: Check) -> None:
+    print(*check.lines(), sep="\n", flush=True)

@@ -1,0 +1,122 @@
+"""`vve-sumo drive`: a scenario driven in lockstep, live on a rig, or with a recorded drive."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vve_sumo.cli import live_drive, progress
+from vve_sumo.cli.console import complain
+from vve_sumo.cli.drive_result import draw_and_show
+from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.errors import ConfigError, SimulationError
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    drive = add_command(
+        commands,
+        "drive",
+        "drive a scenario: in lockstep, live on a rig, or with a recorded drive",
+        "Drive a scenario in lockstep with the hardware-free car: NCOM bytes in, drive-by-wire CAN frames out,\n"
+        "traffic by SUMO. With --rig, drive it live: real time, real buses, a real car. Leaves a record folder with\n"
+        "summary.json and drive.png.\n\n"
+        "examples:\n"
+        "  vve-sumo drive                                the paper's drive: a car parked in the middle of the road\n"
+        "  vve-sumo drive parked_car --seed 7 --out a    another seed, record in folder a\n"
+        "  vve-sumo drive --controller mine.py:make      your own controller\n"
+        "  vve-sumo drive --vehicle lincoln_mkz          another car\n"
+        "  vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it\n"
+        "  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys\n"
+        "  vve-sumo drive --rig twin                     live, with the hardware-free car as a process of its own\n"
+        "  vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off\n\n"
+        "live keys: e engages, g goes, any other key, Ctrl-C or closing the terminal stops. The emergency stop is the\n"
+        "driver's brake.",
+    )
+    drive.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    drive.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
+    drive.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's seed")
+    drive.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
+    drive.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
+    drive.add_argument(
+        "--pose",
+        type=Path,
+        metavar="FILE",
+        help="send a recorded drive through the chain, laid on the street by matched start: NCOM bytes, or CSV with "
+        "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and logged, nobody obeys",
+    )
+    drive.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
+    drive.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it",
+    )
+    drive.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
+    drive.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
+    drive.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
+    drive.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
+    drive.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Drive, draw, show; return the exit code."""
+    if arguments.rig is not None and arguments.vehicle is not None:
+        raise ConfigError("--vehicle: a rig brings its own vehicle; leave out one of --vehicle and --rig")
+    if arguments.rig is not None and not arguments.lockstep:
+        return _live(arguments)
+    if arguments.rig is None and arguments.lockstep:
+        raise ConfigError("--lockstep: every drive without a rig is one; name with --rig whose car is simulated")
+    if arguments.shadow:
+        raise ConfigError("--shadow: only a live drive has enable bits to leave off; name the rig with --rig")
+    for role in ("operator", "driver"):
+        if getattr(arguments, role) is not None:
+            raise ConfigError(f"--{role}: only a live drive has one; name the rig with --rig")
+    return _lockstep(arguments)
+
+
+def _lockstep(arguments: argparse.Namespace) -> int:
+    from vve_sumo.drive.run import choose, folder_for, run
+    from vve_sumo.drive.termination import Outcome
+
+    working = Path.cwd()
+    resolved = choose(
+        arguments.scenario,
+        working,
+        seed=arguments.seed,
+        controller=arguments.controller,
+        vehicle=arguments.vehicle,
+        rig=arguments.rig,
+    )
+    folder = arguments.out if arguments.out is not None else folder_for(resolved, working)
+    with progress.of_drive(resolved, quiet=arguments.quiet) as watch:
+        done = run(resolved, folder, working, pose=arguments.pose, watch=watch)
+    draw_and_show(resolved, done)
+    if done.summary["outcome"] == Outcome.BROKEN:
+        complain(f"the simulation broke: {done.summary['text']}")
+        return SimulationError.exit_code
+    return 0 if done.passed else 1
+
+
+def _live(arguments: argparse.Namespace) -> int:
+    if arguments.pose is not None:
+        raise ConfigError("--pose: a live drive has its pose from the rig; leave out one of --pose and --rig")
+    from vve_sumo.drive.run import Drive
+    from vve_sumo.drive.termination import Outcome
+    from vve_sumo.live import session
+
+    plan = session.plan(
+        arguments.scenario,
+        arguments.rig,
+        Path.cwd(),
+        out=arguments.out,
+        seed=arguments.seed,
+        controller=arguments.controller,
+        shadow=arguments.shadow,
+    )
+    plan = live_drive.named(plan, arguments.operator, arguments.driver)
+    with session.removed_when_empty(plan.folder):
+        done = Drive(plan.folder, live_drive.drive(plan))
+    draw_and_show(plan.setting, done)
+    if done.summary["outcome"] == Outcome.BROKEN:
+        return SimulationError.exit_code
+    return 0 if done.passed else 1

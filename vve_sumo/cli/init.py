@@ -1,0 +1,30 @@
+"""`vve-sumo init`: a workspace of your own."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vve_sumo.cli.parser import Commands, add_command
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    init = add_command(
+        commands,
+        "init",
+        "lay out a workspace of your own",
+        "Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios, sweeps and vehicles into a\n"
+        "folder. Run vve-sumo from there: your files win over shipped ones of the same name.",
+    )
+    init.add_argument("folder", type=Path, metavar="DIR", help="folder to lay out; existing files are never replaced")
+    init.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Copy the shipped workspace into a folder; return the exit code, 0."""
+    from vve_sumo.workspace import lay_out
+
+    written = lay_out(arguments.folder)
+    print(f"{len(written)} files laid out in {arguments.folder}; next: cd {arguments.folder} && vve-sumo drive")
+    return 0

@@ -1,0 +1,160 @@
+"""`vve-sumo network`: networks from OpenStreetMap, their edges and their traffic."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from vve_sumo.cli.parser import Commands, add_command, add_subcommands, names
+from vve_sumo.errors import ConfigError
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    network = add_command(commands, "network", "build networks and their traffic", "Build networks and their traffic.")
+    inner = add_subcommands(network)
+    _add_build(inner)
+    _add_edges(inner)
+    _add_demand(inner)
+
+
+def _add_build(inner: Commands) -> None:
+    build = add_command(
+        inner,
+        "build",
+        "turn an OpenStreetMap extract into a SUMO network",
+        "Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and US rules.\n"
+        "Needs netconvert: pip install eclipse-sumo==1.28.0.",
+    )
+    build.add_argument("extract", type=Path, metavar="OSM", help=".osm.xml or .osm.xml.gz, already cut to the area")
+    build.add_argument("--out", type=Path, required=True, metavar="NET", help="network file to write (.net.xml)")
+    build.add_argument(
+        "--origin",
+        type=latitude_longitude,
+        metavar="LAT,LON",
+        help="centre of the projection in degrees (default: the middle of the extract)",
+    )
+    build.add_argument(
+        "--signals",
+        type=names,
+        default=(),
+        metavar="NODE,NODE",
+        help="OpenStreetMap nodes that carry a traffic signal although the extract does not say so",
+    )
+    build.add_argument("--speeds", type=Path, metavar="TYP", help="SUMO type map of speed limits (default: US ones)")
+    build.set_defaults(run=_build)
+
+
+def _add_edges(inner: Commands) -> None:
+    edges = add_command(
+        inner,
+        "edges",
+        "list the edges of streets, to choose a path's from",
+        "List the edges whose street's name holds a text: name, length, lanes, and from where to where in the map [m].",
+    )
+    edges.add_argument("network", help="name or .net.xml file")
+    edges.add_argument("street", nargs="?", default="", help="part of a street's name (default: all)")
+    edges.set_defaults(run=_edges)
+
+
+def _add_demand(inner: Commands) -> None:
+    demand = add_command(
+        inner,
+        "demand",
+        "write seeded traffic for a network",
+        "Write a SUMO route file with seeded random traffic that starts at once and lasts.",
+    )
+    demand.add_argument("network", help="name or .net.xml file")
+    demand.add_argument("--level", choices=("light", "moderate", "heavy"), required=True, help="how much traffic")
+    demand.add_argument("--seed", type=int, default=43211, metavar="N", help="of the random choice (default: 43211)")
+    demand.add_argument(
+        "--clear",
+        type=names,
+        default=(),
+        metavar="EDGE,EDGE",
+        help="edges where no vehicle comes out of nothing or vanishes: those of the ego's path",
+    )
+    demand.add_argument("--path", metavar="NAME", help="path whose edges stay clear, a name under routes/ or a file")
+    demand.add_argument(
+        "--unhindered",
+        metavar="NAME",
+        help="path over which nobody has the right of way: others go around the junctions where the ego would have to "
+        "give way, at signals too",
+    )
+    demand.add_argument("--out", type=Path, required=True, metavar="ROU", help="route file to write (.rou.xml)")
+    demand.set_defaults(run=_demand)
+
+
+def latitude_longitude(text: str) -> tuple[float, float]:
+    """Return the degrees of a place such as 40.004,-82.971."""
+    try:
+        latitude, longitude = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected degrees such as 40.004,-82.971, got {text!r}") from None
+    return latitude, longitude
+
+
+def _build(arguments: argparse.Namespace) -> int:
+    """Build a network from an extract; return the exit code, 0."""
+    from vve_sumo.workspace import shared_file
+    from vve_sumo.world.build import build_network
+
+    speeds = arguments.speeds or shared_file("networks", "us_speeds.typ.xml", Path.cwd())
+    built = build_network(
+        arguments.extract, arguments.out, speeds=speeds, origin=arguments.origin, signals=arguments.signals
+    )
+    for warning in built.warnings:
+        print(f"netconvert: {warning}", file=sys.stderr)
+    print(f"network written to {arguments.out}; it keeps the attribution and licence of its map data")
+    return 0
+
+
+def _edges(arguments: argparse.Namespace) -> int:
+    """List the edges of streets; return the exit code, 1 where there is none."""
+    from vve_sumo.workspace import find
+    from vve_sumo.world.network import Roads
+
+    roads = Roads(find("network", arguments.network, Path.cwd()))
+    wanted = [edge for edge in roads.edges if arguments.street.lower() in edge.getName().lower()]
+    for edge in sorted(wanted, key=lambda edge: (edge.getName(), edge.getID())):
+        (x, y), (end_x, end_y) = edge.getShape()[0][:2], edge.getShape()[-1][:2]
+        way = f"({x:.0f}, {y:.0f}) to ({end_x:.0f}, {end_y:.0f})"
+        print(
+            f"{edge.getID():<16} {edge.getName():<28} {edge.getLength():7.1f} m  {edge.getLaneNumber()} lane(s)  {way}"
+        )
+    if not wanted:
+        print(f"no street of {arguments.network} has {arguments.street!r} in its name", file=sys.stderr)
+    return 0 if wanted else 1
+
+
+def _demand(arguments: argparse.Namespace) -> int:
+    """Write seeded traffic for a network; return the exit code, 0."""
+    from vve_sumo.workspace import find
+    from vve_sumo.world.demand import write_demand
+
+    drawn = write_demand(
+        find("network", arguments.network, Path.cwd()),
+        arguments.out,
+        level=arguments.level,
+        seed=arguments.seed,
+        clear=(*arguments.clear, *_edges_of(arguments.path)),
+        unhindered=_edges_of(arguments.unhindered),
+    )
+    print(f"{arguments.level} traffic of {drawn.vehicles} vehicles written to {arguments.out}")
+    return 0
+
+
+def _edges_of(path: str | None) -> tuple[str, ...]:
+    """The edges that a path's file says it runs along."""
+    if path is None:
+        return ()
+    from vve_sumo.drive.resolved_scenario import EDGES
+    from vve_sumo.workspace import find
+
+    file = find("path", path, Path.cwd())
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    edges = next((tuple(line[len(EDGES) :].split()) for line in lines if line.startswith(EDGES)), ())
+    if not edges:
+        raise ConfigError(f"{file}: no line {EDGES!r} that names the edges of the path")
+    return edges

@@ -1,0 +1,40 @@
+"""`vve-sumo notebooks`: notebooks to begin an analysis with."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from pathlib import Path
+
+from vve_sumo.cli.parser import Commands, add_command
+
+EXIT_CODES = """exit codes:
+  0  the notebooks are there
+  2  wrong use, or the folder holds one of them; nothing was written
+"""
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    notebooks = add_command(
+        commands,
+        "notebooks",
+        "copy out four Jupyter notebooks to begin an analysis with",
+        "Copy four notebooks into a folder: the paper's drive, stopping over a sweep of speeds, the latency cliff, a\n"
+        "recording through the chain. Each makes its own records, under runs/ beside it, and explains what it shows.",
+        EXIT_CODES,
+    )
+    notebooks.add_argument(
+        "folder", type=Path, metavar="DIR", help="folder for them; existing files are never replaced"
+    )
+    notebooks.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Copy the shipped notebooks into a folder; return the exit code, 0."""
+    from vve_sumo.workspace import lay_out_notebooks
+
+    written = lay_out_notebooks(arguments.folder)
+    print(f"{len(written)} notebooks in {arguments.folder}; next:")
+    print(f"  pip install 'vve-sumo[notebooks]' && jupyter lab {shlex.quote(str(arguments.folder))}")
+    return 0

@@ -1,0 +1,69 @@
+"""`vve-sumo path`: the ego's path, recorded in a network."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from vve_sumo.cli.parser import Commands, add_command, add_subcommands, names
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    path = add_command(commands, "path", "record the ego's path", "Record paths in the virtual world.")
+    inner = add_subcommands(path)
+    record = add_command(
+        inner,
+        "record",
+        "drive from edge to edge and write the way as latitude and longitude",
+        "Let a SUMO car drive through the network and write its smoothed track as CSV for the ego's rear axle.\n"
+        "An edge whose name begins with a minus is given as --from=-21405924#2.",
+    )
+    record.add_argument("network", help="name or .net.xml file")
+    record.add_argument("--from", dest="start", required=True, metavar="EDGE", help="edge to start on")
+    record.add_argument("--to", dest="end", required=True, metavar="EDGE", help="edge to end on")
+    record.add_argument("--via", type=names, default=(), metavar="EDGE,EDGE", help="edges to pass, in order")
+    record.add_argument(
+        "--from-position", type=float, default=0.0, metavar="M", help="on the first edge, from its start (default: 0)"
+    )
+    record.add_argument("--to-position", type=float, metavar="M", help="on the last edge (default: its end)")
+    record.add_argument(
+        "--tolerance",
+        type=float,
+        default=0.3,
+        metavar="M",
+        help="how far the smooth path may leave the middle of the lanes (default: 0.3)",
+    )
+    record.add_argument(
+        "--vehicle", default="ford_fusion", metavar="NAME", help="that shall drive it (default: ford_fusion)"
+    )
+    record.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
+    record.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Record a path from edge to edge and write it; return the exit code, 0."""
+    from vve_sumo.vehicle.load import load
+    from vve_sumo.workspace import find
+    from vve_sumo.world.survey import record_path
+
+    max_curvature = load(find("vehicle", arguments.vehicle, Path.cwd())).vehicle.tightest_curvature
+    survey = record_path(
+        find("network", arguments.network, Path.cwd()),
+        arguments.start,
+        arguments.end,
+        arguments.out,
+        via=arguments.via,
+        start_position=arguments.from_position,
+        end_position=arguments.to_position,
+        tolerance=arguments.tolerance,
+    )
+    radius = f"{1.0 / survey.curvature:.1f} m" if survey.curvature > 1e-6 else "none"
+    print(f"{survey.length:.0f} m of path ({survey.points} points, tightest bend {radius}) written to {arguments.out}")
+    if survey.curvature > max_curvature:
+        print(
+            f"warning: {arguments.vehicle} turns no tighter than {1.0 / max_curvature:.1f} m; a U-turn?",
+            file=sys.stderr,
+        )
+    return 0

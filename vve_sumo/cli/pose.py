@@ -1,0 +1,37 @@
+"""`vve-sumo pose`: what a recording of a positioning receiver holds."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+
+from vve_sumo.cli.parser import Commands, add_command, add_subcommands
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    pose = add_command(commands, "pose", "look into pose recordings", "Look into what a positioning receiver said.")
+    inner = add_subcommands(pose)
+    decode = add_command(
+        inner,
+        "decode",
+        "write what an NCOM file holds as CSV",
+        "Write one CSV row for every accepted fix of an OXTS NCOM file, and whether a car could drive on it.",
+    )
+    decode.add_argument("file", type=Path, metavar="FILE", help="raw NCOM bytes as received")
+    decode.add_argument("--csv", type=Path, required=True, metavar="OUT", help="CSV file to write")
+    decode.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write every accepted fix of an NCOM file as a CSV row; return the exit code, 0."""
+    from vve_sumo.pose.table import write_csv
+
+    decoder = write_csv(arguments.file, arguments.csv)
+    counts = ", ".join(f"{count} {outcome}" for outcome, count in decoder.counts.items() if count)
+    print(f"{arguments.file}: {decoder.packets} packets ({counts}), {decoder.discarded} bytes outside any packet")
+    with arguments.csv.open(encoding="utf-8", newline="") as file:
+        trusted = [row["trusted"] == "true" for row in csv.DictReader(file)]
+    print(f"a car could drive on {sum(trusted)} of {len(trusted)} fixes; rows written to {arguments.csv}")
+    return 0

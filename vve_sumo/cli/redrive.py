@@ -1,0 +1,93 @@
+"""`vve-sumo redrive`: another controller on a record's inputs, open loop."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vve_sumo.cli.console import notify
+from vve_sumo.cli.parser import Commands, add_command
+
+if TYPE_CHECKING:
+    from vve_sumo.live.review import Redriven
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    redrive = add_command(
+        commands,
+        "redrive",
+        "ask another controller on a record's inputs, open loop",
+        "Feed a record's pose bytes, car reports and actors to another controller and compare its answers with those\n"
+        "recorded, tick by tick. Open loop: the car did what the recorded controller said. Leaves redrive.png in DIR.",
+    )
+    redrive.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
+    redrive.add_argument(
+        "--controller", metavar="NAME", required=True, help="shipped name, file.py:make or entry point"
+    )
+    redrive.add_argument("--out", type=Path, metavar="FILE", help="both answers of every tick, as .parquet or .csv")
+    redrive.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Ask another controller on a record's inputs, say and draw how it answers; return the exit code."""
+    from vve_sumo.drive import redrive
+    from vve_sumo.live import review
+    from vve_sumo.plotting.redrive import draw
+
+    folder, out = arguments.record, arguments.out
+    if out is not None:
+        redrive.writable(out)
+    for each in review.altered_since(folder) or ():
+        notify(f"note: {each}")
+    redriven = review.redrive_with(folder, arguments.controller, Path.cwd())
+    scenario = redriven.resolved.scenario
+    # Of a file.py:make the file's place would fill the screen.
+    names = (scenario.controller.name.rpartition("/")[2], arguments.controller.rpartition("/")[2])
+    _show(redriven, names)
+    picture = folder / "redrive.png"
+    draw(redriven.table, redriven.comparison, f"{scenario.title} (seed {scenario.seed})", names, picture)
+    print(f"picture: {picture}")
+    if out is not None:
+        redrive.write(redriven.table, out)
+        print(f"table:   {out}")
+    return 0
+
+
+def _show(redriven: Redriven, names: tuple[str, str]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from vve_sumo.drive.redrive import BRAKES
+
+    comparison = redriven.comparison
+    title = Text(f"open loop: the car did what {names[0]} said, whatever {names[1]} would have said")
+    table = Table(title=title, title_justify="left")
+    for head in ("", *names):
+        table.add_column(Text(head))
+    pair = (comparison.recorded, comparison.other)
+    table.add_row(f"first brakes (> {BRAKES:g} m/s²)", *(_at(one.brakes_at) for one in pair))
+    table.add_row("first asks for emergency", *(_at(one.emergency_at) for one in pair))
+    table.add_row("its words", *(Text(", ".join(one.notes)) for one in pair))
+    if any(one.failed_at is not None for one in pair):
+        table.add_row("first fails to answer", *(_tick(one.failed_at) for one in pair))
+    console = Console(soft_wrap=True)
+    console.print(table)
+    say: dict[str, Any] = {"highlight": False, "markup": False}
+    console.print(f"{comparison.ticks} ticks compared; first tick that differs: {_tick(comparison.differs_at)}", **say)
+    for what, of in (("greatest", comparison.greatest), ("rms", comparison.rms)):
+        steering, acceleration = math.degrees(of["steering_rad"]), of["acceleration_mps2"]
+        console.print(f"{what} difference: steering {steering:.3f}°, acceleration {acceleration:.3f} m/s²", **say)
+    if redriven.failure:
+        console.print(f"the last failure of {names[1]}, in its own words: {redriven.failure}", **say)
+
+
+def _at(time: float) -> str:
+    return "never" if math.isnan(time) else f"{time:.2f} s"
+
+
+def _tick(tick: int | None) -> str:
+    return "none" if tick is None else f"tick {tick}"

@@ -1,0 +1,54 @@
+"""`vve-sumo replay`: a record through the same pipeline and gateway again."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vve_sumo.cli.console import notify
+from vve_sumo.cli.parser import Commands, add_command
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    replay = add_command(
+        commands,
+        "replay",
+        "run a record through the chain again and find the first difference",
+        "Feed a record's pose bytes, car reports and actors to the same chain and the same gateway, without SUMO and\n"
+        "without a car, and compare every setpoint and every CAN frame, bit for bit. The record is verified before:\n"
+        "one that was altered is not replayed, nor is a controller run whose code has changed. Exit code 1 names what\n"
+        "was altered, or the first tick of the drive, or step of the gateway, that differs.",
+    )
+    replay.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
+    replay.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Verify a record, then replay it and say where it first differs; return the exit code.
+
+    Nothing of the recorded controller is run before every hash of the record and of the controller's files was found
+    in order.
+    """
+    from vve_sumo.live import review
+
+    folder, working = arguments.record, Path.cwd()
+    inspected = review.inspect(folder, working)
+    if inspected.altered:
+        print(*inspected.altered, sep="\n")
+        print("not replayed: only a record that is as the drive left it is fed to the controller that it names")
+        return 1
+    for line in inspected.notes:
+        notify(f"note: {line}")
+    if inspected.changed:
+        print(*inspected.changed, sep="\n")
+        print(f"not replayed: vve-sumo redrive {folder} --controller NAME asks a controller as it is now")
+        return 1
+    replayed = review.replay(inspected, working)
+    for line in replayed.notes:
+        notify(f"note: {line}")
+    for line in replayed.differences:
+        print(line)
+    if not replayed.differences:
+        print(f"{replayed.what} of {folder} replayed: every setpoint and every frame is the same")
+    return 1 if replayed.differences else 0

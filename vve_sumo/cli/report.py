@@ -1,0 +1,43 @@
+"""`vve-sumo report`: one page on a drive or a sweep."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vve_sumo.cli.parser import Commands, add_command
+
+EXIT_CODES = """exit codes:
+  0  the report was written, also of a drive that failed
+  2  wrong use, or no record and no sweep; nothing was written
+"""
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    report = add_command(
+        commands,
+        "report",
+        "one page on a drive or a sweep that anybody can read",
+        "Write report.html into a record's or a sweep's folder: what was asked, what happened, passed or failed,\n"
+        "plots, versions, hashes, how to do it again. The page is one file that opens offline; its plots lie in\n"
+        "report/ too. An earlier report is replaced. A drive that was killed and a sweep that goes on are told as far\n"
+        "as they came.\n\n"
+        "examples:\n"
+        "  vve-sumo report runs/mine      of a drive's record\n"
+        "  vve-sumo report speeds         of a sweep's, a search's or a study's folder",
+        EXIT_CODES,
+    )
+    report.add_argument("folder", type=Path, metavar="DIR", help="folder of the record or of the sweep")
+    report.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the report of a folder, print its place and the verdict; return the exit code, 0."""
+    from vve_sumo.report.write import put, report_of
+
+    report = report_of(arguments.folder)
+    page = put(report, arguments.folder)
+    print(report.verdict.line)
+    print(f"report: {page}")
+    return 0

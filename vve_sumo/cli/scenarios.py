@@ -1,0 +1,148 @@
+"""`vve-sumo scenarios`: lists the scenarios that there are, draws them, writes down what a scenario file may say."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vve_sumo.cli.console import notify
+from vve_sumo.cli.parser import Commands, add_command, add_subcommands
+from vve_sumo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vve_sumo.scenario.schema import Scenario
+
+COLUMNS = ("name", "title", "network", "who else is there", "passes if")
+#: a terminal with fewer characters in a line shows name and title alone
+WIDE_ENOUGH = 150
+#: characters in a line of what is no terminal
+UNLIMITED = 400
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    scenarios = add_command(
+        commands,
+        "scenarios",
+        "list the scenarios, draw one as a picture, write their schema",
+        "List every scenario with a line: what it is, who is there, what a drive must come to.\n\n"
+        "examples:\n"
+        "  vve-sumo scenarios                            the list\n"
+        "  vve-sumo scenarios show cut_in --out cut.png  a picture: the street, who moves how, what fires when\n"
+        "  vve-sumo scenarios schema --out scenario.schema.json   for editors that complete and check",
+    )
+    scenarios.set_defaults(run=run)
+    inner = add_subcommands(scenarios, required=False)
+    show = add_command(
+        inner,
+        "show",
+        "draw a scenario as a PNG file",
+        "Draw the street from above, the ego's path, everybody's line of motion, and where and when triggers fire if\n"
+        "the ego never braked. Nothing is driven.",
+    )
+    show.add_argument("scenario", nargs="?", help="name or .toml file")
+    show.add_argument("--out", type=Path, metavar="PNG", help="picture to write (default: NAME.png here)")
+    show.add_argument("--all", dest="every", type=Path, metavar="DIR", help="draw every scenario into a folder")
+    show.set_defaults(run=_show)
+    schema = add_command(
+        inner, "schema", "print the JSON Schema of a scenario file", "Print the JSON Schema of a scenario file."
+    )
+    schema.add_argument("--out", type=Path, metavar="FILE", help="write it into a file instead")
+    schema.set_defaults(run=_schema)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print every scenario with its title, network, who else is there, and what a drive must come to."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from vve_sumo import workspace
+    from vve_sumo.scenario.load import load
+
+    console = Console() if sys.stdout.isatty() else Console(width=UNLIMITED)
+    columns = COLUMNS if console.width >= WIDE_ENOUGH else COLUMNS[:2]
+    table = Table(*columns, box=None, pad_edge=False)
+    for column in table.columns:
+        column.no_wrap, column.overflow = True, "ellipsis"
+    known = workspace.known("scenario", Path.cwd())
+    table.columns[0].min_width = max(map(len, known), default=0)  # a name is there to be copied
+    wrong: list[str] = []
+    for name, file in known.items():
+        try:
+            table.add_row(*(Text(cell) for cell in _row(name, load(file))[: len(columns)]))
+        except ConfigError as error:
+            wrong.append(str(error))
+    console.print(table)
+    if len(columns) < len(COLUMNS):
+        console.print(f"{WIDE_ENOUGH} columns show also the network, who else is there, and what passes")
+    for line in wrong:
+        notify(f"vve-sumo scenarios: {line}")
+    return ConfigError.exit_code if wrong else 0
+
+
+def _row(name: str, scenario: Scenario) -> tuple[str, str, str, str, str]:
+    from vve_sumo.scenario import descriptions
+
+    return (
+        name,
+        scenario.title,
+        scenario.street.network,
+        descriptions.others(scenario),
+        descriptions.passes(scenario.criteria),
+    )
+
+
+def _show(arguments: argparse.Namespace) -> int:
+    """Draw one scenario into a PNG file, or each one into a folder; raises ConfigError for what is wrong."""
+    from vve_sumo import workspace
+
+    name, out, every = arguments.scenario, arguments.out, arguments.every
+    if (name is None) == (every is None):
+        raise ConfigError("scenarios show: expected either a scenario's name or --all DIR")
+    if every is None:
+        _draw(name, out if out is not None else Path(f"{Path(name).name.removesuffix('.toml')}.png"))
+        return 0
+    if out is not None:
+        raise ConfigError("scenarios show: --out names the picture of one scenario, --all DIR has a folder of them")
+    if every.exists() and not every.is_dir():
+        raise ConfigError(f"--all: {every} is a file, expected a folder for the pictures")
+    every.mkdir(parents=True, exist_ok=True)
+    for one in workspace.known("scenario", Path.cwd()):
+        _draw(one, every / f"{one}.png")
+    return 0
+
+
+def _draw(name: str, file: Path) -> None:
+    from vve_sumo.drive.run import choose
+
+    if not file.parent.is_dir():
+        raise ConfigError(f"--out: there is no folder {file.parent}")
+    if file.suffix.lower() != ".png":
+        raise ConfigError(f"--out: expected the name of a PNG file, got {file}")
+    resolved = choose(name, Path.cwd())
+    # Only now: matplotlib leaves folders of its own behind, also where the name is wrong.
+    from vve_sumo.plotting.scenario import draw
+
+    draw(resolved, file)
+    print(f"{name}: drawn into {file}")
+
+
+def _schema(arguments: argparse.Namespace) -> int:
+    """Print the JSON Schema of a scenario file, or write it into a file."""
+    from vve_sumo.scenario.export import json_schema
+
+    out = arguments.out
+    text = json.dumps(json_schema(), indent=2, ensure_ascii=False)
+    if out is None:
+        print(text)
+        return 0
+    try:
+        out.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
+    print(f"schema of a scenario file written to {out}")
+    return 0

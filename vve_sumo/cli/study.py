@@ -1,0 +1,159 @@
+"""`vve-sumo study`: a standard study driven by the sweep and read by the analysis, which know nothing of each other."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vve_sumo.cli import progress
+from vve_sumo.cli.console import complain, plain_console
+from vve_sumo.cli.parser import Commands, add_command, add_subcommands, numbers
+from vve_sumo.errors import ConfigError, SimulationError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.table import Table
+
+    from vve_sumo.analysis.latency_margin import LatencyMargin
+    from vve_sumo.sweep.plan import SweepQuery
+
+EXIT_CODES = """exit codes:
+  0  every run is a row, passed or not
+  2  wrong use or configuration; nothing was driven
+  4  every run broke, or the disk is full
+  130  interrupted from the keyboard; --resume goes on
+"""
+
+PICTURE = "cliff.png"
+#: characters of a line where there is no terminal to say
+WIDTH = 120
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    study = add_command(
+        commands, "study", "standard studies of a scenario", "Standard studies of a scenario.", EXIT_CODES
+    )
+    inner = add_subcommands(study)
+    cliff = add_command(
+        inner,
+        "cliff",
+        "how much delay and noise a scenario bears before its margin is gone",
+        "Drive a scenario again and again while the pose gets later and noisier, step by step, and say where its\n"
+        "margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict\n"
+        "it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is\n"
+        "what an open-loop brake loses, and the delay that the steering bears by its design. The folder is a sweep's\n"
+        "dataset with the picture cliff.png.\n\n"
+        "The margin is the gap at rest, the least gap of a drive that goes on, zero or less after a contact. A car\n"
+        "that its gateway stopped far off (unstable steering, wheels and pose at odds) has none.\n\n"
+        "examples:\n"
+        "  vve-sumo study cliff parked_car --out cliff               0 to 500 ms, noise x 0, 1, 4, three seeds\n"
+        "  vve-sumo study cliff seen_late --out late --delays-ms 0,100,200,300 --noise 1 --seeds 5\n"
+        "  vve-sumo study cliff delay_probe --out probe              nothing regulates: speed times delay, exactly\n"
+        "  vve-sumo study cliff parked_car --out cliff --resume      go on after a kill",
+        EXIT_CODES,
+    )
+    cliff.add_argument("scenario", help="name or .toml file")
+    cliff.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the dataset, absent or empty")
+    cliff.add_argument(
+        "--delays-ms", type=numbers, metavar="MS,MS", help="hidden delays, 0 to 1000 (default: 0 to 500 by 50)"
+    )
+    cliff.add_argument(
+        "--noise",
+        type=numbers,
+        metavar="X,X",
+        help="factors on the receiver's noise (default: 0,1,4; 0 where the scenario turns it off)",
+    )
+    cliff.add_argument(
+        "--seeds", type=int, metavar="N", help="drives of each step (default: 3; 1 where nothing is left to chance)"
+    )
+    cliff.add_argument("--workers", type=int, metavar="N", help="runs at a time (default: as many as processors)")
+    cliff.add_argument("--resume", action="store_true", help="go on with the study in DIR; finished runs stay")
+    cliff.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
+    cliff.set_defaults(run=_cliff)
+
+
+def _cliff(arguments: argparse.Namespace) -> int:
+    """Drive what is not finished, show the latency cliff and draw it; return the exit code."""
+    from vve_sumo.sweep.fill import engine_of, fill
+    from vve_sumo.sweep.study import cliff_study
+
+    name, out = arguments.scenario, arguments.out
+    delays_ms, factors, seeds = arguments.delays_ms, arguments.noise, arguments.seeds
+    steps = _steps(delays_ms, factors, seeds)
+    again = f"vve-sumo study cliff {shlex.quote(name)} --out {shlex.quote(str(out))}{steps} --resume"
+    query = cliff_study(name, Path.cwd(), delays_ms=delays_ms, factors=factors, seeds=seeds)
+    engine, keep = engine_of(arguments.workers, None), query.spec.keep
+    with progress.of_runs(quiet=arguments.quiet) as shown:
+        fill(out, query, engine, keep, resume=arguments.resume, again=again, progress=shown, notify=complain)
+    return _conclude(name, out, query)
+
+
+def _steps(delays_ms: Sequence[float] | None, factors: Sequence[float] | None, seeds: int | None) -> str:
+    """Return the options that say the steps, as far as they were given."""
+    given = {"--delays-ms": delays_ms, "--noise": factors, "--seeds": None if seeds is None else [seeds]}
+    return "".join(
+        f" {key} {','.join(f'{one:.15g}' for one in ones)}" for key, ones in given.items() if ones is not None
+    )
+
+
+def _conclude(name: str, out: Path, query: SweepQuery) -> int:
+    from vve_sumo.analysis.dataset import Sweep
+    from vve_sumo.analysis.latency_margin import keep_design_margin, latency_margin_of
+    from vve_sumo.plotting import latency_margin, save
+
+    delay, why = _design_margin(name, Path(query.plan.working))
+    keep_design_margin(out, delay)
+    found = latency_margin_of(Sweep(out))
+    _show(found, why)
+    save(latency_margin(found), out / PICTURE)
+    print(f"rows: {out / 'rows'}\npicture: {out / PICTURE}")
+    return SimulationError.exit_code if not found.steps["judged"].any() else 0
+
+
+def _design_margin(name: str, working: Path) -> tuple[float, str]:
+    """Return the delay that the steering bears by its design [s], or NaN and why nobody knows."""
+    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.steering_margins import margins_at_speed
+
+    resolved = choose(name, working)
+    try:
+        return margins_at_speed(resolved, working).delay, ""
+    except ConfigError as error:
+        return math.nan, f"no design margin: {error}"
+
+
+def _show(found: LatencyMargin, why: str) -> None:
+    console = plain_console(WIDTH)
+    console.print(_table(found.title, found.steps))
+    for line in [*found.verdicts(), *filter(None, [why])]:
+        console.print(line)
+
+
+def _table(title: str, steps: pd.DataFrame) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE)
+    heads = ("noise x", "delay [ms]", "margin [m]", "least [m]", "v x delay [m]", "lateral [m]", "passed", "missed")
+    for head in heads:
+        table.add_column(head, justify="left" if head == "missed" else "right", overflow="fold")
+    for row in steps.to_dict("records"):
+        passed = f"{round(row['passed_share'] * row['judged'])}" if row["judged"] else "0"
+        lengths = ("mean_margin_m", "least_margin_m", "closed_form_m", "lateral_deviation_m")
+        table.add_row(
+            f"{row['noise_factor']:g}",
+            f"{1000.0 * row['delay_s']:g}",
+            *(_length(row[length]) for length in lengths),
+            f"{passed} of {row['runs']}",
+            row["missed"].replace("+", ", "),
+        )
+    return table
+
+
+def _length(value: float) -> str:
+    return f"{value:.2f}" if math.isfinite(value) else "none"

@@ -1,0 +1,130 @@
+"""`vve-sumo suite`: a standard's tests on the test track, as a pass/fail table."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vve_sumo.cli import progress
+from vve_sumo.cli.parser import Commands, add_command
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from vve_sumo.suite.query import SuiteQuery
+    from vve_sumo.suite.row import Judged
+
+EXIT_CODES = """exit codes:
+  0  no row failed that physics allowed
+  1  one did, or was not driven as the standard wants it
+  2  wrong use or configuration; nothing was written
+  130  interrupted from the keyboard; there is no table then
+"""
+
+#: characters of the table's lines where no screen says how wide it is
+WIDTH = 190
+
+
+def add(commands: Commands) -> None:
+    """Add the command to the others."""
+    suite = add_command(
+        commands,
+        "suite",
+        "drive a standard's tests on the test track: a pass/fail table",
+        "Drive every row of a standard's table with the hardware-free car on a long straight track, and say which are\n"
+        "passed, which failed, and whether the brakes could have done it at all. Without a name: list the suites.\n\n"
+        "examples:\n"
+        "  vve-sumo suite                            the list\n"
+        "  vve-sumo suite r152 --out r152            the table, also as CSV, JSON and Markdown\n"
+        "  vve-sumo suite r152 --seeds 10 --out r152 ten drives a row; a row is passed where all of them are\n"
+        "  vve-sumo suite r152 --seeds 10 --out r152 --resume   go on after a kill\n"
+        "  vve-sumo suite fmvss127 --out a --keep    with the full record of every drive\n"
+        "  vve-sumo suite r152 --controller mine.py:make",
+        EXIT_CODES,
+    )
+    suite.add_argument("name", nargs="?", help="of the suite")
+    suite.add_argument("--out", type=Path, metavar="DIR", help="folder for the table, absent or empty")
+    suite.add_argument("--seeds", type=int, default=1, metavar="N", help="drives of each row, by seed (default: 1)")
+    suite.add_argument("--workers", type=int, metavar="N", help="drives at a time (default: as many as processors)")
+    suite.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point, untuned")
+    suite.add_argument(
+        "--vehicle", default="ford_fusion", metavar="NAME", help="under vehicles/, or a file (default: ford_fusion)"
+    )
+    suite.add_argument("--keep", action="store_true", help="keep every drive's record under DIR/records")
+    suite.add_argument("--resume", action="store_true", help="go on with the suite in DIR; finished drives stay")
+    suite.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """List the suites, or drive one; return the exit code."""
+    from vve_sumo.suite import catalogue
+    from vve_sumo.suite.query import SuiteQuery
+
+    if arguments.name is None:
+        for known, listed in catalogue.SUITES.items():
+            print(f"{known:<20} {listed.title}")
+        return 0
+    query = SuiteQuery(
+        out=arguments.out,
+        seeds=arguments.seeds,
+        workers=arguments.workers,
+        controller=arguments.controller,
+        vehicle=arguments.vehicle,
+        keep=arguments.keep,
+        resume=arguments.resume,
+    )
+    return drive(arguments.name, query)
+
+
+def drive(name: str, query: SuiteQuery) -> int:
+    """Drive a suite, show and write its table; return the exit code."""
+    from vve_sumo.suite import catalogue, table
+    from vve_sumo.suite import query as queries
+
+    working = Path.cwd()
+    rows = queries.rows_of(name, query, working)
+    with progress.of_runs(quiet=False) as shown:
+        judged = queries.drive(name, rows, query, working, shown)
+    _show(catalogue.SUITES[name].title, judged)
+    if query.out is not None:
+        for file in table.write(name, judged, query.out):
+            print(f"written: {file}")
+    return 1 if any(row.verdict in queries.BAD for row in judged) else 0
+
+
+def _show(title: str, rows: Sequence[Judged]) -> None:
+    from rich.console import Console
+
+    from vve_sumo.suite.table import counted, whys
+
+    console = Console(width=None if sys.stdout.isatty() else WIDTH)
+    console.print(_table(title, rows))
+    for line in (*whys(rows), counted(rows)):
+        print(line)
+
+
+def _table(title: str, rows: Sequence[Judged]) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    from vve_sumo.suite.row import Verdict
+    from vve_sumo.suite.table import HEADINGS, NUMBERS, cells
+
+    colours = {
+        Verdict.PASSED: "green",
+        Verdict.FAILED: "red",
+        Verdict.UNAVOIDABLE: "yellow",
+        Verdict.INVALID: "red",
+        Verdict.NOT_APPLICABLE: "dim",
+    }
+    drawn = Table(title=Text(title), title_justify="left")
+    for number, heading in enumerate(HEADINGS):
+        drawn.add_column(heading, justify="right" if number in NUMBERS else "left")
+    for judged in rows:
+        *others, verdict = (Text(cell) for cell in cells(judged))
+        verdict.stylize(colours[judged.verdict])
+        drawn.add_row(*others, verdict)
+    return drawn

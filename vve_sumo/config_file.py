@@ -1,0 +1,194 @@
+"""Configuration files: what a TOML table of them may say, how it is read, and one clear line for what is wrong with it.
+
+Knows pydantic and units in the names of keys; it must not know what any file is about.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Final, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from vve_sumo.errors import ConfigError
+
+Name = Annotated[str, Field(min_length=1)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+#: of an actuator's answer [s]
+Short = Annotated[float, Field(ge=0.0, le=2.0, allow_inf_nan=False)]
+#: of a braking [m/s2]
+Strength = Annotated[float, Field(gt=0.0, le=12.0, allow_inf_nan=False)]
+#: of a CAN bus [bit/s]
+Bitrate = Annotated[int, Field(ge=10_000, le=1_000_000)]
+
+#: endings of keys and what they are in SI units
+UNITS: Final = {
+    "_deg": math.pi / 180.0,
+    "_degps": math.pi / 180.0,
+    "_radps": 1.0,
+    "_m": 1.0,
+    "_m2": 1.0,
+    "_s": 1.0,
+    "_kg": 1.0,
+    "_kgm": 1.0,
+    "_kgm2": 1.0,
+    "_mps": 1.0,
+    "_mps2": 1.0,
+    "_mps3": 1.0,
+    "_n": 1.0,
+    "_nm": 1.0,
+    "_npr": 1.0,
+    "_w": 1.0,
+}
+
+LONGEST: Final = 80  #: characters of a wrong value that a complaint repeats
+#: what a TOML file should hold, by pydantic's word for the error; its own words speak of Python
+EXPECTED: Final = {
+    "bool_type": "expected true or false",
+    "float_type": "expected a number",
+    "int_type": "expected a whole number",
+    "string_type": "expected a text in quotes",
+    "tuple_type": "expected an array",
+    "dict_type": "expected a table",
+    "model_type": "expected a table",
+}
+
+
+class Table(BaseModel):
+    """One table of a file: unknown keys are errors, nothing is coerced, nothing changes after loading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+def in_si(table: Table, *left_out: str) -> dict[str, float]:
+    """Return the numbers that a table says, in SI units and by names without units."""
+    said: dict[str, float] = {}
+    for key, value in table:
+        if value is not None and key not in left_out:
+            name, _, unit = key.rpartition("_")
+            factor = UNITS.get(f"_{unit}")
+            said[key if factor is None else name] = value * (factor or 1.0)
+    return said
+
+
+def complaint(file: Path, error: ValidationError, model: type[BaseModel]) -> str:
+    """Say in one line what is wrong with a file that should hold a `model`: file, key, what was expected, what came."""
+    complaints = error.errors(include_url=False)
+    # A key that is spelt wrongly is also missing under its right name; the wrong spelling is what helps.
+    first = next((one for one in complaints if one["type"] == "extra_forbidden"), complaints[0])
+    place, kinds = _walk(first, model)
+    key = ".".join(map(_key, place)) or "the file"
+    if first["type"] == "extra_forbidden":
+        meant = _meant(str(place[-1]), [name for kind in kinds for name in kind.model_fields])
+        return f"{file}: unknown key {key!r}" + (f", did you mean {meant!r}?" if meant else "")
+    if first["type"] == "missing":
+        return f"{file}: key {key!r} is missing"
+    # Where a value may be of several kinds there is a complaint of each; together they say what is allowed.
+    said = dict.fromkeys(_expected(one) for one in complaints if _walk(one, model)[0] == place)
+    return f"{file}: {key}: {' or '.join(said).replace(' or expected ', ' or ')}{_came(first)}"
+
+
+def _expected(complaint: ErrorDetails) -> str:
+    message = complaint["msg"].removeprefix("Value error, ").replace("Input should be ", "expected ", 1)
+    message = message.replace("Tuple should", "array should")
+    return EXPECTED.get(complaint["type"], message[0].lower() + message[1:])
+
+
+def _came(complaint: ErrorDetails) -> str:
+    """What came, unless it is a table: that would repeat half the file."""
+    came = complaint["input"]
+    return "" if isinstance(came, dict) and complaint["type"] == "value_error" else f", got {spelt(came)}"
+
+
+def spelt(value: object) -> str:
+    """A value in few characters that a line can hold."""
+    if isinstance(value, dict):
+        return "a table"
+    try:
+        said = repr(value)
+    except (ValueError, RecursionError):  # a whole number of thousands of digits, arrays in arrays in arrays
+        return f"{type(value).__name__} beyond all bounds"
+    return said if len(said) <= LONGEST else said[:LONGEST] + "…"
+
+
+def _walk(complaint: ErrorDetails, model: type[BaseModel]) -> tuple[list[int | str], list[type[BaseModel]]]:
+    """Return the keys that lead to what a complaint is about, and what tables the last of them may stand in.
+
+    Pydantic's own place of an error names, among the keys, also the kinds that a value was tried as.
+    """
+    place: list[int | str] = []
+    kinds: list[Any] = [model]
+    unknown = len(complaint["loc"]) - 1 if complaint["type"] == "extra_forbidden" else -1
+    tables = [model]
+    for number, part in enumerate(complaint["loc"]):
+        within = [one for kind in kinds for one in inside(kind, part)]
+        if within or number == unknown:
+            tables = [kind for kind in kinds if is_table(kind)]
+            place, kinds = [*place, part], list(alternatives(within))
+    return place, tables
+
+
+def inside(kind: Any, part: int | str) -> Iterator[Any]:
+    """What may stand under a key, or at a place, in something of a kind."""
+    arguments = [one for one in get_args(kind) if one is not Ellipsis]
+    if is_table(kind):
+        field = kind.model_fields.get(str(part))
+        yield from () if field is None else (field.annotation,)
+    elif get_origin(kind) is dict:
+        yield arguments[1]
+    elif get_origin(kind) is tuple and isinstance(part, int):
+        yield arguments[min(part, len(arguments) - 1)]
+
+
+def is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def alternatives(annotations: Iterable[Any]) -> Iterator[Any]:
+    """Every kind that annotations allow, one by one."""
+    for annotation in annotations:
+        origin = get_origin(annotation)
+        if origin is Annotated:
+            yield from alternatives(get_args(annotation)[:1])
+        elif origin in (Union, UnionType):
+            yield from alternatives(get_args(annotation))
+        elif annotation is not NoneType:
+            yield annotation
+
+
+def _key(part: int | str) -> str:
+    """A key as it stands in a place, quoted where it is none that one would write bare."""
+    text = str(part)
+    return text if text.isprintable() and len(text) <= LONGEST else spelt(text)
+
+
+def _meant(key: str, known: list[str]) -> str:
+    """The known key that differs in its unit only, or else by little; empty for none."""
+    stem = key.rsplit("_", 1)[0]
+    others = [
+        one for one in known if stem and one in (f"{stem}_{one.rsplit('_', 1)[-1]}", f"{key}_{one[len(key) + 1 :]}")
+    ]
+    return next(iter(others or get_close_matches(key, known, 1, 0.7)), "")
+
+
+def read(file: Path, kind: str) -> dict[str, Any]:
+    """Return the table in a TOML file; `kind` names it in the ConfigError of one that cannot be read."""
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{kind} {file}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{kind} {file}: not UTF-8 text at byte {error.start}") from None
+    except ValueError as error:  # also of a whole number with thousands of digits, which is no TOMLDecodeError
+        raise ConfigError(f"{kind} {file}: not TOML: {error}") from None
+    except RecursionError:
+        raise ConfigError(f"{kind} {file}: not TOML: nested too deeply") from None

@@ -1,0 +1,106 @@
+"""From a resolved scenario, and where its poses come from, to the Pipeline: the one place that puts it together.
+
+Every shell and every replay drives what is built here. Nothing is started, no receiver and no SUMO.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+import numpy as np
+
+from vve_sumo.controller import Guarded
+from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.frames import Alignment, MapFrame, Placement
+from vve_sumo.lot.geofence import Geofence
+from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.predict import Predictor
+from vve_sumo.pose.receivers.port import FixDecoder
+from vve_sumo.pose.trust import TrustGate, TrustProfile
+from vve_sumo.sensors.port import Sensor
+from vve_sumo.sensors.registry import SENSORS
+
+#: Consumers of chance whose streams are numbered, as they were before streams had names.
+_NUMBERED: Final = {"vehicle": 0, "radar": 1}
+#: What the key of any other stream begins with; the name's bytes follow, so that no two names share a stream.
+_NAMED: Final = 2
+
+
+def seed_of(seed: int, consumer: str) -> np.random.SeedSequence:
+    """Return a consumer's seeds out of a scenario's seed; one more consumer never shifts another's stream."""
+    number = _NUMBERED.get(consumer)
+    key = (_NAMED, *consumer.encode()) if number is None else (number,)
+    return np.random.SeedSequence(seed, spawn_key=key)
+
+
+@dataclass(frozen=True, slots=True)
+class LotAlignment:
+    """How the lot lies on the virtual road, and GNSS time on the drive's clock."""
+
+    projection: str  #: PROJ string of the lot's map
+    alignment: Alignment
+    epoch: float  #: GNSS second of drive time 0
+
+    def frame(self) -> MapFrame:
+        """Return the lot's map."""
+        return MapFrame(self.projection)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain JSON, for the record."""
+        alignment = self.alignment
+        return {
+            "epoch_gnss_s": self.epoch,
+            "lot_projection": self.projection,
+            "lot_to_street": {"rotation_rad": alignment.rotation, "x_m": alignment.x, "y_m": alignment.y},
+        }
+
+    @classmethod
+    def from_dict(cls, resolved: Mapping[str, Any]) -> LotAlignment:
+        """Return the alignment that `to_dict` wrote."""
+        turned = resolved["lot_to_street"]
+        alignment = Alignment(turned["rotation_rad"], turned["x_m"], turned["y_m"])
+        return cls(resolved["lot_projection"], alignment, resolved["epoch_gnss_s"])
+
+
+@dataclass(frozen=True, slots=True)
+class PoseInput:
+    """Where the poses of a drive come from, and what judges, dates and places them."""
+
+    decoder: FixDecoder
+    profile: TrustProfile
+    placement: Placement
+    epoch: float  #: GNSS second of drive time 0
+    clock: Clock | None = None  #: the receiver's against the drive's; None where both run alike
+    geofence: Geofence | None = None  #: None where the car may stop anywhere
+
+
+def sensors_of(setting: ResolvedScenario) -> dict[str, Sensor]:
+    """Return the scenario's sensors by their names, each with a stream of chance of its own."""
+    scenario = setting.scenario
+    return {
+        name: kind.make(getattr(scenario, name), setting.vehicle, np.random.default_rng(seed_of(scenario.seed, name)))
+        for name, kind in SENSORS.items()
+    }
+
+
+def build_pipeline(setting: ResolvedScenario, pose: PoseInput, working: FilePath) -> Pipeline:
+    """Return a scenario's pipeline; raises ConfigError as `ResolvedScenario.controller` does."""
+    return Pipeline(
+        decoder=pose.decoder,
+        gate=TrustGate(pose.profile, pose.epoch),
+        placement=pose.placement,
+        predictor=Predictor(),
+        sensors=sensors_of(setting),
+        controller=Guarded(setting.controller(working)),
+        vehicle=setting.vehicle,
+        path=setting.path,
+        desired_speed=setting.scenario.ego.speed_mps,
+        deviation_limit=setting.scenario.ego.deviation_limit_m,
+        clock=pose.clock,
+        epoch=pose.epoch,
+        geofence=pose.geofence,
+    )

@@ -1,0 +1,149 @@
+"""A drive in simulated time from a scenario's name to its record and summary: in lockstep, or with a recorded drive.
+
+The only module of the room that looks at the wall clock: for the record's begin, and to name its folder.
+"""
+
+from __future__ import annotations
+
+import datetime
+import time
+import traceback
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import Any, Protocol
+
+from vve_sumo import workspace
+from vve_sumo.drive import provenance
+from vve_sumo.drive.assembly import LotAlignment
+from vve_sumo.drive.lockstep import DriveEnd, Lockstep, Watch
+from vve_sumo.drive.playback import Playback
+from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
+from vve_sumo.drive.summary import summary_of
+from vve_sumo.drive.termination import Outcome
+from vve_sumo.errors import ConfigError, SimulationError
+from vve_sumo.record.record import PROVENANCE, MemoryRecorder, Record, claim, hash_files
+from vve_sumo.scenario.load import load
+
+
+class Shell(Protocol):
+    """What lockstep and playback have in common."""
+
+    lot: LotAlignment  #: what ties the drive to time and earth
+
+    def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
+        """Drive to the end."""
+        ...
+
+    def close(self) -> None:
+        """End the simulation."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A drive that is over."""
+
+    folder: FilePath  #: its record
+    summary: dict[str, Any]  #: as in summary.json
+
+    @property
+    def passed(self) -> bool:
+        """Whether it met its scenario's criteria; a playback has none to meet."""
+        return self.summary["passed"] is not False
+
+
+def choose(
+    name: str,
+    working: FilePath,
+    *,
+    seed: int | None = None,
+    controller: str | None = None,
+    vehicle: str | None = None,
+    rig: str | None = None,
+) -> ResolvedScenario:
+    """Resolve a scenario by name or file, with another seed, controller or vehicle model where one is given.
+
+    With a `rig` it is the rig's car that is simulated.
+
+    Raises ConfigError for whatever is missing or wrong.
+    """
+    file = workspace.find("scenario", name, working)
+    scenario = load(file)
+    if seed is not None:
+        if not 0 <= seed < 2**31:
+            raise ConfigError(f"--seed: expected 0 to 2147483647, got {seed}")
+        scenario = scenario.model_copy(update={"seed": seed})
+    if vehicle is not None:
+        ego = scenario.ego.model_copy(update={"vehicle": vehicle})
+        scenario = scenario.model_copy(update={"ego": ego})
+    resolved = resolve_scenario(file.name.removesuffix(".toml"), scenario, file, working)
+    if rig is not None:
+        from vve_sumo.rig.load import load as load_rig
+
+        resolved = resolved.with_rig(load_rig(workspace.find("rig", rig, working), working), working)
+    return resolved if controller is None else resolved.driven_by(controller)
+
+
+def run(
+    resolved: ResolvedScenario,
+    folder: FilePath,
+    working: FilePath,
+    *,
+    pose: FilePath | None = None,
+    kept: bool = True,
+    watch: Watch = lambda tick, now, speed, station: None,
+) -> Drive:
+    """Drive a scenario, or play the recording `pose` in it, into a new record folder.
+
+    Raises ConfigError before anything is written. What breaks later is recorded as the outcome `broken`, and the
+    keyboard's interrupt as `interrupted`. With `kept` false nothing is written at all: there is a summary, which lacks
+    only the hashes of the record's files, and no folder.
+    """
+    if kept:
+        claim(folder)
+    shell: Shell = Lockstep(resolved, working) if pose is None else Playback(resolved, pose, working)
+    try:
+        if pose is not None:
+            resolved = replace(resolved, files={**resolved.files, "pose": pose})
+        settings = resolved.resolved(working) | shell.lot.to_dict()
+        record = Record(folder, settings, shell.lot.epoch) if kept else MemoryRecorder(settings, shell.lot.epoch)
+        if kept:
+            now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+            record.attach(PROVENANCE, provenance.text_of(provenance.provenance(resolved, now)))
+        try:
+            done = guarded(shell, record, watch)
+        except ConfigError:
+            record.discard()
+            raise
+    finally:
+        shell.close()
+    parts = record.close()
+    summary = summary_of(resolved, done, record.tables["ticks"], record.tables["actors"], parts)
+    if isinstance(record, Record):
+        summary |= {"record_files_sha256": hash_files(folder)}
+        record.summarise(summary)
+    return Drive(folder, summary)
+
+
+def guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
+    """Drive to the end; whatever breaks under way is how the drive ended, but for a wrong input."""
+    broken = DriveEnd(Outcome.BROKEN, ())
+    try:
+        return shell.run(record, watch)
+    except KeyboardInterrupt:
+        return replace(broken, outcome=Outcome.INTERRUPTED, reasons=("interrupted",))
+    except ConfigError:
+        raise
+    except SimulationError as error:
+        return replace(broken, reasons=("simulation_error",), text=str(error))
+    except Exception as error:
+        # A mistake of ours: the drive is over, its record is not lost, and the whole story lies in it.
+        record.attach("traceback.txt", traceback.format_exc())
+        return replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
+
+
+def folder_for(resolved: ResolvedScenario, working: FilePath) -> FilePath:
+    """Return a record folder that is not there yet, named by the time and the scenario."""
+    stem = f"{time.strftime('%Y%m%d-%H%M%S')}_{resolved.name}"
+    names = (stem if number == 1 else f"{stem}_{number}" for number in range(1, 1000))
+    return FilePath("runs") / next(name for name in names if not (working / "runs" / name).exists())

@@ -1,0 +1,42 @@
+"""The virtual road of a live drive: it waits for the operator's go, and a failure in it stops the car, not the process.
+
+Knows neither car nor gateway: a failure is a reason code for the next tick.
+"""
+
+from __future__ import annotations
+
+import traceback
+
+from vve_sumo.drive.virtual_road import VirtualRoad
+from vve_sumo.errors import VveError
+from vve_sumo.scenario.engine import ScenarioEngine
+from vve_sumo.values import Pose
+from vve_sumo.world.ego_sync import EgoSyncReport
+from vve_sumo.world.world import World
+
+
+class LiveRoad(VirtualRoad):
+    """A virtual road whose process goes on when SUMO, the traffic or the scenario's actors fail.
+
+    The gateway has the newest fallback path by then, and the record its end.
+    """
+
+    def __init__(self, world: World, engine: ScenarioEngine) -> None:
+        super().__init__(world, engine, waits=True)
+        self.traceback = ""  #: of the failure; empty while there was none
+
+    def advance(self, asked: Pose | None) -> EgoSyncReport | None:
+        """Advance as a virtual road does; after a failure, do nothing.
+
+        Raises VveError for the first pose alone, before which nothing is armed: then the drive is refused.
+        """
+        if self.traceback:
+            return None
+        try:
+            return super().advance(asked)
+        except VveError:
+            raise
+        except Exception:
+            self.traceback = traceback.format_exc()
+            self.faults += ("street_failed",)
+            return None

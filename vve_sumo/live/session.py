@@ -1,0 +1,299 @@
+"""A live drive from names to its record and summary: starts the processes, waits for their end, completes the summary.
+
+The only module of the room that looks at the wall clock. It prints nothing: its caller hands in where messages go.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import Any, Final, TextIO
+
+from vve_sumo import workspace
+from vve_sumo.drive import provenance
+from vve_sumo.drive.assembly import LotAlignment
+from vve_sumo.drive.lockstep import DriveEnd
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.run import choose, folder_for
+from vve_sumo.drive.summary import summarise as summarise_drive
+from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.virtual_road import standing
+from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
+from vve_sumo.live import assembly, spawn, start_simulated_vehicle
+from vve_sumo.live.alignment import lot_alignment
+from vve_sumo.live.channel import pair
+from vve_sumo.live.console import Console, ProcessGroup
+from vve_sumo.live.keys import Keys
+from vve_sumo.live.priority import stand_back
+from vve_sumo.live.screen import Screen
+from vve_sumo.live.summary import summarise
+from vve_sumo.pose.sources import Source
+from vve_sumo.record.record import SEAL, claim, hash_file, read_table, write_summary
+from vve_sumo.rig import load as rigs
+from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.lock import held
+from vve_sumo.rig.schema import Rig
+from vve_sumo.rig.validation import PTY, arming_refusal
+from vve_sumo.scenario.schema import Abort
+
+#: for a process to end by itself once all is over [s]; the recorder writes its tables in this time
+LAST_PATIENCE: Final = 60.0
+#: characters of a person's name, at most
+MAX_NAME_LENGTH: Final = 100
+
+#: takes a line for the operator that needs no answer
+Notify = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A live drive before anything of it runs."""
+
+    setting: ResolvedScenario
+    scenario_file: FilePath
+    rig: Rig
+    rig_file: FilePath
+    folder: FilePath
+    working: FilePath
+    shadow: bool
+    t0: float  #: monotonic second of drive time 0
+    operator: str | None = None  #: who is at the console; None where nobody said
+    driver: str | None = None  #: who sits behind the wheel
+
+    def clock(self) -> float:
+        """Drive time [s]."""
+        return time.monotonic() - self.t0
+
+
+def plan(
+    scenario: str,
+    rig: str,
+    working: FilePath,
+    *,
+    out: FilePath | None,
+    seed: int | None,
+    controller: str | None,
+    shadow: bool,
+) -> Plan:
+    """Find everything by name and refuse what nobody should drive with; nothing is opened, written or moved.
+
+    Raises ConfigError for what is wrong in a file, RigError for a rig that may not command a car.
+    """
+    rig_file = workspace.find("rig", rig, working)
+    loaded = rigs.load(rig_file, working)
+    if not shadow and (reason := arming_refusal(loaded)) is not None:
+        raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
+    resolved = choose(scenario, working, seed=seed, controller=controller)
+    try:
+        resolved = assembly.fitted(resolved, loaded, working)
+    except ConfigError as error:
+        raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
+    folder = (out if out is not None else folder_for(resolved, working)).absolute()
+    claim(folder)
+    scenario_file = workspace.find("scenario", scenario, working).absolute()
+    return Plan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic())
+
+
+def named(plan: Plan, operator: str | None, driver: str | None) -> Plan:
+    """Return a plan with who is at the console and who sits behind the wheel; drive time begins now."""
+    return replace(plan, operator=operator, driver=driver, t0=time.monotonic())
+
+
+def person_name(role: str, typed: str) -> str:
+    """Return the name of a person in this role as the record keeps it; raises ConfigError for what is no name."""
+    name = typed.strip()
+    if not name or len(name) > MAX_NAME_LENGTH or not name.isprintable():
+        raise ConfigError(
+            f"--{role}: expected a name of 1 to {MAX_NAME_LENGTH} printable characters, got {name[:80]!r}"
+        )
+    return name
+
+
+def _provenance(plan: Plan, doctor: Mapping[str, Any]) -> str:
+    """Return what the record keeps of where the drive comes from, as the file holds it."""
+    now = datetime.datetime.now(datetime.UTC)
+    document = provenance.provenance(plan.setting, now.isoformat(timespec="seconds"))
+    document |= {"rig_file_sha256": hash_file(plan.rig_file), "operator": plan.operator, "driver": plan.driver}
+    return provenance.text_of(document | {"doctor": dict(doctor)})
+
+
+def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify) -> dict[str, Any]:
+    """Drive a plan to its end and return its summary; raises VveError where it never began.
+
+    `doctor` is the doctor's last result on the rig, for the record. The console draws on `terminal` while the drive
+    goes on; messages before and after it go to `notify`.
+    """
+    plan.setting.controller(plan.working)  # refuses what is wrong before anything is started
+    if plan.setting.scenario.abort != Abort():
+        notify("the scenario's [abort] does not apply to a live drive: nothing lets go of a moving car")
+    with (
+        held(plan.rig_file),
+        contextlib.ExitStack() as stack,
+        Keys(listen=not plan.rig.operator.automatic) as keys,
+    ):
+        # Before anything else: where another program has the receiver's port, no car of ours shall speak to it.
+        source = stack.enter_context(contextlib.closing(assembly.source_of(plan.rig)))
+        plan.folder.mkdir(parents=True, exist_ok=True)
+        car = None
+        if plan.rig.car == "hardware_free":
+            scenario = plan.setting.scenario
+            friction = scenario.weather.friction
+            car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
+        ground = _ground(plan, source, notify)
+        resolved = plan.setting.resolved(plan.working) | ground.to_dict()
+        resolved |= assembly.to_dict(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
+        resolved["gateway"]["shadow"] = plan.shadow
+        crew = _crew(plan, resolved, _provenance(plan, doctor), ground, car, notify)
+        screen = Screen(terminal)
+        console = Console(crew, keys, screen, plan.rig.operator.automatic)
+        try:
+            stand_back()
+            _note_processes(plan, crew)
+            console.run()
+        finally:
+            screen.close()
+            crew.dismiss(LAST_PATIENCE)
+            stack.pop_all()
+    if console.refusal is not None and not _drove(plan.folder):
+        text, exit_code = console.refusal
+        raise _ERRORS.get(exit_code, VveError)(text)
+    return _summary(plan, console.why, notify)
+
+
+_ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
+
+
+def _ground(plan: Plan, source: Source, notify: Notify) -> LotAlignment:
+    """Find where the lot lies on the street, and GNSS time, while the car stands; the drive is to open the receiver."""
+    rig, setting = plan.rig, plan.setting
+    notify("waiting for trusted fixes of the standing car")
+    try:
+        stood = assembly.standing_pose_of(rig, source, plan.t0)
+    finally:
+        source.close()
+    begin = setting.path.at(0.0)
+    stored = meaning.alignment_of(rig, setting.scenario.street.network)
+    start = standing(begin.x, begin.y, begin.heading)
+    return lot_alignment(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, stored)
+
+
+def _not_ready(plan: Plan, ground: LotAlignment, notify: Notify) -> tuple[str, ...]:
+    """Reason codes of what stands against this drive from its beginning to its end."""
+    fence = meaning.fence_of(plan.rig, ground.alignment)
+    leaves = fence.along(plan.setting.path, plan.setting.scenario.ego.speed_mps)
+    if leaves is None:
+        return ()
+    notify(
+        f"the path leaves the lot: from {leaves:.0f} m on, the car could not stop inside it; "
+        "vve-sumo align --fit proposes how to lay it"
+    )
+    return ("path_leaves_lot",)
+
+
+def _crew(
+    plan: Plan,
+    resolved: dict[str, Any],
+    provenance_text: str,
+    ground: LotAlignment,
+    car: start_simulated_vehicle.SimulatedVehicleProcess | None,
+    notify: Notify,
+) -> ProcessGroup:
+    """Start recorder, gateway and drive, each with the ends that it needs and no others."""
+    console_gateway, gateway_console = pair()
+    console_drive, drive_console = pair()
+    drive_gateway, gateway_drive = pair()
+    drive_recorder, recorder_drive = pair()
+    gateway_recorder, recorder_gateway = pair()
+    folder, rig = plan.folder, plan.rig
+    common = {"folder": str(folder), "t0": plan.t0, "epoch": ground.epoch}
+    recorder = spawn.start(
+        "recorder",
+        common | {"resolved": resolved, "provenance": provenance_text, "log": str(folder / "recorder.log")},
+        {"drive": recorder_drive, "gateway": recorder_gateway},
+        own_session=True,
+    )
+    interface, channel = car.bus if car is not None and rig.bus.channel == PTY else (rig.bus.interface, rig.bus.channel)
+    bus = {"interface": interface, "channel": channel, "bitrate": rig.bus.bitrate}
+    gateway = spawn.start(
+        "gateway",
+        common | resolved["gateway"] | {"bus": bus, "log": str(folder / "gateway.log")},
+        {"drive": gateway_drive, "console": gateway_console, "recorder": gateway_recorder},
+        own_session=True,
+    )
+    drive = spawn.start(
+        "drive",
+        common
+        | {
+            "resolved": resolved,
+            "working": str(plan.working),
+            "not_ready": _not_ready(plan, ground, notify),
+            "log": str(folder / "drive.log"),
+        },
+        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder},
+        own_session=True,
+    )
+    process, to_car = (car.process, car.channel) if car is not None else (None, None)
+    return ProcessGroup(gateway, drive, recorder, process, console_gateway, console_drive, to_car)
+
+
+def _note_processes(plan: Plan, crew: ProcessGroup) -> None:
+    """Write down who is who and when it began, for whoever has to look after a process by hand."""
+    numbers: dict[str, float] = {"gateway": crew.gateway.pid, "drive": crew.drive.pid, "recorder": crew.recorder.pid}
+    numbers |= {"car": crew.car.pid} if crew.car is not None else {}
+    numbers["t0_monotonic_s"] = plan.t0
+    (plan.folder / "processes.json").write_text(json.dumps(numbers) + "\n", encoding="utf-8")
+
+
+def _drove(folder: FilePath) -> bool:
+    """Whether the gateway ever commanded the car."""
+    try:
+        states = read_table(folder, "gateway")["state"].to_pylist()
+    except VveError:
+        return False
+    return any(state in ("engaged", "stopping", "stopped") for state in states)
+
+
+def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]:
+    """Complete the recorder's summary by what the scenario asks for; `why` is what the gateway told the console."""
+    try:
+        told = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        # The recorder died, or found no room: this is what is left of the drive.
+        told = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": [*why, "record_lost"]})
+    done = DriveEnd(
+        Outcome(told["outcome"]),
+        tuple(told["reasons"]),
+        tuple(told.get("cleared", ())),
+        tuple(told.get("warnings", ())),
+        told.get("text", ""),
+        tuple(told.get("standoffs", ())),
+    )
+    full = summarise_drive(plan.setting, done, plan.folder, told.get("record_parts_sha256", {}))
+    extra = {
+        key: told[key] for key in told if key not in full and key not in ("cleared", "standoffs", "warnings", SEAL)
+    }
+    summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow}
+    try:
+        write_summary(plan.folder, summary)
+    except OSError as error:
+        notify(f"{plan.folder / 'summary.json'} cannot be written: {error.strerror}; make room")
+    return summary
+
+
+@contextlib.contextmanager
+def removed_when_empty(folder: FilePath) -> Iterator[None]:
+    """Take away the folder of a drive that never came to a record, with what its first processes left there."""
+    try:
+        yield
+    except VveError:
+        if not (folder / "scenario.json").exists():
+            with contextlib.suppress(OSError):
+                for name in ("truth.csv", "car.log"):
+                    (folder / name).unlink(missing_ok=True)
+                folder.rmdir()
+        raise

@@ -1,0 +1,95 @@
+"""What the metrics of the ticks add up to over a drive or a stretch of it: exposure to risk, and comfort.
+
+To add one, write its row here with its function. Each tick holds until the next. A tick at which nothing
+closes in, or nothing is known, counts as time without exposure. Knows columns of ticks; nothing of their origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from vve_sumo.metrics import following
+from vve_sumo.metrics.metric import MetricTable
+from vve_sumo.values import Floats
+
+
+class Stretch(NamedTuple):
+    """A stretch of a drive."""
+
+    columns: Mapping[str, Floats]  #: those of `PER_TICK`, an entry a tick
+    deceleration_limit: float  #: that is declared of the car [m/s2]
+
+
+EXPOSURE: MetricTable[Stretch] = MetricTable()
+metric = EXPOSURE.add
+
+
+metric(
+    "tet_s",
+    "time exposed (TET)",
+    f"time with ttc_s below {following.TTC_THRESHOLD} s",
+    lambda stretch: following.time_exposed(stretch.columns["time_s"], stretch.columns["ttc_s"]),
+    worse="higher",
+    source="Minderhoud and Bovy 2001",
+)
+metric(
+    "tit_s2",
+    "time integrated (TIT)",
+    f"by how much ttc_s lay below {following.TTC_THRESHOLD} s, summed over time",
+    lambda stretch: following.time_integrated(stretch.columns["time_s"], stretch.columns["ttc_s"]),
+    worse="higher",
+    source="Minderhoud and Bovy 2001",
+)
+
+
+def _crash_potential(stretch: Stretch) -> float:
+    columns = stretch.columns
+    return following.crash_potential_index(columns["time_s"], columns["drac_mps2"], stretch.deceleration_limit)
+
+
+metric(
+    "cpi_share",
+    "crash potential index (CPI)",
+    "share of the time with drac_mps2 above the declared deceleration limit",
+    _crash_potential,
+    worse="higher",
+    source="Cunto and Saccomanno 2007",
+)
+
+
+def _rss_share(stretch: Stretch) -> float:
+    columns = stretch.columns
+    return following.crash_potential_index(columns["time_s"], columns["rss_distance_m"] - columns["gap_m"], 0.0)
+
+
+metric("rss_share", "gap below RSS", "share of the time with gap_m below rss_distance_m", _rss_share, worse="higher")
+metric(
+    "max_jerk_mps3",
+    "maximum jerk",
+    "greatest size of jerk_mps3",
+    lambda stretch: float(np.fmax.reduce(np.abs(stretch.columns["jerk_mps3"]), initial=np.nan)),
+    worse="higher",
+)
+metric(
+    "rms_jerk_mps3",
+    "RMS jerk",
+    "root mean square of jerk_mps3",
+    lambda stretch: _rms(stretch.columns["jerk_mps3"]),
+    worse="higher",
+)
+metric(
+    "rms_acceleration_mps2",
+    "RMS acceleration",
+    "root mean square of acceleration_mps2",
+    lambda stretch: _rms(stretch.columns["acceleration_mps2"]),
+    worse="higher",
+)
+
+
+def _rms(values: Floats) -> float:
+    """Return the root mean square of what is known; NaN of nothing."""
+    known = values[~np.isnan(values)]
+    return float(np.mean(known**2) ** 0.5) if len(known) else float("nan")

@@ -1,0 +1,263 @@
+"""The metrics of a whole drive: one value each, as `summary.json` and a sweep's row hold them, in their order.
+
+To add one, write its row here with its function: summary, criteria, sweeps, reports, plots and the docs take
+it from the table. Reads a drive's tables; neither SUMO nor how the drive was run. A value is NaN where the drive held
+nothing to measure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.metric import MetricTable
+from vve_sumo.metrics.stopping import AT_REST, Stop
+from vve_sumo.values import ArmingState, Floats, Vehicle
+
+PER_DRIVE: MetricTable[DriveData] = MetricTable()
+metric = PER_DRIVE.add
+
+
+metric(
+    "collision",
+    "collision",
+    "whether the ego's rectangle overlapped another's at any tick",
+    lambda drive: any(drive.ticks["contacts"].to_pylist()),
+    kind="bool",
+    worse="higher",
+)
+
+
+def _stop_gap(drive: DriveData) -> float:
+    speed = drive.motion.speed
+    return float(drive.lead.gap[-1]) if len(speed) and abs(speed[-1]) < AT_REST else math.nan
+
+
+metric(
+    "stop_gap_m",
+    "gap at rest",
+    "at the last tick, if the car stands: front bumper to the nearest box in the strip of the ego's width around the "
+    "path, along the path; negative is overlap, none where nothing is within 150 m",
+    _stop_gap,
+    worse="lower",
+)
+metric(
+    "min_ttc_s",
+    "minimum TTC",
+    "time to collision, gap over closing speed, the least at any tick; none where nothing was ever closed in on",
+    lambda drive: least(drive.lead.time_to_collision),
+    worse="lower",
+    source="Hayward 1972",
+    absent=math.inf,
+)
+metric(
+    "max_drac_mps2",
+    "maximum DRAC",
+    "deceleration rate to avoid a crash, closing speed squared over twice the gap, the greatest at any tick; none as "
+    "min_ttc_s",
+    lambda drive: greatest(drive.lead.required_deceleration),
+    worse="higher",
+    source="Almqvist, Hydén and Risser 1991",
+    absent=0.0,
+)
+metric(
+    "min_gap_m",
+    "minimum gap",
+    "least gap at any tick to what was ahead in the ego's way; negative is overlap, none where nothing ever was",
+    lambda drive: least(drive.lead.gap),
+    worse="lower",
+    absent=math.inf,
+)
+
+
+def impact_speed(drive: DriveData) -> float:
+    """Return |v - w|: v the ego's speed, w the velocity of what it touched, projected on the ego's heading.
+
+    NaN where the record ends before it holds what was touched.
+    """
+    ticks, actors = drive.ticks, drive.actors
+    contacts = ticks["contacts"].to_pylist()
+    first = next((row for row, names in enumerate(contacts) if names), -1)
+    if first < 0:
+        return 0.0
+    # A tick's row tells of the step that it ended with; what the street then held stands under the next tick.
+    tick = actors["tick"].to_numpy()
+    later = tick[tick > ticks["tick"][first].as_py()]
+    rows = np.flatnonzero(tick == later.min()) if len(later) else np.zeros(0, np.int64)
+    touched = np.isin(actors["actor"].take(rows).to_pylist(), contacts[first].split("+"))
+    heading, speed = (actors[name].to_numpy()[rows[touched]] for name in ("heading_rad", "speed_mps"))
+    relative = ticks["asked_speed_mps"][first].as_py() - speed * np.cos(
+        heading - ticks["asked_heading_rad"][first].as_py()
+    )
+    return greatest(np.abs(relative))
+
+
+metric(
+    "impact_speed_mps",
+    "impact speed",
+    "relative, at the first contact: size of the ego's speed minus that part of the other's velocity which lies along "
+    "the ego's heading, both as the road had them when it found the contact; of several at once the greatest; 0 "
+    "without contact",
+    impact_speed,
+    worse="higher",
+)
+
+
+def _max_lateral_deviation(drive: DriveData) -> float:
+    deviation = drive.column("lateral_deviation_m")
+    if not np.isfinite(deviation).any():
+        deviation = drive.column("estimated_deviation_m")
+    return greatest(np.abs(deviation))
+
+
+metric(
+    "max_lateral_deviation_m",
+    "maximum lateral deviation",
+    "of the true rear axle from the path; of the estimated one where there is no truth",
+    _max_lateral_deviation,
+    worse="higher",
+)
+metric(
+    "max_deceleration_mps2",
+    "maximum deceleration",
+    "of the rear axle along its heading",
+    lambda drive: max(0.0, -least(drive.motion.acceleration)),
+    worse="higher",
+)
+metric(
+    "max_speed_mps",
+    "maximum speed",
+    "of the rear axle along its heading",
+    lambda drive: greatest(drive.motion.speed),
+    criterion=False,
+)
+
+
+#: metrics of the last stop
+OF_STOP: list[str] = []
+
+
+def _of_stop(name: str, label: str, meaning: str, value: Callable[[Stop, Vehicle], float], **rest: Any) -> None:
+    """Enter a metric of the last stop; NaN where the drive holds none."""
+    OF_STOP.append(name)
+
+    def measured(drive: DriveData) -> float:
+        return value(drive.stop, drive.vehicle) if drive.stop else math.nan
+
+    metric(name, label, meaning, measured, criterion=False, **rest)
+
+
+_of_stop(
+    "stop_onset_speed_mps",
+    "speed at brake onset",
+    "speed at the onset of the last stop, which is the tick that first commanded the braking that ended at rest; none "
+    "where the drive holds no commanded stop",
+    lambda stop, _vehicle: stop.onset_speed,
+)
+_of_stop(
+    "stop_distance_m",
+    "stopping distance",
+    "of the last stop, from its onset to rest; none as stop_onset_speed_mps",
+    lambda stop, _vehicle: stop.distance,
+    worse="higher",
+)
+_of_stop(
+    "stop_bound_m",
+    "stopping-distance bound",
+    "distance that the car as declared needs for the last stop at most, by the closed form: after its brake delay, "
+    "with its brake lag, at the demand",
+    lambda stop, vehicle: stop.bound(vehicle),
+)
+_of_stop(
+    "stop_demand_mps2",
+    "deceleration demand",
+    "constant deceleration that stops in the distance which the course granted in the last stop, up to the car's "
+    "declared deceleration, would take from the onset's speed",
+    lambda stop, _vehicle: stop.demand,
+)
+_of_stop(
+    "stop_reaction_s",
+    "brake reaction time",
+    "from the onset of the last stop until the car's deceleration begins to rise",
+    lambda stop, _vehicle: stop.reaction.duration,
+    worse="higher",
+)
+_of_stop(
+    "stop_build_up_s",
+    "brake build-up time",
+    "from the end of the reaction until the deceleration of the last stop has risen",
+    lambda stop, _vehicle: stop.build_up.duration,
+    worse="higher",
+)
+_of_stop(
+    "mfdd_mps2",
+    "MFDD",
+    "mean fully developed deceleration of the last stop, between 80 % and 10 % of the onset's speed",
+    lambda stop, _vehicle: stop.mfdd,
+    worse="lower",
+    source="UN R13-H",
+)
+
+
+def emergency_used(drive: DriveData) -> bool:
+    """Whether it braked the car, not merely asked for that while nobody obeyed."""
+    engaged, ticks = ArmingState.ENGAGED.value, drive.ticks
+    asked = zip(ticks["emergency"].to_pylist(), ticks["state"].to_pylist(), strict=True)
+    return any(wanted and state == engaged for wanted, state in asked)
+
+
+metric("emergency_used", "emergency layer", "whether the emergency layer braked the car", emergency_used, kind="bool")
+
+
+def _duration(drive: DriveData) -> float:
+    time = drive.ticks["time_s"]
+    return float(time[-1].as_py() - time[0].as_py()) if drive.ticks.num_rows else 0.0
+
+
+metric("duration_s", "drive time", "from the first tick to the last", _duration)
+metric(
+    "ticks",
+    "ticks",
+    "steps of the drive that the record holds",
+    lambda drive: int(drive.ticks.num_rows),
+    kind="int",
+    criterion=False,
+)
+
+
+def anchor_position_error(drive: DriveData) -> float:
+    """Greatest error of the ego's place in SUMO."""
+    return float(np.fmax.reduce(drive.column("anchor_position_error_m"), initial=np.nan))
+
+
+metric(
+    "anchor_position_error_m",
+    "position error of SUMO's ego",
+    "largest distance of SUMO's ego from what was asked of it",
+    anchor_position_error,
+    worse="higher",
+    criterion=False,
+)
+metric(
+    "anchor_speed_error_mps",
+    "speed error of SUMO's ego",
+    "largest difference of SUMO's ego from the speed that was asked of it",
+    lambda drive: float(np.fmax.reduce(drive.column("anchor_speed_error_mps"), initial=np.nan)),
+    worse="higher",
+    criterion=False,
+)
+
+
+def least(values: Floats) -> float:
+    """Return the least finite value; NaN for none."""
+    finite = values[np.isfinite(values)]
+    return float(finite.min()) if len(finite) else math.nan
+
+
+def greatest(values: Floats) -> float:
+    """Return the greatest finite value; NaN for none."""
+    return -least(-values)

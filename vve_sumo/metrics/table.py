@@ -1,0 +1,104 @@
+"""Every metric that a person meets, in one table: what it is called, its unit, what it means, which way is worse.
+
+Files, criteria, sweeps, reports, plots, the screen and the docs take names and words from here. The rows of what is
+measured stand beside the functions that measure it (`per_drive`, `per_tick`, `exposure`); here are those that a drive
+itself reports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from vve_sumo.metrics.exposure import EXPOSURE
+from vve_sumo.metrics.metric import Metric, ending_of, unit_of
+from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.metrics.per_tick import PER_TICK
+
+
+def rows(*metrics: Metric) -> dict[str, Metric]:
+    """Return metrics by their names."""
+    return {metric.name: metric for metric in metrics}
+
+
+#: how a drive ended, as it reports it itself
+ENDING = rows(
+    Metric("outcome", "outcome", "how the drive ended", kind="str"),
+    Metric("passed", "passed", "whether it met all criteria", kind="bool"),
+    Metric("failed", "failed", "criteria that it did not meet, joined by ;", kind="str"),
+    Metric("reasons", "reasons", "the gateway's reason codes at the end, joined by ;", kind="str"),
+)
+
+#: what a playback measures while it drives
+PLAYBACK = rows(
+    Metric(
+        "prediction_error_100ms_mean_m",
+        "prediction over 100 ms, mean error",
+        "distance of each measured pose from its prediction out of poses at least 100 ms older, the mean",
+        worse="higher",
+    ),
+    Metric(
+        "prediction_error_100ms_max_m",
+        "prediction over 100 ms, maximum error",
+        "distance of each measured pose from its prediction out of poses at least 100 ms older, the greatest",
+        worse="higher",
+    ),
+)
+
+#: what else a drive reports of itself
+REPORTED = rows(
+    Metric("removed_at_entry", "removed at entry", "vehicles taken off the road to make room for the ego", kind="int"),
+    Metric(
+        "removed_after_standoff",
+        "removed after a standoff",
+        "vehicles taken off the road because they and the ego waited for each other",
+        kind="int",
+    ),
+    Metric("sumo_warnings", "SUMO's warnings", "how often SUMO warned", kind="int"),
+    Metric("text", "text", "what a failure said in its own words", kind="str"),
+    Metric("record_sha256", "record hash", "hash of the run's record", kind="str"),
+)
+
+#: figures of every drive in the order in which a sweep's row holds them
+FIGURES: Mapping[str, Metric] = {**ENDING, **PER_DRIVE, **REPORTED}
+#: those of them that are numbers with a mean
+NUMBERS = tuple(name for name, metric in FIGURES.items() if metric.kind == "float")
+METRICS: Mapping[str, Metric] = {**FIGURES, **PLAYBACK, **PER_TICK, **EXPOSURE}
+
+#: of parts of names, to be read in text
+_WORDS = {
+    "ttc": "TTC",
+    "mttc": "modified TTC",
+    "drac": "DRAC",
+    "rss": "RSS",
+    "gnss": "GNSS",
+    "mfdd": "MFDD",
+    "min": "minimum",
+    "max": "maximum",
+}
+
+
+def label_of(name: str) -> str:
+    """Return what a column is called, without its unit; of one that is no metric, the words of its name.
+
+    `min_ttc_s` is "minimum TTC", the parameter `ego.speed_mps` "ego speed".
+    """
+    if name in METRICS:
+        return METRICS[name].label
+    last = [part for part in name.removesuffix(ending_of(name)).split(".") if not part.isdigit()][-2:]
+    return " ".join(_WORDS.get(word, word) for part in last for word in part.split("_"))
+
+
+def axis_of(name: str, units: Mapping[str, str] | None = None) -> str:
+    """Return what an axis says: what a column is called and its unit, 1 for a number without one."""
+    return f"{label_of(name)} [{(units or {}).get(name) or unit_of(name) or '1'}]"
+
+
+def meaning_of(name: str) -> str:
+    """Return what a metric means; empty for what is none."""
+    return METRICS[name].meaning if name in METRICS else ""
+
+
+def markdown(metrics: Iterable[Metric]) -> str:
+    """Return a table of metrics as the docs show it."""
+    lines = (f"| `{m.name}` | {m.label} | {m.unit} | {m.meaning} | {m.worse or ''} | {m.source} |" for m in metrics)
+    return "\n".join(["| name | label | unit | meaning | worse | source |", "|---|---|---|---|---|---|", *lines])

@@ -1,0 +1,73 @@
+"""The simulated vehicle's parameters: those of a vehicle model, but for the perturbations that a file states.
+
+Knows what a scenario and a rig may say of a perturbed car; it makes no car.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from vve_sumo.frames import Mounting
+from vve_sumo.plant.car import CarParameters
+from vve_sumo.plant.receiver import ReceiverParameters
+from vve_sumo.scenario.schema import Car, Weather
+from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
+from vve_sumo.vehicle.model import VehicleModel
+
+#: of tyre on road, where nobody says another
+DRY: Final = Weather().friction
+
+
+def parameters(
+    model: VehicleModel,
+    mounting: Mounting | None = None,
+    *,
+    kit: DbwControllerParameters | None = None,
+    noise: float = 1.0,
+    delay: float = 0.01,
+    hidden_delay: float = 0.0,
+    mass_factor: float = 1.0,
+    brake_gain_factor: float = 1.0,
+    friction: float = DRY,
+    grade: float = 0.0,
+    steering_wheel_bias: float = 0.0,
+    heading_misalignment: float = 0.0,
+) -> CarParameters:
+    """A vehicle as declared, but for the perturbations given; their meanings and units are those of `CarParameters`.
+
+    `noise` scales the receiver's and the gyroscope's errors, 0 is none; both delays are the receiver's [s]. The
+    receiver is mounted as the model declares, unless `mounting` says otherwise.
+    """
+    numbers = model.simulated
+    return CarParameters(
+        vehicle=model.vehicle,
+        calibration=model.calibration,
+        kit=kit or DbwControllerParameters(model.variant),
+        receiver=ReceiverParameters(mounting or model.mounting, delay=delay, hidden_delay=hidden_delay, noise=noise),
+        track=numbers.track,
+        mass_height=numbers.mass_height,
+        friction=friction,
+        throttle_delay=numbers.throttle_delay,
+        mass_factor=mass_factor,
+        brake_gain_factor=brake_gain_factor,
+        grade=grade,
+        steering_wheel_bias=steering_wheel_bias,
+        heading_misalignment=heading_misalignment,
+    )
+
+
+def perturbed(model: VehicleModel, car: Car, friction: float = DRY) -> CarParameters:
+    """A vehicle as a file says that it differs from what is declared of it."""
+    return parameters(
+        model,
+        noise=car.noise_factor if car.noise else 0.0,
+        delay=car.gnss_delay_s,
+        hidden_delay=car.gnss_hidden_delay_s,
+        mass_factor=car.mass_factor,
+        brake_gain_factor=car.brake_gain_factor,
+        friction=friction,
+        grade=math.atan(car.grade_percent / 100.0),
+        steering_wheel_bias=model.steering_wheel_bias + math.radians(car.steering_wheel_bias_deg),
+        heading_misalignment=-math.radians(car.heading_misalignment_deg),
+    )

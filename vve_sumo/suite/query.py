@@ -1,0 +1,115 @@
+"""A suite that was asked for: what may be asked, and the drives that its folder does not hold yet.
+
+Refuses before anything is driven; prints nothing.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from vve_sumo import workspace
+from vve_sumo.drive.resolved_scenario import resolve_scenario
+from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.schema import DEFAULT_VEHICLE
+from vve_sumo.suite import catalogue
+from vve_sumo.suite.journal import NAME, Journal
+from vve_sumo.suite.row import Judged, Outcome, Row, Verdict
+from vve_sumo.suite.run import Done, drives, run
+from vve_sumo.sweep.engine import Local
+from vve_sumo.sweep.progress import Tally
+from vve_sumo.vehicle.load import load as load_vehicle
+
+#: verdicts that fail a suite
+BAD = (Verdict.FAILED, Verdict.INVALID)
+
+
+class SuiteQuery(NamedTuple):
+    """What is asked of a suite, besides its name."""
+
+    out: Path | None = None  #: folder of the tables and the journal
+    seeds: int = 1  #: drives of each row
+    workers: int | None = None  #: drives at a time; None: as many as processors
+    controller: str | None = None  #: another than the row's
+    vehicle: str = DEFAULT_VEHICLE  #: vehicle model: a name or a file
+    keep: bool = False  #: the records
+    resume: bool = False  #: with what is in `out`
+
+
+def rows_of(name: str, query: SuiteQuery, working: Path) -> list[Row]:
+    """Return the rows that are to be driven; raises ConfigError where what is asked for cannot be driven."""
+    car = load_vehicle(workspace.find("vehicle", query.vehicle, working))
+    rows = [with_vehicle(row, query.vehicle) for row in catalogue.rows(name, car)]
+    if query.controller is not None:
+        rows = [driven_by(row, query.controller) for row in rows]
+    first = next(row.scenario for row in rows if row.scenario is not None)
+    resolve_scenario(name, first, Path(f"suite {name}"), working).controller(working)
+    _check(query)
+    return rows
+
+
+def driven_by(row: Row, controller: str) -> Row:
+    """Return a row with another controller, and without tuning, which would be no other's."""
+    if row.scenario is None or row.scenario.controller.name == controller:
+        return row
+    other = row.scenario.controller.model_copy(update={"name": controller, "tuning": {}})
+    return replace(row, scenario=row.scenario.model_copy(update={"controller": other}))
+
+
+def with_vehicle(row: Row, vehicle: str) -> Row:
+    """Return a row whose scenario names a vehicle model."""
+    if row.scenario is None:
+        return row
+    ego = row.scenario.ego.model_copy(update={"vehicle": vehicle})
+    return replace(row, scenario=row.scenario.model_copy(update={"ego": ego}))
+
+
+def _check(query: SuiteQuery) -> None:
+    if query.seeds < 1:
+        raise ConfigError(f"--seeds: expected 1 or more, got {query.seeds}")
+    if query.workers is not None and query.workers < 1:
+        raise ConfigError(f"--workers: expected 1 or more, got {query.workers}")
+    for wanted, option, what in ((query.keep, "--keep", "the records"), (query.resume, "--resume", "the journal")):
+        if wanted and query.out is None:
+            raise ConfigError(f"{option}: expected --out DIR beside it, the folder of {what}")
+    out = query.out
+    if out is None or not out.exists():
+        return
+    if query.resume and not (out / NAME).is_file():
+        raise ConfigError(f"--resume: {out} holds no {NAME}, expected the folder of a suite that was begun")
+    if not query.resume and (not out.is_dir() or any(out.iterdir())):
+        raise ConfigError(f"--out: {out} is not empty, expected an empty or absent folder; --resume goes on with one")
+
+
+def drive(
+    name: str, rows: Sequence[Row], query: SuiteQuery, working: Path, progress: Callable[[Tally], None]
+) -> list[Judged]:
+    """Drive what is not in the journal of the folder asked for; `progress` takes the tally after every drive."""
+    engine = Local(query.workers if query.workers is not None else len(os.sched_getaffinity(0)))
+    total = sum(1 for _ in drives(rows, query.seeds))
+    if query.out is None:
+        return run(name, rows, engine, working, done=_counted(total, [], progress), seeds=query.seeds)
+    records = query.out / "records" if query.keep else None
+    with Journal(query.out, rows, resume=query.resume) as journal:
+        known = [outcome for outcome in journal.known if outcome.seed <= query.seeds]
+        done = _counted(total, known, progress, journal.add)
+        return run(name, rows, engine, working, records, done, seeds=query.seeds, known=known)
+
+
+def _counted(
+    total: int, known: Sequence[Outcome], progress: Callable[[Tally], None], also: Done = lambda outcome: None
+) -> Done:
+    """Return what is to be called with every outcome: counts it and hands the tally on."""
+    failed = sum(outcome.verdict in BAD for outcome in known)
+    tally = Tally(total, finished=len(known), failed=failed, faults=0)
+    progress(tally)
+
+    def done(outcome: Outcome) -> None:
+        also(outcome)
+        tally.count(outcome.verdict not in BAD, "")
+        progress(tally)
+
+    return done

@@ -1,0 +1,52 @@
+"""What a finished sweep came to, kept as files: the outcome of every combination, or what its search found."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from vve_sumo.metrics.table import NUMBERS
+from vve_sumo.record.sweep_folder import read_tables
+from vve_sumo.sweep.plan import MANY, SweepQuery
+from vve_sumo.sweep.statistics import Outcome, outcome
+
+COMBINATIONS, FOUND = "combinations.csv", "search.json"
+
+
+def conclude(folder: Path, query: SweepQuery) -> Outcome:
+    """Return what a finished sweep came to; write `combinations.csv` beside its rows, unless it has very many."""
+    parameters = list(query.plan.parameters) if query.cells.points < MANY else []
+    columns = [*parameters, "passed", "fault", *NUMBERS]
+    rows = (row for table in read_tables(folder) for row in table.select(columns).to_pylist())
+    came = outcome(rows, parameters, NUMBERS)
+    if parameters:
+        _write(folder / COMBINATIONS, parameters, came)
+    return came
+
+
+def _write(file: Path, parameters: Sequence[str], came: Outcome) -> None:
+    with file.open("w", encoding="utf-8", newline="") as out:
+        lines = csv.writer(out, lineterminator="\n")
+        means = [f"{name}{which}" for name in NUMBERS for which in ("", "_half_width")]
+        lines.writerow([*parameters, "runs", "judged", "passed", "share_low", "share_high", *means])
+        for values, group in came.groups.items():
+            figures = [each for name in NUMBERS for each in (group.means[name].mean, group.means[name].half)]
+            counts = (group.runs, group.judged, group.passed, *group.interval)
+            lines.writerow([*values, *counts, *("" if one != one else one for one in figures)])
+
+
+def keep_found(folder: Path, found: Mapping[str, Any]) -> None:
+    """Write what a search found into `search.json`."""
+    (folder / FOUND).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+def first_failed(folder: Path) -> str | None:
+    """Return the key of the first run that did not pass; None where all did."""
+    for table in read_tables(folder):
+        passed = table["passed"].to_pylist()
+        if False in passed:
+            return str(table["key"][passed.index(False)].as_py())
+    return None

@@ -1,0 +1,132 @@
+"""Fills a sweep's folder: drives whatever is not finished there on an engine, a row of the dataset for every run.
+
+Prints nothing: its caller is handed the tally after every run.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from vve_sumo.errors import ConfigError, SimulationError, VveError
+from vve_sumo.record.sweep_folder import read_tables
+from vve_sumo.sweep.dataset import Dataset
+from vve_sumo.sweep.engine import Engine, Local
+from vve_sumo.sweep.job import Job, Result
+from vve_sumo.sweep.plan import SweepQuery, job_of
+from vve_sumo.sweep.progress import Tally
+from vve_sumo.sweep.run_specs import RunSpec
+from vve_sumo.sweep.search import AdaptiveSearch
+from vve_sumo.sweep.spec import Keep
+
+#: takes the tally before the first run and after every run
+Progress = Callable[[Tally], None]
+
+
+def fill(
+    out: Path,
+    query: SweepQuery,
+    engine: Engine,
+    keep: Keep,
+    *,
+    resume: bool,
+    again: str,
+    progress: Progress,
+    notify: Callable[[str], None],
+) -> AdaptiveSearch | None:
+    """Drive into a folder whatever of a sweep is not finished there; return the search, where it was one.
+
+    `notify` takes a line where there was nothing to resume. Raises KeyboardInterrupt and SimulationError with a line
+    that says what is safe, and that `again` goes on with it.
+    """
+    begun = (out / "sweep.json").exists()
+    dataset = Dataset(out, query.plan, resume=resume)
+    if resume and not begun:
+        notify(f"{out}: no sweep has begun there; this one does")
+    try:
+        search = _search(query, dataset)
+        _drive(engine, query, dataset, search, keep, progress)
+        if search is not None and search.found is not None:
+            dataset.settle(search.runs)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"interrupted; {_so_far(dataset)}; to go on: {again}") from None
+    except VveError as error:
+        raise SimulationError(f"{error}; {_so_far(dataset)}; to go on: {again}") from error
+    finally:
+        dataset.close()
+    if not dataset.whole:
+        raise SimulationError(f"some runs were interrupted; {_so_far(dataset)}; to go on: {again}")
+    return search
+
+
+def _search(query: SweepQuery, dataset: Dataset) -> AdaptiveSearch | None:
+    """Return the search that was asked for, given what is finished of it; None where every run is to be driven."""
+    if query.spec.search is None:
+        return None
+    held = {row["number"]: row for table in read_tables(dataset.folder) for row in table.to_pylist()}
+    return AdaptiveSearch(query.cells, held, dataset.folder)
+
+
+def _so_far(dataset: Dataset) -> str:
+    of = "" if "search" in dataset.plan.spec else f" of {dataset.plan.cells}"
+    return f"{dataset.finished}{of} runs are finished and safe in {dataset.folder}"
+
+
+def engine_of(workers: int | None, cluster: str | None) -> Engine:
+    """Return what drives the runs: so many processes here, or a cluster; raises ConfigError for both."""
+    if cluster is None:
+        return Local(len(os.sched_getaffinity(0)) if workers is None else workers)
+    if workers is not None:
+        raise ConfigError("--workers: a cluster brings its own; leave out one of --workers and --cluster")
+    from vve_sumo.sweep.cluster import Cluster
+
+    return Cluster(cluster)
+
+
+def _drive(
+    engine: Engine, query: SweepQuery, dataset: Dataset, search: AdaptiveSearch | None, keep: Keep, progress: Progress
+) -> None:
+    """Drive every run that the dataset does not hold, or every one that a search asks for."""
+    under_way: dict[str, RunSpec] = {}
+    tally = _tally(dataset)
+    runs = query.cells.unless(dataset.holds) if search is None else search.cells()
+
+    def jobs() -> Iterator[Job | None]:
+        for run in runs:
+            if run is None:
+                yield None
+                continue
+            under_way[run.key] = run
+            yield job_of(query.plan, query.spec, run, _record(dataset.folder, run.key, keep))
+
+    def done(job: Job, result: Result) -> None:
+        run = under_way.pop(job.key)
+        if result.fault == "interrupted":
+            return  # not finished: it is driven when the sweep goes on
+        if keep == "failed" and job.keep is not None and result.figures.get("passed"):
+            shutil.rmtree(job.keep, ignore_errors=True)
+        row = dataset.add(run, result)
+        if search is not None:
+            search.take(row)
+            tally.search = search.said
+        tally.count(result.figures.get("passed") if not result.fault else None, result.fault)  # type: ignore[arg-type]
+        progress(tally)
+
+    progress(tally)
+    engine.run(jobs(), done)
+
+
+def _record(folder: Path, key: str, keep: Keep) -> Path | None:
+    wanted = keep in ("failed", "all") or key in keep
+    return (folder / "records" / key).absolute() if keep != "none" and wanted else None
+
+
+def _tally(dataset: Dataset) -> Tally:
+    failed = faults = 0
+    for table in read_tables(dataset.folder):
+        failed += table["passed"].to_pylist().count(False)
+        faults += sum(map(bool, table["fault"].to_pylist()))
+    total = None if "search" in dataset.plan.spec else dataset.plan.cells
+    return Tally(total, dataset.finished, failed, faults)

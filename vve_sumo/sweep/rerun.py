@@ -1,0 +1,112 @@
+"""One run of a dataset driven again, alone and with its record kept: does it come to the same?"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from vve_sumo.drive.resolved_scenario import ResolvedScenario, changed_code, versions
+from vve_sumo.drive.run import Drive
+from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.table import NUMBERS
+from vve_sumo.record.record import claim
+from vve_sumo.record.sweep_folder import Plan, Row, read_tables
+from vve_sumo.scenario.load import parse
+from vve_sumo.sweep.dataset import refuse_mixed
+from vve_sumo.sweep.engine import Local
+from vve_sumo.sweep.input_cache import InputCache, setting_of
+from vve_sumo.sweep.job import Job, Result
+from vve_sumo.sweep.plan import job_of
+from vve_sumo.sweep.preflight import look
+from vve_sumo.sweep.run_specs import RunSpec
+from vve_sumo.sweep.spec import parse_spec
+
+
+@dataclass(frozen=True, slots=True)
+class Rerun:
+    """A run of a dataset that was driven again."""
+
+    job: Job
+    row: Row  #: of the dataset
+    result: Result  #: now
+    folder: Path  #: of the record, where one was written
+
+    @property
+    def same(self) -> bool:
+        """Whether the run came to the same as in the sweep."""
+        return bool(self.result.fault == self.row["fault"] and self._digest == self.row["record_sha256"])
+
+    @property
+    def then(self) -> str:
+        """What the run came to in the sweep."""
+        return str(self.row["fault"]) or f"record {self.row['record_sha256']}"
+
+    @property
+    def now(self) -> str:
+        """What the run came to now."""
+        return self.result.fault or f"record {self._digest}"
+
+    @property
+    def _digest(self) -> object:
+        return self.result.figures.get("record_sha256")
+
+    def drive(self) -> Drive:
+        """Return the drive that was recorded, as a single drive leaves it."""
+        summary = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
+        # JSON has no word for a figure that is not there.
+        missing = {name: math.nan for name in NUMBERS if summary[name] is None}
+        return Drive(self.folder, summary | missing)
+
+    def resolved(self) -> ResolvedScenario:
+        """Return the scenario that was driven."""
+        return setting_of(self.job, InputCache())
+
+
+def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None]) -> Rerun:
+    """Drive one run of a dataset again and keep its record in `out`, or with the dataset.
+
+    `warn` takes a line for every file that has changed since the sweep began, before the run is driven. Raises
+    ConfigError where there is no such run, for other versions, for a controller whose code is not the sweep's, and for
+    a record that is there already.
+    """
+    plan = Plan.of(folder)
+    refuse_mixed(folder, plan, versions())
+    row = _row(folder, key)
+    if not Path(plan.working).is_dir():
+        plan = replace(plan, working=str(Path.cwd()))
+    record = (out or folder / "records" / key).absolute()
+    try:
+        claim(record)
+    except ConfigError as error:
+        raise ConfigError(f"{error}; name another with --out DIR") from None
+    run = RunSpec(row["number"], key, {name: row[name] for name in plan.parameters}, row["seed"])
+    job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), run, record)
+    controller = parse(job.table, job.file).controller.name
+    if changed := changed_code(controller, plan.files_sha256, job.working):
+        advice = "a sweep into another folder drives the controller as it is now"
+        raise ConfigError(f"{folder}: {changed[0]}: not run; {advice}")
+    for role in _changed_files(plan, job):
+        warn(f"the file of {role} has changed since the sweep began")
+    results: list[Result] = []
+    Local(1).run([job], lambda _job, result: results.append(result))
+    return Rerun(job, row, results[0], record)
+
+
+def _row(folder: Path, key: str) -> Row:
+    for table in read_tables(folder):
+        keys = table["key"].to_pylist()
+        if key in keys:
+            row: Row = table.slice(keys.index(key), 1).to_pylist()[0]
+            return row
+    raise ConfigError(f"{folder}: no finished run has the key {key!r}; the column key of its rows lists them")
+
+
+def _changed_files(plan: Plan, job: Job) -> Iterator[str]:
+    """Return the roles of the files that are not those that the sweep began with."""
+    seen = look([job])
+    files: Mapping[str, str] = seen[0].files_sha256 if seen else {}
+    then = plan.files_sha256
+    return (role for role, digest in files.items() if role in then and digest not in then[role])

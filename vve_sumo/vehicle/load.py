@@ -1,0 +1,82 @@
+"""Reads vehicle files; every complaint is one line that names file, key, what was expected and what came."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from vve_sumo.config_file import complaint, in_si, read
+from vve_sumo.errors import ConfigError
+from vve_sumo.frames import Mounting
+from vve_sumo.values import Vehicle
+from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.model import SimulatedNumbers, VehicleModel
+from vve_sumo.vehicle.schema import Calibration as CalibrationTable
+from vve_sumo.vehicle.schema import Declared, Simulated, VehicleFile
+
+#: a declared deceleration may be so much more than what torque limit and brake gain give: both are rounded
+ROUNDING = 1.02
+
+
+def declared(table: Declared) -> Vehicle:
+    """Return the vehicle that a table declares; raises ConfigError, without the file's name, for what cannot be."""
+    said = in_si(table, "sources", "model")
+    ratio = said["steering_ratio"]
+    limits = {name: said.pop(f"steering_wheel_{name}") / ratio for name in ("limit", "rate_limit")}
+    vehicle = Vehicle(**said, steering_limit=limits["limit"], steering_rate_limit=limits["rate_limit"])
+    if not vehicle.rear_overhang >= 0.0:
+        raise ConfigError("vehicle: length_m is less than wheelbase_m and front_overhang_m together")
+    if not vehicle.front_axle_to_mass < vehicle.wheelbase:
+        raise ConfigError("vehicle: front_axle_to_mass_m is not less than wheelbase_m")
+    return vehicle
+
+
+def calibrated(table: CalibrationTable, vehicle: Vehicle) -> Calibration:
+    """Return the longitudinal calibration of a vehicle; mass and torque limit are the vehicle's."""
+    said = in_si(table, "sources", "date", "steering_wheel_bias_deg")
+    return Calibration(mass=vehicle.mass, brake_torque_limit=vehicle.brake_torque_limit, **said)
+
+
+def simulated(table: Simulated) -> SimulatedNumbers:
+    """Return what the simulated vehicle has besides."""
+    return SimulatedNumbers(**in_si(table, "sources", "receiver_forward_m", "receiver_left_m"))
+
+
+def parse(table: dict[str, Any], file: Path) -> VehicleModel:
+    """Return the vehicle that a parsed table holds; `file` is named in the ConfigError of a wrong one."""
+    try:
+        said = VehicleFile.model_validate(table)
+    except ValidationError as error:
+        raise ConfigError(complaint(file, error, VehicleFile)) from None
+    try:
+        return _resolved(file.name.removesuffix(".toml"), said)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from None
+
+
+def _resolved(name: str, said: VehicleFile) -> VehicleModel:
+    vehicle = declared(said.vehicle)
+    calibration = calibrated(said.calibration, vehicle)
+    most = vehicle.brake_torque_limit / calibration.brake_gain
+    if not vehicle.deceleration_limit <= ROUNDING * most:
+        raise ConfigError(
+            f"vehicle.deceleration_limit_mps2: expected {most:.2f} or less, which brake_torque_limit_nm and "
+            f"calibration.brake_gain_kgm give, got {vehicle.deceleration_limit:g}"
+        )
+    numbers = simulated(said.simulated)
+    if not numbers.laden_mass >= vehicle.mass:
+        raise ConfigError(
+            f"simulated.laden_mass_kg: expected vehicle.mass_kg, {vehicle.mass:g}, or more, got {numbers.laden_mass:g}"
+        )
+    mounting = Mounting(said.simulated.receiver_forward_m, said.simulated.receiver_left_m)
+    return VehicleModel(name, vehicle, calibration, numbers, mounting)
+
+
+def load(file: Path) -> VehicleModel:
+    """Return the vehicle in a TOML file.
+
+    Raises ConfigError naming the file and what is wrong with it.
+    """
+    return parse(read(file, "vehicle"), file)

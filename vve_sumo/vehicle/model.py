@@ -1,0 +1,65 @@
+"""One vehicle, resolved: all that lockstep, playback, sweep, suite and live drive need to know of the car they drive.
+
+Plain values in SI units. Knows no file and no rig; who has laid a rig's measurements over a model says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Self
+
+from vve_sumo.frames import Mounting
+from vve_sumo.values import Vehicle
+from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.dataspeed.codec import Variant
+from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedNumbers:
+    """What the simulated vehicle has besides, which nobody declares of a real one."""
+
+    laden_mass: float  #: largest permitted, with which suites drive it laden [kg]
+    track: float  #: between the wheels of an axle [m]
+    mass_height: float  #: of the centre of mass above ground [m]
+    throttle_delay: float  #: dead time from frame to first force [s]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleModel:
+    """A vehicle as declared and calibrated, and what the simulated vehicle of it has besides."""
+
+    name: str  #: of the vehicle's file, without its ending
+    vehicle: Vehicle
+    calibration: Calibration
+    simulated: SimulatedNumbers
+    mounting: Mounting  #: of the GNSS receiver, as declared
+    limits: Limits = field(default_factory=Limits)  #: that the gateway keeps to
+    variant: Variant = Variant.DBW1_2024  #: generation of the drive-by-wire controller
+    steering_wheel_bias: float = 0.0  #: reported angle at which the wheels point straight [rad], left positive
+    rig: str = ""  #: title of the rig whose measurements are laid over the model; empty where there is none
+
+    @property
+    def laden_factor(self) -> float:
+        """Mass of the laden vehicle over the declared mass."""
+        return self.simulated.laden_mass / self.vehicle.mass
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain JSON, as a record keeps it."""
+        return asdict(self) | {"variant": self.variant.name}
+
+    @classmethod
+    def from_dict(cls, told: Mapping[str, Any]) -> Self:
+        """Return the vehicle that `to_dict` told; raises KeyError, TypeError or ConfigError where it is none."""
+        limits = told["limits"]
+        nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
+        parts = {
+            "vehicle": Vehicle(**told["vehicle"]),
+            "calibration": Calibration(**told["calibration"]),
+            "simulated": SimulatedNumbers(**told["simulated"]),
+            "mounting": Mounting(**told["mounting"]),
+            "limits": Limits(**{**limits, **nested}),
+            "variant": Variant[told["variant"]],
+        }
+        return cls(**{**told, **parts})

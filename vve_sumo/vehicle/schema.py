@@ -1,0 +1,120 @@
+"""What a vehicle file may say: pydantic models, the edge where units are in the names.
+
+A rig lays its own measurements over the same tables (`rig.schema`). Knows nothing of where files lie; what a file means
+to the rest is `vehicle.model`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from vve_sumo.config_file import Name, NotNegative, Positive, Share, Short, Strength, Table
+
+#: how the source of a number begins that nobody measured or published; the reason follows
+ASSUMED = "assumed: "
+
+
+class Declared(Table):
+    """What is declared of the vehicle: geometry, inertia, limits and lags."""
+
+    length_m: Annotated[float, Field(gt=1.0, le=20.0)] = Field(description="bumper to bumper")
+    width_m: Annotated[float, Field(gt=0.5, le=3.0)] = Field(description="without mirrors")
+    wheelbase_m: Annotated[float, Field(gt=0.5, le=10.0)] = Field(description="front axle to rear axle")
+    front_overhang_m: Annotated[float, Field(ge=0.0, le=3.0)] = Field(description="front axle to front bumper")
+    mass_kg: Annotated[float, Field(ge=300.0, le=20_000.0)] = Field(description="with occupants")
+    yaw_inertia_kgm2: Annotated[float, Field(ge=100.0, le=1e5)] = Field(description="about the centre of mass")
+    front_axle_to_mass_m: Annotated[float, Field(gt=0.0, le=10.0)] = Field(description="front axle to centre of mass")
+    cornering_stiffness_front_npr: Annotated[float, Field(ge=1e4, le=1e6)] = Field(description="whole axle, N/rad")
+    cornering_stiffness_rear_npr: Annotated[float, Field(ge=1e4, le=1e6)] = Field(description="whole axle, N/rad")
+    wheel_radius_m: Annotated[float, Field(ge=0.1, le=1.0)] = Field(description="rolling")
+    steering_ratio: Annotated[float, Field(ge=5.0, le=40.0)] = Field(
+        description="steering-wheel angle over road-wheel angle"
+    )
+    steering_wheel_limit_deg: Annotated[float, Field(gt=0.0, le=1000.0)] = Field(description="steering-wheel angle")
+    steering_wheel_rate_limit_radps: Annotated[float, Field(gt=0.0, le=30.0)] = Field(
+        description="steering-wheel angle rate"
+    )
+    steering_delay_s: Short = Field(description="from frame to first movement")
+    steering_lag_s: Short = Field(description="first-order, after the delay")
+    brake_delay_s: Short = Field(description="from frame to first torque")
+    brake_lag_s: Short = Field(description="first-order, after the delay")
+    brake_torque_limit_nm: Annotated[float, Field(gt=0.0, le=20_000.0)] = Field(description="all wheels together")
+    deceleration_limit_mps2: Strength = Field(description="reached at the torque limit, laden, on the level")
+
+
+class Calibration(Table):
+    """What the pedals do: from brake torque and throttle opening to forces along the vehicle."""
+
+    brake_gain_kgm: Positive = Field(description="brake torque for each m/s2 of deceleration")
+    drive_force_limit_n: Positive = Field(description="at full throttle and low speed")
+    drive_power_limit_w: Positive = Field(description="at full throttle and high speed")
+    drive_lag_s: Short = Field(description="first-order, from throttle to drive force")
+    creep_force_n: NotNegative = Field(description="in drive at standstill with no pedal pressed")
+    creep_speed_mps: Positive = Field(description="where the creep force has fallen to zero")
+    rolling_resistance: Share = Field(description="rolling drag over weight")
+    drag_area_m2: Annotated[float, Field(ge=0.0, le=10.0)] = Field(description="drag coefficient times frontal area")
+    wheel_speed_tolerance: Annotated[float, Field(ge=0.005, le=0.1)] = Field(
+        description="share of the true speed by which the wheels may tell another one"
+    )
+
+
+class Simulated(Table):
+    """What the simulated vehicle has besides, which nobody declares of a real one."""
+
+    laden_mass_kg: Annotated[float, Field(ge=300.0, le=40_000.0)] = Field(
+        description="largest permitted, with which suites drive it laden"
+    )
+    track_m: Annotated[float, Field(gt=0.5, le=3.0)] = Field(description="between the wheels of an axle")
+    mass_height_m: Annotated[float, Field(gt=0.0, le=3.0)] = Field(description="of the centre of mass above ground")
+    throttle_delay_s: Short = Field(description="from frame to first force")
+    receiver_forward_m: Annotated[float, Field(ge=-5.0, le=8.0)] = Field(
+        description="GNSS receiver's output point ahead of the rear axle"
+    )
+    receiver_left_m: Annotated[float, Field(ge=-2.0, le=2.0)] = Field(
+        description="GNSS receiver's output point left of the rear axle"
+    )
+
+
+class Sourced(Table):
+    """A table each of whose numbers has a source."""
+
+    sources: dict[str, Name] = Field(
+        description="for each of the table's keys where its number comes from, or `assumed: ` and why"
+    )
+
+    @model_validator(mode="after")
+    def _each_has_one(self) -> Self:
+        numbers = [name for name in type(self).model_fields if name != "sources"]
+        for name in numbers:
+            if name not in self.sources:
+                raise ValueError(f"{name} has no source, expected one under sources, or '{ASSUMED}' and the reason")
+        for name, source in self.sources.items():
+            if name not in numbers:
+                raise ValueError(f"sources.{name}: no number of this table is called so")
+            word, _colon, reason = source.partition(":")
+            if word.strip() == ASSUMED.rstrip(": ") and not reason.strip():
+                raise ValueError(f"sources.{name}: expected the reason after '{ASSUMED}'")
+        return self
+
+
+class SourcedDeclared(Declared, Sourced):
+    """`[vehicle]` of a vehicle file."""
+
+
+class SourcedCalibration(Calibration, Sourced):
+    """`[calibration]` of a vehicle file."""
+
+
+class SourcedSimulated(Simulated, Sourced):
+    """`[simulated]` of a vehicle file."""
+
+
+class VehicleFile(Table):
+    """One vehicle model: what is declared of it, what its pedals do, and what the simulated vehicle has besides."""
+
+    title: Name
+    vehicle: SourcedDeclared
+    calibration: SourcedCalibration
+    simulated: SourcedSimulated

@@ -1,0 +1,60 @@
+"""How much of a straight band of ground, such as a piece of a lane, a convex shape covers.
+
+Pure plane geometry; knows nothing of lanes, SUMO or time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from vve_sumo.geometry import Corners
+
+
+class Band(NamedTuple):
+    """A straight strip of ground, such as one piece of a lane; a tuple, for a town has ten thousand."""
+
+    x: float  #: start of its centre line [m]
+    y: float  #: start of its centre line [m]
+    cos: float  #: direction of its centre line, x part
+    sin: float  #: direction of its centre line, y part
+    length: float  #: [m]
+    half_width: float  #: [m]
+
+
+def covered(corners: Sequence[tuple[float, float]], band: Band) -> tuple[float, float] | None:
+    """Return from where to where along a band [m] a convex shape covers it; None where it does not.
+
+    The shape is clipped at the four sides of the band one after the other (I. E. Sutherland and
+    G. W. Hodgman, "Reentrant polygon clipping", CACM 1974).
+    """
+    shape = [
+        ((x - band.x) * band.cos + (y - band.y) * band.sin, (y - band.y) * band.cos - (x - band.x) * band.sin)
+        for x, y in corners
+    ]
+    for normal_s, normal_d, limit in (
+        (0.0, 1.0, band.half_width),
+        (0.0, -1.0, band.half_width),
+        (1.0, 0.0, band.length),
+        (-1.0, 0.0, 0.0),
+    ):
+        shape = _cut(shape, normal_s, normal_d, limit)
+        if len(shape) < 3:
+            return None
+    along = [s for s, _ in shape]
+    return min(along), max(along)
+
+
+def _cut(shape: Corners, normal_s: float, normal_d: float, limit: float) -> Corners:
+    beyond = [normal_s * s + normal_d * d - limit for s, d in shape]
+    if max(beyond) < 0.0:
+        return shape
+    kept: Corners = []
+    for i, (s, d) in enumerate(shape):
+        (last_s, last_d), was, now = shape[i - 1], beyond[i - 1], beyond[i]
+        if (was < 0.0) != (now < 0.0):
+            part = was / (was - now)
+            kept.append((last_s + part * (s - last_s), last_d + part * (d - last_d)))
+        if now < 0.0:
+            kept.append((s, d))
+    return kept
