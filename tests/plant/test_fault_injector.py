@@ -22,7 +22,7 @@ from vve_sumo.plant.fault_injector import FaultInjector
 from vve_sumo.plant.injected_faults import KINDS, STARTED, InjectedFault
 from vve_sumo.pose.ncom import LENGTH, Decoder, Outcome, checksums_hold
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.values import Fix, Frame, Pose
+from vve_sumo.values import Fix, FixQuality, Frame, Pose
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig, WheelSpeeds
@@ -198,9 +198,9 @@ def test_lost_rtk_shows_as_float_with_its_sigma():
     ride = Ride(InjectedFault("pose_rtk_lost", AT, 1.0))
     # The status channels come in turn, six packets a cycle.
     late = [fix for fix in ride.fixes if ride.began + AT + 0.1 < fix.time - EPOCH < ride.began + AT + 0.9]
-    assert {(fix.position_mode, fix.position_sigma) for fix in late} == {(5, 0.5)}
+    assert {(fix.quality, fix.position_sigma) for fix in late} == {(FixQuality.RTK_FLOAT, 0.5)}
     assert {"not_rtk_fixed", "position_sigma"} <= ride.untrusted()
-    assert ride.fixes[-1].position_mode == 6
+    assert ride.fixes[-1].quality is FixQuality.RTK_FIXED
 
 
 def test_a_clock_set_back_is_not_taken_for_time_going_on():

@@ -25,7 +25,7 @@ from vve_sumo.pose.ncom import Decoder
 from vve_sumo.record.record import read_pose_chunks
 from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
-from vve_sumo.rig.resolve import model_of
+from vve_sumo.rig.resolve import model_of, receiver_of
 from vve_sumo.values import Fix, Floats
 from vve_sumo.vehicle.calibration import GRAVITY
 from vve_sumo.vehicle.identification import Estimate, Identified, Log, Series, identify
@@ -56,16 +56,14 @@ SUBSYSTEMS: Final = (BrakeState, ThrottleState, SteeringState)
 
 #: of a rig that a record was not made with, what would make its numbers another car's
 SAME: Final = ("vehicle.mass", "vehicle.wheelbase", "mounting.forward", "mounting.left", "interface")
-#: receivers whose recorded bytes are NCOM
-NCOM: Final = ("ncom_udp", "file")
 
 
 def declared_in(resolved: dict[str, Any]) -> VehicleModel:
     """Return the vehicle that a drive was made with; raises ConfigError for a receiver that speaks another format."""
     if "rig" in resolved:
-        kind = resolved["rig"]["pose"]["kind"]
-        if kind not in NCOM:
-            raise ConfigError(f"calibration takes a receiver that speaks NCOM, got pose.kind {kind!r}")
+        rig = rigs.parse_json(resolved["rig"], Path(str(resolved.get("rig_name", "rig"))))
+        if not isinstance(receiver_of(rig).decoder(), Decoder):
+            raise ConfigError(f"calibration takes a receiver that speaks NCOM, got pose.kind {rig.pose.kind!r}")
     return recorded_model(resolved)
 
 

@@ -26,8 +26,9 @@ from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
 from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average, lot_alignment
 from vve_sumo.lot.fit import measured
 from vve_sumo.pose.clock import AgeKind, Clock
+from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.pose.sources import Source
-from vve_sumo.pose.trust import LOCKED, Trust, TrustGate
+from vve_sumo.pose.trust import Trust, TrustGate
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_refusal
@@ -95,10 +96,11 @@ def examine(report: Report, rig: Rig, setting: ResolvedScenario | None) -> None:
     t0 = time.monotonic()
     with contextlib.ExitStack() as stack:
         # The receiver first: where another program has its port, the hardware-free car must not speak to that one.
-        source = report.attempt("receiver", _to_the_receiver(rig), lambda: assembly.source_of(rig))
+        receiver = meaning.receiver_of(rig)
+        source = report.attempt("receiver", receiver.silent_hint, lambda: assembly.source_of(rig))
         if source is not None:
             stack.callback(source.close)
-            report.add([Check("receiver", _place_of(rig))])
+            report.add([Check("receiver", f"{rig.pose.kind}, {receiver.place()}")])
         bus = None
         if source is not None or rig.car == "real":
             advice = "see that the adapter is there and its link up, bus.interface and bus.channel"
@@ -198,7 +200,8 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard
     interface = load(meaning.interface_of(rig))
     reports = CarReports(meaning.vehicle_of(rig).wheel_radius, interface)
     heard = Heard(math.nan, assembly.wall_epoch(t0), None, [], Counter(), {}, Counter(), [], reports, interface.facts)
-    decoder, gate = assembly.decoder_of(rig), None
+    receiver = meaning.receiver_of(rig)
+    decoder, gate = receiver.decoder(), None
     last: dict[int, float] = {}
     if source is not None:
         source.receive()  # what came while the rest was opened is not counted
@@ -210,7 +213,7 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard
                 if heard.clock is None or gate is None:
                     heard.epoch = fix.time - (stamp - t0 - delay) if absolute is None else absolute
                     heard.clock = Clock(heard.epoch, delay, absolute=absolute is not None)
-                    gate = TrustGate(assembly.profile_of(rig), heard.epoch)
+                    gate = TrustGate(receiver.profile, heard.epoch)
                 _take_fix(heard, gate, stamp - t0, fix)
         frames = _drained(bus)
         heard.frames.update(frame.id for frame in frames)
@@ -225,7 +228,7 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard
 def _take_fix(heard: Heard, gate: TrustGate, received: float, fix: Fix) -> None:
     """Date and judge a fix as the drive does."""
     assert heard.clock is not None
-    made = heard.clock.step(received, fix.time) if fix.status == LOCKED else heard.clock.at(fix.time)
+    made = heard.clock.step(received, fix.time) if fix.locked else heard.clock.at(fix.time)
     timed = replace(fix, time=heard.epoch + made)
     heard.fixes.append((timed, gate.step(received, timed)))
 
@@ -299,27 +302,29 @@ def sender_checks(told: Mapping[str, Any]) -> Iterator[Check]:
 def pose_checks(rig: Rig, heard: Heard) -> Iterator[Check]:
     """Judge what the receiver said."""
     rate = len(heard.fixes) / LISTENED
-    found = f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
+    receiver, found = meaning.receiver_of(rig), f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
     if not heard.fixes:
-        yield Check("fixes", f"none in {LISTENED:g} s", Finding.NO_GO, _to_the_receiver(rig))
+        yield Check("fixes", f"none in {LISTENED:g} s", Finding.NO_GO, receiver.silent_hint)
         return
     advice = "correct pose.rate_hz, or look for what loses packets on the way"
     yield judged("fixes", found, rate >= RATE_SHARE * rig.pose.rate_hz, advice)
-    yield from _quality(heard)
+    yield from _quality(receiver, heard)
     yield _age(rig, heard)
 
 
-def _quality(heard: Heard) -> Iterator[Check]:
+def _quality(receiver: Receiver, heard: Heard) -> Iterator[Check]:
     """Whether a car could drive on the fixes of the last second, and what speaks against it."""
     newest = heard.fixes[-1][0]
     found = (
-        f"status {newest.status}, mode {newest.position_mode}; 1 sigma {newest.position_sigma:.3f} m, "
+        f"{'locked' if newest.locked else 'not locked'}, {newest.quality}; 1 sigma {newest.position_sigma:.3f} m, "
         f"{newest.velocity_sigma:.3f} m/s, {math.degrees(newest.heading_sigma):.2f} deg; "
         f"corrections {newest.differential_age:.1f} s old"
     )
     last = [trust for fix, trust in heard.fixes if fix.time > newest.time - 1.0]
     against = Counter(code for trust in last for code in trust.reasons)
-    yield judged("fix", found, not against, _in_words([code for code, _count in against.most_common(4)]))
+    hints = [receiver.not_fixed_hint] if "not_rtk_fixed" in against else []
+    advice = "; ".join([_in_words([code for code, _count in against.most_common(4)]), *hints])
+    yield judged("fix", found, not against, advice)
     speed = math.hypot(newest.velocity_north, newest.velocity_east)
     yield judged("standing", f"{speed:.3f} m/s", bool(heard.standing), "the car has to stand, with fixes to trust")
 
@@ -386,33 +391,3 @@ def _at_the_start(setting: ResolvedScenario, placement: Placement, epoch: float,
         "or, where it is to start here, vve-sumo align"
     )
     return judged("start", found, not stands.faults(), advice)
-
-
-def _place_of(rig: Rig) -> str:
-    pose = rig.pose
-    match pose.kind:
-        case "nmea_serial":
-            return f"{pose.kind}, {pose.device} at {pose.baud} baud"
-        case "oxts_can":
-            return f"{pose.kind}, {pose.interface}:{pose.channel}"
-        case "file":
-            return f"{pose.kind}, {pose.file}"
-        case _:
-            return f"{pose.kind}, {pose.address} port {pose.port}"
-
-
-def _to_the_receiver(rig: Rig) -> str:
-    """What to look at where nothing comes from the receiver."""
-    match rig.pose.kind:
-        case "ncom_udp" | "nmea_udp":
-            return (
-                "see pose.address, pose.port and pose.source, the receiver's Ethernet output, network card and firewall"
-            )
-        case "nmea_tcp":
-            return "see pose.address and pose.port, and that the receiver serves them"
-        case "nmea_serial":
-            return "see pose.device and pose.baud, and the receiver's serial output: GGA, HDT, VTG, RMC, GST"
-        case "oxts_can":
-            return "see pose.interface, pose.channel and pose.bitrate, and the receiver's CAN output"
-        case _:
-            return "see pose.file"

@@ -15,6 +15,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, local_frame
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
+from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.rig.schema import Rig
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle import load as vehicles
@@ -79,6 +80,13 @@ def mounting_of(rig: Rig) -> Mounting:
     """Return where the receiver's output point sits."""
     mounting = rig.mounting
     return Mounting(mounting.forward_m, mounting.left_m, -math.radians(mounting.heading_misalignment_deg))
+
+
+def receiver_of(rig: Rig) -> Receiver:
+    """Return the receiver; `rig.load` takes no table of another kind."""
+    receiver = rig.pose
+    assert isinstance(receiver, Receiver)
+    return receiver
 
 
 def interface_of(rig: Rig) -> InterfaceConfig:
