@@ -162,7 +162,16 @@ def test_a_rig_survives_its_record() -> None:
         (put("limits.speed_mps", "8"), "limits.speed_mps: "),
         (put("limits.stop_deceleration_mps2", -2.4), "limits.stop_deceleration_mps2: "),
         (put("limits.emergency_deceleration_mps2", 3.0), "limits: emergency deceleration must not be below"),
-        (put("bus.variant", "dbw2"), "bus.variant: "),
+        (put("bus.variant", "dbw1_2024"), "bus: variant is now drive_by_wire.settings.variant"),
+        (
+            put("drive_by_wire.settings.variant", "dbw2"),
+            "drive_by_wire: drive-by-wire interface dataspeed_dbw1: ",
+        ),
+        (
+            put("drive_by_wire.settings.mode", 1),
+            "drive_by_wire: drive-by-wire interface dataspeed_dbw1: ",
+        ),
+        (put("drive_by_wire.interface", "pacmod"), "drive_by_wire: drive-by-wire interface pacmod: unknown"),
         (put("pose.address", "localhost"), "pose.address: expected an IP address in numbers, got 'localhost'"),
         (put("pose.device", "/dev/ttyS0"), "unknown key 'pose.device'; kind 'ncom_udp' has address, clock"),
         (put("pose", {"kind": "nmea_serial"}), "key 'pose.velocity_sigma_mps' is missing"),
@@ -188,7 +197,10 @@ def test_a_rig_survives_its_record() -> None:
         (put("latency.deadline_ms", 20.0), "latency.deadline_ms: "),
         (put("lot.surveyed", "yesterday"), "lot.surveyed: "),
         (put("operator.stop_can_id", 0x800), "operator.stop_can_id: "),
-        (put("operator.stop_can_id", 0x064), "operator.stop_can_id: the stop and the drive-by-wire kit (bus) share"),
+        (
+            put("operator.stop_can_id", 0x064),
+            "operator.stop_can_id: the stop and the drive-by-wire controller (bus)",
+        ),
         (lambda t: t["lot"].pop("surveyed"), "key 'lot.surveyed' is missing: a lot that nobody has surveyed"),
         (lambda t: t.pop("lot"), "key 'lot' is missing: a lot that nobody has surveyed"),
         (lambda t: t.pop("mounting"), "key 'mounting' is missing"),
@@ -264,7 +276,7 @@ def test_what_no_real_car_is_driven_with(change: Change, words: str) -> None:
         (put("bus.interface", "udp_multicast"), "bus: a hardware-free car is on"),
         (put("bus.channel", "/dev/ttyUSB0"), "bus: a hardware-free car is on"),
         (
-            put("bus", {"interface": "socketcan", "channel": "can0", "variant": "dbw1_2024"}),
+            put("bus", {"interface": "socketcan", "channel": "can0"}),
             "car_start.channel: 'can0'",
         ),
         (put("car_start.channel", "can1"), "car_start.channel: the car makes its own end"),

@@ -33,24 +33,34 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_refusal
 from vve_sumo.values import Fix, Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.interface import (
+    BrakeState,
+    Gear,
+    GearState,
+    InterfaceFacts,
+    SteeringState,
+    ThrottleState,
+    WheelSpeeds,
+    YawRate,
+    load,
+)
 from vve_sumo.vehicle.reports import CarReports
 
 LISTENED: Final = 3.0  #: to receiver and bus [s]
 LOOK: Final = 0.01  #: between two looks at them [s]
 OLD: Final = 365  #: a test or calibration of more days ago is told
 RATE_SHARE: Final = 0.9  #: of the fixes that the rig promises
-NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no kit, receiver or radar knows it
+NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no shipped interface, receiver or radar knows it
 ECHO_PATIENCE: Final = 0.2  #: [s]
 
 #: reports that the gateway judges the age of
-REPORTS: Final = {
-    codec.BRAKE_REPORT: "brake",
-    codec.THROTTLE_REPORT: "throttle",
-    codec.STEERING_REPORT: "steering",
-    codec.GEAR_REPORT: "gear",
-    codec.WHEEL_SPEEDS: "wheels",
-    codec.YAW_RATE: "yaw rate",
+REPORTS: Final[dict[type, str]] = {
+    BrakeState: "brake",
+    ThrottleState: "throttle",
+    SteeringState: "steering",
+    GearState: "gear",
+    WheelSpeeds: "wheels",
+    YawRate: "yaw rate",
 }
 
 
@@ -67,6 +77,7 @@ class Heard:
     troubles: Counter[str]  #: of the frames
     stale: list[str]  #: reports that were missing at the end
     reports: CarReports
+    facts: InterfaceFacts  #: of the drive-by-wire interface
 
     @property
     def standing(self) -> list[Fix]:
@@ -136,7 +147,10 @@ def _watchdog(rig: Rig, today: datetime.date) -> Check:
     dated = _dated("watchdog test", found, test.date, today)
     if test.armed or dated.finding is Finding.NO_GO:
         return dated
-    advice = "when the gateway itself dies, nobody brakes this car but its driver: have the kit's watchdog armed"
+    advice = (
+        "when the gateway itself dies, nobody brakes this car but its driver: have the watchdog of the drive-by-wire "
+        "controller armed"
+    )
     return Check("watchdog test", f"not armed, {dated.found}", Finding.NOTE, advice)
 
 
@@ -183,8 +197,9 @@ def echoed(here: Bus, there: Bus) -> Check:
 def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard:
     """Listen to both for a while; a bus that breaks off shows as reports that are too old."""
     absolute, delay = assembly.absolute_epoch(rig, t0), assembly.minimum_delay_of(rig)
-    reports = CarReports(meaning.vehicle_of(rig).wheel_radius, meaning.variant_of(rig))
-    heard = Heard(math.nan, assembly.wall_epoch(t0), None, [], Counter(), {}, Counter(), [], reports)
+    interface = load(meaning.interface_of(rig))
+    reports = CarReports(meaning.vehicle_of(rig).wheel_radius, interface)
+    heard = Heard(math.nan, assembly.wall_epoch(t0), None, [], Counter(), {}, Counter(), [], reports, interface.facts)
     receiver = meaning.receiver_of(rig)
     decoder, gate = receiver.decoder(), None
     last: dict[int, float] = {}
@@ -228,36 +243,45 @@ def _drained(bus: Bus | None) -> list[Frame]:
 def bus_checks(heard: Heard) -> Iterator[Check]:
     """Judge what was heard on the car's bus."""
     reports, frames = heard.reports, heard.frames
-    rates = [f"{name} {frames[number] / LISTENED:.0f}" for number, name in REPORTS.items()]
-    oldest = max((1e3 * heard.ages[number] for number in REPORTS if number in heard.ages), default=math.nan)
+    carriers = [(name, _carrying(kind, heard.facts)) for kind, name in REPORTS.items()]
+    rates = [f"{name} {sum(frames[number] for number in ids) / LISTENED:.0f}" for name, ids in carriers]
+    ages = [heard.ages[number] for _name, ids in carriers for number in ids if number in heard.ages]
+    oldest = max((1e3 * age for age in ages), default=math.nan)
     found = f"{sum(frames.values()) / LISTENED:.0f} frames/s ({', '.join(rates)}), the oldest {oldest:.0f} ms old"
     advice = "see ignition, cable, termination and bus.bitrate" if not frames else _in_words(heard.stale)
     yield judged("reports", found, not heard.stale, advice)
     if not frames:
         return
-    others = sorted(codec.COMMAND_IDS & frames.keys())
+    others = sorted(heard.facts.commands & frames.keys())
     names = ", ".join(f"0x{number:03X} {frames[number] / LISTENED:.0f}/s" for number in others)
     advice = "another program or node commands this car: end it, only one may"
     yield judged("commands", f"heard from others: {names or 'none'}", not others, advice)
     malformed = heard.troubles["report_malformed"]
-    yield judged("understood", f"{malformed} malformed", not malformed, "see bus.variant, and who else is on this bus")
-    yield from _kit_checks(reports)
+    yield judged(
+        "understood", f"{malformed} malformed", not malformed, "see drive_by_wire, and who else is on this bus"
+    )
+    yield from _interface_checks(reports)
 
 
-def _kit_checks(reports: CarReports) -> Iterator[Check]:
+def _carrying(kind: type, facts: InterfaceFacts) -> list[int]:
+    return [number for number, kinds in facts.reports.items() if kind in kinds]
+
+
+def _interface_checks(reports: CarReports) -> Iterator[Check]:
     faults = reports.faults()
     yield judged("faults", ", ".join(faults) or "none", not faults, _in_words(faults))
     enabled = reports.any_enabled()
-    found = "the kit is enabled" if enabled else "nothing is enabled"
-    yield judged("enabled", found, not enabled, "somebody has the car: end it, or restart the kit")
+    found = "the drive-by-wire controller is enabled" if enabled else "nothing is enabled"
+    advice = "another program has the car: end it, or restart the drive-by-wire controller"
+    yield judged("enabled", found, not enabled, advice)
     overrides = sorted(reports.overrides())
     found = f"latched: {', '.join(overrides) or 'none'}"
     yield judged("overrides", found, not overrides, "engaging clears them", otherwise=Finding.NOTE)
     gear = reports.gear.gear
     advice = "in D the driver's brake has to hold the car until it is taken over"
-    in_drive = Finding.NOTE if gear is codec.Gear.DRIVE else Finding.NO_GO
-    advice = advice if gear is codec.Gear.DRIVE else "shift to P"
-    yield judged("gear", gear.name.lower(), gear is codec.Gear.PARK, advice, otherwise=in_drive)
+    in_drive = Finding.NOTE if gear is Gear.DRIVE else Finding.NO_GO
+    advice = advice if gear is Gear.DRIVE else "shift to P"
+    yield judged("gear", gear.name.lower(), gear is Gear.PARK, advice, otherwise=in_drive)
     speed = reports.fastest_wheel
     yield judged("wheels", f"{speed:.2f} m/s", abs(speed) < MAX_STANDSTILL_SPEED, "a drive begins at standstill")
 

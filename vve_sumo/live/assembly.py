@@ -67,7 +67,7 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
         "vehicle": asdict(meaning.vehicle_of(rig)),
         "calibration": asdict(meaning.calibration_of(rig)),
         "limits": asdict(meaning.limits_of(rig)),
-        "variant": meaning.variant_of(rig).name,
+        "interface": asdict(meaning.interface_of(rig)),
         "period": PERIOD,
         "shadow": shadow,
         "wheel_bias": meaning.steering_wheel_bias_of(rig),

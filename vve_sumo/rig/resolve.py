@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from vve_sumo.config_file import in_si
@@ -19,7 +20,7 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle import load as vehicles
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dataspeed.codec import Variant
+from vve_sumo.vehicle.interface import InterfaceConfig
 from vve_sumo.vehicle.limits import Limits
 from vve_sumo.vehicle.model import VehicleModel
 
@@ -39,7 +40,7 @@ def model_of(rig: Rig) -> VehicleModel:
         simulated=vehicles.simulated(rig.simulated),
         mounting=mounting_of(rig),
         limits=limits_of(rig),
-        variant=variant_of(rig),
+        interface=interface_of(rig),
         steering_wheel_bias=steering_wheel_bias_of(rig),
         rig=rig.title,
     )
@@ -88,9 +89,11 @@ def receiver_of(rig: Rig) -> Receiver:
     return receiver
 
 
-def variant_of(rig: Rig) -> Variant:
-    """Return the kit's generation."""
-    return Variant[rig.bus.variant.upper()]
+def interface_of(rig: Rig) -> InterfaceConfig:
+    """Return the drive-by-wire interface; a file counts from the working folder of now, whoever loads it later."""
+    name, settings = rig.drive_by_wire.interface, dict(rig.drive_by_wire.settings)
+    file, colon, function = name.rpartition(":")
+    return InterfaceConfig(f"{Path(file).resolve()}:{function}" if colon else name, settings)
 
 
 def frame_of(rig: Rig) -> MapFrame:

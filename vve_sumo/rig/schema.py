@@ -66,8 +66,25 @@ class Bus(Table):
     interface: Name = Field(description="python-can's: `socketcan`, `pcan`, `kvaser`, `slcan`, …")
     channel: Name = Field(description="python-can's: `can0`, …; `pty` is made by the hardware-free car")
     bitrate: Bitrate = Field(default=500_000, description="bit/s")
-    variant: Literal["dbw1_2018", "dbw1_2024"] = Field(
-        description="the kit's generation, `dbw1_2018` or `dbw1_2024`: to be verified on the car"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _former_key(cls, table: object) -> object:
+        if isinstance(table, dict) and "variant" in table:
+            raise ValueError("variant is now drive_by_wire.settings.variant")
+        return table
+
+
+class DriveByWire(Table):
+    """The drive-by-wire interface that the car is commanded through."""
+
+    interface: Name = Field(
+        default="dataspeed_dbw1",
+        description="`dataspeed_dbw1`, `file.py:make`, or an installed package's entry point",
+    )
+    settings: dict[str, bool | Finite | int | str] = Field(
+        description="handed to make(settings); of `dataspeed_dbw1` the one key `variant`, the firmware's generation, "
+        "`dbw1_2018` or `dbw1_2024`: to be verified on the car"
     )
 
 
@@ -226,6 +243,7 @@ class Rig(Table):
     pose: ReceiverTable
     mounting: Mounting
     bus: Bus
+    drive_by_wire: DriveByWire
     vehicle: Vehicle
     calibration: Calibration
     simulated: Simulated

@@ -19,6 +19,7 @@ from vve_sumo.rig.resolve import (
     alignment_of,
     calibration_of,
     frame_of,
+    interface_of,
     limits_of,
     lot_of,
     receiver_of,
@@ -26,6 +27,7 @@ from vve_sumo.rig.resolve import (
     vehicle_of,
 )
 from vve_sumo.rig.schema import Corner, Rig
+from vve_sumo.vehicle.interface import VehicleInterface, load
 
 #: interfaces of python-can that anyone on the network can send into
 OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
@@ -33,10 +35,9 @@ PTY: Final = "pty"  #: channel that the hardware-free car's process makes
 FARTHEST: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
 EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only to tell near from far
 
-#: Identifiers on a CAN bus, by who sends or hears them: Dataspeed's DBW1; OXTS's default map (RT3000 manual: messages
-#: and one 0x500 + n for each status channel n); Delphi ESR (opendbc, ESR.dbc); Continental ARS408 as sensor 0.
+#: Identifiers on a CAN bus, by who sends or hears them: OXTS's default map (RT3000 manual: messages and one 0x500 + n
+#: for each status channel n); Delphi ESR (opendbc, ESR.dbc); Continental ARS408 as sensor 0.
 IDENTIFIERS: Final[dict[str, frozenset[int]]] = {
-    "the drive-by-wire kit": frozenset(range(0x060, 0x080)),
     "oxts_can": oxts_can.IDENTIFIERS,
     "esr": frozenset({*range(0x4E0, 0x4E4), 0x4F0, 0x4F1, *range(0x500, 0x541)}),
     "ars408": frozenset({0x200, 0x201, 0x300, 0x301, *range(0x600, 0x603), *range(0x60A, 0x60F), 0x700, 0x701, 0x702}),
@@ -65,7 +66,8 @@ def arming_refusal(rig: Rig) -> str | None:
         return None
     if test is None:
         return (
-            "watchdog_test is missing: stop the frames on this car, measure what the kit's watchdog does, write it down"
+            "watchdog_test is missing: stop the frames on this car, measure what the watchdog of its drive-by-wire "
+            "controller does, write it down"
         )
     return None
 
@@ -119,7 +121,7 @@ def _of_a_hardware_free_car(rig: Rig) -> Iterator[str]:
 def _collisions(rig: Rig) -> Iterator[str]:
     """Two senders of the same identifiers on one bus; the shorter range is the one that is named."""
     car, receiver, stop = (rig.bus.interface, rig.bus.channel), receiver_of(rig).on_can(), rig.operator.stop_can_id
-    on_bus = [_OnBus("bus", "the drive-by-wire kit", car, IDENTIFIERS["the drive-by-wire kit"])]
+    on_bus = [_OnBus("bus", "the drive-by-wire controller", car, _interface(rig).facts.occupied)]
     if receiver is not None:
         on_bus.append(_OnBus("pose", rig.pose.kind, (receiver.interface, receiver.channel), receiver.identifiers))
     for number, other in enumerate(rig.others):
@@ -134,6 +136,13 @@ def _collisions(rig: Rig) -> Iterator[str]:
                 f"{two.key}: {two.who} and {one.who} ({one.key}) share identifiers 0x{min(shared):03X} to "
                 f"0x{max(shared):03X} on {':'.join(one.bus)}, give each a bus of its own"
             )
+
+
+def _interface(rig: Rig) -> VehicleInterface:
+    try:
+        return load(interface_of(rig))
+    except ConfigError as error:
+        raise ConfigError(f"drive_by_wire: {error}") from None
 
 
 def _far_corners(rig: Rig) -> Iterator[str]:
