@@ -1,0 +1,146 @@
+"""Drives and sweeps as the analysis reads them, which also plot themselves and show themselves in a notebook."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vve_sumo.analysis import dataset, run
+from vve_sumo.analysis.load import open_folder
+from vve_sumo.metrics.key_figures import key_figures
+from vve_sumo.metrics.table import NUMBERS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+#: combinations of a sweep that its table in a notebook shows
+MAX_ROWS = 30
+#: of a sweep that no criterion asks a number of
+USUAL_FIGURES = ("stop_gap_m", "min_ttc_s")
+
+
+class Run(run.Run):
+    """A drive, read from its record's folder as it is needed.
+
+    >>> import vve_sumo as vve
+    >>> run = vve.drive("parked_car", seed=1)
+    >>> run.summary["outcome"]
+    'stopped'
+    >>> int(run.ticks["tick"].iloc[0])
+    0
+    """
+
+    def plot(self) -> Figure:
+        """Draw the sheet of the drive: path and actors from above; speed, gap and more over time."""
+        from vve_sumo.plotting import drive_sheet
+
+        return drive_sheet(self)
+
+    def __repr__(self) -> str:
+        return f"<Run {self.name} in {self.folder}: {self._verdict}>"
+
+    def _repr_html_(self) -> str:
+        figures = {} if self.summary is None else key_figures(self.summary)
+        parts = (_title(self.title), f"<p>{escape(self._verdict)}</p>", _facts(figures), _picture(self.plot()))
+        return "".join(parts)
+
+    @property
+    def _verdict(self) -> str:
+        from vve_sumo.report.verdict import figures_of, of_drive
+
+        return of_drive(self, figures_of(self)).line
+
+
+class Sweep(dataset.Sweep):
+    """A sweep's dataset, read from its folder as it is needed: a row a run.
+
+    >>> import vve_sumo as vve
+    >>> sweep = vve.sweep("delay_probe", vary={"ego.speed_mps": [5, 10]})
+    >>> sweep.rows()["ego.speed_mps"].tolist()
+    [5, 10]
+    """
+
+    def run(self, key: str) -> Run:
+        """Return the record of a run; raises ConfigError where it was not kept, or where no run has the key."""
+        return Run(super().run(key).folder)
+
+    def plot(self, figure: str = "stop_gap_m", x: str | None = None, y: str | None = None) -> Figure:
+        """Draw the mean of a figure over two parameters (the first two that are varied, if `x` and `y` are not given).
+
+        Where fewer than two are varied, it is the figure's distribution, for each value of the parameter.
+        """
+        from vve_sumo.plotting import distribution, heat_map
+
+        first, second, *_others = (*self.parameters, None, None)
+        x, y = x or first, y or second
+        rows = self.rows([name for name in dict.fromkeys((x, y, figure)) if name is not None])
+        return distribution(rows, figure, x) if x is None or y is None else heat_map(rows, x, y, figure)
+
+    def __repr__(self) -> str:
+        return f"<Sweep {self.title} in {self.folder}: {self._counts}>"
+
+    def _repr_html_(self) -> str:
+        table = self._combinations()
+        more = f"<p>… and {len(table) - MAX_ROWS} more combinations: .grouped()</p>" if len(table) > MAX_ROWS else ""
+        shown = table.head(MAX_ROWS).to_html(index=False, float_format="{:.3g}".format, na_rep="none")
+        picture = _picture(self.plot(self._shown_figures()[0]))
+        return "".join((_title(self.title), f"<p>{escape(self._counts)}</p>", shown, more, picture))
+
+    @property
+    def _counts(self) -> str:
+        rows = self.rows(["passed", "fault"])
+        passed, faults = int(rows["passed"].eq(True).sum()), int(rows["fault"].ne("").sum())
+        of = "" if self.found is not None or self.finished == self.asked else f" of {self.asked}"
+        failed = self.finished - passed - faults
+        return f"{self.finished}{of} runs: {passed} passed, {failed} failed, {faults} with a fault"
+
+    def _shown_figures(self) -> Sequence[str]:
+        """Return the figures that the scenario's criteria ask for, as far as they are numbers, or the usual ones."""
+        return [name for name in self.plan["criteria"] if name in NUMBERS][:4] or USUAL_FIGURES
+
+    def _combinations(self) -> pd.DataFrame:
+        """Return a row a combination of what was varied, its columns by label and unit."""
+        figures = self._shown_figures()
+        groups = self.grouped(figures=figures)
+        shown = groups[[*self.parameters, "passed", "judged", *(f"mean_{name}" for name in figures)]]
+        labels, units = groups.attrs["labels"], groups.attrs["units"]
+        units |= {name: unit for name, unit in self.rows(self.parameters).attrs["units"].items() if unit}
+        return shown.rename(columns={name: _head(labels[name], units[name]) for name in shown.columns})
+
+
+def load(path: Path | str) -> Run | Sweep:
+    """Return the drive or the sweep whose folder this is; its tables are read when they are asked for.
+
+    Raises ConfigError in one line where there is none, or one that cannot be read.
+
+    >>> import vve_sumo as vve
+    >>> folder = vve.drive("parked_car").folder
+    >>> vve.load(folder).summary["passed"]
+    True
+    """
+    return open_folder(Path(path), Run, Sweep)
+
+
+def _title(text: str) -> str:
+    return f"<p><b>{escape(text)}</b></p>"
+
+
+def _facts(facts: Mapping[str, str]) -> str:
+    rows = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in facts.items())
+    return f"<table>{''.join(rows)}</table>" if facts else ""
+
+
+def _head(label: str, unit: str) -> str:
+    return f"{label} [{unit}]" if unit else label
+
+
+def _picture(figure: Figure) -> str:
+    from io import BytesIO
+
+    png = BytesIO()
+    figure.savefig(png, format="png")
+    return f'<img style="max-width: 100%" src="data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}">'
