@@ -14,7 +14,8 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import SCHEMAS
 
-Drive, Drives = TypeVar("Drive"), TypeVar("Drives")
+Drive = TypeVar("Drive")
+Drives = TypeVar("Drives")
 
 WANTED = "expected a drive's record (scenario.json) or a sweep's folder (sweep.json)"
 

@@ -40,7 +40,7 @@ def drive(
     Raises ConfigError, before anything is driven, for what is wrong; SimulationError for a drive that crashed or broke.
 
     >>> import vve_sumo as vve
-    >>> run = vve.drive("parked_car", speed=12, seed=3)
+    >>> run = vve.drive("parked_car", speed=12, seed=3, out="mine")
     >>> run.summary["passed"]
     True
     """

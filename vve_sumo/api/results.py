@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from vve_sumo.analysis import dataset, run
 from vve_sumo.analysis.load import open_folder
 from vve_sumo.metrics.key_figures import key_figures
-from vve_sumo.metrics.table import NUMBERS
+from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.table import NUMBERS, label_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,11 +28,10 @@ class Run(run.Run):
     """A drive, read from its record's folder as it is needed.
 
     >>> import vve_sumo as vve
-    >>> run = vve.drive("parked_car", seed=1)
-    >>> run.summary["outcome"]
-    'stopped'
-    >>> int(run.ticks["tick"].iloc[0])
-    0
+    >>> run = vve.drive("parked_car", speed=12, seed=3)
+    >>> run.summary["outcome"], run.ticks["speed_mps"].max().round(1)
+    ('stopped', 12.0)
+    >>> figure = run.plot()
     """
 
     def plot(self) -> Figure:
@@ -59,9 +59,10 @@ class Sweep(dataset.Sweep):
     """A sweep's dataset, read from its folder as it is needed: a row a run.
 
     >>> import vve_sumo as vve
-    >>> sweep = vve.sweep("delay_probe", vary={"ego.speed_mps": [5, 10]})
-    >>> sweep.rows()["ego.speed_mps"].tolist()
+    >>> sweep = vve.load("probe")
+    >>> sweep.rows(["ego.speed_mps", "passed"])["ego.speed_mps"].tolist()
     [5, 10]
+    >>> figure = sweep.plot("stop_gap_m")
     """
 
     def run(self, key: str) -> Run:
@@ -69,14 +70,16 @@ class Sweep(dataset.Sweep):
         return Run(super().run(key).folder)
 
     def plot(self, figure: str = "stop_gap_m", x: str | None = None, y: str | None = None) -> Figure:
-        """Draw the mean of a figure over two parameters (the first two that are varied, if `x` and `y` are not given).
+        """Draw the mean of a figure over two parameters, the first two with several values if `x` and `y` are not given.
 
-        Where fewer than two are varied, it is the figure's distribution, for each value of the parameter.
+        Where there are fewer, it is the figure's distribution, for each value of the parameter.
         """
         from vve_sumo.plotting import distribution, heat_map
 
-        first, second, *_others = (*self.parameters, None, None)
-        x, y = x or first, y or second
+        varied = self.rows(self.parameters)
+        others = iter(name for name in self.parameters if name not in (x, y) and varied[name].nunique() > 1)
+        x = x or next(others, None)
+        y = y or next(others, None)
         rows = self.rows([name for name in dict.fromkeys((x, y, figure)) if name is not None])
         return distribution(rows, figure, x) if x is None or y is None else heat_map(rows, x, y, figure)
 
@@ -107,9 +110,10 @@ class Sweep(dataset.Sweep):
         figures = self._shown_figures()
         groups = self.grouped(figures=figures)
         shown = groups[[*self.parameters, "passed", "judged", *(f"mean_{name}" for name in figures)]]
-        labels, units = groups.attrs["labels"], groups.attrs["units"]
-        units |= {name: unit for name, unit in self.rows(self.parameters).attrs["units"].items() if unit}
-        return shown.rename(columns={name: _head(labels[name], units[name]) for name in shown.columns})
+        units = self.rows(self.parameters).attrs["units"]
+        heads = {name: _head(label_of(name), units[name]) for name in self.parameters}
+        heads |= {f"mean_{name}": f"mean {_head(label_of(name), unit_of(name))}" for name in figures}
+        return shown.rename(columns=heads)
 
 
 def load(path: Path | str) -> Run | Sweep:
@@ -118,9 +122,8 @@ def load(path: Path | str) -> Run | Sweep:
     Raises ConfigError in one line where there is none, or one that cannot be read.
 
     >>> import vve_sumo as vve
-    >>> folder = vve.drive("parked_car").folder
-    >>> vve.load(folder).summary["passed"]
-    True
+    >>> vve.load("mine").title
+    "The paper's drive: a car parked in the middle of the road"
     """
     return open_folder(Path(path), Run, Sweep)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 from vve_sumo import workspace
 from vve_sumo.config_file import read
 from vve_sumo.scenario import overrides
-from vve_sumo.scenario.listing import COLUMNS, listing, row_of
+from vve_sumo.scenario.listing import COLUMNS, Row, listing, row_of
 from vve_sumo.scenario.load import parse
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
 
@@ -28,8 +27,6 @@ class Scenario:
     >>> faster = scenario.replace({"ego.speed_mps": 12, "obstacles.parked_car.offset_m": 0.5})
     >>> scenario["ego.speed_mps"], faster["ego.speed_mps"]
     (11.176, 12.0)
-    >>> vve.drive(faster, seed=3).summary["outcome"]
-    'stopped'
     """
 
     def __init__(self, scenario: str | Path, /) -> None:
@@ -120,19 +117,46 @@ class Scenario:
         return f"<table>{''.join(cells)}</table>"
 
 
-def scenarios() -> pd.DataFrame:
-    """Return the scenarios that there are, in the working folder and shipped, as a table.
+class Scenarios(Mapping[str, Scenario]):
+    """Scenarios by their names, which show themselves as a table."""
+
+    def __init__(self, rows: Sequence[Row]) -> None:
+        self._rows = {row[0]: row for row in rows}
+
+    def __getitem__(self, name: str) -> Scenario:
+        if name not in self._rows:
+            raise KeyError(name)
+        return Scenario(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __repr__(self) -> str:
+        width = max(map(len, self._rows), default=0)
+        return "\n".join(f"{name:{width}}  {title}" for name, title, *_rest in self._rows.values())
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{escape(name)}</th>" for name in COLUMNS)
+        rows = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in self._rows.values())
+        return f"<table><tr>{head}</tr>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+
+
+def scenarios() -> Scenarios:
+    """Return the scenarios that there are, in the working folder and shipped, by name; a warning says what is none.
 
     >>> import vve_sumo as vve
-    >>> vve.scenarios().loc["parked_car", "network"]
-    'linden'
+    >>> "parked_car" in vve.scenarios()
+    True
+    >>> vve.scenarios()["parked_car"].title
+    "The paper's drive: a car parked in the middle of the road"
     """
-    import pandas as pd
-
     rows, wrong = listing(Path.cwd())
     for line in wrong:
         warnings.warn(line, stacklevel=2)
-    return pd.DataFrame(rows, columns=list(COLUMNS)).set_index("name")
+    return Scenarios(rows)
 
 
 def plain(value: Any) -> Any:

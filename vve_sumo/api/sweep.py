@@ -41,7 +41,8 @@ def sweep(
     Raises ConfigError, before anything is driven, for what is wrong; SimulationError where runs cannot be started.
 
     >>> import vve_sumo as vve
-    >>> sweep = vve.sweep("delay_probe", vary={"obstacles.parked_car.at_m": [200.0]}, seeds=2, out="probe")
+    >>> near = vve.Scenario("delay_probe").replace({"obstacles.parked_car.at_m": 150.0})
+    >>> sweep = vve.sweep(near, vary={"ego.speed_mps": [5, 10]}, out="probe")
     >>> len(sweep.rows())
     2
     """
