@@ -29,8 +29,8 @@ class Run(run.Run):
 
     >>> import vve_sumo as vve
     >>> run = vve.drive("parked_car", speed=12, seed=3)
-    >>> run.summary["outcome"], run.ticks["speed_mps"].max().round(1)
-    ('stopped', 12.0)
+    >>> print(run.summary["outcome"], "from", round(run.ticks["speed_mps"].max()), "m/s")
+    stopped from 12 m/s
     >>> figure = run.plot()
     """
 
@@ -70,7 +70,7 @@ class Sweep(dataset.Sweep):
         return Run(super().run(key).folder)
 
     def plot(self, figure: str = "stop_gap_m", x: str | None = None, y: str | None = None) -> Figure:
-        """Draw the mean of a figure over two parameters, the first two with several values if `x` and `y` are not given.
+        """Draw the mean of a figure over two parameters: `x` and `y`, or the first two with several values.
 
         Where there are fewer, it is the figure's distribution, for each value of the parameter.
         """
