@@ -27,6 +27,8 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Short = Annotated[float, Field(ge=0.0, le=2.0, allow_inf_nan=False)]
 #: of a braking [m/s2]
 Strength = Annotated[float, Field(gt=0.0, le=12.0, allow_inf_nan=False)]
+#: of a CAN bus [bit/s]
+Bitrate = Annotated[int, Field(ge=10_000, le=1_000_000)]
 
 #: endings of keys and what they are in SI units
 UNITS: Final = {

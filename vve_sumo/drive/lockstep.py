@@ -31,6 +31,7 @@ from vve_sumo.record.record import MemoryRecorder
 from vve_sumo.scenario.schema import Abort
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.interface import load
 from vve_sumo.vehicle.model import VehicleModel
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and distance along the path [m]
@@ -73,7 +74,7 @@ def gateway_of(model: VehicleModel) -> Gateway:
         model.calibration,
         model.limits,
         period=PERIOD,
-        variant=model.variant,
+        interface=load(model.interface),
         wheel_bias=model.steering_wheel_bias,
     )
 
