@@ -21,7 +21,7 @@ def _foreseen(name: str, changes: dict[str, Any]) -> Any:
     from vve_sumo.drive.no_brake_preview import preview_without_braking
     from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.scenario.load import parse
-    from vve_sumo.sweep.overrides import apply_overrides
+    from vve_sumo.scenario.overrides import apply_overrides
 
     file = REPOSITORY / "scenarios" / f"{name}.toml"
     table = apply_overrides(tomllib.loads(file.read_text(encoding="utf-8")), changes)

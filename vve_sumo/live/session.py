@@ -93,7 +93,7 @@ def plan(
         resolved = assembly.fitted(resolved, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
-    folder = (out if out is not None else folder_for(resolved, working)).absolute()
+    folder = (out if out is not None else folder_for(resolved.name, working)).absolute()
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
     return Plan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic())
