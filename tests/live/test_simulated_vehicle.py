@@ -134,7 +134,7 @@ def launch(tmp_path) -> Iterator[Callable[..., Running]]:
         ears.bind(("127.0.0.1", 0))
         config = configuration(tmp_path / "truth.csv", ears.getsockname()[1], **changes)
         ours, theirs = pair()
-        car = Running(start("car", config.told(), {"console": theirs}), ours, ears, config)
+        car = Running(start("simulated_vehicle", config.told(), {"console": theirs}), ours, ears, config)
         running.append(car)
         assert select.select([ours], [], [], 20.0)[0], "the car says that it is ready"
         car.ready = json.loads(ours.receive()[0])

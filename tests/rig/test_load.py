@@ -162,7 +162,7 @@ def test_a_rig_survives_its_record() -> None:
         (put("limits.speed_mps", "8"), "limits.speed_mps: "),
         (put("limits.stop_deceleration_mps2", -2.4), "limits.stop_deceleration_mps2: "),
         (put("limits.emergency_deceleration_mps2", 3.0), "limits: emergency deceleration must not be below"),
-        (put("bus.variant", "dbw1_2024"), "bus: variant is now drive_by_wire.settings.variant"),
+        (put("bus.variant", "dbw1_2024"), "key 'bus.variant' is now 'drive_by_wire.settings.variant'"),
         (
             put("drive_by_wire.settings.variant", "dbw2"),
             "drive_by_wire: drive-by-wire interface dataspeed_dbw1: ",

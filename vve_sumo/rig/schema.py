@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import datetime
 import functools
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, create_model, model_validator
 
@@ -67,12 +68,7 @@ class Bus(Table):
     channel: Name = Field(description="python-can's: `can0`, …; `pty` is made by the hardware-free car")
     bitrate: Bitrate = Field(default=500_000, description="bit/s")
 
-    @model_validator(mode="before")
-    @classmethod
-    def _former_key(cls, table: object) -> object:
-        if isinstance(table, dict) and "variant" in table:
-            raise ValueError("variant is now drive_by_wire.settings.variant")
-        return table
+    FORMER: ClassVar[Mapping[str, str]] = {"variant": "drive_by_wire.settings.variant"}
 
 
 class DriveByWire(Table):
