@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from vve_sumo.drive.lockstep import Watch
+if TYPE_CHECKING:
+    from vve_sumo.drive.lockstep import Watch
 
 #: ticks of a drive between two reports of its progress
 TICKS_PER_REPORT = 25

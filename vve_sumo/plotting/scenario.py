@@ -19,7 +19,6 @@ from vve_sumo.drive.no_brake_preview import Event, NoBrakePreview, preview_witho
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box
-from vve_sumo.plotting import style
 from vve_sumo.plotting.birds_eye import View, compass, draw_car, ribbon, rotated
 from vve_sumo.plotting.drive_page import long_axis
 from vve_sumo.plotting.page import (
@@ -36,6 +35,7 @@ from vve_sumo.plotting.page import (
     QUIET,
     ROAD,
     SIZE,
+    STYLE,
     TOP,
     panel,
 )
@@ -108,13 +108,23 @@ class Page:
 
 def draw(setting: ResolvedScenario, file: FilePath) -> None:
     """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there."""
-    _save(picture(setting), file)
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        _save(picture(setting), file)
 
 
 def picture(setting: ResolvedScenario) -> Figure:
     """Return the picture of a scenario."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from vve_sumo.plotting.style import Picture
+
     page = _page(setting)
-    with style.page(*SIZE, arranged=False) as figure:
+    with mpl.rc_context(STYLE):
+        figure = Picture(figsize=SIZE, dpi=DOTS_PER_INCH)
+        FigureCanvasAgg(figure)
         _street(panel(figure, LEFT, TOP - HIGH, WIDE, HIGH), page)
         _over_time(panel(figure, CURVES, BOTTOM, CURVES_WIDTH, LOW_HEIGHT), page)
         _whole_way(panel(figure, WAY, BOTTOM, WAY_WIDTH, LOW_HEIGHT), page)
@@ -130,7 +140,7 @@ def _save(figure: Figure, file: FilePath) -> None:
     palette = Image.new("P", (1, 1))
     palette.putpalette([value for colour in _colours() for value in colour])
     with io.BytesIO() as page:
-        figure.savefig(page, format="png", dpi=DOTS_PER_INCH)
+        figure.savefig(page, format="png")
         image = Image.open(page).convert("RGB")
     try:
         image.quantize(palette=palette, dither=Image.Dither.NONE).save(file, format="PNG", optimize=True)
