@@ -152,7 +152,10 @@ def _can() -> Check:
 
 
 def _dbc() -> Check:
-    messages = codec.load_dbc().messages
+    try:
+        messages = codec.load_dbc().messages
+    except ConfigError as error:
+        return Check("dbc", "not checked", Finding.NOTE, str(error))
     return Check("dbc", f"{len(messages)} messages of the drive-by-wire kit")
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from vve_sumo.errors import ConfigError
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed.messages import (
     Accelerations,
@@ -200,9 +201,11 @@ def decode(frame: Frame, variant: Variant = Variant.DBW1_2024) -> Message | Malf
 
 
 def load_dbc() -> Database:
-    """`dbw1.dbc` as a cantools database, checked strictly."""
-    import cantools
-
+    """`dbw1.dbc` as a cantools database, checked strictly; raises ConfigError where cantools is not installed."""
+    try:
+        import cantools
+    except ImportError:
+        raise ConfigError("reading the DBC file needs cantools: pip install 'vve-sumo[dbc]'") from None
     return cantools.database.load_file(Path(__file__).with_name("dbw1.dbc"), strict=True)
 
 
