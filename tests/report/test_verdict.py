@@ -244,5 +244,5 @@ def test_a_flip_is_told_the_right_way_round() -> None:
 def test_the_runs_that_broke_their_bound_are_listed_and_no_others() -> None:
     rows = pd.DataFrame({"key": ["kept", "broke"], "stop_distance_m": [10.0, 10.5], "stop_bound_m": [10.0, 10.0]})
     checks = stops.bound_checks(rows)
-    assert [text_of(row[0]) for row in checks.broken.rows] == ["broke"]
-    assert checks.finding.bad
+    assert [text_of(row[0]) for row in checks["broken_bounds"].rows] == ["broke"]
+    assert checks["bound_checks"].kind == "no"

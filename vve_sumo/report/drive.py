@@ -89,8 +89,8 @@ def _results(run: Run, figures: Figures) -> dict[str, object]:
     radar = radar_statistics(run)
     return {
         "figures": _figures(figures),
-        "stop": stops.stop(run),
-        "bound_check": stops.bound_check(run),
+        **stops.stop(run),
+        **stops.bound_check(run),
         "exposure": _exposure(run),
         "radar": of_frame(radar, "radar statistics", "actor", RADAR, MAX_ACTORS),
         "radar_figures": of_frame(radar, "radar", "actor", most=MAX_ACTORS),

@@ -6,8 +6,7 @@ Knows stops and stopping-bound checks; measures nothing itself.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from vve_sumo.analysis.braking import Stop, comfort, stop_of
 from vve_sumo.analysis.run import Run
@@ -30,50 +29,15 @@ if TYPE_CHECKING:
 MAX_ROWS = 50
 
 
-class Finding(NamedTuple):
-    """A sentence or two, and whether they are bad news."""
-
-    text: str
-    bad: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class StopSection:
-    """How a drive came to rest."""
-
-    text: str
-    parts: Table
-    comfort: Table
-
-
-@dataclass(frozen=True, slots=True)
-class CheckSection:
-    """What a stopping-bound check came to: the distance, and how the brakes answered."""
-
-    distance: Finding
-    figures: Table
-    answer: Finding
-    answers: Table
-
-
-@dataclass(frozen=True, slots=True)
-class ChecksSection:
-    """What the stopping-bound checks of a sweep came to."""
-
-    finding: Finding
-    broken: Table  #: the runs that broke their bound, the worst first
-
-
-def stop(run: Run) -> StopSection | None:
-    """Return how the drive came to rest, split into reaction, build-up and braking; None where it has no stop."""
+def stop(run: Run) -> dict[str, object]:
+    """Return how the drive came to rest, split into reaction, build-up and braking; `stop` is None where it did not."""
     braking = stop_of(run)
     if braking is None:
-        return None
+        return {"stop": None}
     begin = f"Braking was first commanded at {number(braking.onset_s, 's')}, at {number(braking.onset_speed, 'm/s')}"
     demand = f"as hard as a constant {number(braking.demand, 'm/s²')} would be"
-    return StopSection(
-        f"{begin}, {demand}; the car stood at {number(braking.rest_s, 's')}.", _split(braking), _comfort(run, braking)
-    )
+    text = f"{begin}, {demand}; the car stood at {number(braking.rest_s, 's')}."
+    return {"stop": text, "stop_parts": _split(braking), "stop_comfort": _comfort(run, braking)}
 
 
 def _split(braking: Stop) -> Table:
@@ -102,11 +66,14 @@ def _comfort(run: Run, braking: Stop) -> Table:
     return Table("comfort of the stop", ("figure", Column("value", True)), rows)
 
 
-def bound_check(run: Run) -> CheckSection | None:
-    """Return the stopping-bound check of a drive: what the vehicle as declared needs at most, and what it took."""
+def bound_check(run: Run) -> dict[str, object]:
+    """Return the stopping-bound check of a drive: what the vehicle as declared needs at most, and what it took.
+
+    `bound_check` is None where the drive holds no stop to check.
+    """
     check = stopping_bound_check(run)
     if not (check.held or check.broken):
-        return None
+        return {"bound_check": None}
     rows = [
         (label_of("stop_onset_speed_mps"), number(check.onset_speed, "m/s")),
         (label_of("stop_demand_mps2"), number(check.demand, "m/s²")),
@@ -116,30 +83,34 @@ def bound_check(run: Run) -> CheckSection | None:
         ("stopping distance", number(check.distance, "m")),
         ("stopping distance less the bound; negative is within the bound", number(check.excess, "m")),
     ]
-    figures = Table("stopping-bound check", ("what", Column("value", True)), rows)
-    return CheckSection(_distance(check), figures, _answer(check), _answers(check))
+    return {
+        "bound_check": Table("stopping-bound check", ("what", Column("value", True)), rows),
+        "distance": _distance(check),
+        "answer": _answer(check),
+        "answers": _answers(check),
+    }
 
 
-def _distance(check: StoppingBoundCheck) -> Finding:
+def _distance(check: StoppingBoundCheck) -> Cell:
     if math.isnan(check.excess):
-        return Finding("The stopping distance cannot be checked: the record does not hold the latency of the loop.")
+        return Cell("The stopping distance cannot be checked: the record does not hold the latency of the loop.")
     broke = "distance" in check.missed
     kept = f"{'BROKE' if broke else 'kept'} its bound of {number(check.bound, 'm')}"
     text = (
         f"The stop took {number(check.distance, 'm')} and {kept}, which a car with the declared brakes needs at most "
         f"for what was commanded; {number(TOLERANCE, 'm')} more are tolerated."
     )
-    return Finding(text, broke)
+    return Cell(text, kind="no" if broke else "")
 
 
-def _answer(check: StoppingBoundCheck) -> Finding:
+def _answer(check: StoppingBoundCheck) -> Cell:
     """Return what of the declared response of the brakes was not kept."""
     late = [part for part in check.missed if part != "distance"]
     if math.isnan(check.answer.together.value):
-        return Finding("The record does not show how fast the brakes answered.")
+        return Cell("The record does not show how fast the brakes answered.")
     kept = f"LATER THAN DECLARED: {' and '.join(late)}" if late else "No part is certainly later than declared"
     text = f"The response of the brakes to the commanded torque, fitted to the speed. {kept}"
-    return Finding(f"{text}; {number(1000.0 * LATE, 'ms', 0)} are tolerated.", bool(late))
+    return Cell(f"{text}; {number(1000.0 * LATE, 'ms', 0)} are tolerated.", kind="no" if late else "")
 
 
 def _answers(check: StoppingBoundCheck) -> Table:
@@ -157,12 +128,12 @@ def _ms(time: float) -> str:
     return number(1000.0 * time, digits=0)
 
 
-def bound_checks(rows: pd.DataFrame) -> ChecksSection | None:
-    """Return the stopping-bound checks of a sweep's runs; None where no run braked to rest."""
+def bound_checks(rows: pd.DataFrame) -> dict[str, object]:
+    """Return the stopping-bound checks of a sweep's runs; `bound_checks` is None where no run braked to rest."""
     checks = stopping_bound_checks(rows)
     stopped = int((checks["held"] | checks["broken"]).sum())
     if stopped == 0:
-        return None
+        return {"bound_checks": None}
     broken = checks[checks["broken"]].sort_values("excess_m", ascending=False, kind="stable")
     longer = f"{integer(len(broken)) if len(broken) else 'none'} took longer than what the car as declared needs"
     text = f"{count(stopped, 'run')} braked to rest; {longer}, by more than {number(TOLERANCE, 'm')}."
@@ -171,6 +142,7 @@ def bound_checks(rows: pd.DataFrame) -> ChecksSection | None:
     keys = rows.loc[shown.index, "key"].astype(str)
     lines: list[Row] = [(Cell(key, kind="code"), *map(number, those)) for key, those in zip(keys, figures, strict=True)]
     columns = ("run", Column("took [m]", True), Column("bound [m]", True), Column("beyond it [m]", True))
-    return ChecksSection(
-        Finding(text, not broken.empty), Table("runs that broke their bound", columns, lines, len(broken))
-    )
+    return {
+        "bound_checks": Cell(text, kind="" if broken.empty else "no"),
+        "broken_bounds": Table("runs that broke their bound", columns, lines, len(broken)),
+    }

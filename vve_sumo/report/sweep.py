@@ -201,7 +201,7 @@ def _results(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts) -> dict[str
         "spread": runs.spread(rows, sweep.figures),
         "combinations": runs.combinations(sweep, rows, figures),
         "failed": runs.failed_runs(rows, sweep.parameters, figures),
-        "bound_checks": stops.bound_checks(rows),
+        **stops.bound_checks(rows),
         "faults": runs.faults(rows),
     }
 
