@@ -25,6 +25,8 @@ from vve_sumo.metrics.per_tick import PER_TICK
 from vve_sumo.metrics.table import PLAYBACK, markdown
 from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
+from vve_sumo.pose.receivers.port import PORT, ReceiverTable
+from vve_sumo.pose.receivers.port import load as load_receiver
 from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS
 from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
@@ -95,6 +97,19 @@ def _kinds() -> str:
     return "\n".join(lines)
 
 
+def _receivers() -> str:
+    """The keys of `[pose]` that each kind of receiver has beside those of all."""
+    lines = ["| kind | what it is | key | default | meaning |", "|---|---|---|---|---|"]
+    for kind in PORT.shipped:
+        receiver = load_receiver(kind)
+        what = (receiver.__doc__ or "").rstrip(".")
+        for name, field in receiver.model_fields.items():
+            if name not in ReceiverTable.model_fields:
+                default = "required" if field.is_required() else _said(field.default)
+                lines.append(f"| `{kind}` | {what} | `pose.{name}` | {default} | {field.description} |")
+    return "\n".join(lines)
+
+
 def _rig_keys() -> str:
     """The table of a rig's keys; what a rig leaves out of its car's tables is its vehicle model's."""
     tables = "|".join(MODEL_TABLES)
@@ -115,6 +130,7 @@ GENERATED = {
     ("scenarios.md", "keys"): lambda: keys(Scenario),
     ("scenarios.md", "triggers"): lambda: keys(When),
     ("rigs.md", "keys"): _rig_keys,
+    ("rigs.md", "receivers"): _receivers,
     ("sweeps.md", "keys"): lambda: keys(Spec),
     ("sweeps.md", "boundary keys"): lambda: keys(Boundary, "search."),
     ("sweeps.md", "worst keys"): lambda: keys(Worst, "search."),

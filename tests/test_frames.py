@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement, move_point, wrap_angle
-from vve_sumo.values import Fix, Point, Pose
+from vve_sumo.values import Fix, FixQuality, Point, Pose
 
 LINDEN = "+proj=tmerc +lat_0=40.01 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
 UTM17 = "+proj=utm +zone=17 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
@@ -43,8 +43,8 @@ def fix_of(latitude_deg, longitude_deg, compass_deg, north=0.0, east=0.0, yaw_ra
         velocity_down=0.0,
         yaw_rate=yaw_rate,
         acceleration=acceleration,
-        status=4,
-        position_mode=6,
+        locked=True,
+        quality=FixQuality.RTK_FIXED,
         position_sigma=0.01,
         velocity_sigma=0.01,
         heading_sigma=0.001,

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Final, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Final, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
@@ -27,6 +27,8 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Short = Annotated[float, Field(ge=0.0, le=2.0, allow_inf_nan=False)]
 #: of a braking [m/s2]
 Strength = Annotated[float, Field(gt=0.0, le=12.0, allow_inf_nan=False)]
+#: of a CAN bus [bit/s]
+Bitrate = Annotated[int, Field(ge=10_000, le=1_000_000)]
 
 #: endings of keys and what they are in SI units
 UNITS: Final = {
@@ -66,6 +68,9 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
+    #: keys of former versions, and what each is called now
+    FORMER: ClassVar[Mapping[str, str]] = {}
+
 
 def in_si(table: Table, *left_out: str) -> dict[str, float]:
     """Return the numbers that a table says, in SI units and by names without units."""
@@ -86,6 +91,9 @@ def complaint(file: Path, error: ValidationError, model: type[BaseModel]) -> str
     place, kinds = _walk(first, model)
     key = ".".join(map(_key, place)) or "the file"
     if first["type"] == "extra_forbidden":
+        former = {old: new for kind in kinds for old, new in getattr(kind, "FORMER", {}).items()}
+        if place[-1] in former:
+            return f"{file}: key {key!r} is now {former[place[-1]]!r}"
         meant = _meant(str(place[-1]), [name for kind in kinds for name in kind.model_fields])
         return f"{file}: unknown key {key!r}" + (f", did you mean {meant!r}?" if meant else "")
     if first["type"] == "missing":

@@ -29,6 +29,18 @@ class Point(enum.StrEnum):
     CENTRE = "centre"  #: middle of the rectangle that the car covers
 
 
+class FixQuality(enum.StrEnum):
+    """How a receiver found its position, in the words of GNSS; what a receiver calls it is its codec's business."""
+
+    UNKNOWN = "unknown"  #: it does not say, or says what no manual explains
+    NONE = "none"  #: it has no position of its own
+    SINGLE = "single"  #: code phase, no corrections
+    DIFFERENTIAL = "differential"  #: code phase, with corrections
+    PPP = "ppp"  #: carrier phase, with corrections of satellite orbits and clocks
+    RTK_FLOAT = "RTK float"  #: carrier phase of a base station too, ambiguities not fixed
+    RTK_FIXED = "RTK fixed"  #: ambiguities fixed to whole numbers
+
+
 class Frame(NamedTuple):
     """One classic CAN frame with an 11-bit identifier."""
 
@@ -53,8 +65,8 @@ class Fix:
     velocity_down: float  #: [m/s]
     yaw_rate: float  #: [rad/s] counter-clockwise seen from above
     acceleration: float  #: [m/s2] specific force along the car's forward axis, gravity's share included
-    status: int  #: navigation status, NCOM codes (4 is locked, real time)
-    position_mode: int  #: GNSS position mode, NCOM codes (6, 16, 24, 29 are RTK-fixed); -1 not known
+    locked: bool  #: the receiver's navigation is initialised and in real time
+    quality: FixQuality  #: of the position
     position_sigma: float  #: horizontal, 1 sigma, the larger of north and east [m]
     velocity_sigma: float  #: horizontal, 1 sigma, the larger of north and east [m/s]
     heading_sigma: float  #: 1 sigma [rad]

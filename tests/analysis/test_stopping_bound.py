@@ -39,7 +39,7 @@ def _drive(folder: Path) -> dict[str, dict[str, Any]]:
     from vve_sumo.drive import run as drives
     from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.scenario.load import parse
-    from vve_sumo.sweep.overrides import apply_overrides
+    from vve_sumo.scenario.overrides import apply_overrides
 
     summaries = {}
     for name, (scenario, changes) in DRIVES.items():

@@ -25,7 +25,7 @@ from vve_sumo.live import assembly
 from vve_sumo.live.slcan import Adapter
 from vve_sumo.pose.ncom import Encoder
 from vve_sumo.rig import load as rigs
-from vve_sumo.values import Fix, Frame
+from vve_sumo.values import Fix, FixQuality, Frame
 from vve_sumo.vehicle.dataspeed import codec
 
 DAY = datetime.date(2026, 5, 1)
@@ -175,8 +175,8 @@ def test_another_writer_on_our_identifiers_is_no_go(tmp_path: Path) -> None:
 FIX = Fix(
     time=1.4e9, time_received=0.0, latitude=math.radians(40.0041), longitude=math.radians(-83.0186), altitude=200.0,
     heading=0.1, pitch=0.0, roll=0.0, velocity_north=0.0, velocity_east=0.0, velocity_down=0.0, yaw_rate=0.0,
-    acceleration=0.0, status=4, position_mode=6, position_sigma=0.01, velocity_sigma=0.02, heading_sigma=0.001,
-    differential_age=1.0,
+    acceleration=0.0, locked=True, quality=FixQuality.RTK_FIXED, position_sigma=0.01, velocity_sigma=0.02,
+    heading_sigma=0.001, differential_age=1.0,
 )  # fmt: skip
 
 
@@ -230,11 +230,11 @@ def test_what_speaks_against_a_fix_is_told_in_words(tmp_path: Path) -> None:
     good = heard_from(rig)
     assert {check.finding for check in good} <= {Finding.GO, Finding.NOTE}
     assert "declared minimum" in of(good, "age").found
-    floating = of(heard_from(rig, position_mode=5, position_sigma=0.4), "fix")
+    floating = of(heard_from(rig, quality=FixQuality.RTK_FLOAT, position_sigma=0.4), "fix")
     assert floating.finding is Finding.NO_GO
     assert "RTK with fixed ambiguities" in floating.advice
     assert "position accuracy" in floating.advice
-    assert "mode 5" in floating.found
+    assert "RTK float" in floating.found
     assert "0.400 m" in floating.found
     old = of(heard_from(rig, differential_age=25.0), "fix")
     assert old.finding is Finding.NO_GO

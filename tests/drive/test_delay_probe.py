@@ -36,7 +36,7 @@ def _probed(changes: dict[str, Any]) -> Stop:
     from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.record.record import read_table
     from vve_sumo.scenario.load import parse
-    from vve_sumo.sweep.overrides import apply_overrides
+    from vve_sumo.scenario.overrides import apply_overrides
 
     file = REPOSITORY / "scenarios" / "delay_probe.toml"
     table = apply_overrides(tomllib.loads(file.read_text(encoding="utf-8")), changes)

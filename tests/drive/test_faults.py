@@ -12,7 +12,7 @@ import pytest
 
 from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, FixQuality
 
 BEGIN = 8.0  #: drive time at which the fault begins; the car is then at about 11 m/s [s]
 EPOCH = 1_451_260_818.0
@@ -43,13 +43,13 @@ class Fault:
         return dataclasses.replace(fix, latitude=fix.latitude + 5.0 / 6_371_000.0)
 
     def no_rtk(self, fix: Fix) -> Fix:
-        return dataclasses.replace(fix, position_mode=5)
+        return dataclasses.replace(fix, quality=FixQuality.RTK_FLOAT)
 
     def no_heading(self, fix: Fix) -> Fix:
         return dataclasses.replace(fix, heading=math.nan)
 
     def not_locked(self, fix: Fix) -> Fix:
-        return dataclasses.replace(fix, status=3)
+        return dataclasses.replace(fix, locked=False)
 
     def back_in_time(self, fix: Fix) -> Fix:
         return dataclasses.replace(fix, time=fix.time - 2.0)

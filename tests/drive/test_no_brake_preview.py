@@ -21,7 +21,7 @@ def _foreseen(name: str, changes: dict[str, Any]) -> Any:
     from vve_sumo.drive.no_brake_preview import preview_without_braking
     from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.scenario.load import parse
-    from vve_sumo.sweep.overrides import apply_overrides
+    from vve_sumo.scenario.overrides import apply_overrides
 
     file = REPOSITORY / "scenarios" / f"{name}.toml"
     table = apply_overrides(tomllib.loads(file.read_text(encoding="utf-8")), changes)
@@ -53,7 +53,7 @@ def test_a_braking_lead_is_met_when_the_closed_form_says(gap: float, deceleratio
 @pytest.mark.parametrize(("arrival", "walking", "met"), [(3.6, 1.389, True), (5.5, 1.389, False), (3.6, 0.8, False)])
 def test_a_pedestrian_is_met_where_the_strip_and_the_time_agree(arrival: float, walking: float, met: bool) -> None:
     """At the ego's arrival the pedestrian is at -5 m + walking * time; half widths: car 0.93 m, pedestrian 0.3 m."""
-    parameters = {"arrival": arrival, "walking_speed": walking, "abort.ego_at_m": 155.0}
+    parameters = {"arrival": arrival, "walking_speed": walking, "end_trigger.ego_at_m": 155.0}
     seen = isolated(_foreseen, "pedestrian_750_crossing", parameters)
     begins, ends = (walking * time - 5.0 for time in (arrival - 0.4, arrival + (4.9 + 0.3) / SPEED))
     assert (begins <= 0.93 + 0.3 and ends >= -0.93 - 0.3) == met

@@ -18,9 +18,9 @@ CODE = re.compile(r"[a-z]+(_[a-z]+)+$")
 PLACES = re.compile(r"fault|found|reason|refus|fail|waits|edge|not_ready|\) if .* else \(\)", re.IGNORECASE)
 #: codes that stand where no scan sees them, each with its source
 HIDDEN = {
-    "world/anchor.py": ("pose_not_front_bumper", "pose_not_finite", "pose_out_of_bounds", "anchor_position"),
+    "world/ego_sync.py": ("pose_not_front_bumper", "pose_not_finite", "pose_out_of_bounds", "anchor_position"),
     "live/recorder.py": ("record_failed",),
-    "live/command.py": ("path_leaves_lot",),
+    "live/session.py": ("path_leaves_lot",),
 }
 #: calls that take a code
 TAKERS = frozenset({"append", "_fail", "_refused"})

@@ -29,7 +29,7 @@ from vve_sumo.world.surroundings import table
 def test_the_command_line_lays_over_the_scenario() -> None:
     setting = drives.choose("parked_car", REPOSITORY, seed=7, controller="follow_and_stop")
     assert setting.scenario.seed == 7
-    with pytest.raises(ConfigError, match="--seed"):
+    with pytest.raises(ConfigError, match="seed: expected 0 to 2147483647"):
         drives.choose("parked_car", REPOSITORY, seed=-1)
 
 

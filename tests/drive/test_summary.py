@@ -79,13 +79,13 @@ def test_what_nothing_ahead_is_as_good_as(name: str, met: Band | None, missed: B
 
 def test_the_figures_of_conflicts_are_judged() -> None:
     wanted = Criteria(
-        outcome="aborted",
+        outcome="completed",
         collision=True,
         impact_speed_mps=Band(max=5.0),
         emergency_used=True,
         max_drac_mps2=Band(max=4),
     )
-    good = {"outcome": "aborted", "collision": True, "impact_speed_mps": 4.9, "emergency_used": True}
+    good = {"outcome": "completed", "collision": True, "impact_speed_mps": 4.9, "emergency_used": True}
     assert judged(wanted, **good, max_drac_mps2=3.0) == []
     assert judged(wanted, **good | {"impact_speed_mps": 5.1}, max_drac_mps2=3.0) == [
         "impact_speed_mps is 5.100, expected at most 5"

@@ -30,7 +30,7 @@ brake_gain_kgm = 541.0
 def drive(folder: str, vehicle: str | None = None, rig: str | None = None) -> dict[str, Any]:
     """Drive the paper's drive and replay it; call it through `isolated`."""
     from vve_sumo.drive import run
-    from vve_sumo.drive.replay import read_car_frames, read_chain_inputs, replay, setting_of
+    from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, replay, setting_of
     from vve_sumo.drive.resolved_scenario import EPOCH
     from vve_sumo.rig.load import load
 
@@ -42,7 +42,7 @@ def drive(folder: str, vehicle: str | None = None, rig: str | None = None) -> di
     summary = run.run(setting, record, REPOSITORY).summary
     again = setting_of(record, REPOSITORY)
     assert again.model == setting.model
-    assert replay(again, read_chain_inputs(record), read_car_frames(record, EPOCH), REPOSITORY) is None
+    assert replay(again, read_pipeline_inputs(record), read_car_frames(record, EPOCH), REPOSITORY) is None
     return summary
 
 

@@ -53,7 +53,7 @@ BOUNDS: Final = {
     "vertical velocity [m/s]": 0.75, "heading [rad]": 0.062, "pitch [rad]": 0.032, "roll [rad]": 0.031,
     "yaw rate [rad/s]": 0.32, "acceleration [m/s2]": 12.3, "quality": math.inf,
 }  # fmt: skip
-QUALITIES: Final = ("status", "position_mode", "position_sigma", "velocity_sigma", "heading_sigma", "differential_age")
+QUALITIES: Final = ("locked", "quality", "position_sigma", "velocity_sigma", "heading_sigma", "differential_age")
 
 
 @dataclass(slots=True)

@@ -32,7 +32,7 @@ from typing import Any, Final
 from tests.fuzz.invariant import Violation, hold
 from vve_sumo.pose import ncom, nmea, oxts_can
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.values import ArmingState, FallbackPath, Fix, Frame, GatewayStatus, Setpoint
+from vve_sumo.values import ArmingState, FallbackPath, Fix, FixQuality, Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import OperatorCommand
@@ -40,7 +40,7 @@ from vve_sumo.vehicle.gateway import OperatorCommand
 INPUTS: Final = 1000  # of a run
 PATIENCE: Final = 1.0  # processor time of one input [s]
 ODD: Final = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e-300, 1.7e308, -1e9, 0.1)
-NUMBERS: Final = tuple(field.name for field in fields(Fix) if field.name not in ("status", "position_mode"))
+NUMBERS: Final = tuple(field.name for field in fields(Fix) if field.name not in ("locked", "quality"))
 READ: Final = (
     "time",
     "latitude",
@@ -109,8 +109,8 @@ def _fix(chance: random.Random, now: float) -> Fix:
         velocity_down=0.0,
         yaw_rate=chance.uniform(-2.0, 2.0),
         acceleration=chance.uniform(-9.0, 9.0),
-        status=4,
-        position_mode=chance.choice((6, 5, 24)),
+        locked=True,
+        quality=chance.choice((FixQuality.RTK_FIXED, FixQuality.RTK_FLOAT)),
         position_sigma=0.02,
         velocity_sigma=0.02,
         heading_sigma=0.002,

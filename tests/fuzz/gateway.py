@@ -38,6 +38,7 @@ from tests.fuzz.invariant import Violation, hold
 from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 STEPS: Final = 600  # of a drive
@@ -142,8 +143,9 @@ class Drive:
         self.shadow = chance.random() < 0.05
         self.variant = codec.Variant.DBW1_2024 if chance.random() < 0.9 else codec.Variant.DBW1_2018
         self.old = self.variant is codec.Variant.DBW1_2018
+        interface = DataspeedDbw1(self.variant)
         self.gateway = Gateway(
-            VEHICLE, vehicles.FUSION.calibration, period=PERIOD, variant=self.variant, shadow=self.shadow
+            VEHICLE, vehicles.FUSION.calibration, period=PERIOD, interface=interface, shadow=self.shadow
         )
         self.angle_limit = min(VEHICLE.steering_limit, codec.WHEEL_ANGLE_LIMIT[self.variant] / VEHICLE.steering_ratio)
         self.torque_limit = min(3250.0, codec.TORQUE_LIMIT[self.variant])

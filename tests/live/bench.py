@@ -95,7 +95,7 @@ class Bench:
             "vehicle": dataclasses.asdict(FUSION),
             "calibration": dataclasses.asdict(vehicles.FUSION.calibration),
             "limits": dataclasses.asdict(Limits()),
-            "variant": self.car.variant.name,
+            "interface": {"name": "dataspeed_dbw1", "settings": {"variant": self.car.variant.name.lower()}},
             "period": PERIOD,
             "bus": {"interface": "slcan", "channel": self.adapter.name, "bitrate": 500_000},
             "t0": self.t0,

@@ -201,8 +201,8 @@ MATRIX: Final = (
         ("latency_budget",), GATEWAY, 0.320 + STEP, controller="slowish", budget_ms=10.0,
     ),
     Row(
-        "lot_edge", "the controller steers off the path, towards a pole in the lot", Right.REST, ("lot_edge",),
-        GATEWAY, PERIOD + STEP, controller="wandering", pole=True, by_reason=True,
+        "geofence_breach", "the controller steers off the path, towards a pole in the lot", Right.REST,
+        ("geofence_breach",), GATEWAY, PERIOD + STEP, controller="wandering", pole=True, by_reason=True,
     ),
     # The pose.
     _pose("pose_lost", "no fixes come any more", "pose_lost"),

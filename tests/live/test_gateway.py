@@ -31,6 +31,7 @@ from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 Open = Callable[..., Bench]
@@ -220,7 +221,7 @@ def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
 
 def gateway_again(b: Bench) -> Gateway:
     """The core that the bench's process runs."""
-    return Gateway(FUSION, CALIBRATION, period=PERIOD, variant=b.car.variant)
+    return Gateway(FUSION, CALIBRATION, period=PERIOD, interface=DataspeedDbw1(b.car.variant))
 
 
 @pytest.mark.live

@@ -22,7 +22,7 @@ from tests.live.patience import until
 from tests.live.stage import SCENARIO, read_truth
 from vve_sumo.pose.ncom import pack
 from vve_sumo.record.record import read_table
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, FixQuality
 
 pytestmark = pytest.mark.live
 
@@ -76,7 +76,7 @@ def elsewhere() -> bytes:
     there = Fix(
         time=time.time() - 315_964_800.0 + 18.0, time_received=0.0, latitude=0.7, longitude=-1.4, altitude=200.0,
         heading=0.0, pitch=0.0, roll=0.0, velocity_north=0.0, velocity_east=9.0, velocity_down=0.0, yaw_rate=0.0,
-        acceleration=0.0, status=4, position_mode=6, position_sigma=0.01, velocity_sigma=0.02,
+        acceleration=0.0, locked=True, quality=FixQuality.RTK_FIXED, position_sigma=0.01, velocity_sigma=0.02,
         heading_sigma=0.001, differential_age=1.0,
     )  # fmt: skip
     return pack(there, 16, bytes(8))

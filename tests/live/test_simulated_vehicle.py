@@ -29,9 +29,8 @@ from vve_sumo.live.spawn import start
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import ArmingState, Fix, Frame, GatewayStatus
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import InterfaceConfig
 
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-81 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
 EPOCH = 1_451_260_818.0
@@ -135,7 +134,7 @@ def launch(tmp_path) -> Iterator[Callable[..., Running]]:
         ears.bind(("127.0.0.1", 0))
         config = configuration(tmp_path / "truth.csv", ears.getsockname()[1], **changes)
         ours, theirs = pair()
-        car = Running(start("car", config.told(), {"console": theirs}), ours, ears, config)
+        car = Running(start("simulated_vehicle", config.told(), {"console": theirs}), ours, ears, config)
         running.append(car)
         assert select.select([ours], [], [], 20.0)[0], "the car says that it is ready"
         car.ready = json.loads(ours.receive()[0])
@@ -171,7 +170,7 @@ def gateway_of(car: Running) -> Gateway:
 def test_what_is_told_is_heard(tmp_path):
     parameters = vehicles.parameters(
         vehicles.FUSION.mounting,
-        kit=DbwControllerParameters(variant=codec.Variant.DBW1_2018),
+        interface=InterfaceConfig("dataspeed_dbw1", {"variant": "dbw1_2018"}),
         noise=1.0,
         mass_factor=1.1,
         grade=0.02,

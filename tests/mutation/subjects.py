@@ -17,6 +17,11 @@ def _vehicle(module: str, *tests: str) -> Subject:
 
 #: Name on the command line to the module and its tests.
 SUBJECTS: Final[dict[str, Subject]] = {
+    # Before those whose tests import it: a module that is imported already cannot be changed.
+    "dataspeed_interface": Subject(
+        "vve_sumo.vehicle.dataspeed.interface",
+        ("tests/vehicle/dataspeed/test_interface.py", "tests/vehicle/test_reports.py"),
+    ),
     "arming": _vehicle(
         "arming",
         "arming.py",
@@ -31,6 +36,6 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
     "brake_monitor": _vehicle("brake_monitor", "brake_monitor.py", "figures.py"),
     "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),
-    "gateway": _vehicle("gateway", "evidence.py", "gateway.py", "fallback.py"),
+    "gateway": _vehicle("gateway", "evidence.py", "gateway.py", "fallback.py", "waiting.py", "other_cars.py"),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
 }

@@ -88,6 +88,8 @@ def explore(subject: Subject) -> Reached:
 
 def judge(subject: Subject, chosen: Sequence[Mutant], reached: Reached) -> Iterator[Outcome]:
     """Yield what became of each mutant, as it becomes known; as many at a time as there are processors."""
+    if subject.module in sys.modules:
+        raise RuntimeError(f"{subject.module}: another subject's tests have imported it; try it before that one")
     for name in reached.independent:
         with contextlib.suppress(ImportError):
             importlib.import_module(name)

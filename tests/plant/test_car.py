@@ -15,7 +15,6 @@ from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
 from vve_sumo.vehicle.dataspeed.messages import (
     BrakeCommand,
     BrakeInfo,
@@ -31,6 +30,7 @@ from vve_sumo.vehicle.dataspeed.messages import (
     WheelSpeeds,
     YawRate,
 )
+from vve_sumo.vehicle.interface import InterfaceConfig
 
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
 EPOCH = 1_447_000_000.0
@@ -64,7 +64,7 @@ def in_drive(parameters: CarParameters | None = None) -> Car:
     car = make(parameters)
     for _ in ride(car, 1.0, lambda _: (1500.0, 0.0, 0.0)):
         pass
-    assert car.kit.gear is Gear.DRIVE
+    assert car.interface.gear is Gear.DRIVE
     return car
 
 
@@ -105,7 +105,8 @@ def test_what_is_said_is_said_in_order_and_within_its_step() -> None:
 
 @pytest.mark.parametrize("variant", list(codec.Variant))
 def test_sensors_report_the_motion(variant: codec.Variant) -> None:
-    parameters = vehicles.parameters(noise=0.0, kit=DbwControllerParameters(variant=variant))
+    interface = InterfaceConfig("dataspeed_dbw1", {"variant": variant.name.lower()})
+    parameters = vehicles.parameters(noise=0.0, interface=interface)
     car, radius = make(parameters), parameters.vehicle.wheel_radius
     for output in ride(car, 9.0, town):
         truth = car.truth()
@@ -210,7 +211,7 @@ def test_steering_bias_bends_the_path_of_a_wheel_that_is_reported_straight() -> 
     assert steering[-1].wheel_angle == pytest.approx(0.0, abs=1e-3)
 
 
-def test_a_dead_host_is_braked_to_rest_by_the_kit() -> None:
+def test_a_dead_host_is_braked_to_rest_by_the_dbw_controller() -> None:
     car = in_drive()
     for _ in ride(car, 6.0, lambda _: (0.0, 0.3, 0.0), start=1.0):
         pass

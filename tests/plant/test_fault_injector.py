@@ -22,10 +22,10 @@ from vve_sumo.plant.fault_injector import FaultInjector
 from vve_sumo.plant.injected_faults import KINDS, STARTED, InjectedFault
 from vve_sumo.pose.ncom import LENGTH, Decoder, Outcome, checksums_hold
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.values import Fix, Frame, Pose
+from vve_sumo.values import Fix, FixQuality, Frame, Pose
 from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
-from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport, WheelSpeeds
+from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport
+from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig, WheelSpeeds
 
 AT, DURATION = 1.0, 0.5  # of the fault, from the first motion
 PARAMETERS = vehicles.parameters(noise=0.0)
@@ -59,7 +59,7 @@ class Ride:
         course: Course = straight,
     ) -> None:
         self._course = course
-        parameters = replace(PARAMETERS, kit=DbwControllerParameters(variant=variant))
+        parameters = replace(PARAMETERS, interface=InterfaceConfig("dataspeed_dbw1", {"variant": variant.name.lower()}))
         seeds, others = np.random.SeedSequence(1), np.random.SeedSequence(seed)
         self._whole = FaultInjectedCar(parameters, START, LOT, EPOCH, seeds, faults, others)
         self.car = self._whole.car
@@ -84,7 +84,7 @@ class Ride:
         self.truths[round(until, 3)] = truth
         self.packets += output.ncom
         self.frames += output.reports
-        self.enabled.append((until, tuple(module.enabled for module in self.car.kit.modules)))
+        self.enabled.append((until, tuple(module.enabled for module in self.car.interface.controller.modules)))
 
     def during(self, time: float) -> bool:
         """Whether the fault is on."""
@@ -198,9 +198,9 @@ def test_lost_rtk_shows_as_float_with_its_sigma():
     ride = Ride(InjectedFault("pose_rtk_lost", AT, 1.0))
     # The status channels come in turn, six packets a cycle.
     late = [fix for fix in ride.fixes if ride.began + AT + 0.1 < fix.time - EPOCH < ride.began + AT + 0.9]
-    assert {(fix.position_mode, fix.position_sigma) for fix in late} == {(5, 0.5)}
+    assert {(fix.quality, fix.position_sigma) for fix in late} == {(FixQuality.RTK_FLOAT, 0.5)}
     assert {"not_rtk_fixed", "position_sigma"} <= ride.untrusted()
-    assert ride.fixes[-1].position_mode == 6
+    assert ride.fixes[-1].quality is FixQuality.RTK_FIXED
 
 
 def test_a_clock_set_back_is_not_taken_for_time_going_on():
@@ -379,7 +379,7 @@ def test_garbage_costs_every_fifth_fix_and_no_other(plain):
 )
 def test_whatever_is_combined_packets_arrive_in_order_and_never_early(kinds, delays):
     faults = [InjectedFault(kind, at, 0.2) for kind, at in zip(kinds, delays, strict=False)]
-    rehearsal = FaultInjector(faults, np.random.SeedSequence(0))
+    rehearsal = FaultInjector(faults, np.random.SeedSequence(0), DEFAULT)
     rehearsal.moves(0.0, 1.0)
     arrived: Packets = []
     for step in range(1, 200):
@@ -407,14 +407,14 @@ def between(ride: Ride, kind: type) -> list[object]:
 def test_a_silent_bus_says_nothing_and_carries_no_commands():
     ride = Ride(fault("bus_silent"))
     assert not [time for time, _ in ride.frames if ride.during(time)]
-    assert ride.car.kit.fault, "without commands the kit's watchdog latches"
-    assert ride.car.kit.watchdog_braking
+    assert ride.car.interface.controller.fault, "without commands the kit's watchdog latches"
+    assert ride.car.interface.controller.watchdog_braking
 
 
 def test_stale_reports_stop_while_commands_work(plain):
     ride = Ride(fault("reports_stale"))
     assert not [time for time, _ in ride.frames if ride.during(time)]
-    assert not ride.car.kit.fault
+    assert not ride.car.interface.controller.fault
     assert ride.car.truth() == plain.car.truth()
 
 
@@ -435,7 +435,7 @@ def test_another_writer_uses_our_identifiers_and_is_obeyed(variant, plain):
 )
 def test_an_override_latches_in_its_module_alone(kind, module):
     ride = Ride(InjectedFault(kind, AT, 0.3))
-    overrides = [each.override for each in ride.car.kit.modules]
+    overrides = [each.override for each in ride.car.interface.controller.modules]
     assert overrides == [number == module for number in range(3)]
     since = next(time for time, enabled in ride.enabled if time > ride.began + AT and not enabled[module])
     assert since == pytest.approx(ride.began + AT + 0.1, abs=0.011), "100 ms beyond the threshold"
@@ -443,7 +443,7 @@ def test_an_override_latches_in_its_module_alone(kind, module):
 
 def test_a_touch_is_the_drivers_activity_and_no_override():
     ride = Ride(fault("driver_touch"))
-    assert not any(module.override for module in ride.car.kit.modules)
+    assert not any(module.override for module in ride.car.interface.controller.modules)
     assert any(report.driver for report in between(ride, BrakeReport))
     assert not any(report.driver for time, report in ride.said(BrakeReport) if time < ride.began + AT)
 
@@ -597,5 +597,5 @@ def test_a_rehearsal_that_cannot_be_is_one_line(arguments: tuple, text: str):
 
 
 def test_a_fix_passes_unchanged_where_nothing_is_due(plain):
-    untouched: Callable[[Fix], Fix | None] = FaultInjector([], np.random.SeedSequence(0)).on_fix
+    untouched: Callable[[Fix], Fix | None] = FaultInjector([], np.random.SeedSequence(0), DEFAULT).on_fix
     assert all(untouched(fix) is fix for fix in plain.fixes)

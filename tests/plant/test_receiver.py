@@ -12,7 +12,7 @@ from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.plant.noise import Wander, White
 from vve_sumo.plant.receiver import Receiver, ReceiverParameters
 from vve_sumo.pose.ncom import Decoder
-from vve_sumo.values import Fix, Point, Pose
+from vve_sumo.values import Fix, FixQuality, Point, Pose
 
 # Central meridian two degrees away, so that convergence (1.3 deg) matters.
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-81 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m", (170_000.0, 1000.0))
@@ -123,7 +123,7 @@ def test_a_factor_on_the_noise_makes_each_error_as_many_times_as_large() -> None
 
 def test_status_channels_say_rtk_fixed_and_fresh() -> None:
     fix = decode(record(ReceiverParameters(MOUNTING), 1.0))[-1]
-    assert (fix.status, fix.position_mode) == (4, 6)
+    assert (fix.locked, fix.quality) == (True, FixQuality.RTK_FIXED)
     assert fix.position_sigma == pytest.approx(math.hypot(0.01, 0.01), abs=6e-4)
     assert fix.velocity_sigma == pytest.approx(0.025)
     assert fix.heading_sigma == pytest.approx(math.radians(0.08), abs=6e-6)
@@ -140,14 +140,14 @@ def test_bytes_arrive_the_delay_after_their_epoch(delay: float) -> None:
 
 def test_a_fault_can_be_put_between_measuring_and_sending() -> None:
     def every_other_lost(fix: Fix) -> Fix | None:
-        return replace(fix, status=3) if round(fix.time * 100) % 2 else None
+        return replace(fix, locked=False) if round(fix.time * 100) % 2 else None
 
     receiver = Receiver(ReceiverParameters(MOUNTING), LOT, EPOCH, np.random.SeedSequence(1), every_other_lost)
     for number in range(1, 101):
         receiver.measure(truth(number / 100), 0.0)
     fixes = decode(receiver.arrived(2.0))
     assert len(fixes) == 50
-    assert {fix.status for fix in fixes} == {3}
+    assert not any(fix.locked for fix in fixes)
 
 
 def test_wandering_noise_has_its_size_and_its_memory() -> None:

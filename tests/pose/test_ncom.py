@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.pose.ncom import Decoder, Encoder, Outcome, checksums_hold, pack
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, FixQuality
 
 START = 1_300_000_020.0  # a whole GPS minute
 NOTHING = bytes(8)
@@ -36,8 +36,8 @@ def fix_at(time: float, **changes: float) -> Fix:
         velocity_down=-0.1,
         yaw_rate=0.1,
         acceleration=0.5,
-        status=4,
-        position_mode=6,
+        locked=True,
+        quality=FixQuality.RTK_FIXED,
         position_sigma=0.012,
         velocity_sigma=0.02,
         heading_sigma=0.002,
@@ -65,6 +65,11 @@ def arrived(packets: Iterable[tuple[float, bytes]], decoder: Decoder | None = No
     return [fix for received, packet in packets for fix in decoder.feed(packet, received)]
 
 
+def with_status(status: int, packet: bytes) -> bytes:
+    """The packet with another navigation status."""
+    return sealed(packet[:21] + bytes((status,)) + packet[22:])
+
+
 def sealed(packet: bytes) -> bytes:
     """The packet with its three checksums made right."""
     body = bytearray(packet)
@@ -79,9 +84,11 @@ def sealed(packet: bytes) -> bytes:
 def test_genuine_packet_decodes_to_its_known_values(shared_data):
     packet = bytes.fromhex((shared_data / "ncom" / "real_packet.hex").read_text())
     known = json.loads((shared_data / "ncom" / "real_packet.json").read_text())
-    (fix,) = decoded(packet)
+    decoder = Decoder()
+    (fix,) = decoder.feed(packet, 0.0)
     assert checksums_hold(packet)
-    assert fix.status == known["nav"] == 2
+    assert decoder.codes == (known["nav"], known["pos_mode"]) == (2, 3)
+    assert not fix.locked
     assert fix.time == pytest.approx(known["minutes"] * 60 + known["ms"] / 1000, abs=1e-6)
     assert (fix.latitude, fix.longitude) == (known["lat_rad"], known["lon_rad"])
     assert fix.altitude == pytest.approx(known["alt"], abs=1e-6)
@@ -89,7 +96,7 @@ def test_genuine_packet_decodes_to_its_known_values(shared_data):
     assert fix.velocity_east == pytest.approx(known["ve"])
     assert fix.velocity_down == pytest.approx(known["vd"])
     assert fix.acceleration == pytest.approx(known["ax"])
-    assert fix.position_mode == known["pos_mode"]
+    assert fix.quality is FixQuality.SINGLE
     assert all(math.isnan(angle) for angle in (fix.heading, fix.pitch, fix.roll))
     assert math.isnan(fix.position_sigma)
 
@@ -116,8 +123,8 @@ small = st.floats(-800.0, 800.0)
     velocity_sigma=st.floats(0, 60),
     heading_sigma=st.floats(0, 0.6),
     differential_age=st.floats(0, 300),
-    position_mode=st.integers(0, 31),
-    status=st.sampled_from([2, 3, 4]),
+    quality=st.sampled_from(FixQuality),
+    locked=st.booleans(),
     milliseconds=st.integers(0, 10**8),
 )
 def test_round_trip_to_the_last_bit(milliseconds, **fields):
@@ -125,7 +132,7 @@ def test_round_trip_to_the_last_bit(milliseconds, **fields):
     encoder = Encoder()
     (fix, *_, last) = decoded(b"".join(encoder.encode(replace(sent, time=sent.time + k / 1000)) for k in range(6)))
     assert fix.time == sent.time
-    assert (fix.latitude, fix.longitude, fix.status) == (sent.latitude, sent.longitude, sent.status)
+    assert (fix.latitude, fix.longitude, fix.locked) == (sent.latitude, sent.longitude, sent.locked)
     assert fix.altitude == struct.unpack("<f", struct.pack("<f", sent.altitude))[0]
     assert abs(math.remainder(fix.heading - sent.heading, math.tau)) <= 0.6e-6
     assert -math.pi <= fix.heading <= math.pi
@@ -139,7 +146,7 @@ def test_round_trip_to_the_last_bit(milliseconds, **fields):
         ("acceleration", 1e-4),
     ):
         assert abs(getattr(fix, name) - getattr(sent, name)) <= 0.5001 * bit, name
-    assert last.position_mode == sent.position_mode
+    assert last.quality is sent.quality
     for name, bit in (
         ("position_sigma", 1e-3),
         ("velocity_sigma", 1e-3),
@@ -259,10 +266,11 @@ def test_a_stream_in_which_packets_overtake_each_other_keeps_its_qualities():
     turned = [packet for pair in zip(packets[1::2], packets[::2], strict=True) for packet in pair]
     fixes = decoded(b"".join(turned))
     straight = decoded(b"".join(packets))
-    qualities = ("position_mode", "position_sigma", "velocity_sigma", "heading_sigma", "differential_age")
+    qualities = ("quality", "position_sigma", "velocity_sigma", "heading_sigma", "differential_age")
     assert len(fixes) == pytest.approx(500, abs=10)
     assert [getattr(fixes[-1], name) for name in qualities] == [getattr(straight[-1], name) for name in qualities]
-    assert not any(math.isnan(getattr(fixes[-1], name)) for name in qualities)
+    assert not any(math.isnan(getattr(fixes[-1], name)) for name in qualities[1:])
+    assert fixes[-1].quality is FixQuality.RTK_FIXED
 
 
 def test_duplicates_are_reported_and_not_emitted():
@@ -301,7 +309,7 @@ def test_milliseconds_beyond_the_minute_are_refused():
 )
 def test_other_packets_are_never_fixes_and_do_not_move_the_clock(status, outcome):
     far = START + 31 * 60.0
-    odd = pack(fix_at(far, status=status), 0, minute_channel(far))
+    odd = with_status(status, pack(fix_at(far), 0, minute_channel(far)))
     decoder = Decoder()
     data = pack(fix_at(START), 0, minute_channel(START)) + odd + pack(fix_at(START + 0.01), 16, NOTHING)
     assert [fix.time for fix in decoder.feed(data, 0.0)] == [START, START + 0.01]
@@ -312,8 +320,8 @@ def test_structure_b_does_not_even_say_an_accuracy():
     accuracy = struct.pack("<HHHBB", 5, 5, 5, 0, 0)
     start = pack(fix_at(START), 0, minute_channel(START))
     probe = pack(fix_at(START + 0.02), 16, NOTHING)
-    structure_b = pack(fix_at(START + 0.01, status=11), 3, accuracy)
-    status_only = pack(fix_at(START + 0.01, status=10), 3, accuracy)
+    structure_b = with_status(11, pack(fix_at(START + 0.01), 3, accuracy))
+    status_only = with_status(10, pack(fix_at(START + 0.01), 3, accuracy))
     assert math.isnan(decoded(start + structure_b + probe)[-1].position_sigma)
     assert decoded(start + status_only + probe)[-1].position_sigma == pytest.approx(0.005)
 
@@ -346,22 +354,58 @@ def test_a_channel_that_is_not_repeated_says_nothing_any_more():
     known = [fix.time - START for fix in fixes if not math.isnan(fix.heading_sigma)]
     assert sigmas[0] == pytest.approx(0.002)
     assert 2.0 < max(known) <= 5.01
-    assert {fix.position_mode for fix in fixes if fix.time > START + 5.0} == {-1}
+    assert {fix.quality for fix in fixes if fix.time > START + 5.0} == {FixQuality.UNKNOWN}
+
+
+#: position modes as the manual words them; "gx" and "ix" are the unit's own tightly coupled solutions
+MODE_WORDS = {
+    "none": FixQuality.NONE, "search": FixQuality.NONE, "Doppler": FixQuality.NONE, "SPS": FixQuality.SINGLE,
+    "differential": FixQuality.DIFFERENTIAL, "RTK float": FixQuality.RTK_FLOAT, "RTK integer": FixQuality.RTK_FIXED,
+    "SBAS": FixQuality.DIFFERENTIAL, "OmniSTAR VBS": FixQuality.DIFFERENTIAL, "OmniSTAR HP": FixQuality.PPP,
+    "no data": FixQuality.NONE, "blanked": FixQuality.NONE, "Doppler, post-processed": FixQuality.NONE,
+    "SPS, post-processed": FixQuality.SINGLE, "differential, post-processed": FixQuality.DIFFERENTIAL,
+    "RTK float, post-processed": FixQuality.RTK_FLOAT, "RTK integer, post-processed": FixQuality.RTK_FIXED,
+    "OmniSTAR XP": FixQuality.PPP, "CDGPS": FixQuality.DIFFERENTIAL, "not recognised": FixQuality.UNKNOWN,
+    "gx Doppler": FixQuality.NONE, "gx SPS": FixQuality.SINGLE, "gx differential": FixQuality.DIFFERENTIAL,
+    "gx float": FixQuality.RTK_FLOAT, "gx integer": FixQuality.RTK_FIXED,
+    "ix Doppler": FixQuality.NONE, "ix SPS": FixQuality.SINGLE, "ix differential": FixQuality.DIFFERENTIAL,
+    "ix float": FixQuality.RTK_FLOAT, "ix integer": FixQuality.RTK_FIXED,
+    "PPP converging": FixQuality.PPP, "PPP": FixQuality.PPP,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mode", range(256))
+def test_a_position_mode_becomes_a_quality(mode):
+    """RTK-fixed are 6, 16, 24 and 29 alone, for on these a car drives."""
+    packet = pack(fix_at(START), 0, struct.pack("<iBBBB", int(START // 60), 12, mode, 6, 6))
+    decoder = Decoder()
+    (fix,) = decoder.feed(packet, 0.0)
+    assert fix.quality is dict(enumerate(MODE_WORDS.values())).get(mode, FixQuality.UNKNOWN)
+    assert (fix.quality is FixQuality.RTK_FIXED) == (mode in (6, 16, 24, 29))
+    assert decoder.codes == (4, mode if mode < 0x80 else -1)
+
+
+@pytest.mark.parametrize("status", [2, 3, 4])
+def test_only_status_4_is_locked(status):
+    decoder = Decoder()
+    (fix,) = decoder.feed(with_status(status, pack(fix_at(START), 0, minute_channel(START))), 0.0)
+    assert fix.locked == (status == 4)
+    assert decoder.codes[0] == status
 
 
 @pytest.mark.parametrize("value", [0x80, 0xFF, 0x86])
 def test_position_mode_with_its_top_bit_set_is_not_known(value):
     (fix,) = decoded(pack(fix_at(START), 0, struct.pack("<iBBBB", int(START // 60), 12, value, 6, 6)))
-    assert fix.position_mode == -1
+    assert fix.quality is FixQuality.UNKNOWN
 
 
 def test_encoder_sends_what_is_not_known_as_stale():
-    unknown = {"position_sigma": math.nan, "differential_age": math.nan, "position_mode": -1}
+    unknown = {"position_sigma": math.nan, "differential_age": math.nan, "quality": FixQuality.UNKNOWN}
     encoder = Encoder()
     last = decoded(b"".join(encoder.encode(fix_at(START + 0.01 * k, **unknown)) for k in range(6)))[-1]
     assert math.isnan(last.position_sigma)
     assert math.isnan(last.differential_age)
-    assert last.position_mode == -1
+    assert last.quality is FixQuality.UNKNOWN
     assert last.velocity_sigma == pytest.approx(0.02)
 
 
@@ -374,7 +418,7 @@ def content(fix: Fix) -> tuple[float, ...]:
     """All that one packet alone says."""
     return (
         *(fix.time, fix.latitude, fix.longitude, fix.altitude, fix.heading, fix.pitch, fix.roll),
-        *(fix.velocity_north, fix.velocity_east, fix.velocity_down, fix.yaw_rate, fix.acceleration, fix.status),
+        *(fix.velocity_north, fix.velocity_east, fix.velocity_down, fix.yaw_rate, fix.acceleration, fix.locked),
     )
 
 
@@ -395,9 +439,10 @@ def test_any_body_under_right_checksums_is_survived(body, status):
     """The bytes that random garbage almost never reaches: a well-sealed packet with anything in it."""
     packet = bytearray(b"\xe7" + body + b"\x00")
     packet[21] = status
-    for fix in decoded(pack(fix_at(START), 0, minute_channel(START)) + sealed(bytes(packet))):
+    decoder = Decoder()
+    for fix in decoder.feed(pack(fix_at(START), 0, minute_channel(START)) + sealed(bytes(packet)), 0.0):
         assert math.isfinite(fix.time + fix.latitude + fix.longitude)
-        assert fix.status in (2, 3, 4)
+        assert decoder.codes[0] in (2, 3, 4)
 
 
 @given(st.lists(st.integers(1, 200), max_size=30), st.binary(max_size=40))

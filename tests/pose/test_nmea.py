@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from vve_sumo.pose.nmea import Decoder, Outcome
 from vve_sumo.pose.trust import DRIVE, NMEA, TrustGate
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, FixQuality
 
 MIDNIGHT = datetime.datetime(2026, 11, 21, tzinfo=datetime.UTC)
 #: 2026-11-21 00:00:00 UTC in GPS seconds: 17121 days since 1980-01-06, and 18 leap seconds
@@ -116,7 +116,7 @@ def test_an_epoch_becomes_a_fix_with_all_that_nmea_says():
     assert math.degrees(fix.heading) == pytest.approx(25.0)
     assert fix.velocity_north == pytest.approx(10 * math.cos(math.radians(65)), abs=1e-3)
     assert fix.velocity_east == pytest.approx(10 * math.sin(math.radians(65)), abs=1e-3)
-    assert (fix.status, fix.position_mode) == (4, 6)
+    assert (fix.locked, fix.quality) == (True, FixQuality.RTK_FIXED)
     assert (fix.position_sigma, fix.velocity_sigma, fix.heading_sigma) == (0.014, 0.05, 0.004)
     assert fix.differential_age == 1.2
     assert fix.yaw_rate == pytest.approx(0.0, abs=1e-9)
@@ -145,12 +145,21 @@ def test_hemispheres(latitude, longitude):
 
 
 @pytest.mark.parametrize(
-    ("quality", "mode", "status"),
-    [(1, 3, 4), (2, 4, 4), (3, -1, 0), (4, 6, 4), (5, 5, 4), (6, -1, 0), (7, -1, 0), (8, -1, 0)],
+    ("said", "quality"),
+    [
+        (1, FixQuality.SINGLE),
+        (2, FixQuality.DIFFERENTIAL),
+        (3, FixQuality.UNKNOWN),
+        (4, FixQuality.RTK_FIXED),
+        (5, FixQuality.RTK_FLOAT),
+        (6, FixQuality.UNKNOWN),
+        (7, FixQuality.UNKNOWN),
+        (8, FixQuality.UNKNOWN),
+    ],
 )
-def test_quality_becomes_a_position_mode(quality, mode, status):
-    (fix,) = fed([*drive(1)[:2], *((NOON, one) for one in epoch(NOON, quality=quality))])
-    assert (fix.position_mode, fix.status) == (mode, status)
+def test_a_receiver_that_says_a_known_quality_is_in_real_time(said, quality):
+    (fix,) = fed([*drive(1)[:2], *((NOON, one) for one in epoch(NOON, quality=said))])
+    assert (fix.quality, fix.locked) == (quality, quality is not FixQuality.UNKNOWN)
 
 
 def test_rmc_alone_gives_velocity_and_date():
@@ -355,7 +364,7 @@ STREAM = b"".join(data for _, data in drive(8))
 
 def content(fix: Fix) -> str:
     """All but the moment of arrival, NaN comparable."""
-    return repr((fix.time, fix.latitude, fix.longitude, fix.heading, fix.velocity_north, fix.position_mode))
+    return repr((fix.time, fix.latitude, fix.longitude, fix.heading, fix.velocity_north, fix.quality))
 
 
 def whole(data: bytes) -> list[str]:

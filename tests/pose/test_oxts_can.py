@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from tests.pose.test_ncom import fix_at
 from vve_sumo.pose.oxts_can import LOCKING, Decoder, Encoder, Outcome
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.values import Fix, Frame
+from vve_sumo.values import Fix, FixQuality, Frame
 
 START = 1_300_000_020.0
 DBC = cantools.database.load_string(
@@ -126,7 +126,7 @@ angles = st.floats(-math.pi, math.pi)
     velocity_sigma=st.floats(0, 60),
     heading_sigma=st.floats(0, 0.6),
     differential_age=st.floats(0, 300),
-    position_mode=st.integers(0, 31),
+    quality=st.sampled_from(FixQuality),
     milliseconds=st.integers(0, 10**9),
 )
 def test_round_trip_to_the_last_bit(milliseconds, **fields):
@@ -141,7 +141,7 @@ def test_round_trip_to_the_last_bit(milliseconds, **fields):
     for name, bit in (("velocity_north", 0.01), ("velocity_east", 0.01), ("acceleration", 0.01)):
         assert abs(getattr(fix, name) - getattr(sent, name)) <= 0.5001 * bit, name
     assert abs(fix.yaw_rate - sent.yaw_rate) <= 0.5001 * math.radians(0.01)
-    assert last.position_mode == sent.position_mode
+    assert last.quality is sent.quality
     for name, bit in (("position_sigma", 1e-3), ("velocity_sigma", 1e-3), ("heading_sigma", 1e-5)):
         assert abs(getattr(last, name) - getattr(sent, name)) <= 0.5001 * bit, name
     assert last.differential_age == pytest.approx(sent.differential_age, abs=0.0051)
@@ -212,7 +212,7 @@ def test_impossible_positions_are_not_fixes(latitude, longitude):
 def test_locked_only_after_cycles_without_a_break():
     times = [0.0, 0.5, *(1.0 + 0.01 * k for k in range(2000)), *(30.0 + 0.01 * k for k in range(1300))]
     fixes = fed([one for time in times for one in Encoder().encode(fix_at(START + time))])
-    locked = [fix.time - START for fix in fixes if fix.status == 4]
+    locked = [fix.time - START for fix in fixes if fix.locked]
     breaks = [after for before, after in itertools.pairwise(locked) if after - before > 1.0]
     assert locked[0] == pytest.approx(LOCKING / 1000, abs=0.02)
     assert breaks == [pytest.approx(30.0 + LOCKING / 1000, abs=0.02)]
@@ -292,7 +292,7 @@ def test_one_wrong_time_between_the_cycles_costs_no_more_than_one_of_them(ahead)
     for received, frames in rows:
         fixes += decoder.feed_frames(frames, received)
     assert len(fixes) >= 1999
-    assert all(fix.status == 4 for fix in fixes if fix.time > START + 12.1)
+    assert all(fix.locked for fix in fixes if fix.time > START + 12.1)
     assert decoder.counts[Outcome.AHEAD] + decoder.counts[Outcome.NOT_INCREASING] == 1
 
 
@@ -300,9 +300,9 @@ def test_a_unit_whose_clock_goes_back_counts_as_locking_again_once_it_has_caught
     decoder, fixes = Decoder(), []
     for received, frames in on_the_bus(1500):
         fixes += decoder.feed_frames(frames, received)
-    assert fixes[-1].status == 4
+    assert fixes[-1].locked
     for k in range(300):  # a second in arrears, catching up at half a second a second
         time = START + 15.0 - 1.0 + 0.015 * k
         fixes += decoder.feed_frames(cycle(time), 15.0 + 0.01 * k + 0.005)
     assert fixes[-1].time > START + 17.0
-    assert fixes[-1].status == 3
+    assert not fixes[-1].locked

@@ -17,12 +17,12 @@ from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.ncom import Decoder, Encoder, pack
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.values import Actors, ControlCommand, Observation, Point, Pose
+from vve_sumo.values import Actors, ControlCommand, FixQuality, Observation, Point, Pose
 
 EPOCH = 1_300_000_010.0
 LOT = "+proj=tmerc +lat_0=40.31 +lon_0=-83.55 +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
 UTM17 = "+proj=utm +zone=17 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
-QUALITY = {"status": 4, "position_mode": 6, "position_sigma": 0.01, "velocity_sigma": 0.02}
+QUALITY = {"locked": True, "quality": FixQuality.RTK_FIXED, "position_sigma": 0.01, "velocity_sigma": 0.02}
 QUALITY |= {"heading_sigma": 0.001, "differential_age": 1.0, "altitude": 250.0}
 
 

@@ -10,6 +10,7 @@ import pytest
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.ncom import Encoder
 from vve_sumo.pose.recording import fixes
+from vve_sumo.values import FixQuality
 
 HEADER = "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps\n"
 
@@ -33,7 +34,7 @@ def test_columns_are_turned_into_a_fix(tmp_path):
     assert second.acceleration == pytest.approx(2.0 / 0.25)
     assert second.yaw_rate == pytest.approx(-math.radians(60.0) / 0.25)
     assert math.isnan(second.position_sigma)
-    assert (second.status, second.position_mode) == (0, -1)
+    assert (second.locked, second.quality) == (False, FixQuality.UNKNOWN)
 
 
 def test_column_order_extra_columns_and_a_byte_order_mark_do_not_matter(tmp_path):
@@ -97,7 +98,7 @@ def test_raw_ncom_bytes_are_a_recording_too(tmp_path):
     sent = list(fixes(written(tmp_path, HEADER + rows)))
     encoder = Encoder()
     raw = tmp_path / "drive.ncom"
-    raw.write_bytes(b"".join(encoder.encode(replace(fix, status=4)) for fix in sent))
+    raw.write_bytes(b"".join(encoder.encode(replace(fix, locked=True)) for fix in sent))
     got = list(fixes(raw))
     assert [fix.time for fix in got] == pytest.approx([fix.time for fix in sent], abs=1e-6)
     assert [fix.time_received for fix in got] == pytest.approx([0.01 * k for k in range(30)], abs=1e-6)

@@ -22,6 +22,7 @@ from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.pose import ncom, nmea
 from vve_sumo.pose.recording import fixes
 from vve_sumo.pose.sources import BYTES, PORTIONS, SO_TIMESTAMPNS, Source, open_file, open_serial, open_tcp, open_udp
+from vve_sumo.values import FixQuality
 
 
 def port_that_is_free() -> int:
@@ -455,7 +456,7 @@ def test_a_csv_is_played_as_ncom_whatever_its_seconds_count_from(tmp_path, begin
     original = next(fixes(path))
     assert (fix.latitude, fix.longitude) == (original.latitude, original.longitude)
     assert fix.velocity_north == pytest.approx(4.5)
-    assert (fix.status, fix.position_mode) == (4, -1)
+    assert (fix.locked, fix.quality) == (True, FixQuality.UNKNOWN)
     assert math.isnan(fix.pitch)
 
 

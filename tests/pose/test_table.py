@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.pose.test_ncom import NOTHING, START, fix_at, minute_channel, stream
+from tests.pose.test_ncom import NOTHING, START, fix_at, minute_channel, stream, with_status
 from tests.pose.test_trust import drive
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.ncom import Encoder, Outcome, pack
@@ -60,7 +60,8 @@ def test_only_packets_with_navigation_give_rows(tmp_path):
     packets = [pack(fix_at(START - 0.01), 16, NOTHING)]  # before the minute is known
     packets += [pack(fix_at(START), 0, minute_channel(START))]
     packets += [
-        pack(fix_at(START + 0.01 * k, status=k), 16, NOTHING) for k in (0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 20, 21, 22)
+        with_status(k, pack(fix_at(START + 0.01 * k), 16, NOTHING))
+        for k in (0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 20, 21, 22)
     ]
     packets += [pack(fix_at(START + 0.5, latitude=math.nan), 16, NOTHING)]
     path, out = tmp_path / "mixed.ncom", tmp_path / "table.csv"

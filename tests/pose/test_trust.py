@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.pose.recordings import BOREAS_COURSE
-from vve_sumo.pose.trust import DRIVE, PLAYBACK, REASONS, RTK_FIXED, TrustGate
-from vve_sumo.values import Fix
+from vve_sumo.pose.trust import DRIVE, PLAYBACK, REASONS, TrustGate
+from vve_sumo.values import Fix, FixQuality
 
 EPOCH = 1_300_000_000.0
 PERIOD = 0.01
@@ -40,8 +40,8 @@ def drive(count: int = 200, speed: float = 10.0, course: float = 0.4, period: fl
             velocity_down=0.0,
             yaw_rate=0.0,
             acceleration=0.0,
-            status=4,
-            position_mode=6,
+            locked=True,
+            quality=FixQuality.RTK_FIXED,
             position_sigma=0.012,
             velocity_sigma=0.02,
             heading_sigma=0.002,
@@ -65,12 +65,10 @@ def test_a_good_drive_is_trusted_throughout(speed, course):
 @pytest.mark.parametrize(
     ("spoilt", "reason"),
     [
-        ({"status": 3}, "status_not_locked"),
-        ({"status": 2}, "status_not_locked"),
-        ({"status": 22}, "status_not_locked"),
-        ({"position_mode": 5}, "not_rtk_fixed"),
-        ({"position_mode": -1}, "not_rtk_fixed"),
-        ({"position_mode": 3}, "not_rtk_fixed"),
+        ({"locked": False}, "status_not_locked"),
+        ({"quality": FixQuality.RTK_FLOAT}, "not_rtk_fixed"),
+        ({"quality": FixQuality.UNKNOWN}, "not_rtk_fixed"),
+        ({"quality": FixQuality.SINGLE}, "not_rtk_fixed"),
         ({"position_sigma": 0.11}, "position_sigma"),
         ({"position_sigma": math.nan}, "position_sigma"),
         ({"position_sigma": -1.0}, "position_sigma"),
@@ -102,10 +100,10 @@ def test_one_spoilt_fix_is_refused_with_its_reason(spoilt, reason):
     assert reason in REASONS
 
 
-@pytest.mark.parametrize("mode", range(32))
-def test_only_fixed_ambiguities_count(mode):
-    (verdict,) = judged([replace(drive()[0], position_mode=mode)])
-    assert verdict.trusted == (mode in (6, 16, 24, 29)) == (mode in RTK_FIXED)
+@pytest.mark.parametrize("quality", FixQuality)
+def test_only_fixed_ambiguities_count(quality):
+    (verdict,) = judged([replace(drive()[0], quality=quality)])
+    assert verdict.trusted == (quality == "RTK fixed")
 
 
 @pytest.mark.parametrize(
@@ -199,12 +197,12 @@ def test_staleness_counts_from_the_last_trusted_fix_s_own_time():
     assert gate.stale(0.2501) == ("pose_stale",)
     assert gate.stale(math.nan) == ("pose_stale",)
     for fix in drive(40)[11:]:
-        gate.step(fix.time - EPOCH + 0.03, replace(fix, position_mode=5))
+        gate.step(fix.time - EPOCH + 0.03, replace(fix, quality=FixQuality.RTK_FLOAT))
     assert gate.stale(0.42) == ("pose_stale",)
 
 
 def test_playback_lets_recordings_through_and_may_never_arm():
-    bare = {"status": 0, "position_mode": -1, "pitch": math.nan, "differential_age": math.nan}
+    bare = {"locked": False, "quality": FixQuality.UNKNOWN, "pitch": math.nan, "differential_age": math.nan}
     bare |= {"position_sigma": math.nan, "velocity_sigma": math.nan, "heading_sigma": math.nan}
     fixes = [replace(fix, **bare) for fix in drive(50, period=0.25)]
     assert all(trust.trusted for trust in judged(fixes, PLAYBACK, delay=1e6))
@@ -322,7 +320,7 @@ def test_a_profile_that_judges_no_quality_can_never_arm():
 # One bad fix, whatever it says, and a crowd of them from the future.
 
 ALONE = ["altitude", "velocity_down", "pitch", "roll", "yaw_rate", "acceleration"]
-LYING = ["latitude", "longitude", "heading", "velocity_north", "velocity_east", "status", *ALONE]
+LYING = ["latitude", "longitude", "heading", "velocity_north", "velocity_east", "locked", *ALONE]
 
 
 @settings(max_examples=400, deadline=None)

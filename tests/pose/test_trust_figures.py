@@ -14,7 +14,7 @@ import pytest
 
 from vve_sumo.pose import trust
 from vve_sumo.pose.trust import DRIVE, NMEA, PLAYBACK, REASONS, TrustGate, TrustProfile
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, FixQuality
 
 RADIUS = 6_371_000.0
 STEP = 0.125  # [s]; below every profile's gap limit and a binary fraction
@@ -32,8 +32,8 @@ STANDING = Fix(
     velocity_down=0.0,
     yaw_rate=0.0,
     acceleration=0.0,
-    status=4,
-    position_mode=6,
+    locked=True,
+    quality=FixQuality.RTK_FIXED,
     position_sigma=0.012,
     velocity_sigma=0.02,
     heading_sigma=0.002,

@@ -59,7 +59,7 @@ SAYS = {
     "driver_has_control": "The driver took over.",
     "fault": "The gateway stopped the car: for no stated reason.",
     "timeout": "The scenario's time ran out after 0.98 s.",
-    "aborted": "The scenario ended the drive after 0.98 s: for no stated reason.",
+    "completed": "The scenario ended the drive after 0.98 s: for no stated reason.",
     "played": "A recorded drive of 0.98 s was sent through the pipeline;",
     "interrupted": "The drive was ended from the keyboard after 0.98 s.",
     "broken": "The simulation broke after 0.98 s: it fell over ../there.",
@@ -84,7 +84,7 @@ def test_the_word_is_the_summarys_and_the_sentence_that_of_the_outcome(
     )
 
 
-@pytest.mark.parametrize("outcome", ["contact", "aborted", "broken", None])
+@pytest.mark.parametrize("outcome", ["contact", "completed", "broken", None])
 @pytest.mark.parametrize("speed", [3.0, None])
 def test_a_contact_is_said_however_the_drive_ended(tmp_path: Path, outcome: str | None, speed: float | None) -> None:
     told = {"outcome": outcome, "passed": False, "collision": True, "impact_speed_mps": speed}

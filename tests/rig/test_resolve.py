@@ -26,7 +26,7 @@ from vve_sumo.rig.schema import Vehicle as VehicleTable
 from vve_sumo.scenario.load import load as load_scenario
 from vve_sumo.values import Point, Pose, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dataspeed.codec import Variant
+from vve_sumo.vehicle.interface import DEFAULT
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 
@@ -42,7 +42,7 @@ def test_a_rig_that_says_nothing_of_its_car_has_the_fusion() -> None:
     assert resolve.vehicle_of(plain) == vehicles.FUSION.vehicle
     assert resolve.calibration_of(plain) == vehicles.FUSION.calibration
     assert resolve.limits_of(plain) == Limits()
-    assert resolve.variant_of(plain) is Variant.DBW1_2024
+    assert resolve.interface_of(plain) == DEFAULT
     assert resolve.steering_wheel_bias_of(plain) == 0.0
 
 
@@ -52,7 +52,7 @@ def test_a_rig_brings_the_model_that_it_names_and_its_own_measurements() -> None
     assert model.vehicle == dataclasses.replace(vehicles.MKZ.vehicle, brake_lag=0.02)
     assert model.calibration == vehicles.MKZ.calibration
     assert model.simulated == vehicles.MKZ.simulated
-    assert (model.name, model.rig, model.variant) == ("lincoln_mkz", "Fusion, template", Variant.DBW1_2024)
+    assert (model.name, model.rig, model.interface) == ("lincoln_mkz", "Fusion, template", DEFAULT)
     assert model.steering_wheel_bias == pytest.approx(math.radians(1.5))
     assert (model.mounting, model.limits) == (resolve.mounting_of(ours), resolve.limits_of(ours))
 

@@ -54,7 +54,7 @@ def test_so_is_one_with_everything_and_the_documents() -> None:
         (("actors", 0, "acts"), {}),
         (("parameters", "Gap"), {"sets": ["seed"]}),
         (("parameters", "gap", "sets"), []),
-        (("abort", "ttc_s"), None),
+        (("end_trigger", "ttc_s"), None),
         (("controller", "tuning", "gap_m"), [5.0]),
         (("street",), {}),
     ],

@@ -13,7 +13,7 @@ from tests.conftest import REPOSITORY
 from tests.isolated import isolated
 from vve_sumo.analysis.stopping_bound import TOLERANCE
 from vve_sumo.scenario.load import load, parse
-from vve_sumo.sweep.overrides import apply_overrides
+from vve_sumo.scenario.overrides import apply_overrides
 
 FOLDER = REPOSITORY / "scenarios"
 NAMES = sorted(file.stem for file in FOLDER.glob("*.toml"))

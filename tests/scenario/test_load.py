@@ -82,7 +82,7 @@ acceleration_mps2 = 6.0
 [[actors.acts]]
 when = { after_s = 2.0 }
 leaves = true
-[abort]
+[end_trigger]
 ttc_s = 0.5
 [weather]
 friction = 0.6
@@ -120,7 +120,8 @@ NEAR_MISSES = [
     ),
     ("controller.tuning.a\nb", [1], r"controller.tuning.'a\nb': expected"),
     ("weather.friktion", 0.3, "unknown key 'weather.friktion', did you mean 'friction'?"),
-    ("abort.ttc_ms", 3.0, "unknown key 'abort.ttc_ms', did you mean 'ttc_s'?"),
+    ("abort", {"contact": True}, "key 'abort' is now 'end_trigger'"),
+    ("end_trigger.ttc_ms", 3.0, "unknown key 'end_trigger.ttc_ms', did you mean 'ttc_s'?"),
     ("criteria.min_ttc_s.maxi", 3.0, "unknown key 'criteria.min_ttc_s.maxi', did you mean 'max'?"),
     ("seed", 16**5000, "seed: expected less than or equal to 2147483647, got int beyond all bounds"),
 ]

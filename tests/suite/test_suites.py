@@ -133,7 +133,7 @@ def test_what_goes_wrong_is_told_apart(tmp_path):
         lasts=10.0,
         controller={"tuning": AEB},
         actors=[target(speed, ahead)],
-        abort={"contact": True},
+        end_trigger={"contact": True},
     )
     rows = [
         replace(good, id="blind", scenario=good.scenario.model_copy(update={"controller": nothing})),

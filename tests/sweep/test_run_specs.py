@@ -19,8 +19,8 @@ from scipy.stats import qmc
 from tests.conftest import REPOSITORY
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.load import load, parse
+from vve_sumo.scenario.overrides import apply_overrides
 from vve_sumo.sweep.axes import Steps, axes
-from vve_sumo.sweep.overrides import apply_overrides
 from vve_sumo.sweep.run_specs import RunSpecs, cells_of, key_of, shares
 from vve_sumo.sweep.spec import parse_spec
 

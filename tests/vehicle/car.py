@@ -13,6 +13,7 @@ from tests.setpoints import setpoint as complete
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 PERIOD = 0.02
@@ -142,7 +143,7 @@ class Rig:
 
     def __post_init__(self) -> None:
         if self.gateway is None:
-            self.gateway = Gateway(FUSION, CALIBRATION, period=PERIOD, variant=self.car.variant)
+            self.gateway = Gateway(FUSION, CALIBRATION, period=PERIOD, interface=DataspeedDbw1(self.car.variant))
 
     @property
     def now(self) -> float:

@@ -6,6 +6,7 @@ import pytest
 
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.engagement import Engagement
 from vve_sumo.vehicle.reports import CarReports
 
@@ -15,7 +16,7 @@ BEGUN = 10.0  # [s]
 
 def reports(enabled: bool = True, gear: Gear = Gear.DRIVE) -> CarReports:
     """A car that says this; the brake module alone may not be enabled."""
-    said = CarReports(0.3, codec.Variant.DBW1_2024)
+    said = CarReports(0.3, DataspeedDbw1())
     for message in (
         codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=enabled),
         codec.ThrottleReport(0.15, 0.15, 0.15, enabled=True),

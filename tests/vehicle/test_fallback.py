@@ -286,7 +286,7 @@ def blind_stop(name: str, with_profile: bool) -> float:
         assert verdict.state is S.ENGAGED
     while whole.step(None).state is not S.STOPPED:
         pass
-    assert whole.car.kit.fault is False
+    assert whole.car.interface.controller.fault is False
     step = 0.005
     heading = here.heading + step * np.cumsum(road(np.arange(begin, whole.distance, step)))
     x, y = here.x + step * np.sum(np.cos(heading)), here.y + step * np.sum(np.sin(heading))

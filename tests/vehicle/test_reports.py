@@ -9,6 +9,7 @@ import pytest
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.reports import CarReports
 
 RADIUS = 0.5  # [m]
@@ -31,13 +32,13 @@ STALE = {
 
 def heard(*messages: object, now: float = 0.0) -> CarReports:
     """A car that has said all that it should, and then these."""
-    reports = CarReports(RADIUS, codec.Variant.DBW1_2024)
+    reports = CarReports(RADIUS, DataspeedDbw1())
     assert reports.take(now, [codec.encode(message) for message in (*ALL, *messages)]) == []
     return reports
 
 
 def test_before_the_first_report_nothing_is_known():
-    silent = CarReports(RADIUS, codec.Variant.DBW1_2024)
+    silent = CarReports(RADIUS, DataspeedDbw1())
     assert set(silent.stale(0.0)) == set(STALE.values())
     assert silent.faults() == ["report_invalid"]
     assert not silent.any_enabled()
@@ -52,10 +53,8 @@ def test_before_the_first_report_nothing_is_known():
     assert not silent.speed_known(0.0)
     assert not silent.in_park(0.0)
     assert silent.kit_heard == -math.inf
-    brake, throttle, steering = silent.brake, silent.throttle, silent.steering
-    assert (brake.kind, brake.driver_input, brake.command, brake.output) == (codec.BrakeReportKind.PEDAL, 0.0, 0.0, 0.0)
-    assert (throttle.driver_input, throttle.command, throttle.output) == (0.0, 0.0, 0.0)
-    assert all(map(math.isnan, (steering.wheel_angle, steering.command, steering.speed, steering.torque)))
+    assert math.isnan(silent.steering.wheel_angle)
+    assert not any((*silent.brake, *silent.throttle, *silent.steering[1:], *silent.gear[1:]))
 
 
 def test_all_is_well_when_all_say_so():
@@ -87,7 +86,7 @@ def test_reports_go_stale_in_their_order():
 
 @pytest.mark.parametrize("message", [BRAKE, THROTTLE, STEERING, GEAR])
 def test_any_module_of_the_kit_is_the_kit(message):
-    car = CarReports(RADIUS, codec.Variant.DBW1_2024)
+    car = CarReports(RADIUS, DataspeedDbw1())
     car.take(1.0, [codec.encode(message)])
     assert car.kit_heard == 1.0
     car.take(2.0, [codec.encode(WHEELS), codec.encode(YAW_RATE)])
@@ -128,6 +127,28 @@ def test_what_nobody_reads_is_passed_over():
         "report_malformed"
     ]
     assert car.yaw_rate == pytest.approx(0.5), "one that is damaged does not hide those after it"
+
+
+def test_a_decoder_that_raises_is_a_malformed_report_and_no_more():
+    class Broken(DataspeedDbw1):
+        def decode(self, frame):
+            if frame.id == codec.BRAKE_REPORT:
+                raise IndexError
+            return super().decode(frame)
+
+    car = CarReports(RADIUS, Broken())
+    assert car.take(0.0, [codec.encode(message) for message in ALL]) == ["report_malformed"]
+    assert car.stale(0.0) == ["brake_report_stale"]
+
+
+def test_reports_in_one_frame_are_all_taken():
+    class Both(DataspeedDbw1):
+        def decode(self, frame):
+            return (codec.WheelSpeeds(1.0, 1.0, 1.0, 1.0), YAW_RATE._replace(yaw=0.5))
+
+    car = CarReports(RADIUS, Both())
+    assert car.take(0.0, [Frame(codec.WHEEL_SPEEDS, b"")]) == []
+    assert (car.speed, car.yaw_rate) == (RADIUS, 0.5)
 
 
 @pytest.mark.parametrize(
@@ -261,6 +282,6 @@ def test_wheels_that_turn_and_never_change_are_counted():
 
 
 def test_a_first_report_begins_the_count():
-    car = CarReports(RADIUS, codec.Variant.DBW1_2024)
+    car = CarReports(RADIUS, DataspeedDbw1())
     car.take(7.0, [codec.encode(codec.WheelSpeeds(1.0, 1.0, 1.0, 1.0))])
     assert car.unchanged(8.0) == 1.0

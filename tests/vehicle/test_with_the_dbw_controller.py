@@ -13,8 +13,8 @@ from vve_sumo.values import ArmingState, FallbackPath
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
-from vve_sumo.vehicle.dataspeed.controller import HANDS_OFF, DriverInputs
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
 
 S = ArmingState
 
@@ -30,16 +30,16 @@ def test_a_drive_from_park_to_park():
     while not whole.gateway.done:
         states.append(whole.step().state)
     assert list(dict.fromkeys(states)) == [S.STOPPING, S.STOPPED, S.DISARMED]
-    assert whole.car.kit.gear is Gear.PARK
+    assert whole.car.interface.gear is Gear.PARK
     for _ in range(500):
         assert whole.step(2.0).state is S.READY
-    assert not whole.car.kit.fault
+    assert not whole.car.interface.controller.fault
     assert whole.car.truth().speed == 0.0
 
 
 def test_in_drive_the_driver_hands_over_with_the_foot_on_the_brake():
     whole = WholeCar()
-    whole.car.kit.gear = Gear.DRIVE
+    whole.car.interface.controller.gear = Gear.DRIVE
     foot = DriverInputs(brake_pedal=0.20)
     for _ in range(10):
         verdict = whole.step(driver=foot)
@@ -89,7 +89,7 @@ def test_a_driver_who_takes_over_has_the_car_and_the_watchdog_keeps_still(limb, 
         commands = [codec.decode(frame) for frame in whole.frames[:3]]
         assert not any(command.enable or command.clear for command in commands)
         assert {command.counter for command in commands} == {(counter + 1) % 256 for counter in counters}
-        assert not whole.car.kit.fault
+        assert not whole.car.interface.controller.fault
     for _ in range(600):
         whole.step(driver=TAKING_OVER["brake"])
     assert whole.gateway.done
@@ -104,7 +104,7 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
     verdict = whole.step(act=OperatorCommand.ENGAGE)
     assert (verdict.state, verdict.reasons) == (S.ENGAGED, ("shadow", "waiting_for_go"))
     verdict = whole.step(1.0, act=OperatorCommand.GO)
-    whole.car.kit.gear = Gear.DRIVE
+    whole.car.interface.controller.gear = Gear.DRIVE
     seen = []
     for tick in range(400):
         driver = (
@@ -122,15 +122,15 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
     for _ in range(50):
         verdict = whole.step(driver=DriverInputs(brake_pedal=0.24))
     assert (verdict.state, verdict.reasons) == (S.STOPPED, ("stop_asked", "shadow"))
-    whole.car.kit.gear = Gear.PARK
+    whole.car.interface.controller.gear = Gear.PARK
     while not whole.gateway.done:
         whole.step()
-    assert not whole.car.kit.fault
+    assert not whole.car.interface.controller.fault
 
 
 TROUBLES = st.one_of(
     st.builds(lambda code: {"found": (code,)}, st.sampled_from(["bus_down", "operator_gone", "what_is_this"])),
-    st.builds(lambda code: {"faults": (code,)}, st.sampled_from(["pose_stale", "lot_edge"])),
+    st.builds(lambda code: {"faults": (code,)}, st.sampled_from(["pose_stale", "geofence_breach"])),
     st.builds(lambda act: {"act": act}, st.sampled_from(OperatorCommand)),
     st.builds(lambda profile: {"profile": profile}, st.builds(
         FallbackPath, st.floats(-1.0, 5.0), st.lists(st.floats(-0.2, 0.2), max_size=66).map(tuple)
@@ -154,16 +154,18 @@ def test_whatever_happens_the_kits_watchdog_has_nothing_to_do(driven, phases):
         truth = whole.car.truth()
         verdict = whole.step(**({"acceleration": 1.5} | arguments))
         brake, throttle, steering, gear = map(codec.decode, whole.frames)
-        taken_over = any(module.override for module in whole.car.kit.modules)
+        taken_over = any(module.override for module in whole.car.interface.controller.modules)
         if arguments.get("act") is OperatorCommand.GO and was is S.ENGAGED and "go_too_early" not in verdict.reasons:
             going = True
         going = going and verdict.state is S.ENGAGED
         assert throttle.value == 0.0 or going
         if was in COMMANDING and verdict.state not in COMMANDING:
-            assert "driver_override" in verdict.reasons or (whole.car.kit.gear is Gear.PARK and truth.speed == 0.0)
+            assert "driver_override" in verdict.reasons or (
+                whole.car.interface.gear is Gear.PARK and truth.speed == 0.0
+            )
         assert brake.enable == throttle.enable == steering.enable == (verdict.state in COMMANDING)
         assert gear.gear is Gear.NONE or abs(truth.speed) < 0.1
-        assert not whole.car.kit.fault or taken_over
+        assert not whole.car.interface.controller.fault or taken_over
         drivers = drivers or "driver_override" in verdict.reasons
         was = verdict.state
 

@@ -13,8 +13,8 @@ from tests.setpoints import setpoint as complete
 from vve_sumo.frames import MapFrame
 from vve_sumo.plant.car import Car
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
-from vve_sumo.vehicle.dataspeed.controller import HANDS_OFF, DriverInputs
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
 
 PERIOD = 0.02
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")

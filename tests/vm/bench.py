@@ -95,7 +95,7 @@ class Bench:
             "vehicle": dataclasses.asdict(parameters.vehicle),
             "calibration": dataclasses.asdict(parameters.calibration),
             "limits": dataclasses.asdict(Limits()),
-            "variant": parameters.kit.variant.name,
+            "interface": dataclasses.asdict(parameters.interface),
             "period": PERIOD,
             "bus": {"interface": "socketcan", "channel": wire.gateway, "bitrate": 500_000},
             "t0": self.t0,

@@ -5,12 +5,17 @@ Knows what lies in such folders; nothing of what is in the files.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import SCHEMAS
+
+Drive = TypeVar("Drive")
+Drives = TypeVar("Drives")
 
 WANTED = "expected a drive's record (scenario.json) or a sweep's folder (sweep.json)"
 
@@ -20,12 +25,16 @@ def load(path: Path | str) -> Run | Sweep:
 
     Raises ConfigError in one line where there is none, or one that cannot be read.
     """
-    folder = Path(path)
+    return open_folder(Path(path), Run, Sweep)
+
+
+def open_folder(folder: Path, record: Callable[[Path], Drive], dataset: Callable[[Path], Drives]) -> Drive | Drives:
+    """Return what `record` makes of a drive's folder, or `dataset` of a sweep's; raises ConfigError as `load` does."""
     try:
         if _is_sweep(folder):
-            return Sweep(folder)
+            return dataset(folder)
         if _is_record(folder):
-            return Run(folder)
+            return record(folder)
         raise ConfigError(f"{folder}: {_instead(folder)}")
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be read: {error.strerror}") from None

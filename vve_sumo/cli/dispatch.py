@@ -7,7 +7,6 @@ import io
 import sys
 from collections.abc import Sequence
 
-from vve_sumo import __version__
 from vve_sumo.cli import (
     align,
     calibrate,
@@ -31,6 +30,7 @@ from vve_sumo.cli import (
 from vve_sumo.cli.console import complain
 from vve_sumo.cli.parser import EXIT_CODES, Parser
 from vve_sumo.errors import VveError
+from vve_sumo.version import __version__
 
 #: in the order of the list in the help; what a command needs besides its arguments is imported when it runs
 COMMANDS = (

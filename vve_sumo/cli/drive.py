@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vve_sumo.cli import live_drive, progress
+from vve_sumo import progress_bar
+from vve_sumo.cli import live_drive
 from vve_sumo.cli.console import complain
 from vve_sumo.cli.drive_result import draw_and_show
 from vve_sumo.cli.parser import Commands, add_command
@@ -75,6 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _lockstep(arguments: argparse.Namespace) -> int:
+    from vve_sumo.drive.progress import reported
     from vve_sumo.drive.run import choose, folder_for, run
     from vve_sumo.drive.termination import Outcome
 
@@ -87,9 +89,9 @@ def _lockstep(arguments: argparse.Namespace) -> int:
         vehicle=arguments.vehicle,
         rig=arguments.rig,
     )
-    folder = arguments.out if arguments.out is not None else folder_for(resolved, working)
-    with progress.of_drive(resolved, quiet=arguments.quiet) as watch:
-        done = run(resolved, folder, working, pose=arguments.pose, watch=watch)
+    folder = arguments.out if arguments.out is not None else folder_for(resolved.name, working)
+    with progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
+        done = run(resolved, folder, working, pose=arguments.pose, watch=reported(resolved.path.length, show))
     draw_and_show(resolved, done)
     if done.summary["outcome"] == Outcome.BROKEN:
         complain(f"the simulation broke: {done.summary['text']}")

@@ -6,16 +6,11 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from vve_sumo.cli.console import notify
 from vve_sumo.cli.parser import Commands, add_command, add_subcommands
 from vve_sumo.errors import ConfigError
 
-if TYPE_CHECKING:
-    from vve_sumo.scenario.schema import Scenario
-
-COLUMNS = ("name", "title", "network", "who else is there", "passes if")
 #: a terminal with fewer characters in a line shows name and title alone
 WIDE_ENOUGH = 150
 #: characters in a line of what is no terminal
@@ -60,40 +55,23 @@ def run(arguments: argparse.Namespace) -> int:
     from rich.table import Table
     from rich.text import Text
 
-    from vve_sumo import workspace
-    from vve_sumo.scenario.load import load
+    from vve_sumo.scenario.listing import COLUMNS, listing
 
     console = Console() if sys.stdout.isatty() else Console(width=UNLIMITED)
     columns = COLUMNS if console.width >= WIDE_ENOUGH else COLUMNS[:2]
     table = Table(*columns, box=None, pad_edge=False)
     for column in table.columns:
         column.no_wrap, column.overflow = True, "ellipsis"
-    known = workspace.known("scenario", Path.cwd())
-    table.columns[0].min_width = max(map(len, known), default=0)  # a name is there to be copied
-    wrong: list[str] = []
-    for name, file in known.items():
-        try:
-            table.add_row(*(Text(cell) for cell in _row(name, load(file))[: len(columns)]))
-        except ConfigError as error:
-            wrong.append(str(error))
+    rows, wrong = listing(Path.cwd())
+    table.columns[0].min_width = max((len(row[0]) for row in rows), default=0)  # a name is there to be copied
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row[: len(columns)]))
     console.print(table)
     if len(columns) < len(COLUMNS):
         console.print(f"{WIDE_ENOUGH} columns show also the network, who else is there, and what passes")
     for line in wrong:
         notify(f"vve-sumo scenarios: {line}")
     return ConfigError.exit_code if wrong else 0
-
-
-def _row(name: str, scenario: Scenario) -> tuple[str, str, str, str, str]:
-    from vve_sumo.scenario import descriptions
-
-    return (
-        name,
-        scenario.title,
-        scenario.street.network,
-        descriptions.others(scenario),
-        descriptions.passes(scenario.criteria),
-    )
 
 
 def _show(arguments: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vve_sumo.cli import progress
+from vve_sumo import progress_bar
 from vve_sumo.cli.console import complain, plain_console
 from vve_sumo.cli.parser import Commands, add_command, add_subcommands, numbers
 from vve_sumo.errors import ConfigError, SimulationError
@@ -88,7 +88,7 @@ def _cliff(arguments: argparse.Namespace) -> int:
     again = f"vve-sumo study cliff {shlex.quote(name)} --out {shlex.quote(str(out))}{steps} --resume"
     query = cliff_study(name, Path.cwd(), delays_ms=delays_ms, factors=factors, seeds=seeds)
     engine, keep = engine_of(arguments.workers, None), query.spec.keep
-    with progress.of_runs(quiet=arguments.quiet) as shown:
+    with progress_bar.of_runs(quiet=arguments.quiet) as shown:
         fill(out, query, engine, keep, resume=arguments.resume, again=again, progress=shown, notify=complain)
     return _conclude(name, out, query)
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vve_sumo.cli import progress
+from vve_sumo import progress_bar
 from vve_sumo.cli.parser import Commands, add_command
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def drive(name: str, query: SuiteQuery) -> int:
 
     working = Path.cwd()
     rows = queries.rows_of(name, query, working)
-    with progress.of_runs(quiet=False) as shown:
+    with progress_bar.of_runs(quiet=False) as shown:
         judged = queries.drive(name, rows, query, working, shown)
     _show(catalogue.SUITES[name].title, judged)
     if query.out is not None:

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vve_sumo.cli import progress
+from vve_sumo import progress_bar
 from vve_sumo.cli.console import complain, notify, plain_console
 from vve_sumo.cli.parser import Commands, add_command
 from vve_sumo.errors import ConfigError, SimulationError
@@ -94,7 +94,7 @@ def _drive(arguments: argparse.Namespace) -> int:
     engine = engine_of(arguments.workers, cluster)
     again = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
     again += f" --vehicle {arguments.vehicle}" if arguments.vehicle else ""
-    with progress.of_runs(quiet=arguments.quiet) as shown:
+    with progress_bar.of_runs(quiet=arguments.quiet) as shown:
         search = fill(out, query, engine, keep, resume=arguments.resume, again=again, progress=shown, notify=complain)
     return _conclude(out, query) if search is None else _conclude_search(out, query, search)
 

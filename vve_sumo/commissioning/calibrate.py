@@ -25,11 +25,22 @@ from vve_sumo.pose.ncom import Decoder
 from vve_sumo.record.record import read_pose_chunks
 from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
-from vve_sumo.rig.resolve import model_of
+from vve_sumo.rig.resolve import model_of, receiver_of
 from vve_sumo.values import Fix, Floats
 from vve_sumo.vehicle.calibration import GRAVITY
-from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.identification import Estimate, Identified, Log, Series, identify
+from vve_sumo.vehicle.interface import (
+    BrakeState,
+    Commanded,
+    Gear,
+    GearState,
+    InterfaceConfig,
+    Malformed,
+    SteeringState,
+    ThrottleState,
+    WheelSpeeds,
+    load,
+)
 from vve_sumo.vehicle.model import VehicleModel
 
 PICTURE = "calibration.png"
@@ -40,21 +51,19 @@ NOTE: Final = (
     "Forces are for the declared mass, the steering ratio for the declared wheelbase: neither shows by itself. "
     "Rolling resistance holds engine braking and whatever slope the receiver does not report."
 )
-MODULES: Final = (codec.BrakeReport, codec.ThrottleReport, codec.SteeringReport)
+SUBSYSTEMS: Final = (BrakeState, ThrottleState, SteeringState)
 
 
 #: of a rig that a record was not made with, what would make its numbers another car's
-SAME: Final = ("vehicle.mass", "vehicle.wheelbase", "mounting.forward", "mounting.left", "variant")
-#: receivers whose recorded bytes are NCOM
-NCOM: Final = ("ncom_udp", "file")
+SAME: Final = ("vehicle.mass", "vehicle.wheelbase", "mounting.forward", "mounting.left", "interface")
 
 
 def declared_in(resolved: dict[str, Any]) -> VehicleModel:
     """Return the vehicle that a drive was made with; raises ConfigError for a receiver that speaks another format."""
     if "rig" in resolved:
-        kind = resolved["rig"]["pose"]["kind"]
-        if kind not in NCOM:
-            raise ConfigError(f"calibration takes a receiver that speaks NCOM, got pose.kind {kind!r}")
+        rig = rigs.parse_json(resolved["rig"], Path(str(resolved.get("rig_name", "rig"))))
+        if not isinstance(receiver_of(rig).decoder(), Decoder):
+            raise ConfigError(f"calibration takes a receiver that speaks NCOM, got pose.kind {rig.pose.kind!r}")
     return recorded_model(resolved)
 
 
@@ -161,7 +170,7 @@ def calibrate(folder: Path) -> Calibrated:
 
 def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
     """Read a record's commands, reports and fixes onto the drive's clock; raises ConfigError naming what is missing."""
-    said = _messages(folder / "can.log", float(resolved["epoch_gnss_s"]), declared.variant)
+    said = _messages(folder / "can.log", float(resolved["epoch_gnss_s"]), declared.interface)
     fixes = _fixes(folder / "pose.bin")
     begin, end = _obedient(folder, said)
 
@@ -171,11 +180,11 @@ def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
         return _series([(time, value(message)) for time, message in said[kind]])
 
     return Log(
-        brake_torque=series(codec.BrakeCommand, attrgetter("value")),
-        throttle=series(codec.ThrottleCommand, attrgetter("value")),
-        wheel_command=series(codec.SteeringCommand, attrgetter("wheel_angle")),
-        wheel_angle=series(codec.SteeringReport, attrgetter("wheel_angle")),
-        wheels=series(codec.WheelSpeeds, lambda wheels: 0.5 * (wheels.rear_left + wheels.rear_right)),
+        brake_torque=series(Commanded, attrgetter("brake_torque")),
+        throttle=series(Commanded, attrgetter("throttle")),
+        wheel_command=series(Commanded, attrgetter("wheel_angle")),
+        wheel_angle=series(SteeringState, attrgetter("wheel_angle")),
+        wheels=series(WheelSpeeds, lambda wheels: 0.5 * (wheels.rear_left + wheels.rear_right)),
         **_motion(folder, fixes, declared.mounting),
         begin=begin,
         end=end,
@@ -191,12 +200,14 @@ def _resolved(file: Path) -> dict[str, Any]:
     return resolved
 
 
-def _messages(file: Path, epoch: float, variant: codec.Variant) -> dict[type, list[tuple[float, Any]]]:
-    """All that was understood on the bus, by kind, with drive times [s]."""
+def _messages(file: Path, epoch: float, config: InterfaceConfig) -> dict[type, list[tuple[float, Any]]]:
+    """All that was understood on the bus, reports and commands, by kind, with drive times [s]."""
+    interface = load(config)
     said: dict[type, list[tuple[float, Any]]] = {}
     for time, _channel, frame in bus.read_log(file):
-        message = codec.decode(frame, variant)
-        if message is not None and not isinstance(message, codec.Malformed):
+        reports, command = interface.decode(frame), interface.commanded(frame)
+        messages = [*(() if isinstance(reports, Malformed) else reports), *(() if command is None else (command,))]
+        for message in messages:
             said.setdefault(type(message), []).append((time - epoch, message))
     return said
 
@@ -211,10 +222,10 @@ def _fixes(file: Path) -> list[Fix]:
 def _obedient(folder: Path, said: dict[type, list[tuple[float, Any]]]) -> tuple[float, float]:
     """When the car obeys [s]: from all modules enabled in drive, to the first time after that one of them is not."""
     news: list[tuple[float, type, bool]] = [
-        (time, kind, message.enabled) for kind in MODULES for time, message in said.get(kind, ())
+        (time, kind, message.enabled) for kind in SUBSYSTEMS for time, message in said.get(kind, ())
     ]
-    news += [(time, codec.GearReport, gear.gear is codec.Gear.DRIVE) for time, gear in said.get(codec.GearReport, ())]
-    state: dict[type, bool] = dict.fromkeys((*MODULES, codec.GearReport), False)
+    news += [(time, GearState, gear.gear is Gear.DRIVE) for time, gear in said.get(GearState, ())]
+    state: dict[type, bool] = dict.fromkeys((*SUBSYSTEMS, GearState), False)
     begin = time = math.nan
     for time, kind, good in sorted(news, key=lambda one: one[0]):
         state[kind] = good

@@ -31,7 +31,7 @@ from vve_sumo.frames import move_point
 from vve_sumo.live.priority import GATEWAY, KEPT
 from vve_sumo.scenario.schema import When
 from vve_sumo.values import Point
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.interface import DEFAULT, load, read_dbc
 from vve_sumo.world.step_time import LIMIT
 
 PYTHONS: Final = ((3, 11), (3, 13))  #: first and last that the package is tested with
@@ -152,11 +152,13 @@ def _can() -> Check:
 
 
 def _dbc() -> Check:
+    facts = load(DEFAULT).facts
+    assert facts.dbc is not None  # the shipped interface has one
     try:
-        messages = codec.load_dbc().messages
+        messages = read_dbc(facts.dbc).messages
     except ConfigError as error:
         return Check("dbc", "not checked", Finding.NOTE, str(error))
-    return Check("dbc", f"{len(messages)} messages of the drive-by-wire kit")
+    return Check("dbc", f"{len(messages)} messages of {facts.title}")
 
 
 def _disk(folder: FilePath) -> Iterator[Check]:

@@ -26,30 +26,41 @@ from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
 from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average, lot_alignment
 from vve_sumo.lot.fit import measured
 from vve_sumo.pose.clock import AgeKind, Clock
+from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.pose.sources import Source
-from vve_sumo.pose.trust import LOCKED, Trust, TrustGate
+from vve_sumo.pose.trust import Trust, TrustGate
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_refusal
 from vve_sumo.values import Fix, Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.interface import (
+    BrakeState,
+    Gear,
+    GearState,
+    InterfaceFacts,
+    SteeringState,
+    ThrottleState,
+    WheelSpeeds,
+    YawRate,
+    load,
+)
 from vve_sumo.vehicle.reports import CarReports
 
 LISTENED: Final = 3.0  #: to receiver and bus [s]
 LOOK: Final = 0.01  #: between two looks at them [s]
 OLD: Final = 365  #: a test or calibration of more days ago is told
 RATE_SHARE: Final = 0.9  #: of the fixes that the rig promises
-NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no kit, receiver or radar knows it
+NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no shipped interface, receiver or radar knows it
 ECHO_PATIENCE: Final = 0.2  #: [s]
 
 #: reports that the gateway judges the age of
-REPORTS: Final = {
-    codec.BRAKE_REPORT: "brake",
-    codec.THROTTLE_REPORT: "throttle",
-    codec.STEERING_REPORT: "steering",
-    codec.GEAR_REPORT: "gear",
-    codec.WHEEL_SPEEDS: "wheels",
-    codec.YAW_RATE: "yaw rate",
+REPORTS: Final[dict[type, str]] = {
+    BrakeState: "brake",
+    ThrottleState: "throttle",
+    SteeringState: "steering",
+    GearState: "gear",
+    WheelSpeeds: "wheels",
+    YawRate: "yaw rate",
 }
 
 
@@ -66,6 +77,7 @@ class Heard:
     troubles: Counter[str]  #: of the frames
     stale: list[str]  #: reports that were missing at the end
     reports: CarReports
+    facts: InterfaceFacts  #: of the drive-by-wire interface
 
     @property
     def standing(self) -> list[Fix]:
@@ -84,10 +96,11 @@ def examine(report: Report, rig: Rig, setting: ResolvedScenario | None) -> None:
     t0 = time.monotonic()
     with contextlib.ExitStack() as stack:
         # The receiver first: where another program has its port, the hardware-free car must not speak to that one.
-        source = report.attempt("receiver", _to_the_receiver(rig), lambda: assembly.source_of(rig))
+        receiver = meaning.receiver_of(rig)
+        source = report.attempt("receiver", receiver.silent_hint, lambda: assembly.source_of(rig))
         if source is not None:
             stack.callback(source.close)
-            report.add([Check("receiver", _place_of(rig))])
+            report.add([Check("receiver", f"{rig.pose.kind}, {receiver.place()}")])
         bus = None
         if source is not None or rig.car == "real":
             advice = "see that the adapter is there and its link up, bus.interface and bus.channel"
@@ -134,7 +147,10 @@ def _watchdog(rig: Rig, today: datetime.date) -> Check:
     dated = _dated("watchdog test", found, test.date, today)
     if test.armed or dated.finding is Finding.NO_GO:
         return dated
-    advice = "when the gateway itself dies, nobody brakes this car but its driver: have the kit's watchdog armed"
+    advice = (
+        "when the gateway itself dies, nobody brakes this car but its driver: have the watchdog of the drive-by-wire "
+        "controller armed"
+    )
     return Check("watchdog test", f"not armed, {dated.found}", Finding.NOTE, advice)
 
 
@@ -181,9 +197,11 @@ def echoed(here: Bus, there: Bus) -> Check:
 def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard:
     """Listen to both for a while; a bus that breaks off shows as reports that are too old."""
     absolute, delay = assembly.absolute_epoch(rig, t0), assembly.minimum_delay_of(rig)
-    reports = CarReports(meaning.vehicle_of(rig).wheel_radius, meaning.variant_of(rig))
-    heard = Heard(math.nan, assembly.wall_epoch(t0), None, [], Counter(), {}, Counter(), [], reports)
-    decoder, gate = assembly.decoder_of(rig), None
+    interface = load(meaning.interface_of(rig))
+    reports = CarReports(meaning.vehicle_of(rig).wheel_radius, interface)
+    heard = Heard(math.nan, assembly.wall_epoch(t0), None, [], Counter(), {}, Counter(), [], reports, interface.facts)
+    receiver = meaning.receiver_of(rig)
+    decoder, gate = receiver.decoder(), None
     last: dict[int, float] = {}
     if source is not None:
         source.receive()  # what came while the rest was opened is not counted
@@ -195,7 +213,7 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard
                 if heard.clock is None or gate is None:
                     heard.epoch = fix.time - (stamp - t0 - delay) if absolute is None else absolute
                     heard.clock = Clock(heard.epoch, delay, absolute=absolute is not None)
-                    gate = TrustGate(assembly.profile_of(rig), heard.epoch)
+                    gate = TrustGate(receiver.profile, heard.epoch)
                 _take_fix(heard, gate, stamp - t0, fix)
         frames = _drained(bus)
         heard.frames.update(frame.id for frame in frames)
@@ -210,7 +228,7 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard
 def _take_fix(heard: Heard, gate: TrustGate, received: float, fix: Fix) -> None:
     """Date and judge a fix as the drive does."""
     assert heard.clock is not None
-    made = heard.clock.step(received, fix.time) if fix.status == LOCKED else heard.clock.at(fix.time)
+    made = heard.clock.step(received, fix.time) if fix.locked else heard.clock.at(fix.time)
     timed = replace(fix, time=heard.epoch + made)
     heard.fixes.append((timed, gate.step(received, timed)))
 
@@ -225,36 +243,45 @@ def _drained(bus: Bus | None) -> list[Frame]:
 def bus_checks(heard: Heard) -> Iterator[Check]:
     """Judge what was heard on the car's bus."""
     reports, frames = heard.reports, heard.frames
-    rates = [f"{name} {frames[number] / LISTENED:.0f}" for number, name in REPORTS.items()]
-    oldest = max((1e3 * heard.ages[number] for number in REPORTS if number in heard.ages), default=math.nan)
+    carriers = [(name, _carrying(kind, heard.facts)) for kind, name in REPORTS.items()]
+    rates = [f"{name} {sum(frames[number] for number in ids) / LISTENED:.0f}" for name, ids in carriers]
+    ages = [heard.ages[number] for _name, ids in carriers for number in ids if number in heard.ages]
+    oldest = max((1e3 * age for age in ages), default=math.nan)
     found = f"{sum(frames.values()) / LISTENED:.0f} frames/s ({', '.join(rates)}), the oldest {oldest:.0f} ms old"
     advice = "see ignition, cable, termination and bus.bitrate" if not frames else _in_words(heard.stale)
     yield judged("reports", found, not heard.stale, advice)
     if not frames:
         return
-    others = sorted(codec.COMMAND_IDS & frames.keys())
+    others = sorted(heard.facts.commands & frames.keys())
     names = ", ".join(f"0x{number:03X} {frames[number] / LISTENED:.0f}/s" for number in others)
     advice = "another program or node commands this car: end it, only one may"
     yield judged("commands", f"heard from others: {names or 'none'}", not others, advice)
     malformed = heard.troubles["report_malformed"]
-    yield judged("understood", f"{malformed} malformed", not malformed, "see bus.variant, and who else is on this bus")
-    yield from _kit_checks(reports)
+    yield judged(
+        "understood", f"{malformed} malformed", not malformed, "see drive_by_wire, and who else is on this bus"
+    )
+    yield from _interface_checks(reports)
 
 
-def _kit_checks(reports: CarReports) -> Iterator[Check]:
+def _carrying(kind: type, facts: InterfaceFacts) -> list[int]:
+    return [number for number, kinds in facts.reports.items() if kind in kinds]
+
+
+def _interface_checks(reports: CarReports) -> Iterator[Check]:
     faults = reports.faults()
     yield judged("faults", ", ".join(faults) or "none", not faults, _in_words(faults))
     enabled = reports.any_enabled()
-    found = "the kit is enabled" if enabled else "nothing is enabled"
-    yield judged("enabled", found, not enabled, "somebody has the car: end it, or restart the kit")
+    found = "the drive-by-wire controller is enabled" if enabled else "nothing is enabled"
+    advice = "another program has the car: end it, or restart the drive-by-wire controller"
+    yield judged("enabled", found, not enabled, advice)
     overrides = sorted(reports.overrides())
     found = f"latched: {', '.join(overrides) or 'none'}"
     yield judged("overrides", found, not overrides, "engaging clears them", otherwise=Finding.NOTE)
     gear = reports.gear.gear
     advice = "in D the driver's brake has to hold the car until it is taken over"
-    in_drive = Finding.NOTE if gear is codec.Gear.DRIVE else Finding.NO_GO
-    advice = advice if gear is codec.Gear.DRIVE else "shift to P"
-    yield judged("gear", gear.name.lower(), gear is codec.Gear.PARK, advice, otherwise=in_drive)
+    in_drive = Finding.NOTE if gear is Gear.DRIVE else Finding.NO_GO
+    advice = advice if gear is Gear.DRIVE else "shift to P"
+    yield judged("gear", gear.name.lower(), gear is Gear.PARK, advice, otherwise=in_drive)
     speed = reports.fastest_wheel
     yield judged("wheels", f"{speed:.2f} m/s", abs(speed) < MAX_STANDSTILL_SPEED, "a drive begins at standstill")
 
@@ -275,27 +302,29 @@ def sender_checks(told: Mapping[str, Any]) -> Iterator[Check]:
 def pose_checks(rig: Rig, heard: Heard) -> Iterator[Check]:
     """Judge what the receiver said."""
     rate = len(heard.fixes) / LISTENED
-    found = f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
+    receiver, found = meaning.receiver_of(rig), f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
     if not heard.fixes:
-        yield Check("fixes", f"none in {LISTENED:g} s", Finding.NO_GO, _to_the_receiver(rig))
+        yield Check("fixes", f"none in {LISTENED:g} s", Finding.NO_GO, receiver.silent_hint)
         return
     advice = "correct pose.rate_hz, or look for what loses packets on the way"
     yield judged("fixes", found, rate >= RATE_SHARE * rig.pose.rate_hz, advice)
-    yield from _quality(heard)
+    yield from _quality(receiver, heard)
     yield _age(rig, heard)
 
 
-def _quality(heard: Heard) -> Iterator[Check]:
+def _quality(receiver: Receiver, heard: Heard) -> Iterator[Check]:
     """Whether a car could drive on the fixes of the last second, and what speaks against it."""
     newest = heard.fixes[-1][0]
     found = (
-        f"status {newest.status}, mode {newest.position_mode}; 1 sigma {newest.position_sigma:.3f} m, "
+        f"{'locked' if newest.locked else 'not locked'}, {newest.quality}; 1 sigma {newest.position_sigma:.3f} m, "
         f"{newest.velocity_sigma:.3f} m/s, {math.degrees(newest.heading_sigma):.2f} deg; "
         f"corrections {newest.differential_age:.1f} s old"
     )
     last = [trust for fix, trust in heard.fixes if fix.time > newest.time - 1.0]
     against = Counter(code for trust in last for code in trust.reasons)
-    yield judged("fix", found, not against, _in_words([code for code, _count in against.most_common(4)]))
+    hints = [receiver.not_fixed_hint] if "not_rtk_fixed" in against else []
+    advice = "; ".join([_in_words([code for code, _count in against.most_common(4)]), *hints])
+    yield judged("fix", found, not against, advice)
     speed = math.hypot(newest.velocity_north, newest.velocity_east)
     yield judged("standing", f"{speed:.3f} m/s", bool(heard.standing), "the car has to stand, with fixes to trust")
 
@@ -362,33 +391,3 @@ def _at_the_start(setting: ResolvedScenario, placement: Placement, epoch: float,
         "or, where it is to start here, vve-sumo align"
     )
     return judged("start", found, not stands.faults(), advice)
-
-
-def _place_of(rig: Rig) -> str:
-    pose = rig.pose
-    match pose.kind:
-        case "nmea_serial":
-            return f"{pose.kind}, {pose.device} at {pose.baud} baud"
-        case "oxts_can":
-            return f"{pose.kind}, {pose.interface}:{pose.channel}"
-        case "file":
-            return f"{pose.kind}, {pose.file}"
-        case _:
-            return f"{pose.kind}, {pose.address} port {pose.port}"
-
-
-def _to_the_receiver(rig: Rig) -> str:
-    """What to look at where nothing comes from the receiver."""
-    match rig.pose.kind:
-        case "ncom_udp" | "nmea_udp":
-            return (
-                "see pose.address, pose.port and pose.source, the receiver's Ethernet output, network card and firewall"
-            )
-        case "nmea_tcp":
-            return "see pose.address and pose.port, and that the receiver serves them"
-        case "nmea_serial":
-            return "see pose.device and pose.baud, and the receiver's serial output: GGA, HDT, VTG, RMC, GST"
-        case "oxts_can":
-            return "see pose.interface, pose.channel and pose.bitrate, and the receiver's CAN output"
-        case _:
-            return "see pose.file"

@@ -13,12 +13,13 @@ from typing import Any, Final
 import numpy as np
 
 from vve_sumo.controller import Guarded
-from vve_sumo.drive.pipeline import FixDecoder, Pipeline
+from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
+from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate, TrustProfile
 from vve_sumo.sensors.port import Sensor
 from vve_sumo.sensors.registry import SENSORS

@@ -17,7 +17,7 @@ from pathlib import Path as FilePath
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import EPOCH, PERIOD, ResolvedScenario
-from vve_sumo.drive.termination import Outcome, TerminationMonitor, abort_reason
+from vve_sumo.drive.termination import Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, scenario_engine, standing
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
@@ -28,9 +28,10 @@ from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
 from vve_sumo.record.record import MemoryRecorder
-from vve_sumo.scenario.schema import Abort
+from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.interface import load
 from vve_sumo.vehicle.model import VehicleModel
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and distance along the path [m]
@@ -73,7 +74,7 @@ def gateway_of(model: VehicleModel) -> Gateway:
         model.calibration,
         model.limits,
         period=PERIOD,
-        variant=model.variant,
+        interface=load(model.interface),
         wheel_bias=model.steering_wheel_bias,
     )
 
@@ -156,7 +157,7 @@ class Lockstep:
         self._setting = setting
         self._road = VirtualRoad(open_world(setting), scenario_engine(setting))
         self._termination = TerminationMonitor(setting.path.length, setting.scenario.after_stop_s)
-        self._abort = None if setting.scenario.abort == Abort() else setting.scenario.abort
+        self._end_trigger = None if setting.scenario.end_trigger == EndTrigger() else setting.scenario.end_trigger
         self._operator = ScriptedOperator()
 
     def close(self) -> None:
@@ -192,8 +193,8 @@ class Lockstep:
             now, contact = tick * PERIOD, bool(self._road.contacts)
             speed, s, status = ticked.truth.speed, ticked.result.s, ticked.output.verdict
             watch(tick, now, speed, s)
-            if self._abort is not None and (why := self._abort_reason(self._abort, ticked)):
-                return drive_end(Outcome.ABORTED, (why, *status.reasons), self._pipeline, self._road)
+            if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked)):
+                return drive_end(Outcome.COMPLETED, (why, *status.reasons), self._pipeline, self._road)
             outcome = self._termination.step(now, speed, s, status.state, contact)
             if outcome is None and tick >= last:
                 outcome = Outcome.TIMEOUT
@@ -201,7 +202,7 @@ class Lockstep:
                 return drive_end(outcome, status.reasons, self._pipeline, self._road)
         raise AssertionError("ticks never end by themselves")
 
-    def _abort_reason(self, wanted: Abort, ticked: LockstepTick) -> str:
+    def _end_reason(self, wanted: EndTrigger, ticked: LockstepTick) -> str:
         """Return why the scenario ends the drive at this tick, by the truth as the metrics see it; empty for not."""
         truth, s = ticked.truth, ticked.result.s
         path, vehicle = self._setting.path, self._setting.vehicle
@@ -212,7 +213,7 @@ class Lockstep:
         if wanted.ttc_s is not None:
             lead = lead_vehicle_now(truth, s, ticked.actors, path, vehicle)
             ttc = float(lead.time_to_collision[0])
-        return abort_reason(wanted, bool(self._road.contacts), bumper, deviation, ttc)
+        return end_reason(wanted, bool(self._road.contacts), bumper, deviation, ttc)
 
 
 class _Bus:

@@ -96,7 +96,11 @@ def _ego(setting: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]:
     """Time, box, pose of the front bumper and its station, from the start at rest to the end of the drive."""
     path, car, scenario = setting.path, setting.vehicle, setting.scenario
     limits = _limits(path)
-    end = path.length if scenario.abort.ego_at_m is None else scenario.abort.ego_at_m - car.rear_axle_to_bumper
+    end = (
+        path.length
+        if scenario.end_trigger.ego_at_m is None
+        else scenario.end_trigger.ego_at_m - car.rear_axle_to_bumper
+    )
     s, speed, tick = 0.0, 0.0, 0
     while s < min(end, path.length) and tick * PERIOD < scenario.duration_s:
         at = path.at(s)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 from vve_sumo.controller import Guarded
 from vve_sumo.frames import Placement, move_point
@@ -19,7 +19,8 @@ from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import Path
 from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
-from vve_sumo.pose.trust import LOCKED, TrustGate
+from vve_sumo.pose.receivers.port import FixDecoder
+from vve_sumo.pose.trust import TrustGate
 from vve_sumo.sensors.port import Reading, Sensor
 from vve_sumo.values import (
     Actors,
@@ -40,14 +41,6 @@ PREPARED_TOLERANCE = 0.01
 SETPOINT_LIFETIME = 0.1
 
 _NO_READINGS: Mapping[str, Reading] = MappingProxyType({})
-
-
-class FixDecoder(Protocol):
-    """A decoder of pose bytes."""
-
-    def feed(self, data: bytes, time_received: float) -> list[Fix]:
-        """Return the fixes that these bytes complete."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +126,8 @@ class Pipeline:
 
         One that the receiver calls late already teaches nothing of the clocks.
         """
-        made = clock.step(received, fix.time) if fix.status == LOCKED else clock.at(fix.time)
-        if fix.status == LOCKED and math.isnan(made):
+        made = clock.step(received, fix.time) if fix.locked else clock.at(fix.time)
+        if fix.locked and math.isnan(made):
             return None
         return replace(fix, time=self._epoch + made)
 

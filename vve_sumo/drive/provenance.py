@@ -19,14 +19,13 @@ from typing import Any, Final
 
 import pyproj
 
-import vve_sumo
 from vve_sumo.drive.resolved_scenario import DECISIVE_LIBRARIES, ResolvedScenario, digests, versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import PROVENANCE
 
 #: the package's own folder, and the folder in it that holds the shipped workspace, whose files are hashed as they are
 #: used
-PACKAGE: Final = Path(vve_sumo.__file__).parent
+PACKAGE: Final = Path(__file__).parent.parent
 SHIPPED: Final = "shipped"
 #: endings of the files that decide what the program does: its code, and the car's message layout
 ENDINGS: Final = (".py", ".dbc")

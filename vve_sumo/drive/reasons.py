@@ -13,10 +13,6 @@ from vve_sumo.vehicle import arming
 
 #: Codes that neither the gateway (`arming.REASONS`) nor the trust gate (`trust.REASONS`) gives.
 DRIVE_REASONS: Final[dict[str, str]] = {
-    "abort_contact": "the car touched something, and the scenario ends the drive for that",
-    "abort_deviation": "the car was farther off its path than the scenario goes on with",
-    "abort_ego_at": "the car has come as far as the scenario lets it",
-    "abort_ttc": "the time to collision fell below what the scenario goes on with",
     "actors_not_finite": "the street holds an actor whose place or speed is not a number",
     "anchor_heading": "SUMO turned the car away from the heading it was given",
     "anchor_position": "SUMO moved the car away from the place it was given",
@@ -29,10 +25,14 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "ego_absent": "the car is not on the virtual street yet",
     "ego_lost": "the car vanished from the virtual street",
     "ego_not_placed": "the street was stepped without being told where the car is",
+    "end_contact": "the car touched something, and the scenario ends the drive for that",
+    "end_deviation": "the car was farther off its path than the scenario goes on with",
+    "end_ego_at": "the car has come as far as the scenario lets it",
+    "end_ttc": "the time to collision fell below what the scenario goes on with",
     "gateway_gone": "the gateway's process is gone: the kit's watchdog brakes",
+    "geofence_breach": "the car could not be sure to come to rest inside the lot",
     "internal_error": "a mistake in this program; the traceback lies in the record",
     "latency_budget": "too many ticks within a second took longer than the rig's budget",
-    "lot_edge": "the car could not be sure to come to rest inside the lot",
     "off_path": "the car is farther off its path than allowed",
     "overrun": "the drive's loop was too late too often: its ticks were skipped",
     "path_leaves_lot": "the path leads to where the car could not stop inside the lot",

@@ -37,7 +37,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import ACTOR_COLUMNS, LIVE_SCHEMAS, SCHEMAS, read_pose_chunks, read_table
 from vve_sumo.scenario.load import parse
 from vve_sumo.values import Actors, Frame
-from vve_sumo.vehicle.dataspeed.codec import COMMAND_IDS
+from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig, load
 
 #: a candump log has microseconds; what happens lies milliseconds apart [s]
 SLACK = 1e-5
@@ -156,11 +156,12 @@ def _whole_ticks(inputs: PipelineInputs) -> int:
     return len(inputs.ticks)
 
 
-def read_car_frames(folder: FilePath, epoch: float) -> CarFrames:
-    """Read a lockstep drive's bus; raises ConfigError as `bus.read_log` does."""
+def read_car_frames(folder: FilePath, epoch: float, interface: InterfaceConfig = DEFAULT) -> CarFrames:
+    """Read a lockstep drive's bus, on which `interface` is; raises ConfigError as `bus.read_log` does."""
+    sent = load(interface).facts.commands
     frames = CarFrames(defaultdict(list), defaultdict(list))
     for time, _channel, frame in bus.read_log(folder / "can.log"):
-        if frame.id in COMMAND_IDS:
+        if frame.id in sent:
             frames.commands[round((time - epoch) / PERIOD)].append(frame)
         else:
             frames.reports[math.ceil((time - epoch - SLACK) / PERIOD)].append(frame)

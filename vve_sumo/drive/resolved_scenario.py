@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from vve_sumo import __version__, workspace
+from vve_sumo import workspace
 from vve_sumo.controller import Controller, load, origin, sources
 from vve_sumo.drive.actor_paths import Speeds, followed
 from vve_sumo.errors import ConfigError
@@ -30,6 +30,7 @@ from vve_sumo.scenario.schema import Scenario
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
+from vve_sumo.version import __version__
 from vve_sumo.world.network import Network, lane_shapes, read_network
 
 if TYPE_CHECKING:

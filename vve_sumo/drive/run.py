@@ -13,6 +13,7 @@ from pathlib import Path as FilePath
 from typing import Any, Protocol
 
 from vve_sumo import workspace
+from vve_sumo.config_file import read
 from vve_sumo.drive import provenance
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.lockstep import DriveEnd, Lockstep, Watch
@@ -22,7 +23,8 @@ from vve_sumo.drive.summary import summary_of
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record.record import PROVENANCE, MemoryRecorder, Record, claim, hash_files
-from vve_sumo.scenario.load import load
+from vve_sumo.scenario import overrides
+from vve_sumo.scenario.load import parse
 
 
 class Shell(Protocol):
@@ -68,20 +70,15 @@ def choose(
     Raises ConfigError for whatever is missing or wrong.
     """
     file = workspace.find("scenario", name, working)
-    scenario = load(file)
-    if seed is not None:
-        if not 0 <= seed < 2**31:
-            raise ConfigError(f"--seed: expected 0 to 2147483647, got {seed}")
-        scenario = scenario.model_copy(update={"seed": seed})
-    if vehicle is not None:
-        ego = scenario.ego.model_copy(update={"vehicle": vehicle})
-        scenario = scenario.model_copy(update={"ego": ego})
+    table = read(file, "scenario")
+    parse(table, file)
+    scenario = parse(overrides.choose(table, seed=seed, controller=controller, vehicle=vehicle), file)
     resolved = resolve_scenario(file.name.removesuffix(".toml"), scenario, file, working)
     if rig is not None:
         from vve_sumo.rig.load import load as load_rig
 
         resolved = resolved.with_rig(load_rig(workspace.find("rig", rig, working), working), working)
-    return resolved if controller is None else resolved.driven_by(controller)
+    return resolved
 
 
 def run(
@@ -142,8 +139,8 @@ def guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         return replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
 
 
-def folder_for(resolved: ResolvedScenario, working: FilePath) -> FilePath:
-    """Return a record folder that is not there yet, named by the time and the scenario."""
-    stem = f"{time.strftime('%Y%m%d-%H%M%S')}_{resolved.name}"
+def folder_for(name: str, working: FilePath) -> FilePath:
+    """Return a folder under `runs/` that is not there yet, named by the time and the scenario or sweep."""
+    stem = f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"
     names = (stem if number == 1 else f"{stem}_{number}" for number in range(1, 1000))
     return FilePath("runs") / next(name for name in names if not (working / "runs" / name).exists())

@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from vve_sumo.scenario.schema import Abort
+from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import ArmingState
 
 #: below this speed the car counts as standing [m/s]
@@ -30,25 +30,25 @@ class Outcome(enum.StrEnum):
     DRIVER = "driver_has_control"  #: the driver took over
     FAULT = "fault"  #: the gateway stopped the car for another reason
     TIMEOUT = "timeout"  #: the scenario's time ran out
-    ABORTED = "aborted"  #: a condition came true at which the scenario ends the drive at once
+    COMPLETED = "completed"  #: the scenario's end trigger fired
     PLAYED = "played"  #: a recorded drive ran to its end
     INTERRUPTED = "interrupted"  #: ended from the keyboard
     BROKEN = "broken"  #: the simulation broke
 
 
-def abort_reason(wanted: Abort, contact: bool, bumper: float, deviation: float, ttc: float) -> str:
+def end_reason(wanted: EndTrigger, contact: bool, bumper: float, deviation: float, ttc: float) -> str:
     """Return the reason code of a condition that ends the drive at once, empty while none holds.
 
     `bumper` is the front bumper's station [m], `deviation` the distance from the path [m], `ttc` the time to collision
     [s]; NaN is nothing to end a drive for.
     """
     if wanted.contact and contact:
-        return "abort_contact"
+        return "end_contact"
     if wanted.ego_at_m is not None and bumper >= wanted.ego_at_m:
-        return "abort_ego_at"
+        return "end_ego_at"
     if wanted.lateral_deviation_m is not None and abs(deviation) > wanted.lateral_deviation_m:
-        return "abort_deviation"
-    return "abort_ttc" if wanted.ttc_s is not None and ttc < wanted.ttc_s else ""
+        return "end_deviation"
+    return "end_ttc" if wanted.ttc_s is not None and ttc < wanted.ttc_s else ""
 
 
 @dataclass(slots=True)

@@ -41,14 +41,14 @@ from vve_sumo.record.record import (
     whole,
 )
 from vve_sumo.scenario.load import parse
-from vve_sumo.scenario.schema import Abort, Scenario
+from vve_sumo.scenario.schema import EndTrigger, Scenario
 from vve_sumo.values import ArmingState, Vehicle
 
 SUMMARY: Final = "summary.json"
 #: two figures that are nearer than this share of them, or this, are the same: another processor rounds otherwise
 SAME: Final = 1e-9
 #: outcomes of a lockstep drive that something else than the car's motion ended
-ENDED_OTHERWISE: Final = frozenset({Outcome.ABORTED, Outcome.INTERRUPTED, Outcome.BROKEN})
+ENDED_OTHERWISE: Final = frozenset({Outcome.COMPLETED, Outcome.INTERRUPTED, Outcome.BROKEN})
 #: reason codes of a live drive's summary that no row of the gateway has: whose process was lost
 WITHOUT_ROW: Final = frozenset({"drive_lost", "gateway_gone"})
 
@@ -250,13 +250,13 @@ def _ending(folder: FilePath, resolved: dict[str, Any], told: Told, summary: dic
 def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, told: Told) -> Iterator[str]:
     ended = _ended(ticks, told)
     if outcome in ENDED_OTHERWISE:
-        if ended is not None and outcome is not Outcome.ABORTED:
+        if ended is not None and outcome is not Outcome.COMPLETED:
             yield f"outcome is {outcome}, the ticks come to {ended}"
-        if outcome is Outcome.ABORTED and (told.scenario.abort == Abort() or not reasons[:1]):
-            yield f"outcome is {outcome}, and the scenario has no [abort] that says so"
+        if outcome is Outcome.COMPLETED and (told.scenario.end_trigger == EndTrigger() or not reasons[:1]):
+            yield f"outcome is {outcome}, and the scenario has no [end_trigger] that says so"
     elif outcome is not ended:
         yield f"outcome is {outcome}, the ticks come to {ended or 'no end'}"
-    said = reasons[1:] if outcome is Outcome.ABORTED else reasons
+    said = reasons[1:] if outcome is Outcome.COMPLETED else reasons
     last = [code for code in (ticks["reasons"][-1].as_py() if ticks.num_rows else "").split("+") if code]
     if outcome not in (Outcome.INTERRUPTED, Outcome.BROKEN) and said != last:
         yield f"reasons are {said}, the last tick's are {last}"

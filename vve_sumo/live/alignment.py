@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.pipeline import FixDecoder
 from vve_sumo.drive.virtual_road import standing
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import EARTH_RADIUS, TrustGate, TrustProfile
 from vve_sumo.values import Fix, Pose

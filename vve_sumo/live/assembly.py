@@ -5,8 +5,6 @@ Puts objects together; starts no process. What it takes is plain JSON, so that a
 
 from __future__ import annotations
 
-import math
-import struct
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -15,33 +13,20 @@ from typing import Any, Final
 
 from vve_sumo.bus import Bus
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
-from vve_sumo.drive.pipeline import FixDecoder, Pipeline
+from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario, resolve_scenario
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.frames import Placement
 from vve_sumo.live.alignment import StandingPose, standing_pose
-from vve_sumo.pose import ncom, nmea, oxts_can, sources
 from vve_sumo.pose.clock import Clock
-from vve_sumo.pose.trust import DRIVE, NMEA, PLAYBACK, TrustProfile
+from vve_sumo.pose.sources import Source
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.scenario.load import parse
-from vve_sumo.values import Fix, Frame
 
 #: GNSS time minus this machine's wall clock where that is disciplined to UTC [s]: epoch of GPS, and 18 leap seconds
 GNSS_OF_UNIX: Final = -315_964_800.0 + 18.0
-#: a frame of a receiver's bus as a portion of pose bytes: identifier, length, payload
-_FRAME: Final = struct.Struct("<HB8s")
-
-_PROFILES: Final[dict[str, TrustProfile]] = {
-    "ncom_udp": DRIVE,
-    "oxts_can": DRIVE,
-    "nmea_udp": NMEA,
-    "nmea_tcp": NMEA,
-    "nmea_serial": NMEA,
-    "file": PLAYBACK,
-}
 
 
 def to_dict(setting: ResolvedScenario, scenario_file: FilePath, rig_name: str, rig: Rig) -> dict[str, Any]:
@@ -82,7 +67,7 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
         "vehicle": asdict(meaning.vehicle_of(rig)),
         "calibration": asdict(meaning.calibration_of(rig)),
         "limits": asdict(meaning.limits_of(rig)),
-        "variant": meaning.variant_of(rig).name,
+        "interface": asdict(meaning.interface_of(rig)),
         "period": PERIOD,
         "shadow": shadow,
         "wheel_bias": meaning.steering_wheel_bias_of(rig),
@@ -92,12 +77,12 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
 
 def pipeline_of(setting: ResolvedScenario, rig: Rig, lot: LotAlignment, working: FilePath) -> Pipeline:
     """Return the pipeline of a live drive; raises ConfigError as `build_pipeline` does, and for another lot."""
-    frame = meaning.frame_of(rig)
+    frame, receiver = meaning.frame_of(rig), meaning.receiver_of(rig)
     if frame.projection != lot.projection:
         raise ConfigError("the rig's lot is not the one that the drive was aligned in")
     pose = PoseInput(
-        decoder=decoder_of(rig),
-        profile=profile_of(rig),
+        decoder=receiver.decoder(),
+        profile=receiver.profile,
         placement=Placement(frame, lot.alignment, meaning.mounting_of(rig), lot.epoch),
         epoch=lot.epoch,
         clock=Clock(lot.epoch, minimum_delay_of(rig), absolute=rig.pose.clock == "absolute"),
@@ -111,45 +96,9 @@ def minimum_delay_of(rig: Rig) -> float:
     return (rig.pose.minimum_delay_ms or 0.0) / 1000.0
 
 
-def profile_of(rig: Rig) -> TrustProfile:
-    """Return how strictly the rig's receiver is judged."""
-    return _PROFILES[rig.pose.kind]
-
-
-def decoder_of(rig: Rig) -> FixDecoder:
-    """Return a fresh decoder for what the rig's receiver speaks."""
-    pose = rig.pose
-    match pose.kind:
-        case "ncom_udp" | "file":
-            return ncom.Decoder()
-        case "oxts_can":
-            return FrameFeed()
-        case _:
-            assert pose.velocity_sigma_mps is not None
-            assert pose.heading_sigma_deg is not None
-            return nmea.Decoder(
-                velocity_sigma=pose.velocity_sigma_mps, heading_sigma=math.radians(pose.heading_sigma_deg)
-            )
-
-
-def source_of(rig: Rig) -> sources.Source:
+def source_of(rig: Rig) -> Source:
     """Open the rig's receiver; raises RigError naming the rig's key."""
-    pose = rig.pose
-    match pose.kind:
-        case "ncom_udp" | "nmea_udp":
-            return sources.open_udp(pose.address, pose.port, pose.source)
-        case "nmea_tcp":
-            return sources.open_tcp(pose.address, pose.port)
-        case "nmea_serial":
-            assert pose.device is not None
-            return sources.open_serial(pose.device, pose.baud)
-        case "oxts_can":
-            assert pose.interface is not None
-            assert pose.channel is not None
-            return FrameSource(Bus(pose.interface, pose.channel, pose.bitrate))
-        case _:
-            assert pose.file is not None
-            return sources.open_file(FilePath(pose.file))
+    return meaning.receiver_of(rig).open(Bus)
 
 
 def wall_epoch(t0: float) -> float:
@@ -162,67 +111,12 @@ def absolute_epoch(rig: Rig, t0: float) -> float | None:
     return wall_epoch(t0) if rig.pose.clock == "absolute" else None
 
 
-def standing_pose_of(rig: Rig, source: sources.Source, t0: float) -> StandingPose:
+def standing_pose_of(rig: Rig, source: Source, t0: float) -> StandingPose:
     """Wait for what the rig's receiver says of the standing car; raises RigError as `standing_pose` does."""
-    delay = minimum_delay_of(rig)
+    receiver, delay = meaning.receiver_of(rig), minimum_delay_of(rig)
     try:
-        return standing_pose(source, decoder_of(rig), profile_of(rig), delay, t0, absolute_epoch(rig, t0))
+        return standing_pose(source, receiver.decoder(), receiver.profile, delay, t0, absolute_epoch(rig, t0))
     except RigError as error:
         if refused := source.told().get("refused"):
             raise RigError(f"{error}; refused were datagrams of {', '.join(refused)}: see pose.source") from None
         raise
-
-
-class FrameSource:
-    """A receiver on a CAN bus as a source of portions, each a frame; arrivals are when they are read."""
-
-    def __init__(self, bus: Bus) -> None:
-        number = bus.fileno()
-        if number is None:
-            bus.close()
-            raise RigError("pose.interface: this driver cannot be waited on, take socketcan or slcan")
-        self._bus, self._number = bus, number
-        self.lost = False
-
-    def fileno(self) -> int:
-        """Return what to wait on."""
-        return self._number
-
-    def next_due(self) -> float:
-        """Return inf: frames wake who waits."""
-        return math.inf
-
-    def receive(self) -> list[tuple[float, bytes]]:
-        """Return the frames that wait; a bus that is down gives none."""
-        try:
-            frames = self._bus.drain()
-        except RigError:
-            self.lost = True
-            return []
-        now = time.monotonic()
-        return [(now, _FRAME.pack(frame.id, len(frame.data), frame.data)) for frame in frames]
-
-    def found(self) -> tuple[str, ...]:
-        """Return nothing: a frame does not say who sent it."""
-        return ()
-
-    def told(self) -> dict[str, Any]:
-        """Return nothing: a frame does not say who sent it."""
-        return {}
-
-    def close(self) -> None:
-        """Let go of the bus."""
-        self._bus.close()
-
-
-class FrameFeed:
-    """The decoder of what `FrameSource` gives."""
-
-    def __init__(self) -> None:
-        self._decoder = oxts_can.Decoder()
-
-    def feed(self, data: bytes, time_received: float) -> list[Fix]:
-        """Return the fixes that these frames complete; what is no whole frame is left out."""
-        whole = len(data) - len(data) % _FRAME.size
-        frames = [Frame(number, payload[:size]) for number, size, payload in _FRAME.iter_unpack(data[:whole])]
-        return self._decoder.feed_frames(frames, time_received)

@@ -28,8 +28,8 @@ from vve_sumo.values import ArmingState, Frame, GatewayRow, GatewayStatus, Setpo
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.interface import InterfaceConfig, load
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 CAR_BUS: Final = "can0"  #: the car's bus as it is called in the record
@@ -322,7 +322,7 @@ class Process:
 
 
 def gateway_of(config: Mapping[str, Any]) -> Gateway:
-    """Return the core that a configuration describes."""
+    """Return the core that a configuration describes; raises ConfigError where its interface can't be made."""
     limits = config["limits"]
     nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
     return Gateway(
@@ -330,7 +330,7 @@ def gateway_of(config: Mapping[str, Any]) -> Gateway:
         Calibration(**config["calibration"]),
         Limits(**{**limits, **nested}),
         config["period"],
-        codec.Variant[config["variant"]],
+        load(InterfaceConfig(**config["interface"])),
         config["shadow"],
         config["wheel_bias"],
     )

@@ -95,7 +95,8 @@ def replay(inspected: Inspection, working: FilePath) -> Replayed:
 
 def _lockstep(folder: FilePath, resolved: ResolvedScenario, working: FilePath) -> Replayed:
     inputs = read_pipeline_inputs(folder)
-    difference = lockstep.replay(resolved, inputs, lockstep.read_car_frames(folder, EPOCH), working)
+    frames = lockstep.read_car_frames(folder, EPOCH, resolved.model.interface)
+    difference = lockstep.replay(resolved, inputs, frames, working)
     return Replayed(f"{len(inputs.ticks)} ticks", _torn(inputs), _described("tick", inputs.ticks, difference))
 
 

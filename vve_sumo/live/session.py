@@ -39,7 +39,7 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import held
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_refusal
-from vve_sumo.scenario.schema import Abort
+from vve_sumo.scenario.schema import EndTrigger
 
 #: for a process to end by itself once all is over [s]; the recorder writes its tables in this time
 LAST_PATIENCE: Final = 60.0
@@ -93,7 +93,7 @@ def plan(
         resolved = assembly.fitted(resolved, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
-    folder = (out if out is not None else folder_for(resolved, working)).absolute()
+    folder = (out if out is not None else folder_for(resolved.name, working)).absolute()
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
     return Plan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic())
@@ -129,8 +129,8 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
     goes on; messages before and after it go to `notify`.
     """
     plan.setting.controller(plan.working)  # refuses what is wrong before anything is started
-    if plan.setting.scenario.abort != Abort():
-        notify("the scenario's [abort] does not apply to a live drive: nothing lets go of a moving car")
+    if plan.setting.scenario.end_trigger != EndTrigger():
+        notify("the scenario's [end_trigger] does not apply to a live drive: nothing lets go of a moving car")
     with (
         held(plan.rig_file),
         contextlib.ExitStack() as stack,

@@ -35,8 +35,7 @@ from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.plant.receiver import ReceiverParameters
 from vve_sumo.values import Frame, Pose, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
+from vve_sumo.vehicle.interface import InterfaceConfig
 
 if TYPE_CHECKING:
     from vve_sumo.bus import Bus
@@ -108,10 +107,8 @@ class CarConfig:
 
     def told(self) -> dict[str, Any]:
         """Return the configuration as `spawn.start` takes it."""
-        parameters = asdict(self.parameters)
-        parameters["kit"]["variant"] = self.parameters.kit.variant.name
         return {
-            "parameters": parameters,
+            "parameters": asdict(self.parameters),
             "lot": {"projection": self.lot.projection, "offset": self.lot.offset},
             "start": [self.latitude_deg, self.longitude_deg, self.heading_deg],
             "epoch": self.epoch,
@@ -152,13 +149,13 @@ class CarConfig:
 
 
 def _parameters(told: dict[str, Any]) -> CarParameters:
-    receiver, kit = told["receiver"], told["kit"]
+    receiver = told["receiver"]
     return CarParameters(
         **told
         | {
             "vehicle": Vehicle(**told["vehicle"]),
             "calibration": Calibration(**told["calibration"]),
-            "kit": DbwControllerParameters(**kit | {"variant": codec.Variant[kit["variant"]]}),
+            "interface": InterfaceConfig(**told["interface"]),
             "receiver": ReceiverParameters(**receiver | {"mounting": Mounting(**receiver["mounting"])}),
         }
     )
@@ -173,11 +170,11 @@ class Truth:
 
     def add(self, pose: Pose, car: Car) -> None:
         """Take a line for the car as it is now."""
-        kit = car.kit
-        enabled = ",".join(str(int(module.enabled)) for module in kit.modules)
+        interface = car.interface
+        enabled = ",".join(str(int(one)) for one in interface.enabled)
         motion = f"{pose.time:.3f},{pose.x:.5f},{pose.y:.5f},{pose.heading:.6f},{pose.speed:.5f}"
-        body = f"{car.brake_torque:.1f},{kit.gear.name.lower()},{car.wheel_angle:.6f}"
-        self._lines.append(f"{motion},{body},{enabled},{kit.watchdog_braking:d}\n")
+        body = f"{car.brake_torque:.1f},{interface.gear.name.lower()},{car.wheel_angle:.6f}"
+        self._lines.append(f"{motion},{body},{enabled},{interface.watchdog_braking:d}\n")
 
     def flush(self) -> None:
         """Hand the lines taken so far to the kernel."""

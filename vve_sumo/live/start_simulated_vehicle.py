@@ -19,6 +19,7 @@ from vve_sumo.live import assembly, spawn
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.plant.parameters import DRY, perturbed
+from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY
@@ -72,8 +73,9 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: float) -> CarConfig:
-    start = rig.car_start
-    assert start is not None  # the rig's refusals see to it
+    start, pose = rig.car_start, rig.pose
+    assert start is not None  # the rig's refusals see to it, and to the receiver that the car simulates
+    assert isinstance(pose, NcomUdp)
     wire = rig.bus.interface, start.channel or rig.bus.channel
     return CarConfig(
         parameters=perturbed(_uncalibrated(meaning.model_of(rig)), start, friction),
@@ -84,7 +86,7 @@ def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: f
         epoch=assembly.wall_epoch(t0),
         t0=t0,
         seed=seed,
-        target=(rig.pose.address, rig.pose.port),
+        target=(pose.address, pose.port),
         bus=None if rig.bus.channel == PTY else wire,
         rehearsed=meaning.rehearsed_of(rig),
         truth=None if folder is None else folder / "truth.csv",

@@ -20,7 +20,7 @@ from vve_sumo.lot.swept_area import Body, Complexes, as_pairs, fan, relaxing, tr
 from vve_sumo.path import EXTENSION, SAMPLE_SPACING, Path
 from vve_sumo.values import FallbackPath, Floats, Point, Pose, Vehicle
 
-LOT_EDGE: Final = ("lot_edge",)
+LOT_EDGE: Final = ("geofence_breach",)
 #: a way to rest with more knots on the way is none [-]; the gateway takes no more than 64
 MOST_KNOTS: Final = 200
 #: what a setpoint may ask beyond the present acceleration grows with this until it expires [m/s3]; ISO 15622's comfort
@@ -96,7 +96,7 @@ class Geofence:
         self._wheelbase, self._understeer = vehicle.wheelbase, vehicle.understeer_gradient
 
     def check(self, pose: Pose, steering: float, profile: FallbackPath | None) -> tuple[str, ...]:
-        """Return ("lot_edge",) unless the car comes to rest inside the lot from this pose, whoever stops it.
+        """Return ("geofence_breach",) unless the car comes to rest inside the lot from this pose, whoever stops it.
 
         `pose` is the rear axle's in the street's map, `steering` the road-wheel angle that the car reports [rad, left
         positive], `profile` the way to rest that the setpoint carries, None for none. What is not finite is no place

@@ -15,22 +15,23 @@ from vve_sumo.frames import MapFrame
 from vve_sumo.plant.actuators import Lagged, Steering
 from vve_sumo.plant.dynamics import Chassis, Dynamics
 from vve_sumo.plant.noise import White
+from vve_sumo.plant.onboard_sensors import Axles, OnboardSensors
 from vve_sumo.plant.receiver import Receiver, ReceiverParameters, unaltered
-from vve_sumo.plant.reports import Axles, Reports, drive_sign
 from vve_sumo.values import Fix, Frame, Point, Pose, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dataspeed.controller import (
+from vve_sumo.vehicle.interface import (
     HANDS_OFF,
-    DbwController,
-    DbwControllerParameters,
     DriverInputs,
-    pedal_to_torque,
+    Gear,
+    InterfaceConfig,
+    SimulatedInterface,
+    load,
 )
-from vve_sumo.vehicle.dataspeed.messages import Gear
 
-STEP = 0.005  # of the integration and of the kit [s]
+STEP = 0.005  # of the integration and of the drive-by-wire controller [s]
 STEPS_A_SECOND = round(1.0 / STEP)
-FAST, SLOW, GEAR = 2, 4, 10  # steps between reports: 100, 50 and 20 Hz; fixes come with the fast ones
+FAST = 2  # steps between measurements: 100 Hz; reports and fixes come with them
+_DRIVE_SIGNS = {Gear.DRIVE: 1.0, Gear.LOW: 1.0, Gear.REVERSE: -1.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class CarParameters:
 
     vehicle: Vehicle  #: as declared
     calibration: Calibration  #: as declared
-    kit: DbwControllerParameters
+    interface: InterfaceConfig  #: of the drive-by-wire controller
     receiver: ReceiverParameters
     track: float  #: between the wheels of an axle [m]
     mass_height: float  #: of the centre of mass above ground [m]
@@ -99,7 +100,7 @@ class Car:
         vehicle, calibration = parameters.vehicle, parameters.calibration
         self._parameters = parameters
         self._motion = Dynamics(chassis(parameters), start, grade=parameters.grade)
-        self._kit = DbwController(parameters.kit, STEP)
+        self._interface = load(parameters.interface).simulated(STEP)
         self._brakes = Lagged(vehicle.brake_delay, vehicle.brake_lag, STEP)
         self._engine = Lagged(parameters.throttle_delay, calibration.drive_lag, STEP)
         self._steering = Steering(
@@ -113,7 +114,7 @@ class Car:
         gyro_noise = parameters.receiver.noise * parameters.gyro_noise
         radius = vehicle.wheel_radius * parameters.wheel_radius_factor
         axles = Axles(vehicle.wheelbase, parameters.track, radius)
-        self._reports = Reports(axles, gyro_noise, White(gyro_seeds), parameters.gyro_bias)
+        self._sensors = OnboardSensors(axles, gyro_noise, White(gyro_seeds), parameters.gyro_bias)
         self._receiver = Receiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)
         self._brake_force = parameters.brake_gain_factor * calibration.brake_force(1.0)
         self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias
@@ -123,9 +124,9 @@ class Car:
         self._steps = 0
 
     @property
-    def kit(self) -> DbwController:
-        """The drive-by-wire kit, for looking at."""
-        return self._kit
+    def interface(self) -> SimulatedInterface:
+        """The drive-by-wire controller, for looking at."""
+        return self._interface
 
     @property
     def brake_torque(self) -> float:
@@ -145,7 +146,7 @@ class Car:
         last = round(until / STEP)
         if abs(last * STEP - until) > 1e-6:
             raise ValueError(f"the car advances in steps of {STEP} s, got until={until!r}")
-        self._kit.receive(frames, self._motion.speed, self._brakes.value)
+        self._interface.receive(frames, self._motion.speed, self._brakes.value)
         reports: list[tuple[float, Frame]] = []
         while self._steps < last:
             self._advance(driver)
@@ -175,12 +176,12 @@ class Car:
         return self._steps / STEPS_A_SECOND
 
     def _advance(self, driver: DriverInputs) -> None:
-        motion, kit = self._motion, self._kit
-        brake_torque, opening, wheel_angle = kit.step(driver, motion.speed, self._steering.angle)
+        motion, interface = self._motion, self._interface
+        brake_torque, opening, wheel_angle = interface.step(driver, motion.speed, self._steering.angle)
         torque = self._brakes.step(brake_torque)
         throttle = self._engine.step(max(opening, self.stuck_throttle))
         self._steering.step(wheel_angle, motion.speed != 0.0)
-        held = math.inf if kit.gear is Gear.PARK else self._brake_force * self._really(torque)
+        held = math.inf if interface.gear is Gear.PARK else self._brake_force * self._really(torque)
         motion.advance(STEP, self._road_angle(), self._drive_force(throttle), held)
         self._steps += 1
 
@@ -188,25 +189,21 @@ class Car:
         """Brake torque that comes of what the brakes believe [N m]: it is their actuator that is weak, not a foot."""
         if self.brake_share == 1.0:
             return torque
-        return max(self.brake_share * torque, min(torque, pedal_to_torque(self._kit.driver.brake_pedal)))
+        return max(self.brake_share * torque, min(torque, self._interface.driver_brake_torque))
 
     def _road_angle(self) -> float:
         return (self._steering.angle - self._wheel_bias) / self._steering_ratio
 
     def _drive_force(self, throttle: float) -> float:
         """Force at the wheels [N]: throttle and idle creep, the way the gear points."""
-        sign = drive_sign(self._kit.gear)
+        sign = _DRIVE_SIGNS.get(self._interface.gear, 0.0)
         calibration, speed = self._calibration, sign * self._motion.speed
         return sign * (calibration.drive_force(throttle, max(speed, 0.0)) + calibration.creep(speed))
 
     def _speak(self, reports: list[tuple[float, Frame]]) -> None:
-        motion, kit, time = self._motion, self._kit, self._time
-        frames = self._reports.fast(motion, self._road_angle(), kit.parameters.variant)
-        if self._steps % SLOW == 0:
-            frames += self._reports.slow(kit, motion, self._steering.angle, self._brakes.value)
-        if self._steps % GEAR == 0:
-            frames.append(self._reports.gear(kit))
-        reports.extend((time, frame) for frame in frames)
+        motion, time = self._motion, self._time
+        measured = self._sensors.measure(motion, self._road_angle(), self._steering.angle, self._brakes.value)
+        reports.extend((time, frame) for frame in self._interface.reports(measured))
         self._receiver.measure(self.truth(), motion.distance * math.tan(motion.grade))
 
 

@@ -29,7 +29,7 @@ class FaultInjectedCar:
         rehearsed: Iterable[InjectedFault],
         rehearsal_seeds: np.random.SeedSequence,
     ) -> None:
-        self._rehearsal = FaultInjector(rehearsed, rehearsal_seeds, parameters.kit.variant)
+        self._rehearsal = FaultInjector(rehearsed, rehearsal_seeds, parameters.interface)
         self.car = Car(parameters, start, lot, epoch, seeds, self._rehearsal.on_fix)
         self._steps = 0
 
@@ -55,4 +55,6 @@ class FaultInjectedCar:
         until = self._steps / STEPS_A_SECOND
         output = car.step(until, commands, rehearsal.driver(now))
         rehearsal.moves(until, car.truth().speed)
-        return CarOutput(rehearsal.on_reports(until, output.reports), rehearsal.on_packets(until, output.ncom))
+        return CarOutput(
+            rehearsal.on_reports(until, output.reports, car.interface), rehearsal.on_packets(until, output.ncom)
+        )

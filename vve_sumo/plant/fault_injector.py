@@ -16,11 +16,17 @@ import numpy as np
 from vve_sumo.plant.car import Car
 from vve_sumo.plant.injected_faults import Due, InjectedFault
 from vve_sumo.plant.receiver_faults import Forger, ReceiverFaults, WrongMinute
-from vve_sumo.plant.report_faults import ReportFaults
 from vve_sumo.values import Fix, Frame
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.controller import HANDS_OFF, DriverInputs
-from vve_sumo.vehicle.dataspeed.messages import BrakeCommand, BrakeKind, SteeringCommand
+from vve_sumo.vehicle.interface import (
+    HANDS_OFF,
+    ActuationCommand,
+    BrakeState,
+    DriverInputs,
+    Gear,
+    InterfaceConfig,
+    SimulatedInterface,
+    load,
+)
 
 ROUNDING: Final = 1e-9  # of times that are sums [s]
 LONGEST_GARBAGE: Final = 150  # bytes; about two packets
@@ -29,24 +35,24 @@ LONGEST_GARBAGE: Final = 150  # bytes; about two packets
 class FaultInjector:
     """The faults of one drive; every method may be called at every step and does nothing while nothing is due.
 
-    Times are drive times [s]. `seeds` are for the random bytes; `variant` is the kit's.
+    Times are drive times [s]. `seeds` are for the random bytes; `interface` is the one that the car has.
     """
 
     def __init__(
         self,
         rehearsed: Iterable[InjectedFault],
         seeds: np.random.SeedSequence,
-        variant: codec.Variant = codec.Variant.DBW1_2024,
+        interface: InterfaceConfig,
     ) -> None:
         self._due = due = Due(rehearsed)
-        self._variant = variant
         self._random = np.random.Generator(np.random.PCG64(seeds))
         self._fixes, self._minute, self._forger = ReceiverFaults(due), WrongMinute(due), Forger(due)
-        self._reports = ReportFaults(due, variant)
+        self._writer = load(interface)  # the other writer's
+        kinds = self._writer.facts.reports.items()
+        self._brake_reports = frozenset(number for number, reported in kinds if BrakeState in reported)
         self._packets = 0
         self._kept: bytes | None = None  # waits for its successor to go first
         self._held: deque[tuple[float, bytes]] = deque()  # moment of release and packet
-        self._counter = 0  # of the other writer
         self._foreign: list[Frame] = []  # what the other writer has said and the kit not yet heard
 
     def moves(self, time: float, speed: float) -> None:
@@ -72,15 +78,17 @@ class FaultInjector:
             self._held.clear()
         return arrived
 
-    def on_reports(self, now: float, reports: Sequence[tuple[float, Frame]]) -> list[tuple[float, Frame]]:
-        """Return what is on the car's bus up to `now`, of what the car says: time and frame."""
+    def on_reports(
+        self, now: float, reports: Sequence[tuple[float, Frame]], interface: SimulatedInterface
+    ) -> list[tuple[float, Frame]]:
+        """Return what is on the car's bus up to `now`, of what the car's `interface` says: time and frame."""
         dead = self._due.value("bus_silent", now) is not None
         if dead or self._due.value("reports_stale", now) is not None:
             return []
         heard = []
         for time, frame in reports:
-            heard.append((time, self._reports.alter(time, frame)))
-            if frame.id == codec.BRAKE_REPORT and (torque := self._due.value("another_writer", time)) is not None:
+            heard.append((time, interface.alter(time, frame, self._due.value)))
+            if frame.id in self._brake_reports and (torque := self._due.value("another_writer", time)) is not None:
                 written = self._written(torque)
                 self._foreign += written
                 heard += [(time, foreign) for foreign in written]
@@ -106,8 +114,7 @@ class FaultInjector:
     def on_car(self, now: float, car: Car) -> None:
         """Break the car's modules, brakes and throttle, and mend them."""
         broken = self._due.value("kit_dropout", now)
-        for number, module in enumerate(car.kit.modules, start=1):
-            module.broken = number == broken
+        car.interface.drop_out(None if broken is None else int(broken))
         brakes, throttle = self._due.value("brakes_weak", now), self._due.value("drive_unasked", now)
         car.brake_share = 1.0 if brakes is None else brakes
         car.stuck_throttle = 0.0 if throttle is None else throttle
@@ -144,8 +151,7 @@ class FaultInjector:
         return time
 
     def _written(self, torque: float) -> list[Frame]:
-        self._counter = (self._counter + 1) & 0xFF
-        return [
-            codec.encode(BrakeCommand(BrakeKind.TORQUE, torque, True, self._counter), self._variant),
-            codec.encode(SteeringCommand(0.0, 0.0, True, self._counter), self._variant),
-        ]
+        """What the other writer sends: brakes and straight steering, and neither throttle nor gear."""
+        frames = self._writer.encode(ActuationCommand(torque, 0.0, 0.0, 0.0, Gear.NONE, enable=True, clear=False))
+        said = [(frame, self._writer.commanded(frame)) for frame in frames]
+        return [frame for frame, command in said if command is not None and math.isnan(command.throttle)]

@@ -12,7 +12,7 @@ from vve_sumo.frames import Mounting
 from vve_sumo.plant.car import CarParameters
 from vve_sumo.plant.receiver import ReceiverParameters
 from vve_sumo.scenario.schema import Car, Weather
-from vve_sumo.vehicle.dataspeed.controller import DbwControllerParameters
+from vve_sumo.vehicle.interface import InterfaceConfig
 from vve_sumo.vehicle.model import VehicleModel
 
 #: of tyre on road, where nobody says another
@@ -23,7 +23,7 @@ def parameters(
     model: VehicleModel,
     mounting: Mounting | None = None,
     *,
-    kit: DbwControllerParameters | None = None,
+    interface: InterfaceConfig | None = None,
     noise: float = 1.0,
     delay: float = 0.01,
     hidden_delay: float = 0.0,
@@ -37,13 +37,14 @@ def parameters(
     """A vehicle as declared, but for the perturbations given; their meanings and units are those of `CarParameters`.
 
     `noise` scales the receiver's and the gyroscope's errors, 0 is none; both delays are the receiver's [s]. The
-    receiver is mounted as the model declares, unless `mounting` says otherwise.
+    receiver is mounted as the model declares, unless `mounting` says otherwise, and the car has the model's
+    drive-by-wire interface unless `interface` says otherwise.
     """
     numbers = model.simulated
     return CarParameters(
         vehicle=model.vehicle,
         calibration=model.calibration,
-        kit=kit or DbwControllerParameters(model.variant),
+        interface=interface or model.interface,
         receiver=ReceiverParameters(mounting or model.mounting, delay=delay, hidden_delay=hidden_delay, noise=noise),
         track=numbers.track,
         mass_height=numbers.mass_height,

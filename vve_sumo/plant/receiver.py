@@ -15,10 +15,9 @@ import numpy as np
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.plant.noise import Wander, White
 from vve_sumo.pose.ncom import Encoder
-from vve_sumo.values import Fix, Pose
+from vve_sumo.values import Fix, FixQuality, Pose
 
 PERIOD = 0.01  # between fixes [s]; NCOM's standard 100 Hz
-LOCKED, RTK_INTEGER = 4, 6  # navigation status and position mode, NCOM codes
 EARTH_RADIUS = 6_371_000.0  # mean [m]; only turns centimetres of noise into angles
 ALTITUDE = 220.0  # of the lot at the start, about Columbus's [m]
 STREAMS = 8  # independent sources of noise
@@ -110,8 +109,8 @@ class Receiver:
             velocity_down=-truth.speed * math.tan(truth.grade),
             yaw_rate=exact.yaw_rate + size * parameters.yaw_rate * self._yaw_rate.draw(),
             acceleration=exact.acceleration + size * parameters.acceleration * self._acceleration.draw(),
-            status=LOCKED,
-            position_mode=RTK_INTEGER,
+            locked=True,
+            quality=FixQuality.RTK_FIXED,
             position_sigma=self._position_sigma,
             velocity_sigma=parameters.velocity,
             heading_sigma=parameters.heading,

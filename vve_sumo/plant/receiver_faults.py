@@ -12,9 +12,8 @@ from typing import Final
 from vve_sumo.plant.injected_faults import Due
 from vve_sumo.plant.receiver import PERIOD
 from vve_sumo.pose.ncom import Decoder, Encoder
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, FixQuality
 
-RTK_FLOAT: Final = 5  # NCOM position mode
 EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only turns metres into angles
 STEP_EVERY: Final = 1.0  # between steps of the position [s]
 AHEAD: Final = 12.0  # of a fix that is dated wrongly [s]
@@ -39,7 +38,7 @@ class ReceiverFaults:
         if (left := value("pose_jump", time)) is not None:
             fix = _beside(fix, left)
         if (sigma := value("pose_rtk_lost", time)) is not None:
-            fix = replace(fix, position_mode=RTK_FLOAT, position_sigma=sigma)
+            fix = replace(fix, quality=FixQuality.RTK_FLOAT, position_sigma=sigma)
         if (back := value("pose_backwards", time)) is not None:
             fix = replace(fix, time=fix.time - back)
         if value("pose_nan", time) is not None:

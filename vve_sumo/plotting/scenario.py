@@ -19,6 +19,7 @@ from vve_sumo.drive.no_brake_preview import Event, NoBrakePreview, preview_witho
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box
+from vve_sumo.plotting import style
 from vve_sumo.plotting.birds_eye import View, compass, draw_car, ribbon, rotated
 from vve_sumo.plotting.drive_page import long_axis
 from vve_sumo.plotting.page import (
@@ -35,7 +36,6 @@ from vve_sumo.plotting.page import (
     QUIET,
     ROAD,
     SIZE,
-    STYLE,
     TOP,
     panel,
 )
@@ -108,20 +108,19 @@ class Page:
 
 def draw(setting: ResolvedScenario, file: FilePath) -> None:
     """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    _save(picture(setting), file)
 
+
+def picture(setting: ResolvedScenario) -> Figure:
+    """Return the picture of a scenario."""
     page = _page(setting)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)
-        FigureCanvasAgg(figure)
+    with style.page(*SIZE, arranged=False) as figure:
         _street(panel(figure, LEFT, TOP - HIGH, WIDE, HIGH), page)
         _over_time(panel(figure, CURVES, BOTTOM, CURVES_WIDTH, LOW_HEIGHT), page)
         _whole_way(panel(figure, WAY, BOTTOM, WAY_WIDTH, LOW_HEIGHT), page)
         _list(figure, page)
         _head(figure, setting)
-        _save(figure, file)
+        return figure
 
 
 def _save(figure: Figure, file: FilePath) -> None:
@@ -131,7 +130,7 @@ def _save(figure: Figure, file: FilePath) -> None:
     palette = Image.new("P", (1, 1))
     palette.putpalette([value for colour in _colours() for value in colour])
     with io.BytesIO() as page:
-        figure.savefig(page, format="png")
+        figure.savefig(page, format="png", dpi=DOTS_PER_INCH)
         image = Image.open(page).convert("RGB")
     try:
         image.quantize(palette=palette, dither=Image.Dither.NONE).save(file, format="PNG", optimize=True)

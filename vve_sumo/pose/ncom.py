@@ -16,11 +16,12 @@ from typing import Final
 
 from vve_sumo.frames import wrap_angle
 from vve_sumo.pose.arrivals import Arrivals, Judged, Repeated
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, FixQuality
 
 SYNC: Final = b"\xe7"
 LENGTH: Final = 72  #: of a packet [bytes]
-NAVIGATION: Final = frozenset({2, 3, 4})  #: initialising, locking, locked: time and position are there
+LOCKING, LOCKED = 3, 4  #: navigation statuses: catching up with the time; in real time
+NAVIGATION: Final = frozenset({2, LOCKING, LOCKED})  #: initialising is 2: time and position are there
 STRUCTURE_B: Final = 11  #: another layout under the same sync byte
 
 MINUTE: Final = 60_000  #: [ms]
@@ -95,6 +96,31 @@ def _read_differential_age(payload: bytes) -> float:
     return raw * 0.01 if raw >= 0 else math.nan
 
 
+#: GNSS position modes of channel 0. Those of Doppler alone measure a velocity and no position.
+QUALITIES: Final[dict[float, FixQuality]] = {
+    **dict.fromkeys((0, 1, 2, 10, 11, 12, 20, 25), FixQuality.NONE),  # none, search, Doppler, no data, blanked
+    **dict.fromkeys((3, 13, 21, 26), FixQuality.SINGLE),  # SPS; post-processed; gx, ix
+    **dict.fromkeys((4, 7, 8, 14, 18, 22, 27), FixQuality.DIFFERENTIAL),  # SBAS, OmniSTAR VBS, CDGPS too
+    **dict.fromkeys((9, 17, 30, 31), FixQuality.PPP),  # OmniSTAR HP and XP; PPP converging and converged
+    **dict.fromkeys((5, 15, 23, 28), FixQuality.RTK_FLOAT),
+    **dict.fromkeys((6, 16, 24, 29), FixQuality.RTK_FIXED),
+}
+#: the position mode that a unit without post-processing says for a quality; what is unknown is sent as invalid
+MODES: Final = {
+    FixQuality.NONE: 0,
+    FixQuality.SINGLE: 3,
+    FixQuality.DIFFERENTIAL: 4,
+    FixQuality.PPP: 31,
+    FixQuality.RTK_FLOAT: 5,
+    FixQuality.RTK_FIXED: 6,
+}
+
+
+def quality_of(mode: float) -> FixQuality:
+    """Return the quality that a position mode of channel 0 stands for; NaN is a mode that is not known."""
+    return QUALITIES.get(mode, FixQuality.UNKNOWN)
+
+
 #: What is read from a status channel: one number each, NaN where the unit says invalid or stale.
 _READERS: Final[dict[int, Callable[[bytes], float]]] = {
     0: _read_mode,
@@ -158,6 +184,7 @@ class Decoder:
     def __init__(self) -> None:
         self.counts: dict[Outcome, int] = dict.fromkeys(Outcome, 0)
         self.discarded = 0  #: bytes that belonged to no packet
+        self.codes = (0, -1)  #: the newest fix's navigation status and position mode, as NCOM numbers them; -1 unknown
         self._buffer = b""
         self._clock: int | None = None  #: of the newest packet that was believed [ms since 1980-01-06 GPS]
         self._dated_at = -math.inf  #: its arrival [s]
@@ -247,6 +274,7 @@ class Decoder:
     ) -> Fix:
         slow = self._channels.value
         mode = slow(0, clock)
+        self.codes = packet[21], -1 if math.isnan(mode) else int(mode)
         return Fix(
             time=clock / 1000.0,
             time_received=time_received,
@@ -261,8 +289,8 @@ class Decoder:
             velocity_down=_signed(packet, 49, VELOCITY),
             yaw_rate=-_signed(packet, 18, RATE),
             acceleration=_signed(packet, 3, ACCELERATION),
-            status=packet[21],
-            position_mode=-1 if math.isnan(mode) else int(mode),
+            locked=packet[21] == LOCKED,
+            quality=quality_of(mode),
             position_sigma=slow(3, clock),
             velocity_sigma=slow(4, clock),
             heading_sigma=slow(5, clock),
@@ -292,7 +320,7 @@ def pack(fix: Fix, channel: int, payload: bytes) -> bytes:
         + _field(fix.acceleration, ACCELERATION)
         + nothing * 4
         + _field(-fix.yaw_rate, RATE)
-        + bytes((fix.status,))
+        + bytes((LOCKED if fix.locked else LOCKING,))
     )
     second = b"".join(
         (
@@ -323,7 +351,7 @@ def _accuracy(sigma: float, scale: float) -> bytes:
 
 
 def _mode(fix: Fix) -> bytes:
-    mode = fix.position_mode if 0 <= fix.position_mode < 0x80 else 0xFF
+    mode = MODES.get(fix.quality, 0xFF)
     return _CHANNEL_0.pack(round(fix.time * 1000.0) // MINUTE, 0xFF, mode, mode, 0xFF)
 
 

@@ -22,7 +22,7 @@ import pynmea2
 
 from vve_sumo.frames import GRAVITY
 from vve_sumo.pose.arrivals import Arrivals, Judged, Repeated
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, FixQuality
 
 GPS_MINUS_UTC: Final = 18_000  #: leap seconds since 2017-01-01 (IERS Bulletin C 52 and all since) [ms]
 GPS_EPOCH: Final = datetime.date(1980, 1, 6)
@@ -39,11 +39,13 @@ RATE_GAP: Final = 500  #: fixes further apart give no rate [ms]
 COURSE_LOST: Final = 0.2  #: receivers leave the course empty when slower than about this [m/s]
 KNOT: Final = 1852.0 / 3600.0  #: [m/s]
 
-#: GGA's quality to NCOM's position mode: SPS, differential, RTK fixed, RTK float; PPS, estimated and others are unknown
-MODES: Final = {1: 3, 2: 4, 4: 6, 5: 5}
-REAL_TIME: Final = (
-    4  #: NCOM's navigation status locked; NMEA has none, a receiver that says a mode above is in real time
-)
+#: GGA's quality; military PPS, estimated and others are unknown
+QUALITIES: Final = {
+    1: FixQuality.SINGLE,
+    2: FixQuality.DIFFERENTIAL,
+    4: FixQuality.RTK_FIXED,
+    5: FixQuality.RTK_FLOAT,
+}
 NEW: Final = frozenset({Judged.NEWER, Judged.CHANGED})
 NOT_MEASURED: Final = frozenset("NESM")  #: mode indicators: not valid, estimated, simulated, manual
 
@@ -380,7 +382,7 @@ class Decoder:
         course = attitude.heading if lost else motion.course
         ahead = motion.speed * math.cos(course - attitude.heading)
         yaw_rate, acceleration = self._rates(_Past(clock, attitude.heading, ahead))
-        mode = MODES.get(position.quality, -1)
+        quality = QUALITIES.get(position.quality, FixQuality.UNKNOWN)
         heard, position_sigma = self._accuracy
         return Fix(
             time=clock / 1000.0,
@@ -396,8 +398,9 @@ class Decoder:
             velocity_down=math.nan,
             yaw_rate=yaw_rate,
             acceleration=acceleration + (0.0 if math.isnan(attitude.pitch) else GRAVITY * math.sin(attitude.pitch)),
-            status=REAL_TIME if mode >= 0 else 0,
-            position_mode=mode,
+            # NMEA has no navigation status: a receiver that says one of these qualities is in real time.
+            locked=quality is not FixQuality.UNKNOWN,
+            quality=quality,
             position_sigma=position_sigma if (time_of_day - heard) % DAY <= SLOW_LIFE else math.nan,
             velocity_sigma=self._velocity_sigma,
             heading_sigma=_worse(self._heading_sigma, attitude.heading_sigma),

@@ -15,7 +15,7 @@ from typing import Final
 
 from vve_sumo.frames import GRAVITY, wrap_angle
 from vve_sumo.pose.arrivals import Arrivals, Judged
-from vve_sumo.pose.ncom import WRITERS, StatusChannels
+from vve_sumo.pose.ncom import WRITERS, StatusChannels, quality_of
 from vve_sumo.values import Fix, Frame
 
 POSITION: Final = 0x601  #: latitude, longitude [1e-7 deg]
@@ -28,6 +28,8 @@ RATE: Final = 0x608  #: about the vehicle's axes [0.01 deg/s]
 RATE_LEVEL: Final = 0x609  #: about the horizontal plane's axes
 TIME: Final = 0x630  #: milliseconds since 1980-01-06, 48 bits, then the UTC offset
 STATUS: Final = 0x500  #: plus the number of an NCOM status channel, the same 8 bytes
+#: those of the default map, read or not, and one for each status channel
+IDENTIFIERS: Final = frozenset(range(0x500, 0x640))
 
 LAYOUTS: Final = {
     POSITION: struct.Struct("<ii"),
@@ -50,7 +52,6 @@ BACK: Final = (
 EARLIEST: Final = 0.002  #: by so much a time frame may be earlier than the fastest before it [s]; its clock has 1 ms
 AT_ONCE: Final = 1.0  #: what is fed with one arrival may jump so far from cycle to cycle [s]
 LOCKING: Final = 12_000  #: a second of initialising and ten of catching up, and a little [ms]
-CATCHING_UP, REAL_TIME = 3, 4  #: NCOM navigation statuses
 UTC_OFFSET: Final = -18  #: leap seconds since 2017-01-01 [s]
 
 
@@ -82,7 +83,7 @@ class Decoder:
     a run of them lasts; one that is not newer counts for nothing, but `BACK` of them in a row start the unit anew.
 
     The map has no navigation status. A unit that is locking sends the past, catching up for ten seconds, and nothing in
-    its frames tells; so a fix has status 3 until cycles have come without a break for `LOCKING`, then 4.
+    its frames tells; so a fix is locked once cycles have come without a break for `LOCKING`.
     """
 
     def __init__(self) -> None:
@@ -169,7 +170,6 @@ class Decoder:
         self, cycle: dict[int, tuple[int, ...]], clock: int, time_received: float, latitude: float, longitude: float
     ) -> Fix:
         slow = self._channels.value
-        mode = slow(0, clock)
         north, east, down = _scaled(cycle.get(VELOCITY), 0.01)
         compass, pitch, roll = _scaled(cycle.get(ATTITUDE), math.radians(0.01))
         heading = math.pi / 2 - compass if 0.0 <= compass <= math.tau else math.nan
@@ -188,8 +188,8 @@ class Decoder:
             velocity_down=down,
             yaw_rate=-_scaled(cycle.get(RATE, cycle.get(RATE_LEVEL)), math.radians(0.01))[2],
             acceleration=_acceleration(cycle, pitch),
-            status=REAL_TIME if clock - self._since >= LOCKING else CATCHING_UP,
-            position_mode=-1 if math.isnan(mode) else int(mode),
+            locked=clock - self._since >= LOCKING,
+            quality=quality_of(slow(0, clock)),
             position_sigma=slow(3, clock),
             velocity_sigma=slow(4, clock),
             heading_sigma=slow(5, clock),

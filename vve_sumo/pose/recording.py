@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.ncom import LENGTH, MINUTE, MINUTES_SET, SYNC, Decoder, Encoder
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, FixQuality
 
 COLUMNS: Final = ("time_s", "latitude_deg", "longitude_deg", "heading_deg", "speed_mps")
 #: other names of a column, in the same unit; `speed_mps` may also come as velocity north and east
@@ -34,9 +34,7 @@ VELOCITIES: Final = ("velocity_north_mps", "velocity_east_mps")
 RANGES: Final = {"latitude_deg": 90.0, "longitude_deg": 360.0, "heading_deg": 360.0, "speed_mps": 100.0}
 HEADING_HELD: Final = 1.5  #: below it a missing heading is the last one, for a course is noise there [m/s]
 RATE_WINDOW: Final = 0.3  #: over which acceleration and yaw rate are differenced, to keep noise down [s]
-LOCKED: Final = 4  #: the status that a played CSV is sent with; its position mode stays unknown
 TIMES_SENT: Final = (MINUTES_SET * MINUTE / 1000.0, 4e9)  #: what NCOM can say of a GNSS second
-CHUNK: Final = 65_536  #: [bytes]
 
 
 def fixes(path: Path) -> Iterator[Fix]:
@@ -59,11 +57,13 @@ def _ncom_fixes(path: Path) -> Iterator[Fix]:
 def decode(path: Path, decoder: Decoder) -> Iterator[Fix]:
     """Yield what `decoder` makes of a file of NCOM bytes, or of the same as hexadecimal text; arrival is taken as 0.
 
+    The bytes are fed a packet's length at a time, so `decoder.codes` are those of the fix that was yielded last.
+
     Raises ConfigError when the file cannot be read or, at its end, held no packet.
     """
     raw = _bytes(path)
-    for start in range(0, len(raw), CHUNK):
-        yield from decoder.feed(raw[start : start + CHUNK], 0.0)
+    for start in range(0, len(raw), LENGTH):
+        yield from decoder.feed(raw[start : start + LENGTH], 0.0)
     if decoder.packets == 0:
         raise _no_packet(path)
 
@@ -83,7 +83,7 @@ def _csv_portions(path: Path) -> Iterator[tuple[float, bytes]]:
         if math.isnan(first):
             first = fix.time
             moved = 0.0 if TIMES_SENT[0] <= first <= TIMES_SENT[1] else TIMES_SENT[0] - math.floor(first)
-        yield fix.time - first, encoder.encode(replace(fix, time=fix.time + moved, status=LOCKED))
+        yield fix.time - first, encoder.encode(replace(fix, time=fix.time + moved, locked=True))
 
 
 def _ncom_portions(path: Path) -> Iterator[tuple[float, bytes]]:
@@ -198,8 +198,8 @@ class _CsvDrive:
             velocity_down=math.nan,
             yaw_rate=yaw_rate,
             acceleration=acceleration,
-            status=0,
-            position_mode=-1,
+            locked=False,
+            quality=FixQuality.UNKNOWN,
             position_sigma=math.nan,
             velocity_sigma=math.nan,
             heading_sigma=math.nan,

@@ -44,11 +44,12 @@ def rows(path: Path, decoder: Decoder | None = None) -> Iterator[dict[str, str]]
     """
     gate: TrustGate | None = None
     epoch = 0.0
-    for fix in decode(path, decoder or Decoder()):
+    decoder = decoder or Decoder()
+    for fix in decode(path, decoder):
         if gate is None:
             epoch = math.floor(fix.time)
             gate = TrustGate(DRIVE, epoch)
-        yield _row(fix, gate.step(fix.time - epoch, fix))
+        yield _row(fix, decoder.codes, gate.step(fix.time - epoch, fix))
 
 
 def write_csv(path: Path, out: Path) -> Decoder:
@@ -73,10 +74,11 @@ def _compass(heading: float) -> str:
     return "" if math.isnan(heading) else f"{round(90.0 - math.degrees(heading), 6) % 360.0:.6f}"
 
 
-def _row(fix: Fix, trust: Trust) -> dict[str, str]:
+def _row(fix: Fix, codes: tuple[int, int], trust: Trust) -> dict[str, str]:
+    status, mode = codes
     cells = (
         f"{fix.time:.3f}",
-        str(fix.status),
+        str(status),
         _text(math.degrees(fix.latitude), 10),
         _text(math.degrees(fix.longitude), 10),
         _text(fix.altitude, 3),
@@ -84,7 +86,7 @@ def _row(fix: Fix, trust: Trust) -> dict[str, str]:
         _text(fix.velocity_north, 4),
         _text(fix.velocity_east, 4),
         _text(fix.velocity_down, 4),
-        "" if fix.position_mode < 0 else str(fix.position_mode),
+        "" if mode < 0 else str(mode),
         "true" if trust.trusted else "false",
         " ".join(trust.reasons),
     )

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.values import Fix
+from vve_sumo.values import Fix, FixQuality
 
-LOCKED: Final = 4  #: the NCOM navigation status that is real time
-RTK_FIXED: Final = frozenset({6, 16, 24, 29})  #: NCOM position modes with integer ambiguities (channel 0)
 EARTH_RADIUS: Final = 6_371_000.0  #: mean [m]; good to 0.5 % over the metre between two fixes
 FUTURE_LIMIT: Final = 0.02  #: a fix may be this far ahead of now, for clocks that are not quite the same [s]
 LEVER_LIMIT: Final = 4.0  #: no output point lies further from the rear axle [m]: bounds its course in a bend
@@ -38,8 +36,8 @@ REASONS: Final[dict[str, str]] = {
     "not_finite": "time, position, velocity, yaw rate or acceleration is missing or not a number",
     "heading_invalid": "the receiver says that its heading is invalid",
     "pitch_invalid": "the receiver says that its pitch is invalid, so gravity cannot be told from acceleration",
-    "status_not_locked": "the navigation status is not 4 (locked, real time)",
-    "not_rtk_fixed": "the position mode is not RTK with fixed ambiguities, or not known",
+    "status_not_locked": "the receiver does not say that its navigation is locked (in real time)",
+    "not_rtk_fixed": "the position is not RTK with fixed ambiguities, or its quality is not known",
     "position_sigma": "the receiver's own position accuracy is too poor, stale or not known",
     "velocity_sigma": "the receiver's own velocity accuracy is too poor, stale or not known",
     "heading_sigma": "the receiver's own heading accuracy is too poor, stale or not known",
@@ -218,9 +216,9 @@ def _of_the_receiver(fix: Fix, profile: TrustProfile) -> list[str]:
     reasons = []
     if profile.pitch_needed and not math.isfinite(fix.pitch):
         reasons.append("pitch_invalid")
-    if fix.status != LOCKED:
+    if fix.locked is not True:  # so that nothing else passes for it, not a number either
         reasons.append("status_not_locked")
-    if fix.position_mode not in RTK_FIXED:
+    if fix.quality is not FixQuality.RTK_FIXED:
         reasons.append("not_rtk_fixed")
     if not 0.0 <= fix.position_sigma <= profile.position_sigma_limit:
         reasons.append("position_sigma")

@@ -83,7 +83,7 @@ def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
         "driver_has_control": "The driver took over.",
         "fault": f"The gateway stopped the car: {why}.",
         "timeout": f"The scenario's time ran out after {at}.",
-        "aborted": f"The scenario ended the drive after {at}: {why}.",
+        "completed": f"The scenario ended the drive after {at}: {why}.",
         "played": f"A recorded drive of {at} was sent through the pipeline; no car executed the commands.",
         "interrupted": f"The drive was ended from the keyboard after {at}.",
         "broken": f"The simulation broke after {at}: {text or why}.",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from vve_sumo.config_file import in_si
@@ -14,11 +15,12 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, local_frame
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
+from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.rig.schema import Rig
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle import load as vehicles
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dataspeed.codec import Variant
+from vve_sumo.vehicle.interface import InterfaceConfig
 from vve_sumo.vehicle.limits import Limits
 from vve_sumo.vehicle.model import VehicleModel
 
@@ -38,7 +40,7 @@ def model_of(rig: Rig) -> VehicleModel:
         simulated=vehicles.simulated(rig.simulated),
         mounting=mounting_of(rig),
         limits=limits_of(rig),
-        variant=variant_of(rig),
+        interface=interface_of(rig),
         steering_wheel_bias=steering_wheel_bias_of(rig),
         rig=rig.title,
     )
@@ -80,9 +82,18 @@ def mounting_of(rig: Rig) -> Mounting:
     return Mounting(mounting.forward_m, mounting.left_m, -math.radians(mounting.heading_misalignment_deg))
 
 
-def variant_of(rig: Rig) -> Variant:
-    """Return the kit's generation."""
-    return Variant[rig.bus.variant.upper()]
+def receiver_of(rig: Rig) -> Receiver:
+    """Return the receiver; `rig.load` takes no table of another kind."""
+    receiver = rig.pose
+    assert isinstance(receiver, Receiver)
+    return receiver
+
+
+def interface_of(rig: Rig) -> InterfaceConfig:
+    """Return the drive-by-wire interface; a file counts from the working folder of now, whoever loads it later."""
+    name, settings = rig.drive_by_wire.interface, dict(rig.drive_by_wire.settings)
+    file, colon, function = name.rpartition(":")
+    return InterfaceConfig(f"{Path(file).resolve()}:{function}" if colon else name, settings)
 
 
 def frame_of(rig: Rig) -> MapFrame:

@@ -7,12 +7,14 @@ Knows nothing of files' places, buses or how a drive is run; what a rig means to
 from __future__ import annotations
 
 import datetime
-import ipaddress
-from typing import Annotated, Literal, Self
+import functools
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, create_model, model_validator
 
-from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Short, Strength, Table
+from vve_sumo.config_file import Bitrate, Finite, Name, NotNegative, Positive, Short, Strength, Table
+from vve_sumo.pose.receivers.port import ReceiverTable
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.scenario.schema import Car as TrueCar
 from vve_sumo.scenario.schema import Lot as Start
@@ -20,23 +22,6 @@ from vve_sumo.vehicle.schema import Calibration as ModelCalibration
 from vve_sumo.vehicle.schema import Declared, Simulated
 
 Date = datetime.date
-Port = Annotated[int, Field(ge=1, le=65535)]
-Bitrate = Annotated[int, Field(ge=10_000, le=1_000_000)]
-
-
-def _address(text: str) -> str:
-    try:
-        ipaddress.ip_address(text)
-    except ValueError:
-        raise ValueError("expected an IP address in numbers") from None
-    return text
-
-
-def _sender(text: str) -> str:
-    address = ipaddress.ip_address(_address(text))
-    if address.version != 4 or address.is_unspecified or address.is_multicast or int(address) == 0xFFFFFFFF:
-        raise ValueError("expected the IPv4 address of one device")
-    return text
 
 
 def _latitude_first(corner: tuple[float, float]) -> tuple[float, float]:
@@ -65,70 +50,6 @@ def _only(table: Table, kind: str, keys: dict[str, tuple[str, ...]]) -> None:
             raise ValueError(f"{key} is missing, kind {kind!r} needs it")
 
 
-class Pose(Table):
-    """Where the pose comes from."""
-
-    kind: Literal["ncom_udp", "nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can", "file"] = Field(
-        description="`ncom_udp`, `nmea_udp`, `nmea_tcp`, `nmea_serial`, `oxts_can` or `file`"
-    )
-    address: Annotated[str, AfterValidator(_address)] = Field(
-        default="127.0.0.1",
-        description="UDP: address to listen on, this machine alone by default, `0.0.0.0` for a broadcast; TCP: server",
-    )
-    port: Port = Field(default=3000, description="UDP or TCP")
-    source: Annotated[str, AfterValidator(_sender)] | None = Field(
-        default=None,
-        description="UDP: address of the receiver, whose datagrams alone are taken; may be left out on the loopback, "
-        "where the first program that speaks is taken",
-    )
-    device: Name | None = Field(default=None, description="serial port of `nmea_serial`")
-    baud: Annotated[int, Field(ge=4800, le=921_600)] = Field(default=115_200, description="of the serial port")
-    interface: Name | None = Field(default=None, description="python-can's, of `oxts_can`")
-    channel: Name | None = Field(default=None, description="python-can's, of `oxts_can`")
-    bitrate: Bitrate = Field(default=500_000, description="of `oxts_can`, bit/s")
-    file: Name | None = Field(default=None, description="recording to be played by `file`; cannot arm anything")
-    rate_hz: Annotated[float, Field(ge=10.0, le=250.0)] = Field(default=100.0, description="fixes a second")
-    clock: Literal["arrival", "absolute"] = Field(
-        default="arrival",
-        description="`absolute`: this machine's clock is GNSS time by PTP or PPS; `arrival`: it is estimated",
-    )
-    minimum_delay_ms: Annotated[float, Field(ge=0.0, le=500.0)] | None = Field(
-        default=None,
-        description="what a fix takes to arrive at best, which arrivals alone cannot show; needed for `arrival`",
-    )
-    velocity_sigma_mps: Positive | None = Field(
-        default=None, description="NMEA, which does not say it: 1 sigma of the velocity, from the receiver's data sheet"
-    )
-    heading_sigma_deg: Positive | None = Field(
-        default=None, description="NMEA, which does not say it: 1 sigma of the heading, from the receiver's data sheet"
-    )
-
-    @model_validator(mode="after")
-    def _of_its_kind(self) -> Self:
-        network = ("ncom_udp", "nmea_udp", "nmea_tcp")
-        keys = {"address": network, "port": network, "device": ("nmea_serial",), "baud": ("nmea_serial",)}
-        keys |= dict.fromkeys(("interface", "channel", "bitrate"), ("oxts_can",)) | {"file": ("file",)}
-        keys |= dict.fromkeys(("velocity_sigma_mps", "heading_sigma_deg"), ("nmea_udp", "nmea_tcp", "nmea_serial"))
-        _only(self, self.kind, keys)
-        self._of_one_sender()
-        if self.clock == "arrival" and self.kind != "file" and self.minimum_delay_ms is None:
-            raise ValueError("minimum_delay_ms is missing, clock 'arrival' needs it")
-        return self
-
-    def _of_one_sender(self) -> None:
-        """Refuse a port that anyone on the network could speak to in the receiver's place."""
-        udp, alone = ("ncom_udp", "nmea_udp"), ipaddress.ip_address(self.address).is_loopback
-        if self.kind not in udp:
-            if self.source is not None:
-                raise ValueError(f"source says nothing for kind {self.kind!r}, it is for {' and '.join(udp)}")
-        elif self.source is None and not alone:
-            raise ValueError(
-                f"source is missing: anyone who reaches {self.address} could be the receiver, name its address"
-            )
-        elif self.source is not None and alone and not ipaddress.ip_address(self.source).is_loopback:
-            raise ValueError(f"source: {self.source} cannot be heard on {self.address}, which is this machine alone")
-
-
 class Mounting(Table):
     """Where the receiver's output point sits on the car."""
 
@@ -146,8 +67,20 @@ class Bus(Table):
     interface: Name = Field(description="python-can's: `socketcan`, `pcan`, `kvaser`, `slcan`, …")
     channel: Name = Field(description="python-can's: `can0`, …; `pty` is made by the hardware-free car")
     bitrate: Bitrate = Field(default=500_000, description="bit/s")
-    variant: Literal["dbw1_2018", "dbw1_2024"] = Field(
-        description="the kit's generation, `dbw1_2018` or `dbw1_2024`: to be verified on the car"
+
+    FORMER: ClassVar[Mapping[str, str]] = {"variant": "drive_by_wire.settings.variant"}
+
+
+class DriveByWire(Table):
+    """The drive-by-wire interface that the car is commanded through."""
+
+    interface: Name = Field(
+        default="dataspeed_dbw1",
+        description="`dataspeed_dbw1`, `file.py:make`, or an installed package's entry point",
+    )
+    settings: dict[str, bool | Finite | int | str] = Field(
+        description="handed to make(settings); of `dataspeed_dbw1` the one key `variant`, the firmware's generation, "
+        "`dbw1_2018` or `dbw1_2024`: to be verified on the car"
     )
 
 
@@ -303,9 +236,10 @@ class Rig(Table):
 
     title: Name
     car: Literal["real", "hardware_free"] = Field(description="`real` or `hardware_free`")
-    pose: Pose
+    pose: ReceiverTable
     mounting: Mounting
     bus: Bus
+    drive_by_wire: DriveByWire
     vehicle: Vehicle
     calibration: Calibration
     simulated: Simulated
@@ -318,3 +252,9 @@ class Rig(Table):
     others: tuple[Other, ...] = Field(default=(), strict=False)
     car_start: CarStart | None = None
     rehearse: tuple[Rehearse, ...] = Field(default=(), strict=False)
+
+
+@functools.cache
+def rig_with(receiver: type[ReceiverTable]) -> type[Rig]:
+    """Return the model of a rig whose `[pose]` is of this kind."""
+    return create_model("Rig", __base__=Rig, pose=(receiver, ...))

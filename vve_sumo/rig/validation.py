@@ -13,16 +13,21 @@ from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.lot.swept_area import Body, as_pairs, fan
+from vve_sumo.pose import oxts_can
+from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.rig.resolve import (
     alignment_of,
     calibration_of,
     frame_of,
+    interface_of,
     limits_of,
     lot_of,
+    receiver_of,
     rehearsed_of,
     vehicle_of,
 )
 from vve_sumo.rig.schema import Corner, Rig
+from vve_sumo.vehicle.interface import VehicleInterface, load
 
 #: interfaces of python-can that anyone on the network can send into
 OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
@@ -30,11 +35,10 @@ PTY: Final = "pty"  #: channel that the hardware-free car's process makes
 FARTHEST: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
 EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only to tell near from far
 
-#: Identifiers on a CAN bus, by who sends or hears them: Dataspeed's DBW1; OXTS's default map (RT3000 manual: messages
-#: and one 0x500 + n for each status channel n); Delphi ESR (opendbc, ESR.dbc); Continental ARS408 as sensor 0.
+#: Identifiers on a CAN bus, by who sends or hears them: OXTS's default map (RT3000 manual: messages and one 0x500 + n
+#: for each status channel n); Delphi ESR (opendbc, ESR.dbc); Continental ARS408 as sensor 0.
 IDENTIFIERS: Final[dict[str, frozenset[int]]] = {
-    "the drive-by-wire kit": frozenset(range(0x060, 0x080)),
-    "oxts_can": frozenset(range(0x500, 0x640)),
+    "oxts_can": oxts_can.IDENTIFIERS,
     "esr": frozenset({*range(0x4E0, 0x4E4), 0x4F0, 0x4F1, *range(0x500, 0x541)}),
     "ars408": frozenset({0x200, 0x201, 0x300, 0x301, *range(0x600, 0x603), *range(0x60A, 0x60F), 0x700, 0x701, 0x702}),
 }
@@ -56,13 +60,14 @@ def refuse(rig: Rig) -> None:
 def arming_refusal(rig: Rig) -> str | None:
     """Say why this rig may not command a car, though it may drive along with nothing enabled; None where it may."""
     test = rig.watchdog_test
-    if rig.pose.kind == "file":
+    if not receiver_of(rig).profile.may_arm:
         return "pose.kind: a recording says nothing about where a car is now"
     if rig.car == "hardware_free":
         return None
     if test is None:
         return (
-            "watchdog_test is missing: stop the frames on this car, measure what the kit's watchdog does, write it down"
+            "watchdog_test is missing: stop the frames on this car, measure what the watchdog of its drive-by-wire "
+            "controller does, write it down"
         )
     return None
 
@@ -93,14 +98,14 @@ def _of_a_real_car(rig: Rig) -> Iterator[str]:
 
 
 def _of_a_hardware_free_car(rig: Rig) -> Iterator[str]:
-    start, bus = rig.car_start, rig.bus
+    start, bus, pose = rig.car_start, rig.bus, rig.pose
     if start is None:
         yield "key 'car_start' is missing: where the hardware-free car stands"
         return
-    if rig.pose.kind != "ncom_udp":
-        yield f"pose.kind: the hardware-free car speaks 'ncom_udp', got {rig.pose.kind!r}"
-    if not ipaddress.ip_address(rig.pose.address).is_loopback:
-        yield f"pose.address: the hardware-free car is heard on a loopback address only, got {rig.pose.address!r}"
+    if not isinstance(pose, NcomUdp):
+        yield f"pose.kind: the hardware-free car speaks 'ncom_udp', got {pose.kind!r}"
+    elif not ipaddress.ip_address(pose.address).is_loopback:
+        yield f"pose.address: the hardware-free car is heard on a loopback address only, got {pose.address!r}"
     if (bus.interface, bus.channel) == ("slcan", PTY):
         if start.channel is not None:
             yield "car_start.channel: the car makes its own end of a pty"
@@ -115,10 +120,10 @@ def _of_a_hardware_free_car(rig: Rig) -> Iterator[str]:
 
 def _collisions(rig: Rig) -> Iterator[str]:
     """Two senders of the same identifiers on one bus; the shorter range is the one that is named."""
-    car, pose, stop = (rig.bus.interface, rig.bus.channel), rig.pose, rig.operator.stop_can_id
-    on_bus = [_OnBus("bus", "the drive-by-wire kit", car, IDENTIFIERS["the drive-by-wire kit"])]
-    if pose.kind == "oxts_can" and pose.interface and pose.channel:
-        on_bus.append(_OnBus("pose", "oxts_can", (pose.interface, pose.channel), IDENTIFIERS["oxts_can"]))
+    car, receiver, stop = (rig.bus.interface, rig.bus.channel), receiver_of(rig).on_can(), rig.operator.stop_can_id
+    on_bus = [_OnBus("bus", "the drive-by-wire controller", car, _interface(rig).facts.occupied)]
+    if receiver is not None:
+        on_bus.append(_OnBus("pose", rig.pose.kind, (receiver.interface, receiver.channel), receiver.identifiers))
     for number, other in enumerate(rig.others):
         bus = (other.interface, other.channel)
         on_bus.append(_OnBus(f"others.{number}", other.kind, bus, IDENTIFIERS[other.kind]))
@@ -131,6 +136,13 @@ def _collisions(rig: Rig) -> Iterator[str]:
                 f"{two.key}: {two.who} and {one.who} ({one.key}) share identifiers 0x{min(shared):03X} to "
                 f"0x{max(shared):03X} on {':'.join(one.bus)}, give each a bus of its own"
             )
+
+
+def _interface(rig: Rig) -> VehicleInterface:
+    try:
+        return load(interface_of(rig))
+    except ConfigError as error:
+        raise ConfigError(f"drive_by_wire: {error}") from None
 
 
 def _far_corners(rig: Rig) -> Iterator[str]:

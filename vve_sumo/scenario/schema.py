@@ -5,7 +5,8 @@ Knows nothing of SUMO, files' places or how a drive is run.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias
 
 from pydantic import Field, create_model, model_validator
 
@@ -217,7 +218,7 @@ class Band(Table):
 class Judged(Table):
     """What makes the drive pass; a criterion that is left out is not judged."""
 
-    outcome: Literal["stopped", "arrived", "aborted", "fault"] | None = Field(
+    outcome: Literal["stopped", "arrived", "completed", "fault"] | None = Field(
         default=None, description="how the drive must end; fault: stopped by the gateway"
     )
 
@@ -240,8 +241,8 @@ else:
     )
 
 
-class Abort(Table):
-    """What ends the drive before its time, with the outcome `aborted`; the criteria judge it as they do every other."""
+class EndTrigger(Table):
+    """What ends the drive before its time, with the outcome `completed`; the criteria judge the drive as any other."""
 
     contact: bool = Field(default=False, description="at the first contact, instead of when the car is at rest")
     ego_at_m: NotNegative | None = Field(default=None, description="the ego's front bumper has come so far on its path")
@@ -276,6 +277,8 @@ class Parameter(Table):
 class Scenario(Table):
     """One drive: where, who, what is in the way, and when it counts as passed."""
 
+    FORMER: ClassVar[Mapping[str, str]] = {"abort": "end_trigger"}
+
     title: Name
     description: str = ""
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
@@ -293,7 +296,7 @@ class Scenario(Table):
     obstacles: tuple[Obstacle, ...] = Field(default=(), strict=False)
     actors: tuple[Actor, ...] = Field(default=(), strict=False)
     criteria: Criteria = Criteria()
-    abort: Abort = Abort()
+    end_trigger: EndTrigger = EndTrigger()
     parameters: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")], Parameter] = Field(
         default={}, description="what a sweep may vary by name, besides every key by its place"
     )

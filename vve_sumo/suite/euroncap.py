@@ -66,7 +66,7 @@ def _closing(car: VehicleModel, kind: str, kmh: float, target_kmh: float, overla
             controller={"tuning": AEB},
             actors=[target(speed, ahead, **keys)],
             criteria=impact_at_most(0.0),
-            abort={"contact": True},
+            end_trigger={"contact": True},
         ),
         approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
         need=Need(gap_used(full_braking(car.vehicle, speed), Course(lead)), ahead),

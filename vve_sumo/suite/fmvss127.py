@@ -66,7 +66,7 @@ def untouched(
     start: float,
     actors: list[dict[str, Any]],
     need: Need,
-    abort: dict[str, Any] | None = None,
+    end_trigger: dict[str, Any] | None = None,
 ) -> Row:
     """Return a row that allows no contact: emergency braking alone, at `speed` [m/s], `start` [s] from the target."""
     return Row(
@@ -80,7 +80,7 @@ def untouched(
             controller={"tuning": AEB},
             actors=actors,
             criteria=impact_at_most(0.0),
-            abort=abort or {"contact": True},
+            end_trigger=end_trigger or {"contact": True},
         ),
         approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
         need=need,
@@ -114,7 +114,7 @@ def braking_lead(title: str, speed: float, headway: float, deceleration: float, 
         controller={"tuning": AEB},
         actors=[target(speed, headway, speed_mps=speed, acts=[act])],
         criteria=impact_at_most(0.0),
-        abort={"contact": True},
+        end_trigger={"contact": True},
     )
 
 
@@ -147,7 +147,7 @@ def pass_through_rows(_car: VehicleModel) -> Iterator[Row]:
                 controller={"tuning": tuning},
                 actors=pair,
                 criteria={"max_deceleration_mps2": {"max": limit}},
-                abort=gone_by(speed, ahead),
+                end_trigger=gone_by(speed, ahead),
             ),
             approach=Approach(TARGET, speed, below, TOLERANCE),
         )

@@ -98,11 +98,11 @@ def _parked(car: Vehicle, speed: float, ahead: float) -> list[dict[str, Any]]:
     ]
 
 
-def _row(walk: requirements.Walk, kmh: float, actors: list[dict[str, Any]], need: Need, abort: dict[str, Any]) -> Row:
+def _row(walk: requirements.Walk, kmh: float, actors: list[dict[str, Any]], need: Need, end: dict[str, Any]) -> Row:
     speed = kmh * KMH
     id = f"{walk.kind}_{walk.side}_{walk.overlap:g}_{kmh:g}".replace(" ", "_")
     what = f"{walk.kind}" + (f" at {walk.speed:g} km/h" if walk.speed else "")
     what += f", {walk.side} {walk.overlap:g} %, {kmh:g} km/h"
     if walk.obstructed:
         id, what = f"obstructed_{id}", f"child behind parked cars, {what}"
-    return untouched(id, what, f"pedestrian {what}", speed, requirements.FMVSS_127_WALK_START, actors, need, abort)
+    return untouched(id, what, f"pedestrian {what}", speed, requirements.FMVSS_127_WALK_START, actors, need, end)

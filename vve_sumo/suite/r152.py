@@ -74,7 +74,7 @@ def _crossing(car: VehicleModel, kind: str, kmh: float, entry: requirements.Impa
     # From the right; it would be in the middle of the car's way when the car comes by.
     actor = {"kind": kind, "speed_mps": pace, "offset_m": -time * pace, "turned_deg": 90.0}
     what = f"{kind} crossing at {kmh:g} km/h, {entry.speed:g} km/h"
-    yield from _row(car, kind, what, entry, load, ahead, actor, abort=gone_by(entry.speed * KMH, ahead))
+    yield from _row(car, kind, what, entry, load, ahead, actor, end_trigger=gone_by(entry.speed * KMH, ahead))
 
 
 def _false_reaction() -> Iterator[Row]:
@@ -95,7 +95,7 @@ def _false_reaction() -> Iterator[Row]:
                 controller={"tuning": AEB},
                 actors=gate(speed - BELOW * KMH, ahead, requirements.FMVSS_127_PASS_GAP),
                 criteria={"emergency_used": False},
-                abort=gone_by(speed - BELOW * KMH, ahead),
+                end_trigger=gone_by(speed - BELOW * KMH, ahead),
             ),
             approach=_approach(speed),
         )
@@ -119,7 +119,7 @@ def _row(
     actor: dict[str, Any],
     *,
     lead: float = 0.0,
-    abort: dict[str, Any] | None = None,
+    end_trigger: dict[str, Any] | None = None,
 ) -> Iterator[Row]:
     """Return the row of an entry at a load, or none; `lead` is how fast the target drives away [m/s]."""
     allowed = entry.laden if load == "laden" else entry.unladen
@@ -141,7 +141,7 @@ def _row(
             controller={"tuning": AEB},
             actors=[target(driven, ahead, **actor)],
             criteria=impact_at_most(allowed * KMH),
-            abort=abort or {"contact": True},
+            end_trigger=end_trigger or {"contact": True},
         ),
         approach=_approach(speed),
         need=Need(needed, ahead),

@@ -55,7 +55,7 @@ def cut_in_rows(car: VehicleModel) -> Iterator[Row]:
                 lasts=BESIDE + OVER + ttc + time_to_brake(speed),
                 actors=[target(speed, ahead, speed_mps=other, offset_m=ASIDE, acts=[act], **size)],
                 criteria=impact_at_most(0.0),
-                abort={"contact": True},
+                end_trigger={"contact": True},
             ),
             approach=Approach(TARGET, speed, SPEED_TOLERANCE, SPEED_TOLERANCE),
             cut_in=CutIn(TARGET, EDGE, ttc, EARLIER),
@@ -97,7 +97,7 @@ def following_rows(_car: VehicleModel) -> Iterator[Row]:
                 lasts=FOLLOWS,
                 actors=[target(speed, 5.0 + 2.5 * lead, speed_mps=lead)],
                 criteria={"min_gap_m": {"min": entry.distance}},
-                abort={"contact": True},
+                end_trigger={"contact": True},
             ),
             # It may slow down before the car ahead as it likes; what matters is that there was one.
             approach=Approach(TARGET, speed, speed, SPEED_TOLERANCE),

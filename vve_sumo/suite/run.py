@@ -20,7 +20,7 @@ from vve_sumo.sweep.job import Job, Result
 #: a row that takes longer has got stuck [s]
 TIME_LIMIT = 300.0
 #: how a row's drive may end; a car that is stopped by a fault has passed nothing
-ENDINGS = ("stopped", "contact", "aborted", "timeout")
+ENDINGS = ("stopped", "contact", "completed", "timeout")
 
 Done = Callable[[Outcome], None]
 

@@ -14,7 +14,7 @@ from fractions import Fraction
 from typing import Any
 
 from vve_sumo.metrics.metric import Kind
-from vve_sumo.sweep.overrides import Value
+from vve_sumo.scenario.overrides import Value
 
 #: keys of a table that says an axis, by what they say
 STEPS, BETWEEN = ("from", "to", "step", "count"), ("min", "max", "log")

@@ -9,6 +9,7 @@ import select
 from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol
 
+from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep.job import DISK_FULL, Job, Result, refused
 from vve_sumo.sweep.worker import Worker
@@ -32,15 +33,18 @@ class Engine(Protocol):
 class Local:
     """Drives jobs on this machine, several at a time."""
 
-    def __init__(self, workers: int) -> None:
-        """`workers` runs go on at the same time; raises ConfigError unless there is at least one."""
+    def __init__(self, workers: int, report: Callable[[DriveProgress], None] = lambda progress: None) -> None:
+        """`workers` runs go on at the same time; raises ConfigError unless there is at least one.
+
+        `report` takes the progress of jobs that ask for that.
+        """
         if workers < 1:
             raise ConfigError(f"workers: expected 1 or more, got {workers}")
-        self._workers = workers
+        self._workers, self._report = workers, report
 
     def run(self, jobs: Iterable[Job | None], done: Done) -> None:
         """Drive every job; see `Engine.run`."""
-        crew = [Worker() for _ in range(self._workers)]
+        crew = [Worker(self._report) for _ in range(self._workers)]
         try:
             self._drive(crew, iter(jobs), done)
         finally:
@@ -65,6 +69,13 @@ class Local:
             for worker in crew:
                 if worker not in driven:
                     _give(worker, driven, jobs, done)
+
+
+def run_one(job: Job, report: Callable[[DriveProgress], None] = lambda progress: None) -> Result:
+    """Drive a single job on this machine and return what came of it; `report` takes its progress."""
+    results: list[Result] = []
+    Local(1, report).run([job], lambda _job, result: results.append(result))
+    return results[0]
 
 
 def _give(worker: Worker, driven: dict[Worker, Job], jobs: Iterator[Job | None], done: Done) -> None:

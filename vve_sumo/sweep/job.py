@@ -12,13 +12,17 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import ConfigError
 
-VERSION = 1  #: of the lines that jobs and results travel as
+VERSION = 2  #: of the lines that jobs and results travel as
 
+AT = "at "  #: how a line begins that says how far a run has come: then time, speed, s and the path's length
 READY = "ready"  #: the line by which a server says that it may be given jobs
 CHUNK = 65536  #: what is read from a pipe at once [bytes]
 
+#: how the fault of a run begins that cannot be driven; what is wrong follows
+CONFIG = "config: "
 #: how a fault begins that every further run would meet as well
 DISK_FULL = "disk_full"
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)  #: what a full disk and a full quota say
@@ -36,6 +40,8 @@ class Job:
     file: Path  #: the scenario's, named in complaints; relative names are looked up beside it
     working: Path  #: folder in which names are looked up first
     keep: Path | None = None  #: where the record goes; None: it is thrown away
+    pose: Path | None = None  #: recording that is played instead of a simulated vehicle
+    progress: bool = False  #: whether the run says on the way how far it has come
     time_limit_s: float = 3600.0  #: wall time that the run may take
     memory_limit_mb: float = 4096.0  #: resident, 10^6 bytes, with everything that the run starts
 
@@ -52,9 +58,8 @@ class Job:
     def from_json(cls, line: str) -> Self:
         """Return the job that a line holds; raises ConfigError where it is none of this version."""
         known = _known(line, "job", _JOB)
-        keep = known["keep"]
-        paths = {"file": Path(known["file"]), "working": Path(known["working"])}
-        return cls(**known | paths | {"keep": None if keep is None else Path(keep)})
+        paths = {name: Path(known[name]) for name in ("file", "working", "keep", "pose") if known[name] is not None}
+        return cls(**known | paths)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +87,7 @@ class Result:
 _NUMBER = (float, int)
 _JOB: dict[str, tuple[type, ...]] = {
     "key": (str,), "name": (str,), "table": (dict,), "file": (str,), "working": (str,), "keep": (str, type(None)),
-    "time_limit_s": _NUMBER, "memory_limit_mb": _NUMBER,
+    "pose": (str, type(None)), "progress": (bool,), "time_limit_s": _NUMBER, "memory_limit_mb": _NUMBER,
 }  # fmt: skip
 _RESULT: dict[str, tuple[type, ...]] = {
     "key": (str,), "figures": (dict,), "fault": (str,), "wall_s": _NUMBER, "cpu_s": _NUMBER, "peak_mb": _NUMBER,
@@ -90,12 +95,22 @@ _RESULT: dict[str, tuple[type, ...]] = {
 }  # fmt: skip
 
 
+def progress_line(progress: DriveProgress) -> str:
+    """Return progress as the line that it travels as."""
+    return f"{AT}{progress.time!r} {progress.speed!r} {progress.s!r} {progress.length!r}"
+
+
+def progress_of(line: str) -> DriveProgress | None:
+    """Return the progress that a line holds; None for another line."""
+    return DriveProgress(*map(float, line.split()[1:])) if line.startswith(AT) else None
+
+
 def refused(job: Job, error: ConfigError) -> Result:
     """Return the result of a job that cannot be driven, in words that do not tell in which folder it was tried."""
     said = str(error)
     for folder in (job.file.parent, job.working):
         said = said.replace(f"{folder}/", "")
-    return Result(job.key, fault=f"config: {said}")
+    return Result(job.key, fault=f"{CONFIG}{said}")
 
 
 def _line(fields: dict[str, Any]) -> str:

@@ -18,10 +18,10 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.sweep_folder import COLUMNS, Plan
 from vve_sumo.scenario.load import parse
+from vve_sumo.scenario.overrides import Value, apply_overrides, choose, places
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep import worst
 from vve_sumo.sweep.job import Job
-from vve_sumo.sweep.overrides import Value, apply_overrides, places
 from vve_sumo.sweep.preflight import Look, look
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, cells_of
 from vve_sumo.sweep.search import least_runs
@@ -62,22 +62,22 @@ def planned(
     yes: bool,
     search: bool = False,
     vehicle: str | None = None,
+    scenario: tuple[Path, dict[str, Any]] | None = None,
 ) -> SweepQuery:
-    """Return the sweep that a spec's table says, as `asked` does; `file` is where it stands, or what to call it."""
+    """Return the sweep that a spec's table says, as `query_of` does; `file` is where it stands, or what to call it.
+
+    `scenario` is the file and the table of the scenario, where it is another than the file says.
+    """
     spec = parse_spec(said, file)
     if search and spec.search is None:
         raise ConfigError(f"{file}: --search: expected a table [search] that says what to look for")
-    try:
-        scenario_file = workspace.find("scenario", spec.scenario, working, beside=file.parent)
-    except ConfigError as error:
-        raise ConfigError(f"{file}: scenario: {error}") from None
-    table = read(scenario_file, "scenario")
-    scenario = parse(table, scenario_file)
+    scenario_file, table = _scenario(spec, file, working) if scenario is None else scenario
+    settings = parse(table, scenario_file)
     if vehicle is not None:
-        table = table | {"ego": table["ego"] | {"vehicle": vehicle}}
+        table = choose(table, vehicle=vehicle)
     fit(spec, file, table, frozenset(COLUMNS) | {f"meets_{name}" for name in Criteria.model_fields})
-    cells = cells_of(spec, scenario_file.name.removesuffix(".toml"), scenario)
-    count, criteria = least_runs(cells), _criteria(spec, scenario, table)
+    cells = cells_of(spec, scenario_file.name.removesuffix(".toml"), settings)
+    count, criteria = least_runs(cells), _criteria(spec, settings, table)
     if count >= MANY and not yes:
         raise ConfigError(f"{file}: {count:,} runs; --yes drives that many")
     _sought(spec.search, criteria, file)
@@ -94,6 +94,14 @@ def planned(
         versions=versions(),
     )
     return SweepQuery(spec, _looked_at(plan, spec, cells, file), cells)
+
+
+def _scenario(spec: Spec, file: Path, working: Path) -> tuple[Path, dict[str, Any]]:
+    try:
+        found = workspace.find("scenario", spec.scenario, working, beside=file.parent)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: scenario: {error}") from None
+    return found, read(found, "scenario")
 
 
 def job_of(plan: Plan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job:

@@ -16,7 +16,7 @@ from vve_sumo.record.record import claim
 from vve_sumo.record.sweep_folder import Plan, Row, read_tables
 from vve_sumo.scenario.load import parse
 from vve_sumo.sweep.dataset import refuse_mixed
-from vve_sumo.sweep.engine import Local
+from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.input_cache import InputCache, setting_of
 from vve_sumo.sweep.job import Job, Result
 from vve_sumo.sweep.plan import job_of
@@ -90,9 +90,7 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
         raise ConfigError(f"{folder}: {changed[0]}: not run; {advice}")
     for role in _changed_files(plan, job):
         warn(f"the file of {role} has changed since the sweep began")
-    results: list[Result] = []
-    Local(1).run([job], lambda _job, result: results.append(result))
-    return Rerun(job, row, results[0], record)
+    return Rerun(job, row, run_one(job), record)
 
 
 def _row(folder: Path, key: str) -> Row:

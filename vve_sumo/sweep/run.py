@@ -8,10 +8,12 @@ from __future__ import annotations
 import os
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path as FilePath
 from typing import Any
 
 from vve_sumo.drive import run as drives
+from vve_sumo.drive.progress import DriveProgress, reported
 from vve_sumo.drive.summary import judge
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
@@ -29,16 +31,23 @@ LONGEST_TEXT = 500  #: characters of what went wrong, in its own words
 ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
 
 
-def run_job(job: Job, scratch: FilePath, readings: InputCache) -> Result:
+def run_job(
+    job: Job,
+    scratch: FilePath,
+    readings: InputCache,
+    report: Callable[[DriveProgress], None] = lambda progress: None,
+) -> Result:
     """Drive a job in this process, which SUMO allows once, and return its figures, or the fault that kept it from any.
 
     `scratch` is a folder of nobody else's for temporary files; `tidy` is to be called with it afterwards in any case.
+    `report` is called now and then with how far the drive has come.
     """
     try:
         setting = setting_of(job, readings)
         claim(job)
         folder, kept = growing(job, scratch), job.keep is not None
-        summary = drives.run(setting, folder, job.working, kept=kept).summary
+        watch = reported(setting.path.length, report)
+        summary = drives.run(setting, folder, job.working, pose=job.pose, kept=kept, watch=watch).summary
     except ConfigError as error:
         return refused(job, error)
     except Exception as error:

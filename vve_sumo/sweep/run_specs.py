@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.overrides import Value
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sweep.axes import Axis, Between
-from vve_sumo.sweep.overrides import Value
 from vve_sumo.sweep.spec import GREATEST_SEED, SAMPLED, Spec, Worst
 
 #: points that are drawn at a time; a power of two, for Sobol's sequence

@@ -12,9 +12,9 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.overrides import Value
 from vve_sumo.sweep import boundary, worst
 from vve_sumo.sweep.axes import Axis, Between, Steps
-from vve_sumo.sweep.overrides import Value
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, drawn, key_of
 from vve_sumo.sweep.spec import Boundary, Spec, Worst
 

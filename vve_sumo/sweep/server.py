@@ -1,6 +1,7 @@
 """The process that forks runs: it imports everything once, then drives each job in a child of its own, one at a time.
 
-`python -m vve_sumo.sweep.server PARENT SCRATCH`: a job a line on stdin, a result a line on stdout, in the same order.
+`python -m vve_sumo.sweep.server PARENT SCRATCH`: a job a line on stdin, a result a line on stdout, in the same order,
+and before it, of a job that asks for it, lines that say how far the run has come.
 It ends with its stdin or its parent, and whatever it started ends with it. It has one thread, or no fork were safe.
 """
 
@@ -26,12 +27,13 @@ from typing import NoReturn
 
 import pandas  # noqa: F401 - pyarrow imports it as soon as a table becomes numbers: here once, not in every run
 
+from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.drive.provenance import software
 from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.input_cache import InputCache, setting_of
-from vve_sumo.sweep.job import CHUNK, READY, Job, Result
+from vve_sumo.sweep.job import CHUNK, READY, Job, Result, progress_line
 from vve_sumo.sweep.run import run_job, tidy
 
 LOOK = 0.05  #: between two looks at a run's time and memory [s], in which a run may take some 100 MB more
@@ -66,6 +68,11 @@ class Child:
         """Take in what the pipes hold, without waiting for more."""
         self.told += _drain(self.answer)
         self.said = (self.said + _drain(self.voice))[-KEPT:]
+
+    def lines(self) -> list[bytes]:
+        """Return the whole lines of what was told, which a result is not, and forget them."""
+        *lines, self.told = self.told.split(b"\n")
+        return lines
 
     def close(self) -> None:
         """Let go of the descriptors."""
@@ -112,6 +119,7 @@ class Server:
             process_tree.kill([child.pid])
             _pid, status, usage = os.wait4(child.pid, 0)
             child.listen()
+            child.lines()
             child.close()
             process_tree.end_descendants()
         wall = time.monotonic() - child.begun
@@ -129,7 +137,10 @@ class Server:
         if pid == 0:
             os.close(self._jobs)
             os.close(self._results)
-            _live(partial(run_job, job, self._scratch, self._readings), server, answers, voices)
+            drive = partial(run_job, job, self._scratch, self._readings)
+            if job.progress:
+                drive = partial(drive, report=partial(_report, answers))
+            _live(drive, server, answers, voices)
         os.close(answers)
         os.close(voices)
         for pipe in (answer, voice):
@@ -144,6 +155,8 @@ class Server:
         while True:
             events = dict(poll.poll(1000.0 * LOOK))
             child.listen()
+            for line in child.lines():
+                self._say(line.decode())
             for pipe in (child.voice, child.answer):
                 if events.get(pipe, 0) & select.POLLHUP:
                     poll.unregister(pipe)
@@ -230,6 +243,10 @@ def _text(said: bytes) -> str:
     # A crash ends with the names of a hundred extension modules, which tell nobody where it happened.
     text = re.sub(r"(?m)^Extension modules: .*$", "", said.decode(errors="replace"))
     return text.strip()[-TOLD:]
+
+
+def _report(answers: int, progress: DriveProgress) -> None:
+    os.write(answers, progress_line(progress).encode() + b"\n")
 
 
 def _live(drive: Callable[[], Result], server: int, answers: int, voices: int) -> NoReturn:

@@ -5,7 +5,6 @@ Knows keys, counts and names; nothing of drives, processes or datasets.
 
 from __future__ import annotations
 
-import operator
 import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
@@ -16,9 +15,9 @@ from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationError,
 
 from vve_sumo.config_file import Name, Positive, Table, complaint, read
 from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.overrides import check_bounds, places
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sweep.axes import Axis, Between, Choice, Steps, axes
-from vve_sumo.sweep.overrides import places
 
 #: designs that draw `samples` points, and those that take every value that is listed
 SAMPLED, LISTED = ("latin_hypercube", "sobol", "random"), ("grid", "list")
@@ -217,7 +216,7 @@ def fit(spec: Spec, file: Path, table: Mapping[str, Any], taken: frozenset[str])
             setters[place] = name
         if name in taken:
             raise ConfigError(f"{key}: every row has a column of that name; declare it in the scenario by another")
-        _within(key, axis, table.get("parameters", {}).get(name, {}))
+        check_bounds(key, axis.ends(), table.get("parameters", {}).get(name, {}))
 
 
 def _known(key: str, name: str, table: Mapping[str, Any]) -> None:
@@ -227,11 +226,3 @@ def _known(key: str, name: str, table: Mapping[str, Any]) -> None:
     near = get_close_matches(first, [*declared, *(field for field in Scenario.model_fields if field != "seed")], 1, 0.6)
     has = f"it declares {', '.join(declared)}" if declared else "it declares no parameters"
     raise ConfigError(f"{key}: unknown to the scenario; " + (f"did you mean {near[0]!r}?" if near else has))
-
-
-def _within(key: str, axis: Axis, declared: Mapping[str, Any]) -> None:
-    for value in axis.ends():
-        for bound, good in (("min", operator.ge), ("max", operator.le)):
-            limit = declared.get(bound)
-            if limit is not None and not (isinstance(value, (int, float)) and good(value, limit)):
-                raise ConfigError(f"{key}: the scenario declares {bound} {limit:g}, got {value!r}")

@@ -13,14 +13,16 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 from typing import IO
 
+from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import SimulationError
 from vve_sumo.sweep import process_tree
-from vve_sumo.sweep.job import CHUNK, READY, Job, Result
+from vve_sumo.sweep.job import CHUNK, READY, Job, Result, progress_of
 
 TRIES = 2  #: how often a job is begun: a server that is killed from outside is not the run's fault
 PATIENCE = 5.0  #: for a server to tidy up after its stdin was closed, before it is killed [s]
@@ -96,7 +98,9 @@ def search_path() -> str:
 class Worker:
     """One server, and the job that it drives; it is started when it is given its first."""
 
-    def __init__(self) -> None:
+    def __init__(self, report: Callable[[DriveProgress], None] = lambda progress: None) -> None:
+        """`report` is called with the progress of a job that asks for that, whenever `result` hears of some."""
+        self._report = report
         self._server: _Server | None = None
         self._job: Job | None = None
         self._tries = 0  #: how often the job was begun
@@ -149,10 +153,13 @@ class Worker:
         server.heard += told
         while b"\n" in server.heard:
             line, _newline, server.heard = server.heard.partition(b"\n")
-            if line.decode() != READY:
+            if line.decode() == READY:
+                server.ready = True
+            elif (progress := progress_of(line.decode())) is not None:
+                self._report(progress)
+            else:
                 self._job = None
                 return Result.from_json(line.decode())
-            server.ready = True
         return None
 
     def dismiss(self) -> None:

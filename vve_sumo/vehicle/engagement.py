@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.interface import Gear
 from vve_sumo.vehicle.reports import TOLERANCE, CarReports
 from vve_sumo.vehicle.setpoint_validation import Debounce
 

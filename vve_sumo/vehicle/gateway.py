@@ -1,7 +1,8 @@
-"""The last party before the car: watches the car, the setpoints and itself, and speaks the frames.
+"""The last party before the car: watches the car, the setpoints and itself, and commands the car.
 
-It knows setpoints, reports and time as they are handed in; no map, no controller, no bus, no clock. Whatever it finds
-wrong is a reason code, never an exception, and leads to rest, unless the driver has taken over.
+It knows setpoints, reports and time as they are handed in; no map, no controller, no bus, no clock, and of frames only
+that the drive-by-wire interface reads and makes them. Whatever it finds wrong is a reason code, never an exception, and
+leads to rest, unless the driver has taken over.
 """
 
 from __future__ import annotations
@@ -11,15 +12,15 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from vve_sumo.errors import ConfigError
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle
 from vve_sumo.vehicle.actuation import Actuation, Pedals
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, Event, transition
 from vve_sumo.vehicle.brake_monitor import BrakeMonitor
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.engagement import Engagement
 from vve_sumo.vehicle.fallback import FallbackTracker
+from vve_sumo.vehicle.interface import DEFAULT, ActuationCommand, Gear, VehicleInterface, load
 from vve_sumo.vehicle.limits import Limiter, Limits, approach
 from vve_sumo.vehicle.plausibility import CarMotion, Plausibility
 from vve_sumo.vehicle.reports import TOLERANCE, CarReports
@@ -74,11 +75,11 @@ class GatewayOutput(NamedTuple):
     """What one step of the gateway gives."""
 
     verdict: GatewayStatus  #: what was made of the setpoint
-    frames: tuple[Frame, ...]  #: to be sent now, in this order: brake, throttle, steering, gear
+    frames: tuple[Frame, ...]  #: to be sent now, in this order
 
 
 class _Command(NamedTuple):
-    """What the frames of one step shall say."""
+    """What is granted in one step."""
 
     pedals: Pedals
     acceleration: float  #: granted [m/s2]
@@ -89,10 +90,11 @@ class _Command(NamedTuple):
 class Gateway:
     """Turns setpoints into command frames, once a `period` [s], as long as all is well; otherwise stops the car.
 
-    The counter in the frames counts once a step, so the kit's own watchdog brakes when nobody steps the gateway.
+    Every step makes the `interface` encode once and no more, so its counters stand still, and its own watchdog brakes,
+    when nobody steps the gateway. Where no interface is given it is the `DEFAULT` one.
     `wheel_bias` is the steering-wheel angle at which the wheels point straight [rad], left positive, as calibrated.
     With `shadow` all is worked out as ever while a driver drives: every enable bit stays off, no gear is asked for, and
-    neither the kit's confirmations nor the driver's doings count.
+    neither the interface's confirmations nor the driver's doings count.
     """
 
     def __init__(
@@ -101,23 +103,26 @@ class Gateway:
         calibration: Calibration,
         limits: Limits | None = None,
         period: float = 0.02,
-        variant: codec.Variant = codec.Variant.DBW1_2024,
+        interface: VehicleInterface | None = None,
         shadow: bool = False,
         wheel_bias: float = 0.0,
     ) -> None:
         self._limits = limits or Limits()
         self._period = period
-        self._variant = variant
+        self._interface = interface = interface or load(DEFAULT)
+        self._wire = wire = interface.facts
+        if not period <= wire.command_timeout:
+            raise ConfigError(f"{wire.title}: lets go after {wire.command_timeout:g} s, but a step takes {period:g} s")
         self._shadow = shadow
         self._vehicle = vehicle
         self._ratio, self._wheel_bias = vehicle.steering_ratio, wheel_bias
-        steering_limit = min(vehicle.steering_limit, codec.WHEEL_ANGLE_LIMIT[variant] / vehicle.steering_ratio)
+        steering_limit = min(vehicle.steering_limit, wire.wheel_angle_limit / vehicle.steering_ratio)
         self._steering_limit = steering_limit
-        self._wheel_rate = min(vehicle.steering_rate_limit * vehicle.steering_ratio, codec.WHEEL_RATE_LIMIT[variant])
+        self._wheel_rate = min(vehicle.steering_rate_limit * vehicle.steering_ratio, wire.wheel_rate_limit)
         self._torque_limit = min(
-            vehicle.brake_torque_limit, calibration.brake_torque_limit, codec.TORQUE_LIMIT[variant]
+            vehicle.brake_torque_limit, calibration.brake_torque_limit, wire.brake_torque_limit
         )  # fmt: skip
-        self._reports = CarReports(vehicle.wheel_radius, variant)
+        self._reports = CarReports(vehicle.wheel_radius, interface)
         self._admission = SetpointValidator()
         self._way = FallbackTracker(vehicle)
         self._limiter = Limiter(vehicle, self._limits, steering_limit)
@@ -137,7 +142,6 @@ class Gateway:
         self._notes: list[str] = []  # what an operator should know of this step only
         self._last_now = math.nan
         self._elapsed = 0.0  # since the last step, bounded [s]
-        self._counter = -1
         self._has_been_engaged = False
         self._let_go = False  # for long nothing was commanded, and nothing said that the car moves
         self._told = Pedals(0.0, 0.0)  # at the last step
@@ -255,7 +259,7 @@ class Gateway:
         )
         self._let_go = self._let_go_long.step(now, self._state not in COMMANDING and not standstill.moves)
         # Wheels that say zero of a car that cannot stand yet tell no way.
-        believed = known and (standstill.certain or not reports.fastest_wheel < WHEEL_REST)
+        believed = standstill.certain or not reports.fastest_wheel < WHEEL_REST
         self._way.move(gap, speed if believed else math.nan)
         car = CarMotion(
             speed,
@@ -430,19 +434,14 @@ class Gateway:
     def _speak(self, now: float) -> GatewayOutput:
         command = self._command(now)
         enable = self._state in COMMANDING and not self._shadow
-        self._counter = (self._counter + 1) & 0xFF
         torque = min(command.pedals.brake_torque, self._torque_limit)
-        wheel_limit = codec.WHEEL_ANGLE_LIMIT[self._variant]
+        wheel_limit = self._wire.wheel_angle_limit
         wheel_angle = min(max(command.steering * self._ratio + self._wheel_bias, -wheel_limit), wheel_limit)
-        variant, counter, clear = self._variant, self._counter, self._clear and not self._shadow
-        frames = (
-            codec.encode(codec.BrakeCommand(codec.BrakeKind.TORQUE, torque, enable, counter, clear), variant),
-            codec.encode(
-                codec.ThrottleCommand(codec.ThrottleKind.PERCENT, command.pedals.throttle, enable, counter, clear),
-                variant,
-            ),
-            codec.encode(codec.SteeringCommand(wheel_angle, self._wheel_rate, enable, counter, clear), variant),
-            codec.encode(codec.GearCommand(self._gear_wish(), clear), variant),
+        clear = self._clear and not self._shadow
+        frames = self._interface.encode(
+            ActuationCommand(
+                torque, command.pedals.throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear
+            )
         )
         self._told = Pedals(torque, command.pedals.throttle) if enable else Pedals(0.0, 0.0)
         verdict = GatewayStatus(

@@ -12,7 +12,7 @@ from typing import Any, Self
 from vve_sumo.frames import Mounting
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.dataspeed.codec import Variant
+from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 
@@ -36,7 +36,7 @@ class VehicleModel:
     simulated: SimulatedNumbers
     mounting: Mounting  #: of the GNSS receiver, as declared
     limits: Limits = field(default_factory=Limits)  #: that the gateway keeps to
-    variant: Variant = Variant.DBW1_2024  #: generation of the drive-by-wire controller
+    interface: InterfaceConfig = DEFAULT  #: of the drive-by-wire controller
     steering_wheel_bias: float = 0.0  #: reported angle at which the wheels point straight [rad], left positive
     rig: str = ""  #: title of the rig whose measurements are laid over the model; empty where there is none
 
@@ -47,7 +47,7 @@ class VehicleModel:
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain JSON, as a record keeps it."""
-        return asdict(self) | {"variant": self.variant.name}
+        return asdict(self)
 
     @classmethod
     def from_dict(cls, told: Mapping[str, Any]) -> Self:
@@ -60,6 +60,6 @@ class VehicleModel:
             "simulated": SimulatedNumbers(**told["simulated"]),
             "mounting": Mounting(**told["mounting"]),
             "limits": Limits(**{**limits, **nested}),
-            "variant": Variant[told["variant"]],
+            "interface": InterfaceConfig(**told["interface"]),
         }
         return cls(**{**told, **parts})

@@ -1,6 +1,7 @@
-"""What the car last said of itself, how old that is, and what is wrong with it.
+"""What the car last reported of itself, how old that is, and what is wrong with it.
 
-It takes frames and gives reason codes and measurements; what follows from them is the gateway's business.
+It takes frames, which the interface decodes, and gives reason codes and measurements; what follows from them is the
+gateway's business.
 """
 
 from __future__ import annotations
@@ -10,18 +11,21 @@ from collections.abc import Iterable
 from typing import Final
 
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import (
-    BrakeReport,
+from vve_sumo.vehicle.interface import (
+    REQUIRED,
+    BrakeState,
     Gear,
-    GearReport,
-    SteeringReport,
-    ThrottleReport,
+    GearState,
+    Malformed,
+    Report,
+    SteeringState,
+    ThrottleState,
+    VehicleInterface,
     WheelSpeeds,
     YawRate,
 )
 
-MAX_AGE: Final = 0.100  # of a report that comes at 50 or 100 Hz [s]; the kit itself gives up after the same time
+MAX_AGE: Final = 0.100  # of a report that comes at 50 or 100 Hz [s]; the interface gives up after about the same time
 MAX_GEAR_AGE: Final = 0.200  # the gear comes at 20 Hz: four periods [s]
 TOLERANCE: Final = 1e-6  # so that rounding of times never decides [s]
 
@@ -29,15 +33,19 @@ TOLERANCE: Final = 1e-6  # so that rounding of times never decides [s]
 class CarReports:
     """The newest report of every kind, each with the time it was taken in."""
 
-    def __init__(self, wheel_radius: float, variant: codec.Variant) -> None:
+    def __init__(self, wheel_radius: float, interface: VehicleInterface) -> None:
         self._wheel_radius = wheel_radius
-        self._variant = variant
+        self._decode = interface.decode
+        facts = interface.facts
+        self._commands = facts.commands
+        # Reports that nothing here reads come as often as the others and would cost as much.
+        self._read = frozenset(number for number, kinds in facts.reports.items() if not REQUIRED.isdisjoint(kinds))
         self._times: dict[type, float] = {}
-        self._heard: dict[int, tuple[bytes, type]] = {}  # by identifier: the last understood frame's data, and its kind
-        self.brake = BrakeReport(codec.BrakeReportKind.PEDAL, 0.0, 0.0, 0.0, enabled=False)
-        self.throttle = ThrottleReport(0.0, 0.0, 0.0, enabled=False)
-        self.steering = SteeringReport(math.nan, math.nan, math.nan, math.nan, enabled=False)
-        self.gear = GearReport(Gear.NONE)
+        self._newest: dict[type, Report] = {}
+        self.brake = BrakeState(enabled=False)
+        self.throttle = ThrottleState(enabled=False)
+        self.steering = SteeringState(math.nan, enabled=False)
+        self.gear = GearState(Gear.NONE)
         self.speed = math.nan  #: of the rear axle, from the wheels [m/s], forward positive
         self.wheels: tuple[float, ...] = ()  #: angular speeds as last reported [rad/s]
         self._wheels_changed = -math.inf  # when they were last others than before
@@ -47,33 +55,36 @@ class CarReports:
 
     @property
     def kit_heard(self) -> float:
-        """When one of the kit's modules was last understood; -inf before the first time.
+        """When one of the interface's subsystems was last understood; -inf before the first time.
 
         Wheel speeds and the gyroscope do not count: they are the car's own, and say nothing of who could be commanded.
         """
-        return max(self._times.get(kind, -math.inf) for kind in _OF_THE_KIT)
+        return max(self._times.get(kind, -math.inf) for kind in _OF_THE_INTERFACE)
 
     def take(self, now: float, frames: Iterable[Frame]) -> list[str]:
         """Take in frames heard since the last call; reason codes of what can't be understood or shouldn't be there."""
         troubles: list[str] = []
+        read, decode, times, newest = self._read, self._decode, self._times, self._newest
+        reports: tuple[Report, ...] | Malformed | None
         for frame in frames:
-            if frame.id in codec.COMMAND_IDS:
+            number = frame.id
+            if number in read:
+                try:
+                    reports = decode(frame)
+                except Exception:
+                    # A mistake in somebody's decoder must not be what keeps the car from being stopped.
+                    reports = None
+                if reports is None or isinstance(reports, Malformed):
+                    troubles.append("report_malformed")
+                else:
+                    for report in reports:
+                        kind = type(report)
+                        times[kind] = now
+                        if newest.get(kind) is not report:
+                            newest[kind] = report
+                            self._store(now, report)
+            elif number in self._commands:
                 troubles.append("another_writer")
-                continue
-            if frame.id in _UNREAD:
-                continue
-            before = self._heard.get(frame.id)
-            if before is not None and before[0] == frame.data:
-                # The same bytes say the same; most reports repeat themselves.
-                self._times[before[1]] = now
-                continue
-            message = codec.decode(frame, self._variant)
-            if isinstance(message, codec.Malformed):
-                troubles.append("report_malformed")
-            elif message is not None:
-                self._heard[frame.id] = frame.data, type(message)
-                self._times[type(message)] = now
-                self._store(now, message)
         return troubles
 
     def stale(self, now: float) -> list[str]:
@@ -81,37 +92,40 @@ class CarReports:
         get, never = self._times.get, -math.inf
         oldest = now - MAX_AGE - TOLERANCE
         reasons = [code for kind, code in _STALE_CODES if get(kind, never) < oldest]
-        if get(GearReport, never) < now - MAX_GEAR_AGE - TOLERANCE:
+        if get(GearState, never) < now - MAX_GEAR_AGE - TOLERANCE:
             reasons.append("gear_report_stale")
         return reasons
 
     def faults(self) -> list[str]:
-        """Reason codes of what the modules say is broken, and of measurements that they mark as invalid."""
+        """Reason codes of what the subsystems say is broken, and of measurements that they mark as invalid."""
         brake, throttle, steering = self.brake, self.throttle, self.steering
         reasons: list[str] = []
-        if brake.fault_watchdog or throttle.fault_watchdog or steering.fault_watchdog:
+        if brake.watchdog or throttle.watchdog or steering.watchdog:
             reasons.append("kit_watchdog")
         if brake.watchdog_braking:
             reasons.append("kit_braking")
-        if brake.fault_channel_1 or brake.fault_channel_2 or brake.fault_power:
+        if brake.fault:
             reasons.append("brake_fault")
-        if throttle.fault_channel_1 or throttle.fault_channel_2 or throttle.fault_power:
+        if throttle.fault:
             reasons.append("throttle_fault")
-        if steering.fault_bus_1 or steering.fault_bus_2 or steering.fault_calibration or steering.fault_power:
+        if steering.fault:
             reasons.append("steering_fault")
-        if self.gear.fault_bus:
+        if self.gear.fault:
             reasons.append("gear_fault")
         if not math.isfinite(self.speed + self.yaw_rate + steering.wheel_angle):
             reasons.append("report_invalid")
         return reasons
 
     def dropped_out(self) -> list[str]:
-        """Reason codes of the modules that don't work although they are told to."""
+        """Reason codes of the subsystems that don't work although they are told to."""
+        brake, throttle, steering = self.brake, self.throttle, self.steering
+        if self.all_enabled() and not (brake.timeout or throttle.timeout or steering.timeout):
+            return []
         reasons: list[str] = []
         for report, timeout, disabled in (
-            (self.brake, "brake_timeout", "brake_disabled"),
-            (self.throttle, "throttle_timeout", "throttle_disabled"),
-            (self.steering, "steering_timeout", "steering_disabled"),
+            (brake, "brake_timeout", "brake_disabled"),
+            (throttle, "throttle_timeout", "throttle_disabled"),
+            (steering, "steering_timeout", "steering_disabled"),
         ):
             if report.timeout:
                 reasons.append(timeout)
@@ -153,29 +167,29 @@ class CarReports:
 
     def in_park(self, now: float) -> bool:
         """Whether the car says that it is in park, and has just said so."""
-        fresh = self._times.get(GearReport, -math.inf) >= now - MAX_GEAR_AGE - TOLERANCE
-        return fresh and self.gear.gear is Gear.PARK and not self.gear.fault_bus
+        fresh = self._times.get(GearState, -math.inf) >= now - MAX_GEAR_AGE - TOLERANCE
+        return fresh and self.gear.gear is Gear.PARK and not self.gear.fault
 
     def unchanged(self, now: float) -> float:
         """For how long the wheel speeds have been the same to the last bit, while they say that the car moves [s]."""
         return now - self._wheels_changed if self.fastest_wheel > 0.0 else 0.0
 
-    def _store(self, now: float, message: codec.Message) -> None:
-        match message:
+    def _store(self, now: float, report: Report) -> None:
+        match report:
             case WheelSpeeds():
-                self._store_wheels(now, message)
+                self._store_wheels(now, report)
             case YawRate():
-                self.yaw_rate = message.yaw
-            case SteeringReport():
-                self.steering = message
-                if math.isfinite(message.wheel_angle):
-                    self.wheel_angle = message.wheel_angle
-            case BrakeReport():
-                self.brake = message
-            case ThrottleReport():
-                self.throttle = message
-            case GearReport():
-                self.gear = message
+                self.yaw_rate = report.yaw
+            case SteeringState():
+                self.steering = report
+                if math.isfinite(report.wheel_angle):
+                    self.wheel_angle = report.wheel_angle
+            case BrakeState():
+                self.brake = report
+            case ThrottleState():
+                self.throttle = report
+            case GearState():
+                self.gear = report
             case _:
                 pass
 
@@ -194,14 +208,12 @@ class CarReports:
             self.speed = self.fastest_wheel = math.nan
 
 
-#: Reports that nothing here reads: they come as often as the others and would cost as much.
-_UNREAD: Final = frozenset({codec.ACCELERATIONS, codec.BRAKE_INFO})
-_OF_THE_KIT: Final[tuple[type, ...]] = (BrakeReport, ThrottleReport, SteeringReport, GearReport)
+_OF_THE_INTERFACE: Final[tuple[type, ...]] = (BrakeState, ThrottleState, SteeringState, GearState)
 
 _STALE_CODES: Final[tuple[tuple[type, str], ...]] = (
-    (BrakeReport, "brake_report_stale"),
-    (ThrottleReport, "throttle_report_stale"),
-    (SteeringReport, "steering_report_stale"),
+    (BrakeState, "brake_report_stale"),
+    (ThrottleState, "throttle_report_stale"),
+    (SteeringState, "steering_report_stale"),
     (WheelSpeeds, "wheel_speeds_stale"),
     (YawRate, "yaw_rate_stale"),
 )

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear, GearReject, ParkingBrake, Variant, WatchdogSource
+from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
+from vve_sumo.vehicle.interface import read_dbc
 
-DBC = codec.load_dbc()
+DBC = read_dbc(DataspeedDbw1().facts.dbc)
 NAMES = {
     codec.BRAKE_COMMAND: "BrakeCommand",
     codec.BRAKE_REPORT: "BrakeReport",

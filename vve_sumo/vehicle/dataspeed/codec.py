@@ -10,23 +10,18 @@ import enum
 import math
 import struct
 from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from vve_sumo.errors import ConfigError
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed.messages import (
-    Accelerations,
     BrakeCommand,
     BrakeInfo,
     BrakeKind,
     BrakeReport,
     BrakeReportKind,
-    Gear,
     GearCommand,
     GearReject,
     GearReport,
-    Malformed,
     Message,
     ParkingBrake,
     SteeringCommand,
@@ -35,12 +30,8 @@ from vve_sumo.vehicle.dataspeed.messages import (
     ThrottleKind,
     ThrottleReport,
     WatchdogSource,
-    WheelSpeeds,
-    YawRate,
 )
-
-if TYPE_CHECKING:
-    from cantools.database import Database
+from vve_sumo.vehicle.interface import Accelerations, Gear, Malformed, WheelSpeeds, YawRate
 
 __all__ = [
     "ACCELERATIONS",
@@ -84,7 +75,6 @@ __all__ = [
     "YawRate",
     "decode",
     "encode",
-    "load_dbc",
 ]
 
 # Layout and scales: Dataspeed's BSD-3 sources `dbw_mkz_can` (2018; repository yinzixuan126/dbw_mkz_ros, dispatch.h,
@@ -198,15 +188,6 @@ def decode(frame: Frame, variant: Variant = Variant.DBW1_2024) -> Message | Malf
         command: BrakeCommand | ThrottleCommand | SteeringCommand | Malformed = function(data + bytes(4), variant)
         return command if isinstance(command, Malformed) else command._replace(counter=None)
     return Malformed(frame.id, "length")
-
-
-def load_dbc() -> Database:
-    """`dbw1.dbc` as a cantools database, checked strictly; raises ConfigError where cantools is not installed."""
-    try:
-        import cantools
-    except ImportError:
-        raise ConfigError("reading the DBC file needs cantools: pip install 'vve-sumo[dbc]'") from None
-    return cantools.database.load_file(Path(__file__).with_name("dbw1.dbc"), strict=True)
 
 
 def _counts(value: float, low: float, high: float, scale: float, what: str) -> int:

@@ -10,28 +10,26 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.messages import (
     BrakeCommand,
     BrakeKind,
-    Gear,
     GearCommand,
     GearReject,
-    Malformed,
     SteeringCommand,
     ThrottleCommand,
     ThrottleKind,
     WatchdogSource,
 )
+from vve_sumo.vehicle.interface import HANDS_OFF, PEDAL_REST, DriverInputs, Gear, Malformed, Request
 
 # Without a usable command a module drops out [s]. How soon a stuck counter trips the watchdog isn't public: as soon.
 TIMEOUT = 0.100
 OVERRIDE_TIME = 0.100  # beyond the threshold for so long is the driver taking over [s]
 ACTIVITY_TIME = 0.020  # [s]
-PEDAL_REST, THROTTLE_TRAVEL_END = 0.15, 0.80  # pedal sensor of an untouched and of a floored pedal, fraction of range
+THROTTLE_TRAVEL_END = 0.80  # pedal sensor of a floored pedal, fraction of its range
 BRAKE_OVERRIDE, THROTTLE_OVERRIDE = 0.22, 0.30  # pedal sensor
 PEDAL_ACTIVITY = 0.18  # pedal sensor
 STEERING_OVERRIDE, STEERING_ACTIVITY = 3.0, 1.5  # driver's torque on the wheel [N m]; not public, assumptions
@@ -82,27 +80,6 @@ class DbwControllerParameters:
     wheel_angle_limit: float = math.radians(470.0)  #: of the steering wheel [rad]
     wheel_rate_limit: float = 8.7  #: of the steering wheel [rad/s]
     shift_time: float = 0.5  #: from command to engaged gear [s]; cars of this kind take 0.3 to 0.6
-
-
-@dataclass(frozen=True, slots=True)
-class DriverInputs:
-    """What the person behind the wheel does."""
-
-    brake_pedal: float = PEDAL_REST  #: pedal sensor, fraction
-    throttle_pedal: float = PEDAL_REST  #: pedal sensor, fraction
-    steering_torque: float = 0.0  #: on the wheel [N m], left positive
-    acknowledge: bool = False  #: left OK button, forgets a latched watchdog fault
-
-
-HANDS_OFF = DriverInputs()
-
-
-class Request(NamedTuple):
-    """What the actuators shall do."""
-
-    brake_torque: float  #: all wheels together [N m]
-    throttle: float  #: 0 to 1
-    wheel_angle: float  #: of the steering wheel [rad]; NaN when nobody holds it
 
 
 @dataclass(slots=True)

@@ -1,12 +1,15 @@
-"""The words that a Dataspeed DBW1 drive-by-wire kit and its host exchange, as values in SI units.
+"""The words that a Dataspeed DBW1 drive-by-wire controller and its host exchange, as values in SI units.
 
-Bits, scales and identifiers are the codec's business (`dbw`); when and why anything is said is the gateway's.
+Bits, scales and identifiers are the codec's business; when and why anything is said is the gateway's. Wheel speeds, yaw
+rate, accelerations and gears are the port's own values.
 """
 
 from __future__ import annotations
 
 import enum
 from typing import NamedTuple
+
+from vve_sumo.vehicle.interface import Accelerations, Gear, WheelSpeeds, YawRate
 
 
 class BrakeKind(enum.IntEnum):
@@ -34,17 +37,6 @@ class BrakeReportKind(enum.IntEnum):
     PEDAL = 0  #: fractions of pedal travel
     DECELERATION = 1  #: driver's torque [N m], command and output as deceleration [m/s2]
     TORQUE = 2  #: [N m]
-
-
-class Gear(enum.IntEnum):
-    """Selector position."""
-
-    NONE = 0
-    PARK = 1
-    REVERSE = 2
-    NEUTRAL = 3
-    DRIVE = 4
-    LOW = 5
 
 
 class GearReject(enum.IntEnum):
@@ -193,30 +185,6 @@ class GearReport(NamedTuple):
     reject: GearReject = GearReject.NONE
 
 
-class WheelSpeeds(NamedTuple):
-    """Angular speeds of the wheels [rad/s], forward positive, 100 Hz; NaN invalid."""
-
-    front_left: float
-    front_right: float
-    rear_left: float
-    rear_right: float
-
-
-class Accelerations(NamedTuple):
-    """What the car's accelerometers feel [m/s2] (specific force), ISO 8855 axes, 100 Hz; NaN invalid."""
-
-    longitudinal: float  #: forward positive
-    lateral: float  #: left positive
-    vertical: float  #: up positive
-
-
-class YawRate(NamedTuple):
-    """What the car's gyroscopes feel [rad/s], 100 Hz; NaN invalid."""
-
-    roll: float
-    yaw: float  #: counter-clockwise seen from above
-
-
 class BrakeInfo(NamedTuple):
     """What the car's own brake controller says, 50 Hz."""
 
@@ -228,13 +196,6 @@ class BrakeInfo(NamedTuple):
     abs_active: bool = False
     stability_active: bool = False
     traction_active: bool = False
-
-
-class Malformed(NamedTuple):
-    """A frame with a known identifier that says nothing usable."""
-
-    id: int  #: identifier of the frame
-    reason: str  #: reason code
 
 
 Command = BrakeCommand | ThrottleCommand | SteeringCommand | GearCommand

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from vve_sumo.plant.injected_faults import Due
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport, WheelSpeeds
+from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport
+from vve_sumo.vehicle.interface import Due, WheelSpeeds
 
 #: Reports of which a fault sets some fields: identifier to kind and those fields.
 _SET: Final[dict[int, tuple[str, dict[str, Any]]]] = {
@@ -37,28 +37,27 @@ _OF_SPEED: Final = frozenset({codec.WHEEL_SPEEDS, codec.STEERING_REPORT, codec.B
 class ReportFaults:
     """Alters reports, one after the other."""
 
-    def __init__(self, due: Due, variant: codec.Variant) -> None:
-        self._due = due
+    def __init__(self, variant: codec.Variant) -> None:
         self._variant = variant
         self._kept: dict[int, Frame] = {}  # what a frozen report goes on saying, by identifier
 
-    def alter(self, time: float, frame: Frame) -> Frame:
-        """Return what is said at `time` in place of a report."""
-        if frame.id == codec.STEERING_REPORT and self._due.value("report_malformed", time) is not None:
+    def alter(self, time: float, frame: Frame, due: Due) -> Frame:
+        """Return what is said at `time` in place of a report, by the faults that are due."""
+        if frame.id == codec.STEERING_REPORT and due("report_malformed", time) is not None:
             return Frame(frame.id, frame.data[:-1])
-        return self._set(time, self._scaled(time, self._frozen(time, frame)))
+        return self._set(time, self._scaled(time, self._frozen(time, frame, due), due), due)
 
-    def _frozen(self, time: float, frame: Frame) -> Frame:
-        if self._due.value(_FROZEN.get(frame.id, ""), time) is None:
+    def _frozen(self, time: float, frame: Frame, due: Due) -> Frame:
+        if due(_FROZEN.get(frame.id, ""), time) is None:
             self._kept.pop(frame.id, None)
             return frame
         return self._kept.setdefault(frame.id, frame)
 
-    def _scaled(self, time: float, frame: Frame) -> Frame:
+    def _scaled(self, time: float, frame: Frame, due: Due) -> Frame:
         if frame.id not in _OF_SPEED:
             return frame
-        stands = self._due.value("wheel_speeds_zero", time) is not None
-        factor = 0.0 if stands else self._due.value("wheel_speeds_scaled", time)
+        stands = due("wheel_speeds_zero", time) is not None
+        factor = 0.0 if stands else due("wheel_speeds_scaled", time)
         if factor is None:
             return frame
         match codec.decode(frame, self._variant):
@@ -71,9 +70,9 @@ class ReportFaults:
             case other:
                 raise AssertionError(f"the car itself says nothing wrong: {other}")
 
-    def _set(self, time: float, frame: Frame) -> Frame:
+    def _set(self, time: float, frame: Frame, due: Due) -> Frame:
         kind, changes = _SET.get(frame.id, ("", {}))
-        if self._due.value(kind, time) is None:
+        if due(kind, time) is None:
             return frame
         report = codec.decode(frame, self._variant)
         assert isinstance(report, BrakeReport | ThrottleReport | SteeringReport | WheelSpeeds)

@@ -13,10 +13,10 @@ import pytest
 from tests.drive.street import altered, drive_once
 from tests.isolated import isolated
 from vve_sumo.drive.resolved_scenario import PERIOD
-from vve_sumo.drive.termination import abort_reason
+from vve_sumo.drive.termination import end_reason
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.record.record import read_table
-from vve_sumo.scenario.schema import Abort
+from vve_sumo.scenario.schema import EndTrigger
 
 NAN = math.nan
 #: nearly blind, and without its emergency layer: drives into the obstacle
@@ -26,7 +26,7 @@ BLIND = {
     "radar.range_limit_m": 8.0,
     "controller.tuning": {"emergency": False},
     "obstacles": [{"id": "parked", "at_m": 90.0}],
-    "criteria": {"outcome": "aborted", "collision": None},
+    "criteria": {"outcome": "completed", "collision": None},
 }
 
 
@@ -45,20 +45,20 @@ BLIND = {
 def test_each_condition_ends_a_drive_by_itself(
     wanted: dict[str, Any], holds: tuple[Any, ...] | None, does_not: tuple[Any, ...]
 ) -> None:
-    assert abort_reason(Abort(**wanted), *does_not) == ""
-    assert holds is None or abort_reason(Abort(**wanted), *holds).startswith("abort_")
+    assert end_reason(EndTrigger(**wanted), *does_not) == ""
+    assert holds is None or end_reason(EndTrigger(**wanted), *holds).startswith("end_")
 
 
-def aborted(folder: str) -> dict[str, dict[str, Any]]:
+def ended(folder: str) -> dict[str, dict[str, Any]]:
     wanted = {"contact": {"contact": True}, "ttc": {"ttc_s": 2.0}, "place": {"ego_at_m": 20.0}}
-    return {name: drive_once(BLIND | {"abort": abort}, f"{folder}/{name}") for name, abort in wanted.items()}
+    return {name: drive_once(BLIND | {"end_trigger": trigger}, f"{folder}/{name}") for name, trigger in wanted.items()}
 
 
 def test_a_drive_ends_at_the_first_tick_at_which_it_shall(tmp_path: Path) -> None:
     """The tables say when that was, whatever the drive thought: contact, time to collision, and place."""
-    summaries = isolated(aborted, str(tmp_path))
-    for name, code in (("contact", "abort_contact"), ("ttc", "abort_ttc"), ("place", "abort_ego_at")):
-        assert (summaries[name]["outcome"], summaries[name]["passed"]) == ("aborted", True), summaries[name]
+    summaries = isolated(ended, str(tmp_path))
+    for name, code in (("contact", "end_contact"), ("ttc", "end_ttc"), ("place", "end_ego_at")):
+        assert (summaries[name]["outcome"], summaries[name]["passed"]) == ("completed", True), summaries[name]
         assert summaries[name]["reasons"][0] == code
     ticks = read_table(tmp_path / "contact", "ticks")
     assert [row for row, touched in enumerate(ticks["contacts"].to_pylist()) if touched] == [ticks.num_rows - 1]

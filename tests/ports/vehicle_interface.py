@@ -1,0 +1,399 @@
+"""What every drive-by-wire interface must hold to, whoever wrote it: subclass, name the configuration, run pytest.
+
+    from tests.ports.vehicle_interface import VehicleInterfaceConformance
+
+    class TestMine(VehicleInterfaceConformance):
+        config = InterfaceConfig("my_interface.py:make", {"variant": "b"})
+
+The interface is judged by what it gives and takes, together with its simulated other end; nothing here knows a wire.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import ClassVar, Final
+
+import numpy as np
+import pytest
+
+from tests import vehicles
+from vve_sumo.plant.car import Car
+from vve_sumo.values import ArmingState, Frame, Setpoint
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import (
+    HANDS_OFF,
+    REQUIRED,
+    Accelerations,
+    ActuationCommand,
+    BrakeState,
+    BrakeTorque,
+    Commanded,
+    DriverInputs,
+    Gear,
+    GearState,
+    InterfaceConfig,
+    Malformed,
+    Measured,
+    Report,
+    SteeringState,
+    ThrottleState,
+    VehicleInterface,
+    WheelSpeeds,
+    YawRate,
+    load,
+)
+from vve_sumo.vehicle.reports import MAX_AGE, MAX_GEAR_AGE, CarReports
+
+from tests.vehicle.whole_car import LOT  # isort: skip
+import itertools
+
+STEP: Final = 0.005  # of the simulated end [s]
+PERIOD: Final = 0.02  # of the gateway [s]
+STANDING: Final = Measured(
+    0.0, 0.0, WheelSpeeds(0.0, 0.0, 0.0, 0.0), Accelerations(0.0, 0.0, 9.81), YawRate(0.0, 0.0), 0.0, 0.0
+)
+NEUTRAL: Final = ActuationCommand(0.0, 0.0, 0.0, 0.0, Gear.NONE, enable=False, clear=False)
+RESOLUTION: Final = 0.005  # of a range, that a wire may lose
+SUBSYSTEMS: Final = (BrakeState, ThrottleState, SteeringState)
+
+
+class Bench:
+    """An interface and its simulated other end, with no car between actuators and sensors."""
+
+    def __init__(self, config: InterfaceConfig) -> None:
+        self.interface = load(config)
+        self.end = self.interface.simulated(STEP)
+        self.measured = STANDING
+        self.newest: dict[type, Report] = {}
+        self.times: dict[type, list[float]] = {}
+        self._steps = 0
+
+    @property
+    def now(self) -> float:
+        return self._steps * STEP
+
+    def run(self, seconds: float, command: ActuationCommand | None, driver: DriverInputs = HANDS_OFF) -> None:
+        """Send `command` every 20 ms, or nothing; the actuators obey at once."""
+        for _ in range(round(seconds / STEP)):
+            if self._steps % 4 == 0:
+                self.end.receive(
+                    self.interface.encode(command) if command else (), self.measured.speed, self.measured.brake_torque
+                )
+            request = self.end.step(driver, self.measured.speed, self.measured.wheel_angle)
+            angle = self.measured.wheel_angle if math.isnan(request.wheel_angle) else request.wheel_angle
+            self.measured = self.measured._replace(wheel_angle=angle, brake_torque=request.brake_torque)
+            self._steps += 1
+            if self._steps % 2 == 0:
+                self._hear(self.end.reports(self.measured))
+
+    def _hear(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            reports = self.interface.decode(frame)
+            assert not isinstance(reports, Malformed), reports
+            for report in reports:
+                self.newest[type(report)] = report
+                self.times.setdefault(type(report), []).append(self.now)
+
+    def enabled(self) -> list[bool]:
+        return [self.newest[kind].enabled for kind in SUBSYSTEMS]  # type: ignore[union-attr]
+
+    def engaged(self) -> Bench:
+        """Enable everything, on the brakes."""
+        self.run(0.1, NEUTRAL)
+        self.run(0.3, NEUTRAL._replace(brake_torque=1000.0, enable=True))
+        assert all(self.enabled())
+        return self
+
+
+class VehicleInterfaceConformance:
+    """The suite; `config` says which interface."""
+
+    config: ClassVar[InterfaceConfig]
+
+    @pytest.fixture
+    def interface(self) -> VehicleInterface:
+        return load(self.config)
+
+    @pytest.fixture
+    def bench(self) -> Bench:
+        return Bench(self.config)
+
+    # What it says of itself.
+
+    def test_its_identifiers_are_apart_and_of_11_bits(self, interface):
+        facts = interface.facts
+        assert facts.commands
+        assert not facts.commands & facts.reports.keys()
+        assert facts.commands | facts.reports.keys() <= facts.occupied
+        assert all(0 <= number <= 0x7FF for number in facts.occupied)
+
+    def test_it_reports_what_the_gateway_needs(self, interface):
+        assert set().union(*interface.facts.reports.values()) >= REQUIRED
+
+    def test_its_ranges_and_times_can_be_driven_with(self, interface):
+        facts = interface.facts
+        assert 1000.0 <= facts.brake_torque_limit < math.inf
+        assert 0.0 < facts.wheel_angle_limit < math.inf
+        assert 0.0 < facts.wheel_rate_limit < math.inf
+        assert PERIOD < facts.command_timeout < math.inf
+        assert facts.title
+        assert facts.when_commands_stop
+
+    # Out.
+
+    def test_it_sends_its_command_identifiers_alone_and_always_alike(self, interface):
+        sent = [[frame.id for frame in interface.encode(NEUTRAL)] for _ in range(3)]
+        assert sent[0] == sent[1] == sent[2]
+        assert len(sent[0]) == len(set(sent[0])) > 0
+        assert set(sent[0]) <= interface.facts.commands
+        assert all(len(frame.data) <= 8 for frame in interface.encode(NEUTRAL))
+
+    def test_no_two_commands_in_a_row_are_alike(self, interface):
+        """A counter that runs is what its own watchdog goes by; it runs around, too."""
+        sent = [interface.encode(NEUTRAL) for _ in range(600)]
+        assert all(one != two for one, two in itertools.pairwise(sent))
+
+    @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+    def test_what_is_commanded_can_be_read_again(self, interface, share):
+        facts = interface.facts
+        for angle in (-share * facts.wheel_angle_limit, share * facts.wheel_angle_limit):
+            wanted = Commanded(share * facts.brake_torque_limit, share, angle)
+            said = _commanded(interface, NEUTRAL._replace(**wanted._asdict(), enable=True))
+            ranges = (facts.brake_torque_limit, 1.0, facts.wheel_angle_limit)
+            for one, other, largest in zip(said, wanted, ranges, strict=True):
+                assert abs(one - other) <= RESOLUTION * largest
+
+    @pytest.mark.parametrize("field", ["brake_torque", "throttle", "wheel_angle", "wheel_rate"])
+    @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+    def test_what_is_no_number_never_reaches_the_wire(self, interface, field, value):
+        with pytest.raises(ValueError):  # noqa: PT011  the words are the interface's own
+            interface.encode(NEUTRAL._replace(**{field: value}))
+        assert interface.encode(NEUTRAL)
+
+    def test_what_is_beyond_a_range_is_refused_and_not_clipped(self, interface):
+        facts = interface.facts
+        beyond = [("brake_torque", 1.01 * facts.brake_torque_limit), ("brake_torque", -1.0)]
+        beyond += [("throttle", 1.01), ("throttle", -0.01), ("wheel_rate", -0.1)]
+        beyond += [("wheel_angle", sign * 1.01 * facts.wheel_angle_limit) for sign in (-1.0, 1.0)]
+        beyond += [("wheel_rate", 1.01 * facts.wheel_rate_limit)]
+        for field, value in beyond:
+            with pytest.raises(ValueError):  # noqa: PT011
+                interface.encode(NEUTRAL._replace(**{field: value}))
+        within = NEUTRAL._replace(brake_torque=facts.brake_torque_limit, wheel_rate=facts.wheel_rate_limit)
+        assert interface.encode(within)
+
+    # In.
+
+    def test_whatever_is_on_the_bus_is_a_declared_report_or_malformed(self, interface):
+        chance = random.Random(1)
+        for _ in range(3000):
+            number = chance.choice([*interface.facts.occupied, 0x7FE])
+            reports = interface.decode(Frame(number, chance.randbytes(chance.choice((0, 1, 2, 4, 6, 7, 8, 8, 8)))))
+            if isinstance(reports, Malformed):
+                assert number in interface.facts.reports
+                continue
+            assert {type(report) for report in reports} <= set(interface.facts.reports.get(number, ()))
+            values = [value for report in reports for value in report if isinstance(value, float)]
+            assert not any(map(math.isinf, values))
+
+    def test_its_own_commands_report_nothing(self, interface):
+        for frame in interface.encode(NEUTRAL._replace(enable=True)):
+            assert interface.decode(frame) == ()
+
+    def test_silence_is_not_enabled(self, interface):
+        reports = CarReports(0.3, interface)
+        assert not reports.any_enabled()
+        assert reports.stale(0.0)
+        assert reports.faults() == ["report_invalid"]
+
+    # With its other end.
+
+    def test_nothing_is_enabled_before_it_is_commanded(self, bench):
+        bench.run(0.5, None)
+        assert not any(bench.enabled())
+        assert not any(bench.end.enabled)
+        bench.run(0.5, NEUTRAL)
+        assert not any(bench.enabled())
+
+    def test_all_is_enabled_when_commanded_and_nothing_else(self, bench):
+        bench.engaged()
+        assert bench.end.enabled == (True, True, True)
+        assert not any(report.override or report.fault or report.timeout for report in _subsystems(bench))
+
+    def test_required_reports_come_in_time(self, bench):
+        bench.run(3.0, NEUTRAL)
+        for kind in REQUIRED:
+            limit = MAX_GEAR_AGE if kind is GearState else MAX_AGE
+            times = [0.0, *bench.times[kind], bench.now]
+            assert max(two - one for one, two in itertools.pairwise(times)) <= 0.6 * limit
+
+    def test_actuation_comes_about_and_is_reported(self, bench):
+        bench.engaged()
+        wanted = NEUTRAL._replace(brake_torque=1200.0, wheel_angle=0.8, wheel_rate=4.0, enable=True)
+        bench.run(0.5, wanted)
+        facts = bench.interface.facts
+        assert bench.newest[SteeringState].wheel_angle == pytest.approx(0.8, abs=RESOLUTION * facts.wheel_angle_limit)
+        assert bench.measured.brake_torque == pytest.approx(1200.0, abs=RESOLUTION * facts.brake_torque_limit)
+        if BrakeTorque in bench.newest:
+            reported = bench.newest[BrakeTorque].actual
+            assert reported == pytest.approx(1200.0, abs=2.0 * RESOLUTION * facts.brake_torque_limit)
+
+    def test_left_is_positive_on_both_ways(self, bench):
+        bench.engaged().run(0.5, NEUTRAL._replace(brake_torque=1000.0, wheel_angle=-0.8, enable=True))
+        assert bench.measured.wheel_angle < -0.7
+        assert bench.newest[SteeringState].wheel_angle < -0.7
+
+    def test_the_gear_is_taken_at_rest_on_the_brakes(self, bench):
+        bench.engaged()
+        assert bench.newest[GearState].gear is Gear.PARK
+        for gear in (Gear.DRIVE, Gear.PARK):
+            bench.run(2.0, NEUTRAL._replace(brake_torque=1000.0, gear=gear, enable=True))
+            assert bench.newest[GearState].gear is bench.end.gear is gear
+
+    def test_motion_is_reported_as_it_is(self, bench):
+        wheels = WheelSpeeds(30.0, 30.5, 30.0, 30.5)
+        bench.measured = STANDING._replace(speed=9.6, wheels=wheels, rates=YawRate(0.0, 0.21))
+        bench.run(0.1, NEUTRAL)
+        assert bench.newest[WheelSpeeds] == pytest.approx(wheels, abs=0.05)
+        assert bench.newest[YawRate].yaw == pytest.approx(0.21, abs=2e-3)
+
+    def test_it_lets_go_when_commands_stop(self, bench):
+        """Neither at once, or a frame that is lost would do, nor later than it says."""
+        bench.engaged().run(0.6 * bench.interface.facts.command_timeout, None)
+        assert all(bench.end.enabled)
+        bench.run(0.4 * bench.interface.facts.command_timeout + 0.05, None)
+        assert not any(bench.end.enabled)
+        assert not any(bench.enabled())
+
+    def test_a_driver_who_takes_over_keeps_the_car_until_a_clear(self, bench):
+        bench.engaged()
+        wanted = NEUTRAL._replace(brake_torque=1000.0, enable=True)
+        bench.run(0.1, wanted, DriverInputs(brake_pedal=0.20))
+        assert bench.newest[BrakeState].driver
+        bench.run(0.3, wanted, DriverInputs(brake_pedal=0.40))
+        assert any(report.override for report in _subsystems(bench))
+        assert not bench.newest[BrakeState].enabled
+        assert bench.end.driver_brake_torque > 0.0
+        bench.run(0.3, wanted)
+        assert not bench.newest[BrakeState].enabled, "enable alone does not take the car back"
+        bench.run(0.1, NEUTRAL._replace(clear=True))
+        assert not any(report.override for report in _subsystems(bench))
+
+    @pytest.mark.parametrize("subsystem", [1, 2, 3])
+    def test_a_subsystem_that_drops_out_says_so(self, bench, subsystem):
+        bench.engaged().end.drop_out(subsystem)
+        wanted = NEUTRAL._replace(brake_torque=1000.0, enable=True)
+        bench.run(0.2, wanted)
+        assert not bench.enabled()[subsystem - 1]
+        bench.end.drop_out(None)
+        bench.run(0.2, wanted)
+        assert bench.enabled()[subsystem - 1]
+
+    def test_no_fault_of_a_report_is_put_on_unasked(self, bench):
+        bench.engaged()
+        for _ in range(10):
+            for frame in bench.end.reports(bench.measured):
+                assert bench.end.alter(0.0, frame, lambda _kind, _time: None) == frame
+
+    # With gateway and car.
+
+    def test_the_gateway_drives_off_stops_and_parks(self):
+        drive = _Drive(self.config)
+        drive.engage()
+        drive.run(4.0, 1.5)
+        assert drive.speed > 3.0
+        assert drive.gateway.wheel_speed == pytest.approx(drive.speed, abs=0.1)
+        drive.run(1.0, 0.0, steering=0.05)
+        assert drive.gateway.measured_steering == pytest.approx(0.05, abs=0.005)
+        drive.run(5.0, -2.0)
+        assert drive.speed == 0.0
+        assert drive.state is ArmingState.ENGAGED
+        drive.step(0.0, act=OperatorCommand.END)
+        drive.run(5.0, 0.0)
+        assert drive.car.interface.gear is Gear.PARK
+        assert drive.gateway.done
+
+    def test_a_driver_takes_the_car_from_the_gateway(self):
+        drive = _Drive(self.config)
+        drive.engage()
+        drive.run(3.0, 1.5)
+        drive.run(0.3, 0.0, driver=DriverInputs(brake_pedal=0.40))
+        assert drive.state is ArmingState.FAULT
+        assert "driver_override" in drive.reasons
+        assert not any(drive.car.interface.enabled)
+
+    def test_another_writer_stops_the_car(self):
+        drive = _Drive(self.config)
+        drive.engage()
+        drive.run(2.0, 1.5)
+        drive.heard += load(self.config).encode(NEUTRAL)
+        drive.step(0.0)
+        assert drive.state is ArmingState.STOPPING
+        assert "another_writer" in drive.reasons
+
+
+def _commanded(interface: VehicleInterface, command: ActuationCommand) -> Commanded:
+    """All frames of a step together; each quantity is said once."""
+    said = [each for frame in interface.encode(command) if (each := interface.commanded(frame)) is not None]
+    columns = [[value for value in column if not math.isnan(value)] for column in zip(*said, strict=True)]
+    assert [len(column) for column in columns] == [1, 1, 1]
+    return Commanded(*(column[0] for column in columns))
+
+
+def _subsystems(bench: Bench) -> list[BrakeState | ThrottleState | SteeringState]:
+    return [bench.newest[kind] for kind in SUBSYSTEMS]  # type: ignore[misc]
+
+
+class _Drive:
+    """Gateway and simulated vehicle, each with an interface of its own, run together."""
+
+    def __init__(self, config: InterfaceConfig) -> None:
+        parameters = vehicles.parameters(noise=0.0, interface=config)
+        self.car = Car(parameters, (0.0, 0.0, 0.0), LOT, 1_447_000_000.0, np.random.SeedSequence(1))
+        interface = load(config)
+        self.gateway = Gateway(parameters.vehicle, calibration=parameters.calibration, interface=interface)
+        self.heard: list[Frame] = []
+        self.state = ArmingState.DISARMED
+        self.reasons: tuple[str, ...] = ()
+        self._tick = -1
+
+    @property
+    def speed(self) -> float:
+        return self.car.truth().speed
+
+    def step(
+        self,
+        acceleration: float,
+        steering: float = 0.0,
+        act: OperatorCommand | None = None,
+        driver: DriverInputs = HANDS_OFF,
+    ) -> None:
+        """One tick."""
+        self._tick += 1
+        now, truth = self._tick * PERIOD, self.car.truth()
+        setpoint = Setpoint(
+            steering=steering, acceleration=acceleration, emergency=False, note="", sequence=self._tick, time=now,
+            expires=now + 0.1, x=truth.x, y=truth.y, heading=truth.heading, speed=truth.speed, yaw_rate=truth.yaw_rate,
+            grade=0.0, faults=(), profile=None,
+        )  # fmt: skip
+        output = self.gateway.step(now, setpoint, self.heard, act)
+        self.state, self.reasons = output.verdict.state, output.verdict.reasons
+        said = self.car.step((self._tick + 1) * PERIOD, output.frames, driver)
+        self.heard = [frame for _time, frame in said.reports]
+
+    def run(self, seconds: float, acceleration: float, steering: float = 0.0, driver: DriverInputs = HANDS_OFF) -> None:
+        """Ticks for `seconds`."""
+        for _ in range(round(seconds / PERIOD)):
+            self.step(acceleration, steering, driver=driver)
+
+    def engage(self) -> None:
+        """Bring the car to "engaged, in drive, free to go"."""
+        self.run(0.3, 0.0)
+        self.step(0.0, act=OperatorCommand.ENGAGE)
+        for _ in range(150):
+            self.step(0.0)
+            if self.reasons == ("waiting_for_go",):
+                break
+        self.step(0.0, act=OperatorCommand.GO)
+        assert self.state is ArmingState.ENGAGED, self.reasons

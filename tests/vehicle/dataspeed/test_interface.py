@@ -1,0 +1,172 @@
+"""The Dataspeed interface against the codec: which frames say an actuation, which bit of a report is which state."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.values import Frame
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Variant
+from vve_sumo.vehicle.dataspeed.interface import REPORTS, DataspeedDbw1, make
+from vve_sumo.vehicle.interface import (
+    Accelerations,
+    ActuationCommand,
+    BrakeState,
+    BrakeTorque,
+    Commanded,
+    Gear,
+    GearState,
+    Malformed,
+    SteeringState,
+    ThrottleState,
+    WheelSpeeds,
+    YawRate,
+)
+
+BRAKE = codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=False)
+THROTTLE = codec.ThrottleReport(0.15, 0.15, 0.15, enabled=False)
+STEERING = codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=False)
+GEAR = codec.GearReport(Gear.NEUTRAL)
+COMMAND = ActuationCommand(512.0, 0.25, 0.5, 4.0, Gear.DRIVE, enable=True, clear=False)
+FAULTS = ("fault_channel_1", "fault_channel_2", "fault_power")
+
+
+def state(message: codec.Message):
+    (report,) = DataspeedDbw1().decode(codec.encode(message))
+    return report
+
+
+@pytest.mark.parametrize("variant", Variant)
+@pytest.mark.parametrize(("enable", "clear"), [(True, False), (False, True), (False, False)])
+def test_an_actuation_is_four_frames_with_one_counter(variant, enable, clear):
+    """And exactly those that the codec makes of the four commands."""
+    interface = DataspeedDbw1(variant)
+    for counter in (*range(256), 0, 1):
+        frames = interface.encode(COMMAND._replace(enable=enable, clear=clear))
+        assert frames == (
+            codec.encode(codec.BrakeCommand(codec.BrakeKind.TORQUE, 512.0, enable, counter, clear), variant),
+            codec.encode(codec.ThrottleCommand(codec.ThrottleKind.PERCENT, 0.25, enable, counter, clear), variant),
+            codec.encode(codec.SteeringCommand(0.5, 4.0, enable, counter, clear), variant),
+            codec.encode(codec.GearCommand(Gear.DRIVE, clear), variant),
+        )
+
+
+@pytest.mark.parametrize("gear", Gear)
+@pytest.mark.parametrize("clear", [False, True])
+def test_every_gear_is_asked_for_as_it_is(gear, clear):
+    frame = DataspeedDbw1().encode(COMMAND._replace(gear=gear, clear=clear))[-1]
+    assert codec.decode(frame) == codec.GearCommand(gear, clear)
+
+
+@pytest.mark.parametrize("variant", Variant)
+def test_its_ranges_are_the_codecs(variant):
+    facts = DataspeedDbw1(variant).facts
+    limits = facts.brake_torque_limit, facts.wheel_angle_limit, facts.wheel_rate_limit
+    assert limits == {Variant.DBW1_2018: (3250.0, 8.2, 8.7), Variant.DBW1_2024: (3412.0, 9.6, 17.5)}[variant]
+    assert facts.commands == {0x060, 0x062, 0x064, 0x066, 0x068}
+    assert facts.occupied == set(range(0x060, 0x080))
+    assert facts.command_timeout == 0.1
+    assert facts.dbc is not None
+    assert facts.dbc.is_file()
+    assert variant.name.lower() in facts.title
+
+
+def test_without_a_variant_it_is_the_newer_one():
+    assert DataspeedDbw1().facts == make({"variant": "dbw1_2024"}).facts
+    assert make({"variant": "dbw1_2018"}).facts == DataspeedDbw1(Variant.DBW1_2018).facts
+
+
+@pytest.mark.parametrize("settings", [{}, {"variant": "dbw2"}, {"variant": 1.0}, {"variant": "dbw1_2024", "x": 1.0}])
+def test_other_settings_are_refused(settings):
+    with pytest.raises(ConfigError, match=r"^setting 'x' is unknown" if "x" in settings else "to be verified"):
+        make(settings)
+
+
+@pytest.mark.parametrize(("message", "kind"), [(BRAKE, BrakeState), (THROTTLE, ThrottleState)])
+def test_each_flag_of_a_pedal_module_is_its_own(message, kind):
+    assert state(message) == kind(enabled=False)
+    for field in ("enabled", "override", "driver", "timeout"):
+        assert state(message._replace(**{field: True})) == kind(False)._replace(**{field: True})
+    for fault in FAULTS:
+        assert state(message._replace(**{fault: True})) == kind(False, fault=True)
+    assert state(message._replace(fault_watchdog=True)) == kind(False, watchdog=True)
+
+
+def test_the_watchdogs_braking_is_the_brakes():
+    assert state(BRAKE._replace(watchdog_braking=True)) == BrakeState(False, watchdog_braking=True)
+
+
+def test_each_flag_of_the_steering_is_its_own():
+    assert state(STEERING) == SteeringState(0.0, enabled=False)
+    for field in ("enabled", "override", "timeout"):
+        assert state(STEERING._replace(**{field: True})) == SteeringState(0.0, False)._replace(**{field: True})
+    for fault in ("fault_bus_1", "fault_bus_2", "fault_calibration", "fault_power"):
+        assert state(STEERING._replace(**{fault: True})) == SteeringState(0.0, False, fault=True)
+    assert state(STEERING._replace(fault_watchdog=True)) == SteeringState(0.0, False, watchdog=True)
+    assert state(STEERING._replace(wheel_angle=-0.5)).wheel_angle == pytest.approx(-0.5, abs=1e-3)
+
+
+def test_each_flag_of_the_shifter_is_its_own():
+    assert state(GEAR) == GearState(Gear.NEUTRAL)
+    assert state(GEAR._replace(override=True)) == GearState(Gear.NEUTRAL, override=True)
+    assert state(GEAR._replace(fault_bus=True)) == GearState(Gear.NEUTRAL, fault=True)
+
+
+def test_sensors_are_passed_on():
+    wheels, rates = WheelSpeeds(1.0, 2.0, -3.0, 4.0), YawRate(0.1, -0.2)
+    assert state(wheels) == pytest.approx(wheels)
+    assert state(rates) == pytest.approx(rates)
+    accelerations = Accelerations(1.0, -2.0, 9.8)
+    assert state(accelerations) == pytest.approx(accelerations)
+    assert state(codec.BrakeInfo(400.0, 800.0, False)) == BrakeTorque(800.0)
+
+
+@pytest.mark.parametrize("variant", Variant)
+@pytest.mark.parametrize("identifier", [codec.BRAKE_REPORT, codec.THROTTLE_REPORT])
+def test_a_pedal_report_is_read_anew_whenever_its_state_may_differ(variant, identifier):
+    """Every pair of status bytes, one after the other in one interface, against one that never heard anything."""
+    interface, other = DataspeedDbw1(variant), DataspeedDbw1(variant)
+    for status in range(256):
+        for flags in (0, 1 << status % 8, 255):
+            data = bytes((flags, status, 1, 2, 3, 4, status, flags))
+            other._understood.clear()
+            assert interface.decode(Frame(identifier, data)) == other.decode(Frame(identifier, data))
+
+
+def test_what_is_damaged_says_nothing_whatever_was_said_before():
+    interface = DataspeedDbw1()
+    for message in (BRAKE, THROTTLE, STEERING, GEAR, WheelSpeeds(1.0, 1.0, 1.0, 1.0)):
+        frame = codec.encode(message)
+        good = interface.decode(frame)
+        for data in {b"", frame.data[:-1], frame.data[1:], frame.data[6:], frame.data + b"\0"}:
+            assert interface.decode(Frame(frame.id, data)) == Malformed(frame.id, "length")
+        assert interface.decode(frame) == good
+    assert interface.decode(Frame(codec.GEAR_REPORT, b"\7\0")) == Malformed(codec.GEAR_REPORT, "value")
+
+
+def test_what_it_does_not_read_reports_nothing():
+    interface = DataspeedDbw1()
+    for number in (*interface.facts.commands, *(interface.facts.occupied - REPORTS.keys()), 0x123):
+        assert interface.decode(Frame(number, bytes(8))) == ()
+
+
+def test_what_a_command_said_can_be_read_from_a_record():
+    interface = DataspeedDbw1()
+    brake, throttle, steering, gear = map(interface.commanded, interface.encode(COMMAND))
+    assert brake == pytest.approx(Commanded(512.0, math.nan, math.nan), nan_ok=True)
+    assert throttle == pytest.approx(Commanded(math.nan, 0.25, math.nan), nan_ok=True, abs=1e-5)
+    assert steering == pytest.approx(Commanded(math.nan, math.nan, 0.5), nan_ok=True, abs=1e-3)
+    assert gear is None
+    percent = codec.BrakeCommand(codec.BrakeKind.PERCENT, 0.5, True, 1)
+    assert interface.commanded(codec.encode(percent)) is None
+    pedal = codec.ThrottleCommand(codec.ThrottleKind.PEDAL, 0.5, True, 1)
+    assert interface.commanded(codec.encode(pedal)) is None
+    assert interface.commanded(codec.encode(BRAKE)) is None
+
+
+def test_its_other_end_is_of_the_same_generation():
+    for variant in Variant:
+        assert DataspeedDbw1(variant).simulated(0.005).controller.parameters.variant is variant

@@ -1,0 +1,84 @@
+"""The gateway commands each car within its own limits: those of the vehicle, its calibration, its wire and its rig."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
+from vve_sumo.values import ArmingState, Vehicle
+from vve_sumo.vehicle.dataspeed.codec import WHEEL_ANGLE_LIMIT, WHEEL_RATE_LIMIT, Variant
+from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.limits import Limits
+
+S = ArmingState
+
+
+def rig_of(vehicle: Vehicle = FUSION, variant: Variant = Variant.DBW1_2024, **arguments: object) -> Rig:
+    gateway = Gateway(vehicle, CALIBRATION, period=PERIOD, interface=DataspeedDbw1(variant), **arguments)
+    return Rig(Car(variant=variant), gateway)
+
+
+def turned(rig: Rig) -> tuple[float, float]:
+    """Turn a crawling car as far as it goes; the greatest road-wheel angle granted, and the wire's angle [rad]."""
+    rig.engage()
+    granted = wire = 0.0
+    for tick in range(500):
+        verdict = rig.step(0.8 if tick < 20 else 0.0, steering=2.0)
+        if verdict.state is not S.ENGAGED:
+            break
+        granted, wire = max(granted, verdict.steering), max(wire, rig.commands()[2].wheel_angle)
+    return granted, wire
+
+
+@pytest.mark.parametrize("variant", list(Variant))
+def test_a_vehicle_with_a_small_steering_limit_is_turned_no_farther(variant):
+    granted, wire = turned(rig_of(replace(FUSION, steering_limit=0.1), variant))
+    assert granted == pytest.approx(0.1, abs=1e-9)
+    assert wire == pytest.approx(0.1 * FUSION.steering_ratio, abs=0.01)
+
+
+@pytest.mark.parametrize("variant", list(Variant))
+def test_a_wire_that_ends_before_the_vehicle_does_bounds_the_angle(variant):
+    """A steering ratio of 60: the wire's largest steering-wheel angle turns the wheels by 0.16 rad at most."""
+    vehicle = replace(FUSION, steering_ratio=60.0, steering_limit=0.5)
+    granted, wire = turned(rig_of(vehicle, variant))
+    assert granted <= WHEEL_ANGLE_LIMIT[variant] / 60.0 + 1e-9
+    assert granted > 0.05
+    assert wire <= WHEEL_ANGLE_LIMIT[variant]
+
+
+@pytest.mark.parametrize("variant", list(Variant))
+@pytest.mark.parametrize(("limit", "expected"), [(0.2, "vehicle"), (5.0, "wire")])
+def test_the_rate_of_the_steering_wheel_is_the_smaller_one_of_vehicle_and_wire(variant, limit, expected):
+    vehicle = replace(FUSION, steering_rate_limit=limit)
+    rig = rig_of(vehicle, variant)
+    rig.engage()
+    rate = rig.commands()[2].wheel_rate
+    wanted = limit * FUSION.steering_ratio if expected == "vehicle" else WHEEL_RATE_LIMIT[variant]
+    assert rate == pytest.approx(wanted, abs=math.radians(4.0))
+    assert rate <= wanted + 1e-9
+
+
+def test_a_rig_with_a_gentler_stop_is_stopped_gently():
+    rig = rig_of(limits=Limits(stop_deceleration=1.0))
+    rig.cruise(6.0)
+    rig.step(act=OperatorCommand.STOP)
+    moving = [verdict for verdict in rig.run(3.0, None) if rig.car.speed > 0.5]
+    assert min(verdict.acceleration for verdict in moving) == pytest.approx(-1.0, abs=1e-9)
+
+
+def test_the_default_step_is_twenty_milliseconds():
+    """Two steps late is a fault, one is not."""
+    for late, faulty in ((0.039, False), (0.0415, True)):
+        rig = Rig(gateway=Gateway(FUSION, CALIBRATION))
+        rig.run(1.0)
+        output = rig.gateway.step(rig.now + late, None, rig.car.reports())
+        assert ("timer_gap" in output.verdict.reasons) is faulty
+
+
+def test_what_an_operator_does_has_the_words_that_a_record_keeps():
+    assert [command.value for command in OperatorCommand] == ["engage", "go", "stop", "end", "disarm"]

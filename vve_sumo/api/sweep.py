@@ -1,0 +1,90 @@
+"""Many drives into one dataset, asked for in code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from vve_sumo import progress_bar
+from vve_sumo.api.results import Sweep
+from vve_sumo.api.scenario import Scenario, plain
+from vve_sumo.drive.run import folder_for
+from vve_sumo.errors import ConfigError
+from vve_sumo.sweep.conclusion import conclude, keep_found
+from vve_sumo.sweep.fill import engine_of, fill
+from vve_sumo.sweep.plan import SweepQuery, planned, query_of
+
+#: stands for a file's name in what is said of a sweep that was asked for in code
+CALLED = Path("vve.sweep")
+
+
+def sweep(
+    what: str | Path | Scenario | Mapping[str, Any],
+    *,
+    vary: Mapping[str, Any] | None = None,
+    seeds: int | Sequence[int] | None = None,
+    workers: int | None = None,
+    out: str | Path | None = None,
+    progress: bool = True,
+) -> Sweep:
+    """Drive a scenario many times, each run in a process of its own, and return the dataset.
+
+    With `vary` or `seeds`, `what` is a scenario: a name, a .toml file or a `Scenario`. `vary` says for each dotted key
+    or parameter of it a list of values, or what a sweep's file may say, such as {"from": 5, "to": 14, "step": 3}; every
+    value is driven with every other. `seeds` is how often, or a list of seeds. Without both, `what` is a sweep's name
+    or file, or a mapping of what such a file says.
+
+    `workers` runs go on at a time, by default as many as there are processors. `out` is the folder of the dataset, by
+    default a new one under runs/. Where it holds this very sweep already, only what is not finished is driven.
+
+    Raises ConfigError, before anything is driven, for what is wrong; SimulationError where runs cannot be started.
+
+    >>> import vve_sumo as vve
+    >>> near = vve.Scenario("delay_probe").replace({"obstacles.parked_car.at_m": 150.0})
+    >>> sweep = vve.sweep(near, vary={"ego.speed_mps": [5, 10]}, out="probe")
+    >>> len(sweep.rows())
+    2
+    """
+    working = Path.cwd()
+    query = _query(what, vary, seeds, working)
+    folder = folder_for(query.plan.scenario, working) if out is None else Path(out)
+    begun = (folder / "sweep.json").exists()
+    again = f"vve.sweep(…, out={str(folder)!r})"
+    with progress_bar.of_runs(quiet=not progress) as shown:
+        search = fill(
+            folder,
+            query,
+            engine_of(workers, None),
+            query.spec.keep,
+            resume=begun,
+            again=again,
+            progress=shown,
+            notify=lambda line: None,
+        )
+    if search is None:
+        conclude(folder, query)
+    elif search.found is not None:
+        keep_found(folder, search.found)
+    return Sweep(folder)
+
+
+def _query(
+    what: str | Path | Scenario | Mapping[str, Any],
+    vary: Mapping[str, Any] | None,
+    seeds: int | Sequence[int] | None,
+    working: Path,
+) -> SweepQuery:
+    if vary is None and seeds is None:
+        if isinstance(what, Scenario):
+            raise ConfigError("vve.sweep: a scenario alone is one drive; expected vary={…} or seeds=…")
+        if isinstance(what, Mapping):
+            return planned(plain(what), CALLED, working, yes=False)
+        return query_of(str(what), working, yes=False)
+    if isinstance(what, Mapping):
+        raise ConfigError("vve.sweep: a mapping says itself what is varied; leave out vary and seeds")
+    scenario = what if isinstance(what, Scenario) else Scenario(what)
+    said: dict[str, Any] = {"scenario": scenario.name, "parameters": plain(vary or {})}
+    if seeds is not None:
+        said["seeds"] = plain(seeds)
+    return planned(said, CALLED, working, yes=False, scenario=(scenario.file.absolute(), scenario.table))

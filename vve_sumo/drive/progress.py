@@ -1,0 +1,31 @@
+"""How far a drive has come, for whoever shows it; knows neither bars nor processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from vve_sumo.drive.lockstep import Watch
+
+#: ticks of a drive between two reports of its progress
+TICKS_PER_REPORT = 25
+
+
+@dataclass(frozen=True, slots=True)
+class DriveProgress:
+    """How far a drive has come."""
+
+    time: float  #: of the drive [s]
+    speed: float  #: of the rear axle [m/s]
+    s: float  #: distance along the path [m]
+    length: float  #: of the path [m]
+
+
+def reported(length: float, report: Callable[[DriveProgress], None]) -> Watch:
+    """Return what watches a drive over a path of a length [m] and reports its progress twice a second of the drive."""
+
+    def watch(tick: int, now: float, speed: float, s: float) -> None:
+        if tick % TICKS_PER_REPORT == 0 and s == s:  # there is no s before there is a pose
+            report(DriveProgress(now, speed, s, length))
+
+    return watch

@@ -1,0 +1,62 @@
+"""What the simulated vehicle's own sensors feel: wheels, accelerometers, gyroscope.
+
+Reads the motion and changes nothing; what is reported of it, how finely and how often is the interface's business.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from vve_sumo.plant.dynamics import Dynamics
+from vve_sumo.plant.noise import White
+from vve_sumo.vehicle.calibration import GRAVITY
+from vve_sumo.vehicle.interface import Accelerations, Measured, WheelSpeeds, YawRate
+
+
+class Axles(NamedTuple):
+    """What turns the car's motion into that of its wheels."""
+
+    wheelbase: float  #: [m]
+    track: float  #: [m]
+    wheel_radius: float  #: rolling [m]
+
+
+class OnboardSensors:
+    """Turns the motion into measurements, with the gyroscope's errors."""
+
+    def __init__(self, axles: Axles, gyro_noise: float, white: White, gyro_bias: float = 0.0) -> None:
+        """`gyro_noise` is the standard deviation of the yaw rate, `gyro_bias` its mean [rad/s], `white` its source."""
+        self._axles = axles
+        self._gyro_bias = gyro_bias
+        self._gyro_noise = gyro_noise
+        self._white = white
+
+    def measure(self, motion: Dynamics, road_angle: float, wheel_angle: float, brake_torque: float) -> Measured:
+        """Return what is felt now, with the gyroscope's next error.
+
+        `road_angle` is the front wheels', `wheel_angle` the steering wheel's [rad], `brake_torque` what the brakes
+        believe to apply [N m].
+        """
+        felt = motion.acceleration + GRAVITY * math.sin(motion.grade)
+        yaw_rate = motion.yaw_rate + self._gyro_bias + self._gyro_noise * self._white.draw()
+        return Measured(
+            motion.speed,
+            motion.acceleration,
+            self._wheels(motion, road_angle),
+            Accelerations(felt, motion.speed * motion.yaw_rate, GRAVITY),
+            YawRate(0.0, yaw_rate),
+            wheel_angle,
+            brake_torque,
+        )
+
+    def _wheels(self, motion: Dynamics, road_angle: float) -> WheelSpeeds:
+        """Each wheel rolls with the speed of its place on the car along its own plane."""
+        wheelbase, track, radius = self._axles
+        half = 0.5 * track * motion.yaw_rate
+        across = math.sin(road_angle) * (motion.lateral_speed + wheelbase * motion.yaw_rate)
+        along = math.cos(road_angle)
+        left, right = motion.speed - half, motion.speed + half
+        return WheelSpeeds(
+            (left * along + across) / radius, (right * along + across) / radius, left / radius, right / radius
+        )

@@ -1,0 +1,204 @@
+"""How a part that plugs in is found by its name: a controller, a drive-by-wire interface.
+
+A name is a shipped one, a file of a search folder, `file.py:function`, or an entry point that an installed package
+declares. This module knows nothing of what the parts do. Errors of somebody else's code become ConfigError.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.machinery import PathFinder
+from importlib.metadata import entry_points
+from pathlib import Path as Folder
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from vve_sumo.errors import ConfigError
+
+Make = Callable[..., Any]
+
+#: what the package that a folder of parts becomes is called, before a digest of the folder
+PACKAGE = "vve_sumo_workspace_"
+
+
+class Origin(NamedTuple):
+    """Where the code of a part lies."""
+
+    root: Folder  #: what the names of its modules count from
+    main: str  #: the module that offers it, dotted
+    installed: bool  #: whether it belongs to an installed package, all of whose files count as its code
+
+    def file(self, module: str) -> Folder | None:
+        """Return the file that an import of one of its modules would run; None where there is none."""
+        importlib.invalidate_caches()
+        places, found = [str(self.root)], None
+        for part in module.split("."):
+            # Of a part with a slash the finder would look outside the root.
+            found = None if "/" in part or not part else PathFinder.find_spec(part, places)
+            if found is None:
+                return None
+            places = list(found.submodule_search_locations or ())
+        return Folder(found.origin) if found is not None and found.has_location and found.origin else None
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """One kind of part that plugs in; every method raises ConfigError, which begins with the kind and the name."""
+
+    kind: str  #: in messages
+    group: str  #: of entry points
+    arguments: str  #: of `make`, in messages
+    shipped: Mapping[str, str] = field(default_factory=dict)  #: names of the package's own parts to their modules
+
+    def find(self, name: str, search: Sequence[Folder] = ()) -> Make:
+        """Return the function that makes the part of a name; a file is read afresh."""
+        if ":" in name:
+            file, _, function = name.rpartition(":")
+            return self._offered(name, Folder(file), function)
+        for folder in search:
+            if (file_there := folder / f"{name}.py").is_file():
+                return self._offered(name, file_there, "make")
+        if name in self.shipped:
+            make: Make = importlib.import_module(self.shipped[name]).make
+            return make
+        for entry in entry_points(group=self.group, name=name):
+            return self._loaded_entry(name, entry.load)
+        raise self._unknown(name, search)
+
+    def make(self, name: str, make: Make, *arguments: object) -> Any:
+        """Return what `make` makes of its arguments."""
+        try:
+            return make(*arguments)
+        except ConfigError as error:
+            raise ConfigError(f"{self.kind} {name}: {error}") from error
+        except (Exception, SystemExit) as error:
+            raise ConfigError(f"{self.kind} {name}: make raised {error_text(error, __file__)}") from error
+
+    def known(self, search: Sequence[Folder] = ()) -> tuple[str, ...]:
+        """List the names that `find` would find, sorted."""
+        files = (file for folder in search if folder.is_dir() for file in folder.glob("*.py"))
+        offered = {file.stem for file in files if "\ndef make(" in file.read_text(encoding="utf-8", errors="replace")}
+        return tuple(sorted(offered | set(self.shipped) | {entry.name for entry in entry_points(group=self.group)}))
+
+    def module(self, name: str, search: Sequence[Folder]) -> ModuleType:
+        """Import a file of the search folders by its stem, such as the gain design."""
+        for folder in search:
+            if (file := folder / f"{name}.py").is_file():
+                return self._read(name, file)
+        raise ConfigError(f"{self.kind} file {name}.py: not in {', '.join(map(str, search)) or 'any folder'}")
+
+    def origin(self, name: str, search: Sequence[Folder] = ()) -> Origin:
+        """Return where `find` would take the code of a part from; nothing of that code is run.
+
+        Raises ConfigError where there is nothing of the name, or nothing that lies in files.
+        """
+        if ":" in name:
+            file = Folder(name.rpartition(":")[0])
+            if not file.is_file():
+                raise ConfigError(f"{self.kind} {name}: there is no file {file}")
+            return Origin(file.resolve().parent, file.stem, False)
+        for folder in search:
+            if (folder / f"{name}.py").is_file():
+                return Origin((folder / f"{name}.py").resolve().parent, name, False)
+        for entry in entry_points(group=self.group, name=name):
+            return self._installed(name, entry.module)
+        raise self._unknown(name, search)
+
+    def sources(self, name: str, search: Sequence[Folder] = ()) -> dict[str, Folder]:
+        """Return the files of the code of a part that was just found, by the names of their modules.
+
+        Of a file these are its own and those of the neighbours that it imported; of an entry point every file of its
+        outermost package. Empty where the code lies in no file.
+        """
+        try:
+            place = self.origin(name, search)
+        except ConfigError:
+            return {}
+        if place.installed:
+            return _files_of_package(place)
+        package = _package(place.root)
+        modules = {
+            key.removeprefix(f"{package}."): sys.modules[key] for key in sys.modules if key.startswith(f"{package}.")
+        }
+        files = {module: getattr(modules[module], "__file__", None) for module in sorted(modules)}
+        return {module: Folder(file) for module, file in files.items() if file}
+
+    def _installed(self, name: str, module: str) -> Origin:
+        """Return where an entry point's module lies; only its outermost package is looked for, which runs nothing."""
+        top = module.partition(".")[0]
+        try:
+            spec = importlib.util.find_spec(top)
+        except (ImportError, ValueError):
+            spec = None
+        places = list(spec.submodule_search_locations or ()) if spec is not None else []
+        if spec is None or not (places or spec.has_location):
+            raise ConfigError(f"{self.kind} {name}: the package {top} of its entry point lies in no file")
+        return Origin(Folder(places[0] if places else str(spec.origin)).parent, module, True)
+
+    def _unknown(self, name: str, search: Sequence[Folder]) -> ConfigError:
+        return ConfigError(f"{self.kind} {name}: unknown; known are {', '.join(self.known(search)) or 'none'}")
+
+    def _loaded_entry(self, name: str, load_it: Callable[[], Make]) -> Make:
+        try:
+            return load_it()
+        except (Exception, SystemExit) as error:
+            raise ConfigError(f"{self.kind} {name}: its entry point raised {error_text(error, __file__)}") from error
+
+    def _offered(self, name: str, file: Folder, function: str) -> Make:
+        if not file.is_file():
+            raise ConfigError(f"{self.kind} {name}: there is no file {file}")
+        make: Make | None = getattr(self._read(name, file), function, None)
+        if not callable(make):
+            raise ConfigError(f"{self.kind} {name}: {file} offers no function {function}{self.arguments}")
+        return make
+
+    def _read(self, name: str, file: Folder) -> ModuleType:
+        try:
+            return _imported(file)
+        except (Exception, SystemExit) as error:
+            raise ConfigError(f"{self.kind} {name}: reading {file} raised {error_text(error, __file__)}") from error
+
+
+def error_text(error: BaseException, hidden: str) -> str:
+    """What an error says, and the innermost line that it came from, apart from those of the file `hidden`."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = next(
+        (f" ({Folder(f.filename).name}, line {f.lineno})" for f in reversed(frames) if f.filename != hidden), ""
+    )
+    try:
+        text = " ".join(str(error).split())
+    except Exception:
+        text = "(an error that cannot say what it is)"
+    return f"{type(error).__name__}: {text}{place}"
+
+
+def _files_of_package(place: Origin) -> dict[str, Folder]:
+    top = place.main.partition(".")[0]
+    own = place.file(top)
+    inside = (place.root / top).rglob("*.py") if own is None or own.name == "__init__.py" else [own]
+    named = {".".join(file.relative_to(place.root).with_suffix("").parts): file for file in inside}
+    return {module.removesuffix(".__init__"): named[module] for module in sorted(named)}
+
+
+def _package(folder: Folder) -> str:
+    """Return the name of the package that a folder of parts becomes."""
+    return f"{PACKAGE}{hashlib.sha256(str(folder).encode()).hexdigest()[:16]}"
+
+
+def _imported(file: Folder) -> ModuleType:
+    """Import a file as a member of a package made of its folder, under a name nobody else can have."""
+    folder = file.resolve().parent
+    package = _package(folder)
+    for stale in [key for key in sys.modules if key == package or key.startswith(f"{package}.")]:
+        del sys.modules[stale]
+    root = ModuleType(package)
+    root.__path__ = [str(folder)]
+    sys.modules[package] = root
+    importlib.invalidate_caches()
+    return importlib.import_module(f"{package}.{file.stem}")

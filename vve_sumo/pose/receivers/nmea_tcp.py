@@ -1,0 +1,34 @@
+"""Receivers that serve NMEA 0183 over TCP."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from pydantic import Field
+
+from vve_sumo.pose import sources
+from vve_sumo.pose.receivers.nmea import NmeaReceiver
+from vve_sumo.pose.receivers.port import OpenBus, Receiver
+from vve_sumo.pose.receivers.udp import Address, NetworkPort
+
+
+class NmeaTcp(NmeaReceiver):
+    """NMEA 0183 from a TCP server."""
+
+    silent_hint: ClassVar[str] = "see pose.address and pose.port, and that the receiver serves them"
+
+    address: Address = Field(default="127.0.0.1", description="of the receiver")
+    port: NetworkPort = Field(default=3000, description="that the receiver serves")
+
+    def open(self, _open_bus: OpenBus) -> sources.Source:
+        """Connect; raises RigError naming the key."""
+        return sources.open_tcp(self.address, self.port)
+
+    def place(self) -> str:
+        """Return address and port."""
+        return f"{self.address} port {self.port}"
+
+
+def make() -> type[Receiver]:
+    """Return the kind's class."""
+    return NmeaTcp

@@ -1,0 +1,111 @@
+"""Receivers of OXTS that send their default map of messages on a CAN bus of their own.
+
+Knows frames and no driver: who opens the receiver hands in how a bus is opened.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+from typing import Any, ClassVar, Final
+
+from pydantic import Field
+
+from vve_sumo.config_file import Bitrate, Name
+from vve_sumo.errors import RigError
+from vve_sumo.pose import oxts_can
+from vve_sumo.pose.receivers.port import FrameBus, OnCan, OpenBus, Receiver, ReceiverTable
+from vve_sumo.pose.sources import Source
+from vve_sumo.pose.trust import DRIVE, TrustProfile
+from vve_sumo.values import Fix, Frame
+
+#: a frame as a portion of pose bytes: identifier, length, payload
+FRAME: Final = struct.Struct("<HB8s")
+
+
+class OxtsCan(ReceiverTable):
+    """The CAN output of an OXTS unit."""
+
+    profile: ClassVar[TrustProfile] = DRIVE
+    silent_hint: ClassVar[str] = "see pose.interface, pose.channel and pose.bitrate, and the receiver's CAN output"
+
+    interface: Name = Field(description="python-can's")
+    channel: Name = Field(description="python-can's")
+    bitrate: Bitrate = Field(default=500_000, description="bit/s")
+
+    def open(self, open_bus: OpenBus) -> Source:
+        """Open the bus; raises RigError naming bus or key."""
+        return FrameSource(open_bus(self.interface, self.channel, self.bitrate))
+
+    def decoder(self) -> FrameDecoder:
+        """Return a fresh decoder."""
+        return FrameDecoder()
+
+    def place(self) -> str:
+        """Return interface and channel."""
+        return f"{self.interface}:{self.channel}"
+
+    def on_can(self) -> OnCan:
+        """Return the bus and the identifiers of OXTS's default map."""
+        return OnCan(self.interface, self.channel, oxts_can.IDENTIFIERS)
+
+
+class FrameSource:
+    """A receiver on a CAN bus as a source of portions, each a frame; arrivals are when they are read."""
+
+    def __init__(self, bus: FrameBus) -> None:
+        number = bus.fileno()
+        if number is None:
+            bus.close()
+            raise RigError("pose.interface: this driver cannot be waited on, take socketcan or slcan")
+        self._bus, self._number = bus, number
+        self.lost = False
+
+    def fileno(self) -> int:
+        """Return what to wait on."""
+        return self._number
+
+    def next_due(self) -> float:
+        """Return inf: frames wake who waits."""
+        return math.inf
+
+    def receive(self) -> list[tuple[float, bytes]]:
+        """Return the frames that wait; a bus that is down gives none."""
+        try:
+            frames = self._bus.drain()
+        except RigError:
+            self.lost = True
+            return []
+        now = time.monotonic()
+        return [(now, FRAME.pack(frame.id, len(frame.data), frame.data)) for frame in frames]
+
+    def found(self) -> tuple[str, ...]:
+        """Return nothing: a frame does not say who sent it."""
+        return ()
+
+    def told(self) -> dict[str, Any]:
+        """Return nothing: a frame does not say who sent it."""
+        return {}
+
+    def close(self) -> None:
+        """Let go of the bus."""
+        self._bus.close()
+
+
+class FrameDecoder:
+    """The decoder of what `FrameSource` gives."""
+
+    def __init__(self) -> None:
+        self._decoder = oxts_can.Decoder()
+
+    def feed(self, data: bytes, time_received: float) -> list[Fix]:
+        """Return the fixes that these frames complete; what is no whole frame is left out."""
+        whole = len(data) - len(data) % FRAME.size
+        frames = [Frame(number, payload[:size]) for number, size, payload in FRAME.iter_unpack(data[:whole])]
+        return self._decoder.feed_frames(frames, time_received)
+
+
+def make() -> type[Receiver]:
+    """Return the kind's class."""
+    return OxtsCan

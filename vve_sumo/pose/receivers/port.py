@@ -1,0 +1,134 @@
+"""The port of receivers: what the program asks of a kind of receiver, and how a kind is found by its name.
+
+A kind is one class: the keys of `[pose]` that it has, where its bytes come from, what they mean, how strictly its fixes
+are judged, and what to look at where something is wrong. Nothing here names a brand but the table of shipped kinds.
+`tests/ports/receiver.py` tests any kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, ClassVar, Final, Literal, NamedTuple, Protocol, Self, runtime_checkable
+
+from pydantic import Field, model_validator
+
+from vve_sumo.config_file import Name, Table
+from vve_sumo.errors import ConfigError
+from vve_sumo.ports import Port
+from vve_sumo.pose.sources import Source
+from vve_sumo.pose.trust import TrustProfile
+from vve_sumo.values import Fix, Frame
+
+_HERE: Final = "vve_sumo.pose.receivers"
+#: Every kind is found by a name of this table, as `file.py:function` or by entry point; `make()` returns its class.
+PORT: Final = Port(
+    "receiver",
+    "vve_sumo.receivers",
+    "()",
+    {kind: f"{_HERE}.{kind}" for kind in ("ncom_udp", "nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can", "file")},
+)
+
+
+class FixDecoder(Protocol):
+    """A decoder of pose bytes; it begins anew with each object, knows no clock and never raises on what it is fed."""
+
+    def feed(self, data: bytes, time_received: float) -> list[Fix]:
+        """Return the fixes that these bytes complete, stamped with `time_received` [s, the drive's clock].
+
+        However the stream is cut (a CAN frame never is), the same fixes come. Time and position of a fix are finite;
+        what the receiver does not say is NaN. The trust gate refuses a fix that is not newer than those before it.
+        """
+        ...
+
+
+class FrameBus(Protocol):
+    """A CAN bus as a receiver sees it."""
+
+    def fileno(self) -> int | None:
+        """Return what becomes readable with a frame; None where the driver has nothing of the kind."""
+
+    def drain(self) -> list[Frame]:
+        """Return the frames that wait, without waiting; raises RigError where the bus is down."""
+
+    def close(self) -> None:
+        """Let go of the bus."""
+
+
+#: opens a CAN bus from interface, channel and bitrate [bit/s]; raises ConfigError or RigError
+OpenBus = Callable[[str, str, int], FrameBus]
+
+
+class OnCan(NamedTuple):
+    """What a receiver occupies of a CAN bus."""
+
+    interface: str  #: python-can's
+    channel: str  #: python-can's
+    identifiers: frozenset[int]  #: that it may send with
+
+
+@runtime_checkable
+class Receiver(Protocol):
+    """What the program asks of a receiver, as configured."""
+
+    profile: ClassVar[TrustProfile]  #: how strictly its fixes are judged; one that is not `live` is a recording
+    silent_hint: ClassVar[str]  #: what to look at where nothing comes, in one line
+    not_fixed_hint: ClassVar[str]  #: what to look at where a fix is not RTK-fixed, in one line
+
+    def open(self, open_bus: OpenBus, /) -> Source:
+        """Open the receiver; raises RigError or ConfigError naming the key of the rig. `open_bus` is for one on CAN."""
+        ...
+
+    def decoder(self) -> FixDecoder:
+        """Return a fresh decoder of what the source gives."""
+        ...
+
+    def place(self) -> str:
+        """Return where the receiver is looked for, in few words."""
+        ...
+
+    def on_can(self) -> OnCan | None:
+        """Return what it occupies of a CAN bus; None for a receiver that is on none."""
+        ...
+
+
+class ReceiverTable(Table):
+    """Where the pose comes from: the keys that every kind of receiver has; a kind's class adds its own."""
+
+    profile: ClassVar[TrustProfile]
+    not_fixed_hint: ClassVar[str] = "see the receiver's antennas, its view of the sky and its link to the base station"
+
+    kind: Name = Field(
+        description="`ncom_udp`, `nmea_udp`, `nmea_tcp`, `nmea_serial`, `oxts_can`, `file`, a `file.py:make`, or an "
+        "installed package's entry point; the keys of each are below"
+    )
+    rate_hz: Annotated[float, Field(ge=10.0, le=250.0)] = Field(default=100.0, description="fixes a second")
+    clock: Literal["arrival", "absolute"] = Field(
+        default="arrival",
+        description="`absolute`: this machine's clock is GNSS time by PTP or PPS; `arrival`: it is estimated",
+    )
+    minimum_delay_ms: Annotated[float, Field(ge=0.0, le=500.0)] | None = Field(
+        default=None,
+        description="what a fix takes to arrive at best, which arrivals alone cannot show; needed for `arrival`, but "
+        "not of a recording",
+    )
+
+    @model_validator(mode="after")
+    def _delay_is_declared(self) -> Self:
+        if self.clock == "arrival" and self.profile.live and self.minimum_delay_ms is None:
+            raise ValueError("minimum_delay_ms is missing, clock 'arrival' needs it")
+        return self
+
+    def on_can(self) -> OnCan | None:
+        """Return what the receiver occupies of a CAN bus: nothing, unless its kind says otherwise."""
+        return None
+
+
+def load(kind: str) -> type[ReceiverTable]:
+    """Return the class of a kind of receiver, which is a `Receiver`; raises ConfigError, which begins with the kind."""
+    made = PORT.make(kind, PORT.find(kind))
+    if not (isinstance(made, type) and issubclass(made, ReceiverTable)):
+        raise ConfigError(f"receiver {kind}: make returned {made!r}, expected a class derived from ReceiverTable")
+    wanted = sorted(name for name in (*Receiver.__annotations__, *vars(Receiver)) if not name.startswith("_"))
+    if missing := [name for name in wanted if not hasattr(made, name)]:
+        raise ConfigError(f"receiver {kind}: {made.__name__} lacks {', '.join(missing)}")
+    return made

@@ -1,0 +1,116 @@
+"""Lays values into a scenario's table, by the place of a key or by the name that the scenario gives to one.
+
+Knows tables as TOML gives them; not what else a scenario means, and not where values come from.
+"""
+
+from __future__ import annotations
+
+import copy
+import operator
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.schema import Control
+
+#: what a parameter may be set to
+Value = bool | int | float | str
+
+
+def places(table: Mapping[str, Any], name: str) -> tuple[str, ...]:
+    """Return the dotted keys that take a parameter's value: those its scenario declares, or the name itself."""
+    declared = table.get("parameters", {}).get(name)
+    return (name,) if declared is None else tuple(declared["sets"])
+
+
+def check_bounds(key: str, values: Iterable[object], declared: Mapping[str, Any]) -> None:
+    """Raise ConfigError, beginning with `key`, for a value outside the bounds that a scenario declares."""
+    for value in values:
+        for bound, good in (("min", operator.ge), ("max", operator.le)):
+            limit = declared.get(bound)
+            if limit is not None and not (isinstance(value, (int, float)) and good(value, limit)):
+                raise ConfigError(f"{key}: the scenario declares {bound} {limit:g}, got {value!r}")
+
+
+def choose(
+    table: Mapping[str, Any],
+    *,
+    seed: int | None = None,
+    speed: float | None = None,
+    controller: str | None = None,
+    vehicle: str | None = None,
+) -> dict[str, Any]:
+    """Return a scenario's table with another seed, speed [m/s], controller or vehicle model, where one is given.
+
+    Another controller comes without the tuning, which would be no other's. Raises ConfigError for what is no seed; what
+    else is wrong is found when the table is parsed.
+    """
+    if seed is not None and not (type(seed) is int and 0 <= seed < 2**31):
+        raise ConfigError(f"seed: expected 0 to 2147483647, got {seed!r}")
+    changed: dict[str, Any] = copy.deepcopy(dict(table))
+    for key, value in (("seed", seed), ("ego.speed_mps", speed), ("ego.vehicle", vehicle)):
+        if value is not None:
+            _lay(changed, key, value)
+    if controller is not None and controller != changed.get("controller", {}).get("name", Control().name):
+        changed["controller"] = {"name": controller}
+    return changed
+
+
+def apply_overrides(table: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a scenario's table with values laid in; the table handed in stays as it is.
+
+    A part of a dotted key names a table's key, the `id` of a table in a list, or its number there from 0. Tables that
+    the file does not state are made. Raises ConfigError, naming the key, where a part leads nowhere.
+    """
+    changed: dict[str, Any] = copy.deepcopy(dict(table))
+    for name, value in values.items():
+        for place in places(table, name):
+            _lay(changed, place, value)
+    return changed
+
+
+def value_at(table: Mapping[str, Any], place: str) -> Any:
+    """Return what stands at a dotted key, whose parts are as in `apply_overrides`; raises ConfigError for nothing."""
+    inner: Any = table
+    for number, part in enumerate(parts := place.split(".")):
+        if isinstance(inner, (list, tuple)):
+            inner = inner[_number(inner, part, place, ".".join(parts[:number]))]
+        elif isinstance(inner, dict) and part in inner:
+            inner = inner[part]
+        else:
+            near = get_close_matches(part, inner if isinstance(inner, dict) else [], 1, 0.6)
+            raise ConfigError(f"unknown key {place!r}" + (f", did you mean {near[0]!r}?" if near else ""))
+    return inner
+
+
+def _lay(table: dict[str, Any], place: str, value: Any) -> None:
+    *parents, last = place.split(".")
+    inner: Any = table
+    for number, part in enumerate(parents):
+        before = ".".join(parents[:number])
+        inner = inner[_number(inner, part, place, before)] if isinstance(inner, list) else _within(inner, part, place)
+    if isinstance(inner, list):
+        inner[_number(inner, last, place, ".".join(parents))] = value
+    elif isinstance(inner, dict):
+        inner[last] = value
+    else:
+        raise ConfigError(f"{place}: {parents[-1]!r} is a value, not a table")
+
+
+def _within(table: Any, part: str, place: str) -> Any:
+    if not isinstance(table, dict):
+        raise ConfigError(f"{place}: {part!r} stands in a value, not in a table")
+    return table.setdefault(part, {})
+
+
+def _number(rows: Sequence[Any], part: str, place: str, before: str) -> int:
+    """Return where in a list a part of a key points to: by id, else by number."""
+    ids = [row.get("id", "") if isinstance(row, dict) else "" for row in rows]
+    if part in ids:
+        return ids.index(part)
+    if part.isdecimal() and int(part) < len(rows):
+        return int(part)
+    near = get_close_matches(part, [one for one in ids if one], 1, 0.6)
+    known = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(filter(None, ids)) or len(rows)}"
+    raise ConfigError(f"{place}: no {part!r} in {before}, {known}")

@@ -1,0 +1,328 @@
+"""The port of drive-by-wire interfaces: what the gateway asks of one, and how one is found by its name.
+
+An interface turns an actuation into the frames of its wire, and frames into reports, both in SI units. What a report
+means for the drive, how old it may be and what is commanded is the gateway's business. Nothing here names a brand but
+the table of shipped interfaces. An interface sends and hears frames with 11-bit identifiers; it does no I/O, knows no
+clock and never raises on what it hears. `tests/ports/vehicle_interface.py` tests any implementation.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, runtime_checkable
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.ports import Port
+from vve_sumo.values import Frame
+
+if TYPE_CHECKING:
+    from cantools.database import Database
+
+SettingValue = float | str | bool
+
+#: Every interface is found by a name of this table, as `file.py:function` or by entry point, and makes itself from its
+#: settings: `make(settings) -> VehicleInterface`.
+PORT: Final = Port(
+    "drive-by-wire interface",
+    "vve_sumo.vehicle_interfaces",
+    "(settings)",
+    {"dataspeed_dbw1": "vve_sumo.vehicle.dataspeed.interface"},
+)
+
+
+class Gear(enum.IntEnum):
+    """Selector position."""
+
+    NONE = 0
+    PARK = 1
+    REVERSE = 2
+    NEUTRAL = 3
+    DRIVE = 4
+    LOW = 5
+
+
+# Tuples and not dataclasses, here and below: making one is several times cheaper, and a dozen are made every tick.
+class ActuationCommand(NamedTuple):
+    """What the car is told in one step of the gateway."""
+
+    brake_torque: float  #: all wheels together [N m]
+    throttle: float  #: opening, 0 to 1
+    wheel_angle: float  #: of the steering wheel [rad], left positive
+    wheel_rate: float  #: largest rate of the steering wheel [rad/s]; 0 is the interface's own largest
+    gear: Gear  #: that is asked for; NONE asks for nothing
+    enable: bool  #: the interface may act on it
+    clear: bool  #: latched driver overrides shall be forgotten
+
+
+class Commanded(NamedTuple):
+    """What one frame commands; NaN where it does not say."""
+
+    brake_torque: float  #: all wheels together [N m]
+    throttle: float  #: opening, 0 to 1
+    wheel_angle: float  #: of the steering wheel [rad], left positive
+
+
+class BrakeState(NamedTuple):
+    """What the brake subsystem reports of itself."""
+
+    enabled: bool  #: it acts on commands
+    override: bool = False  #: the driver took over; latched until a clear
+    driver: bool = False  #: the driver's foot is on the pedal
+    timeout: bool = False  #: it dropped out because no command came in time
+    fault: bool = False  #: something in it is broken
+    watchdog: bool = False  #: the interface's own watchdog has latched
+    watchdog_braking: bool = False  #: the interface brakes because of its watchdog
+
+
+class ThrottleState(NamedTuple):
+    """What the throttle subsystem reports of itself; fields as of the brakes."""
+
+    enabled: bool
+    override: bool = False
+    driver: bool = False
+    timeout: bool = False
+    fault: bool = False
+    watchdog: bool = False
+
+
+class SteeringState(NamedTuple):
+    """What the steering subsystem reports of itself; fields as of the brakes."""
+
+    wheel_angle: float  #: of the steering wheel [rad], left positive; NaN invalid
+    enabled: bool
+    override: bool = False
+    timeout: bool = False
+    fault: bool = False
+    watchdog: bool = False
+
+
+class GearState(NamedTuple):
+    """What the shifter reports."""
+
+    gear: Gear  #: engaged
+    override: bool = False  #: the driver took over
+    fault: bool = False
+
+
+class WheelSpeeds(NamedTuple):
+    """Angular speeds of the wheels [rad/s], forward positive; NaN invalid."""
+
+    front_left: float
+    front_right: float
+    rear_left: float
+    rear_right: float
+
+
+class YawRate(NamedTuple):
+    """What the car's gyroscopes feel [rad/s]; NaN invalid or not reported."""
+
+    roll: float
+    yaw: float  #: counter-clockwise seen from above
+
+
+class Accelerations(NamedTuple):
+    """What the car's accelerometers feel [m/s2] (specific force), ISO 8855 axes; NaN invalid or not reported."""
+
+    longitudinal: float  #: forward positive
+    lateral: float  #: left positive
+    vertical: float  #: up positive
+
+
+class BrakeTorque(NamedTuple):
+    """What the car's brakes report to apply."""
+
+    actual: float  #: all wheels together [N m]; NaN invalid
+
+
+class Malformed(NamedTuple):
+    """A frame with a known identifier that says nothing usable."""
+
+    id: int  #: identifier of the frame
+    reason: str  #: reason code
+
+
+Report = (
+    BrakeState | ThrottleState | SteeringState | GearState | WheelSpeeds | YawRate | Accelerations | BrakeTorque
+)  # fmt: skip
+
+#: Reports without which the gateway commands no car; none may be older than 0.1 s, the gear 0.2 s.
+REQUIRED: Final[frozenset[type]] = frozenset(
+    {BrakeState, ThrottleState, SteeringState, GearState, WheelSpeeds, YawRate}
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class InterfaceFacts:
+    """What does not change while an interface is in use."""
+
+    title: str  #: the interface in words
+    commands: frozenset[int]  #: identifiers that only the gateway may send
+    reports: Mapping[int, tuple[type, ...]]  #: identifier of each frame that is read to the kinds of its reports
+    occupied: frozenset[int]  #: every identifier that the device sends or hears, read here or not
+    brake_torque_limit: float  #: largest that the wire takes, all wheels together [N m]
+    wheel_angle_limit: float  #: largest that the wire takes, of the steering wheel, both ways [rad]
+    wheel_rate_limit: float  #: largest that the wire takes, of the steering wheel [rad/s]
+    command_timeout: float  #: without a command for so long a subsystem lets go by itself [s]
+    when_commands_stop: str  #: what the interface does then by itself, in words
+    dbc: Path | None = None  #: file that states the layout of the frames, where there is one
+
+
+@runtime_checkable
+class VehicleInterface(Protocol):
+    """One drive-by-wire interface, made for one gateway."""
+
+    @property
+    def facts(self) -> InterfaceFacts:
+        """Return identifiers, wire ranges and time-outs."""
+        ...
+
+    def encode(self, command: ActuationCommand) -> tuple[Frame, ...]:
+        """Return the frames that say `command`, in the order in which they are to be sent; counters count once a call.
+
+        Raises ValueError for NaN and for a value beyond the wire's range; nothing is clipped or wrapped. No frame ever
+        asks the interface to ignore the driver.
+        """
+        ...
+
+    def decode(self, frame: Frame) -> tuple[Report, ...] | Malformed:
+        """Return what a frame reports; nothing for an identifier that it does not read."""
+        ...
+
+    def commanded(self, frame: Frame) -> Commanded | None:
+        """Return what a recorded frame commands; None for one that commands neither pedal nor steering."""
+        ...
+
+    def simulated(self, duration: float) -> SimulatedInterface:
+        """Return the other end of the wire, for the simulated vehicle, which is stepped every `duration` [s].
+
+        Raises ConfigError where there is none.
+        """
+        ...
+
+
+# The other end, as the simulated vehicle needs it.
+
+PEDAL_REST: Final = 0.15  # pedal sensor of an untouched pedal, fraction of its range
+
+
+@dataclass(frozen=True, slots=True)
+class DriverInputs:
+    """What the person behind the wheel of a simulated vehicle does."""
+
+    brake_pedal: float = PEDAL_REST  #: pedal sensor, fraction
+    throttle_pedal: float = PEDAL_REST  #: pedal sensor, fraction
+    steering_torque: float = 0.0  #: on the wheel [N m], left positive
+    acknowledge: bool = False  #: forgets a latched watchdog fault
+
+
+HANDS_OFF: Final = DriverInputs()
+
+
+class Request(NamedTuple):
+    """What the actuators shall do."""
+
+    brake_torque: float  #: all wheels together [N m]
+    throttle: float  #: 0 to 1
+    wheel_angle: float  #: of the steering wheel [rad]; NaN when nobody holds it
+
+
+class Measured(NamedTuple):
+    """What the simulated vehicle's sensors feel."""
+
+    speed: float  #: of the rear axle [m/s], forward positive
+    acceleration: float  #: along the road [m/s2]
+    wheels: WheelSpeeds
+    accelerations: Accelerations
+    rates: YawRate
+    wheel_angle: float  #: of the steering wheel [rad]
+    brake_torque: float  #: that the brakes believe to apply, all wheels together [N m]
+
+
+#: Strength of the fault of a kind at a time [s], NaN where the kind takes none; None where it is not due.
+Due = Callable[[str, float], float | None]
+
+
+class SimulatedInterface(Protocol):
+    """The drive-by-wire controller of a simulated vehicle: what a real one does with commands, and what it reports."""
+
+    @property
+    def gear(self) -> Gear:
+        """Return the gear that is engaged."""
+        ...
+
+    @property
+    def enabled(self) -> tuple[bool, bool, bool]:
+        """Return whether brake, throttle and steering act on commands."""
+        ...
+
+    @property
+    def watchdog_braking(self) -> bool:
+        """Return whether it brakes by itself because commands stopped."""
+        ...
+
+    @property
+    def driver_brake_torque(self) -> float:
+        """Return the brake torque that the driver's foot asks for [N m]."""
+        ...
+
+    def receive(self, frames: Sequence[Frame], speed: float, brake_torque: float) -> None:
+        """Hear the bus, at a car's `speed` [m/s] and with that `brake_torque` [N m] applied."""
+        ...
+
+    def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
+        """Advance by one step; `speed` [m/s] and steering `wheel_angle` [rad] are the car's own measurements."""
+        ...
+
+    def reports(self, measured: Measured) -> list[Frame]:
+        """Return the frames that are due; asked for 100 times a second."""
+        ...
+
+    def drop_out(self, subsystem: int | None) -> None:
+        """Let one subsystem work no more: 1 brake, 2 throttle, 3 steering; None mends all."""
+        ...
+
+    def alter(self, time: float, frame: Frame, due: Due) -> Frame:
+        """Return what is said at `time` in place of a report, by the faults of reports that are due.
+
+        An interface that cannot put on a fault leaves the report as it is.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class InterfaceConfig:
+    """Which interface a car has and how it is set: plain data that goes into records and to other processes."""
+
+    name: str  #: shipped name, `file.py:function`, or entry point
+    settings: Mapping[str, SettingValue]  #: handed to `make`
+
+
+#: of the paper's car, a Ford Fusion
+DEFAULT: Final = InterfaceConfig("dataspeed_dbw1", {"variant": "dbw1_2024"})
+
+
+def read_dbc(file: Path) -> Database:
+    """Read a file that states the layout of frames, as a cantools database, checked strictly."""
+    try:
+        import cantools
+    except ImportError:
+        raise ConfigError("reading the DBC file needs cantools: pip install 'vve-sumo[dbc]'") from None
+    return cantools.database.load_file(file, strict=True)
+
+
+def load(config: InterfaceConfig) -> VehicleInterface:
+    """Make the interface of a configuration; raises ConfigError, which begins with its name, where that fails."""
+    interface = PORT.make(config.name, PORT.find(config.name), dict(config.settings))
+    if not isinstance(interface, VehicleInterface):
+        made = type(interface).__name__
+        raise ConfigError(f"{PORT.kind} {config.name}: make returned a {made}, which is no VehicleInterface")
+    facts = interface.facts
+    missing = sorted(kind.__name__ for kind in REQUIRED.difference(*facts.reports.values()))
+    if missing:
+        raise ConfigError(f"{PORT.kind} {config.name}: it reports no {', '.join(missing)}, which the gateway needs")
+    if both := facts.commands & facts.reports.keys():
+        raise ConfigError(f"{PORT.kind} {config.name}: identifier 0x{min(both):03X} is both a command and a report")
+    return interface
