@@ -211,7 +211,7 @@ def test_names_that_are_code_are_text(folders: Folders, browser: Any) -> None:
     [
         ("drive", "passed", r"The car came to rest 4\.\d\d m before parked_car\."),
         ("killed", "broken off", r"The record ends after \d+\.\d\d s, with the car at \d+\.\d\d m/s"),
-        ("sweep", "FAILED", r"30 of 35 judged runs passed \(85\.7 %\), 5 failed; 1 more came to a fault\."),
+        ("sweep", "FAILED", r"30 of 35 judged runs passed \(85\.7 %\), 5 failed; 1 more ended with a fault\."),
         (
             "hostile",
             "altered",
@@ -228,7 +228,7 @@ def test_the_top_line_says_what_happened(folders: Folders, kind: str, verdict: s
 
 def test_the_worst_run_comes_first_with_the_line_that_drives_it_again(folders: Folders) -> None:
     page = (folders.sweep / "report.html").read_text(encoding="utf-8")
-    failed = page.partition("What failed</h3>")[2]
+    failed = page.partition("Failed runs</h3>")[2]
     # Of speed 5 against gap 0 there is a fault; the hardest impact that is known is 5 m/s at gap 1.
     assert f"vve-sumo sweep --rerun sweep {11:016x}" in failed
     assert re.findall(r"<code>(\w{16})</code>", failed)[0] == f"{11:016x}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,9 @@ from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.plotting import drive_sheet
-from vve_sumo.report import asked, drive, found, runs, stops, sweep
+from vve_sumo.report import drive, runs, search_results, settings, stops, sweep
 from vve_sumo.report.sources import open_street_map
+from vve_sumo.report.tables import Cell
 from vve_sumo.report.verdict import Verdict, figures_of, of_drive
 from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.job import Result
@@ -60,7 +60,7 @@ SAYS = {
     "fault": "The gateway stopped the car: for no stated reason.",
     "timeout": "The scenario's time ran out after 0.98 s.",
     "completed": "The scenario ended the drive after 0.98 s: for no stated reason.",
-    "played": "A recorded drive of 0.98 s was sent through the chain;",
+    "played": "A recorded drive of 0.98 s was sent through the pipeline;",
     "interrupted": "The drive was ended from the keyboard after 0.98 s.",
     "broken": "The simulation broke after 0.98 s: it fell over ../there.",
 }
@@ -80,7 +80,7 @@ def test_the_word_is_the_summarys_and_the_sentence_that_of_the_outcome(
     assert told.word == ("broken off" if outcome in (Outcome.BROKEN, Outcome.INTERRUPTED) else judged)
     assert told.line.startswith(f"{told.word}: {SAYS[outcome.value]}")
     assert told.line.endswith(
-        "The closest approach to anything in its way was 3.00 m; the least time to collision was 2.00 s."
+        "The smallest gap to an object in the car's path was 3.00 m; the minimum time to collision was 2.00 s."
     )
 
 
@@ -92,13 +92,13 @@ def test_a_contact_is_said_however_the_drive_ended(tmp_path: Path, outcome: str 
     # A killed drive's impact is measured from its record: both stood.
     fast = " at 0.00 m/s" if outcome is None else (" at 3.00 m/s" if speed else "")
     assert f"hit parked{fast}{' and then stopped.' if outcome == 'contact' else '.'}" in line
-    assert "none" not in line.partition("closest")[0].replace("no stated reason", "")
+    assert "none" not in line.partition("smallest gap")[0].replace("no stated reason", "")
 
 
 def test_what_was_not_measured_is_not_said(tmp_path: Path) -> None:
     none = {name: None for name, value in MEASURED.items() if isinstance(value, float)}
     line = verdict(record(tmp_path / "r", MEASURED | none)).line
-    assert line == "passed: The car came to rest with nothing ahead of it. Nothing was ever ahead of it in its way."
+    assert line == "passed: The car came to rest with no object ahead. No object was ever ahead of the car in its path."
 
 
 def test_a_live_drive_whose_program_was_killed_is_told_from_its_recorders_summary(tmp_path: Path) -> None:
@@ -128,13 +128,13 @@ FAULT = Result("", {}, "timed_out")
 @pytest.mark.parametrize(
     ("results", "cells", "line"),
     [
-        ([ran(True)], None, "passed: The one judged run passed. Over all runs: least gap at rest 2.00 m, no run"),
-        ([ran(True), ran(False)], None, "FAILED: 1 of 2 judged runs passed (50 %), 1 failed. Over all runs: least gap"),
-        ([ran(True), FAULT], None, "not judged: The one judged run passed; 1 more came to a fault. Over all runs:"),
-        ([ran(False), FAULT], None, "FAILED: 0 of 1 judged runs passed (0 %), 1 failed; 1 more came to a fault."),
-        ([ran(True)], 3, "broken off: 1 of 3 runs are finished: the sweep was stopped or still goes on. The one"),
+        ([ran(True)], None, "passed: The one judged run passed. Over all runs: smallest gap at rest 2.00 m, no coll"),
+        ([ran(True), ran(False)], None, "FAILED: 1 of 2 judged runs passed (50 %), 1 failed. Over all runs: smallest"),
+        ([ran(True), FAULT], None, "not judged: The one judged run passed; 1 more ended with a fault. Over all runs:"),
+        ([ran(False), FAULT], None, "FAILED: 0 of 1 judged runs passed (0 %), 1 failed; 1 more ended with a fault."),
+        ([ran(True)], 3, "broken off: 1 of 3 runs are finished: the sweep was stopped or still runs. The one"),
         ([ran(False, collision=True, stop_gap_m=-0.1)], None,
-         "FAILED: 0 of 1 judged runs passed (0 %), 1 failed. Over all runs: 1 run touched something."),
+         "FAILED: 0 of 1 judged runs passed (0 %), 1 failed. Over all runs: 1 run with a collision."),
     ],
 )  # fmt: skip
 def test_the_word_of_a_sweep_is_that_of_its_runs(
@@ -149,7 +149,7 @@ def test_of_runs_that_all_came_to_a_fault_nothing_is_known(tmp_path: Path) -> No
     of = swept(tmp_path / "s", FAULT, FAULT)
     rows = runs.read(of)
     told = sweep.verdict(of, rows, runs.counts(of, rows), None)
-    assert told.line == "not judged: Of 2 runs none was judged; 2 came to a fault."
+    assert told.line == "not judged: Of 2 runs none was judged; 2 ended with a fault."
 
 
 def test_what_a_search_drove_is_counted_and_not_shared_out(tmp_path: Path) -> None:
@@ -159,7 +159,7 @@ def test_what_a_search_drove_is_counted_and_not_shared_out(tmp_path: Path) -> No
         dataset.add(RunSpec(number, f"{number:016x}", {"speed": float(number)}, 1), result)
     dataset.close()
     told = sweep.report(Sweep(tmp_path / "s"))
-    said = "The search was stopped or still goes on. 3 runs were driven, 1 of them to a fault. Over all runs:"
+    said = "The search was stopped or still runs. 3 runs were driven, 1 of them ended with a fault. Over all runs:"
     assert told.verdict.line.startswith(f"broken off: {said}")
     assert [picture.name for picture in told.pictures if "distribution" in picture.name] == []
 
@@ -192,7 +192,7 @@ def test_a_playback_is_not_said_to_be_driven_or_replayed_again(tmp_path: Path) -
 
 
 def criteria(judged: bool) -> list[list[str]]:
-    """The cells of the table of criteria, row by row."""
+    """The texts of the table of criteria, row by row."""
     wanted = {
         "outcome": "stopped",
         "collision": False,
@@ -203,19 +203,23 @@ def criteria(judged: bool) -> list[list[str]]:
     }
     failed = ["stop_gap_m is 4.499, expected 4.5 to 5.5", "collision is True, expected False"]
     figures = {"outcome": "stopped", "collision": True, "stop_gap_m": 4.4994, "min_gap_m": None, "duration_s": 59.0}
-    rows = asked.criteria(wanted, figures | {"failed": failed}, judged).replace("\u00a0", " ").split("<tr>")[2:]
-    return [re.sub(r"<[^>]+>", "|", row).strip("|").replace("||", "|").split("|") for row in rows]
+    rows = settings.criteria(wanted, figures | {"failed": failed}, judged).rows
+    return [[text_of(cell).replace("\u00a0", " ") for cell in row] for row in rows]
+
+
+def text_of(cell: Cell | str) -> str:
+    return cell if isinstance(cell, str) else cell.text
 
 
 def test_each_criterion_says_what_it_asks_and_whether_that_was_met() -> None:
-    assert [[cell for cell in row if cell] for row in criteria(True)] == [
+    assert criteria(True) == [
         ["outcome", "stopped", "stopped", "✓ met"],
         ["collision", "no", "yes", "✗ not met"],
         ["gap at rest", "4.5 to 5.5 m", "4.499 m", "✗ not met"],
         ["minimum gap", "at least 1 m", "none", "✓ met"],
         ["drive time", "at most 60 s", "59.000 s", "✓ met"],
     ]
-    assert {[cell for cell in row if cell][-1] for row in criteria(False)} == {"not judged"}
+    assert {row[-1] for row in criteria(False)} == {"not judged"}
 
 
 @pytest.mark.parametrize(("network", "driven", "named"), [
@@ -232,10 +236,13 @@ def test_whose_map_it_is_is_said_unless_it_is_known_to_be_ours(network: str, dri
 def test_a_flip_is_told_the_right_way_round() -> None:
     flip = {"meets": 13.1, "fails": 13.2, "key_fails": "0"}
     line = {"values": {}, "meets_first": True, "flips": [flip], "seeds": [{"flips": [flip]}]}
-    told = found.sentence({"search": "boundary", "along": "speed", "criterion": "collision", "boundaries": [line]})
+    result = {"search": "boundary", "along": "speed", "criterion": "collision", "boundaries": [line]}
+    told = search_results.sentence(result, {})
     assert told.startswith("“no collision” is met at speed = 13.1 and no longer at 13.2")
 
 
 def test_the_runs_that_broke_their_bound_are_listed_and_no_others() -> None:
     rows = pd.DataFrame({"key": ["kept", "broke"], "stop_distance_m": [10.0, 10.5], "stop_bound_m": [10.0, 10.0]})
-    assert re.findall(r"<code>(\w+)</code>", stops.flagged(rows)) == ["broke"]
+    checks = stops.bound_checks(rows)
+    assert [text_of(row[0]) for row in checks["broken_bounds"].rows] == ["broke"]
+    assert checks["bound_checks"].kind == "no"

@@ -65,8 +65,7 @@ class Machines:
 
     def runs(self) -> list[int]:
         """Processes that the workers have started."""
-        known = process_tree.everyone()
-        return [run for worker in self.workers for run in process_tree.descendants(worker.pid, known)]
+        return [run for worker in self.workers for run in process_tree.descendants(worker.pid)]
 
     def end(self) -> None:
         """End all of them, and see that what they started ends as well."""

@@ -246,7 +246,7 @@ def test_nothing_outlives_the_engine(number: signal.Signals, tmp_path: Path, scr
     command = [sys.executable, "-c", SCRIPT, str(scratch), str(note)]
     engine = subprocess.Popen(command, cwd=REPOSITORY, stderr=subprocess.PIPE)
     child = written(note)
-    everyone = process_tree.descendants(engine.pid, process_tree.everyone())
+    everyone = process_tree.descendants(engine.pid)
     assert child in everyone
     assert len(everyone) == 2
     engine.send_signal(number)

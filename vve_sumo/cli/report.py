@@ -19,10 +19,10 @@ def add(commands: Commands) -> None:
         commands,
         "report",
         "one page on a drive or a sweep that anybody can read",
-        "Write report.html into a record's or a sweep's folder: what was asked, what happened, passed or failed,\n"
-        "plots, versions, hashes, how to do it again. The page is one file that opens offline; its plots lie in\n"
-        "report/ too. An earlier report is replaced. A drive that was killed and a sweep that goes on are told as far\n"
-        "as they came.\n\n"
+        "Write report.html into a record's or a sweep's folder: the settings, the results, passed or failed,\n"
+        "plots, versions, hashes, how to reproduce it. The page is one file that opens offline; its plots lie in\n"
+        "report/ too. An earlier report is replaced. A drive that was killed and a sweep that still runs are reported\n"
+        "as far as they got.\n\n"
         "examples:\n"
         "  vve-sumo report runs/mine      of a drive's record\n"
         "  vve-sumo report speeds         of a sweep's, a search's or a study's folder",
@@ -33,11 +33,11 @@ def add(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the report of a folder, print its place and the verdict; return the exit code, 0."""
-    from vve_sumo.report.write import put, report_of
+    """Write the report of a folder, print its path and the verdict; return the exit code, 0."""
+    from vve_sumo.report.write import report_of, save
 
     report = report_of(arguments.folder)
-    page = put(report, arguments.folder)
+    page = save(report, arguments.folder)
     print(report.verdict.line)
     print(f"report: {page}")
     return 0

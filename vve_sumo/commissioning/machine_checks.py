@@ -154,7 +154,11 @@ def _can() -> Check:
 def _dbc() -> Check:
     facts = load(DEFAULT).facts
     assert facts.dbc is not None  # the shipped interface has one
-    return Check("dbc", f"{len(read_dbc(facts.dbc).messages)} messages of {facts.title}")
+    try:
+        messages = read_dbc(facts.dbc).messages
+    except ConfigError as error:
+        return Check("dbc", "not checked", Finding.NOTE, str(error))
+    return Check("dbc", f"{len(messages)} messages of {facts.title}")
 
 
 def _disk(folder: FilePath) -> Iterator[Check]:

@@ -1,90 +1,61 @@
-"""The page around what a report says: head, verdict, way through it, sections, footer; all in one file.
+"""The page of a report: its content set by a template, all in one file.
 
-Knows HTML and the verdict; not whether it is about a drive or a sweep.
+Knows the templates' names; neither how they set the content nor whether it is about a drive or a sweep.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
+from functools import cache
 
-from vve_sumo.report.html import Html, escaped, folded, join, section, table, tag
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
 from vve_sumo.report.picture import Picture
+from vve_sumo.report.tables import Cell, Table
 from vve_sumo.report.verdict import Verdict
 
-#: what the verdict looks like
-LOOKS = {"passed": "verdict good", "FAILED": "verdict bad", "altered": "verdict bad"}
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """A section of a page."""
-
-    anchor: str
-    head: str
-    content: Sequence[str]
+#: no page may hold these: control characters, halves of characters, and marks that turn the reading direction round
+_UNFIT = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
     """All that a report says."""
 
+    template: str  #: of its sections
     kind: str  #: what it is a report of
     title: str
     verdict: Verdict
-    parts: Sequence[Part]
-    pictures: Sequence[Picture]
+    pictures: Sequence[Picture]  #: the first one stands at the top of what happened
     sources: Sequence[str]  #: whom its data is of
+    content: Mapping[str, object]  #: of its sections, by the names that the template uses
 
     def page(self) -> str:
         """Return the page."""
-        body = join(self._top(), tag("main", *self._sections()), self._footer())
-        head = join(
-            tag("meta", charset="utf-8"),
-            tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-            # A page that may ask for nothing asks for nothing, not even for an icon.
-            tag("link", rel="icon", href="data:,"),
-            tag("title", f"{self.verdict.word}: {self.title}"),
-            tag("style", Html(files(__package__).joinpath("page.css").read_text(encoding="utf-8"))),
-        )
-        return f"<!DOCTYPE html>\n{tag('html', tag('head', head), tag('body', body), lang='en')}\n"
-
-    def _top(self) -> Html:
-        said = tag("p", *_apart(self.verdict.sentences), class_="said")
-        verdict = tag(
-            "div", tag("p", tag("strong", self.verdict.word)), said, class_=LOOKS.get(self.verdict.word, "verdict")
-        )
-        way = tag("ul", *(tag("li", tag("a", part.head, href=f"#{part.anchor}")) for part in self._shown()))
-        nav = tag("nav", way, aria_label="on this page")
-        return tag("header", tag("p", self.kind, class_="kind"), tag("h1", self.title), verdict, nav, class_="top")
-
-    def _shown(self) -> list[Part]:
-        return [part for part in self.parts if any(part.content)]
-
-    def _sections(self) -> list[Html]:
-        return [section(part.anchor, part.head, *part.content) for part in self._shown()]
-
-    def _footer(self) -> Html:
-        made = "Written by vve-sumo from this folder's files alone; nothing on this page was fetched from elsewhere."
-        return tag("footer", *(tag("p", line) for line in (made, *self.sources)))
+        return _UNFIT.sub("\ufffd", _templates().get_template(self.template).render(self.content, report=self))
 
 
-def _apart(sentences: Sequence[str]) -> list[str]:
-    return [escaped(f"{sentence} ") for sentence in sentences]
+@cache
+def _templates() -> Environment:
+    """Return the templates: every text is escaped as it is set, and a name that the content lacks is an error."""
+    return Environment(
+        loader=PackageLoader(__package__),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
 
 
-def hashes(told: Sequence[tuple[str, str]], summary: str) -> Html:
-    """Return hashes, folded."""
-    rows = [(name, tag("span", value, class_="hash")) for name, value in told]
-    return folded(summary, table(("of", "SHA-256"), rows, summary)) if rows else Html("")
+def hashes(digests: Sequence[tuple[str, str]], name: str) -> Table:
+    """Return files or parts with their hashes."""
+    return Table(name, ("of", "SHA-256"), [(of, Cell(digest, kind="hash")) for of, digest in digests if digest])
 
 
-def commands(told: Sequence[tuple[str, str]]) -> Html:
-    """Return command lines, each under what it does."""
-    return join(*(join(tag("p", what), tag("pre", tag("code", line), tabindex="0")) for what, line in told))
-
-
-def versions(told: dict[str, str]) -> Html:
+def versions(parts: Mapping[str, str]) -> Table:
     """Return the versions of what decided how a drive went."""
-    return table(("part", "version"), list(told.items()), "versions") if told else Html("")
+    return Table("versions", ("part", "version"), list(parts.items()))

@@ -1,6 +1,6 @@
-"""Which plots a report shows, and what one sees in each.
+"""Which plots a report shows, and the caption of each.
 
-Chooses and says; draws nothing itself.
+Chooses and describes; draws nothing itself.
 """
 
 from __future__ import annotations
@@ -14,47 +14,42 @@ import numpy as np
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.table import label_of
-from vve_sumo.report.asked import varied_criteria
-from vve_sumo.report.picture import Picture, drawn
+from vve_sumo.report.picture import Picture, picture_of
+from vve_sumo.report.settings import varied_criteria
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SHEET = (
-    "Left: the street from above with the path, where the car went and what was around it, and beneath it the place "
-    "where the drive ended, seen driving to the right. Right: the drive over time."
+DRIVE = (
+    "Left: the road from above with the path, where the car went and what was around it, and beneath it the place "
+    "where the drive ended, with the driving direction to the right. Right: the drive over time."
 )
 SAFETY = (
     "From above: the gap to what was ahead beside the distance that Responsibility-Sensitive Safety asks for, the time "
     "to collision, the deceleration that it took to avoid a contact, and the headway, while something was ahead."
 )
 APPROACH = (
-    "Every point of the line is a moment of the drive: its speed to the right, its gap upwards; it begins at the ring "
-    "and ends at the dot. In the grey under the dotted line the car as declared can no longer stop before what stands "
-    "still ahead."
+    "Every point of the line is a moment of the drive: its speed to the right, its gap upwards. The line begins at the "
+    "ring and ends at the dot. In the grey area under the dotted line the car as declared can no longer stop before a "
+    "standing obstacle ahead."
 )
-LEDGER = (
+LATENCY = (
     "Above: the slowest ticks over drive time, each column made of its legs, with the rig's budget. Below: the "
     "percentiles of every leg."
 )
-AT_REST = "Each run's gap at rest over its speed. Crosses touched something; runs that have no gap stand at the edge."
+AT_REST = "Each run's gap at rest over its speed. Crosses are collisions; runs that have no gap stand at the edge."
 #: runs whose speeds spread less were all driven at one speed [m/s]
-LEAST_SPREAD = 0.5
+MIN_SPREAD = 0.5
 STOPS = (
     "Above: the distance from the onset of braking to rest over the speed at the onset, beside the closed form. Below: "
     "how far each stop lies from its own bound; above the line it was longer than the car as declared would need."
 )
 BOUNDARY = "Every run of the search where it was driven, whether it met the criterion, and where that flips."
-WORST = (
-    "The figure of every run in the order of the search with the worst so far, and where among the parameters the "
-    "search looked."
-)
-
-
+WORST = "The figure of every run in the order of the search with the worst so far, and the parameters of every run."
 #: of a map
 LACKING = (
-    "Runs without that figure, such as the gap of one that drove through what was ahead, are in no mean; a cell that "
-    "has no other runs is hatched."
+    "Runs without that figure, such as the gap of a run that drove through the obstacle, are in no mean; a cell "
+    "without other runs is hatched."
 )
 
 
@@ -62,15 +57,17 @@ def of_drive(run: Run) -> tuple[Picture, ...]:
     """Return the plots of a drive."""
     from vve_sumo import plotting
 
-    told = [drawn(plotting.drive_sheet(run), "drive_sheet", "the drive from above and over time", SHEET)]
+    pictures = [picture_of(plotting.drive_sheet(run), "drive_sheet", "the drive from above and over time", DRIVE)]
     if np.isfinite(run.lead.gap).any():  # else there is nothing to be seen in them
-        told.append(drawn(plotting.safety_over_time(run), "safety_over_time", "safety over drive time", SAFETY))
-        told.append(drawn(plotting.gap_against_speed(run), "gap_against_speed", "gap over speed", APPROACH))
-    if run.holds("latency"):
-        told.append(
-            drawn(plotting.latency_ledger(run), "latency_ledger", "latency of the legs over drive time", LEDGER)
+        pictures.append(
+            picture_of(plotting.safety_over_time(run), "safety_over_time", "safety over drive time", SAFETY)
         )
-    return tuple(told)
+        pictures.append(picture_of(plotting.gap_against_speed(run), "gap_against_speed", "gap over speed", APPROACH))
+    if run.holds("latency"):
+        pictures.append(
+            picture_of(plotting.latency_ledger(run), "latency_ledger", "latency of the legs over drive time", LATENCY)
+        )
+    return tuple(pictures)
 
 
 def of_sweep(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> tuple[Picture, ...]:
@@ -78,26 +75,30 @@ def of_sweep(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> tuple[
     from vve_sumo import plotting
 
     searched = bool(sweep.plan["spec"].get("search"))
-    told = [*_search(sweep)] if searched else [*_maps(sweep, rows, figures), *_curves(sweep, rows, figures)]
+    pictures = [*(_search(sweep) if searched else (*_maps(sweep, rows, figures), *_distribution(sweep, rows, figures)))]
     if rows["stop_gap_m"].notna().any() and _differ(rows):
-        told.append(drawn(plotting.gap_against_speed(rows), "gap_against_speed", "gap at rest over speed", AT_REST))
+        pictures.append(
+            picture_of(plotting.gap_against_speed(rows), "gap_against_speed", "gap at rest over speed", AT_REST)
+        )
     if rows["stop_distance_m"].notna().any():
-        told.append(drawn(plotting.stopping_distance(rows), "stopping_distance", "stopping distance over speed", STOPS))
-    return tuple(told)
+        pictures.append(
+            picture_of(plotting.stopping_distance(rows), "stopping_distance", "stopping distance over speed", STOPS)
+        )
+    return tuple(pictures)
 
 
 def _differ(rows: pd.DataFrame) -> bool:
-    """Whether the runs were driven at speeds that differ: a plot over a single one says nothing."""
+    """Return whether the runs were driven at speeds that differ: a plot over a single speed shows nothing."""
     speed = rows["stop_onset_speed_mps"]
-    return bool(speed.max() - speed.min() > LEAST_SPREAD)
+    return bool(speed.max() - speed.min() > MIN_SPREAD)
 
 
 def _search(sweep: Sweep) -> Iterator[Picture]:
     from vve_sumo import plotting
 
     along = "along" in sweep.plan["spec"]["search"]
-    alt = "where the criterion flips" if along else "what the search came to"
-    yield drawn(plotting.boundary(sweep), "search", alt, BOUNDARY if along else WORST)
+    alt = "where the criterion flips" if along else "the runs of the search"
+    yield picture_of(plotting.boundary(sweep), "search", alt, BOUNDARY if along else WORST)
 
 
 def _maps(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[Picture]:
@@ -114,11 +115,11 @@ def _maps(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[
             continue
         what = "share of runs that passed" if figure == "passed" else f"mean {label_of(figure)}"
         caption = f"The {what} over {x} to the right and {y} upwards.{over} {LACKING}"
-        yield drawn(plotting.heat_map(rows, x, y, figure), f"map_{figure}", f"{what} over {x} and {y}", caption)
+        yield picture_of(plotting.heat_map(rows, x, y, figure), f"map_{figure}", f"{what} over {x} and {y}", caption)
 
 
-def _curves(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[Picture]:
-    """Distribution of the figure that matters most, of every value of the first parameter on its own."""
+def _distribution(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[Picture]:
+    """Distribution of the figure that matters most, a line for each value of the first parameter."""
     from vve_sumo import plotting
 
     figure = next((name for name in figures if rows[name].notna().any()), None)
@@ -126,15 +127,15 @@ def _curves(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterato
         return
     by = next((name for name in sweep.parameters if rows[name].nunique() > 1), None)
     what = f"distribution of {label_of(figure)}"
-    apart = f", some values of {by} each on its own" if by else ""
+    apart = f", one line for each of some values of {by}" if by else ""
     band = _band(sweep, figure)
-    caption = f"What share of the runs has a {label_of(figure)} of at most so much{apart}."
+    caption = f"The share of the runs that have at most the {label_of(figure)} to the right{apart}."
     caption += " The shaded part does not pass." if band else ""
-    yield drawn(plotting.distribution(rows, figure, by, band), f"distribution_{figure}", what, caption)
+    yield picture_of(plotting.distribution(rows, figure, by, band), f"distribution_{figure}", what, caption)
 
 
 def _band(sweep: Sweep, figure: str) -> tuple[float, float] | None:
-    """Return what a figure is to be; None where that is not the same for every run, or nothing is asked."""
+    """Return the band that a criterion requires; None where it differs from run to run, or there is none."""
     table = sweep.plan["table"]
     wanted = (table.get("criteria") or {}).get(figure)
     if not isinstance(wanted, dict) or figure in varied_criteria(table, sweep.parameters):

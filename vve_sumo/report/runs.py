@@ -1,11 +1,10 @@
-"""What a sweep's runs come to: how many passed, where their figures lie, combination by combination, the worst first.
+"""The results of a sweep's runs: how many passed, the figures' distributions, combination by combination, the worst.
 
 Knows the rows of a sweep; not what was searched, nor the page.
 """
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -15,23 +14,20 @@ import numpy as np
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
-from vve_sumo.report.html import Column, Html, folded, join, sub, table, tag
-from vve_sumo.report.tables import cell, head_of, named
-from vve_sumo.report.words import count, number, said, share, short
+from vve_sumo.report.formatting import integer, number, share, short
+from vve_sumo.report.tables import Cell, Column, Row, Table, cell, head_of, named
 from vve_sumo.statistics import wilson
 
 if TYPE_CHECKING:
     import pandas as pd
 
 #: rows of a table on the page at most; all of them are in the dataset
-MOST = 200
-#: of the runs that did not pass, how many are listed
-WORST = 100
-#: longer tables are folded
-LONG = 12
-#: figures that are told where no criterion asks for others
+MAX_ROWS = 200
+#: of the runs that did not pass, how many are listed at most
+MAX_FAILED = 100
+#: figures that are shown where no criterion asks for others
 MAIN = ("stop_gap_m", "min_gap_m", "min_ttc_s", "max_deceleration_mps2")
-#: metrics in the order in which they tell which run is worse
+#: metrics in the order in which they decide which run is worse
 WORST_BY = ("impact_speed_mps", "min_gap_m", "min_ttc_s", "stop_gap_m")
 #: columns of the rows that the page needs beside parameters and criteria
 NEEDED = ("number", "key", "seed", "fault", "outcome", "passed", "failed", "collision", "impact_speed_mps")
@@ -39,9 +35,9 @@ NEEDED = ("number", "key", "seed", "fault", "outcome", "passed", "failed", "coll
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """How many runs there are, and what became of them."""
+    """How many runs there are, and how they ended."""
 
-    asked: int  #: of a search, at most
+    planned: int  #: of a search, at most
     finished: int
     passed: int
     failed: int
@@ -66,60 +62,47 @@ def counts(sweep: Sweep, rows: pd.DataFrame) -> Counts:
     return Counts(sweep.asked, len(rows), int((passed == 1.0).sum()), int((passed == 0.0).sum()), faults)
 
 
-def overview(of: Counts, search: bool) -> Html:
+def overview(of: Counts, search: bool) -> Table:
     """Return how many runs passed, with Wilson's interval of that share."""
     low, high = wilson(of.passed, of.judged)
-    sure = f"95 % interval {share(low)} to {share(high)}" if of.judged else ""
+    passed = f"{share(of.passed / of.judged)} of those judged; " if of.judged else ""
+    interval = f"95 % interval {share(low)} to {share(high)}" if of.judged else ""
     rows = [
-        ("asked for", said("runs", of.asked), "at most: the search chooses which" if search else ""),
-        ("finished", said("runs", of.finished), ""),
-        (
-            "passed",
-            said("runs", of.passed),
-            f"{share(of.passed / of.judged)} of those judged; {sure}" if of.judged else "",
-        ),
-        ("failed", said("runs", of.failed), ""),
-        ("with a fault", said("runs", of.faults), "no figures, neither passed nor failed" if of.faults else ""),
+        ("planned", integer(of.planned), "at most: the search chooses which" if search else ""),
+        ("finished", integer(of.finished), ""),
+        ("passed", integer(of.passed), passed + interval),
+        ("failed", integer(of.failed), ""),
+        ("with a fault", integer(of.faults), "no figures, neither passed nor failed" if of.faults else ""),
     ]
-    return sub("Runs", table(("runs", Column("number", True), "share"), rows, "runs"))
+    return Table("runs", ("runs", Column("number", True), "share"), rows)
 
 
-def spread(rows: pd.DataFrame, figures: Sequence[str]) -> Html:
-    """Return where the figures of all runs lie."""
-    lines = []
+def spread(rows: pd.DataFrame, figures: Sequence[str]) -> Table:
+    """Return the distributions of the figures over all runs."""
+    lines: list[Row] = []
     for name in figures:
         values = rows[name].to_numpy(np.float64, na_value=np.nan)
         values = values[np.isfinite(values)]
         if len(values):
             places = (values.min(), *np.quantile(values, (0.05, 0.5, 0.95)), values.max())
             lines.append(
-                (named(name), *(number(float(value)) for value in places), unit_of(name), said("runs", len(values)))
+                (named(name), *(number(float(value)) for value in places), unit_of(name), integer(len(values)))
             )
-    numbers = [Column(head, True) for head in ("least", "5 %", "median", "95 %", "greatest")]
-    columns = [Column("figure"), *numbers, Column("unit"), Column("runs", True)]
-    return sub("Figures over all runs", table(columns, lines, "figures over all runs")) if lines else Html("")
+    numbers = [Column(head, True) for head in ("minimum", "5 %", "median", "95 %", "maximum")]
+    return Table("figures over all runs", ("figure", *numbers, "unit", Column("runs", True)), lines)
 
 
-def combinations(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Html:
-    """Return what the runs come to by combination of values, the worst first; nothing where each was driven once."""
+def combinations(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Table:
+    """Return the results by combination of values, the worst first; no rows where each was driven once."""
+    heads = ["runs", "passed", "share, 95 %", *map(head_of, figures)]
+    units = rows.attrs.get("units", {})
+    columns = [Column(head, True) for head in (*(head_of(name, units) for name in sweep.parameters), *heads)]
     if not sweep.parameters or not 1 < len(rows[sweep.parameters].drop_duplicates()) < len(rows):
-        return Html("")
-    came = sweep.grouped(figures=list(figures))
-    units = came.attrs.get("units", {})
-    came = came.sort_values("passed_share", kind="stable", na_position="first")
-    heads = [
-        *(head_of(name, units) for name in sweep.parameters),
-        "runs",
-        "passed",
-        "share, 95 %",
-        *map(head_of, figures),
-    ]
-    columns = [Column(head, True) for head in heads]
-    lines = [_combination(row, sweep.parameters, figures) for row in came.head(MOST).to_dict("records")]
-    text = "Mean ± half of Student's 95 % interval over the runs of a combination; the least share that passed first."
-    text += f" The first {MOST} of {len(came):,}; the dataset has them all." if len(came) > MOST else ""
-    shown = join(tag("p", text), table(columns, lines, "combinations"))
-    return sub("By combination", folded(count(len(came), "combination"), shown) if len(came) > LONG else shown)
+        return Table("combinations", columns, ())
+    grouped = sweep.grouped(figures=list(figures))
+    grouped = grouped.sort_values("passed_share", kind="stable", na_position="first")
+    lines = [_combination(row, sweep.parameters, figures) for row in grouped.head(MAX_ROWS).to_dict("records")]
+    return Table("combinations", columns, lines, len(grouped))
 
 
 def _combination(row: Mapping[Hashable, Any], parameters: Sequence[str], figures: Sequence[str]) -> list[str]:
@@ -133,55 +116,38 @@ def _mean(mean: float, half: float) -> str:
     return number(mean) if half != half or mean != mean else f"{number(mean)} ± {number(half)}"
 
 
-def worst(rows: pd.DataFrame, sweep: Sweep, figures: Sequence[str], name: str) -> Html:
-    """Return the runs that failed, the worst first, each with the line that drives it again."""
+def failed_runs(rows: pd.DataFrame, parameters: Sequence[str], figures: Sequence[str]) -> Table:
+    """Return the runs that failed, the worst first; a row begins with the run's key."""
     failed = rows[rows["passed"].to_numpy(np.float64, na_value=np.nan) == 0.0]
-    if failed.empty:
-        return Html("")
     upwards = [*(PER_DRIVE[name].worse == "lower" for name in WORST_BY), True]
-    ordered = failed.sort_values([*WORST_BY, "number"], ascending=upwards, kind="stable").head(WORST)
+    ordered = failed.sort_values([*WORST_BY, "number"], ascending=upwards, kind="stable").head(MAX_FAILED)
     units = rows.attrs.get("units", {})
     shown = list(dict.fromkeys(["impact_speed_mps", *figures]))
     columns = [
-        "key",
-        *(head_of(one, units) for one in sweep.parameters),
-        "seed",
-        "outcome",
-        *map(head_of, shown),
-        "what failed",
+        Column("key"),
+        *(Column(head_of(name, units), True) for name in parameters),
+        Column("seed", True),
+        Column("outcome"),
+        *(Column(head_of(name), True) for name in shown),
+        Column("criteria not met"),
     ]
-    numeric = {"seed", *(head_of(one, units) for one in (*sweep.parameters, *shown))}
     lines = [
         (
-            tag("code", row["key"]),
-            *(cell(row[one]) for one in (*sweep.parameters, "seed", "outcome", *shown)),
-            row["failed"] or "",
+            Cell(row["key"], kind="code"),
+            *(cell(row[name]) for name in (*parameters, "seed", "outcome", *shown)),
+            row["failed"],
         )
-        for row in ordered.astype(object).to_dict("records")
+        for row in ordered.fillna({"failed": ""}).astype(object).to_dict("records")
     ]
-    told = [f"{count(len(failed), 'run')} failed"]
-    told += (
-        [f"; the worst {WORST} of them, by impact speed and then by the least gap"]
-        if len(failed) > WORST
-        else ["; the hardest impact first, then the least gap"]
-    )
-    body = table([Column(one, one in numeric) for one in columns], lines, "runs that failed")
-    again = f"vve-sumo sweep --rerun {shlex.quote(name)} {ordered['key'].iloc[0]}"
-    text = tag("p", "".join(told), ". To drive the first one again, with its full record:")
-    inside = folded("Runs that failed", body) if len(ordered) > LONG else body
-    return sub("What failed", text, tag("pre", tag("code", again), tabindex="0"), inside)
+    return Table("runs that failed", columns, lines, len(failed))
 
 
-def faults(rows: pd.DataFrame) -> Html:
+def faults(rows: pd.DataFrame) -> Table:
     """Return why runs have no figures, how often, and a key of each."""
-    ill = rows[rows["fault"].fillna("") != ""]
-    if ill.empty:
-        return Html("")
-    each = (
-        ill.groupby("fault", sort=False)["key"]
-        .agg(["size", "first"])
-        .sort_values("size", ascending=False, kind="stable")
-    )
-    lines = [(str(fault), str(row["size"]), tag("code", row["first"])) for fault, row in each.head(MOST).iterrows()]
-    text = "Runs without figures: they have neither passed nor failed."
-    return sub("Faults", tag("p", text), table(("fault", Column("runs", True), "one of them"), lines, "faults"))
+    faulty = rows[rows["fault"].fillna("") != ""]
+    each = faulty.groupby("fault", sort=False)["key"].agg(["size", "first"])
+    each = each.sort_values("size", ascending=False, kind="stable")
+    lines = [
+        (str(fault), str(row["size"]), Cell(row["first"], kind="code")) for fault, row in each.head(MAX_ROWS).iterrows()
+    ]
+    return Table("faults", ("fault", Column("runs", True), "one of them"), lines, len(each))

@@ -1,6 +1,6 @@
-"""How a drive came to rest and what its certificate says of that, as parts of the page.
+"""How a drive came to rest, and whether its stop kept the bound of the vehicle as declared.
 
-Knows stops and certificates; measures nothing itself.
+Knows stops and stopping-bound checks; measures nothing itself.
 """
 
 from __future__ import annotations
@@ -19,132 +19,130 @@ from vve_sumo.analysis.stopping_bound import (
 )
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
-from vve_sumo.report.html import Column, Html, folded, sub, table, tag
-from vve_sumo.report.tables import about
-from vve_sumo.report.words import count, number, said
+from vve_sumo.report.formatting import count, integer, number
+from vve_sumo.report.tables import Cell, Column, Row, Table
 
 if TYPE_CHECKING:
     import pandas as pd
 
 #: runs that broke their bound, listed at most
-MOST = 50
-#: a longer list is folded
-LONG = 12
+MAX_ROWS = 50
 
 
-def stop(run: Run) -> Html:
-    """Return how the drive came to rest, split into reaction, build-up and braking."""
-    found = stop_of(run)
-    if found is None:
-        return sub("The stop", tag("p", "The drive holds no stop that was commanded and ended at rest."))
-    began = f"Braking was first commanded at {number(found.onset_s, 's')}, at {number(found.onset_speed, 'm/s')}"
-    asked = f"as hard as a constant {number(found.demand, 'm/s²')} would be"
-    text = f"{began}, {asked}; the car stood at {number(found.rest_s, 's')}."
-    return sub("The stop", tag("p", text), _split(found), _felt(run, found))
+def stop(run: Run) -> dict[str, object]:
+    """Return how the drive came to rest, split into reaction, build-up and braking; `stop` is None where it did not."""
+    braking = stop_of(run)
+    if braking is None:
+        return {"stop": None}
+    begin = f"Braking was first commanded at {number(braking.onset_s, 's')}, at {number(braking.onset_speed, 'm/s')}"
+    demand = f"as hard as a constant {number(braking.demand, 'm/s²')} would be"
+    text = f"{begin}, {demand}; the car stood at {number(braking.rest_s, 's')}."
+    return {"stop": text, "stop_parts": _split(braking), "stop_comfort": _comfort(run, braking)}
 
 
-def _split(found: Stop) -> Html:
+def _split(braking: Stop) -> Table:
     parts = {
-        "reaction": (found.reaction, "until the car's deceleration begins to rise"),
-        "build-up": (found.build_up, "until it has risen"),
-        "braking": (found.braking, "until rest"),
+        "reaction": (braking.reaction, "until the car's deceleration begins to rise"),
+        "build-up": (braking.build_up, "until it has risen"),
+        "braking": (braking.braking, "until rest"),
     }
-    rows = [(about(name, says), number(part.duration), number(part.distance)) for name, (part, says) in parts.items()]
-    time, way = (sum(part[which] for part, _ in parts.values()) for which in (0, 1))
-    rows.append((about("together", "from the first command to rest"), number(time), number(way)))
-    columns = ("part", Column("time [s]", True), Column("distance [m]", True))
-    return table(columns, rows, "the stop split into its parts")
+    rows = [(Cell(name, text), number(part.duration), number(part.distance)) for name, (part, text) in parts.items()]
+    time, distance = (sum(part[which] for part, _ in parts.values()) for which in (0, 1))
+    rows.append((Cell("together", "from the first command to rest"), number(time), number(distance)))
+    return Table(
+        "the stop split into its parts", ("part", Column("time [s]", True), Column("distance [m]", True)), rows
+    )
 
 
-def _felt(run: Run, found: Stop) -> Html:
-    felt = comfort(run, found)
-    named = {
-        label_of("mfdd_mps2"): (found.mfdd, unit_of("mfdd_mps2")),
+def _comfort(run: Run, braking: Stop) -> Table:
+    felt = comfort(run, braking)
+    figures = {
+        label_of("mfdd_mps2"): (braking.mfdd, unit_of("mfdd_mps2")),
         "maximum mean deceleration over 2 s": (felt.mean_deceleration_mps2, unit_of("_mps2")),
         label_of("max_jerk_mps3"): (felt.max_jerk_mps3, unit_of("_mps3")),
         label_of("rms_jerk_mps3"): (felt.rms_jerk_mps3, unit_of("_mps3")),
     }
-    rows = [(name, number(value, unit)) for name, (value, unit) in named.items()]
-    return table(("figure", Column("value", True)), rows, "how the stop felt")
+    rows = [(name, number(value, unit)) for name, (value, unit) in figures.items()]
+    return Table("comfort of the stop", ("figure", Column("value", True)), rows)
 
 
-def promised(run: Run) -> Html:
-    """Return the certificate of a drive's stop: what the car as declared promised of it, and what happened."""
-    found = stopping_bound_check(run)
-    if not (found.held or found.broken):
-        return Html("")
+def bound_check(run: Run) -> dict[str, object]:
+    """Return the stopping-bound check of a drive: what the vehicle as declared needs at most, and what it took.
+
+    `bound_check` is None where the drive holds no stop to check.
+    """
+    check = stopping_bound_check(run)
+    if not (check.held or check.broken):
+        return {"bound_check": None}
     rows = [
-        (label_of("stop_onset_speed_mps"), number(found.onset_speed, "m/s")),
-        (label_of("stop_demand_mps2"), number(found.demand, "m/s²")),
-        ("worst latency of the loop during the stop", number(1000.0 * found.latency, "ms", 1)),
-        ("declared dead time and lag of the brakes", number(1000.0 * (found.brake_delay + found.brake_lag), "ms", 1)),
-        ("bound: what the car as declared needs at most", number(found.bound, "m")),
-        ("what it took", number(found.distance, "m")),
-        ("beyond the bound; negative is better than promised", number(found.excess, "m")),
+        (label_of("stop_onset_speed_mps"), number(check.onset_speed, "m/s")),
+        (label_of("stop_demand_mps2"), number(check.demand, "m/s²")),
+        ("worst latency of the loop during the stop", number(1000.0 * check.latency, "ms", 1)),
+        ("declared dead time and lag of the brakes", number(1000.0 * (check.brake_delay + check.brake_lag), "ms", 1)),
+        ("bound: what the car as declared needs at most", number(check.bound, "m")),
+        ("stopping distance", number(check.distance, "m")),
+        ("stopping distance less the bound; negative is within the bound", number(check.excess, "m")),
     ]
-    figures = table(("what", Column("value", True)), rows, "certificate")
-    return sub("Certificate", _of_distance(found), figures, *_of_answer(found))
+    return {
+        "bound_check": Table("stopping-bound check", ("what", Column("value", True)), rows),
+        "distance": _distance(check),
+        "answer": _answer(check),
+        "answers": _answers(check),
+    }
 
 
-def _of_distance(found: StoppingBoundCheck) -> Html:
-    if math.isnan(found.excess):
-        return tag("p", "The record does not tell what the stop promised: the loop's latency was not taken down.")
-    broke = "distance" in found.missed
-    kept = f"{'BROKE' if broke else 'kept'} its bound of {number(found.bound, 'm')}"
+def _distance(check: StoppingBoundCheck) -> Cell:
+    if math.isnan(check.excess):
+        return Cell("The stopping distance cannot be checked: the record does not hold the latency of the loop.")
+    broke = "distance" in check.missed
+    kept = f"{'BROKE' if broke else 'kept'} its bound of {number(check.bound, 'm')}"
     text = (
-        f"The stop took {number(found.distance, 'm')} and {kept}, which a car with the declared brakes needs at most "
+        f"The stop took {number(check.distance, 'm')} and {kept}, which a car with the declared brakes needs at most "
         f"for what was commanded; {number(TOLERANCE, 'm')} more are tolerated."
     )
-    return tag("p", text, **_looks(broke))
+    return Cell(text, kind="no" if broke else "")
 
 
-def _of_answer(found: StoppingBoundCheck) -> list[Html]:
-    """How the brakes answered: what was not held of it, and the figures."""
-    answer, late = found.answer, [part for part in found.missed if part != "distance"]
-    if math.isnan(answer.together.value):
-        return [tag("p", "The record does not tell how fast the brakes answered.")]
-    said = f"NOT HELD: {' and '.join(late)}" if late else "No part of it is later for sure"
-    text = (
-        f"How the brakes answered the commanded torque, fitted to the speed. {said}, where "
-        f"{number(1000.0 * LATE, 'ms', 0)} beyond the declaration are tolerated."
-    )
-    declared = (found.brake_delay, found.brake_lag, found.brake_delay + found.brake_lag)
-    named = ("reaction: dead time", "build-up: lag", "together")
+def _answer(check: StoppingBoundCheck) -> Cell:
+    """Return what of the declared response of the brakes was not kept."""
+    late = [part for part in check.missed if part != "distance"]
+    if math.isnan(check.answer.together.value):
+        return Cell("The record does not show how fast the brakes answered.")
+    kept = f"LATER THAN DECLARED: {' and '.join(late)}" if late else "No part is certainly later than declared"
+    text = f"The response of the brakes to the commanded torque, fitted to the speed. {kept}"
+    return Cell(f"{text}; {number(1000.0 * LATE, 'ms', 0)} are tolerated.", kind="no" if late else "")
+
+
+def _answers(check: StoppingBoundCheck) -> Table:
+    declared = (check.brake_delay, check.brake_lag, check.brake_delay + check.brake_lag)
+    names = ("reaction: dead time", "build-up: lag", "together")
     rows = [
         (name, _ms(part.value), f"{_ms(part.low)} to {_ms(part.high)}", _ms(wanted))
-        for name, part, wanted in zip(named, answer, declared, strict=True)
+        for name, part, wanted in zip(names, check.answer, declared, strict=True)
     ]
-    columns = ("part", Column("found [ms]", True), Column("between [ms]", True), Column("declared [ms]", True))
-    return [tag("p", text, **_looks(bool(late))), table(columns, rows, "how the brakes answered")]
+    columns = ("part", Column("measured [ms]", True), Column("between [ms]", True), Column("declared [ms]", True))
+    return Table("how the brakes answered", columns, [] if math.isnan(check.answer.together.value) else rows)
 
 
 def _ms(time: float) -> str:
     return number(1000.0 * time, digits=0)
 
 
-def _looks(bad: bool) -> dict[str, str]:
-    return {"class_": "no"} if bad else {}
-
-
-def flagged(rows: pd.DataFrame) -> Html:
-    """Return the runs of a sweep that broke their stopping bound, the worst first."""
-    told = stopping_bound_checks(rows)
-    stopped = int((told["held"] | told["broken"]).sum())
+def bound_checks(rows: pd.DataFrame) -> dict[str, object]:
+    """Return the stopping-bound checks of a sweep's runs; `bound_checks` is None where no run braked to rest."""
+    checks = stopping_bound_checks(rows)
+    stopped = int((checks["held"] | checks["broken"]).sum())
     if stopped == 0:
-        return Html("")
-    broken = told[told["broken"]].sort_values("excess_m", ascending=False, kind="stable")
-    most = f"by more than {number(TOLERANCE, 'm')}"
-    longer = (
-        f"{said('', len(broken)) if len(broken) else 'none'} took longer than what the car as declared needs, {most}"
-    )
-    text = f"{count(stopped, 'run')} braked to rest; {longer}."
-    if broken.empty:
-        return sub("Certificates", tag("p", text))
-    columns = ("run", Column("took [m]", True), Column("bound [m]", True), Column("beyond it [m]", True))
-    shown = broken.head(MOST)
+        return {"bound_checks": None}
+    broken = checks[checks["broken"]].sort_values("excess_m", ascending=False, kind="stable")
+    longer = f"{integer(len(broken)) if len(broken) else 'none'} took longer than what the car as declared needs"
+    text = f"{count(stopped, 'run')} braked to rest; {longer}, by more than {number(TOLERANCE, 'm')}."
+    shown = broken.head(MAX_ROWS)
     figures = zip(*(shown[name].to_numpy(float) for name in ("distance_m", "bound_m", "excess_m")), strict=True)
     keys = rows.loc[shown.index, "key"].astype(str)
-    lines = [(tag("code", key), *map(number, those)) for key, those in zip(keys, figures, strict=True)]
-    listed = table(columns, lines, "runs that broke their bound")
-    listed = folded("Runs that broke their bound, the worst first", listed) if len(lines) > LONG else listed
-    return sub("Certificates", tag("p", text, class_="no"), listed)
+    lines: list[Row] = [(Cell(key, kind="code"), *map(number, those)) for key, those in zip(keys, figures, strict=True)]
+    columns = ("run", Column("took [m]", True), Column("bound [m]", True), Column("beyond it [m]", True))
+    return {
+        "bound_checks": Cell(text, kind="" if broken.empty else "no"),
+        "broken_bounds": Table("runs that broke their bound", columns, lines, len(broken)),
+    }

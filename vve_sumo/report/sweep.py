@@ -1,13 +1,12 @@
-"""What the report of a sweep says: what was varied, what the runs came to, what a search found, where it comes from.
+"""The content of a sweep's report: what was varied, the results of the runs and of a search, the provenance.
 
-Reads a dataset through the analysis and nothing else; must not know how the page is built or written.
+Reads a dataset through the analysis and nothing else; must not know how the page is set or written.
 """
 
 from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,93 +15,86 @@ from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.latency_margin import LatencyMargin
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
-from vve_sumo.report import asked, found, pictures, runs, stops, study
-from vve_sumo.report.html import Column, Html, folded, paragraphs, sub, table, tag
-from vve_sumo.report.page import Part, Report, commands, hashes, versions
-from vve_sumo.report.picture import Picture
+from vve_sumo.report import formatting, pictures, runs, search_results, settings, stops, study
+from vve_sumo.report.formatting import count, integer, number, share, short
+from vve_sumo.report.page import Report, hashes, versions
 from vve_sumo.report.sources import open_street_map
-from vve_sumo.report.tables import about
+from vve_sumo.report.tables import Cell, Column, Table, meanings, of_frame
 from vve_sumo.report.verdict import Verdict, Word
-from vve_sumo.report.words import asked as asked_for
-from vve_sumo.report.words import count, number, said, share, short
 
 if TYPE_CHECKING:
     import pandas as pd
 
 #: figures that a table of combinations has room for
-MOST = 5
+MAX_FIGURES = 5
 
 
 def report(sweep: Sweep) -> Report:
     """Return the report of a sweep, finished or not."""
     rows = runs.read(sweep)
-    counted, cliff = runs.counts(sweep, rows), study.study_of(sweep)
-    plots = (*([study.picture(cliff)] if cliff else []), *pictures.of_sweep(sweep, rows, _figures(sweep)))
+    counted, margin = runs.counts(sweep, rows), study.study_of(sweep)
+    plots = (*([study.picture(margin)] if margin else []), *pictures.of_sweep(sweep, rows, _figures(sweep)))
     return Report(
-        kind="Report of a study" if cliff else ("Report of a search" if _search(sweep) else "Report of a sweep"),
+        template="sweep.html.j2",
+        kind="Report of a study" if margin else ("Report of a search" if _search(sweep) else "Report of a sweep"),
         title=sweep.title,
-        verdict=verdict(sweep, rows, counted, cliff),
-        parts=(
-            Part("asked", "What was asked", _asked(sweep, rows)),
-            Part("happened", "What happened", _happened(sweep, rows, counted, cliff, plots[:1])),
-            Part("plots", "Plots", [picture.html() for picture in plots[1:]]),
-            Part("source", "Where it comes from", _source(sweep)),
-        ),
+        verdict=verdict(sweep, rows, counted, margin),
         pictures=plots,
         sources=open_street_map(sweep.plan["table"], sweep.plan["files_sha256"].get("network") or ()),
+        content=_settings(sweep, rows) | _study(margin) | _results(sweep, rows, counted) | _provenance(sweep),
     )
 
 
 def _search(sweep: Sweep) -> dict[str, Any] | None:
-    told: dict[str, Any] | None = sweep.plan["spec"].get("search")
-    return told
+    search: dict[str, Any] | None = sweep.plan["spec"].get("search")
+    return search
 
 
-def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, cliff: LatencyMargin | None) -> Verdict:
-    """Return the verdict on a sweep: nobody judges what a search or a study went looking for."""
-    looked = _search(sweep) is not None or cliff is not None
-    ends = (_driven(counted) if looked else _came(counted), *_extremes(rows))
+def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, margin: LatencyMargin | None) -> Verdict:
+    """Return the verdict on a sweep; a search or a study is not judged, for its runs are meant to fail."""
+    exploring = _search(sweep) is not None or margin is not None
+    ends = (_driven(counted) if exploring else _judged(counted), *_extremes(rows))
     if _search(sweep) is not None:
         if sweep.found is None:
-            return Verdict("broken off", ("The search was stopped or still goes on.", *ends))
-        return Verdict("not judged", (found.sentence(sweep.found, rows.attrs.get("units")), *ends))
-    if counted.finished < counted.asked:
-        part = f"{said('runs', counted.finished)} of {count(counted.asked, 'run')} are finished"
-        return Verdict("broken off", (f"{part}: the sweep was stopped or still goes on.", *ends))
-    if cliff is not None:
-        return Verdict("not judged", (*study.sentences(cliff), *ends))
+            return Verdict("broken off", ("The search was stopped or still runs.", *ends))
+        return Verdict("not judged", (search_results.sentence(sweep.found, rows.attrs.get("units", {})), *ends))
+    if counted.finished < counted.planned:
+        part = f"{integer(counted.finished)} of {count(counted.planned, 'run')} are finished"
+        return Verdict("broken off", (f"{part}: the sweep was stopped or still runs.", *ends))
+    if margin is not None:
+        return Verdict("not judged", (*study.sentences(margin), *ends))
     word: Word = "FAILED" if counted.failed else ("not judged" if counted.faults or not counted.judged else "passed")
     return Verdict(word, ends)
 
 
 def _driven(counted: runs.Counts) -> str:
-    """Say how many runs there were; the share that passed would tell of the points that were chosen, and no more."""
-    faults = f", {said('runs', counted.faults)} of them to a fault" if counted.faults else ""
+    """Return how many runs there were; the share that passed would depend on the points that the search chose."""
+    faults = f", {integer(counted.faults)} of them ended with a fault" if counted.faults else ""
     return f"{count(counted.finished, 'run was', 'runs were')} driven{faults}."
 
 
-def _came(counted: runs.Counts) -> str:
+def _judged(counted: runs.Counts) -> str:
     if not counted.judged:
-        return f"Of {count(counted.finished, 'run')} none was judged; {counted.faults} came to a fault."
-    faults = f"; {count(counted.faults, 'more came', 'more came')} to a fault" if counted.faults else ""
+        return f"Of {count(counted.finished, 'run')} none was judged; {counted.faults} ended with a fault."
+    faults = f"; {integer(counted.faults)} more ended with a fault" if counted.faults else ""
     if counted.failed == 0:
-        every = "The one judged run" if counted.judged == 1 else f"All {said('runs', counted.judged)} judged runs"
+        every = "The one judged run" if counted.judged == 1 else f"All {integer(counted.judged)} judged runs"
         return f"{every} passed{faults}."
-    part = f"{said('runs', counted.passed)} of {said('runs', counted.judged)} judged runs passed"
-    return f"{part} ({share(counted.passed / counted.judged)}), {said('runs', counted.failed)} failed{faults}."
+    part = f"{integer(counted.passed)} of {integer(counted.judged)} judged runs passed"
+    return f"{part} ({share(counted.passed / counted.judged)}), {integer(counted.failed)} failed{faults}."
 
 
 def _extremes(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Return the worst of all runs, as a sentence."""
+    """Return the worst figures of all runs, as a sentence."""
     collision = rows["collision"].to_numpy(np.float64, na_value=np.nan)
     if not np.isfinite(collision).any():
         return ()
-    gap, least = _least(rows, "stop_gap_m"), _least(rows, "min_gap_m")
+    gap, closest = _least(rows, "stop_gap_m"), _least(rows, "min_gap_m")
     impact, hits = -_least(rows, "impact_speed_mps", -1.0), int((collision == 1.0).sum())
-    hit = f"{count(hits, 'run')} touched something" if hits else "no run touched anything"
+    hit = f"{count(hits, 'run')} with a collision" if hits else "no collision"
     hit += f", at {number(impact, 'm/s')} at most" if impact > 0.0 else ""
-    parts = [f"least gap at rest {number(gap, 'm')}"] if gap > 0.0 else []
-    parts += [f"closest approach {number(least, 'm')}"] if least > 0.0 else []
+    parts = [f"smallest gap at rest {number(gap, 'm')}"] if gap > 0.0 else []
+    parts += [f"smallest gap {number(closest, 'm')}"] if closest > 0.0 else []
     return (f"Over all runs: {', '.join([*parts, hit])}.",)
 
 
@@ -111,9 +103,9 @@ def _least(rows: pd.DataFrame, name: str, sign: float = 1.0) -> float:
     return float(np.nanmin(values)) if np.isfinite(values).any() else float("nan")
 
 
-def _asked(sweep: Sweep, rows: pd.DataFrame) -> list[Html]:
+def _settings(sweep: Sweep, rows: pd.DataFrame) -> dict[str, object]:
     spec, scenario = sweep.plan["spec"], sweep.plan["table"]
-    seeds = spec.get("seeds", 1)
+    seeds, varied = spec.get("seeds", 1), settings.varied_keys(scenario, sweep.parameters)
     design = [("design", str(spec.get("design", "grid")))] if _search(sweep) is None else []
     design += [("points drawn", short(spec["samples"]))] if spec.get("samples") is not None else []
     more = [
@@ -122,109 +114,112 @@ def _asked(sweep: Sweep, rows: pd.DataFrame) -> list[Html]:
         ("seeds", f"{seeds} of each point" if isinstance(seeds, int) else ", ".join(map(short, seeds))),
         *((f"search: {key}", short(value)) for key, value in (_search(sweep) or {}).items()),
     ]
-    return [
-        paragraphs(str(scenario.get("description") or "")),
-        _varied(sweep, rows),
-        sub("The scenario", asked.settings(scenario, False, more, asked.varied_keys(scenario, sweep.parameters))),
-        _criteria(sweep, rows),
-    ]
+    return {
+        "description": str(scenario.get("description") or ""),
+        "varied": _varied(sweep, rows),
+        "main_settings": settings.main_settings(scenario, False, more, varied),
+        "every_setting": settings.every_setting(scenario, varied),
+        "criteria": _criteria(sweep, rows),
+    }
 
 
-def _varied(sweep: Sweep, rows: pd.DataFrame) -> Html:
+def _varied(sweep: Sweep, rows: pd.DataFrame) -> Table:
     declared = sweep.plan["table"].get("parameters") or {}
     units = rows.attrs.get("units", {})
-    written = sweep.plan["spec"].get("parameters") or {}
-    lines: list[tuple[str, str]] = []
+    spec = sweep.plan["spec"].get("parameters") or {}
+    lines = []
     for name in sweep.parameters:
-        told = declared.get(name) or {}
-        meaning = told.get("meaning") or ", ".join(told.get("sets") or ())
-        values = f"{_values(_written(written, name))} {units.get(name) or unit_of(name)}"
-        lines.append((about(tag("code", name), meaning), values.strip()))
-    return sub("What was varied", table(("parameter", "values"), lines, "what was varied"))
+        parameter = declared.get(name) or {}
+        meaning = parameter.get("meaning") or ", ".join(parameter.get("sets") or ())
+        values = f"{_values(_in_spec(spec, name))} {units.get(name) or unit_of(name)}"
+        lines.append((Cell(name, str(meaning), "code"), values.strip()))
+    return Table("what was varied", ("parameter", "values"), lines)
 
 
-def _written(parameters: dict[str, Any], name: str) -> object:
-    """Return what a spec says of a parameter: under its whole name, or, as TOML takes dots, in tables of tables."""
+def _in_spec(parameters: dict[str, Any], name: str) -> object:
+    """Return the values of a parameter in a spec: under its whole name, or, as TOML takes dots, in nested tables."""
     if name in parameters or "." not in name:
         return parameters.get(name)
     first, _, rest = name.partition(".")
     inner = parameters.get(first)
-    return _written(inner, rest) if isinstance(inner, dict) else None
+    return _in_spec(inner, rest) if isinstance(inner, dict) else None
 
 
-def _values(told: object) -> str:
-    if isinstance(told, list):
-        return ", ".join(map(short, told))
-    if not isinstance(told, dict):
-        return short(told)
-    if "from" in told:
-        steps = f"in steps of {short(told['step'])}" if "step" in told else f"{short(told.get('count'))} values"
-        return f"{short(told['from'])} to {short(told.get('to'))}, {steps}"
-    return f"between {short(told.get('min'))} and {short(told.get('max'))}{', logarithmic' if told.get('log') else ''}"
+def _values(spec: object) -> str:
+    if isinstance(spec, list):
+        return ", ".join(map(short, spec))
+    if not isinstance(spec, dict):
+        return short(spec)
+    if "from" in spec:
+        steps = f"in steps of {short(spec['step'])}" if "step" in spec else f"{short(spec.get('count'))} values"
+        return f"{short(spec['from'])} to {short(spec.get('to'))}, {steps}"
+    return f"between {short(spec.get('min'))} and {short(spec.get('max'))}{', logarithmic' if spec.get('log') else ''}"
 
 
-def _criteria(sweep: Sweep, rows: pd.DataFrame) -> Html:
+def _criteria(sweep: Sweep, rows: pd.DataFrame) -> Table:
     stated = sweep.plan["table"].get("criteria") or {}
-    varied = asked.varied_criteria(sweep.plan["table"], sweep.parameters)
+    varied = settings.varied_criteria(sweep.plan["table"], sweep.parameters)
     lines = []
     for name in sweep.plan["criteria"]:
         met = rows[f"meets_{name}"].to_numpy(np.float64, na_value=np.nan)
         judged, good = int(np.isfinite(met).sum()), int((met == 1.0).sum())
-        part = f"{said('runs', good)} of {said('runs', judged)}"
-        looks = ("yes" if good == judged else "no") if judged else "quiet"
-        wanted = "set by a parameter" if name in varied else asked_for(name, stated.get(name, False))
-        lines.append(
-            (label_of(name), wanted, tag("span", part, class_=looks), share(good / judged) if judged else "none")
-        )
-    columns = ("criterion", "asked", Column("runs that met it", True), Column("share", True))
-    return sub("Criteria", table(columns, lines, "criteria")) if lines else Html("")
+        part = f"{integer(good)} of {integer(judged)}"
+        result = Cell(part, kind="quiet") if not judged else Cell(part, kind="yes" if good == judged else "no")
+        wanted = "set by a parameter" if name in varied else formatting.criterion(name, stated.get(name, False))
+        lines.append((label_of(name), wanted, result, share(good / judged) if judged else "none"))
+    columns = ("criterion", "required", Column("runs that met it", True), Column("share", True))
+    return Table("criteria", columns, lines)
 
 
 def _figures(sweep: Sweep) -> list[str]:
     """Return the figures that criteria ask for, or those that matter most."""
     wanted = [name for name in sweep.plan["criteria"] if name in sweep.figures]
     sought = [value for key, value in (_search(sweep) or {}).items() if key in ("highest", "lowest")]
-    return list(dict.fromkeys([*sought, *(wanted or runs.MAIN)]))[:MOST]
+    return list(dict.fromkeys([*sought, *(wanted or runs.MAIN)]))[:MAX_FIGURES]
 
 
-def _happened(
-    sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, cliff: LatencyMargin | None, first: Sequence[Picture]
-) -> list[Html]:
-    figures = _figures(sweep)
-    searched = _search(sweep) is not None
-    return [
-        *(picture.html() for picture in first),
-        study.shown(cliff) if cliff is not None else Html(""),
-        found.shown(sweep.found, rows.attrs.get("units")) if sweep.found is not None else Html(""),
-        runs.overview(counted, searched),
-        Html("") if searched else runs.spread(rows, sweep.figures),
-        Html("") if searched else runs.combinations(sweep, rows, figures),
-        runs.worst(rows, sweep, figures, sweep.folder.resolve().name),
-        stops.flagged(rows),
-        runs.faults(rows),
-    ]
+def _study(margin: LatencyMargin | None) -> dict[str, object]:
+    if margin is None:
+        return {"study": ()}
+    edges, steps = study.in_ms(margin.edges), study.in_ms(margin.steps)
+    return {
+        "study": study.sentences(margin),
+        "edges": of_frame(edges, "delays at which the margin is zero"),
+        "edge_meanings": meanings(edges),
+        "steps": of_frame(steps, "every step"),
+        "step_meanings": meanings(steps),
+    }
 
 
-def _source(sweep: Sweep) -> list[Html]:
-    name = shlex.quote(sweep.folder.resolve().name)
-    again = [("Drive one run again, with its full record, and compare its hash:", f"vve-sumo sweep --rerun {name} KEY")]
-    again += [("Write this page again:", f"vve-sumo report {name}")]
-    files = [(role, digest) for role, all_of in sweep.plan["files_sha256"].items() for digest in all_of]
-    spec = tag("pre", tag("code", json.dumps(sweep.plan["spec"], indent=1, ensure_ascii=False)), tabindex="0")
+def _results(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts) -> dict[str, object]:
+    figures, units, searched = _figures(sweep), rows.attrs.get("units", {}), _search(sweep) is not None
+    return {
+        "search_sentence": search_results.sentence(sweep.found, units) if sweep.found is not None else None,
+        "search_table": search_results.table_of(sweep.found, units) if sweep.found is not None else None,
+        "searched": searched,
+        "overview": runs.overview(counted, searched),
+        "spread": runs.spread(rows, sweep.figures),
+        "combinations": runs.combinations(sweep, rows, figures),
+        "failed": runs.failed_runs(rows, sweep.parameters, figures),
+        **stops.bound_checks(rows),
+        "faults": runs.faults(rows),
+    }
+
+
+def _provenance(sweep: Sweep) -> dict[str, object]:
+    folder = sweep.folder.resolve().name
     rows = [
-        ("dataset", sweep.folder.resolve().name),
+        ("dataset", folder),
         ("scenario", sweep.scenario),
         ("controller", str((sweep.plan["table"].get("controller") or {}).get("name", "follow_and_stop"))),
-        ("rows", f"{said('runs', sweep.finished)}, in rows/part-*.parquet"),
+        ("rows", f"{integer(sweep.finished)}, in rows/part-*.parquet"),
     ]
-    return [
-        table(("what", "value"), rows, "provenance"),
-        sub(
-            "How to reproduce",
-            tag("p", "From the folder that holds the dataset; KEY is a run's:"),
-            commands(again),
-            folded("The sweep as it was asked for", spec),
-        ),
-        sub("Versions", versions(sweep.plan["versions"])),
-        sub("Hashes", hashes(files, "Of the files that the runs read")),
-    ]
+    files = [(role, digest) for role, digests in sweep.plan["files_sha256"].items() for digest in digests]
+    return {
+        "provenance": Table("provenance", ("what", "value"), rows),
+        "rerun_command": f"vve-sumo sweep --rerun {shlex.quote(folder)}",
+        "report_command": f"vve-sumo report {shlex.quote(folder)}",
+        "spec": json.dumps(sweep.plan["spec"], indent=1, ensure_ascii=False),
+        "versions": versions(sweep.plan["versions"]),
+        "file_hashes": hashes(files, "hashes of the files"),
+    }

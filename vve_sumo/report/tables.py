@@ -1,68 +1,91 @@
-"""Tables of the analysis as tables of the page: heads with units, numbers to be read, what is missing said.
+"""Tables of the page: what stands in their cells, and how a table of the analysis becomes one.
 
-Knows pandas' tables and their `attrs`; not what they are about.
+Knows pandas' tables and their `attrs`, labels, units and meanings; neither HTML nor what a table is about.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of, meaning_of
-from vve_sumo.report.html import Column, Html, escaped, join, table, tag
-from vve_sumo.report.words import NONE, number, short
+from vve_sumo.report.formatting import NONE, number, short
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: of a number that has a unit; those of less than a tenth of it have one more
-DIGITS = 2
+
+class Column(NamedTuple):
+    """A column of a table."""
+
+    head: str
+    number: bool = False  #: whether it holds numbers, which are aligned to the right
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell that is more than plain text."""
+
+    text: str
+    meaning: str = ""  #: what the text is about, shown beneath it
+    kind: Literal["", "code", "hash", "yes", "no", "quiet"] = ""  #: how the text is set
+
+
+Row = Sequence[Cell | str]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table; the first cell of a row is its head. One without rows is not shown."""
+
+    name: str  #: read out to those who do not see the table
+    columns: Sequence[Column | str]
+    rows: Sequence[Row]
+    total: int = 0  #: rows that there are, where the page shows only the first of them
+
+    @property
+    def heads(self) -> list[Column]:
+        """The columns, each with whether it holds numbers."""
+        return [Column(one) if isinstance(one, str) else one for one in self.columns]
 
 
 def head_of(column: str, units: Mapping[str, str] | None = None, labels: Mapping[str, str] | None = None) -> str:
-    """Return what stands over a column: what it is, and its unit."""
+    """Return the head of a column: its label and its unit."""
     unit, label = (units or {}).get(column) or unit_of(column), (labels or {}).get(column) or label_of(column)
     return f"{label} [{unit}]" if unit else label
 
 
-def about(name: str, meaning: str) -> Html:
-    """Return what something is called with what it is beneath."""
-    return join(name, tag("span", meaning, class_="about")) if meaning else escaped(name)
+def named(key: str) -> Cell:
+    """Return the label of a figure with its meaning."""
+    return Cell(label_of(key), meaning_of(key))
 
 
-def named(key: str) -> Html:
-    """Return what a figure is called with what it is beneath."""
-    return about(label_of(key), meaning_of(key))
+def of_frame(
+    frame: pd.DataFrame, name: str, first: str = "", keep: Sequence[str] = (), most: int = sys.maxsize
+) -> Table:
+    """Return a data frame as a table, its index as the first column under the head `first` if that is given.
 
-
-def of_frame(frame: pd.DataFrame, name: str, first: str = "", keep: Sequence[str] | None = None) -> Html:
-    """Return a table as it is, with its index as first column under the head `first` if it has one.
-
-    `keep` chooses columns, in their order; those that the table has not are left out.
+    `keep` chooses columns, in their order; those that the frame has not are left out. `most` limits the rows.
     """
-    shown = frame if keep is None else frame[[column for column in keep if column in frame.columns]]
-    numeric = [kind.kind in "iuf" for kind in shown.dtypes]
-    columns = [Column(_head(frame, str(column)), right) for column, right in zip(shown.columns, numeric, strict=True)]
-    rows = [list(map(cell, row)) for row in shown.astype(object).itertuples(index=False, name=None)]
+    shown = frame[[column for column in keep if column in frame.columns]] if keep else frame
+    columns = [Column(_head(frame, str(name)), kind.kind in "iuf") for name, kind in shown.dtypes.items()]
+    rows = [list(map(cell, row)) for row in shown.head(most).astype(object).itertuples(index=False, name=None)]
     if first:
         columns = [Column(first), *columns]
-        rows = [
-            [key if isinstance(key, str) else short(key), *row]
-            for key, row in zip(shown.index.tolist(), rows, strict=True)
-        ]
-    return table(columns, rows, name)
+        rows = [[cell(key), *row] for key, row in zip(shown.index[:most].tolist(), rows, strict=True)]
+    return Table(name, columns, rows, len(frame))
 
 
-def meanings(frame: pd.DataFrame, keep: Sequence[str] | None = None) -> Html:
-    """Return what the columns of a table are, as a list of words."""
-    told = frame.attrs.get("meanings", {})
-    columns = [str(column) for column in (frame.columns if keep is None else keep) if told.get(str(column))]
-    parts = [part for column in columns for part in (tag("dt", _head(frame, column)), tag("dd", str(told[column])))]
-    return tag("dl", *parts) if parts else Html("")
+def meanings(frame: pd.DataFrame) -> list[tuple[str, str]]:
+    """Return the heads of a data frame's columns with their meanings, as far as it states them."""
+    stated = frame.attrs.get("meanings", {})
+    return [(_head(frame, str(name)), str(stated[str(name)])) for name in frame.columns if stated.get(str(name))]
 
 
 def _head(frame: pd.DataFrame, column: str) -> str:
@@ -70,7 +93,7 @@ def _head(frame: pd.DataFrame, column: str) -> str:
 
 
 def cell(value: Any) -> str:
-    """Return what stands in a cell."""
+    """Return a value of a data frame as the text of a cell."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return NONE
     if isinstance(value, bool | np.bool_):

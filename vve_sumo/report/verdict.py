@@ -1,4 +1,4 @@
-"""The top line: passed, FAILED, not judged or broken off, and what happened in plain words with its key figures.
+"""The top line of a report: passed, FAILED, not judged or broken off, and how the drive ended with its key figures.
 
 Reads figures that others measured; must not know how the page looks.
 """
@@ -13,9 +13,9 @@ from typing import Any, Literal
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.metrics.per_drive import PER_DRIVE
-from vve_sumo.report.words import SPACE, number
+from vve_sumo.report.formatting import SPACE, number
 
-#: as it stands on the page
+#: the verdict itself
 Word = Literal["passed", "FAILED", "not judged", "broken off", "altered"]
 #: gaps that differ by less are the same to a reader [m]
 SAME = 0.005
@@ -23,10 +23,10 @@ SAME = 0.005
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What stands on top of the page."""
+    """The verdict at the top of the page."""
 
     word: Word
-    sentences: tuple[str, ...]  #: what happened
+    sentences: tuple[str, ...]  #: how the drive or the sweep ended
 
     @property
     def line(self) -> str:
@@ -56,8 +56,8 @@ def of_drive(run: Run, figures: Mapping[str, Any]) -> Verdict:
 
 
 def altered(verdict: Verdict, parts: Sequence[str]) -> Verdict:
-    """Return the verdict on a record of which parts are not as the drive left them: none that anybody can vouch for."""
-    warning = f"Changed since the drive: {', '.join(parts)}. What follows is what the record says now."
+    """Return the verdict on a record of which `parts` are not as the drive left them, which makes it worth nothing."""
+    warning = f"Changed since the drive: {', '.join(parts)}. The following is what the record says now."
     return Verdict("altered", (warning, *verdict.sentences))
 
 
@@ -67,7 +67,7 @@ def _cut_short(run: Run, figures: Mapping[str, Any]) -> str:
     moving = f", with the car at {number(float(known[-1]), 'm/s')}" if len(known) else ""
     ended = f"The record ends after {number(float(run.time[-1]), 's')}{moving}"
     also = f" It hit {_hit(run, figures)}." if figures.get("collision") else ""
-    return f"{ended}: the drive was killed or is still going on, and nobody has judged it.{also}"
+    return f"{ended}: the drive was killed or still goes on, and it has not been judged.{also}"
 
 
 def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
@@ -84,7 +84,7 @@ def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
         "fault": f"The gateway stopped the car: {why}.",
         "timeout": f"The scenario's time ran out after {at}.",
         "completed": f"The scenario ended the drive after {at}: {why}.",
-        "played": f"A recorded drive of {at} was sent through the chain; its commands were computed and nobody obeyed.",
+        "played": f"A recorded drive of {at} was sent through the pipeline; no car executed the commands.",
         "interrupted": f"The drive was ended from the keyboard after {at}.",
         "broken": f"The simulation broke after {at}: {text or why}.",
     }
@@ -95,7 +95,7 @@ def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
 def _rest(run: Run, figures: Mapping[str, Any]) -> str:
     gap = _number(figures, "stop_gap_m")
     if math.isnan(gap):
-        return "The car came to rest with nothing ahead of it."
+        return "The car came to rest with no object ahead."
     return f"The car came to rest {number(gap, 'm')} before {_last_ahead(run)}."
 
 
@@ -105,27 +105,27 @@ def _gap_at_rest(run: Run, figures: Mapping[str, Any]) -> str:
 
 
 def _last_ahead(run: Run) -> str:
-    return next((name for name in reversed(run.lead.actor) if name), "what was ahead")
+    return next((name for name in reversed(run.lead.actor) if name), "the object ahead")
 
 
 def _hit(run: Run, figures: Mapping[str, Any]) -> str:
-    """Return what was touched first, and how fast where that is known."""
+    """Return the actors of the first contact, and the impact speed where that is known."""
     names = next((names for names in run.arrow("ticks")["contacts"].to_pylist() if names), "")
     speed = _number(figures, "impact_speed_mps")
-    fast = "" if math.isnan(speed) else f" at {number(speed, 'm/s')}"
-    return f"{' and '.join(names.split('+')) or 'something'}{fast}"
+    at = "" if math.isnan(speed) else f" at {number(speed, 'm/s')}"
+    return f"{' and '.join(names.split('+')) or 'something'}{at}"
 
 
 def _closest(figures: Mapping[str, Any]) -> tuple[str, ...]:
     gap, rest, ttc = (_number(figures, name) for name in ("min_gap_m", "stop_gap_m", "min_ttc_s"))
     if math.isnan(gap):
-        return ("Nothing was ever ahead of it in its way.",)
-    time = "" if math.isnan(ttc) else f"; the least time to collision was {number(ttc, 's')}"
+        return ("No object was ever ahead of the car in its path.",)
+    time = "" if math.isnan(ttc) else f"; the minimum time to collision was {number(ttc, 's')}"
     if gap < 0.0:
-        return (f"Along its path it came {number(-gap, 'm')} into what was there{time}.",)
+        return (f"Along its path the car came {number(-gap, 'm')} into the object ahead{time}.",)
     if abs(rest - gap) < SAME:
-        return (f"It was never nearer to anything in its way{time}.",)
-    return (f"The closest approach to anything in its way was {number(gap, 'm')}{time}.",)
+        return (f"The car was never closer to an object in its path{time}.",)
+    return (f"The smallest gap to an object in the car's path was {number(gap, 'm')}{time}.",)
 
 
 def _number(figures: Mapping[str, Any], name: str) -> float:

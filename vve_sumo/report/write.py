@@ -1,4 +1,4 @@
-"""`write_report`: from a folder to `report.html` in it and its plots beside, each put in its place whole or not at all.
+"""Writes a report: `report.html` in the folder of a record or dataset, and its plots beside, each whole or not at all.
 
 Must not know what a report says.
 """
@@ -28,22 +28,22 @@ def report_of(folder: Path) -> Report:
 
 
 def write_report(folder: Path | str) -> Path:
-    """Write the report of a drive's record or a sweep's dataset into its folder; return the page's place.
+    """Write the report of a drive's record or a sweep's dataset into its folder; return the page's path.
 
     The page is one file that needs no other; the plots lie in `report/` as well. Earlier ones are replaced. Raises
     ConfigError as `report_of` does; nothing is written then.
     """
-    return put(report_of(Path(folder)), Path(folder))
+    return save(report_of(Path(folder)), Path(folder))
 
 
-def put(report: Report, folder: Path) -> Path:
-    """Write a report into a folder, the page last; return its place."""
+def save(report: Report, folder: Path) -> Path:
+    """Write a report into a folder, the page last; return its path."""
     page = report.page().encode()
     if report.pictures:
         (folder / PICTURES).mkdir(exist_ok=True)
-    drawn = {f"{picture.name}.png" for picture in report.pictures}
+    wanted = {f"{picture.name}.png" for picture in report.pictures}
     for old in (folder / PICTURES).glob("*.png"):
-        if old.name not in drawn:
+        if old.name not in wanted:
             old.unlink()
     for picture in report.pictures:
         _replace(folder / PICTURES / f"{picture.name}.png", picture.png)
@@ -52,7 +52,7 @@ def put(report: Report, folder: Path) -> Path:
 
 
 def _replace(file: Path, content: bytes) -> None:
-    """Put a file in the place of the one there; a reader finds the old one or the new one, never half of it."""
+    """Replace a file; a reader finds the old one or the new one, never half of it."""
     beside = file.with_name(f".{file.name}.tmp")
     try:
         beside.write_bytes(content)

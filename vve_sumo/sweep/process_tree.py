@@ -1,6 +1,7 @@
-"""Linux processes as a sweep must see them: who descends from whom, how much memory they hold, who dies with whom.
+"""The processes of a sweep: the descendants of a process, the memory that they hold, and that all of them end with it.
 
-Reads /proc and asks the kernel; knows nothing of drives. Nothing here starts a thread or a process.
+Linux alone: psutil reads /proc, and the kernel is asked directly for what psutil does not offer. Knows nothing of
+drives. Nothing here starts a thread or a process.
 """
 
 from __future__ import annotations
@@ -10,20 +11,13 @@ import ctypes
 import os
 import signal
 import time
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable
 
-PAGE = os.sysconf("SC_PAGE_SIZE")  #: [bytes]
+import psutil
+
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  #: of <linux/prctl.h>
-STUBBORN = 5.0  #: processes that are still there so long after being killed are left to themselves [s]
-LOOK = 0.002  #: between two looks whether they are gone [s]
-
-
-class ProcessTree(NamedTuple):
-    """What /proc says of a process."""
-
-    parent: int
-    session: int
+KILL_TIMEOUT = 5.0  #: processes that still exist so long after being killed are given up [s]
+POLL_INTERVAL = 0.002  #: between two looks whether they are gone [s]
 
 
 def _control(option: int, value: int) -> None:
@@ -44,33 +38,19 @@ def die_with(parent: int) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def everyone() -> dict[int, ProcessTree]:
-    """Return every process that this one may see, zombies included."""
-    found = {}
-    for name in os.listdir("/proc"):  # noqa: PTH208 - ten times a path object's time, and it is done often
-        if name.isdigit():
-            with contextlib.suppress(OSError, ValueError), open(f"/proc/{name}/stat", "rb") as file:  # noqa: PTH123
-                # The name in parentheses may hold anything; what follows it is: state, parent, group, session.
-                fields = file.read().rpartition(b")")[2].split()
-                found[int(name)] = ProcessTree(int(fields[1]), int(fields[3]))
-    return found
-
-
-def descendants(of: int, known: Mapping[int, ProcessTree]) -> list[int]:
-    """Return the processes of `known` that descend from `of`, without itself."""
-    found, fresh = set[int](), {of}
-    while fresh:
-        fresh = {process for process, kin in known.items() if kin.parent in fresh} - found
-        found |= fresh
-    return sorted(found)
+def descendants(of: int) -> list[int]:
+    """Return the processes that descend from `of`, zombies included, without itself; none where it is gone."""
+    try:
+        return sorted(child.pid for child in psutil.Process(of).children(recursive=True))
+    except psutil.Error:
+        return []
 
 
 def resident(process: int) -> int:
     """Return the memory that a process holds [bytes], pages that it shares included; 0 for one that is gone."""
     try:
-        with open(f"/proc/{process}/statm", "rb") as file:  # noqa: PTH123 - read twenty times a second
-            return int(file.read().split()[1]) * PAGE
-    except (OSError, IndexError):
+        return int(psutil.Process(process).memory_info().rss)
+    except psutil.Error:
         return 0
 
 
@@ -83,23 +63,30 @@ def kill(processes: Iterable[int]) -> None:
 
 def end_descendants() -> None:
     """Kill and reap everything that descends from this process, which has adopted its orphans."""
-    deadline = time.monotonic() + STUBBORN
+    deadline = time.monotonic() + KILL_TIMEOUT
     while time.monotonic() < deadline:
         try:
             gone, _status = os.waitpid(-1, os.WNOHANG)
         except ChildProcessError:
             return
         if not gone:
-            kill(descendants(os.getpid(), everyone()))
-            time.sleep(LOOK)
+            kill(descendants(os.getpid()))
+            time.sleep(POLL_INTERVAL)
 
 
 def end_session(session: int) -> None:
     """Kill every process of a session, whose leader is gone."""
-    deadline = time.monotonic() + STUBBORN
+    deadline = time.monotonic() + KILL_TIMEOUT
     while time.monotonic() < deadline:
-        left = [process for process, kin in everyone().items() if kin.session == session]
+        left = [process for process in psutil.pids() if _session_of(process) == session]
         if not left:
             return
         kill(left)
-        time.sleep(LOOK)
+        time.sleep(POLL_INTERVAL)
+
+
+def _session_of(process: int) -> int | None:
+    """Return the session of a process; None of one that is gone."""
+    with contextlib.suppress(ProcessLookupError):
+        return os.getsid(process)
+    return None

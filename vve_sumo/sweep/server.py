@@ -212,7 +212,7 @@ def _held(child: Child) -> float:
     now = time.monotonic()
     if now - child.looked_around >= LOOK_AROUND:
         child.looked_around = now
-        others = (one for one in process_tree.descendants(os.getpid(), process_tree.everyone()) if one != child.pid)
+        others = (one for one in process_tree.descendants(os.getpid()) if one != child.pid)
         child.others_mb = sum(map(process_tree.resident, others)) / 1e6
     return process_tree.resident(child.pid) / 1e6 + child.others_mb
 

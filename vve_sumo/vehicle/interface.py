@@ -306,8 +306,10 @@ DEFAULT: Final = InterfaceConfig("dataspeed_dbw1", {"variant": "dbw1_2024"})
 
 def read_dbc(file: Path) -> Database:
     """Read a file that states the layout of frames, as a cantools database, checked strictly."""
-    import cantools
-
+    try:
+        import cantools
+    except ImportError:
+        raise ConfigError("reading the DBC file needs cantools: pip install 'vve-sumo[dbc]'") from None
     return cantools.database.load_file(file, strict=True)
 
 
