@@ -28,7 +28,7 @@ class Run(run.Run):
     """A drive, read from its record's folder as it is needed.
 
     >>> import vve_sumo as vve
-    >>> run = vve.drive("parked_car", speed=12, seed=3)
+    >>> run = vve.load("mine")  # what vve.drive returns, read again
     >>> print(run.summary["outcome"], "from", round(run.ticks["speed_mps"].max()), "m/s")
     stopped from 12 m/s
     >>> figure = run.plot()
