@@ -114,7 +114,13 @@ def test_a_drive_is_that_of_the_command_line(working: Path) -> None:
     assert done.returncode == 0, done.stderr
     run = vve.drive("parked_car", seed=2)
     by_command = json.loads((working / "by_command" / "summary.json").read_text(encoding="utf-8"))
-    assert run.summary == by_command
+    assert run.summary["record_sha256"] == by_command["record_sha256"]
+    # The moment of the drive stands in its provenance, and so in the hashes of files. What PROJ complains of depends on
+    # the library that loaded it first, which in the tests' forked processes is another one.
+    differing = {"summary_sha256", "record_files_sha256", "sumo_warnings"}
+    assert {key: run.summary[key] for key in run.summary if key not in differing} == {
+        key: by_command[key] for key in by_command if key not in differing
+    }
     assert run.folder.parent == Path("runs")
     assert run.folder.name.endswith("_parked_car")
 
