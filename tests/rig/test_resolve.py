@@ -64,6 +64,7 @@ def test_a_model_beside_the_rig_is_found_again_from_anywhere(tmp_path: Path) -> 
     ours = parse(table, tmp_path / "rig.toml")
     assert ours.vehicle.model == str(tmp_path / "mine.toml")
     assert resolve.vehicle_of(ours).mass == 2100.0
+    assert resolve.model_of(ours).name == "mine"
 
 
 def test_every_declared_quantity_has_its_key() -> None:

@@ -34,7 +34,7 @@ NOTICED: Final = 0.030  #: the gateway's timer sees an expired setpoint this muc
 def model_of(rig: Rig) -> VehicleModel:
     """Return the car as the rig declares and calibrates it."""
     return VehicleModel(
-        name=rig.vehicle.model,
+        name=Path(rig.vehicle.model).name.removesuffix(".toml"),
         vehicle=vehicle_of(rig),
         calibration=calibration_of(rig),
         simulated=vehicles.simulated(rig.simulated),
