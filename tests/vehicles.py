@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Final
 
-from tests.conftest import REPOSITORY
 from vve_sumo.plant import parameters as plant
 from vve_sumo.plant.car import CarParameters
 from vve_sumo.vehicle.load import load
 from vve_sumo.vehicle.model import VehicleModel
 
-FUSION: Final = load(REPOSITORY / "vehicles" / "ford_fusion.toml")
-MKZ: Final = load(REPOSITORY / "vehicles" / "lincoln_mkz.toml")
+_SHIPPED: Final = Path(__file__).resolve().parents[1] / "vehicles"
+
+FUSION: Final = load(_SHIPPED / "ford_fusion.toml")
+MKZ: Final = load(_SHIPPED / "lincoln_mkz.toml")
 
 
 def parameters(*mounting: Any, model: VehicleModel = FUSION, **perturbations: Any) -> CarParameters:

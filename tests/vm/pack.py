@@ -15,6 +15,7 @@ import sys
 import sysconfig
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 IMPORTED = ("tests.vm.guest", "vve_sumo.live.simulated_vehicle", "vve_sumo.live.gateway", "can.interfaces.socketcan")
@@ -44,6 +45,11 @@ def packages() -> Iterator[Path]:
             yield from site.glob(f"__pycache__/{name}.*.pyc")
 
 
+def loaded(package: str) -> list[ModuleType]:
+    """The package and its modules, as far as they are imported now."""
+    return [module for name, module in sorted(sys.modules.items()) if f"{name}.".startswith(f"{package}.")]
+
+
 def linked(files: Iterable[Path]) -> Iterator[Path]:
     """Every shared library that programs and libraries are linked with."""
     said = subprocess.run(["ldd", *files], capture_output=True, text=True, check=False).stdout
@@ -68,10 +74,11 @@ def main() -> None:
         importlib.import_module(module)
     ip = shutil.which("ip")
     assert ip is not None
-    files = [Path(sys.executable), Path(sys.prefix, "pyvenv.cfg"), Path(ip), CHECKOUT / "tests/__init__.py"]
+    files = [Path(sys.executable), Path(sys.prefix, "pyvenv.cfg"), Path(ip)]
+    files += [Path(module.__file__) for module in loaded("tests") if module.__file__ is not None]
     files += tree(Path(sysconfig.get_path("stdlib")))
     files += packages()
-    for folder in ("vve_sumo", "tests/vm"):
+    for folder in ("vve_sumo", "vehicles", "tests/vm"):
         files += tree(CHECKOUT / folder)
     programs = [file for file in files if file in (Path(sys.executable), Path(ip)) or ".so" in file.suffixes]
     names = {str(step) for file in [*files, *linked(programs)] if file.exists() for step in steps(file)}
