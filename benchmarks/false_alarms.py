@@ -2,7 +2,7 @@
 
 Usage: PYTHONPATH=. python benchmarks/false_alarms.py [--hours H] [--noise FACTOR] [--seed S] [--processes N]
 
-The whole chain drives the hardware-free car in closed loop, as fast as it goes: bytes of the receiver, trust gate,
+The whole chain drives the simulated vehicle in closed loop, as fast as it goes: bytes of the receiver, trust gate,
 predictor, a path follower and the gateway; there is no street, and the way to rest is left out, which stops a car only
 where it leaves its lot. Every leg has a road, a car and a driver of its own, drawn from the ranges below. Prints;
 changes nothing.

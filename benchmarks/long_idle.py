@@ -1,6 +1,6 @@
 """Hours of standing, creeping and slow driving in one drive without a stop: does anything wrap, drift or grow?
 
-Usage: PYTHONPATH=. python benchmarks/long_idle.py [--hours H]. The whole chain with the hardware-free car and no
+Usage: PYTHONPATH=. python benchmarks/long_idle.py [--hours H]. The whole chain with the simulated vehicle and no
 street, as in benchmarks/false_alarms.py. Prints the memory of the process and the true deviation each quarter of an
 hour, and the first reason to stop, which there should not be; changes nothing.
 """

@@ -46,7 +46,7 @@ def main() -> None:
     rounds = parser.parse_args().rounds
     file = REPOSITORY / "scenarios" / "parked_car.toml"
     setting = resolve_scenario("parked_car", load_scenario(file), file, REPOSITORY)
-    rig = load(REPOSITORY / "rigs" / "twin.toml")
+    rig = load(REPOSITORY / "rigs" / "simulated.toml")
     start, begin, path = rig.car_start, setting.path.at(0.0), setting.path
     assert start is not None
     place = frame_of(rig).to_map(math.radians(start.latitude_deg), math.radians(start.longitude_deg))

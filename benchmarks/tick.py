@@ -80,8 +80,8 @@ def setting(folder: Path, vehicles: int, boxes: bool) -> Any:
         row |= {"length_m": 2.2, "width_m": 1.2}
     return altered(
         {
-            "street.demand": [str(demand(folder, vehicles))],
-            "street.warm_up_s": 5.0,
+            "road.demand": [str(demand(folder, vehicles))],
+            "road.warm_up_s": 5.0,
             "ego.speed_mps": 0.6,
             "obstacles": rows if boxes else [],
             "duration_s": 3600.0,

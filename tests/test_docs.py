@@ -168,13 +168,13 @@ def test_the_scenarios_in_the_documentation_are_some() -> None:
     blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     standing, moving = (parse(tomllib.loads(block), DOCS / "scenarios.md") for block in blocks)
     assert len(standing.obstacles) == 2
-    assert [len(actor.acts) for actor in moving.actors] == [2, 1]
+    assert [len(actor.events) for actor in moving.actors] == [2, 1]
     for parameter in moving.parameters.values():
         assert all(_held(tomllib.loads(blocks[1]), place) is not None for place in parameter.sets)
 
 
 def _held(table: Any, place: str) -> Any:
-    """What stands at a dotted place; actors go by their names, acts by their number."""
+    """What stands at a dotted place; actors go by their names, events by their number."""
     for key in place.split("."):
         if isinstance(table, list):
             table = next((one for one in table if one.get("id") == key), None) or table[int(key)]

@@ -70,7 +70,7 @@ def moving(time: np.ndarray[Any, Any], x: np.ndarray[Any, Any], speed: np.ndarra
             "time_s": t,
             "true_x_m": at,
             "x_m": at,
-            "station_m": at,
+            "s_m": at,
             "true_speed_mps": v,
             "speed_mps": v,
             "measured_steering_rad": math.nan,

@@ -212,7 +212,7 @@ def _drive(folder: Path) -> None:
         changes = {
             "seed": seed,
             "duration_s": 200.0,
-            "street.demand": [],
+            "road.demand": [],
             "ego.speed_mps": speed,
             "obstacles": [{"id": "parked_car", "at_m": at}],
             **{f"ego.car.{key}": value for key, value in errors.items()},

@@ -53,7 +53,7 @@ def _row(tick: int, took: list[float], woken_by: str) -> tuple[LatencyRow, float
         received_s=received,
         woken_s=moments[0],
         decoded_s=moments[1],
-        seen_s=moments[2],
+        sensed_s=moments[2],
         decided_s=moments[3],
         handed_s=moments[4],
         framed_s=math.nan,

@@ -20,6 +20,7 @@ import pytest
 from tests.conftest import REPOSITORY
 from tests.sweep.test_dataset import PLAN, begun, cell, fill, result
 from vve_sumo.analysis import Run, Sweep, load
+from vve_sumo.drive.resolved_scenario import LAYOUT
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import SCHEMAS, read_table
 
@@ -128,7 +129,7 @@ RECORDS: list[tuple[Callable[[Path], None], str]] = [
     (holding("scenario.json", "[]"), r"scenario\.json: not what a drive writes"),
     (
         changed("scenario.json", layout=1),
-        r"scenario\.json: layout 1 of a record, expected 6: another vve-sumo",
+        rf"scenario\.json: layout 1 of a record, expected {LAYOUT}: another vve-sumo",
     ),
     (holding("summary.json", "{}"), r"summary\.json: not what a drive writes"),
     (holding("summary.json", "{"), r"summary\.json: cannot be read"),

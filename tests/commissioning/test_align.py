@@ -26,7 +26,7 @@ from vve_sumo.live import assembly
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 
-CAR = (40.0041, -83.0186, 85.0)  #: where the twin's car stands
+CAR = (40.0041, -83.0186, 85.0)  #: where the simulated rig's car stands
 ORIGIN = (40.004325, -83.024514)  #: first corner of its lot
 EGO_PALE, ALARM = (86, 180, 233), (230, 159, 0)
 
@@ -225,7 +225,7 @@ def shows(picture: Path, colour: tuple[int, int, int]) -> bool:
 
 
 def runway(length: float, width: float = 24.0) -> tuple[str, str]:
-    """The change of the twin's lot to a strip to the east of where its car stands, which it is on the middle of."""
+    """The change of the simulated rig's lot to a strip to the east of where its car stands, in the middle of it."""
     metre = 1.0 / 111_035.0, 1.0 / (111_320.0 * math.cos(math.radians(CAR[0])))
     turn = np.exp(1j * math.radians(90.0 - CAR[2]))
     corners = [-6.0 - 0.5j * width, length - 6.0 - 0.5j * width, length - 6.0 + 0.5j * width, -6.0 + 0.5j * width]
@@ -263,10 +263,10 @@ def test_a_place_where_the_path_does_not_fit_is_not_stored(tmp_path: Path) -> No
 
 
 def test_a_shipped_rig_is_not_written_from_elsewhere(tmp_path: Path, monkeypatch) -> None:
-    shipped = REPOSITORY / "rigs" / "twin.toml"
+    shipped = REPOSITORY / "rigs" / "simulated.toml"
     before = shipped.read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    site = align.site_of("seen_late", "twin", tmp_path)
+    site = align.site_of("seen_late", "simulated", tmp_path)
     try:
         with pytest.raises(ConfigError, match="vve-sumo init"):
             align.store(site, align.AlignmentResult(Alignment(), 0.0, None), align.datetime.date(2026, 5, 1))

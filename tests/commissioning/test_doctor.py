@@ -1,4 +1,4 @@
-"""Go and no-go: the twin is fit, what is spoilt about a rig is found and named, and a real car's bus hears nothing."""
+"""Go and no-go: the simulated rig is fit, a spoilt rig's faults are found and named, a real car's bus hears nothing."""
 
 from __future__ import annotations
 
@@ -112,10 +112,10 @@ def test_a_port_that_another_program_has_is_no_go_and_no_car_is_started(tmp_path
 
 
 def real_rig(folder: Path, channel: str, *changes: tuple[str, str]) -> Path:
-    """A real car's rig whose CAN adapter is a terminal, with the twin's lot."""
+    """A real car's rig whose CAN adapter is a terminal, with the simulated rig's lot."""
     text = own_rig(folder, *changes).read_text(encoding="utf-8")
     table = text.index("[car_start]")
-    text = text[:table].replace('car = "hardware_free"', 'car = "real"').replace("automatic = true", "")
+    text = text[:table].replace('car = "simulated"', 'car = "real"').replace("automatic = true", "")
     file = folder / "real.toml"
     file.write_text(text.replace('"pty"', f'"{channel}"'), encoding="utf-8")
     return file
@@ -294,7 +294,7 @@ def test_what_is_named_wrongly_is_no_go_and_the_rest_is_told(tmp_path: Path) -> 
     assert run.returncode == 3
     assert run.stderr == ""
     assert "parked_car" in told(run, "scenario")[1]
-    assert "twin" in told(run, "rig")[1]
+    assert "simulated" in told(run, "rig")[1]
     assert run.stdout.splitlines()[-1] == "NO-GO: scenario, rig"
     assert told(run, "python")[0] == "go"
 

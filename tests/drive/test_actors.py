@@ -24,7 +24,7 @@ LEAD = {
     "id": "lead",
     "ahead_m": 30.0,
     "speed_mps": 10.0,
-    "acts": [{"when": {"drive_s": 8.0}, "speed_mps": 0.0, "acceleration_mps2": 4.0, "build_up_s": 0.5}],
+    "events": [{"when": {"drive_s": 8.0}, "speed_mps": 0.0, "acceleration_mps2": 4.0, "build_up_s": 0.5}],
 }
 WALKER = {
     "id": "walker",
@@ -39,7 +39,7 @@ WALKER = {
 
 def changes(**others: Any) -> dict[str, Any]:
     """A drive without traffic and without anything parked."""
-    return {"street.demand": [], "obstacles": [], "ego.speed_mps": 10.0, "duration_s": 60.0, "seed": 3} | others
+    return {"road.demand": [], "obstacles": [], "ego.speed_mps": 10.0, "duration_s": 60.0, "seed": 3} | others
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_the_car_stops_behind_a_lead_that_brakes_to_a_stand(braked: tuple[Path, 
     assert summary["outcome"] == "stopped"
     assert summary["collision"] is False
     assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.7)
-    assert summary["anchor_position_error_m"] <= 1e-6
+    assert summary["ego_sync_position_error_m"] <= 1e-6
 
 
 def test_the_record_holds_the_lead_as_its_closed_form_says(braked: tuple[Path, dict[str, Any]]) -> None:
@@ -85,7 +85,7 @@ def test_whoever_enters_when_the_ego_comes_enters_then(braked: tuple[Path, dict[
     walker, setting = track(folder, "walker"), altered(changes())
     front, due = setting.vehicle.rear_axle_to_bumper, -1
     for row in read_table(folder, "ticks").to_pylist():
-        if due < 0 and row["speed_mps"] > 0.1 and 100.0 - row["station_m"] - front <= 6.0 * row["speed_mps"]:
+        if due < 0 and row["speed_mps"] > 0.1 and 100.0 - row["s_m"] - front <= 6.0 * row["speed_mps"]:
             due = row["tick"]
     assert due > 0
     assert abs(int(walker["tick"][0]) - due) <= 3
@@ -120,14 +120,14 @@ def recorded(folder: Path, text: str = "time_s,speed_mps\n0,8\n2,6\n") -> str:
 def test_paths_and_recorded_speeds_are_found_and_hashed(tmp_path: Path) -> None:
     speeds = recorded(tmp_path, "# a drive\nspeed_mps, time_s\n8,100\n\n6,102.5\n")
     other = {"id": "other", "path": "linden_loop", "at_m": 10.0}
-    setting = altered(changes(actors=[LEAD | {"acts": [{}, {"speeds": speeds}]}, other]))
+    setting = altered(changes(actors=[LEAD | {"events": [{}, {"speeds": speeds}]}, other]))
     assert setting.recordings == {speeds: ((100.0, 102.5), (8.0, 6.0))}
     assert setting.lines.keys() == {"linden_loop"}
     assert isinstance(setting.lines["linden_loop"], Curve)
     hashes = setting.resolved(REPOSITORY)["files_sha256"]
     loop = (REPOSITORY / "routes" / "linden_loop.csv").read_bytes()
     assert hashes["actors.other.path"] == hashlib.sha256(loop).hexdigest()
-    assert hashes["actors.lead.acts.1.speeds"] == hashlib.sha256(Path(speeds).read_bytes()).hexdigest()
+    assert hashes["actors.lead.events.1.speeds"] == hashlib.sha256(Path(speeds).read_bytes()).hexdigest()
     json.dumps(setting.resolved(REPOSITORY))
 
 
@@ -138,8 +138,8 @@ def test_paths_and_recorded_speeds_are_found_and_hashed(tmp_path: Path) -> None:
         ({"at_m": 9e4}, ["parked_car.toml", "actors.one", "at_m 90000", "beyond the path's"]),
         ({"path": "linden_loop", "at_m": 9e4}, ["actors.one", "at_m 90000", "beyond the path's"]),
         (
-            {"at_m": 1.0, "acts": [{}, {"speeds": "no/x.csv"}]},
-            ["actors.one.acts.1.speeds", "no/x.csv", "does not exist"],
+            {"at_m": 1.0, "events": [{}, {"speeds": "no/x.csv"}]},
+            ["actors.one.events.1.speeds", "no/x.csv", "does not exist"],
         ),
     ],
 )
@@ -167,7 +167,7 @@ def test_what_an_actor_names_and_nobody_finds_is_one_line(table: dict[str, Any],
 )
 def test_a_wrong_recording_is_one_line_that_names_file_and_line(tmp_path: Path, text: str, words: list[str]) -> None:
     with pytest.raises(ConfigError) as caught:
-        altered(changes(actors=[LEAD | {"acts": [{"speeds": recorded(tmp_path, text)}]}]))
+        altered(changes(actors=[LEAD | {"events": [{"speeds": recorded(tmp_path, text)}]}]))
     assert all(word in str(caught.value) for word in ["leader.csv", *words]), caught.value
     assert "\n" not in str(caught.value)
 

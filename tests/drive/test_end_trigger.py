@@ -21,7 +21,7 @@ from vve_sumo.scenario.schema import EndTrigger
 NAN = math.nan
 #: nearly blind, and without its emergency layer: drives into the obstacle
 BLIND = {
-    "street.demand": [],
+    "road.demand": [],
     "ego.speed_mps": 8.0,
     "radar.range_limit_m": 8.0,
     "controller.tuning": {"emergency": False},
@@ -72,7 +72,7 @@ def test_a_drive_ends_at_the_first_tick_at_which_it_shall(tmp_path: Path) -> Non
     assert summaries["ttc"]["impact_speed_mps"] == 0.0
 
     car = altered({}).vehicle
-    near = read_table(tmp_path / "place", "ticks")["station_m"].to_numpy() + car.rear_axle_to_bumper
+    near = read_table(tmp_path / "place", "ticks")["s_m"].to_numpy() + car.rear_axle_to_bumper
     assert near[-2] - 0.1 < 20.0 < near[-1] + 0.1
 
 

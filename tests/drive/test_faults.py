@@ -99,7 +99,7 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
     from vve_sumo.drive.summary import summarise
     from vve_sumo.record.record import Record, read_table
 
-    setting = altered({"street.demand": [], "obstacles": [], "duration_s": 40.0})
+    setting = altered({"road.demand": [], "obstacles": [], "duration_s": 40.0})
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
         shell = Lockstep(setting, REPOSITORY, Fault(kind))
@@ -151,7 +151,7 @@ def test_a_controller_that_fails_stops_the_car(reason: str, tmp_path: Path) -> N
         encoding="utf-8",
     )
     changes = {
-        "street.demand": [],
+        "road.demand": [],
         "obstacles": [],
         "duration_s": 40.0,
         "controller": {"name": f"{tmp_path / 'bad.py'}:make"},

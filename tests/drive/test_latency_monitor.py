@@ -31,7 +31,7 @@ def row(tick: int, took: float = 0.002, by: str = "datagram", sequence: int | No
         received_s=due if by == "datagram" else due - 0.02,
         woken_s=moments[0],
         decoded_s=moments[1],
-        seen_s=moments[2],
+        sensed_s=moments[2],
         decided_s=moments[3],
         handed_s=moments[4],
         framed_s=math.nan,

@@ -30,7 +30,7 @@ def _foreseen(name: str, changes: dict[str, Any]) -> Any:
 
 @pytest.mark.parametrize(("gap", "deceleration"), [(22.0, 4.0), (10.0, 2.0), (15.0, 8.0)])
 def test_a_braking_lead_is_met_when_the_closed_form_says(gap: float, deceleration: float) -> None:
-    changes = {"actors.lead.ahead_m": gap, "actors.lead.acts.0.acceleration_mps2": deceleration}
+    changes = {"actors.lead.ahead_m": gap, "actors.lead.events.0.acceleration_mps2": deceleration}
     seen = isolated(_foreseen, "lead_braking", changes)
     (_enters, brakes) = seen.events
     # The lead loses v t - a (t - T/2)^2 / 2 - a T^2 / 24 until it stands, all its way v^2 / 2a + v T / 2 - a T^2 / 24

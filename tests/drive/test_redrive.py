@@ -48,7 +48,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "radar.range_limit_m": 12.0,
         "ego.speed_mps": 7.0,
         "controller.tuning": {"gap_m": 4.0},
-        "street.demand": [],
+        "road.demand": [],
     }
     isolated(drive_once, changes, str(folder))
     return folder

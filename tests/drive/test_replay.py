@@ -28,7 +28,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import hash_parts, read_pose_chunks, read_table
 
 DRIVES: dict[str, dict[str, Any]] = {
-    "traffic": {"street.demand": ["linden_heavy"], "duration_s": 30.0, "seed": 4},
+    "traffic": {"road.demand": ["linden_heavy"], "duration_s": 30.0, "seed": 4},
     "emergency": {"obstacles": [{"id": "parked_car", "at_m": 120.0}], "radar.range_limit_m": 18.0, "seed": 5},
     "contact": {
         "obstacles": [{"id": "parked_car", "at_m": 90.0}],

@@ -85,7 +85,7 @@ def closing_in(folder: str) -> Driven:
             world.place(pose(tick * PERIOD, x, LANE, 0.0, speed))
             assert world.step().faults == ()
             rear = x - FUSION.rear_axle_to_bumper
-            now = {"true_x_m": rear, "true_y_m": LANE, "true_speed_mps": speed, "station_m": rear}
+            now = {"true_x_m": rear, "true_y_m": LANE, "true_speed_mps": speed, "s_m": rear}
             # The device's own time is that of the step's beginning.
             ego.append(now | {"time_s": libsumo.simulation.getTime() - PERIOD})
             actors += rows_of(tick, world.actors())

@@ -65,7 +65,7 @@ def test_the_mkz_drives_the_papers_drive(tmp_path: Path) -> None:
 def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_path: Path) -> None:
     """Bias and lever arm are known to rig and car alike, so the drive is as good as with a car that has neither."""
     rig = tmp_path / "ours.toml"
-    text = (REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8")
+    text = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
     changes = {"forward_m = 0.30": "forward_m = 1.10", "[limits]\n": f"{CALIBRATED}\n[limits]\nstop_jerk_mps3 = 4.0\n"}
     for was, becomes in changes.items():
         assert was in text
@@ -80,7 +80,7 @@ def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_p
     assert (model["calibration"]["brake_gain"], model["limits"]["stop_jerk"]) == (541.0, 4.0)
     assert model["mounting"]["forward"] == 1.10
     assert model["steering_wheel_bias"] == math.radians(1.5)
-    assert model["rig"] == "The hardware-free car on a made-up airfield"
+    assert model["rig"] == "The simulated vehicle on a made-up airfield"
     assert "rig" not in told, "which only a live drive has"
 
 

@@ -13,6 +13,7 @@ from tests.drive.forge import change_json, cut_off, seal_again
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
+from vve_sumo.drive.resolved_scenario import LAYOUT
 from vve_sumo.drive.verify import alterations, altered_parts
 from vve_sumo.record.record import hash_parts
 
@@ -172,7 +173,7 @@ def test_a_record_of_another_layout_is_refused_by_name(
     more = ("--controller", "follow_and_stop") if command == "redrive" else ()
     assert cli.main([command, str(folder), *more]) == 2
     said = capsys.readouterr().err
-    assert "layout 2 of a record, expected 6: another vve-sumo wrote it" in said
+    assert f"layout 2 of a record, expected {LAYOUT}: another vve-sumo wrote it" in said
     assert said.count("\n") == 1
 
 

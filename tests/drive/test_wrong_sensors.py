@@ -1,6 +1,6 @@
 """Faults that no report confesses: each is noticed before it has led the car astray, and the car comes to rest.
 
-The figures are declared beside each fault; what is measured is the true motion of the hardware-free car.
+The figures are declared beside each fault; what is measured is the true motion of the simulated vehicle.
 """
 
 from __future__ import annotations

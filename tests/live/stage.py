@@ -48,7 +48,7 @@ title = "A short drive for a fault"
 seed = 1
 duration_s = 60.0
 
-[street]
+[road]
 network = "linden"
 warm_up_s = 0.0
 
@@ -205,7 +205,7 @@ class Stage:
     # The fault.
 
     def _under_way(self, console: subprocess.Popen[bytes]) -> bool:
-        """Wait until the car moves, where a fault is rehearsed, or is fast enough; whether it came to that."""
+        """Wait until the car moves, where a fault is injected, or is fast enough; whether it came to that."""
         return self.moving(console, STARTED if self.row.faults else SPEED)
 
     def moving(self, console: subprocess.Popen[bytes], least: float) -> bool:
@@ -321,8 +321,8 @@ def free_port() -> int:
 
 
 def rig_of(row: Row, port: int) -> str:
-    """Return the shipped rig `twin` as this row needs it."""
-    text = (REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8")
+    """Return the shipped rig `simulated` as this row needs it."""
+    text = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
     changes = {"port = 3000": f"port = {port}", "budget_ms = 40.0": f"budget_ms = {row.budget_ms}"}
     if row.pole:
         changes["holes = ["] = f"holes = [\n  {pole()},"
@@ -330,7 +330,7 @@ def rig_of(row: Row, port: int) -> str:
         assert text.count(old) == 1
         text = text.replace(old, new)
     for fault in row.faults:
-        text += f'\n[[rehearse]]\nkind = "{fault.kind}"\nat_s = {AT + fault.later}\nfor_s = {fault.duration}\n'
+        text += f'\n[[faults]]\nkind = "{fault.kind}"\nat_s = {AT + fault.later}\nfor_s = {fault.duration}\n'
         text += "" if fault.value is None else f"value = {fault.value}\n"
     return text
 

@@ -19,7 +19,7 @@ title = "A short drive for a screen"
 seed = 1
 duration_s = 1.5
 
-[street]
+[road]
 network = "linden"
 warm_up_s = 0.0
 
@@ -32,7 +32,7 @@ latitude_deg = 40.0041
 longitude_deg = -83.0186
 heading_deg = 85.0
 """
-#: linden_17th laid into the twin's airfield from where its car stands, as `vve-sumo align` stores it
+#: linden_17th laid into the simulated rig's airfield from where its car stands, as `vve-sumo align` stores it
 STORED = (
     'kind = "matched_start"',
     'kind = "stored"\nnetwork = "linden"\ndate = 2026-05-01\norigin = [40.004325, -83.024514]\n'
@@ -119,5 +119,5 @@ def test_a_car_that_faces_the_wrong_way_beside_the_start_is_not_ready_and_told_i
     assert "  READY" not in at.text
     posed = [row for row in read_table(tmp_path / "record", "ticks").to_pylist() if row["pose_trusted"]]
     assert posed
-    assert all("start_position+start_heading" in row["found"] for row in posed), "from the first setpoint on"
+    assert all("start_position+start_heading" in row["shell_faults"] for row in posed), "from the first setpoint on"
     assert {row["state"] for row in read_table(tmp_path / "record", "gateway").to_pylist()} == {"disarmed"}

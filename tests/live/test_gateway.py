@@ -24,7 +24,7 @@ from tests.vehicle.car import CALIBRATION, FUSION, PERIOD
 from vve_sumo.bus import read_log
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
-from vve_sumo.live.gateway import GONE, LATEST, SOONEST, Inbox, due, kit_is_gone
+from vve_sumo.live.gateway import GONE, LATEST, SOONEST, Inbox, dbw_is_gone, due
 from vve_sumo.live.priority import KEPT
 from vve_sumo.record.record import read_table
 from vve_sumo.values import ArmingState, Frame, Setpoint
@@ -147,7 +147,7 @@ def test_a_stop_asked_for_again_and_again_is_urgent_once():
 
 @given(st.floats(0.0, 1e6), st.floats(0.0, 1e3))
 def test_a_kit_is_gone_a_minute_after_its_last_word(heard: float, later: float) -> None:
-    assert kit_is_gone(heard + later, heard) is (heard + later - heard > GONE)
+    assert dbw_is_gone(heard + later, heard) is (heard + later - heard > GONE)
     assert GONE == 60.0
 
 
@@ -159,12 +159,12 @@ def test_a_bus_that_babbles_is_no_word_of_the_kit(frames: list[Frame]) -> None:
     """Only what its four modules report counts, and only where that can be understood."""
     core = Gateway(FUSION, CALIBRATION, period=PERIOD)
     core.step(5.0, None, [])
-    assert core.kit_heard == -math.inf
+    assert core.last_dbw_report == -math.inf
     core.step(5.0 + PERIOD, None, frames)
     understood = [frame for frame in frames if not isinstance(codec.decode(frame), codec.Malformed)]
-    assert (core.kit_heard > 0.0) is any(frame.id in IDS for frame in understood)
+    assert (core.last_dbw_report > 0.0) is any(frame.id in IDS for frame in understood)
     core.step(5.0 + 2 * PERIOD, None, [Frame(0x3FF, b"babble!!")] * 40)
-    assert core.kit_heard <= 5.0 + PERIOD
+    assert core.last_dbw_report <= 5.0 + PERIOD
 
 
 @pytest.mark.parametrize("number", IDS)
@@ -172,7 +172,7 @@ def test_each_module_of_the_kit_is_heard(number: int) -> None:
     core = Gateway(FUSION, CALIBRATION, period=PERIOD)
     (report,) = [frame for frame in LiveCar().reports() if frame.id == number]
     core.step(7.0, None, [report])
-    assert core.kit_heard == 7.0
+    assert core.last_dbw_report == 7.0
 
 
 # The process.
@@ -204,17 +204,19 @@ def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
     log = [frame for _time, _bus, frame in read_log(b.folder / "can.log")]
     again, at = gateway_again(b), 0
     for row in rows:
-        heard = log[at : at + row["heard"]]
-        sent = log[at + row["heard"] : at + row["heard"] + row["sent"]]
-        at += row["heard"] + row["sent"]
+        heard = log[at : at + row["frames_received"]]
+        sent = log[at + row["frames_received"] : at + row["frames_received"] + row["frames_sent"]]
+        at += row["frames_received"] + row["frames_sent"]
         said = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
-        act = OperatorCommand(row["act"]) if row["act"] else None
-        output = again.step(row["time_s"], said, heard, act, [code for code in row["found"].split("+") if code])
+        act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
+        output = again.step(
+            row["time_s"], said, heard, act, [code for code in row["process_faults"].split("+") if code]
+        )
         assert list(output.frames) == sent, row["step"]
         assert "+".join(output.verdict.reasons) == row["reasons"]
     assert at == len(log)
     assert [row["step"] for row in rows] == list(range(len(rows)))
-    assert {row["act"] for row in rows} == {"", "engage", "go", "stop"}
+    assert {row["operator_command"] for row in rows} == {"", "engage", "go", "stop"}
     summary = json.loads((b.folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["gateway_steps"] == len(rows)
 

@@ -26,7 +26,7 @@ TRIES = 3
 def scenario(folder: Path) -> Path:
     """Write the shipped scenario with much more traffic."""
     table: Any = tomlkit.parse((REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8"))
-    table["street"]["demand"] = [str(demand(folder, VEHICLES))]
+    table["road"]["demand"] = [str(demand(folder, VEHICLES))]
     file = folder / "paper.toml"
     file.write_text(tomlkit.dumps(table), encoding="utf-8")
     return file
@@ -59,6 +59,6 @@ def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path) -> Non
     missed = read_table(record, "latency")["missed"].to_pylist()
     assert sum(missed) == ledger["missed"]
     assert sum(missed[1:]) < 0.02 * ledger["ticks"]
-    assert summary["headroom"]["fits"]
+    assert summary["step_time"]["fits"]
     speeds = read_table(record, "ticks")["speed_mps"].to_pylist()
     assert max(speed for speed in speeds if speed == speed) == pytest.approx(11.176, abs=0.5)

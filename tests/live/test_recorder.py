@@ -45,7 +45,7 @@ def say_step(tap: RecorderClient | LiveRecord, step: int, **changes: object) -> 
     """Say what a gateway says of a step."""
     tap.saw_frames(0.02 * step, "can0", [Frame(0x061, bytes([step % 256] * 8))])
     tap.saw_frames(0.02 * step + 0.001, "can0", [Frame(0x060, bytes([step % 256] * 8))])
-    tap.stepped(plain(GatewayRow, step=step, time_s=0.02 * step, heard=1, sent=1, **changes))
+    tap.stepped(plain(GatewayRow, step=step, time_s=0.02 * step, frames_received=1, frames_sent=1, **changes))
 
 
 @dataclasses.dataclass

@@ -198,7 +198,7 @@ def test_a_changed_packet_is_found_at_its_tick(copy: Path, capsys: pytest.Captur
 def lines_of_steps(folder: Path) -> list[int]:
     """Return how many lines of can.log there are up to the end of each step."""
     rows = read_table(folder, "gateway").to_pylist()
-    return list(accumulate(row["heard"] + row["sent"] for row in rows))
+    return list(accumulate(row["frames_received"] + row["frames_sent"] for row in rows))
 
 
 def flip_line(folder: Path, number: int, digit: int) -> None:
@@ -211,8 +211,8 @@ def flip_line(folder: Path, number: int, digit: int) -> None:
 
 def test_a_changed_command_is_found_at_its_step(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ends, rows = lines_of_steps(copy), read_table(copy, "gateway").to_pylist()
-    step = next(n for n, row in enumerate(rows) if row["sent"] and row["wheel_speed_mps"] > 1.0)
-    flip_line(copy, ends[step] - rows[step]["sent"], 3)
+    step = next(n for n, row in enumerate(rows) if row["frames_sent"] and row["wheel_speed_mps"] > 1.0)
+    flip_line(copy, ends[step] - rows[step]["frames_sent"], 3)
     seal_again(copy)
     code, said, _notes = replayed(copy, capsys)
     assert code == 1
@@ -224,7 +224,7 @@ def test_a_changed_report_is_found_where_the_gateway_sees_it(copy: Path, capsys:
     ends, rows = lines_of_steps(copy), read_table(copy, "gateway").to_pylist()
     frames = list(read_log(copy / "can.log"))
     for step, row in enumerate(rows):
-        heard = range(ends[step] - row["heard"] - row["sent"], ends[step] - row["sent"])
+        heard = range(ends[step] - row["frames_received"] - row["frames_sent"], ends[step] - row["frames_sent"])
         wheels = [line for line in heard if frames[line][2].id == 0x06A]
         if wheels and row["wheel_speed_mps"] > 1.0:
             break
@@ -344,7 +344,7 @@ def test_where_a_live_drive_comes_from(copy: Path) -> None:
     told = json.loads((copy / "provenance.json").read_text(encoding="utf-8"))
     assert len(told["rig_file_sha256"]) == len(told["scenario_file_sha256"]) == 64
     assert told["doctor"] == {"verdict": "none", "caveats": []}
-    assert (told["operator"], told["driver"]) == (None, None), "nobody asks where a hardware-free car drives"
+    assert (told["operator"], told["driver"]) == (None, None), "nobody asks where a simulated vehicle drives"
     change_json(copy / "provenance.json", "operator", value="somebody")
     assert altered_parts(copy) == ["provenance.json"]
 

@@ -1,4 +1,4 @@
-"""The hardware-free car as a process: a real pty, real UDP, a real gateway on the other end, real signals."""
+"""The simulated vehicle as a process: a real pty, real UDP, a real gateway on the other end, real signals."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def test_what_is_told_is_heard(tmp_path):
         3000,
         parameters=parameters,
         bus=("socketcan", "vcan0"),
-        rehearsed=(InjectedFault("pose_jump", 1.0, 2.0, 3.0), InjectedFault("pose_lost", 4.0, math.inf)),
+        faults=(InjectedFault("pose_jump", 1.0, 2.0, 3.0), InjectedFault("pose_lost", 4.0, math.inf)),
     )
     heard = CarConfig.heard(json.loads(json.dumps(config.told())))
     assert heard.parameters == parameters
@@ -250,7 +250,7 @@ def assert_fixes_tell_the_truth(car: Running, rows: list[dict[str, str]]) -> Non
 
 @pytest.mark.live
 def test_it_outlives_console_and_gateway_and_comes_to_rest_by_its_own_watchdog(launch):
-    car = launch(rehearsed=(InjectedFault("pose_lost", 0.5, 0.5),))
+    car = launch(faults=(InjectedFault("pose_lost", 0.5, 0.5),))
     with Bus(car.ready["interface"], car.ready["channel"]) as bus:
         car.drive(bus, gateway_of(car), 4.5, engaging(2.0))
         for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
@@ -265,7 +265,7 @@ def test_it_outlives_console_and_gateway_and_comes_to_rest_by_its_own_watchdog(l
     assert max(speeds[-500:]) > 0.0, "and not much later"
     assert rows[-1]["watchdog_braking"] == "1"
     epochs = [fix.time for fix in car.fixes()]
-    assert max(b - a for a, b in pairwise(epochs)) == pytest.approx(0.51, abs=0.005), "the rehearsed gap"
+    assert max(b - a for a, b in pairwise(epochs)) == pytest.approx(0.51, abs=0.005), "the injected gap"
 
 
 @pytest.mark.live

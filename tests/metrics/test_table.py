@@ -108,7 +108,7 @@ def test_criteria_are_the_metrics_that_may_judge_and_the_outcome() -> None:
     [
         ("min_ttc_s", "minimum TTC", "minimum TTC [s]"),
         ("ego.speed_mps", "ego speed", "ego speed [m/s]"),
-        ("actors.0.acts.1.after_s", "acts after", "acts after [s]"),
+        ("actors.0.events.1.after_s", "events after", "events after [s]"),
         ("driver", "driver", "driver [1]"),
     ],
 )

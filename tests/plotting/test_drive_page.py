@@ -50,7 +50,7 @@ def driving(count: int, heading: float = 0.0, begin: float = 0.0, **more: Any) -
     for way in np.linspace(begin, 200.0, count).tolist():
         at = {"x_m": way * math.cos(heading), "y_m": way * math.sin(heading), "heading_rad": heading}
         motion = at | {"speed_mps": 8.0, "acceleration_mps2": -1.0}
-        rows.append({**motion, **{f"true_{name}": value for name, value in motion.items()}, "station_m": way} | more)
+        rows.append({**motion, **{f"true_{name}": value for name, value in motion.items()}, "s_m": way} | more)
     return rows
 
 
@@ -118,7 +118,7 @@ def test_a_real_drive_fills_every_panel(tmp_path: FilePath) -> None:
     assert not shows(curve(dots, GAP), page.OBSTACLE).any()
 
 
-NO_POSE = dict.fromkeys((*ESTIMATED, *(f"true_{name}" for name in ESTIMATED), "station_m"), math.nan)
+NO_POSE = dict.fromkeys((*ESTIMATED, *(f"true_{name}" for name in ESTIMATED), "s_m"), math.nan)
 NO_TRUTH = {name: math.nan for name in NO_POSE if name.startswith("true_")} | {"lateral_deviation_m": math.nan}
 
 

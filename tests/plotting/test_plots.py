@@ -457,7 +457,7 @@ def test_poor_rows_make_a_plot_that_says_so(poor: str) -> None:
         just_draw(figure)
 
 
-NOWHERE = dict.fromkeys(("x_m", "y_m", "true_x_m", "true_y_m", "speed_mps", "true_speed_mps", "station_m"), math.nan)
+NOWHERE = dict.fromkeys(("x_m", "y_m", "true_x_m", "true_y_m", "speed_mps", "true_speed_mps", "s_m"), math.nan)
 STILL = [{"tick": tick, "time_s": tick * PERIOD} for tick in range(30)]
 RECORDS: dict[str, list[dict[str, Any]]] = {
     "one tick": STILL[:1],

@@ -230,7 +230,7 @@ def test_each_criterion_says_what_it_asks_and_whether_that_was_met() -> None:
 ])  # fmt: skip
 def test_whose_map_it_is_is_said_unless_it_is_known_to_be_ours(network: str, driven: str, named: bool) -> None:
     digest = hashlib.sha256((REPOSITORY / f"networks/{driven}.net.xml").read_bytes()).hexdigest()
-    assert bool(open_street_map({"street": {"network": network}}, [digest])) == named
+    assert bool(open_street_map({"road": {"network": network}}, [digest])) == named
 
 
 def test_a_flip_is_told_the_right_way_round() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from tests import vehicles
 from tests.conftest import REPOSITORY
-from tests.rig.test_load import DAY, TWIN, real, twin
+from tests.rig.test_load import DAY, SIMULATED, real, simulated
 from vve_sumo.config_file import UNITS
 from vve_sumo.drive.resolved_scenario import resolve_scenario
 from vve_sumo.errors import ConfigError
@@ -178,7 +178,7 @@ def test_surveyed_pairs_give_the_alignment_and_mirrored_ones_are_refused() -> No
 def test_the_shipped_lot_holds_the_whole_of_the_papers_drive() -> None:
     file = REPOSITORY / "scenarios" / "parked_car.toml"
     setting = resolve_scenario("parked_car", load_scenario(file), file, REPOSITORY)
-    shipped = load(TWIN)
+    shipped = load(SIMULATED)
     start = shipped.car_start
     assert start is not None
     frame = resolve.frame_of(shipped)
@@ -219,8 +219,8 @@ def test_the_fence_counts_with_the_slope_and_the_tested_watchdog() -> None:
     assert steep > strong + 3.0
 
 
-def test_rehearsed_faults_become_what_the_car_knows() -> None:
-    faults = resolve.rehearsed_of(
-        parse(twin() | {"rehearse": [{"kind": "pose_jump", "at_s": 8.0, "for_s": 2.0, "value": 5.0}]}, TWIN)
+def test_faults_become_what_the_car_knows() -> None:
+    faults = resolve.faults_of(
+        parse(simulated() | {"faults": [{"kind": "pose_jump", "at_s": 8.0, "for_s": 2.0, "value": 5.0}]}, SIMULATED)
     )
     assert [(fault.kind, fault.at, fault.duration, fault.value) for fault in faults] == [("pose_jump", 8.0, 2.0, 5.0)]

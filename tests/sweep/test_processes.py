@@ -34,7 +34,7 @@ def table(illness: str = "none", note: Path = Path(os.devnull), **changes: Any) 
     return {
         "title": "straight on",
         "duration_s": 1.0,
-        "street": {"network": "proving_ground"},
+        "road": {"network": "proving_ground"},
         "ego": {
             "path": "proving_ground",
             "speed_mps": 8.0,

@@ -1,4 +1,4 @@
-"""The whole chain without a street: hardware-free car with its faults, pose chain, path follower, gateway.
+"""The whole chain without a street: simulated vehicle with its faults, pose chain, path follower, gateway.
 
 As fast as it goes, and nothing in it is simpler than in a drive but the street, which is empty.
 """

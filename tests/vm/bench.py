@@ -1,4 +1,4 @@
-"""Gateway, hardware-free car and sender as processes on a wire; the suite is their operator, recorder and saboteur."""
+"""Gateway, simulated vehicle and sender as processes on a wire; the suite is their operator, recorder and saboteur."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ MOST_STEPS: Final = 20
 #: grip, a foot on the pedal
 MISFIT: Final = 0.02
 #: nor do brakes as strong as this over declared: 15 % of mass and 10 % of gain together are 0.78 to 1.29. Where the
-#: tyres slide, or the kit's limit is reached, more torque slows the car no more, and the fit finds a few tenths or less
+#: tyres slide, or the DBW controller limits, more torque slows the car no more, and the fit finds a few tenths or less
 STRENGTH: Final = (0.65, 1.6)
 
 

@@ -26,7 +26,7 @@ from vve_sumo.values import Floats
 if TYPE_CHECKING:
     import pandas as pd
 
-TIME, STATION = "time_s", "station_m"  #: the two axes
+TIME, STATION = "time_s", "s_m"  #: the two axes
 
 #: the event that both records are laid together at: the car's speed first reaches this [m/s]
 FIRST_MOTION = 0.5
@@ -151,7 +151,7 @@ def _side(run: Run, true: bool) -> _Side:
     begin = first_motion(run.time, signals["speed_mps"])
     if not math.isfinite(begin):
         raise ConfigError(f"{run.folder}: the car never reaches {FIRST_MOTION} m/s: no motion to compare")
-    return _Side(run, data, run.time - begin, ticks["station_m"].to_numpy(), signals, begin)
+    return _Side(run, data, run.time - begin, ticks["s_m"].to_numpy(), signals, begin)
 
 
 def _laid_together(one: _Side, other: _Side) -> dict[str, pd.DataFrame]:

@@ -56,7 +56,7 @@ class _Parameter(JsonModel):
     meaning: Text = ""
 
 
-class _Street(JsonModel):
+class _Road(JsonModel):
     network: Text = ""
 
 
@@ -69,7 +69,7 @@ class _Control(JsonModel):
 
 
 class _Asked(JsonModel):
-    street: _Street | None = None
+    road: _Road | None = None
     ego: _Ego | None = None
     criteria: dict[str, bool | Text | _Band | None] = Field(default={})
     parameters: dict[str, _Parameter] = Field(default={})

@@ -25,7 +25,7 @@ def add(commands: Commands) -> None:
         "Drive the calibration run on a rig (about 270 m straight ahead, 70 s) and fit brake and throttle maps,\n"
         "steering ratio and bias, delays and the receiver's misalignment; each with its uncertainty and a verdict.\n\n"
         "examples:\n"
-        "  vve-sumo calibrate --rig twin                       drive, fit, show\n"
+        "  vve-sumo calibrate --rig simulated                  drive, fit, show\n"
         "  vve-sumo calibrate --rig ours --write               and put what was found, dated, into rigs/ours.toml\n"
         "  vve-sumo calibrate --rig ours --record runs/DIR     fit a record that is there already",
     )

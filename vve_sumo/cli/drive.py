@@ -19,7 +19,7 @@ def add(commands: Commands) -> None:
         commands,
         "drive",
         "drive a scenario: in lockstep, live on a rig, or with a recorded drive",
-        "Drive a scenario in lockstep with the hardware-free car: NCOM bytes in, drive-by-wire CAN frames out,\n"
+        "Drive a scenario in lockstep with the simulated vehicle: NCOM bytes in, drive-by-wire CAN frames out,\n"
         "traffic by SUMO. With --rig, drive it live: real time, real buses, a real car. Leaves a record folder with\n"
         "summary.json and drive.png.\n\n"
         "examples:\n"
@@ -29,7 +29,7 @@ def add(commands: Commands) -> None:
         "  vve-sumo drive --vehicle lincoln_mkz          another car\n"
         "  vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it\n"
         "  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys\n"
-        "  vve-sumo drive --rig twin                     live, with the hardware-free car as a process of its own\n"
+        "  vve-sumo drive --rig simulated               live, with the simulated vehicle as a process of its own\n"
         "  vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off\n\n"
         "live keys: e engages, g goes, any other key, Ctrl-C or closing the terminal stops. The emergency stop is the\n"
         "driver's brake.",

@@ -34,7 +34,7 @@ def add(commands: Commands) -> None:
         commands,
         "suite",
         "drive a standard's tests on the test track: a pass/fail table",
-        "Drive every row of a standard's table with the hardware-free car on a long straight track, and say which are\n"
+        "Drive every row of a standard's table with the simulated vehicle on a long straight track, and say which are\n"
         "passed, which failed, and whether the brakes could have done it at all. Without a name: list the suites.\n\n"
         "examples:\n"
         "  vve-sumo suite                            the list\n"

@@ -1,6 +1,6 @@
 """Where the path shall lie in the lot, by a standing car, by surveyed pairs or by a search; stored in the rig file.
 
-Listens, computes and writes; it sends no frame and moves nothing but the hardware-free car's clock.
+Listens, computes and writes; it sends no frame and moves nothing but the simulated vehicle's clock.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> Al
         stack.enter_context(held(site.rig_file))
         source = assembly.source_of(rig)
         stack.callback(source.close)
-        if rig.car == "hardware_free":
+        if rig.car == "simulated":
             start_simulated_vehicle.start(rig, t0, site.setting.scenario.seed, stack, None)
         notify("waiting for trusted fixes of the standing car")
         stood = assembly.standing_pose_of(rig, source, t0)
@@ -255,7 +255,7 @@ def store(site: Site, result: AlignmentResult, today: datetime.date) -> None:
         raise ConfigError(f"{site.rig_file} ships with the package: vve-sumo init lays out one of your own")
     values: dict[str, Any] = {
         "kind": "stored",
-        "network": site.setting.scenario.street.network,
+        "network": site.setting.scenario.road.network,
         "date": today,
         "origin": list(site.rig.alignment.origin or site.rig.lot.outline[0]),
         "rotation_deg": round(math.degrees(result.alignment.rotation), 9),

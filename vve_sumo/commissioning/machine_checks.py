@@ -221,16 +221,16 @@ def street(setting: ResolvedScenario) -> Iterator[Check]:
             if faults:
                 raise ConfigError(f"the street does not take the ego at the path's start: {', '.join(faults)}")
             time.sleep(max(0.0, begun + (step + 1) * PERIOD - time.monotonic()))
-        headroom = world.headroom
-    assert headroom is not None  # for there is a clock
-    yield _judged_street(took, headroom.fits, headroom.summary)
+        budget = world.step_time_budget
+    assert budget is not None  # for there is a clock
+    yield _judged_street(took, budget.fits, budget.summary)
     if actors := setting.scenario.actors:
         yield Check("actors", f"{len(actors)}, all at once on the street whose steps were timed")
 
 
 def _all_at_once(setting: ResolvedScenario) -> ResolvedScenario:
     """The setting with actors that wait for nothing and do nothing but go on."""
-    actors = tuple(one.model_copy(update={"enters": When(), "acts": ()}) for one in setting.scenario.actors)
+    actors = tuple(one.model_copy(update={"enters": When(), "events": ()}) for one in setting.scenario.actors)
     return replace(setting, scenario=setting.scenario.model_copy(update={"actors": actors}))
 
 

@@ -1,6 +1,6 @@
 """What the doctor looks at of a rig: its papers, its lot, its receiver and the car's bus, and the path in the lot.
 
-It listens. On a real car's bus it sends nothing at all; the echo test is for a bus that only a hardware-free car is on.
+It listens. On a real car's bus it sends nothing at all; the echo test is for a bus that only a simulated vehicle is on.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def examine(report: Report, rig: Rig, setting: ResolvedScenario | None) -> None:
     report.add(papers(rig, datetime.date.today()))
     t0 = time.monotonic()
     with contextlib.ExitStack() as stack:
-        # The receiver first: where another program has its port, the hardware-free car must not speak to that one.
+        # The receiver first: where another program has its port, the simulated vehicle must not speak to that one.
         receiver = meaning.receiver_of(rig)
         source = report.attempt("receiver", receiver.silent_hint, lambda: assembly.source_of(rig))
         if source is not None:
@@ -163,9 +163,9 @@ def _dated(name: str, found: str, day: datetime.date, today: datetime.date) -> C
 
 
 def _bus(report: Report, rig: Rig, t0: float, stack: contextlib.ExitStack) -> Bus:
-    """Open the car's bus, after the hardware-free car at its other end was started."""
+    """Open the car's bus, after the simulated vehicle at its other end was started."""
     wire = rig.bus.interface, rig.bus.channel
-    if rig.car == "hardware_free":
+    if rig.car == "simulated":
         report.add(echo(rig))
         car = start_simulated_vehicle.start(rig, t0, 1, stack, None)
         wire = car.bus if rig.bus.channel == PTY else wire
@@ -352,7 +352,7 @@ def path_checks(rig: Rig, setting: ResolvedScenario, heard: Heard) -> Iterator[C
 
     Raises ConfigError for an alignment that was made for another network.
     """
-    stored, stood = meaning.alignment_of(rig, setting.scenario.street.network), heard.standing
+    stored, stood = meaning.alignment_of(rig, setting.scenario.road.network), heard.standing
     frame, mounting = meaning.frame_of(rig), meaning.mounting_of(rig)
     begin = setting.path.at(0.0)
     if stored is None:

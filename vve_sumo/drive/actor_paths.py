@@ -54,11 +54,11 @@ def followed(
         path = ego_path if actor.path is None else found.lines[actor.path]
         if actor.at_m is not None and actor.at_m > path.length:
             raise ConfigError(f"{file}: {where}: at_m {actor.at_m:g} lies beyond the path's {path.length:.1f} m")
-        for number, act in enumerate(actor.acts):
-            if act.speeds is not None:
-                key = f"{where}.acts.{number}.speeds"
-                found.files[key] = source = find("speeds", act.speeds, key)
-                found.recordings[act.speeds] = read_speeds(source)
+        for number, event in enumerate(actor.events):
+            if event.speeds is not None:
+                key = f"{where}.events.{number}.speeds"
+                found.files[key] = source = find("speeds", event.speeds, key)
+                found.recordings[event.speeds] = read_speeds(source)
     return found
 
 

@@ -55,13 +55,13 @@ class LotAlignment:
         return {
             "epoch_gnss_s": self.epoch,
             "lot_projection": self.projection,
-            "lot_to_street": {"rotation_rad": alignment.rotation, "x_m": alignment.x, "y_m": alignment.y},
+            "lot_to_road": {"rotation_rad": alignment.rotation, "x_m": alignment.x, "y_m": alignment.y},
         }
 
     @classmethod
     def from_dict(cls, resolved: Mapping[str, Any]) -> LotAlignment:
         """Return the alignment that `to_dict` wrote."""
-        turned = resolved["lot_to_street"]
+        turned = resolved["lot_to_road"]
         alignment = Alignment(turned["rotation_rad"], turned["x_m"], turned["y_m"])
         return cls(resolved["lot_projection"], alignment, resolved["epoch_gnss_s"])
 

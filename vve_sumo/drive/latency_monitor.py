@@ -132,7 +132,7 @@ class Tally:
 def legs(row: LatencyRow) -> dict[str, float]:
     """Return what each leg of a tick took [s] and the total; NaN where an end of it did not happen."""
     begin = row.received_s if row.woken_by == DATAGRAM else row.woken_s
-    moments = (begin, row.woken_s, row.decoded_s, row.seen_s, row.decided_s, row.handed_s, row.framed_s)
+    moments = (begin, row.woken_s, row.decoded_s, row.sensed_s, row.decided_s, row.handed_s, row.framed_s)
     took = {name: moments[i + 1] - moments[i] for i, name in enumerate(LEGS)}
     return took | {TOTAL: row.framed_s - begin}
 

@@ -63,7 +63,7 @@ def drive_end(outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, ro
 
 
 def car_parameters(setting: ResolvedScenario) -> CarParameters:
-    """Return the hardware-free car as the scenario perturbs it."""
+    """Return the simulated vehicle as the scenario perturbs it."""
     return perturbed(setting.model, setting.scenario.ego.car, setting.scenario.weather.friction)
 
 

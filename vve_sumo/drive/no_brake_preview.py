@@ -24,11 +24,11 @@ SPEEDING_UP, SLOWING, LATERAL = 1.5, 1.5, 2.0
 AFTERWARDS = 1.0
 
 
-class Event(NamedTuple):
-    """An actor enters after the start, or begins an act."""
+class TriggeredEvent(NamedTuple):
+    """An actor enters after the start, or begins an event."""
 
     actor: int  #: its number in the scenario
-    act: int  #: the act's number, -1 for entering
+    number: int  #: the event's number, -1 for entering
     time: float  #: since the drive began [s]
     ego: Box  #: where the ego is then
     station: float  #: of the ego's front bumper [m]
@@ -60,7 +60,7 @@ class NoBrakePreview:
     """The scenario's course with an ego that never brakes for anybody."""
 
     moments: Sequence[PreviewSample]  #: one every PERIOD
-    events: Sequence[Event]  #: until the contact
+    events: Sequence[TriggeredEvent]  #: until the contact
     contact: Contact | None
 
 
@@ -69,7 +69,7 @@ def preview_without_braking(setting: ResolvedScenario) -> NoBrakePreview:
     engine, begun = scenario_engine(setting), [-1] * len(setting.scenario.actors)
     boxes = standing_boxes(setting)
     moments: list[PreviewSample] = []
-    events: list[Event] = []
+    events: list[TriggeredEvent] = []
     contact: Contact | None = None
     for time, ego, pose, station in _ego(setting):
         players = engine.step(time, pose)
@@ -122,13 +122,13 @@ def _limits(path: Path) -> list[float]:
 
 def _events(
     setting: ResolvedScenario, before: Sequence[int], after: Sequence[int], moment: PreviewSample
-) -> Iterator[Event]:
+) -> Iterator[TriggeredEvent]:
     here = {player.id: player for player in moment.players}
     for number, actor in enumerate(setting.scenario.actors):
-        for act in range(before[number], after[number]):
+        for event in range(before[number], after[number]):
             player = here.get(actor.id)
-            if player is not None and (act >= 0 or moment.time > 0.0):
-                yield Event(number, act, moment.time, moment.ego, moment.station, player)
+            if player is not None and (event >= 0 or moment.time > 0.0):
+                yield TriggeredEvent(number, event, moment.time, moment.ego, moment.station, player)
 
 
 def _contact(moment: PreviewSample, boxes: dict[str, Box]) -> Contact | None:

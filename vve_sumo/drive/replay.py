@@ -96,7 +96,7 @@ def setting_of(folder: FilePath, working: FilePath) -> ResolvedScenario:
     except KeyError as error:
         raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
     if "pose" in hashes:
-        raise ConfigError(f"{folder}: a playback, expected a drive with the hardware-free car")
+        raise ConfigError(f"{folder}: a playback, expected a drive with the simulated vehicle")
     setting = resolve_scenario(name, parse(settings, file), file, working)
     return replace(setting, model=recorded_model(resolved))
 
@@ -197,7 +197,7 @@ def answers(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple[dict[s
             pipeline.receive(time, data)
         taken = row["datagrams"]
         pipeline.see(now, inputs.actors.get(tick, NOTHING))
-        yield row, pipeline.decide(tick, now, steering, codes(row["found"]))
+        yield row, pipeline.decide(tick, now, steering, codes(row["shell_faults"]))
         pipeline.prepare(now + PERIOD, steering)
 
 

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 #: Of what a record holds; the first had neither path nor car, the second no provenance.json and no seal, the third
 #: neither the speed of actors across their heading nor the time at which a scan was measured, the fourth, of a live
 #: drive, not the actors as SUMO's last step left them, which stand under the tick after the last; the fifth had no
-#: vehicle model.
-LAYOUT = 6
-PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
+#: vehicle model, the sixth former names of keys and columns.
+LAYOUT = 7
+PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire controller expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
 EPOCH = 1_451_260_818.0
 #: how the role of a file of the controller's code begins; the name of its module follows
@@ -207,8 +207,8 @@ def resolve_scenario(
         except ConfigError as error:
             raise ConfigError(f"{file}: {key}: {error}") from None
 
-    network = (network_in or read_network)(find("network", scenario.street.network, "street.network"))
-    demand = tuple(find("demand", wanted, "street.demand") for wanted in scenario.street.demand)
+    network = (network_in or read_network)(find("network", scenario.road.network, "road.network"))
+    demand = tuple(find("demand", wanted, "road.demand") for wanted in scenario.road.demand)
     path_file = find("path", scenario.ego.path, "ego.path")
     vehicle_file = find("vehicle", scenario.ego.vehicle, "ego.vehicle")
     try:

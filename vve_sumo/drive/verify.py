@@ -266,7 +266,7 @@ def _ended(ticks: pa.Table, told: Told) -> Outcome | None:
     """Return how a lockstep drive ended by its rows: what the first of them shows that shows an end; None for none."""
     ending = TerminationMonitor(told.path.length, told.scenario.after_stop_s)
     last = round(told.scenario.duration_s / PERIOD) - 1
-    names = ("tick", "time_s", "true_speed_mps", "station_m", "state", "contacts")
+    names = ("tick", "time_s", "true_speed_mps", "s_m", "state", "contacts")
     for tick, time, speed, station, state, contacts in zip(*(ticks[name].to_pylist() for name in names), strict=True):
         outcome = ending.step(time, speed, station, ArmingState(state), bool(contacts))
         if outcome is None and tick >= last:

@@ -59,7 +59,7 @@ def open_world(setting: ResolvedScenario, clock: Callable[[], float] | None = No
         period=PERIOD,
         vehicle=setting.vehicle,
         obstacles=obstacles_of(setting),
-        warm_up=setting.scenario.street.warm_up_s,
+        warm_up=setting.scenario.road.warm_up_s,
         route=setting.route,
         clock=clock,
     )
@@ -98,14 +98,14 @@ class VirtualRoad:
     @property
     def fits(self) -> bool:
         """Whether SUMO's steps were measured and leave a live tick its time; true where nobody measures."""
-        headroom = self._world.headroom
-        return headroom is None or headroom.fits
+        budget = self._world.step_time_budget
+        return budget is None or budget.fits
 
     @property
     def load(self) -> dict[str, Any]:
         """What SUMO's steps took and what was done about it, for the summary; empty where nobody measures."""
-        headroom = self._world.headroom
-        return {} if headroom is None else headroom.summary
+        budget = self._world.step_time_budget
+        return {} if budget is None else budget.summary
 
     def close(self) -> None:
         """End the simulation."""

@@ -55,7 +55,7 @@ class ProcessGroup:
     gateway: subprocess.Popen[bytes]
     drive: subprocess.Popen[bytes]
     recorder: subprocess.Popen[bytes]
-    car: subprocess.Popen[bytes] | None  #: the hardware-free one
+    car: subprocess.Popen[bytes] | None  #: the simulated one
     to_gateway: Channel
     to_drive: Channel
     to_car: Channel | None

@@ -157,7 +157,7 @@ class LiveDrive:
         """Reason codes of what has to hold until the car is engaged, and then no more; to be asked after the pose."""
         if self._has_engaged:
             return ()
-        waits = () if self._road.fits else ("street_not_measured",)
+        waits = () if self._road.fits else ("road_not_measured",)
         pose = self._pipeline.pose
         return waits if pose is None else waits + start_pose.of(pose, self._setting.path).faults()
 
@@ -181,7 +181,7 @@ class LiveDrive:
             received_s=self._received,
             woken_s=self._woken,
             decoded_s=decoded,
-            seen_s=done.seen,
+            sensed_s=done.seen,
             decided_s=done.decided,
             handed_s=self._handed,
             framed_s=math.nan,
@@ -262,7 +262,7 @@ class LiveDrive:
             "text": self._pipeline.failure or road.traceback or road.detail,
             "clock": self._pipeline.clock_report(),
             "receiver": self._source.told(),
-            "headroom": road.load,
+            "step_time": road.load,
         }
 
     def _send_status(self, begun: ScheduledTick, result: TickResult) -> None:

@@ -34,7 +34,8 @@ from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 CAR_BUS: Final = "can0"  #: the car's bus as it is called in the record
 # Of a period. A setpoint comes once a period, give or take what the drive's loop and the scheduler do to it: one that
-# comes early waits, so that the kit never gets two commands at once; one that comes late is waited for a little.
+# comes early waits, so that the DBW controller never gets two commands at
+# once; one that comes late is waited for a little.
 SOONEST: Final = 0.5
 LATEST: Final = 1.5
 ALONE: Final = 1.0  # once none came for the last step either: the core counts in periods, and this is its only clock
@@ -46,7 +47,7 @@ TELL_PERIOD: Final = 0.1
 PATIENCE: Final = 2.0
 #: a console that has shown itself alive and is silent for so long is as good as gone [s]
 SILENCE: Final = 1.0
-#: a kit of which nothing is understood for so long is gone for good [s]: it has stopped the car, or nobody can
+#: a DBW controller none of whose reports is understood for so long is gone for good [s]; the car has stopped or cannot
 GONE: Final = 60.0
 
 
@@ -58,10 +59,10 @@ def due(last: float, fresh: bool, alone: bool, period: float) -> float:
     return last + (SOONEST if fresh else ALONE if alone else LATEST) * period
 
 
-def kit_is_gone(now: float, heard: float) -> bool:
-    """Whether there is nobody who could be commanded; `heard` is when the kit was last understood.
+def dbw_is_gone(now: float, heard: float) -> bool:
+    """Whether there is nobody who could be commanded; `heard` is when the DBW controller was last understood.
 
-    Frames that are no report of the kit do not count, however many there are: a bus that babbles stops no car.
+    Other frames do not count, however many there are: a device that floods the bus stops no car.
     """
     return now - heard > GONE
 
@@ -158,8 +159,8 @@ class Process:
             self._has_engaged |= verdict.state in COMMANDING
             if self._gateway.done or (self._console.closed and not self._has_engaged):
                 break
-            if self._has_engaged and kit_is_gone(self._last, self._gateway.kit_heard):
-                _say(f"nothing understood of the kit for {GONE:.0f} s: nobody is there who could be commanded")
+            if self._has_engaged and dbw_is_gone(self._last, self._gateway.last_dbw_report):
+                _say(f"no report of the DBW controller for {GONE:.0f} s: there is nothing to command")
                 break
         # From here on silence is no sign of trouble.
         self._console.close()
@@ -301,10 +302,10 @@ class Process:
                 step=self._steps - 1,
                 time_s=now,
                 setpoint=taken.datagram,
-                act="" if taken.act is None else taken.act.value,
-                found="+".join(found),
-                heard=heard,
-                sent=sent,
+                operator_command="" if taken.act is None else taken.act.value,
+                process_faults="+".join(found),
+                frames_received=heard,
+                frames_sent=sent,
                 sequence=gateway.sequence,
                 state=verdict.state.value,
                 reasons="+".join(verdict.reasons),

@@ -38,7 +38,7 @@ from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 #: what scenario.json must say for a live drive to be put together again
 KEYS: Final = frozenset(
     {"scenario", "scenario_file", "settings", "rig", "rig_name", "gateway", "files_sha256", "versions"}
-    | {"epoch_gnss_s", "lot_projection", "lot_to_street"}
+    | {"epoch_gnss_s", "lot_projection", "lot_to_road"}
 )
 
 
@@ -76,7 +76,7 @@ def read_live_inputs(folder: FilePath) -> LiveInputs:
 
 
 def _whole_steps(steps: list[dict[str, Any]], frames: int) -> int:
-    reach = accumulate(row["heard"] + row["sent"] for row in steps)
+    reach = accumulate(row["frames_received"] + row["frames_sent"] for row in steps)
     torn = (n for n, (row, needed) in enumerate(zip(steps, reach, strict=True)) if row["step"] != n or needed > frames)
     return next(torn, len(steps))
 
@@ -122,14 +122,14 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
     except (KeyError, TypeError) as error:
         raise ConfigError(f"scenario.json: gateway: {error}: written by another version of vve-sumo") from None
     for step, row in enumerate(inputs.steps):
-        heard, sent = list(islice(frames, row["heard"])), list(islice(frames, row["sent"]))
+        heard, sent = list(islice(frames, row["frames_received"])), list(islice(frames, row["frames_sent"]))
         setpoint = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
         if isinstance(setpoint, link.Malformed):
             return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
-        act = OperatorCommand(row["act"]) if row["act"] else None
-        output = gateway.step(row["time_s"], setpoint, heard, act, codes(row["found"]))
+        act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
+        output = gateway.step(row["time_s"], setpoint, heard, act, codes(row["process_faults"]))
         difference = compare(step, row, _gateway_columns(step, gateway, output.verdict)) or compare_frames(
-            step, sent, output.frames[: row["sent"]]
+            step, sent, output.frames[: row["frames_sent"]]
         )
         if difference is not None:
             return difference

@@ -140,7 +140,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
         source = stack.enter_context(contextlib.closing(assembly.source_of(plan.rig)))
         plan.folder.mkdir(parents=True, exist_ok=True)
         car = None
-        if plan.rig.car == "hardware_free":
+        if plan.rig.car == "simulated":
             scenario = plan.setting.scenario
             friction = scenario.weather.friction
             car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
@@ -177,7 +177,7 @@ def _ground(plan: Plan, source: Source, notify: Notify) -> LotAlignment:
     finally:
         source.close()
     begin = setting.path.at(0.0)
-    stored = meaning.alignment_of(rig, setting.scenario.street.network)
+    stored = meaning.alignment_of(rig, setting.scenario.road.network)
     start = standing(begin.x, begin.y, begin.heading)
     return lot_alignment(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, stored)
 

@@ -1,4 +1,4 @@
-"""The hardware-free car as a process of its own: in real time, NCOM over UDP, CAN over a bus that others can open.
+"""The simulated vehicle as a process of its own: in real time, NCOM over UDP, CAN over a bus that others can open.
 
 `python -m vve_sumo.live.simulated_vehicle`, started by `spawn`. It knows what a real car knows: commands on its bus,
 its own motion and the sky; no street, no gateway, no controller. Beside the car it is the injected faults and a file of
@@ -102,7 +102,7 @@ class CarConfig:
     seed: int  #: of the scenario
     target: tuple[str, int]  #: where NCOM goes, address and UDP port
     bus: tuple[str, str] | None = None  #: python-can's interface and channel; None is a pty of the car's own
-    rehearsed: tuple[InjectedFault, ...] = ()
+    faults: tuple[InjectedFault, ...] = ()
     truth: Path | None = None  #: file that the truth is written to
 
     def told(self) -> dict[str, Any]:
@@ -116,7 +116,7 @@ class CarConfig:
             "seed": self.seed,
             "target": self.target,
             "bus": self.bus,
-            "rehearsed": [asdict(fault) for fault in self.rehearsed],
+            "faults": [asdict(fault) for fault in self.faults],
             "truth": None if self.truth is None else str(self.truth),
         }
 
@@ -137,7 +137,7 @@ class CarConfig:
             seed=told["seed"],
             target=(host, port),
             bus=(interface, channel) if told["bus"] else None,
-            rehearsed=tuple(InjectedFault(**fault) for fault in told["rehearsed"]),
+            faults=tuple(InjectedFault(**fault) for fault in told["faults"]),
             truth=None if told["truth"] is None else Path(told["truth"]),
         )
 
@@ -192,10 +192,10 @@ class SimulatedVehicle:
 
     def __init__(self, config: CarConfig, wire: Wire, truth: Truth) -> None:
         # The radar's noise is the second child of a scenario's seed.
-        car_seeds, _, rehearsal_seeds = np.random.SeedSequence(config.seed).spawn(3)
-        start, rehearsed = config.start(), config.rehearsed
+        car_seeds, _, fault_seeds = np.random.SeedSequence(config.seed).spawn(3)
+        start, faults = config.start(), config.faults
         self._car = FaultInjectedCar(
-            config.parameters, start, config.lot, config.epoch, car_seeds, rehearsed, rehearsal_seeds
+            config.parameters, start, config.lot, config.epoch, car_seeds, faults, fault_seeds
         )  # fmt: skip
         self._wire = wire
         self._truth = truth

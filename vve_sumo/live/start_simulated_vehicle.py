@@ -1,4 +1,4 @@
-"""Starting the hardware-free car of a rig, for a drive and for everything that only looks at the rig.
+"""Starting the simulated vehicle of a rig, for a drive and for everything that only looks at the rig.
 
 Knows the rig's tables and the car's process; no scenario, no gateway. Nothing is commanded here.
 """
@@ -31,7 +31,7 @@ PATIENCE: Final = 30.0
 
 @dataclass(slots=True)
 class SimulatedVehicleProcess:
-    """The hardware-free car's process as it waits for the rest; it ends when `channel` is closed and it stands."""
+    """The simulated vehicle's process as it waits for the rest; it ends when `channel` is closed and it stands."""
 
     process: subprocess.Popen[bytes]
     channel: Channel
@@ -59,7 +59,7 @@ def start(
     stack.callback(ours.close)
     said = _first_word(ours)
     if said.get("kind") != "car_ready":
-        raise RigError(f"the hardware-free car: {said.get('text', said)}")
+        raise RigError(f"the simulated vehicle: {said.get('text', said)}")
     return SimulatedVehicleProcess(process, ours, (said["interface"], said["channel"]))
 
 
@@ -88,7 +88,7 @@ def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: f
         seed=seed,
         target=(pose.address, pose.port),
         bus=None if rig.bus.channel == PTY else wire,
-        rehearsed=meaning.rehearsed_of(rig),
+        faults=meaning.faults_of(rig),
         truth=None if folder is None else folder / "truth.csv",
     )
 
@@ -105,4 +105,4 @@ def _first_word(channel: Channel) -> dict[str, Any]:
         for data in channel.receive():
             said: dict[str, Any] = json.loads(data)
             return said
-    raise RigError(f"the hardware-free car did not come up within {PATIENCE:.0f} s")
+    raise RigError(f"the simulated vehicle did not come up within {PATIENCE:.0f} s")

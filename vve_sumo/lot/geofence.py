@@ -75,7 +75,7 @@ class Geofence:
     """Keeps every way to rest inside the lot.
 
     `alignment` lays the lot's map onto the street's, as `Placement` has it. `gateway` follows the stop profile, or
-    holds the wheel angle; `watchdog` is the kit's own and its wheel may be anywhere between held and straight.
+    holds the wheel angle; `watchdog` is the DBW controller's, whose wheel may be anywhere between held and straight.
     `downhill` is the lot's worst slope, positive.
     """
 

@@ -1,4 +1,4 @@
-"""The hardware-free car: takes command frames, gives back reports and NCOM bytes, as the real one does.
+"""The simulated vehicle: takes command frames, gives back reports and NCOM bytes, as the real one does.
 
 One object for everything between the bus and the sky; it knows no street, no gateway and no controller.
 """

@@ -1,4 +1,4 @@
-"""The hardware-free car with a drive's rehearsed faults put on: what is heard of it, and what it hears.
+"""The simulated vehicle with a drive's faults injected: what is heard of it, and what it hears.
 
 The same in lockstep and in real time; it knows no clock and no I/O.
 """
@@ -26,11 +26,11 @@ class FaultInjectedCar:
         lot: MapFrame,
         epoch: float,
         seeds: np.random.SeedSequence,
-        rehearsed: Iterable[InjectedFault],
-        rehearsal_seeds: np.random.SeedSequence,
+        faults: Iterable[InjectedFault],
+        fault_seeds: np.random.SeedSequence,
     ) -> None:
-        self._rehearsal = FaultInjector(rehearsed, rehearsal_seeds, parameters.interface)
-        self.car = Car(parameters, start, lot, epoch, seeds, self._rehearsal.on_fix)
+        self._injector = FaultInjector(faults, fault_seeds, parameters.interface)
+        self.car = Car(parameters, start, lot, epoch, seeds, self._injector.on_fix)
         self._steps = 0
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:
@@ -48,13 +48,13 @@ class FaultInjectedCar:
         return self.car.truth()
 
     def _step(self, frames: Sequence[Frame]) -> CarOutput:
-        rehearsal, car, now = self._rehearsal, self.car, self._steps / STEPS_A_SECOND
-        commands = rehearsal.on_commands(now, frames)
-        rehearsal.on_car(now, car)
+        injector, car, now = self._injector, self.car, self._steps / STEPS_A_SECOND
+        commands = injector.on_commands(now, frames)
+        injector.on_car(now, car)
         self._steps += 1
         until = self._steps / STEPS_A_SECOND
-        output = car.step(until, commands, rehearsal.driver(now))
-        rehearsal.moves(until, car.truth().speed)
+        output = car.step(until, commands, injector.driver(now))
+        injector.moves(until, car.truth().speed)
         return CarOutput(
-            rehearsal.on_reports(until, output.reports, car.interface), rehearsal.on_packets(until, output.ncom)
+            injector.on_reports(until, output.reports, car.interface), injector.on_packets(until, output.ncom)
         )

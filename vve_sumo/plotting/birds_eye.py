@@ -202,7 +202,7 @@ def draw_close_up(axes: Axes, sheet: Sheet, view: View) -> None:
     _map(axes, sheet, view, PAPER)
     _cars(axes, sheet, view)
     _cross(axes, sheet, view)
-    gap, station = float(sheet.lead.gap[-1]), sheet.ticks["station_m"][-1].as_py()
+    gap, station = float(sheet.lead.gap[-1]), sheet.ticks["s_m"][-1].as_py()
     if 0.0 < gap <= LONGEST_GAP and math.isfinite(station):
         bumper = station + sheet.vehicle.rear_axle_to_bumper
         _dimension(axes, view, sheet.path, bumper, gap, sheet.vehicle.width / 2.0 + 0.7)

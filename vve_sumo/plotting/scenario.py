@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vve_sumo.drive.no_brake_preview import Event, NoBrakePreview, preview_without_braking, standing_boxes
+from vve_sumo.drive.no_brake_preview import NoBrakePreview, TriggeredEvent, preview_without_braking, standing_boxes
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box
@@ -425,12 +425,13 @@ def _list(figure: Figure, page: Page) -> None:
 
 
 def _still_to_come(page: Page) -> list[str]:
-    """Return the acts that no ego which never braked would see."""
-    begun = {(event.actor, event.act) for event in page.seen.events}
+    """Return the events that no ego which never braked would see."""
+    begun = {(event.actor, event.number) for event in page.seen.events}
     return [
-        f"then {descriptions.name(actor)}, {descriptions.condition(act.when) or 'at once'}, {descriptions.deed(act)}"
+        f"then {descriptions.name(actor)}, {descriptions.condition(event.when) or 'at once'}, "
+        f"{descriptions.action(event)}"
         for number, actor in enumerate(page.setting.scenario.actors)
-        for order, act in enumerate(actor.acts)
+        for order, event in enumerate(actor.events)
         if (number, order) not in begun
     ]
 
@@ -444,13 +445,13 @@ def _entering(page: Page, actor: Actor) -> str:
 
 def _enters_later(page: Page, actor: str) -> bool:
     scenario = page.setting.scenario
-    return any(event.act < 0 and scenario.actors[event.actor].id == actor for event in page.seen.events)
+    return any(event.number < 0 and scenario.actors[event.actor].id == actor for event in page.seen.events)
 
 
-def _happening(page: Page, event: Event) -> str:
+def _happening(page: Page, event: TriggeredEvent) -> str:
     actor = page.setting.scenario.actors[event.actor]
-    when = descriptions.condition(actor.enters if event.act < 0 else actor.acts[event.act].when)
-    does = descriptions.entrance(actor) if event.act < 0 else descriptions.deed(actor.acts[event.act])
+    when = descriptions.condition(actor.enters if event.number < 0 else actor.events[event.number].when)
+    does = descriptions.entrance(actor) if event.number < 0 else descriptions.action(actor.events[event.number])
     return f"{event.time:.1f} s: " + (f"{when}; " if when else "") + f"{descriptions.name(actor)} {does}"
 
 
@@ -463,6 +464,6 @@ def _head(figure: Figure, setting: ResolvedScenario) -> None:
     scenario = setting.scenario
     title = textwrap.shorten(f"{setting.name}: {scenario.title}", 110, placeholder=" …")
     figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
-    traffic = ", ".join(scenario.street.demand) or "no other traffic"
-    below = f"{scenario.street.network}, {scenario.ego.path} · ego at {scenario.ego.speed_mps:g} m/s · {traffic}"
+    traffic = ", ".join(scenario.road.demand) or "no other traffic"
+    below = f"{scenario.road.network}, {scenario.ego.path} · ego at {scenario.ego.speed_mps:g} m/s · {traffic}"
     figure.text(LEFT / SIZE[0], 0.92, below, fontsize=12)

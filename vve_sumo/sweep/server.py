@@ -173,7 +173,7 @@ class Server:
     def _warm(self, job: Job) -> None:
         """Read a job's files for those that come; its own run came to an end with them, so they are fit to be read."""
         actors = [actor.get("path") for actor in job.table.get("actors", ())]
-        files = (job.file, job.working, job.table["street"], job.table["ego"]["path"], actors)
+        files = (job.file, job.working, job.table["road"], job.table["ego"]["path"], actors)
         if files != self._warmed:
             self._warmed = files
             with contextlib.suppress(Exception):

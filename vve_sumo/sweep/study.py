@@ -68,7 +68,7 @@ def _factors(name: str, scenario: Scenario, factors: Sequence[float] | None) -> 
 
 
 def _seeds(scenario: Scenario) -> int:
-    certain = not scenario.ego.car.noise and scenario.radar.ideal and not scenario.street.demand
+    certain = not scenario.ego.car.noise and scenario.radar.ideal and not scenario.road.demand
     return 1 if certain else SEEDS
 
 

@@ -115,7 +115,7 @@ TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
     },
 }
 
-#: States in which the kit is enabled and commanded.
+#: States in which the DBW controller is enabled and commanded.
 COMMANDING: Final = frozenset({_ENGAGED, _STOPPING, _STOPPED})
 #: States in which the gateway says why a drive has come to its end.
 ENDING: Final = frozenset({_STOPPING, _STOPPED, _FAULT})
@@ -129,6 +129,9 @@ REASONS: Final[dict[str, str]] = {
     "brake_report_stale": "no brake report for too long",
     "brake_timeout": "the brake module misses our commands",
     "bus_down": "the car's bus takes no frames",
+    "dbw_already_enabled": "the DBW controller is enabled although nobody asked it to be",
+    "dbw_braking": "the DBW controller's own watchdog is braking the car",
+    "dbw_watchdog": "the DBW controller's watchdog has latched",
     "disarm_asked": "the operator asked to disarm; the car is stopped first",
     "drive_gone": "the process that computes setpoints is gone",
     "drive_not_following": "the car gains speed although nothing asks it to",
@@ -138,18 +141,15 @@ REASONS: Final[dict[str, str]] = {
     "driver_on_brake": "the driver's foot is on the brake",
     "driver_on_throttle": "the driver's foot is on the throttle",
     "driver_override": "the driver has control",
-    "engaging": "waiting for the kit to report that it is enabled",
+    "engaging": "waiting for the DBW controller to report that it is enabled",
     "gear_fault": "the shift module reports a fault",
     "gear_lost": "the car left drive by itself",
     "gear_not_confirmed": "the car did not confirm drive in time",
     "gear_not_park_or_drive": "the gear is neither park nor drive",
     "gear_report_stale": "no gear report for too long",
     "go_too_early": "go counts only while the gateway waits for it",
-    "handshake_timeout": "the kit did not report that it is enabled in time",
+    "handshake_timeout": "the DBW controller did not report that it is enabled in time",
     "heading_mismatch": "the receiver's heading and the car's gyroscope disagree",
-    "kit_already_enabled": "the kit is enabled although nobody asked it to be",
-    "kit_braking": "the kit's own watchdog is braking the car",
-    "kit_watchdog": "the kit's watchdog has latched",
     "no_setpoint": "no setpoint that is still good",
     "not_in_park": "cannot disarm before the car is in park: it would creep away",
     "not_standing": "the car is not known to stand",
@@ -165,7 +165,7 @@ REASONS: Final[dict[str, str]] = {
     "setpoint_lifetime": "a setpoint wants to live longer than allowed and was refused",
     "setpoint_not_finite": "a setpoint holds a number that is not one",
     "setpoint_out_of_order": "a setpoint does not count up and was refused",
-    "shadow": "this is a rehearsal: every enable bit stays off",
+    "shadow": "shadow mode: every enable bit stays off",
     "shifting": "waiting for the car to confirm drive",
     "speed_mismatch": "satellite speed and wheel speeds disagree",
     "standstill_uncertain": "the wheels and the receiver disagree on whether the car stands",
@@ -202,8 +202,8 @@ CRITICAL: Final = frozenset(
         "bus_down",
         "drive_not_following",
         "gear_lost",
-        "kit_braking",
-        "kit_watchdog",
+        "dbw_braking",
+        "dbw_watchdog",
         "steering_disabled",
         "steering_fault",
         "steering_not_following",

@@ -14,7 +14,7 @@ MAX_KNOTS: Final = 64  # of a way to rest: 64 m at a metre each is twice the way
 MAX_CURVATURE: Final = (
     1.0  # [1/m]; no car turns tighter than 0.3, so that whatever is beyond says "as tight as it goes"
 )
-# A kit that hears nothing for 100 ms lets go of the steering wheel: after a longer gap nobody knows where the car went.
+# After 100 ms without commands the DBW controller releases the steering: after a longer gap the car may be anywhere.
 MAX_GAP: Final = 0.100  # [s]
 _ROUNDING: Final = 1e-6  # [s]
 

@@ -131,7 +131,7 @@ class Gateway:
         self._plausibility = Plausibility(vehicle, calibration)
         self._response = BrakeMonitor(vehicle, calibration)
         self._handover = Engagement(
-            vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), rehearsal=shadow
+            vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), shadow=shadow
         )
         self._parked_long = Debounce(PARK_TIME)
         self._uncertain_long = Debounce(UNCERTAIN_TIME)
@@ -202,9 +202,9 @@ class Gateway:
         return -1 if self._admission.setpoint is None else self._admission.setpoint.sequence
 
     @property
-    def kit_heard(self) -> float:
-        """Drive time at which a report of the kit was last understood [s]; -inf before the first."""
-        return self._reports.kit_heard
+    def last_dbw_report(self) -> float:
+        """Drive time at which a report of the DBW controller was last understood [s]; -inf before the first."""
+        return self._reports.last_dbw_report
 
     @property
     def done(self) -> bool:
@@ -212,7 +212,7 @@ class Gateway:
 
         Where the evidence of that disagrees, it is over once nothing has said for DRIVER_TIME that the car moves. Until
         it stands frames without enable bits go on, with their counter counting: a counter that stops under way
-        could make the kit's watchdog brake against the driver.
+        could make the DBW controller's watchdog brake against the driver.
         """
         if not self._has_been_engaged or self._state in COMMANDING:
             return False
@@ -303,7 +303,7 @@ class Gateway:
         if reports.gear.gear not in (Gear.PARK, Gear.DRIVE):
             missing.append("gear_not_park_or_drive")
         if reports.any_enabled():
-            missing.append("kit_already_enabled")
+            missing.append("dbw_already_enabled")
         if reports.throttle.driver:
             missing.append("driver_on_throttle")
         if reports.gear.gear is Gear.DRIVE and not reports.brake.driver:
@@ -332,7 +332,7 @@ class Gateway:
     def _judge_commanded(self, now: float, faults: list[str]) -> None:
         overrides: frozenset[str] = frozenset() if self._shadow else self._reports.overrides()
         # An override that was latched before engaging counts for nothing until the CLEAR of the act has reached it. One
-        # that is there when the kit has long been enabled is no old one, whatever it looks like.
+        # that is there when the DBW controller has long been enabled is no old one, whatever it looks like.
         self._old_overrides = frozenset() if self._handover.settled(now) else self._old_overrides & overrides
         if overrides - self._old_overrides:
             self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
@@ -368,7 +368,7 @@ class Gateway:
             case OperatorCommand.END:
                 self._happen(now, Event.STOP, ["drive_over"])
             case OperatorCommand.DISARM if self._state is ArmingState.STOPPED:
-                # Without brakes a car in drive creeps away, and the kit's watchdog brakes when EN drops in gear.
+                # Without brakes a car in drive creeps away, and the DBW watchdog brakes when EN drops in gear.
                 self._notes.append("not_in_park")
             case OperatorCommand.DISARM:
                 self._happen(now, Event.DISARM, ["disarm_asked"])
@@ -482,7 +482,7 @@ class Gateway:
         return _Command(pedals, granted.acceleration, granted.steering, limited)
 
     def _wait(self) -> _Command:
-        """Stand on the brakes until kit and gear are there, the driver has let go and the operator has said go."""
+        """Hold the brakes until DBW controller and gear are there, the driver lets go and the operator says go."""
         pedals = self._actuation.step(0.0, self._reports.speed, self._grade(), self._elapsed)
         return _Command(pedals, 0.0, self._limiter.steering)
 

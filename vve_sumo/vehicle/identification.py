@@ -28,7 +28,7 @@ STRAIGHT = 0.02  #: the car goes straight below this yaw rate [rad/s]
 LEAST_SAMPLES = 50  #: fewer teach nothing
 MEMORY = 1.0  #: residuals farther apart than this count as independent [s]
 BASE = 0.1  #: over which a wheel's acceleration is taken [s]
-SLEW_STEP = 0.005  #: of a command on its way at the kit's largest rate [s]
+SLEW_STEP = 0.005  #: of a command on its way at the DBW controller's largest rate [s]
 AIR_KNOWN = 0.25  #: air drag known worse than to this share is left as declared
 MOST_STEPS = 20  #: of a fit; a good drive takes 7 at most, one that holds nothing would go on for long
 SHORTEST_LAG = 1e-3  #: an exponential needs one [s]
@@ -204,7 +204,7 @@ class Answer:
 
 
 def slewed(commands: Series, rate: float) -> Series:
-    """Commands as the kit passes them on: towards each at `rate` [1/s] at most, every `SLEW_STEP`."""
+    """Commands as the DBW controller passes them on: towards each at `rate` [1/s] at most, every `SLEW_STEP`."""
     time = np.arange(commands.time[0], commands.time[-1], SLEW_STEP)
     wanted = commands.value[np.searchsorted(commands.time, time + 1e-9, side="right") - 1]
     change, value, passed = rate * SLEW_STEP, float(wanted[0]), []

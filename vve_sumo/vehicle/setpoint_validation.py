@@ -13,7 +13,7 @@ from vve_sumo.values import Setpoint
 from vve_sumo.vehicle.fallback import well_formed
 from vve_sumo.vehicle.reports import TOLERANCE
 
-MAX_LIFETIME: Final = 0.100  # of a setpoint [s]: the kit's own timeout for commands
+MAX_LIFETIME: Final = 0.100  # of a setpoint [s]: the DBW controller's own timeout for commands
 
 
 class Debounce:

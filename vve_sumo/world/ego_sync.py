@@ -118,7 +118,7 @@ def make_type(name: str, length: float, width: float) -> None:
 
 
 class EgoSync:
-    """The ego's anchor: `place`, let SUMO step, `check`."""
+    """Holds the ego: `place`, let SUMO step, `check`."""
 
     def __init__(self, lanes: Lanes, vehicle: Vehicle, route: Sequence[str] = ()) -> None:
         """Prepare the ego; it enters the street at the first pose.
@@ -180,7 +180,7 @@ class EgoSync:
         except SUMO_ERRORS as problem:
             error = error or str(problem)
             self._known, self._lane = False, ""
-        names = ("anchor_position", "anchor_heading", "anchor_speed")
+        names = ("ego_sync_position", "ego_sync_heading", "ego_sync_speed")
         if math.isnan(errors[0]):
             faults.append("ego_lost" if self._target else "ego_absent")
         else:

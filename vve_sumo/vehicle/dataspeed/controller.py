@@ -1,4 +1,4 @@
-"""What a Dataspeed DBW1 kit does with commands: enabling, timeouts, driver overrides, watchdog, shifting.
+"""What a Dataspeed DBW1 controller does with commands: enabling, timeouts, driver overrides, watchdog, shifting.
 
 It turns command frames and the driver's limbs into requests to the actuators, and knows neither dynamics nor reports.
 Behaviour as public in Dataspeed's `dbw_mkz_can` and `dbw_ford_can` sources, WatchdogCounter.msg and its FAQ.
@@ -39,7 +39,7 @@ SHIFT_BRAKE = 200.0  # torque that the shifter takes for a pressed pedal [N m]; 
 # Brake pedal sensor and the torque it asks for [N m] (pedal_lut.h).
 _PEDALS = (0.175, 0.246, 0.283, 0.323, 0.330)
 _TORQUES = (0.0, 816.0, 1832.0, 3316.0, 3412.0)
-# The kit moves the pedal at most 0.4 in 20 ms; as torque, by the table's mean slope [N m/s].
+# The DBW controller moves the pedal at most 0.4 in 20 ms; as torque, by the table's mean slope [N m/s].
 BRAKE_RAMP = 0.4 / 0.020 * _TORQUES[-1] / (_PEDALS[-1] - _PEDALS[0])
 
 
@@ -71,7 +71,7 @@ def pedal_to_throttle(pedal: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class DbwControllerParameters:
-    """How one kit is configured."""
+    """How one DBW controller is configured."""
 
     variant: codec.Variant = codec.Variant.DBW1_2024
     watchdog: bool = True  #: the optional watchdog is there; counting commands arm it
@@ -122,7 +122,7 @@ class Module:
 
 
 class DbwController:
-    """The kit's modules, stepped together every `duration` seconds."""
+    """The DBW controller's modules, stepped together every `duration` seconds."""
 
     def __init__(self, parameters: DbwControllerParameters, duration: float) -> None:
         self.parameters = parameters

@@ -138,11 +138,11 @@ def _crowded(folder: str, each: float, steps: int) -> dict[str, object]:
             vehicle = libsumo.vehicle
             arriving = {name for name in here if vehicle.getRouteIndex(name) == len(vehicle.getRoute(name)) - 1}
             counts.append(len(here))
-        assert world.headroom is not None
+        assert world.step_time_budget is not None
         kept = [name for name in here if name.startswith(("ego", "obstacle_stand_in"))]
         return {
-            "summary": world.headroom.summary,
-            "fits": world.headroom.fits,
+            "summary": world.step_time_budget.summary,
+            "fits": world.step_time_budget.fits,
             "gone": gone,
             "counts": counts,
             "kept": sorted(kept),
