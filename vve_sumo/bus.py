@@ -29,10 +29,10 @@ from vve_sumo.values import Frame
 #: for one frame to be taken by a driver that is busy [s]; a serial adapter that nobody reads would wait for ever
 SEND_TIMEOUT: Final = 0.005
 #: frames taken in at once, so that a flooded bus can't keep its listener from everything else
-MOST_FRAMES: Final = 1000
+MAX_FRAMES: Final = 1000
 #: of a serial adapter: bytes read at once, and the longest line that can still become a frame
 SERIAL_CHUNK: Final = 4096
-LONGEST_LINE: Final = 32
+MAX_LINE_LENGTH: Final = 32
 
 #: a classic 11-bit data frame on a serial adapter's wire: LAWICEL, CANUSB manual, command t
 _SERIAL_FRAME: Final = re.compile(
@@ -70,10 +70,10 @@ class Bus:
     def drain(self) -> list[Frame]:
         """Return all classic 11-bit data frames that wait now, without waiting; what we sent is not among them.
 
-        At most MOST_FRAMES of them; the rest waits for the next call.
+        At most MAX_FRAMES of them; the rest waits for the next call.
         """
         frames: list[Frame] = []
-        for _ in range(MOST_FRAMES):
+        for _ in range(MAX_FRAMES):
             try:
                 message = self._bus.recv(0.0)
             except (OSError, can.CanError) as error:
@@ -236,7 +236,7 @@ class _SerialBus(slcanBus):  # type: ignore[misc]  # python-can has no types tha
         if not data:
             raise can.CanOperationError("the adapter is gone")
         *lines, torn = re.split(rb"[\r\a]", self._torn + data)
-        self._torn = torn[-LONGEST_LINE:]
+        self._torn = torn[-MAX_LINE_LENGTH:]
         self._lines.extend(line.decode("ascii") for line in lines if _SERIAL_FRAME.fullmatch(line))
 
 

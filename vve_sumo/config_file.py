@@ -50,7 +50,7 @@ UNITS: Final = {
     "_w": 1.0,
 }
 
-LONGEST: Final = 80  #: characters of a wrong value that a complaint repeats
+MAX_VALUE_LENGTH: Final = 80  #: characters of a wrong value that a complaint repeats
 #: what a TOML file should hold, by pydantic's word for the error; its own words speak of Python
 EXPECTED: Final = {
     "bool_type": "expected true or false",
@@ -123,7 +123,7 @@ def spelt(value: object) -> str:
         said = repr(value)
     except (ValueError, RecursionError):  # a whole number of thousands of digits, arrays in arrays in arrays
         return f"{type(value).__name__} beyond all bounds"
-    return said if len(said) <= LONGEST else said[:LONGEST] + "…"
+    return said if len(said) <= MAX_VALUE_LENGTH else said[:MAX_VALUE_LENGTH] + "…"
 
 
 def _walk(complaint: ErrorDetails, model: type[BaseModel]) -> tuple[list[int | str], list[type[BaseModel]]]:
@@ -174,7 +174,7 @@ def alternatives(annotations: Iterable[Any]) -> Iterator[Any]:
 def _key(part: int | str) -> str:
     """A key as it stands in a place, quoted where it is none that one would write bare."""
     text = str(part)
-    return text if text.isprintable() and len(text) <= LONGEST else spelt(text)
+    return text if text.isprintable() and len(text) <= MAX_VALUE_LENGTH else spelt(text)
 
 
 def _meant(key: str, known: list[str]) -> str:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vve_sumo.drive.latency_monitor import LEGS, PATIENCE, TOTAL, LatencyMonitor, legs, quantile, summarize
+from vve_sumo.drive.latency_monitor import ANSWER_TIMEOUT_TICKS, LEGS, TOTAL, LatencyMonitor, legs, quantile, summarize
 from vve_sumo.values import LatencyRow
 
 PERIOD = 0.02
@@ -98,8 +98,8 @@ def test_no_budget_is_kept_by_chance(took):
 def test_a_gateway_that_does_not_answer_is_a_breach():
     ledger = LatencyMonitor(0.005, 0)
     said = [ledger.step(row(tick)) for tick in range(10)]
-    assert said.index(("latency_budget",)) == PATIENCE
-    assert [one.tick for one in ledger.completed()] == list(range(10 - PATIENCE))
+    assert said.index(("latency_budget",)) == ANSWER_TIMEOUT_TICKS
+    assert [one.tick for one in ledger.completed()] == list(range(10 - ANSWER_TIMEOUT_TICKS))
 
 
 def test_an_answer_without_frames_is_none():

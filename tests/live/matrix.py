@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from tests import vehicles
 from tests.conftest import REPOSITORY
-from vve_sumo.live.gateway import LATEST
+from vve_sumo.live.gateway import MAX_STEP_INTERVAL
 from vve_sumo.vehicle.limits import Limits
 
 PERIOD: Final = 0.020
@@ -22,7 +22,7 @@ AT: Final = 3.0
 SPEED: Final = 4.4
 
 # From the fault to the moment at which whoever stops the car knows of it.
-STEP: Final = LATEST * PERIOD  # the gateway looks at what it was told
+STEP: Final = MAX_STEP_INTERVAL * PERIOD  # the gateway looks at what it was told
 EXPIRY: Final = 0.100 + STEP  # the last setpoint is acted on to its end
 FIX: Final = 0.150 + PERIOD + STEP  # a fix that counts is too old, a tick says so
 REPORT: Final = 0.100 + STEP  # a report is too old

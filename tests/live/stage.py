@@ -30,7 +30,7 @@ from tests.live.matrix import AT, SPEED, Right, Row
 from tests.live.patience import until
 from tests.live.spoilt import MOMENT
 from tests.live.witness import stalls, witness
-from vve_sumo.plant.injected_faults import STARTED
+from vve_sumo.plant.injected_faults import START_SPEED
 from vve_sumo.record.record import read_table
 
 #: a drive that was ridden through goes on for so long after its last fault, then the operator stops it [s]
@@ -206,7 +206,7 @@ class Stage:
 
     def _under_way(self, console: subprocess.Popen[bytes]) -> bool:
         """Wait until the car moves, where a fault is injected, or is fast enough; whether it came to that."""
-        return self.moving(console, STARTED if self.row.faults else SPEED)
+        return self.moving(console, START_SPEED if self.row.faults else SPEED)
 
     def moving(self, console: subprocess.Popen[bytes], least: float) -> bool:
         """Wait until the car is as fast as `least` [m/s]; whether it came to that."""
@@ -240,7 +240,7 @@ class Stage:
         row, act = self.row, self._acts().get(self.row.stage)
         if row.faults:
             truth = read_truth(self.record)
-            moved = float(truth["time_s"][np.flatnonzero(np.abs(truth["speed_mps"]) > STARTED)[0]])
+            moved = float(truth["time_s"][np.flatnonzero(np.abs(truth["speed_mps"]) > START_SPEED)[0]])
             moment = self.t0 + moved + AT + min(row.faults[0].later, 0.0)
             time.sleep(max(moment - time.monotonic(), 0.0))
             return max(moment, self._spoilt(console)) if row.controller else moment

@@ -24,8 +24,8 @@ from tests.vehicle.car import CALIBRATION, FUSION, PERIOD
 from vve_sumo.bus import read_log
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
-from vve_sumo.live.gateway import GONE, LATEST, SOONEST, Inbox, dbw_is_gone, due
-from vve_sumo.live.priority import KEPT
+from vve_sumo.live.gateway import DBW_SILENCE_LIMIT, MAX_STEP_INTERVAL, MIN_STEP_INTERVAL, Inbox, dbw_is_gone, due
+from vve_sumo.live.priority import NEVER_KILLED
 from vve_sumo.record.record import read_table
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
@@ -83,7 +83,7 @@ def assert_stopping(told: list[Heard]) -> None:
 
 @given(st.floats(0.0, 1e6), st.booleans(), st.booleans())
 def test_steps_are_due_half_a_period_after_the_last_at_the_soonest_and_one_and_a_half_at_the_latest(last, fresh, alone):
-    expected = SOONEST if fresh else 1.0 if alone else LATEST
+    expected = MIN_STEP_INTERVAL if fresh else 1.0 if alone else MAX_STEP_INTERVAL
     assert due(last, fresh, alone, PERIOD) - last == pytest.approx(expected * PERIOD, abs=1e-9)
 
 
@@ -147,8 +147,8 @@ def test_a_stop_asked_for_again_and_again_is_urgent_once():
 
 @given(st.floats(0.0, 1e6), st.floats(0.0, 1e3))
 def test_a_kit_is_gone_a_minute_after_its_last_word(heard: float, later: float) -> None:
-    assert dbw_is_gone(heard + later, heard) is (heard + later - heard > GONE)
-    assert GONE == 60.0
+    assert dbw_is_gone(heard + later, heard) is (heard + later - heard > DBW_SILENCE_LIMIT)
+    assert DBW_SILENCE_LIMIT == 60.0
 
 
 IDS = [codec.BRAKE_REPORT, codec.THROTTLE_REPORT, codec.STEERING_REPORT, codec.GEAR_REPORT]
@@ -266,7 +266,7 @@ def test_a_gateway_that_slept_latches_it_and_makes_up_for_nothing(bench: Open) -
     assert_stopping(told_after(b, woken + PERIOD))
     steps = np.diff(read_table(b.folder, "gateway")["time_s"].to_numpy())
     assert steps.max() > 0.15
-    assert steps.min() >= SOONEST * PERIOD - 1e-9
+    assert steps.min() >= MIN_STEP_INTERVAL * PERIOD - 1e-9
     assert set(counters(b.heard)) == set(range(1, len(b.heard)))
 
 
@@ -405,8 +405,8 @@ def test_the_kernel_is_told_to_take_the_gateway_last(bench: Open) -> None:
     b = bench(sender=False)
     b.run_until(lambda: b.state is not None)
     given, said = Path(f"/proc/{b.gateway.pid}/oom_score_adj").read_text(), (b.folder / "gateway.txt").read_text()
-    assert f"oom_score_adj {KEPT}" in said
-    assert (int(given) == KEPT) is ("does not allow oom_score_adj" not in said)
+    assert f"oom_score_adj {NEVER_KILLED}" in said
+    assert (int(given) == NEVER_KILLED) is ("does not allow oom_score_adj" not in said)
     assert int(Path(f"/proc/{b.recorder.pid}/oom_score_adj").read_text()) > int(given)
     b.console.close()
     b.rest()

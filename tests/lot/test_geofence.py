@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests import vehicles
 from vve_sumo.frames import GRAVITY, Alignment
-from vve_sumo.lot.geofence import JERK, LOT_EDGE, Geofence, Stop
+from vve_sumo.lot.geofence import GEOFENCE_BREACH, JERK, Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.path import Path
 from vve_sumo.values import FallbackPath, Point, Pose
@@ -75,7 +75,7 @@ def test_no_car_that_does_what_is_declared_goes_farther(
 
 def test_brakes_weaker_than_the_slope_never_stop() -> None:
     assert Stop(1.0, 0.1).distance(5.0, downhill=0.12) == math.inf
-    assert fence(Lot(LANE), downhill=0.3).check(pose(speed=1.0), 0.0, None) == LOT_EDGE
+    assert fence(Lot(LANE), downhill=0.3).check(pose(speed=1.0), 0.0, None) == GEOFENCE_BREACH
 
 
 def test_a_wall_ahead_is_told_at_the_metre_where_the_car_could_just_stop() -> None:
@@ -83,16 +83,16 @@ def test_a_wall_ahead_is_told_at_the_metre_where_the_car_could_just_stop() -> No
     farthest = max(GATEWAY.distance(8.0), WATCHDOG.distance(8.0)) + VEHICLE.rear_axle_to_bumper
     last = 100.0 - 1.0 - farthest
     assert fence(lot).check(pose(last - 0.01), 0.0, None) == ()
-    assert fence(lot).check(pose(last + 0.01), 0.0, None) == LOT_EDGE
-    assert fence(lot).check(pose(last - 0.01, gaining=1.0), 0.0, None) == LOT_EDGE
-    assert fence(lot, downhill=0.02).check(pose(last - 0.01), 0.0, None) == LOT_EDGE
+    assert fence(lot).check(pose(last + 0.01), 0.0, None) == GEOFENCE_BREACH
+    assert fence(lot).check(pose(last - 0.01, gaining=1.0), 0.0, None) == GEOFENCE_BREACH
+    assert fence(lot, downhill=0.02).check(pose(last - 0.01), 0.0, None) == GEOFENCE_BREACH
 
 
 def test_the_lot_lies_where_the_alignment_lays_it() -> None:
     lot, alignment = Lot(LANE), Alignment(2.0, 500.0, -300.0)
     here = alignment.apply(pose(60.0))
     assert fence(lot, alignment).check(here, 0.0, None) == fence(lot).check(pose(60.0), 0.0, None) == ()
-    assert fence(lot, alignment).check(pose(60.0), 0.0, None) == LOT_EDGE
+    assert fence(lot, alignment).check(pose(60.0), 0.0, None) == GEOFENCE_BREACH
     assert fence(lot).laid(alignment).check(here, 0.0, None) == ()
 
 
@@ -106,17 +106,17 @@ def test_each_way_to_rest_counts() -> None:
 
     left = with_pillar(15.0, 6.0)
     assert left.check(pose(), 0.0, None) == ()
-    assert left.check(pose(), 0.0, into) == LOT_EDGE
+    assert left.check(pose(), 0.0, into) == GEOFENCE_BREACH
     assert left.check(pose(), 0.0, away) == ()
-    assert left.check(pose(), turned, away) == LOT_EDGE
+    assert left.check(pose(), turned, away) == GEOFENCE_BREACH
     ahead = with_pillar(15.0, -0.2)
-    assert ahead.check(pose(), turned, into) == LOT_EDGE
+    assert ahead.check(pose(), turned, into) == GEOFENCE_BREACH
     assert ahead.check(pose(y=10.0), turned, into) == ()
 
 
 def test_a_profile_that_is_too_short_goes_on_as_it_ends() -> None:
     lot = Lot(LANE, [[(15.0, 5.5), (15.5, 5.5), (15.5, 6.0), (15.0, 6.0)]], margin=0.2)
-    assert fence(lot).check(pose(), 0.0, FallbackPath(1.0, (0.0, 0.05))) == LOT_EDGE
+    assert fence(lot).check(pose(), 0.0, FallbackPath(1.0, (0.0, 0.05))) == GEOFENCE_BREACH
     assert fence(lot).check(pose(), 0.0, FallbackPath(1.0, (0.05, 0.0))) == ()
 
 
@@ -125,7 +125,7 @@ def test_a_profile_that_is_too_short_goes_on_as_it_ends() -> None:
 def test_a_pose_that_is_not_finite_is_outside(field: str, bad: float) -> None:
     here = replace(pose(), **{field: bad})
     if (field, bad) != ("acceleration", -math.inf):
-        assert fence(Lot(LANE)).check(here, 0.0, None) == LOT_EDGE
+        assert fence(Lot(LANE)).check(here, 0.0, None) == GEOFENCE_BREACH
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_a_pose_that_is_not_finite_is_outside(field: str, bad: float) -> None:
     ],
 )
 def test_a_way_that_is_none_is_refused_near_an_edge(steering: float, profile: FallbackPath | None) -> None:
-    assert fence(Lot(LANE)).check(pose(60.0, 20.0), steering, profile) == LOT_EDGE
+    assert fence(Lot(LANE)).check(pose(60.0, 20.0), steering, profile) == GEOFENCE_BREACH
 
 
 def swept(start: Pose, curvature: np.ndarray, distance: float) -> np.ndarray:

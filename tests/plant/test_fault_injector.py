@@ -19,7 +19,7 @@ from vve_sumo.frames import Alignment, Placement
 from vve_sumo.plant.car import STEP, Car
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.fault_injector import FaultInjector
-from vve_sumo.plant.injected_faults import KINDS, STARTED, InjectedFault
+from vve_sumo.plant.injected_faults import KINDS, START_SPEED, InjectedFault
 from vve_sumo.pose.ncom import LENGTH, Decoder, Outcome, checksums_hold
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.values import Fix, FixQuality, Frame, Pose
@@ -79,7 +79,7 @@ class Ride:
         sent = commands(step // 4, self._course(now)) if step % 4 == 0 else []
         output = self._whole.step(until, sent)
         truth = self.car.truth()
-        if truth.speed > STARTED:
+        if truth.speed > START_SPEED:
             self.began = min(self.began, until)
         self.truths[round(until, 3)] = truth
         self.packets += output.ncom

@@ -307,7 +307,7 @@ def test_stops_lie_beside_the_closed_form_and_broken_bounds_are_marked(figures: 
 
 
 def test_many_points_become_the_quantiles_of_their_portions() -> None:
-    rows = rows_of(4 * crowd.MANY).query("not collision")
+    rows = rows_of(4 * crowd.MAX_POINTS).query("not collision")
     figure = plotting.gap_against_speed(rows)
     x, middle = lines(figure, "gap at rest, median")[0]
     v, gap = rows["ego.speed_mps"].to_numpy(), rows["stop_gap_m"].to_numpy()

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vve_sumo.drive.reasons import DRIVE_REASONS
-from vve_sumo.pose.senders import NAMED, STANDS, Senders
+from vve_sumo.pose.senders import MAX_NAMED, STANDS, Senders
 
 SOURCE = "192.168.25.44"
 ADDRESSES = st.sampled_from([SOURCE, "192.168.25.45", "10.0.0.1", "127.0.0.1", "127.9.9.9"])
@@ -56,5 +56,5 @@ def test_a_flood_from_everywhere_takes_no_more_room_than_a_few_names():
     for number in range(10_000):
         senders.accepts(0.0, (f"10.0.{number // 256}.{number % 256}", 5))
     refused = senders.told()["refused"]
-    assert len(refused) == NAMED + 1
+    assert len(refused) == MAX_NAMED + 1
     assert sum(refused.values()) == 10_000

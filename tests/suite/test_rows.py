@@ -71,7 +71,7 @@ def test_r152_begins_four_seconds_before_contact():
     for row in [*named("r152"), *named("r152_01"), *named("r152_02")]:
         scenario, actor = scene(row)
         lead = actor.speed_mps if actor.kind == "car" else 0.0
-        assert actor.ahead_m / (scenario.ego.speed_mps - lead) >= requirements.R152_LEAST_TTC
+        assert actor.ahead_m / (scenario.ego.speed_mps - lead) >= requirements.R152_MIN_TTC
         assert row.approach.above == 0.0
         assert row.approach.speed - row.approach.below < scenario.ego.speed_mps < row.approach.speed
         assert scenario.ego.car.mass_factor == LOADS.get(row.id.rsplit("_", 1)[1], 1.0)

@@ -23,7 +23,7 @@ from vve_sumo.frames import Alignment, Placement, local_frame
 from vve_sumo.path import Path
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
-from vve_sumo.plant.injected_faults import STARTED, InjectedFault
+from vve_sumo.plant.injected_faults import START_SPEED, InjectedFault
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
@@ -161,7 +161,7 @@ def came_of(loop: ClosedLoop, at: float, seconds: float) -> Came:
     way = farthest = let_go = speed = 0.0
     for ticked in loop.ticks():
         now, state = ticked.now, ticked.verdict.state
-        if begun == math.inf and abs(ticked.truth.speed) > STARTED:
+        if begun == math.inf and abs(ticked.truth.speed) > START_SPEED:
             begun = now + at
         if now < begun - PERIOD / 2:
             assert state is not ArmingState.STOPPING, f"stopped before its fault: {ticked.verdict.reasons}"

@@ -31,11 +31,11 @@ TIME, STATION = "time_s", "s_m"  #: the two axes
 #: the event that both records are laid together at: the car's speed first reaches this [m/s]
 FIRST_MOTION = 0.5
 #: what two records must have in common, from first motion on [s]
-SHORTEST = 1.0
+MIN_OVERLAP = 1.0
 #: between two points along the path [m]
-STATION_STEP = 0.2
+S_STEP = 0.2
 #: a shift is looked for this far on either side, if the common stretch is long enough [s], [m]
-FARTHEST: Final = {TIME: 2.0, STATION: 5.0}
+MAX_SHIFT: Final = {TIME: 2.0, STATION: 5.0}
 
 #: signals in order, and the axis that each is compared over: what the path causes over the path, the rest over time
 AXES: Final = {
@@ -158,10 +158,10 @@ def _laid_together(one: _Side, other: _Side) -> dict[str, pd.DataFrame]:
     """Every signal of both over its axis, on points that both reach."""
     step = max(one.run.period, other.run.period)
     end = min(one.time[-1], other.time[-1])
-    if not end >= SHORTEST:
+    if not end >= MIN_OVERLAP:
         raise ConfigError(
             f"{one.run.folder} and {other.run.folder}: from first motion on they have {max(end, 0.0):.2f} s in common, "
-            f"expected {SHORTEST:g} s or more"
+            f"expected {MIN_OVERLAP:g} s or more"
         )
     grids = {TIME: np.arange(0.0, end + 1e-9, step), STATION: _stations(one, other)}
     return {name: _pair(one, other, name, axis, grids[axis]) for name, axis in AXES.items()}
@@ -176,7 +176,7 @@ def _stations(one: _Side, other: _Side) -> Floats:
     if not all(len(station) for station in stations):
         return np.zeros(0)
     begin, end = max(station[0] for station in stations), min(station[-1] for station in stations)
-    return np.arange(begin, end + 1e-9, STATION_STEP)
+    return np.arange(begin, end + 1e-9, S_STEP)
 
 
 def _onward(side: _Side) -> NDArray[np.intp]:
@@ -234,7 +234,7 @@ def _likeness(name: str, table: pd.DataFrame) -> dict[str, Any]:
     points = table.index.to_numpy()
     shift = math.nan
     if len(points) > 2 and name not in UNSHIFTED:
-        shift = shift_of(*whole, float(points[1] - points[0]), FARTHEST[axis])
+        shift = shift_of(*whole, float(points[1] - points[0]), MAX_SHIFT[axis])
     return {
         "unit": unit_of(name),
         "axis": axis,

@@ -17,7 +17,7 @@ from vve_sumo.record.record import hash_file
 #: folder of the verdicts in the folder that the commands are run from; a file a rig
 FOLDER: Final = Path("runs") / "doctor"
 #: a verdict that is older tells of another day's car
-OLD: Final = datetime.timedelta(days=1)
+MAX_AGE: Final = datetime.timedelta(days=1)
 
 
 def file_of(rig_file: Path, working: Path) -> Path:
@@ -55,6 +55,6 @@ def last(rig_file: Path, working: Path, now: datetime.datetime) -> dict[str, Any
     except (OSError, ValueError, KeyError, TypeError):
         return {"verdict": "none", "caveats": []}
     caveats = [] if of_this else ["of another version of the rig file"]
-    caveats += ["older than a day"] if age > OLD else []
+    caveats += ["older than a day"] if age > MAX_AGE else []
     caveats += ["from the future: a clock was set"] if age < datetime.timedelta() else []
     return {**told, "caveats": caveats}

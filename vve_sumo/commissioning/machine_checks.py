@@ -28,7 +28,7 @@ from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
 from vve_sumo.drive.virtual_road import open_world, scenario_engine, standing
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
-from vve_sumo.live.priority import GATEWAY, KEPT
+from vve_sumo.live.priority import GATEWAY, NEVER_KILLED
 from vve_sumo.scenario.schema import When
 from vve_sumo.values import Point
 from vve_sumo.vehicle.interface import DEFAULT, load, read_dbc
@@ -123,7 +123,7 @@ def _priority() -> Check:
     locked = os.geteuid() == 0 or limit == resource.RLIM_INFINITY or limit >= LOCKED
     words = {True: "permitted", False: "not permitted"}
     found = f"real-time priority {GATEWAY} {words[scheduled]}, locking memory {words[locked]}, "
-    found += f"oom_score_adj {KEPT} {words[_kept()]}"
+    found += f"oom_score_adj {NEVER_KILLED} {words[_kept()]}"
     advice = f"raise this user's limits, rtprio to {GATEWAY} and memlock to unlimited, in /etc/security/limits.d: else "
     advice += "a busy machine may keep the gateway waiting, which stops the car"
     return judged("priority", found, scheduled and locked, advice, otherwise=Finding.NOTE)
@@ -134,7 +134,7 @@ def _kept() -> bool:
     own = FilePath("/proc/self/oom_score_adj")
     try:
         before = own.read_text(encoding="ascii")
-        own.write_text(f"{KEPT}\n", encoding="ascii")
+        own.write_text(f"{NEVER_KILLED}\n", encoding="ascii")
         own.write_text(before, encoding="ascii")
     except OSError:
         return False

@@ -46,12 +46,12 @@ from vve_sumo.vehicle.interface import (
 )
 from vve_sumo.vehicle.reports import CarReports
 
-LISTENED: Final = 3.0  #: to receiver and bus [s]
-LOOK: Final = 0.01  #: between two looks at them [s]
-OLD: Final = 365  #: a test or calibration of more days ago is told
+LISTENING_TIME: Final = 3.0  #: to receiver and bus [s]
+POLL_INTERVAL: Final = 0.01  #: between two looks at them [s]
+MAX_AGE_DAYS: Final = 365  #: a test or calibration of more days ago is told
 RATE_SHARE: Final = 0.9  #: of the fixes that the rig promises
 NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no shipped interface, receiver or radar knows it
-ECHO_PATIENCE: Final = 0.2  #: [s]
+ECHO_TIMEOUT: Final = 0.2  #: [s]
 
 #: reports that the gateway judges the age of
 REPORTS: Final[dict[type, str]] = {
@@ -159,7 +159,7 @@ def _dated(name: str, found: str, day: datetime.date, today: datetime.date) -> C
         return Check(name, found, Finding.NO_GO, "that day is still to come: correct the date, or this machine's clock")
     age = (today - day).days
     told = f"{found}, {age} days ago"
-    return judged(name, told, age <= OLD, "repeat it if anything was changed since", otherwise=Finding.NOTE)
+    return judged(name, told, age <= MAX_AGE_DAYS, "repeat it if anything was changed since", otherwise=Finding.NOTE)
 
 
 def _bus(report: Report, rig: Rig, t0: float, stack: contextlib.ExitStack) -> Bus:
@@ -186,7 +186,7 @@ def echoed(here: Bus, there: Bus) -> Check:
     """Say whether a frame gets from one end of a bus to the other."""
     sent, begun = Frame(NO_COMMAND, time.monotonic_ns().to_bytes(8, "big")), time.monotonic()
     here.send(sent)
-    while (left := begun + ECHO_PATIENCE - time.monotonic()) > 0.0:
+    while (left := begun + ECHO_TIMEOUT - time.monotonic()) > 0.0:
         heard = there.receive(left)
         if heard is not None and heard[1] == sent:
             return Check("echo", f"a frame from {here.name} is heard on {there.name}")
@@ -206,7 +206,7 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard
     if source is not None:
         source.receive()  # what came while the rest was opened is not counted
     _drained(bus)
-    end = time.monotonic() + LISTENED
+    end = time.monotonic() + LISTENING_TIME
     while (now := time.monotonic()) < end:
         for stamp, data in source.receive() if source else []:
             for fix in decoder.feed(data, stamp - t0):
@@ -219,7 +219,7 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard
         heard.frames.update(frame.id for frame in frames)
         last |= dict.fromkeys((frame.id for frame in frames), now)
         heard.troubles.update(reports.take(now, frames))
-        select.select([source] if source and not source.lost else [], [], [], LOOK)
+        select.select([source] if source and not source.lost else [], [], [], POLL_INTERVAL)
     now = time.monotonic()
     heard.stale, heard.ages = reports.stale(now), {number: now - then for number, then in last.items()}
     return heard
@@ -244,16 +244,16 @@ def bus_checks(heard: Heard) -> Iterator[Check]:
     """Judge what was heard on the car's bus."""
     reports, frames = heard.reports, heard.frames
     carriers = [(name, _carrying(kind, heard.facts)) for kind, name in REPORTS.items()]
-    rates = [f"{name} {sum(frames[number] for number in ids) / LISTENED:.0f}" for name, ids in carriers]
+    rates = [f"{name} {sum(frames[number] for number in ids) / LISTENING_TIME:.0f}" for name, ids in carriers]
     ages = [heard.ages[number] for _name, ids in carriers for number in ids if number in heard.ages]
     oldest = max((1e3 * age for age in ages), default=math.nan)
-    found = f"{sum(frames.values()) / LISTENED:.0f} frames/s ({', '.join(rates)}), the oldest {oldest:.0f} ms old"
+    found = f"{sum(frames.values()) / LISTENING_TIME:.0f} frames/s ({', '.join(rates)}), the oldest {oldest:.0f} ms old"
     advice = "see ignition, cable, termination and bus.bitrate" if not frames else _in_words(heard.stale)
     yield judged("reports", found, not heard.stale, advice)
     if not frames:
         return
     others = sorted(heard.facts.commands & frames.keys())
-    names = ", ".join(f"0x{number:03X} {frames[number] / LISTENED:.0f}/s" for number in others)
+    names = ", ".join(f"0x{number:03X} {frames[number] / LISTENING_TIME:.0f}/s" for number in others)
     advice = "another program or node commands this car: end it, only one may"
     yield judged("commands", f"heard from others: {names or 'none'}", not others, advice)
     malformed = heard.troubles["report_malformed"]
@@ -301,10 +301,10 @@ def sender_checks(told: Mapping[str, Any]) -> Iterator[Check]:
 
 def pose_checks(rig: Rig, heard: Heard) -> Iterator[Check]:
     """Judge what the receiver said."""
-    rate = len(heard.fixes) / LISTENED
+    rate = len(heard.fixes) / LISTENING_TIME
     receiver, found = meaning.receiver_of(rig), f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
     if not heard.fixes:
-        yield Check("fixes", f"none in {LISTENED:g} s", Finding.NO_GO, receiver.silent_hint)
+        yield Check("fixes", f"none in {LISTENING_TIME:g} s", Finding.NO_GO, receiver.silent_hint)
         return
     advice = "correct pose.rate_hz, or look for what loses packets on the way"
     yield judged("fixes", found, rate >= RATE_SHARE * rig.pose.rate_hz, advice)

@@ -19,7 +19,7 @@ from vve_sumo.scenario.schema import Actor
 SPEED_COLUMNS: Final = ("time_s", "speed_mps")
 
 #: No road user is faster; what is, is no recorded speed in metres per second.
-FASTEST: Final = 100.0
+MAX_SPEED: Final = 100.0
 
 #: From a kind of file, a name and the key that names it to the file.
 Find = Callable[[str, str, str], FilePath]
@@ -97,8 +97,8 @@ def _row(file: FilePath, number: int, line: str, columns: list[int]) -> tuple[fl
         time, speed = (float(cells[column]) for column in columns)
     except (ValueError, IndexError, csv.Error):
         raise ConfigError(f"speeds {file}, line {number}: expected two numbers, got {line[:60]!r}") from None
-    if not (math.isfinite(time) and 0.0 <= speed <= FASTEST):
+    if not (math.isfinite(time) and 0.0 <= speed <= MAX_SPEED):
         raise ConfigError(
-            f"speeds {file}, line {number}: expected a time and a speed of 0 to {FASTEST:g} m/s, got {line[:60]!r}"
+            f"speeds {file}, line {number}: expected a time and a speed of 0 to {MAX_SPEED:g} m/s, got {line[:60]!r}"
         )
     return time, speed

@@ -27,13 +27,13 @@ from vve_sumo.sensors.registry import SENSORS
 #: Consumers of chance whose streams are numbered, as they were before streams had names.
 _NUMBERED: Final = {"vehicle": 0, "radar": 1}
 #: What the key of any other stream begins with; the name's bytes follow, so that no two names share a stream.
-_NAMED: Final = 2
+_NAMED_STREAM: Final = 2
 
 
 def seed_of(seed: int, consumer: str) -> np.random.SeedSequence:
     """Return a consumer's seeds out of a scenario's seed; one more consumer never shifts another's stream."""
     number = _NUMBERED.get(consumer)
-    key = (_NAMED, *consumer.encode()) if number is None else (number,)
+    key = (_NAMED_STREAM, *consumer.encode()) if number is None else (number,)
     return np.random.SeedSequence(seed, spawn_key=key)
 
 

@@ -17,8 +17,8 @@ from vve_sumo.values import LatencyRow
 if TYPE_CHECKING:
     import pyarrow
 
-PATIENCE: Final = 5  #: ticks that the gateway has to answer a setpoint
-ROLLING: Final = 250  #: ticks that the screen's figures are about
+ANSWER_TIMEOUT_TICKS: Final = 5  #: ticks that the gateway has to answer a setpoint
+WINDOW_TICKS: Final = 250  #: ticks that the screen's figures are about
 
 #: Legs in order, each from the end of the one before; the first begins with the arrival of the fix's bytes or, where
 #: the tick was woken by its deadline, with the tick itself.
@@ -36,7 +36,7 @@ class LatencyMonitor:
         self._open: OrderedDict[int, LatencyRow] = OrderedDict()  # by sequence
         self._done: list[LatencyRow] = []
         self._breaches: deque[float] = deque()
-        self._recent: deque[float] = deque(maxlen=ROLLING)
+        self._recent: deque[float] = deque(maxlen=WINDOW_TICKS)
         self._tally = Tally()
 
     def framed(self, sequence: int, sent: float) -> None:
@@ -51,7 +51,7 @@ class LatencyMonitor:
             self._complete(row, answered=True)
         else:
             self._open[row.sequence] = row
-        for sequence in [s for s, waiting in self._open.items() if waiting.tick <= row.tick - PATIENCE]:
+        for sequence in [s for s, waiting in self._open.items() if waiting.tick <= row.tick - ANSWER_TIMEOUT_TICKS]:
             self._complete(self._open.pop(sequence), answered=False)
         while self._breaches and not self._breaches[0] > row.woken_s - self._window:
             self._breaches.popleft()

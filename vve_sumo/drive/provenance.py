@@ -30,7 +30,7 @@ SHIPPED: Final = "shipped"
 #: endings of the files that decide what the program does: its code, and the car's message layout
 ENDINGS: Final = (".py", ".dbc")
 #: for git to answer [s]
-GIT_PATIENCE: Final = 2.0
+GIT_TIMEOUT: Final = 2.0
 
 
 def provenance(setting: ResolvedScenario, began_utc: str) -> dict[str, Any]:
@@ -107,7 +107,7 @@ def _checkout(package: Path) -> dict[str, Any]:
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=GIT_PATIENCE,
+            timeout=GIT_TIMEOUT,
             check=True,
         ).stdout
     except (OSError, ValueError, subprocess.SubprocessError):

@@ -31,7 +31,7 @@ from vve_sumo.record.record import (
     PROVENANCE,
     RAW_PARTS,
     SCHEMAS,
-    SEAL,
+    SUMMARY_HASH_KEY,
     UNHASHED,
     hash_file,
     hash_part,
@@ -98,7 +98,7 @@ def alterations(folder: FilePath) -> list[Alteration] | None:
         return [Alteration(SUMMARY, f"it cannot be read: {error}")]
     if not isinstance(summary, dict):
         return [Alteration(SUMMARY, "expected a table of keys")]
-    found = [] if whole_seal else [Alteration(SUMMARY, f"{SEAL} is not the hash of it")]
+    found = [] if whole_seal else [Alteration(SUMMARY, f"{SUMMARY_HASH_KEY} is not the hash of it")]
     if not summary.get("record_parts_sha256") and not _hashable(folder):
         return found or None
     found += [*_parts(folder, summary), *_files(folder, summary)]

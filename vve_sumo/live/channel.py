@@ -13,11 +13,11 @@ from typing import Final
 #: listening is found out equally soon on every machine
 QUEUE: Final = 212_992
 #: datagrams taken at once, so that a flood cannot keep its reader from everything else
-MOST: Final = 500
+MAX_DATAGRAMS: Final = 500
 #: what a process says that has nothing to say but that it runs
 ALIVE: Final = b"alive"
 #: longest datagram [bytes]
-LONGEST: Final = 400_000
+MAX_DATAGRAM_SIZE: Final = 400_000
 
 
 class Channel:
@@ -32,7 +32,7 @@ class Channel:
 
     def send(self, data: bytes) -> bool:
         """Hand over a datagram, not empty; False where the other end is gone or the queue has no room for it."""
-        if len(data) > LONGEST:
+        if len(data) > MAX_DATAGRAM_SIZE:
             return False
         try:
             self._socket.send(data, socket.MSG_NOSIGNAL)
@@ -47,9 +47,9 @@ class Channel:
     def receive(self) -> list[bytes]:
         """Return the datagrams that wait now, at most MOST, in order; what came before the other end went comes too."""
         waiting: list[bytes] = []
-        while len(waiting) < MOST:
+        while len(waiting) < MAX_DATAGRAMS:
             try:
-                data = self._socket.recv(LONGEST)
+                data = self._socket.recv(MAX_DATAGRAM_SIZE)
             except (BlockingIOError, InterruptedError):
                 return waiting
             except ConnectionResetError:

@@ -26,14 +26,14 @@ from vve_sumo.vehicle.arming import COMMANDING, ENDING
 from vve_sumo.vehicle.gateway import OperatorCommand
 
 #: between two looks at everything [s]
-LOOK: Final = 0.05
+POLL_INTERVAL: Final = 0.05
 #: a gateway that has told nothing for so long is not run [s]: it tells something every 0.1 s, give or take a step; with
 #: one look more this is on the screen within 0.3 s
 SILENT: Final = 0.2
 #: a gateway that ended while the car was its own is cried out for so long [s]
-OUTCRY: Final = 3.0
+ALARM_TIME: Final = 3.0
 #: for a drive that hangs: its last words to the recorder take 5 s at most, and its street is to be closed [s]
-DRIVE_PATIENCE: Final = 8.0
+DRIVE_TIMEOUT: Final = 8.0
 #: a rig that drives by itself and is not ready by then never will be [s]
 READY_LIMIT: Final = 60.0
 
@@ -68,7 +68,7 @@ class ProcessGroup:
         self.to_gateway.close()
         self.to_drive.close()
         self.gateway.wait()
-        _end(self.drive, min(patience, DRIVE_PATIENCE))
+        _end(self.drive, min(patience, DRIVE_TIMEOUT))
         _end(self.recorder, patience)
         if self.car is not None and self.to_car is not None:
             self.to_car.close()
@@ -103,7 +103,7 @@ class Console:
         crew = self._crew
         while crew.gateway.poll() is None:
             watched = [*self._keys.filenos(), *self._alive(crew.to_gateway), *self._alive(crew.to_drive)]
-            select.select(watched, [], [], LOOK)
+            select.select(watched, [], [], POLL_INTERVAL)
             for wish in self._keys.wishes():
                 self._obey(wish)
             self._hear_drive()
@@ -130,10 +130,10 @@ class Console:
 
     def _cry_out(self) -> None:
         """Tell for a while that nobody commands a car that was commanded."""
-        until = time.monotonic() + OUTCRY
+        until = time.monotonic() + ALARM_TIME
         while not self._left and time.monotonic() < until:
             self._show(Guard.GONE)
-            time.sleep(LOOK)
+            time.sleep(POLL_INTERVAL)
         self._show(Guard.GONE)
 
     @staticmethod

@@ -21,7 +21,7 @@ from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError, VveError
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE, Channel
-from vve_sumo.live.priority import GATEWAY, KEPT, prefer, when_memory_ends
+from vve_sumo.live.priority import GATEWAY, NEVER_KILLED, prefer, when_memory_ends
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.spawn import begin
 from vve_sumo.values import ArmingState, Frame, GatewayRow, GatewayStatus, Setpoint, Vehicle
@@ -33,22 +33,21 @@ from vve_sumo.vehicle.interface import InterfaceConfig, load
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 CAR_BUS: Final = "can0"  #: the car's bus as it is called in the record
-# Of a period. A setpoint comes once a period, give or take what the drive's loop and the scheduler do to it: one that
-# comes early waits, so that the DBW controller never gets two commands at
-# once; one that comes late is waited for a little.
-SOONEST: Final = 0.5
-LATEST: Final = 1.5
-ALONE: Final = 1.0  # once none came for the last step either: the core counts in periods, and this is its only clock
-#: between two looks at a bus whose driver has no file descriptor to wait on [s]
-LOOK: Final = 0.001
-#: between two words to the console while nothing changes [s]
-TELL_PERIOD: Final = 0.1
+# Between two steps, in periods. A setpoint that comes early waits, so that the DBW controller never gets two commands
+# at once; one that comes late is waited for. Where the last step had none either, the gateway keeps the period.
+MIN_STEP_INTERVAL: Final = 0.5
+MAX_STEP_INTERVAL: Final = 1.5
+LONE_STEP_INTERVAL: Final = 1.0
+#: between two polls of a bus whose driver has no file descriptor to wait on [s]
+POLL_INTERVAL: Final = 0.001
+#: between two status messages to the console while nothing changes [s]
+STATUS_INTERVAL: Final = 0.1
 #: what the last words to the recorder may take [s]
-PATIENCE: Final = 2.0
+RECORDER_TIMEOUT: Final = 2.0
 #: a console that has shown itself alive and is silent for so long is as good as gone [s]
 SILENCE: Final = 1.0
 #: a DBW controller none of whose reports is understood for so long is gone for good [s]; the car has stopped or cannot
-GONE: Final = 60.0
+DBW_SILENCE_LIMIT: Final = 60.0
 
 
 def due(last: float, fresh: bool, alone: bool, period: float) -> float:
@@ -56,7 +55,7 @@ def due(last: float, fresh: bool, alone: bool, period: float) -> float:
 
     `fresh`: a setpoint waits. `alone`: the last step had none.
     """
-    return last + (SOONEST if fresh else ALONE if alone else LATEST) * period
+    return last + (MIN_STEP_INTERVAL if fresh else LONE_STEP_INTERVAL if alone else MAX_STEP_INTERVAL) * period
 
 
 def dbw_is_gone(now: float, heard: float) -> bool:
@@ -64,7 +63,7 @@ def dbw_is_gone(now: float, heard: float) -> bool:
 
     Other frames do not count, however many there are: a device that floods the bus stops no car.
     """
-    return now - heard > GONE
+    return now - heard > DBW_SILENCE_LIMIT
 
 
 class Taken(NamedTuple):
@@ -160,11 +159,11 @@ class Process:
             if self._gateway.done or (self._console.closed and not self._has_engaged):
                 break
             if self._has_engaged and dbw_is_gone(self._last, self._gateway.last_dbw_report):
-                _say(f"no report of the DBW controller for {GONE:.0f} s: there is nothing to command")
+                _say(f"no report of the DBW controller for {DBW_SILENCE_LIMIT:.0f} s: there is nothing to command")
                 break
         # From here on silence is no sign of trouble.
         self._console.close()
-        self._tap.finish(PATIENCE)
+        self._tap.finish(RECORDER_TIMEOUT)
 
     def report(self) -> str:
         """What is worth a line in the log."""
@@ -179,7 +178,9 @@ class Process:
     def _wait(self) -> None:
         while (left := due(self._last, self._inbox.fresh, self._alone, self._period) - self._clock()) > 0.0:
             # select, not poll: a millisecond of rounding is a lot here.
-            ready, _, _ = select.select(self._ears(), [], [], left if self._bus_number is not None else min(left, LOOK))
+            ready, _, _ = select.select(
+                self._ears(), [], [], left if self._bus_number is not None else min(left, POLL_INTERVAL)
+            )
             for ear in ready:
                 if ear is self._drive:
                     self._hear_drive()
@@ -287,7 +288,7 @@ class Process:
         )
         self._drive.send(word)
         news = (output.verdict.state, output.verdict.reasons)
-        if news != self._told or now - self._told_at >= TELL_PERIOD:
+        if news != self._told or now - self._told_at >= STATUS_INTERVAL:
             self._told, self._told_at = news, now
             self._console.send(word)
 
@@ -349,7 +350,7 @@ def main() -> int:
     signals.ignore()
     config, channels = begin()
     bus_config = config["bus"]
-    _say(when_memory_ends(KEPT))
+    _say(when_memory_ends(NEVER_KILLED))
     _say(prefer(GATEWAY))  # before the bus is opened, whose thread shall come before others too
     try:
         bus = Bus(bus_config["interface"], bus_config["channel"], bus_config["bitrate"])

@@ -24,7 +24,7 @@ DRIVE: Final = -15  #: nice value of an ordinary process
 # What is added to a process's badness when memory ends, in thousandths of the machine's memory: the kernel kills the
 # worst. Drive and recorder rank before a gateway of a user who may not protect it; the gateway stops the car along the
 # drive's setpoints where the recorder is gone, and along the last one's way to rest where the drive is.
-KEPT: Final = -1000  #: never killed: the gateway
+NEVER_KILLED: Final = -1000  #: never killed: the gateway
 TAKEN_NEXT: Final = 100  #: the drive
 TAKEN_FIRST: Final = 200  #: the recorder
 

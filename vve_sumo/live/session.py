@@ -33,7 +33,7 @@ from vve_sumo.live.priority import stand_back
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.pose.sources import Source
-from vve_sumo.record.record import SEAL, claim, hash_file, read_table, write_summary
+from vve_sumo.record.record import SUMMARY_HASH_KEY, claim, hash_file, read_table, write_summary
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import held
@@ -42,7 +42,7 @@ from vve_sumo.rig.validation import PTY, arming_refusal
 from vve_sumo.scenario.schema import EndTrigger
 
 #: for a process to end by itself once all is over [s]; the recorder writes its tables in this time
-LAST_PATIENCE: Final = 60.0
+EXIT_TIMEOUT: Final = 60.0
 #: characters of a person's name, at most
 MAX_NAME_LENGTH: Final = 100
 
@@ -157,7 +157,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
             console.run()
         finally:
             screen.close()
-            crew.dismiss(LAST_PATIENCE)
+            crew.dismiss(EXIT_TIMEOUT)
             stack.pop_all()
     if console.refusal is not None and not _drove(plan.folder):
         text, exit_code = console.refusal
@@ -275,7 +275,9 @@ def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]
     )
     full = summarise_drive(plan.setting, done, plan.folder, told.get("record_parts_sha256", {}))
     extra = {
-        key: told[key] for key in told if key not in full and key not in ("cleared", "standoffs", "warnings", SEAL)
+        key: told[key]
+        for key in told
+        if key not in full and key not in ("cleared", "standoffs", "warnings", SUMMARY_HASH_KEY)
     }
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow}
     try:

@@ -29,7 +29,7 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import CAR, prefer
 from vve_sumo.live.slcan import Adapter
 from vve_sumo.live.spawn import begin
-from vve_sumo.plant.car import FAST, STEPS_A_SECOND, Car, CarParameters
+from vve_sumo.plant.car import FAST, STEPS_PER_SECOND, Car, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.plant.receiver import ReceiverParameters
@@ -40,10 +40,10 @@ from vve_sumo.vehicle.interface import InterfaceConfig
 if TYPE_CHECKING:
     from vve_sumo.bus import Bus
 
-STALE: Final = 0.100  # what should have been said so long ago is not said any more [s]
-LOOK: Final = 20  # steps between looks at the console and flushes of the truth: 0.1 s
+MAX_LAG: Final = 0.100  # what should have been said so long ago is not said any more [s]
+STEPS_PER_POLL: Final = 20  # steps between looks at the console and flushes of the truth: 0.1 s
 REST_TIME: Final = 1.0  # standing so long, and told nothing, is rest [s]
-PATIENCE: Final = 60.0  # from being asked to end to ending in any case [s]
+END_TIMEOUT: Final = 60.0  # from being asked to end to ending in any case [s]
 
 TRUTH_COLUMNS: Final = (
     "time_s", "x_m", "y_m", "heading_rad", "speed_mps", "brake_torque_nm", "gear", "wheel_angle_rad",
@@ -211,7 +211,7 @@ class SimulatedVehicle:
     @property
     def time(self) -> float:
         """Drive time up to which the car has moved [s]."""
-        return self._steps / STEPS_A_SECOND
+        return self._steps / STEPS_PER_SECOND
 
     @property
     def at_rest(self) -> bool:
@@ -243,10 +243,10 @@ class SimulatedVehicle:
 
     def _say(self, packets: Sequence[tuple[float, bytes]], reports: Sequence[tuple[float, Frame]]) -> None:
         for arrival, packet in packets:
-            if self._wait(arrival) <= STALE:
+            if self._wait(arrival) <= MAX_LAG:
                 with contextlib.suppress(OSError):
                     self._socket.sendto(packet, self._target)
-        if reports and self._wait(reports[-1][0]) <= STALE:
+        if reports and self._wait(reports[-1][0]) <= MAX_LAG:
             self._wire.send([frame for _, frame in reports])
 
     def _wait(self, until: float) -> float:
@@ -274,7 +274,7 @@ class Ending:
         self._console.receive()
         if self._asked or self._console.closed:
             self._since = min(self._since, now)
-        return now - self._since >= PATIENCE or (at_rest and self._since < math.inf)
+        return now - self._since >= END_TIMEOUT or (at_rest and self._since < math.inf)
 
     def _ask(self, *_: object) -> None:
         self._asked = True
@@ -306,7 +306,7 @@ def run(config: CarConfig, console: Channel, ending: Ending, stack: contextlib.E
     prefer(CAR)
     console.send(json.dumps({"kind": "car_ready", "interface": bus[0], "channel": bus[1]}).encode())
     while not ending.due(car.time, car.at_rest):
-        for _ in range(LOOK):
+        for _ in range(STEPS_PER_POLL):
             car.step()
         car.flush()
 

@@ -20,7 +20,7 @@ from vve_sumo.values import Frame
 # Commands and answers: LAWICEL, "CANUSB manual" and "CAN232 manual" (version 3), chapters on the available commands.
 OK: Final = b"\r"
 ERROR: Final = b"\a"
-LONGEST_LINE: Final = 32  # bytes; an extended frame with eight bytes takes 27
+MAX_LINE_LENGTH: Final = 32  # bytes; an extended frame with eight bytes takes 27
 QUEUE: Final = 512  # lines that wait for a slow reader; about a second of a car's reports
 CHUNK: Final = 4096  # bytes; what the kernel keeps for a terminal
 
@@ -28,7 +28,7 @@ _HEX = rb"[0-9A-Fa-f]"
 _FRAME: Final = re.compile(rb"(?:[tr]([0-7]HH)|[TR]([01]H{7}))([0-8])((?:HH){0,8})".replace(b"H", _HEX))
 #: Settings that mean nothing without a wire; time stamps (Z1) are not among them: they would lengthen every line.
 _SETTING: Final = re.compile(rb"S[0-9]|sH{4}|Z0|[Mm]H{8}|[WXUQ][0-9]".replace(b"H", _HEX))
-_SAYINGS: Final = {b"": OK, b"V": b"V1013\r", b"v": b"v1013\r", b"N": b"NVVE0\r", b"F": b"F00\r"}
+_REPLIES: Final = {b"": OK, b"V": b"V1013\r", b"v": b"v1013\r", b"N": b"NVVE0\r", b"F": b"F00\r"}
 
 
 class Dialogue:
@@ -45,7 +45,7 @@ class Dialogue:
         Remote and extended frames are acknowledged and go nowhere: a `Frame` cannot hold them.
         """
         *lines, rest = (self._line + data).split(b"\r")
-        self._line = rest[: LONGEST_LINE + 1]  # one too long still is an error when its end comes
+        self._line = rest[: MAX_LINE_LENGTH + 1]  # one too long still is an error when its end comes
         frames: list[Frame] = []
         answers = b"".join([self._obey(line, frames) for line in lines])
         return frames, answers
@@ -57,7 +57,7 @@ class Dialogue:
             return self._switch(line == b"O")
         if _SETTING.fullmatch(line):
             return OK
-        return _SAYINGS.get(line, ERROR)
+        return _REPLIES.get(line, ERROR)
 
     def _switch(self, on: bool) -> bytes:
         if on is self.open:

@@ -26,7 +26,7 @@ from vve_sumo.rig.validation import PTY
 from vve_sumo.vehicle.model import VehicleModel
 
 #: for the car to say that it is there [s]
-PATIENCE: Final = 30.0
+START_TIMEOUT: Final = 30.0
 
 
 @dataclass(slots=True)
@@ -66,7 +66,7 @@ def start(
 def _end(process: subprocess.Popen[bytes]) -> None:
     """Wait for a car whose channel was closed; one that hangs is killed."""
     try:
-        process.wait(PATIENCE)
+        process.wait(START_TIMEOUT)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
@@ -99,10 +99,10 @@ def _uncalibrated(model: VehicleModel) -> VehicleModel:
 
 
 def _first_word(channel: Channel) -> dict[str, Any]:
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + START_TIMEOUT
     while (left := deadline - time.monotonic()) > 0.0 and not channel.closed:
         select.select([channel], [], [], left)
         for data in channel.receive():
             said: dict[str, Any] = json.loads(data)
             return said
-    raise RigError(f"the simulated vehicle did not come up within {PATIENCE:.0f} s")
+    raise RigError(f"the simulated vehicle did not come up within {START_TIMEOUT:.0f} s")

@@ -17,8 +17,8 @@ from vve_sumo.values import ArmingState
 #: a drive that has told nothing for so long is said to be silent [s]
 SILENCE: Final = 0.5
 #: reasons that are written out in a picture, and in the line of a transition
-MOST_REASONS: Final = 8
-MOST_IN_A_LINE: Final = 4
+MAX_REASONS: Final = 8
+MAX_REASONS_IN_A_LINE: Final = 4
 
 
 class Guard(enum.StrEnum):
@@ -171,8 +171,8 @@ def advice(status: Mapping[str, Any]) -> str:
 def transition(status: Mapping[str, Any]) -> str:
     """Return the line that tells of a transition, with its reasons."""
     time_s, words = status.get("time_s"), why(status)
-    if len(words) > MOST_IN_A_LINE:
-        words = [*words[:MOST_IN_A_LINE], f"and {len(words) - MOST_IN_A_LINE} more"]
+    if len(words) > MAX_REASONS_IN_A_LINE:
+        words = [*words[:MAX_REASONS_IN_A_LINE], f"and {len(words) - MAX_REASONS_IN_A_LINE} more"]
     line = f"{_number(time_s, '8.2f')} s  {phase(status).upper()}"
     return f"{line}: {'; '.join(words)}" if words else line
 
@@ -210,9 +210,9 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
         lines.append(f"  ! the drive's process has told nothing for {_number(silent, '.1f')} s")
     words = why(status)
     words += [f"fix: {in_words(code)}" for code in status.get("pose_reasons", ())]
-    lines += [f"  - {word}" for word in words[:MOST_REASONS]]
-    if len(words) > MOST_REASONS:
-        lines.append(f"  - and {len(words) - MOST_REASONS} more")
+    lines += [f"  - {word}" for word in words[:MAX_REASONS]]
+    if len(words) > MAX_REASONS:
+        lines.append(f"  - and {len(words) - MAX_REASONS} more")
     return lines
 
 

@@ -20,13 +20,13 @@ from vve_sumo.lot.swept_area import Body, Complexes, as_pairs, fan, relaxing, tr
 from vve_sumo.path import EXTENSION, SAMPLE_SPACING, Path
 from vve_sumo.values import FallbackPath, Floats, Point, Pose, Vehicle
 
-LOT_EDGE: Final = ("geofence_breach",)
+GEOFENCE_BREACH: Final = ("geofence_breach",)
 #: a way to rest with more knots on the way is none [-]; the gateway takes no more than 64
-MOST_KNOTS: Final = 200
+MAX_KNOTS: Final = 200
 #: what a setpoint may ask beyond the present acceleration grows with this until it expires [m/s3]; ISO 15622's comfort
 JERK: Final = 5.0
 #: a shorter rise is none [s]: its jerk is no number to compute with
-SHORTEST_RISE: Final = 1e-6
+MIN_RISE_TIME: Final = 1e-6
 #: how a controller is taken to drive a path: lateral acceleration in bends, slowing down ahead of them, speeding up
 LATERAL, SLOWING, SPEEDING_UP = 3.0, 1.5, 2.0  # [m/s2]
 
@@ -51,7 +51,7 @@ class Stop:
         start = speed + gained + pull * self.delay
         if not self.deceleration > pull:
             return math.inf
-        rise = self.rise if self.rise > SHORTEST_RISE else 0.0
+        rise = self.rise if self.rise > MIN_RISE_TIME else 0.0
         time, after = rise, start + (pull - 0.5 * self.deceleration) * rise
         if after < 0.0:
             # At rest before the deceleration has risen.
@@ -104,13 +104,13 @@ class Geofence:
         """
         distances = self._distances(pose, steering)
         if distances is None:
-            return LOT_EDGE
+            return GEOFENCE_BREACH
         placed = self._to_lot.apply(pose)
         if self.lot.holds_disc(placed.x, placed.y, max(map(abs, distances)) + self._body.reach):
             return ()
         shapes = self._shapes(pose.speed, distances, steering, profile)
         if shapes is None or not self.lot.holds(as_pairs(shapes, placed.x, placed.y, placed.heading)):
-            return LOT_EDGE
+            return GEOFENCE_BREACH
         return ()
 
     def sweep(self, pose: Pose, steering: float, profile: FallbackPath | None) -> Floats | None:
@@ -187,9 +187,9 @@ class Geofence:
 
 def _knots(profile: FallbackPath, distance: float) -> Floats | None:
     """The profile's curvature up to `distance` [m], its last one held beyond its end; None where it is no way."""
-    if not (profile.spacing > 0.0 and profile.curvature and distance <= MOST_KNOTS * profile.spacing):
+    if not (profile.spacing > 0.0 and profile.curvature and distance <= MAX_KNOTS * profile.spacing):
         return None
-    knots = np.array(profile.curvature[: MOST_KNOTS + 2], dtype=np.float64)
+    knots = np.array(profile.curvature[: MAX_KNOTS + 2], dtype=np.float64)
     wanted = math.ceil(distance / profile.spacing) + 1
     held = np.concatenate((knots[:wanted], np.full(max(wanted - len(knots), 0), knots[-1])))
     return held if np.isfinite(held).all() else None

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from vve_sumo.frames import MapFrame
-from vve_sumo.plant.car import STEPS_A_SECOND, Car, CarOutput, CarParameters
+from vve_sumo.plant.car import STEPS_PER_SECOND, Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injector import FaultInjector
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.values import Frame, Pose
@@ -35,7 +35,7 @@ class FaultInjectedCar:
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:
         """Hear `frames`, advance to drive time `until` [s], a multiple of 5 ms; what reached the outside meanwhile."""
-        output, last = CarOutput([], []), round(until * STEPS_A_SECOND)
+        output, last = CarOutput([], []), round(until * STEPS_PER_SECOND)
         while self._steps < last:
             said = self._step(frames)
             output.reports.extend(said.reports)
@@ -48,11 +48,11 @@ class FaultInjectedCar:
         return self.car.truth()
 
     def _step(self, frames: Sequence[Frame]) -> CarOutput:
-        injector, car, now = self._injector, self.car, self._steps / STEPS_A_SECOND
+        injector, car, now = self._injector, self.car, self._steps / STEPS_PER_SECOND
         commands = injector.on_commands(now, frames)
         injector.on_car(now, car)
         self._steps += 1
-        until = self._steps / STEPS_A_SECOND
+        until = self._steps / STEPS_PER_SECOND
         output = car.step(until, commands, injector.driver(now))
         injector.moves(until, car.truth().speed)
         return CarOutput(

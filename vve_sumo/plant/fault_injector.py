@@ -29,7 +29,7 @@ from vve_sumo.vehicle.interface import (
 )
 
 ROUNDING: Final = 1e-9  # of times that are sums [s]
-LONGEST_GARBAGE: Final = 150  # bytes; about two packets
+MAX_GARBAGE_LENGTH: Final = 150  # bytes; about two packets
 
 
 class FaultInjector:
@@ -137,7 +137,7 @@ class FaultInjector:
         return pieces
 
     def _garbage(self) -> bytes:
-        return self._random.bytes(int(self._random.integers(1, LONGEST_GARBAGE + 1)))
+        return self._random.bytes(int(self._random.integers(1, MAX_GARBAGE_LENGTH + 1)))
 
     def _holding(self, time: float) -> bool:
         return self._due.value("pose_late", time) is not None or self._due.value("pose_bursts", time) is not None

@@ -86,7 +86,7 @@ VALUES: Final[dict[str, tuple[float, float, float]]] = {
 }
 NO_VALUE: Final = (math.nan, math.nan, math.nan)
 
-STARTED: Final = 0.5  # the speed from which the faults' times count [m/s]
+START_SPEED: Final = 0.5  # the speed from which the faults' times count [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ class Due:
 
     def moves(self, time: float, speed: float) -> None:
         """Take note of the car's speed [m/s]."""
-        if abs(speed) > STARTED:
+        if abs(speed) > START_SPEED:
             self.moved = min(self.moved, time)
 
     def ever(self, kind: str) -> bool:

@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: of the middle of scale and needle over a window's upper edge [inch]
-ABOVE = 0.14
+SCALE_HEIGHT = 0.14
 
 #: street shown around the ego's trace [m]
 MARGIN = 25.0
 #: a longer gap at the end is not shown in the closer view [m]
-LONGEST_GAP = 40.0
+MAX_GAP_SHOWN = 40.0
 #: parts of the way at which an arrow says where the car drives to
 ARROWS = (0.2, 0.5, 0.8)
 #: side of the mark that stands for a car too small to see [point]
@@ -133,7 +133,7 @@ def _scale(width: float) -> float:
 
 def compass(axes: Axes, view: View, wide: float) -> None:
     """Write scale and north into the line above a window that is so `wide` on the page [inch]: they cover nothing."""
-    across, above = axes.get_xaxis_transform(), 1.0 + ABOVE / (wide * view.height / view.width)
+    across, above = axes.get_xaxis_transform(), 1.0 + SCALE_HEIGHT / (wide * view.height / view.width)
     scale, end, north = _scale(view.width), 0.43 * view.width, 0.488 * view.width
     axes.plot((end - scale, end), (above, above), "|-", color=INK, linewidth=1.4, transform=across, clip_on=False)
     needle = rotated(np.array([-0.4, 0.0, 0.4, 0.0]), np.array([-1.0, 1.0, -1.0, -0.6]), -view.heading)
@@ -203,7 +203,7 @@ def draw_close_up(axes: Axes, sheet: Sheet, view: View) -> None:
     _cars(axes, sheet, view)
     _cross(axes, sheet, view)
     gap, station = float(sheet.lead.gap[-1]), sheet.ticks["s_m"][-1].as_py()
-    if 0.0 < gap <= LONGEST_GAP and math.isfinite(station):
+    if 0.0 < gap <= MAX_GAP_SHOWN and math.isfinite(station):
         bumper = station + sheet.vehicle.rear_axle_to_bumper
         _dimension(axes, view, sheet.path, bumper, gap, sheet.vehicle.width / 2.0 + 0.7)
 

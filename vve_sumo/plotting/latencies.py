@@ -16,7 +16,7 @@ from vve_sumo.analysis.latency import latency_breakdown, legs_over_time
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.latency_monitor import LEGS, TOTAL
 from vve_sumo.plotting.page import ACTOR, ALARM, EGO, EGO_PALE, INK, OBSTACLE, QUIET, ROAD
-from vve_sumo.plotting.style import LIMIT, LOOKS, WIDTH, blank, explain, name, page, plain
+from vve_sumo.plotting.style import LIMIT, LINE_STYLES, WIDTH, blank, explain, name, page, plain
 from vve_sumo.rig.schema import Latency
 from vve_sumo.values import Floats
 
@@ -125,7 +125,7 @@ def _percentiles(axes: Axes, breakdown: pd.DataFrame, budget: float) -> None:
         return
     places = np.arange(len(shown))
     axes.hlines(places, shown["p50_ms"], shown["max_ms"], color=QUIET, linewidth=1.2)
-    for (column, mark, word), look in zip(MARKS, LOOKS, strict=False):
+    for (column, mark, word), look in zip(MARKS, LINE_STYLES, strict=False):
         axes.plot(shown[column], places, mark, color=look.colour, markersize=6.0, label=word)
     if np.isfinite(budget):
         axes.axvline(budget, **LIMIT)

@@ -54,9 +54,9 @@ CURVES, CURVES_WIDTH, WAY, WAY_WIDTH, WORDS, LOW_HEIGHT = 0.95, 4.3, 5.55, 2.55,
 #: street shown around what happens, and the least and the most of it across the page [m]
 MARGIN, LEAST, MOST = 7.0, 45.0, 190.0
 #: what lies farther from the contact than this is not what the window is chosen by [m]
-NEAR = 95.0
+MAX_CONTACT_DISTANCE = 95.0
 #: of the ego before what it meets first, where no actor has a trigger [m]
-BEFORE = 45.0
+LEAD_IN_DISTANCE = 45.0
 #: a body smaller than this is drawn as a square of this size [point]
 MARK = 7.0
 #: time shown before the first event and after the contact [s]
@@ -66,7 +66,7 @@ APPROACH = 8.0
 #: characters in a line of the list of events
 COLUMN = 52
 #: lines of that list that the page has room for
-ROOM = 15
+MAX_LINES = 15
 #: an actor on a way that differs from the ego's by less than this goes along it [deg]
 ALONG = 30.0
 #: steps from the ground's colour to that of a line on it, in the written file
@@ -199,10 +199,14 @@ def _shown(seen: NoBrakePreview, boxes: dict[str, Box]) -> list[Box]:
     if contact is None and not events:
         return []
     ego = events[-1].ego if contact is None else contact.ego
-    before = [moment.ego for moment in seen.moments if math.dist((moment.ego.x, moment.ego.y), (ego.x, ego.y)) < BEFORE]
+    before = [
+        moment.ego
+        for moment in seen.moments
+        if math.dist((moment.ego.x, moment.ego.y), (ego.x, ego.y)) < LEAD_IN_DISTANCE
+    ]
     others = [*(event.ego for event in events), *(_box(event.player) for event in events), *boxes.values()]
     others += [] if contact is None or contact.player is None else [_box(contact.player)]
-    near = [box for box in others if math.dist((box.x, box.y), (ego.x, ego.y)) < NEAR]
+    near = [box for box in others if math.dist((box.x, box.y), (ego.x, ego.y)) < MAX_CONTACT_DISTANCE]
     return [ego, before[0], *near] if not events else [ego, *near]
 
 
@@ -418,8 +422,8 @@ def _list(figure: Figure, page: Page) -> None:
         contact = page.seen.contact
         lines += _wrapped(f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o")
     lines += ["", *_wrapped(f"passes if: {descriptions.passes(page.setting.scenario.criteria)}", "")]
-    if len(lines) > ROOM:
-        lines = [*lines[: ROOM - 1], "…"]
+    if len(lines) > MAX_LINES:
+        lines = [*lines[: MAX_LINES - 1], "…"]
     place: dict[str, Any] = {"va": "top", "linespacing": 1.25, "fontsize": 10}
     figure.text(WORDS / SIZE[0], (BOTTOM + LOW_HEIGHT + 0.1) / SIZE[1], "\n".join(lines), **place)
 

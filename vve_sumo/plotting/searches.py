@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from vve_sumo.analysis.dataset import Sweep
 
 #: lines of a boundary plot that are named, and that say in numbers where they flip
-NAMED: Final = 24
+MAX_LABELLED_LINES: Final = 24
 Found = Mapping[str, Any]
 
 
@@ -86,7 +86,7 @@ def _boundary(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
         _runs(axes, rows, along, criterion, lines, others, seeds)
         flips = {tuple(line["values"].get(other) for other in others): line for line in found["boundaries"]}
         for place, values in enumerate(lines):
-            _flips(axes, place, flips.get(values), said=len(lines) <= NAMED)
+            _flips(axes, place, flips.get(values), said=len(lines) <= MAX_LABELLED_LINES)
         _name_lines(axes, lines, others, rows.attrs["units"])
         axes.set_xlabel(axis_of(along, rows.attrs["units"]))
         explain(axes)
@@ -157,7 +157,7 @@ def _name_lines(axes: Axes, lines: list[tuple[Any, ...]], others: list[str], uni
         axes.set_yticks(())
         axes.spines["left"].set_visible(False)
         return
-    every = 1 + (len(lines) - 1) // NAMED
+    every = 1 + (len(lines) - 1) // MAX_LABELLED_LINES
     shown = range(0, len(lines), every)
     axes.set_yticks(list(shown), [", ".join(map(_short, lines[place])) for place in shown])
     axes.set_ylabel("\n".join(axis_of(other, units) for other in others))

@@ -17,7 +17,7 @@ from vve_sumo.analysis.stopping_bound import TOLERANCE, stopping_bound_checks
 from vve_sumo.laws import stopping_distance as closed_form
 from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.columns import faults, holds, numbers, runs
-from vve_sumo.plotting.crowd import MANY, bands, crowd, thinned
+from vve_sumo.plotting.crowd import MAX_POINTS, bands, crowd, thinned
 from vve_sumo.plotting.page import INK, PAPER, QUIET, contact
 from vve_sumo.plotting.style import BAD, FIRST, LIMIT, SECOND, blank, explain, finite, name, page, plain, widened
 from vve_sumo.values import Floats
@@ -139,7 +139,7 @@ def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats) -> None
     deep = hit & ~gone
     if deep.any():
         at, depth = speed[deep], gap[deep]
-        if len(at) > MANY:
+        if len(at) > MAX_POINTS:
             at, depth = bands(at[np.isfinite(at)], depth[np.isfinite(at)]).middle()
         axes.plot(at, depth, label=f"collision ({runs(deep)})", zorder=4, clip_on=False, **BAD)
     across = axes.get_xaxis_transform()

@@ -13,7 +13,7 @@ from typing import Any, Final
 #: a fault stands for so long after the last datagram of another sender [s]
 STANDS: Final = 1.0
 #: other senders that are counted by name; a flood may come from as many as it likes
-NAMED: Final = 8
+MAX_NAMED: Final = 8
 REST: Final = "others"
 
 
@@ -40,7 +40,7 @@ class Senders:
             return True
         self._last["pose_two_senders" if ours else "pose_foreign_sender"] = now
         name = f"{sender[0]}:{sender[1]}"
-        self._refused[name if name in self._refused or len(self._refused) < NAMED else REST] += 1
+        self._refused[name if name in self._refused or len(self._refused) < MAX_NAMED else REST] += 1
         return False
 
     def found(self, now: float) -> tuple[str, ...]:

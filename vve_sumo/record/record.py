@@ -96,7 +96,7 @@ RAW_PARTS = ("scenario.json", "pose.bin", "can.log")
 OPEN_ENDING, CLOSED_ENDING = ".arrows", ".parquet"
 
 #: key of a summary's hash of itself
-SEAL = "summary_sha256"
+SUMMARY_HASH_KEY = "summary_sha256"
 #: file of a record that says where the drive comes from; no part of its hash
 PROVENANCE = "provenance.json"
 
@@ -561,9 +561,9 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
 
 def sealed(summary: dict[str, Any]) -> str:
     """Return a summary as its file holds it, with the hash of all that it says but that hash."""
-    said = {key: value for key, value in summary.items() if key != SEAL}
+    said = {key: value for key, value in summary.items() if key != SUMMARY_HASH_KEY}
     seal = hashlib.sha256(_spelt(said).encode()).hexdigest()
-    return _spelt(said | {SEAL: seal})
+    return _spelt(said | {SUMMARY_HASH_KEY: seal})
 
 
 def _spelt(summary: dict[str, Any]) -> str:

@@ -32,7 +32,7 @@ from vve_sumo.vehicle.interface import VehicleInterface, load
 #: interfaces of python-can that anyone on the network can send into
 OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
 PTY: Final = "pty"  #: channel that the simulated vehicle's process makes
-FARTHEST: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
+MAX_LOT_EXTENT: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
 EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only to tell near from far
 
 #: Identifiers on a CAN bus, by who sends or hears them: OXTS's default map (RT3000 manual: messages and one 0x500 + n
@@ -153,7 +153,7 @@ def _far_corners(rig: Rig) -> Iterator[str]:
     places += [("alignment.origin", (rig.alignment.origin,))] if rig.alignment.origin else []
     for key, corners in places:
         for number, corner in enumerate(corners):
-            if not _distance(corner, first) <= FARTHEST:
+            if not _distance(corner, first) <= MAX_LOT_EXTENT:
                 where = f"{_distance(corner, first) / 1000.0:.0f} km from the lot's first corner"
                 yield f"{key}.{number}: lies {where}{_swapped(corner, first)}"
 
@@ -163,7 +163,7 @@ def _outside(rig: Rig) -> Iterator[str]:
     start = rig.car_start
     assert start is not None
     place, first = (start.latitude_deg, start.longitude_deg), rig.lot.outline[0]
-    if not _distance(place, first) <= FARTHEST:
+    if not _distance(place, first) <= MAX_LOT_EXTENT:
         where = f"{_distance(place, first) / 1000.0:.0f} km from the lot"
         yield f"car_start: lies {where}{_swapped(place, first)}"
         return
@@ -177,7 +177,7 @@ def _outside(rig: Rig) -> Iterator[str]:
 
 def _swapped(place: Corner, near: Corner) -> str:
     latitude, longitude = place
-    return " (latitude and longitude are swapped)" if _distance((longitude, latitude), near) <= FARTHEST else ""
+    return " (latitude and longitude are swapped)" if _distance((longitude, latitude), near) <= MAX_LOT_EXTENT else ""
 
 
 def _distance(one: Corner, other: Corner) -> float:

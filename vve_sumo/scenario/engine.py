@@ -46,7 +46,7 @@ PLAY: Final = 1e-6
 TURNING_SPEED: Final = 2.0
 
 #: On the inside of a bend a line beside a path is shorter than the path, but never by more than this factor.
-SHORTEST: Final = 0.2
+MIN_LENGTH_RATIO: Final = 0.2
 ROUNDS: Final = 8  #: of Newton's method for the station of a place on a line beside a path
 NEAR_ENOUGH: Final = 1e-10  #: [m]
 
@@ -190,13 +190,13 @@ class AlongPath:
         if distance == 0.0:
             return
         wanted, from_heading = self._sense * distance, self._here.heading
-        low, high = sorted((0.0, wanted / SHORTEST))
+        low, high = sorted((0.0, wanted / MIN_LENGTH_RATIO))
         gone, there = wanted, self._path.at(self.station + wanted)
         for _ in range(ROUNDS):
             missing = wanted - gone + offset * math.remainder(there.heading - from_heading, math.tau)
             if not abs(missing) > NEAR_ENOUGH:
                 break
-            gone = clamp(gone + missing / max(1.0 - offset * there.curvature, SHORTEST), low, high)
+            gone = clamp(gone + missing / max(1.0 - offset * there.curvature, MIN_LENGTH_RATIO), low, high)
             there = self._path.at(self.station + gone)
         self.station += gone
         self._here = there

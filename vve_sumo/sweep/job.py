@@ -25,7 +25,7 @@ CHUNK = 65536  #: what is read from a pipe at once [bytes]
 CONFIG = "config: "
 #: how a fault begins that every further run would meet as well
 DISK_FULL = "disk_full"
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT)  #: what a full disk and a full quota say
+DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT)  #: what a full disk and a full quota say
 
 Figure = float | int | str | bool | None
 

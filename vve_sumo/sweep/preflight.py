@@ -19,7 +19,7 @@ from vve_sumo.sweep.input_cache import InputCache, setting_of
 from vve_sumo.sweep.job import CHUNK, Job
 from vve_sumo.sweep.worker import search_path
 
-PATIENCE = 60.0  #: for one run to be looked at [s]
+TIMEOUT = 60.0  #: for one run to be looked at [s]
 
 
 class Look(NamedTuple):
@@ -62,7 +62,7 @@ def _lines(pipe: IO[bytes], count: int) -> Iterator[bytes]:
         if end:
             heard, count = rest, count - 1
             yield line
-        elif select.select([pipe], [], [], PATIENCE)[0] and (told := os.read(pipe.fileno(), CHUNK)):
+        elif select.select([pipe], [], [], TIMEOUT)[0] and (told := os.read(pipe.fileno(), CHUNK)):
             heard += told
         else:
             return

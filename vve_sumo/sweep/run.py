@@ -20,13 +20,13 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.record import record
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep.input_cache import InputCache, setting_of
-from vve_sumo.sweep.job import DISK_FULL, NO_ROOM, Figure, Job, Result, finite, refused
+from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Figure, Job, Result, finite, refused
 
 #: of a summary, what says which drive it was, not how it went, or differs with the place where it was driven
 NOT_FIGURES = frozenset(
     {"scenario", "title", "seed", "controller", "versions", "record_parts_sha256", "record_files_sha256"}
 )
-LONGEST_TEXT = 500  #: characters of what went wrong, in its own words
+MAX_TEXT_LENGTH = 500  #: characters of what went wrong, in its own words
 #: an object's place in memory, which is another in every process
 ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
 
@@ -61,7 +61,7 @@ def run_job(
 
 
 def _broken(job: Job, scratch: FilePath, text: str) -> Result:
-    if any(f"[Errno {number}]" in text for number in NO_ROOM):
+    if any(f"[Errno {number}]" in text for number in DISK_FULL_ERRNOS):
         return Result(job.key, fault=f"{DISK_FULL}: {scratch.parent if job.keep is None else job.keep.parent}")
     return Result(job.key, fault=f"broken: {_told(text, scratch)}")
 
@@ -91,7 +91,7 @@ def meets(criteria: Criteria, summary: dict[str, Any]) -> dict[str, bool]:
 
 def _told(text: str, scratch: FilePath) -> str:
     """Return what a drive said as one line that does not depend on where it was driven."""
-    return ADDRESS.sub("0x...", " ".join(text.split()).replace(str(scratch), "record"))[:LONGEST_TEXT]
+    return ADDRESS.sub("0x...", " ".join(text.split()).replace(str(scratch), "record"))[:MAX_TEXT_LENGTH]
 
 
 def growing(job: Job, scratch: FilePath) -> FilePath:

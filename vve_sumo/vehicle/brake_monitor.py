@@ -23,7 +23,7 @@ PUSH_SHARE: Final = 1.5
 PUSH_MARGIN: Final = 0.3  # [m/s2]
 SPEED_EXCESS: Final = 0.25  # faster than the weakest car that is still sound by this is a fault [m/s]
 SATELLITE_EXCESS: Final = 0.10  # and by the receiver's speed this much at least, where it is known [m/s]
-ROLLING: Final = 0.5  # slower than this nothing is judged: creep, holding and the grade are not known well [m/s]
+MIN_SPEED: Final = 0.5  # slower than this nothing is judged: creep, holding and the grade are not known well [m/s]
 ACCELERATION_LAG: Final = 0.1  # of the measured acceleration [s]
 
 
@@ -55,7 +55,7 @@ class BrakeMonitor:
         """Reason codes at speeds `wheels` and `satellite` [m/s], NaN where one is not known, on `grade` [rad]."""
         before, self._speeds = self._speeds, (wheels, satellite)
         self._follow(elapsed, told)
-        if before is None or elapsed <= 0.0 or not wheels > ROLLING:
+        if before is None or elapsed <= 0.0 or not wheels > MIN_SPEED:
             self._excess = self._satellite_excess = 0.0
             return []
         gained, satellite_gained = wheels - before[0], satellite - before[1]

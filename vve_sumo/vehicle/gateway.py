@@ -27,7 +27,7 @@ from vve_sumo.vehicle.reports import TOLERANCE, CarReports
 from vve_sumo.vehicle.setpoint_validation import Debounce, SetpointValidator
 from vve_sumo.vehicle.standstill import WHEEL_REST, Evidence, Standstill
 
-LONGEST_STEP: Final = 2.0  # periods; a longer one is a fault, and rates count no more than this
+MAX_STEP: Final = 2.0  # periods; a longer one is a fault, and rates count no more than this
 # A car whose standstill is uncertain for so long needs its driver [s].
 UNCERTAIN_TIME: Final = 3.0
 # The driver has control, and nothing has said for so long that the car moves: the gateway is not needed any more [s].
@@ -226,10 +226,10 @@ class Gateway:
         faults = reports.take(now, frames)
         gap = now - self._last_now
         # Also when time stands still or runs backwards; the very first step has no gap, and NaN passes no comparison.
-        if gap <= 0.0 or gap > LONGEST_STEP * self._period + TOLERANCE or not math.isfinite(now):
+        if gap <= 0.0 or gap > MAX_STEP * self._period + TOLERANCE or not math.isfinite(now):
             faults.append("timer_gap")
         self._last_now = now
-        self._elapsed = min(gap, LONGEST_STEP * self._period) if gap > 0.0 else 0.0
+        self._elapsed = min(gap, MAX_STEP * self._period) if gap > 0.0 else 0.0
         self._driver = [] if self._shadow else reports.driver()
         faults += reports.stale(now)
         faults += reports.faults()

@@ -20,22 +20,22 @@ from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY, Calibration
 Mask = NDArray[np.bool_]
 Bounds = tuple[float, float]
 
-ROLLING = 0.15  #: slower than this, static friction has a say [m/s]
-LEAST_SPEED = 1.0  #: of fits whose noise divides by the speed [m/s]
+ROLLING_SPEED = 0.15  #: slower than this, static friction has a say [m/s]
+MIN_SPEED = 1.0  #: of fits whose noise divides by the speed [m/s]
 COURSE_SPEED = 3.0  #: from here on the direction of motion is one [m/s]
 GENTLE = 0.1  #: road-wheel angle up to which a car is a single track: angle, tangent and links agree [rad]
 STRAIGHT = 0.02  #: the car goes straight below this yaw rate [rad/s]
-LEAST_SAMPLES = 50  #: fewer teach nothing
+MIN_SAMPLES = 50  #: fewer teach nothing
 MEMORY = 1.0  #: residuals farther apart than this count as independent [s]
 BASE = 0.1  #: over which a wheel's acceleration is taken [s]
 SLEW_STEP = 0.005  #: of a command on its way at the DBW controller's largest rate [s]
 AIR_KNOWN = 0.25  #: air drag known worse than to this share is left as declared
-MOST_STEPS = 20  #: of a fit; a good drive takes 7 at most, one that holds nothing would go on for long
-SHORTEST_LAG = 1e-3  #: an exponential needs one [s]
+MAX_STEPS = 20  #: of a fit; a good drive takes 7 at most, one that holds nothing would go on for long
+MIN_LAG = 1e-3  #: an exponential needs one [s]
 
 UNBOUND: Final[Bounds] = (-math.inf, math.inf)
 DELAYS: Final[Bounds] = (-0.1, 0.5)  # negative where two clocks differ [s]
-LAGS: Final[Bounds] = (SHORTEST_LAG, 1.5)  # [s]
+LAGS: Final[Bounds] = (MIN_LAG, 1.5)  # [s]
 
 
 class Series(NamedTuple):
@@ -174,7 +174,7 @@ class Answer:
 
     def __init__(self, commands: Series, delay: float, lag: float) -> None:
         """`delay` and `lag` in [s]; up to its first command the actuator rests there."""
-        self._lag = max(lag, SHORTEST_LAG)
+        self._lag = max(lag, MIN_LAG)
         self._starts = commands.time + delay
         self._targets = commands.value
         spans = np.diff(self._starts)
@@ -232,7 +232,7 @@ def _fit(model: Model, measured: Series, start: Sequence[float], limits: Sequenc
     from scipy.optimize import least_squares
 
     low, high = (np.array(side) for side in zip(*limits, strict=True))
-    if len(measured.time) < LEAST_SAMPLES:
+    if len(measured.time) < MIN_SAMPLES:
         nothing, empty = [math.nan] * len(start), np.zeros(0)
         return _Fit(nothing, nothing, Curve(empty, empty, empty), [False] * len(start))
 
@@ -245,7 +245,7 @@ def _fit(model: Model, measured: Series, start: Sequence[float], limits: Sequenc
         bounds=(low, high),
         x_scale="jac",
         jac="3-point",
-        max_nfev=MOST_STEPS,
+        max_nfev=MAX_STEPS,
     )
     memory = round(MEMORY / float(np.median(np.diff(measured.time))))
     curve = Curve(measured.time, measured.value, found.fun + measured.value)
@@ -297,7 +297,7 @@ def _judged(name: str, model: str, value: float, sigma: float, fit: _Fit, edge: 
 
 def wheel_radius(log: Log, declared: float) -> tuple[Estimate, Curve]:
     """Rolling radius [m]: GNSS speed over that of the rear wheels; what the two clocks differ is fitted and dropped."""
-    measured = log.speed.where(log.obedient(log.speed.time, declared, LEAST_SPEED))
+    measured = log.speed.where(log.obedient(log.speed.time, declared, MIN_SPEED))
     fit = _fit(
         lambda guess: guess[0] * log.wheels.at(measured.time - guess[1]),
         measured,
@@ -367,7 +367,7 @@ def steering_geometry(log: Log, vehicle: Vehicle, radius: float) -> tuple[dict[s
     time = log.yaw_rate.time
     angle, speed = log.wheel_angle.at(time), radius * log.wheels.at(time)
     gentle = np.abs(angle) < GENTLE * vehicle.steering_ratio
-    measured = log.yaw_rate.where(gentle & log.obedient(time, radius, LEAST_SPEED))
+    measured = log.yaw_rate.where(gentle & log.obedient(time, radius, MIN_SPEED))
     length = vehicle.wheelbase + vehicle.understeer_gradient * speed * speed
 
     def model(guess: Floats) -> Floats:
@@ -398,7 +398,7 @@ class _Forces:
         time, speed = log.wheels.time, radius * log.wheels.value
         top = calibration.drive_power_limit / calibration.drive_force_limit
         self._log, self._time, self._speed = log, time, speed
-        self._keep = log.obedient(time, radius, ROLLING) & (speed < top)
+        self._keep = log.obedient(time, radius, ROLLING_SPEED) & (speed < top)
         self.measured = Series(time, speed).where(self._keep)
         rows = np.flatnonzero(self._keep)
         self._piece = np.cumsum(np.diff(rows, prepend=rows[:1]) > 1)

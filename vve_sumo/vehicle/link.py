@@ -30,7 +30,7 @@ _VERDICT: Final = struct.Struct("<dddd")
 _KIND_SETPOINT, _KIND_ACT, _KIND_FEEDBACK = 1, 2, 3
 # One knot more than a way may have still goes over, so that the gateway refuses what was too long.
 _KNOTS_SENT: Final = MAX_KNOTS + 1
-_LARGEST: Final = (1 << 63) - 1
+_MAX_INTEGER: Final = (1 << 63) - 1
 
 _Message = TypeVar("_Message")
 
@@ -157,7 +157,7 @@ def _opened(kind: int, data: bytes) -> bytes | Malformed:
 
 
 def _whole(number: int) -> int:
-    return min(max(number, -_LARGEST), _LARGEST)
+    return min(max(number, -_MAX_INTEGER), _MAX_INTEGER)
 
 
 def _text(text: str) -> bytes:

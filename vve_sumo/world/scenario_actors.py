@@ -13,16 +13,16 @@ from typing import Final
 
 from vve_sumo.geometry import Box
 from vve_sumo.values import ActorState
-from vve_sumo.world.ego_sync import FASTEST
+from vve_sumo.world.ego_sync import MAX_SPEED
 from vve_sumo.world.lanes import Cut, Lanes, cuts
-from vve_sumo.world.proxies import GHOST_TYPE, ProxyVehicles
+from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
 from vve_sumo.world.surroundings import cross_section
 
 #: As radar sees them, where SUMO has another word for the kind.
 SUMO_CLASSES: Final = {"car": "passenger", "van": "delivery"}
 
 #: Half way round the Earth: no map is larger [m].
-FARTHEST: Final = 2e7
+MAX_COORDINATE: Final = 2e7
 
 
 def box_of(player: ActorState) -> Box:
@@ -72,7 +72,7 @@ class Shadow:
 
     def __init__(self, player: ActorState, lanes: Lanes) -> None:
         self._nearby = lanes.nearby(box_of(player).radius)
-        self._ghosts = ProxyVehicles(lanes, f"{GHOST_TYPE}.{player.id}")
+        self._ghosts = ProxyVehicles(lanes, f"{EGO_PROXY_TYPE}.{player.id}")
 
     @property
     def ids(self) -> frozenset[str]:
@@ -81,7 +81,7 @@ class Shadow:
 
     def show(self, player: ActorState) -> None:
         """Cover the lanes that the player will cut; raises SUMO's errors."""
-        self._ghosts.cover(box_of(player), min(player.speed, FASTEST), self._cut)
+        self._ghosts.cover(box_of(player), min(player.speed, MAX_SPEED), self._cut)
 
     def leave(self) -> None:
         """Take it off the street; raises SUMO's errors."""
@@ -94,4 +94,4 @@ class Shadow:
 def _somewhere(player: ActorState) -> bool:
     """Whether it is at a place on Earth, facing some way at some speed."""
     known = math.isfinite(player.heading) and math.isfinite(player.speed)
-    return known and abs(player.x) <= FARTHEST and abs(player.y) <= FARTHEST
+    return known and abs(player.x) <= MAX_COORDINATE and abs(player.y) <= MAX_COORDINATE

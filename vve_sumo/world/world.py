@@ -17,8 +17,8 @@ from vve_sumo.geometry import Box, behind_bumper, overlap
 from vve_sumo.values import Actors, ActorState, Pose, Vehicle
 from vve_sumo.world.ego_sync import DECELERATION, EGO, EgoSync, EgoSyncReport, heading_of, make_type
 from vve_sumo.world.lanes import Lanes, read_lanes
-from vve_sumo.world.obstacles import STAND_IN_TYPE, Obstacle, Obstacles
-from vve_sumo.world.proxies import GHOST_TYPE, ProxyVehicles
+from vve_sumo.world.obstacles import OBSTACLE_PROXY_TYPE, Obstacle, Obstacles
+from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
 from vve_sumo.world.scenario_actors import ScenarioActors, box_of
 from vve_sumo.world.simulation import SUMO_ERRORS, Simulation
 from vve_sumo.world.standoff import STANDING, Standoff
@@ -82,7 +82,7 @@ class World:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What SUMO complained about so far, a line each, without the ghosts' overlaps: they are meant to overlap."""
-        return tuple(line for line in self._simulation.warnings if GHOST_TYPE not in line)
+        return tuple(line for line in self._simulation.warnings if EGO_PROXY_TYPE not in line)
 
     @property
     def cleared(self) -> tuple[str, ...]:
@@ -208,8 +208,8 @@ class World:
         lanes = Lanes(read_lanes(), 0.5 * max(boxes))
         if problem := lanes.gap(route):
             raise ConfigError(f"{network}: {problem}")
-        make_type(GHOST_TYPE, vehicle.length, vehicle.width)
-        make_type(STAND_IN_TYPE, vehicle.length, vehicle.width)
+        make_type(EGO_PROXY_TYPE, vehicle.length, vehicle.width)
+        make_type(OBSTACLE_PROXY_TYPE, vehicle.length, vehicle.width)
         self._ego_sync = EgoSync(lanes, vehicle, route)
         self._proxies = ProxyVehicles(lanes)
         self._obstacles = Obstacles(obstacles, lanes)
