@@ -3,7 +3,7 @@
 python benchmarks/latency.py [--seconds S] [--rounds N]
 The whole live stack with the simulated vehicle (UDP loopback, slcan on a pty). Twenty boxes stand in the radar's range;
 the network holds 500 vehicles besides, or none. Drives of both kinds alternate, so that a noisy machine disturbs them
-alike; the figures are of all ticks of all rounds, from the drives' own latency ledgers.
+alike; the figures are of all ticks of all rounds, from the drives' own latency tables.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def rig(folder: Path) -> Path:
 
 
 def drive(folder: Path, vehicles: int, seconds: float, number: int) -> tuple[pa.Table, dict[str, Any]]:
-    """Drive once in processes of its own and return the latency ledger and the summary."""
+    """Drive once in processes of its own and return the latency table and the summary."""
     record = folder / f"record_{vehicles}_{number}"
     command = [sys.executable, "-m", "vve_sumo.cli", "drive", str(scenario(folder, vehicles, seconds))]
     command += ["--rig", str(rig(folder)), "--out", str(record)]

@@ -162,7 +162,7 @@ def test_of_a_live_drive_the_gateways_own_steps_tell_when_it_commanded(tmp_path:
     assert lockstep.together.value == pytest.approx(0.04 - lead, abs=0.003)
 
 
-def test_the_certificate_says_which_part_was_not_held() -> None:
+def test_the_stopping_bound_check_says_which_part_was_not_held() -> None:
     def missed(reaction: float, build_up: float, unsure: float = 0.0) -> tuple[str, ...]:
         one, other = (Interval(v, v - unsure, v + unsure) for v in (reaction, build_up))
         whole = reaction + build_up

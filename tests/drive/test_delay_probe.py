@@ -64,7 +64,7 @@ def test_a_hidden_delay_moves_the_stop_by_speed_times_delay() -> None:
     base, late = stop(0.0, 0.0), stop(0.1, 0.0)
     assert base.speed == pytest.approx(SPEED, abs=0.02)
     assert late.speed == pytest.approx(base.speed, abs=0.005)  # it had settled, and to the same
-    assert late.pose_age == pytest.approx(base.pose_age, abs=1e-6)  # the chain cannot tell
+    assert late.pose_age == pytest.approx(base.pose_age, abs=1e-6)  # the pipeline cannot tell
     assert late.station - base.station == pytest.approx(SPEED * 0.1, abs=0.05)
 
 

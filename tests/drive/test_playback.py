@@ -1,4 +1,4 @@
-"""Real recordings through the whole chain, laid on a street of Linden: to the end, and nobody obeys."""
+"""Real recordings through the whole pipeline, laid on a street of Linden: to the end, and nobody obeys."""
 
 from __future__ import annotations
 

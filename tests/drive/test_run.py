@@ -81,7 +81,7 @@ def test_the_playback_profile_can_never_arm() -> None:
     """The operator's act is refused whatever the car reports, and no frame ever enables anything."""
     setting = altered({})
     frame = local_frame(0.7, -1.4)
-    chain = Pipeline(
+    pipeline = Pipeline(
         decoder=Decoder(),
         gate=TrustGate(PLAYBACK, 0.0),
         placement=Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0),
@@ -101,9 +101,9 @@ def test_the_playback_profile_can_never_arm() -> None:
     for tick in range(200):
         now = 0.02 * tick
         pose = standing(0.0, 0.0, 0.0)
-        chain.accept(now, dataclasses.replace(placement.unplace(pose), time=now, pitch=0.0, altitude=0.0))
-        chain.see(now, table(now, ()))
-        decided = chain.decide(tick, now, gateway.measured_steering)
+        pipeline.accept(now, dataclasses.replace(placement.unplace(pose), time=now, pitch=0.0, altitude=0.0))
+        pipeline.see(now, table(now, ()))
+        decided = pipeline.decide(tick, now, gateway.measured_steering)
         output = gateway.step(now, decided.setpoint, reports, OperatorCommand.ENGAGE)
         assert output.verdict.state is not ArmingState.ENGAGED
         assert "profile_may_not_arm" in decided.faults

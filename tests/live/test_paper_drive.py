@@ -49,16 +49,16 @@ def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path) -> Non
     assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.7)
     assert summary["duration_s"] > 60.0
     assert not summary["collision"]
-    ledger = summary["latency"]
-    assert ledger["ticks"] == pytest.approx(summary["ticks"], abs=5)
-    assert 0.0 < ledger["legs_ms"]["total"]["p50"] < ledger["legs_ms"]["total"]["p99"] < 40.0
+    latency = summary["latency"]
+    assert latency["ticks"] == pytest.approx(summary["ticks"], abs=5)
+    assert 0.0 < latency["legs_ms"]["total"]["p50"] < latency["legs_ms"]["total"]["p99"] < 40.0
     breakdown = latency_breakdown(Run(record))
-    for leg, figures in ledger["legs_ms"].items():
+    for leg, figures in latency["legs_ms"].items():
         assert {name: breakdown.loc[leg, f"{name}_ms"] for name in figures} == figures
     # The first row counts the ticks that went by while the street was still being loaded: nobody drove yet.
     missed = read_table(record, "latency")["missed"].to_pylist()
-    assert sum(missed) == ledger["missed"]
-    assert sum(missed[1:]) < 0.02 * ledger["ticks"]
+    assert sum(missed) == latency["missed"]
+    assert sum(missed[1:]) < 0.02 * latency["ticks"]
     assert summary["step_time"]["fits"]
     speeds = read_table(record, "ticks")["speed_mps"].to_pylist()
     assert max(speed for speed in speeds if speed == speed) == pytest.approx(11.176, abs=0.5)

@@ -252,7 +252,7 @@ def test_the_same_record_has_the_same_report(folders: Folders) -> None:
     assert said.stdout.endswith("report: killed/report.html\n")
     assert content(folders.killed) == before
     assert [name for name in before if name.endswith(".png")] == sorted(
-        f"report/{name}.png" for name in ("drive_sheet", "gap_against_speed", "safety_over_time")
+        f"report/{name}.png" for name in ("drive_overview", "gap_against_speed", "safety_over_time")
     )
 
 

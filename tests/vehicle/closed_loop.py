@@ -1,4 +1,4 @@
-"""The whole chain without a street: simulated vehicle with its faults, pose chain, path follower, gateway.
+"""The whole pipeline without a street: simulated vehicle with its faults, pose pipeline, path follower, gateway.
 
 As fast as it goes, and nothing in it is simpler than in a drive but the street, which is empty.
 """
@@ -69,7 +69,7 @@ class ClosedLoop:
         seed: int = 1,
         controller: Controller | None = None,
         deviation_limit: float = math.inf,
-        chain: type[Pipeline] = Pipeline,
+        pipeline: type[Pipeline] = Pipeline,
     ) -> None:
         parameters = parameters or vehicles.parameters()
         vehicle, begin = parameters.vehicle, path.at(0.0)
@@ -81,7 +81,7 @@ class ClosedLoop:
             if faults
             else Car(parameters, start, LOT, EPOCH, seeds[0])
         )
-        self.chain = chain(
+        self.pipeline = pipeline(
             decoder=Decoder(),
             gate=TrustGate(DRIVE, EPOCH),
             placement=Placement(LOT, Alignment(), parameters.receiver.mounting, EPOCH),
@@ -110,14 +110,14 @@ class ClosedLoop:
     def _tick(
         self, tick: int, now: float, heard: CarOutput, act: OperatorCommand | None
     ) -> tuple[Ticked, tuple[Frame, ...]]:
-        chain, gateway = self.chain, self.gateway
+        pipeline, gateway = self.pipeline, self.gateway
         for time, data in heard.ncom:
-            chain.receive(time, data)
+            pipeline.receive(time, data)
         steering = gateway.measured_steering
-        chain.see(now, NOBODY)
-        decided = chain.decide(tick, now, steering)
+        pipeline.see(now, NOBODY)
+        decided = pipeline.decide(tick, now, steering)
         output = gateway.step(now, decided.setpoint, [frame for _time, frame in heard.reports], act)
-        chain.prepare(now + PERIOD, steering)
+        pipeline.prepare(now + PERIOD, steering)
         truth = self.car.truth()
         beside = self._path.project(truth.x, truth.y, self._station)
         self._station = beside.s

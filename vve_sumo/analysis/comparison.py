@@ -75,7 +75,7 @@ class Comparison:
 
     one: Run
     other: Run
-    true: bool  #: whether both were measured by the truth; else both by the chain's estimate
+    true: bool  #: whether both were measured by the truth; else both by the pipeline's estimate
     begin: tuple[float, float]  #: drive time of first motion in each [s]: time 0 of `series`
     signals: pd.DataFrame  #: a row a signal, with the columns of MEANINGS
     outcomes: pd.DataFrame  #: a row a figure: unit, one, other, difference
@@ -97,9 +97,9 @@ class _Side(NamedTuple):
 def compare(one: Run, other: Run) -> Comparison:
     """Compare two records of drives, laid together at first motion.
 
-    Both are measured by the truth if both have it, else both by the chain's estimate, so that an estimator's error is
-    no difference between the drives. What the path causes is compared over the path. Raises ConfigError where one
-    never moves, or where they have less than SHORTEST [s] in common.
+    Both are measured by the truth if both have it, else both by the pipeline's estimate, so that an estimator's error
+    is no difference between the drives. What the path causes is compared over the path. Raises ConfigError where one
+    never moves, or where they have less than MIN_OVERLAP [s] in common.
     """
     true = one.motion.true and other.motion.true
     first, second = _side(one, true), _side(other, true)
@@ -295,7 +295,7 @@ def _notes(one: Run, other: Run, true: bool) -> tuple[str, ...]:
         notes.append("the cars differ in what is declared of them")
     if not true:
         blind = " and ".join(str(run.folder) for run in (one, other) if not run.motion.true)
-        notes.append(f"{blind}: no truth in it, so both are measured by the chain's estimate")
+        notes.append(f"{blind}: no truth in it, so both are measured by the pipeline's estimate")
     notes += [
         f"{run.folder}: the drive was broken off, its record ends early" for run in (one, other) if not run.complete
     ]

@@ -1,4 +1,4 @@
-"""The latency and noise cliff: what margin a scenario leaves as delay and noise grow, and where it goes to zero.
+"""The latency margin: what margin a scenario leaves as delay and noise grow, and where it goes to zero.
 
 Reads the rows of a study's sweep. It must not know how they were driven, nor where a design's delay margin comes from.
 """
@@ -83,7 +83,7 @@ class LatencyMargin:
         if math.isfinite(self.design_margin):
             yield (
                 f"by its design the steering loop bears {_ms(self.design_margin)} at {self.speed:.1f} m/s, of which "
-                "the chain's own way from pose to wheels takes a part"
+                "the pipeline's own way from pose to wheels takes a part"
             )
 
 
@@ -121,7 +121,7 @@ def _ms(time: float) -> str:
 
 
 def latency_margin_of(sweep: Sweep, *, design_margin: float | None = None) -> LatencyMargin:
-    """Return the cliff that a study's dataset shows, finished or not.
+    """Return the latency margins that a study's dataset shows, finished or not.
 
     `design_margin` [s] is laid beside it; left out, it is the one that the study noted beside its rows. Raises
     ConfigError where the sweep varied something else, or the note cannot be read.

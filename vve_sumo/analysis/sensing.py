@@ -118,7 +118,7 @@ def radar_statistics(run: Run) -> pd.DataFrame:
     """Return a row for each actor that ever was in the radar's field of view or was detected, the first seen first.
 
     Visible is the nearest point of its box that lies in the field and that no other box hides, from the rear axle's
-    true pose (without a truth: the chain's estimate) and the recorded actors at the tick at which the scan was
+    true pose (without a truth: the pipeline's estimate) and the recorded actors at the tick at which the scan was
     measured; errors are measured against that point. A detection of an actor that is not visible from there has no
     error. The columns' meanings are in `attrs`.
     """

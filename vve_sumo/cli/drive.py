@@ -28,7 +28,7 @@ def add(commands: Commands) -> None:
         "  vve-sumo drive --controller mine.py:make      your own controller\n"
         "  vve-sumo drive --vehicle lincoln_mkz          another car\n"
         "  vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it\n"
-        "  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys\n"
+        "  vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; nothing obeys\n"
         "  vve-sumo drive --rig simulated               live, with the simulated vehicle as a process of its own\n"
         "  vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off\n\n"
         "live keys: e engages, g goes, any other key, Ctrl-C or closing the terminal stops. The emergency stop is the\n"
@@ -43,7 +43,7 @@ def add(commands: Commands) -> None:
         "--pose",
         type=Path,
         metavar="FILE",
-        help="send a recorded drive through the chain, laid on the street by matched start: NCOM bytes, or CSV with "
+        help="send a recorded drive through the pipeline, laid on the street by matched start: NCOM bytes, or CSV with "
         "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and logged, nobody obeys",
     )
     drive.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")

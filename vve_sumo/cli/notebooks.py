@@ -21,7 +21,7 @@ def add(commands: Commands) -> None:
         "notebooks",
         "copy out four Jupyter notebooks to begin an analysis with",
         "Copy four notebooks into a folder: the paper's drive, stopping over a sweep of speeds, the latency cliff, a\n"
-        "recording through the chain. Each makes its own records, under runs/ beside it, and explains what it shows.",
+        "recording through the pipeline. Each makes its own records, under runs/ beside it, and explains them.",
         EXIT_CODES,
     )
     notebooks.add_argument(

@@ -14,8 +14,8 @@ def add(commands: Commands) -> None:
     replay = add_command(
         commands,
         "replay",
-        "run a record through the chain again and find the first difference",
-        "Feed a record's pose bytes, car reports and actors to the same chain and the same gateway, without SUMO and\n"
+        "run a record through the pipeline again and find the first difference",
+        "Feed a record's pose bytes, car reports and actors to the same pipeline and gateway, without SUMO and\n"
         "without a car, and compare every setpoint and every CAN frame, bit for bit. The record is verified before:\n"
         "one that was altered is not replayed, nor is a controller run whose code has changed. Exit code 1 names what\n"
         "was altered, or the first tick of the drive, or step of the gateway, that differs.",

@@ -28,7 +28,7 @@ EXIT_CODES = """exit codes:
   130  interrupted from the keyboard; --resume goes on
 """
 
-PICTURE = "cliff.png"
+PICTURE = "latency_margin.png"
 #: characters of a line where there is no terminal to say
 WIDTH = 120
 
@@ -47,7 +47,7 @@ def add(commands: Commands) -> None:
         "margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict\n"
         "it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is\n"
         "what an open-loop brake loses, and the delay that the steering bears by its design. The folder is a sweep's\n"
-        "dataset with the picture cliff.png.\n\n"
+        "dataset with the picture latency_margin.png.\n\n"
         "The margin is the gap at rest, the least gap of a drive that goes on, zero or less after a contact. A car\n"
         "that its gateway stopped far off (unstable steering, wheels and pose at odds) has none.\n\n"
         "examples:\n"
@@ -78,7 +78,7 @@ def add(commands: Commands) -> None:
 
 
 def _cliff(arguments: argparse.Namespace) -> int:
-    """Drive what is not finished, show the latency cliff and draw it; return the exit code."""
+    """Drive what is not finished, show the latency margin and draw it; return the exit code."""
     from vve_sumo.sweep.fill import engine_of, fill
     from vve_sumo.sweep.study import cliff_study
 

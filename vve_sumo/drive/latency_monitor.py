@@ -1,4 +1,4 @@
-"""The latency ledger: what each tick of a live drive took, leg by leg, and whether the rig's budget was kept.
+"""The latency monitor: what each tick of a live drive took, leg by leg, and whether the rig's budget was kept.
 
 Takes moments that the shell measured and the gateway's answers; knows no clock, no process and no file.
 """

@@ -59,7 +59,7 @@ class RecorderClient:
         self._calls.append(("stepped", (row,)))
 
     def timed(self, row: LatencyRow) -> None:
-        """Keep a line of the latency ledger."""
+        """Keep the latencies of one tick."""
         self._calls.append(("timed", (row,)))
 
     def ended(self, how: dict[str, Any]) -> None:

@@ -23,7 +23,7 @@ from vve_sumo.plotting.page import (
     SIZE,
     STYLE,
     TOP,
-    Sheet,
+    DrivePage,
     panel,
     say,
     trace,
@@ -97,21 +97,21 @@ def _close_up(ticks: pa.Table, bumper: float, gap: float, shape: float) -> View:
     return View(x + ahead * math.cos(heading), y + ahead * math.sin(heading), heading, width, shape * width)
 
 
-def _from_above(figure: Figure, sheet: Sheet) -> None:
+def _from_above(figure: Figure, page: DrivePage) -> None:
     """Draw the two windows on the street; their heights follow from the shape of the trace."""
-    if len(trace(sheet.ticks)[0]) == 0:
+    if len(trace(page.ticks)[0]) == 0:
         axes = panel(figure, LEFT, BOTTOM, LEFT_WIDTH, TOP - BOTTOM)
         axes.set_xticks(())
         say(axes, "no pose, no place on the street")
         return
-    view = _overview(sheet.ticks)
+    view = _overview(page.ticks)
     height = LEFT_WIDTH * view.height / view.width
     whole = panel(figure, LEFT, TOP - height, LEFT_WIDTH, height)
-    draw_overview(whole, sheet, view)
+    draw_overview(whole, page, view)
     whole.set_title("the street from above", loc="left", pad=5)
     close = panel(figure, LEFT, BOTTOM, LEFT_WIDTH, TOP - BOTTOM - BETWEEN - height)
-    bumper = sheet.vehicle.rear_axle_to_bumper
-    draw_close_up(close, sheet, _close_up(sheet.ticks, bumper, float(sheet.lead.gap[-1]), _left_over(view)))
+    bumper = page.vehicle.rear_axle_to_bumper
+    draw_close_up(close, page, _close_up(page.ticks, bumper, float(page.lead.gap[-1]), _left_over(view)))
     close.set_title("where it ended, driving to the right", loc="left", pad=5)
     named = {
         name: mark for axes in (close, whole) for mark, name in zip(*axes.get_legend_handles_labels(), strict=True)
@@ -119,16 +119,16 @@ def _from_above(figure: Figure, sheet: Sheet) -> None:
     close.legend([*named.values()], [*named], loc="upper left", bbox_to_anchor=(0.0, -0.01), ncols=4, borderaxespad=0.2)
 
 
-def paint(figure: Figure, sheet: Sheet) -> None:
+def paint(figure: Figure, page: DrivePage) -> None:
     """Draw a drive of at least one tick into an empty figure of the page's size, in the page's style."""
-    _from_above(figure, sheet)
-    over_time(figure, sheet)
-    title = textwrap.shorten(sheet.title, 110, placeholder=" …")
+    _from_above(figure, page)
+    over_time(figure, page)
+    title = textwrap.shorten(page.title, 110, placeholder=" …")
     figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
-    figure.text(LEFT / SIZE[0], 0.92, sheet.subtitle, fontsize=12)
+    figure.text(LEFT / SIZE[0], 0.92, page.subtitle, fontsize=12)
 
 
-def draw(sheet: Sheet, file: FilePath) -> None:
+def draw(page: DrivePage, file: FilePath) -> None:
     """Write the picture of a drive of at least one tick as a PNG file."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -137,5 +137,5 @@ def draw(sheet: Sheet, file: FilePath) -> None:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)
         FigureCanvasAgg(figure)
-        paint(figure, sheet)
+        paint(figure, page)
         figure.savefig(file)

@@ -1,4 +1,4 @@
-"""One drive: its sheet, and how safe it was over time.
+"""One drive: its page, and how safe it was over time.
 
 Draws what a record and the measures say; computes nothing that is not drawn.
 """
@@ -19,7 +19,7 @@ from vve_sumo.metrics.following import TTC_THRESHOLD
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting import drive_page
-from vve_sumo.plotting.page import INK, OBSTACLE, QUIET, SIZE, Sheet, contact, said
+from vve_sumo.plotting.page import INK, OBSTACLE, QUIET, SIZE, DrivePage, contact, said
 from vve_sumo.plotting.style import FIRST, LIMIT, OVER, SECOND, THIRD, UNDER, WIDTH, Look, explain, name, page, plain
 from vve_sumo.values import Floats
 
@@ -38,12 +38,12 @@ TIME_MARGIN: Final = 1.0
 Curves = tuple[tuple[str, Look, str], ...]
 
 
-def drive_sheet(run: Run) -> Figure:
-    """Draw the sheet of a drive from its record alone: path, trace and actors from above, and curves over time.
+def drive_overview(run: Run) -> Figure:
+    """Draw the page of a drive from its record alone: path, trace and actors from above, and curves over time.
 
     The record holds no lanes, so the street is bare. A drive that was killed is drawn up to its last tick.
     """
-    sheet = Sheet(
+    content = DrivePage(
         title=run.title,
         subtitle=f"killed: the record ends at {run.time[-1]:.2f} s" if run.summary is None else said(run.summary),
         ticks=run.arrow("ticks"),
@@ -54,7 +54,7 @@ def drive_sheet(run: Run) -> Figure:
         lanes=(),
     )
     with page(*SIZE, arranged=False) as figure:
-        drive_page.paint(figure, sheet)
+        drive_page.paint(figure, content)
         return figure
 
 

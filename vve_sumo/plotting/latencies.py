@@ -1,4 +1,4 @@
-"""The latency ledger of a live drive: what every part of the way from a fix to its frames took.
+"""The latencies of a live drive: what every part of the way from a fix to its frames took.
 
 Knows the legs by their table; it must not know how they were measured.
 """
@@ -37,7 +37,7 @@ MARKS: Final = (
 )
 
 
-def latency_ledger(run: Run) -> Figure:
+def latency_over_time(run: Run) -> Figure:
     """Draw the legs of the slowest ticks over drive time with the budget and missed ticks, and each leg's percentiles.
 
     Each column stands for a portion of the drive time and shows its slowest tick. A drive on a simulated clock has the
@@ -45,7 +45,7 @@ def latency_ledger(run: Run) -> Figure:
     """
     with page(WIDTH, 6.4) as figure:
         upper, lower = figure.subplots(2, 1, height_ratios=(1.0, 1.1))
-        name(figure, f"Latency ledger · {run.title}")
+        name(figure, f"Latency · {run.title}")
         plain(upper)
         plain(lower)
         table = legs_over_time(run)

@@ -1,4 +1,4 @@
-"""The latency and noise cliff: what margin is left over hidden delay, and where nothing is.
+"""The latency margin: what margin is left over hidden delay, and where nothing is.
 
 Draws what a study came to; computes nothing that is not drawn.
 """

@@ -161,7 +161,7 @@ def stopping_distance(rows: pd.DataFrame) -> Figure:
 
     The curve is v tau + v^2 / 2 a with the median demand a and the median reaction tau of the runs; the band goes from
     the 5th to the 95th percentile of the demand. The bound is the run's own: its speed and demand, the declared delay.
-    Runs that broke their certificate are marked.
+    Runs that stopped beyond their bound are marked.
     """
     columns = ("stop_onset_speed_mps", "stop_distance_m", "stop_bound_m", "stop_demand_mps2", "stop_reaction_s")
     with page(height=5.6) as figure:

@@ -181,8 +181,9 @@ class Decoder:
     date on another day than the one known count for nothing until a run of them lasts (`arrivals.Repeated`).
 
     HDT and VTG carry no time. They belong to the epoch that the last sentence with a new time opened (GGA, RMC, PASHR
-    or GST), if they arrive within `MAX_PERIOD_SHARE` of a period: so the receiver must send one of those first. One that
-    sends HDT first gives no fix at all rather than headings of the wrong epoch; `counts` then shows INCOMPLETE and STRAY.
+    or GST), if they arrive within `MAX_PERIOD_SHARE` of a period: so the receiver must send one of those first. One
+    that sends HDT first gives no fix at all rather than headings of the wrong epoch; `counts` then shows INCOMPLETE
+    and STRAY.
 
     What NMEA does not say: yaw rate and acceleration are differences of heading and of speed along it over the last
     `RATE_WINDOW` (late by half of it, and blind where both are wrong together), NaN for the first fix and after a gap,

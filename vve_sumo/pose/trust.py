@@ -95,7 +95,7 @@ class TrustProfile:
             raise ConfigError(f"trust profile {self.name}: one that does not judge live quality may never arm")
 
 
-#: A car may drive on it. 0.10 m and 100 ms are the figures the rest of the chain is built on (a setpoint lives 100 ms);
+#: A car may drive on it. 0.10 m and 100 ms are what the rest of the pipeline is built on (a setpoint lives 100 ms);
 #: 0.01 rad puts a point 10 m ahead 0.1 m off; 0.25 m is ten sigma of RTK noise and less than a lane margin, and heights
 #: are half as good. A gyroscope in a shaken car may be 0.1 rad/s off for a moment. An acceleration may go all at once,
 #: as it does where full brakes have brought the car to rest.

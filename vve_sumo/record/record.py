@@ -527,7 +527,7 @@ class LiveRecord(Record):
         self._tables["gateway"].append(_gateway_tuple(row))
 
     def timed(self, row: LatencyRow) -> None:
-        """Keep a line of the latency ledger."""
+        """Keep the latencies of one tick."""
         self._tables["latency"].append(_latency_tuple(row))
 
     def flush(self) -> None:

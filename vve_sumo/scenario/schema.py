@@ -57,10 +57,10 @@ class Car(Table):
         default=0.0, description="receiver's heading minus the car's, clockwise positive"
     )
     gnss_delay_s: Annotated[float, Field(ge=0.0, le=0.5)] = Field(
-        default=0.01, description="from the epoch of a fix to the arrival of its bytes; the chain predicts it away"
+        default=0.01, description="from the epoch of a fix to the arrival of its bytes; the pipeline predicts it away"
     )
     gnss_hidden_delay_s: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
-        default=0.0, description="by which a fix is older than its epoch says; nothing in the chain can know of it"
+        default=0.0, description="by which a fix is older than its epoch says; nothing in the pipeline can know of it"
     )
 
 
