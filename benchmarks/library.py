@@ -46,8 +46,8 @@ def drive(name: str, seed: int) -> dict[str, Any]:
     from vve_sumo.drive import run as drives
 
     with tempfile.TemporaryDirectory() as scratch:
-        setting = drives.choose(name, REPOSITORY, seed=seed)
-        return drives.run(setting, Path(scratch) / "record", REPOSITORY).summary
+        resolved = drives.choose(name, REPOSITORY, seed=seed)
+        return drives.run(resolved, Path(scratch) / "record", REPOSITORY).summary
 
 
 def paint(name: str) -> None:

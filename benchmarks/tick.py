@@ -122,7 +122,7 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
         step = Timed()
         libsumo.simulationStep = step.wrap(libsumo.simulationStep)
         shell = Lockstep(drive, REPOSITORY)
-        record = Record(folder / "record", drive.resolved(REPOSITORY), EPOCH)
+        record = Record(folder / "record", drive.to_dict(REPOSITORY), EPOCH)
         pipeline = shell._pipeline
         gateway = shell._gateway
         path = Timed()

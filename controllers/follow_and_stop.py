@@ -119,18 +119,19 @@ class FollowAndStop:
     def _accelerate(self, observation: Observation, s: float, target: Target | None) -> tuple[float, str]:
         speed, measured = observation.pose.speed, observation.pose.acceleration
         profile = self._profiled(observation.path)
-        wishes = {"cruise": self._keeper.step(profile, s, speed, measured, observation.desired_speed, self._cruising)}
+        cruise = self._keeper.step(profile, s, speed, measured, observation.desired_speed, self._cruising)
+        candidates = {"cruise": cruise}
         goals = {"path_end": Goal(observation.path.length - s), "target": self._stop.goal(target)}
         for note, goal in goals.items():
             if goal is not NOWHERE:
-                wishes[note] = self._approach.acceleration(goal, speed, measured)
-        note = min(wishes, key=wishes.__getitem__)
+                candidates[note] = self._approach.acceleration(goal, speed, measured)
+        note = min(candidates, key=candidates.__getitem__)
         self._cruising = note == "cruise"
         nearest = min(goals.values())
         held = self._standstill.step(nearest.distance, speed, self._approach.is_last_bit(nearest, speed, measured))
         if held is not None:
             note = "hold"
-        wanted = wishes[note] if held is None else held
+        wanted = candidates[note] if held is None else held
         self._acceleration = jerk_limit(
             wanted, self._acceleration, COMFORT_LIMIT, SPEEDING_UP, JERK_DOWN, JERK_UP, PERIOD
         )

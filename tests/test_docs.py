@@ -31,7 +31,7 @@ from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS
 from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.rig.schema import Rig
-from vve_sumo.rig.validation import arming_refusal
+from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sweep.spec import Boundary, Spec, Worst, parse_spec
@@ -194,7 +194,7 @@ def test_the_sweeps_in_the_documentation_are_some() -> None:
 def test_the_rig_in_the_documentation_is_one_that_may_be_armed() -> None:
     text = (DOCS / "rigs.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    assert arming_refusal(parse_rig(tomllib.loads(block), DOCS / "rigs.md")) is None
+    assert arming_obstacle(parse_rig(tomllib.loads(block), DOCS / "rigs.md")) is None
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in DOCS.glob("*.md"))])

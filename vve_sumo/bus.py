@@ -177,32 +177,32 @@ class _SerialBus(slcanBus):  # type: ignore[misc]  # python-can has no types tha
     def __init__(self, port: str, bitrate: int) -> None:
         self._lines: deque[str] = deque()
         self._torn = b""
-        self._ears: tuple[int, int] | None = None
+        self._wake_pipe: tuple[int, int] | None = None
         super().__init__(port, bitrate=bitrate, sleep_after_open=0.0, timeout=0.0)
-        self._ears = os.pipe2(os.O_CLOEXEC)
+        self._wake_pipe = os.pipe2(os.O_CLOEXEC)
         self._quit = os.pipe2(os.O_CLOEXEC)
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
 
     def fileno(self) -> int:
         """Return what becomes readable with the adapter's bytes, and where the adapter is gone."""
-        if self._ears is None:
+        if self._wake_pipe is None:
             raise can.CanOperationError("the port is closed")
-        return self._ears[0]
+        return self._wake_pipe[0]
 
     def shutdown(self) -> None:
         """Close everything; the thread of a port that hangs ends with the process."""
-        ears, self._ears = self._ears, None
-        if ears is not None:
+        pipe, self._wake_pipe = self._wake_pipe, None
+        if pipe is not None:
             os.close(self._quit[1])
             self._listener.join(SEND_TIMEOUT)
-            os.close(ears[0])
+            os.close(pipe[0])
         super().shutdown()
 
     def _listen(self) -> None:
         """Pass on what the adapter says, until it is gone or nobody wants to hear it."""
-        assert self._ears is not None
-        port, ear, stop = self.serialPortOrig.fileno(), self._ears[1], self._quit[0]
+        assert self._wake_pipe is not None
+        port, ear, stop = self.serialPortOrig.fileno(), self._wake_pipe[1], self._quit[0]
         with contextlib.suppress(OSError):
             while stop not in select.select([port, stop], [], [])[0] and (data := os.read(port, SERIAL_CHUNK)):
                 os.write(ear, data)

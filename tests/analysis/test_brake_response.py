@@ -201,8 +201,8 @@ def _drive(folder: Path) -> None:
     as_declared = lockstep.car_parameters
     for seed, (name, (speed, errors, delay, lag)) in enumerate(PLANTED.items(), 1):
 
-        def late(setting: Any, delay: float = delay, lag: float = lag) -> Any:
-            parameters = as_declared(setting)
+        def late(resolved: Any, delay: float = delay, lag: float = lag) -> Any:
+            parameters = as_declared(resolved)
             vehicle = parameters.vehicle
             brakes = replace(vehicle, brake_delay=vehicle.brake_delay + delay, brake_lag=vehicle.brake_lag + lag)
             return replace(parameters, vehicle=brakes)

@@ -1,4 +1,4 @@
-"""Stopping-bound checks: kept by the car as declared, broken by one whose brakes or road give less, and by nothing else."""
+"""Stopping-bound checks: kept by the car as declared, broken where brakes or road give less, and by nothing else."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def _drive(folder: Path) -> dict[str, dict[str, Any]]:
     for name, (scenario, changes) in DRIVES.items():
         file = REPOSITORY / "scenarios" / f"{scenario}.toml"
         table = apply_overrides(tomllib.loads(file.read_text(encoding="utf-8")), changes)
-        setting = resolve_scenario(scenario, parse(table, file), file, REPOSITORY)
-        summaries[name] = drives.run(setting, folder / name, REPOSITORY).summary
+        resolved = resolve_scenario(scenario, parse(table, file), file, REPOSITORY)
+        summaries[name] = drives.run(resolved, folder / name, REPOSITORY).summary
     return summaries
 
 

@@ -88,7 +88,7 @@ def test_a_stored_alignment_is_the_one_that_was_found(tmp_path: Path, monkeypatc
         (result.alignment.rotation, result.alignment.x, result.alignment.y), abs=1e-5
     )
     ground = LotAlignment(frame.projection, kept, 1.4e9)
-    assert assembly.pipeline_of(site.setting, loaded, ground, REPOSITORY) is not None
+    assert assembly.pipeline_of(site.resolved, loaded, ground, REPOSITORY) is not None
     with pytest.raises(ConfigError, match="made for 'linden'"):
         meaning.alignment_of(loaded, "proving_ground")
 
@@ -197,7 +197,7 @@ def test_a_search_in_the_twins_lot_fits_the_path(tmp_path: Path) -> None:
     loaded = rigs.load(rig)
     site = align.site_of("seen_late", str(rig), tmp_path)
     kept = meaning.alignment_of(loaded, "linden")
-    assert meaning.fence_of(loaded, kept).along(site.setting.path, 11.176) is None
+    assert meaning.geofence_of(loaded, kept).along(site.resolved.path, 11.176) is None
     # By other means: the path's points, brought back onto the lot, lie inside the corners and out of the holes.
     turn, shift = stored(rig)
     back = [(place - shift) / turn for place in on_the_street()]
@@ -242,14 +242,14 @@ def test_a_path_too_long_is_cut_where_it_still_fits(tmp_path: Path) -> None:
     # 160 m less margins, the car, and the way to rest from 8 m/s at 2.4 m/s2 with what comes before it.
     assert 100.0 < station < 160.0 - 2.0 - 4.9 - 8.0**2 / (2.0 * 2.5)
     loaded, site = rigs.load(rig), align.site_of("calibration", str(rig), tmp_path)
-    path, route = read_path(tmp_path / "short.csv", site.setting.street, site.setting.network)
+    path, route = read_path(tmp_path / "short.csv", site.resolved.street, site.resolved.network)
     assert station - 3.0 < path.length <= station + 0.5
-    assert route == site.setting.route
-    start, whole = path.at(0.0), site.setting.path.at(0.0)
+    assert route == site.resolved.route
+    start, whole = path.at(0.0), site.resolved.path.at(0.0)
     assert (start.x, start.y) == pytest.approx((whole.x, whole.y), abs=1e-3)
     kept = meaning.alignment_of(loaded, "proving_ground")
-    assert meaning.fence_of(loaded, kept).along(path, 8.0) is None
-    assert meaning.fence_of(loaded, kept).along(site.setting.path, 8.0) == pytest.approx(station, abs=3.0)
+    assert meaning.geofence_of(loaded, kept).along(path, 8.0) is None
+    assert meaning.geofence_of(loaded, kept).along(site.resolved.path, 8.0) == pytest.approx(station, abs=3.0)
 
 
 @pytest.mark.live

@@ -15,12 +15,12 @@ from vve_sumo.values import Point, Pose
 
 
 def test_every_actor_is_there_from_the_first_step_on() -> None:
-    setting = choose("cut_in", REPOSITORY)
-    begin = setting.path.at(0.0)
+    resolved = choose("cut_in", REPOSITORY)
+    begin = resolved.path.at(0.0)
     ego = Pose(0.0, Point.FRONT_BUMPER, begin.x, begin.y, begin.heading, 0.0, 0.0, 0.0, 0.0, 0.0)
-    names = [actor.id for actor in setting.scenario.actors]
-    assert [player.id for player in scenario_engine(setting).step(0.0, ego)] != names
-    cast = scenario_engine(_all_at_once(setting))
+    names = [actor.id for actor in resolved.scenario.actors]
+    assert [player.id for player in scenario_engine(resolved).step(0.0, ego)] != names
+    cast = scenario_engine(_all_at_once(resolved))
     for step in range(200):
         assert [player.id for player in cast.step(0.02 * step, ego)] == names
 

@@ -40,15 +40,15 @@ def _probed(changes: dict[str, Any]) -> Stop:
 
     file = REPOSITORY / "scenarios" / "delay_probe.toml"
     table = apply_overrides(tomllib.loads(file.read_text(encoding="utf-8")), changes)
-    setting = resolve_scenario("delay_probe", parse(table, file), file, REPOSITORY)
+    resolved = resolve_scenario("delay_probe", parse(table, file), file, REPOSITORY)
     with tempfile.TemporaryDirectory() as scratch:
-        done = drives.run(setting, Path(scratch) / "record", REPOSITORY)
+        done = drives.run(resolved, Path(scratch) / "record", REPOSITORY)
         ticks = read_table(done.folder, "ticks")
     assert done.summary["outcome"] == "stopped", done.summary
     begun = ticks["note"].to_pylist().index("brake")
     x, y = (ticks[name][-1].as_py() for name in ("true_x_m", "true_y_m"))
     return Stop(
-        setting.path.project(x, y, None).s, ticks["true_speed_mps"][begun].as_py(), ticks["pose_age_s"][begun].as_py()
+        resolved.path.project(x, y, None).s, ticks["true_speed_mps"][begun].as_py(), ticks["pose_age_s"][begun].as_py()
     )
 
 

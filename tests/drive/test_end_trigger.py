@@ -77,5 +77,5 @@ def test_a_drive_ends_at_the_first_tick_at_which_it_shall(tmp_path: Path) -> Non
 
 
 def _ttc(ticks: pa.Table, actors: pa.Table) -> Any:
-    setting = altered(BLIND)
-    return DriveData(ticks, actors, setting.path, setting.vehicle, PERIOD).lead.time_to_collision
+    resolved = altered(BLIND)
+    return DriveData(ticks, actors, resolved.path, resolved.vehicle, PERIOD).lead.time_to_collision

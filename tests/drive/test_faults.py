@@ -99,14 +99,14 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
     from vve_sumo.drive.summary import summarise
     from vve_sumo.record.record import Record, read_table
 
-    setting = altered({"road.demand": [], "obstacles": [], "duration_s": 40.0})
+    resolved = altered({"road.demand": [], "obstacles": [], "duration_s": 40.0})
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
-        shell = Lockstep(setting, REPOSITORY, Fault(kind))
-        record = Record(folder, setting.resolved(REPOSITORY), EPOCH)
+        shell = Lockstep(resolved, REPOSITORY, Fault(kind))
+        record = Record(folder, resolved.to_dict(REPOSITORY), EPOCH)
         done = shell.run(record, lambda tick, now, speed, station: None)
         shell.close()
-        summary = summarise(setting, done, folder, record.close())
+        summary = summarise(resolved, done, folder, record.close())
         ticks = read_table(folder, "ticks")
         return summary, ticks["true_speed_mps"].to_pylist(), ticks["state"].to_pylist()
 

@@ -12,7 +12,7 @@ from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo.analysis import load, radar_statistics
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, replay, setting_of
+from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
 from vve_sumo.drive.resolved_scenario import EPOCH
 from vve_sumo.sensors.radar import NOBODY
 
@@ -67,5 +67,5 @@ def test_ranges_are_those_of_the_time_at_which_they_were_measured(run: Run) -> N
 
 def test_it_is_replayed_bit_for_bit(drive: tuple[dict[str, Any], Path]) -> None:
     _summary, folder = drive
-    setting = setting_of(folder, REPOSITORY)
-    assert replay(setting, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY) is None
+    resolved = recorded_scenario(folder, REPOSITORY)
+    assert replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY) is None

@@ -16,7 +16,7 @@ from tests.isolated import isolated
 from vve_sumo import cli
 from vve_sumo.drive.lockstep import assemble
 from vve_sumo.drive.redrive import BRAKES, compared, side_by_side
-from vve_sumo.drive.replay import answers, read_pipeline_inputs, setting_of
+from vve_sumo.drive.replay import answers, read_pipeline_inputs, recorded_scenario
 from vve_sumo.record.record import read_table
 
 #: steers by a constant, says what it sees, and knows the tick at which to fail
@@ -63,9 +63,9 @@ def other(tmp_path: Path) -> str:
 
 def redriven(record: Path, controller: str) -> pa.Table:
     """Return both answers of every tick."""
-    setting = setting_of(record, REPOSITORY)
-    setting = setting.driven_by(controller)
-    return side_by_side(answers(assemble(setting, REPOSITORY).pipeline, read_pipeline_inputs(record)))
+    resolved = recorded_scenario(record, REPOSITORY)
+    resolved = resolved.driven_by(controller)
+    return side_by_side(answers(assemble(resolved, REPOSITORY).pipeline, read_pipeline_inputs(record)))
 
 
 def test_the_same_controller_answers_the_same(record: Path) -> None:

@@ -19,8 +19,8 @@ from vve_sumo.drive.replay import (
     changed_since,
     read_car_frames,
     read_pipeline_inputs,
+    recorded_scenario,
     replay,
-    setting_of,
 )
 from vve_sumo.drive.resolved_scenario import EPOCH
 from vve_sumo.drive.verify import altered_parts
@@ -48,9 +48,9 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def replayed(folder: Path) -> Difference | None:
-    setting = setting_of(folder, REPOSITORY)
-    assert changed_since(folder, setting) == changed_controller(folder, setting, REPOSITORY) == []
-    return replay(setting, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
+    resolved = recorded_scenario(folder, REPOSITORY)
+    assert changed_since(folder, resolved) == changed_controller(folder, resolved, REPOSITORY) == []
+    return replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
 
 
 @pytest.mark.parametrize("name", DRIVES)
@@ -143,7 +143,7 @@ def test_what_was_never_finished_replays_as_far_as_its_inputs_reach(
 
 def test_what_is_no_record_is_one_line(records: dict[str, Path], tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no record of a drive"):
-        setting_of(tmp_path, REPOSITORY)
+        recorded_scenario(tmp_path, REPOSITORY)
     folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
     (folder / "can.log").unlink()
     with pytest.raises(ConfigError, match=r"can\.log"):
@@ -156,6 +156,6 @@ def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path, role: 
     resolved = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
     resolved["files_sha256"][role] = "0" * 64
     (folder / "scenario.json").write_text(json.dumps(resolved), encoding="utf-8")
-    setting = setting_of(folder, REPOSITORY)
-    told = changed_since(folder, setting) + changed_controller(folder, setting, REPOSITORY)
+    resolved = recorded_scenario(folder, REPOSITORY)
+    told = changed_since(folder, resolved) + changed_controller(folder, resolved, REPOSITORY)
     assert told == [f"{role} has changed since"]

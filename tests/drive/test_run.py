@@ -13,7 +13,7 @@ from vve_sumo.controller import Guarded
 from vve_sumo.drive import run as drives
 from vve_sumo.drive.assembly import sensors_of
 from vve_sumo.drive.pipeline import Pipeline
-from vve_sumo.drive.virtual_road import standing
+from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose.ncom import Decoder
@@ -27,8 +27,8 @@ from vve_sumo.world.surroundings import table
 
 
 def test_the_command_line_lays_over_the_scenario() -> None:
-    setting = drives.choose("parked_car", REPOSITORY, seed=7, controller="follow_and_stop")
-    assert setting.scenario.seed == 7
+    resolved = drives.choose("parked_car", REPOSITORY, seed=7, controller="follow_and_stop")
+    assert resolved.scenario.seed == 7
     with pytest.raises(ConfigError, match="seed: expected 0 to 2147483647"):
         drives.choose("parked_car", REPOSITORY, seed=-1)
 
@@ -51,9 +51,9 @@ def test_the_record_names_the_controllers_files_that_were_read_and_no_other(tmp_
         "def make(vehicle, tuning):\n    return Mine()\n",
         encoding="utf-8",
     )
-    setting = altered({"controller": {"name": f"{tmp_path / 'mine.py'}:make"}})
-    setting.controller(REPOSITORY)
-    hashes = setting.resolved(REPOSITORY)["files_sha256"]
+    resolved = altered({"controller": {"name": f"{tmp_path / 'mine.py'}:make"}})
+    resolved.controller(REPOSITORY)
+    hashes = resolved.to_dict(REPOSITORY)["files_sha256"]
     assert {role for role in hashes if role.startswith("controller_")} == {"controller_mine", "controller_near"}
     assert hashes["controller_near"] == hashlib.sha256(b"GAIN = 1.0\n").hexdigest()
 
@@ -79,20 +79,20 @@ class _Straight:
 
 def test_the_playback_profile_can_never_arm() -> None:
     """The operator's act is refused whatever the car reports, and no frame ever enables anything."""
-    setting = altered({})
+    resolved = altered({})
     frame = local_frame(0.7, -1.4)
     pipeline = Pipeline(
         decoder=Decoder(),
         gate=TrustGate(PLAYBACK, 0.0),
         placement=Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0),
         predictor=Predictor(),
-        sensors=sensors_of(setting),
+        sensors=sensors_of(resolved),
         controller=Guarded(_Straight()),
-        vehicle=setting.vehicle,
-        path=setting.path,
+        vehicle=resolved.vehicle,
+        path=resolved.path,
         desired_speed=5.0,
     )
-    gateway = Gateway(setting.vehicle, setting.model.calibration)
+    gateway = Gateway(resolved.vehicle, resolved.model.calibration)
     placement = Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0)
     reports = [
         codec.encode(codec.BrakeReport(codec.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, enabled=False)),
@@ -100,7 +100,7 @@ def test_the_playback_profile_can_never_arm() -> None:
     ]
     for tick in range(200):
         now = 0.02 * tick
-        pose = standing(0.0, 0.0, 0.0)
+        pose = pose_at_rest(0.0, 0.0, 0.0)
         pipeline.accept(now, dataclasses.replace(placement.unplace(pose), time=now, pitch=0.0, altitude=0.0))
         pipeline.see(now, table(now, ()))
         decided = pipeline.decide(tick, now, gateway.measured_steering)

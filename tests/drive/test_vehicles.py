@@ -30,18 +30,18 @@ brake_gain_kgm = 541.0
 def drive(folder: str, vehicle: str | None = None, rig: str | None = None) -> dict[str, Any]:
     """Drive the paper's drive and replay it; call it through `isolated`."""
     from vve_sumo.drive import run
-    from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, replay, setting_of
+    from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
     from vve_sumo.drive.resolved_scenario import EPOCH
     from vve_sumo.rig.load import load
 
-    setting = run.choose("parked_car", REPOSITORY, seed=1, vehicle=vehicle)
+    resolved = run.choose("parked_car", REPOSITORY, seed=1, vehicle=vehicle)
     if rig is not None:
-        setting = setting.with_rig(load(Path(rig), REPOSITORY), REPOSITORY)
+        resolved = resolved.with_rig(load(Path(rig), REPOSITORY), REPOSITORY)
         Path(rig).unlink()  # a record is replayed without it
     record = Path(folder)
-    summary = run.run(setting, record, REPOSITORY).summary
-    again = setting_of(record, REPOSITORY)
-    assert again.model == setting.model
+    summary = run.run(resolved, record, REPOSITORY).summary
+    again = recorded_scenario(record, REPOSITORY)
+    assert again.model == resolved.model
     assert replay(again, read_pipeline_inputs(record), read_car_frames(record, EPOCH), REPOSITORY) is None
     return summary
 

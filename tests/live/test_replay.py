@@ -356,7 +356,7 @@ def lost(folder: Path, at: float) -> dict[str, float]:
     """Return how much before drive time `at` each part of a record ends [s]."""
     ends = {name: read_table(folder, name)["time_s"].to_pylist()[-1] for name in ("ticks", "gateway")}
     ends["pose"] = read_pose_chunks(folder / "pose.bin")[-1][0]
-    epoch = read_live_inputs(folder).resolved["epoch_gnss_s"]
+    epoch = read_live_inputs(folder).scenario_content["epoch_gnss_s"]
     ends["can"] = list(read_log(folder / "can.log"))[-1][0] - epoch
     return {part: at - end for part, end in ends.items()}
 
@@ -365,11 +365,11 @@ def open_with_every_tool(folder: Path) -> None:
     """Read every table, summarise and draw a record, whatever became of its drive."""
     for name in SCHEMAS | LIVE_SCHEMAS:
         read_table(folder, name)
-    setting, _rig = from_dict(read_live_inputs(folder).resolved, REPOSITORY)
-    summary = summarise(setting, DriveEnd(Outcome.BROKEN, ()), folder, hash_parts(folder))
+    resolved, _rig = from_dict(read_live_inputs(folder).scenario_content, REPOSITORY)
+    summary = summarise(resolved, DriveEnd(Outcome.BROKEN, ()), folder, hash_parts(folder))
     assert summary["ticks"] > 100
     (folder / "drive.png").unlink(missing_ok=True)
-    draw_drive(setting, drives.Drive(folder, summary))
+    draw_drive(resolved, drives.Drive(folder, summary))
     assert (folder / "drive.png").stat().st_size > 10_000
     assert cli.main(["redrive", str(folder), "--controller", "follow_and_stop"]) == 0
 

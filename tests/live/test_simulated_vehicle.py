@@ -134,7 +134,7 @@ def launch(tmp_path) -> Iterator[Callable[..., Running]]:
         ears.bind(("127.0.0.1", 0))
         config = configuration(tmp_path / "truth.csv", ears.getsockname()[1], **changes)
         ours, theirs = pair()
-        car = Running(start("simulated_vehicle", config.told(), {"console": theirs}), ours, ears, config)
+        car = Running(start("simulated_vehicle", config.to_dict(), {"console": theirs}), ours, ears, config)
         running.append(car)
         assert select.select([ours], [], [], 20.0)[0], "the car says that it is ready"
         car.ready = json.loads(ours.receive()[0])
@@ -182,11 +182,11 @@ def test_what_is_told_is_heard(tmp_path):
         bus=("socketcan", "vcan0"),
         faults=(InjectedFault("pose_jump", 1.0, 2.0, 3.0), InjectedFault("pose_lost", 4.0, math.inf)),
     )
-    heard = CarConfig.heard(json.loads(json.dumps(config.told())))
+    heard = CarConfig.from_dict(json.loads(json.dumps(config.to_dict())))
     assert heard.parameters == parameters
     assert (heard.lot.projection, heard.lot.offset) == (LOT.projection, LOT.offset)
-    assert json.dumps(heard.told()) == json.dumps(config.told())
-    assert configuration(None, 3000).told() == CarConfig.heard(configuration(None, 3000).told()).told() | {
+    assert json.dumps(heard.to_dict()) == json.dumps(config.to_dict())
+    assert configuration(None, 3000).to_dict() == CarConfig.from_dict(configuration(None, 3000).to_dict()).to_dict() | {
         "t0": pytest.approx(time.monotonic(), abs=5.0)
     }
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vve_sumo.drive.virtual_road import standing
+from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.live import start_pose
 from vve_sumo.path import Path
 
@@ -22,7 +22,7 @@ def placed(along: float, left: float, turned: float) -> start_pose.Start:
     """What is found of a car that stands so to the start, by complex numbers."""
     begin = PATH.at(0.0)
     at = complex(begin.x, begin.y) + complex(along, left) * cmath.exp(1j * begin.heading)
-    return start_pose.of(standing(at.real, at.imag, begin.heading + turned), PATH)
+    return start_pose.of(pose_at_rest(at.real, at.imag, begin.heading + turned), PATH)
 
 
 @given(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-3.1, 3.1))
@@ -45,7 +45,7 @@ def test_the_wrong_way_round_is_told_with_numbers() -> None:
 
 def test_what_is_no_number_holds_nowhere() -> None:
     begin = PATH.at(0.0)
-    pose = standing(begin.x, begin.y, begin.heading)
+    pose = pose_at_rest(begin.x, begin.y, begin.heading)
     assert start_pose.of(pose, PATH).faults() == ()
     for name, codes in (("x", "start_position"), ("y", "start_position"), ("heading", "start_heading")):
         assert codes in start_pose.of(replace(pose, **{name: math.nan}), PATH).faults()

@@ -102,8 +102,8 @@ def drive_and_draw(folder: str) -> None:
     from vve_sumo.drive import run as drives
     from vve_sumo.plotting.drive_record import draw_drive
 
-    setting = altered({"duration_s": 3.0})
-    draw_drive(setting, drives.run(setting, FilePath(folder), REPOSITORY))
+    resolved = altered({"duration_s": 3.0})
+    draw_drive(resolved, drives.run(resolved, FilePath(folder), REPOSITORY))
 
 
 def test_a_real_drive_fills_every_panel(tmp_path: FilePath) -> None:

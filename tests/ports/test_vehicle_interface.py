@@ -35,16 +35,16 @@ def drive_with_the_toy() -> tuple[dict[str, Any], set[int], object]:
     """Return the summary of the paper's drive over the toy's wire, the identifiers on the bus, and what replay says."""
     from vve_sumo import bus
     from vve_sumo.drive import run as drives
-    from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, replay, setting_of
+    from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
     from vve_sumo.drive.resolved_scenario import EPOCH
 
-    setting = altered({})
-    setting = dataclasses.replace(setting, model=dataclasses.replace(setting.model, interface=TOY))
+    resolved = altered({})
+    resolved = dataclasses.replace(resolved, model=dataclasses.replace(resolved.model, interface=TOY))
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
-        summary = drives.run(setting, folder, REPOSITORY).summary
+        summary = drives.run(resolved, folder, REPOSITORY).summary
         identifiers = {frame.id for _time, _channel, frame in bus.read_log(folder / "can.log")}
-        again = setting_of(folder, REPOSITORY)
+        again = recorded_scenario(folder, REPOSITORY)
         frames = read_car_frames(folder, EPOCH, again.model.interface)
         return summary, identifiers, replay(again, read_pipeline_inputs(folder), frames, REPOSITORY)
 

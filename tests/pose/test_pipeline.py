@@ -65,7 +65,7 @@ def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[t
 
     `lies` says by how much one lies that arrives just before the true fix of a number: dated ahead, and 30 m north.
     """
-    setting = altered({})
+    resolved = altered({})
     frame, speed = MapFrame(LOT), 10.0
     placement = Placement(frame, Alignment(), Mounting(0.0, 0.0), EPOCH)
     pipeline = Pipeline(
@@ -73,10 +73,10 @@ def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[t
         gate=TrustGate(DRIVE, EPOCH),
         placement=placement,
         predictor=Predictor(),
-        sensors=sensors_of(setting),
+        sensors=sensors_of(resolved),
         controller=Guarded(_Straight()),
-        vehicle=setting.vehicle,
-        path=setting.path,
+        vehicle=resolved.vehicle,
+        path=resolved.path,
         desired_speed=speed,
         clock=Clock(EPOCH, 0.01),
         epoch=EPOCH,

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from tests.conftest import REPOSITORY
 from vve_sumo.errors import ConfigError
 from vve_sumo.rig.load import load, parse, parse_json
-from vve_sumo.rig.validation import arming_refusal
+from vve_sumo.rig.validation import arming_obstacle
 
 SIMULATED = REPOSITORY / "rigs" / "simulated.toml"
 EXAMPLE = REPOSITORY / "rigs" / "fusion_example.toml"
@@ -67,7 +67,7 @@ def put(place: str, value: object) -> Change:
 def test_the_twin_is_ready_and_commands_nothing_real() -> None:
     rig = load(SIMULATED)
     assert rig.car == "simulated"
-    assert arming_refusal(rig) is None
+    assert arming_obstacle(rig) is None
     assert rig.operator.automatic
 
 
@@ -127,15 +127,15 @@ def test_a_receiver_on_the_network_is_named_and_one_on_the_loopback_need_not_be(
 
 
 def test_the_example_with_a_survey_may_shadow_but_not_arm() -> None:
-    refusal = arming_refusal(parse(real(), EXAMPLE))
+    refusal = arming_obstacle(parse(real(), EXAMPLE))
     assert refusal is not None
     assert refusal.startswith("watchdog_test is missing")
     table = real() | {"watchdog_test": WATCHDOG}
-    assert arming_refusal(parse(table, EXAMPLE)) is None
+    assert arming_obstacle(parse(table, EXAMPLE)) is None
     table["watchdog_test"] = WATCHDOG | {"armed": False}
-    assert arming_refusal(parse(table, EXAMPLE)) is None, "armed or not, it was tried"
+    assert arming_obstacle(parse(table, EXAMPLE)) is None, "armed or not, it was tried"
     played = real() | {"watchdog_test": WATCHDOG, "pose": {"kind": "file", "file": "a.ncom"}}
-    assert "recording" in str(arming_refusal(parse(played, EXAMPLE)))
+    assert "recording" in str(arming_obstacle(parse(played, EXAMPLE)))
 
 
 def test_a_rig_survives_its_record() -> None:

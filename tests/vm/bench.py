@@ -53,7 +53,7 @@ class LiveCar:
             self.truth_file,
         )
         self.console, theirs = pair()
-        self._process = start("simulated_vehicle", config.told(), {"console": theirs})
+        self._process = start("simulated_vehicle", config.to_dict(), {"console": theirs})
         assert select.select([self.console], [], [], 30.0)[0], "the car says that it is ready"
         said = json.loads(self.console.receive()[0])
         assert said["kind"] == "car_ready", said

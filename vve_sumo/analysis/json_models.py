@@ -256,9 +256,9 @@ class Worst(JsonModel):
         return self
 
 
-def check(told: object, model: type[JsonModel], file: Path) -> None:
+def check(data: object, model: type[JsonModel], file: Path) -> None:
     """Raise ConfigError in one line, naming the key, where a file's content has not the shape of a model."""
     try:
-        model.model_validate(told)
+        model.model_validate(data)
     except ValidationError as error:
         raise ConfigError(complaint(file, error, model)) from None

@@ -66,10 +66,10 @@ def _drive(rig: str, working: Path, out: Path | None) -> Path:
     from vve_sumo.commissioning import calibration_drive
 
     plan = live_drive.named(calibration_drive.plan(rig, working, out), None, None)
-    speed = plan.setting.scenario.ego.speed_mps
+    speed = plan.resolved.scenario.ego.speed_mps
     notify(
-        f"calibration drive: {plan.setting.path.length:.0f} m straight ahead at up to {speed:g} m/s, braking, coasting "
-        "and steering gently in between; keep your foot over the brake"
+        f"calibration drive: {plan.resolved.path.length:.0f} m straight ahead at up to {speed:g} m/s, braking, "
+        "coasting and steering gently in between; keep your foot over the brake"
     )
     calibration_drive.refuse_cut_short(live_drive.drive(plan), plan.folder)
     return plan.folder

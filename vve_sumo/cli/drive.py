@@ -118,7 +118,7 @@ def _live(arguments: argparse.Namespace) -> int:
     plan = live_drive.named(plan, arguments.operator, arguments.driver)
     with session.removed_when_empty(plan.folder):
         done = Drive(plan.folder, live_drive.drive(plan))
-    draw_and_show(plan.setting, done)
+    draw_and_show(plan.resolved, done)
     if done.summary["outcome"] == Outcome.BROKEN:
         return SimulationError.exit_code
     return 0 if done.passed else 1

@@ -307,13 +307,13 @@ def _row(quantity: Quantity, declared: float, estimate: Estimate) -> Row:
     # As many decimals as show the uncertainty's first two digits, within reason.
     decimals = min(max(1 - math.floor(math.log10(sigma)), 0), 5) if 0.0 < sigma < math.inf else 3
 
-    def told(value: float) -> str:
+    def in_digits(value: float) -> str:
         return "" if math.isnan(value) else f"{quantity.factor * value:z.{decimals}f} {quantity.unit}".strip()
 
     verdict = "good" if estimate.good else f"poor: {estimate.trouble}"
     if quantity.optional and not estimate.good:
         verdict = f"left as declared: {estimate.trouble}"
-    return Row(quantity.words, told(declared), told(estimate.value), f"{sigma:.2g}", verdict)
+    return Row(quantity.words, in_digits(declared), in_digits(estimate.value), f"{sigma:.2g}", verdict)
 
 
 def _values(calibrated: Calibrated, leave: Sequence[str]) -> dict[tuple[str, str], float]:

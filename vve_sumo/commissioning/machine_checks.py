@@ -25,7 +25,7 @@ import numpy as np
 from vve_sumo import bus
 from vve_sumo.commissioning.findings import Check, Finding, judged
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
-from vve_sumo.drive.virtual_road import open_world, scenario_engine, standing
+from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
 from vve_sumo.live.priority import GATEWAY, NEVER_KILLED
@@ -190,27 +190,29 @@ def _written(folder: FilePath) -> tuple[float, float]:
         return PIECES * WRITTEN / (time.perf_counter() - begun), longest
 
 
-def network(setting: ResolvedScenario) -> Iterator[Check]:
+def network(resolved: ResolvedScenario) -> Iterator[Check]:
     """Project the network's corners and its middle to the Earth and back."""
-    left, low, right, high = setting.network.boundary
+    left, low, right, high = resolved.network.boundary
     places = [(x, y) for x in (left, 0.5 * (left + right), right) for y in (low, 0.5 * (low + high), high)]
-    lost = max(math.dist(place, setting.street.to_map(*setting.street.to_geodetic(*place))) for place in places)
-    found = f"{setting.network.path.name}, {right - left:.0f} by {high - low:.0f} m; there and back within {lost:.1e} m"
+    lost = max(math.dist(place, resolved.street.to_map(*resolved.street.to_geodetic(*place))) for place in places)
+    found = (
+        f"{resolved.network.path.name}, {right - left:.0f} by {high - low:.0f} m; there and back within {lost:.1e} m"
+    )
     yield judged("network", found, lost <= ROUND_TRIP, "its projection has no inverse: build it again from map data")
 
 
-def street(setting: ResolvedScenario) -> Iterator[Check]:
+def street(resolved: ResolvedScenario) -> Iterator[Check]:
     """Step the street with its traffic at the pace of a drive, the ego standing at its start, and time the steps.
 
     The scenario's actors are on it from the first step on, all at once: what they cost shall show here, not under way.
     Raises ConfigError and SimulationError as `World` does.
     """
-    begin, took = setting.path.at(0.0), []
+    begin, took = resolved.path.at(0.0), []
     ego = move_point(
-        standing(begin.x, begin.y, begin.heading), setting.vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER
+        pose_at_rest(begin.x, begin.y, begin.heading), resolved.vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER
     )
-    cast = scenario_engine(_all_at_once(setting))
-    with open_world(setting, time.perf_counter) as world:
+    cast = scenario_engine(_all_at_once(resolved))
+    with open_world(resolved, time.perf_counter) as world:
         begun = time.monotonic()
         for step in range(STEPS):
             before = time.perf_counter()
@@ -224,14 +226,14 @@ def street(setting: ResolvedScenario) -> Iterator[Check]:
         budget = world.step_time_budget
     assert budget is not None  # for there is a clock
     yield _judged_street(took, budget.fits, budget.summary)
-    if actors := setting.scenario.actors:
+    if actors := resolved.scenario.actors:
         yield Check("actors", f"{len(actors)}, all at once on the street whose steps were timed")
 
 
-def _all_at_once(setting: ResolvedScenario) -> ResolvedScenario:
-    """The setting with actors that wait for nothing and do nothing but go on."""
-    actors = tuple(one.model_copy(update={"enters": When(), "events": ()}) for one in setting.scenario.actors)
-    return replace(setting, scenario=setting.scenario.model_copy(update={"actors": actors}))
+def _all_at_once(resolved: ResolvedScenario) -> ResolvedScenario:
+    """The scenario with actors that wait for nothing and do nothing but go on."""
+    actors = tuple(one.model_copy(update={"enters": When(), "events": ()}) for one in resolved.scenario.actors)
+    return replace(resolved, scenario=resolved.scenario.model_copy(update={"actors": actors}))
 
 
 def _judged_street(took: list[float], fits: bool, load: dict[str, float]) -> Check:

@@ -59,11 +59,11 @@ class LotAlignment:
         }
 
     @classmethod
-    def from_dict(cls, resolved: Mapping[str, Any]) -> LotAlignment:
+    def from_dict(cls, scenario_content: Mapping[str, Any]) -> LotAlignment:
         """Return the alignment that `to_dict` wrote."""
-        turned = resolved["lot_to_road"]
+        turned = scenario_content["lot_to_road"]
         alignment = Alignment(turned["rotation_rad"], turned["x_m"], turned["y_m"])
-        return cls(resolved["lot_projection"], alignment, resolved["epoch_gnss_s"])
+        return cls(scenario_content["lot_projection"], alignment, scenario_content["epoch_gnss_s"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,28 +78,28 @@ class PoseInput:
     geofence: Geofence | None = None  #: None where the car may stop anywhere
 
 
-def sensors_of(setting: ResolvedScenario) -> dict[str, Sensor]:
+def sensors_of(resolved: ResolvedScenario) -> dict[str, Sensor]:
     """Return the scenario's sensors by their names, each with a stream of chance of its own."""
-    scenario = setting.scenario
+    scenario = resolved.scenario
     return {
-        name: kind.make(getattr(scenario, name), setting.vehicle, np.random.default_rng(seed_of(scenario.seed, name)))
+        name: kind.make(getattr(scenario, name), resolved.vehicle, np.random.default_rng(seed_of(scenario.seed, name)))
         for name, kind in SENSORS.items()
     }
 
 
-def build_pipeline(setting: ResolvedScenario, pose: PoseInput, working: FilePath) -> Pipeline:
+def build_pipeline(resolved: ResolvedScenario, pose: PoseInput, working: FilePath) -> Pipeline:
     """Return a scenario's pipeline; raises ConfigError as `ResolvedScenario.controller` does."""
     return Pipeline(
         decoder=pose.decoder,
         gate=TrustGate(pose.profile, pose.epoch),
         placement=pose.placement,
         predictor=Predictor(),
-        sensors=sensors_of(setting),
-        controller=Guarded(setting.controller(working)),
-        vehicle=setting.vehicle,
-        path=setting.path,
-        desired_speed=setting.scenario.ego.speed_mps,
-        deviation_limit=setting.scenario.ego.deviation_limit_m,
+        sensors=sensors_of(resolved),
+        controller=Guarded(resolved.controller(working)),
+        vehicle=resolved.vehicle,
+        path=resolved.path,
+        desired_speed=resolved.scenario.ego.speed_mps,
+        deviation_limit=resolved.scenario.ego.deviation_limit_m,
         clock=pose.clock,
         epoch=pose.epoch,
         geofence=pose.geofence,

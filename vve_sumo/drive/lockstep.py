@@ -19,7 +19,7 @@ from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import EPOCH, PERIOD, ResolvedScenario
 from vve_sumo.drive.termination import Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import DueTick, Tick
-from vve_sumo.drive.virtual_road import VirtualRoad, open_world, scenario_engine, standing
+from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant.car import Car, CarParameters
@@ -62,9 +62,9 @@ def drive_end(outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, ro
     return DriveEnd(outcome, reasons, road.cleared, road.warnings, text, road.standoffs)
 
 
-def car_parameters(setting: ResolvedScenario) -> CarParameters:
+def car_parameters(resolved: ResolvedScenario) -> CarParameters:
     """Return the simulated vehicle as the scenario perturbs it."""
-    return perturbed(setting.model, setting.scenario.ego.car, setting.scenario.weather.friction)
+    return perturbed(resolved.model, resolved.scenario.ego.car, resolved.scenario.weather.friction)
 
 
 def gateway_of(model: VehicleModel) -> Gateway:
@@ -90,15 +90,15 @@ class LockstepParts:
     start: Pose  #: of the rear axle in the lot
 
 
-def assemble(setting: ResolvedScenario, working: FilePath) -> LockstepParts:
+def assemble(resolved: ResolvedScenario, working: FilePath) -> LockstepParts:
     """Put the parts of a lockstep drive together; whether SUMO runs or a record is replayed makes no difference."""
-    lot = setting.scenario.ego.lot
+    lot = resolved.scenario.ego.lot
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
-    start, begin = standing(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), setting.path.at(0.0)
-    alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
-    placement = Placement(frame, alignment, setting.model.mounting, EPOCH)
-    pipeline = build_pipeline(setting, PoseInput(Decoder(), DRIVE, placement, EPOCH), working)
-    return LockstepParts(pipeline, gateway_of(setting.model), frame, alignment, start)
+    start, begin = pose_at_rest(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), resolved.path.at(0.0)
+    alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
+    placement = Placement(frame, alignment, resolved.model.mounting, EPOCH)
+    pipeline = build_pipeline(resolved, PoseInput(Decoder(), DRIVE, placement, EPOCH), working)
+    return LockstepParts(pipeline, gateway_of(resolved.model), frame, alignment, start)
 
 
 class ScriptedOperator:
@@ -142,22 +142,22 @@ class Lockstep:
     """One drive with the simulated vehicle. Making it starts SUMO; `close` it in any case."""
 
     def __init__(
-        self, setting: ResolvedScenario, working: FilePath, alter: Callable[[Fix], Fix | None] = unaltered
+        self, resolved: ResolvedScenario, working: FilePath, alter: Callable[[Fix], Fix | None] = unaltered
     ) -> None:
         """Put everything together; raises ConfigError where something in the scenario is not usable.
 
         `alter` injects faults into the receiver: from a fix to another one, or to None for a lost packet.
         """
-        parts = assemble(setting, working)
+        parts = assemble(resolved, working)
         self._pipeline, self._gateway, self._alignment = parts.pipeline, parts.gateway, parts.alignment
         self.lot = LotAlignment(parts.frame.projection, parts.alignment, EPOCH)
         start = (parts.start.x, parts.start.y, parts.start.heading)
-        vehicle_seed = seed_of(setting.scenario.seed, "vehicle")
-        self._car = Car(car_parameters(setting), start, parts.frame, EPOCH, vehicle_seed, alter)
-        self._setting = setting
-        self._road = VirtualRoad(open_world(setting), scenario_engine(setting))
-        self._termination = TerminationMonitor(setting.path.length, setting.scenario.after_stop_s)
-        self._end_trigger = None if setting.scenario.end_trigger == EndTrigger() else setting.scenario.end_trigger
+        vehicle_seed = seed_of(resolved.scenario.seed, "vehicle")
+        self._car = Car(car_parameters(resolved), start, parts.frame, EPOCH, vehicle_seed, alter)
+        self._resolved = resolved
+        self._road = VirtualRoad(open_world(resolved), scenario_engine(resolved))
+        self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
+        self._end_trigger = None if resolved.scenario.end_trigger == EndTrigger() else resolved.scenario.end_trigger
         self._operator = ScriptedOperator()
 
     def close(self) -> None:
@@ -167,7 +167,7 @@ class Lockstep:
     def ticks(self, record: MemoryRecorder) -> Generator[LockstepTick]:
         """Tick after tick, for ever; what is left to be recorded is when the iterator is closed."""
         bus = _Bus(self._gateway, self._operator, record)
-        tick = Tick(self._pipeline, self._road, self._setting.path, bus, record)
+        tick = Tick(self._pipeline, self._road, self._resolved.path, bus, record)
         try:
             for number in count():
                 truth = self._alignment.apply(self._car.truth())
@@ -188,7 +188,7 @@ class Lockstep:
             return self._run(ticks, watch)
 
     def _run(self, ticks: Iterator[LockstepTick], watch: Watch) -> DriveEnd:
-        last = round(self._setting.scenario.duration_s / PERIOD) - 1
+        last = round(self._resolved.scenario.duration_s / PERIOD) - 1
         for tick, ticked in enumerate(ticks):
             now, contact = tick * PERIOD, bool(self._road.contacts)
             speed, s, status = ticked.truth.speed, ticked.result.s, ticked.output.verdict
@@ -205,7 +205,7 @@ class Lockstep:
     def _end_reason(self, wanted: EndTrigger, ticked: LockstepTick) -> str:
         """Return why the scenario ends the drive at this tick, by the truth as the metrics see it; empty for not."""
         truth, s = ticked.truth, ticked.result.s
-        path, vehicle = self._setting.path, self._setting.vehicle
+        path, vehicle = self._resolved.path, self._resolved.vehicle
         bumper = deviation = ttc = math.nan
         if math.isfinite(s):
             place = path.project(truth.x, truth.y, s)

@@ -64,18 +64,18 @@ class NoBrakePreview:
     contact: Contact | None
 
 
-def preview_without_braking(setting: ResolvedScenario) -> NoBrakePreview:
+def preview_without_braking(resolved: ResolvedScenario) -> NoBrakePreview:
     """Play a scenario without traffic against an ego that keeps its speed; until contact, or until it would end."""
-    engine, begun = scenario_engine(setting), [-1] * len(setting.scenario.actors)
-    boxes = standing_boxes(setting)
+    engine, begun = scenario_engine(resolved), [-1] * len(resolved.scenario.actors)
+    boxes = standing_boxes(resolved)
     moments: list[PreviewSample] = []
     events: list[TriggeredEvent] = []
     contact: Contact | None = None
-    for time, ego, pose, station in _ego(setting):
+    for time, ego, pose, station in _ego(resolved):
         players = engine.step(time, pose)
         moments.append(PreviewSample(time, ego, station, pose.speed, players))
         if contact is None:
-            events += _events(setting, begun, engine.begun, moments[-1])
+            events += _events(resolved, begun, engine.begun, moments[-1])
             contact = _contact(moments[-1], boxes)
         begun = list(engine.begun)
         if contact is not None and time > contact.time + AFTERWARDS:
@@ -83,18 +83,18 @@ def preview_without_braking(setting: ResolvedScenario) -> NoBrakePreview:
     return NoBrakePreview(moments, events, contact)
 
 
-def standing_boxes(setting: ResolvedScenario) -> dict[str, Box]:
+def standing_boxes(resolved: ResolvedScenario) -> dict[str, Box]:
     """Return the ground that each of the scenario's obstacles covers."""
     placed = {}
-    for one in setting.scenario.obstacles:
-        at = spot_of(one, setting.path)
+    for one in resolved.scenario.obstacles:
+        at = spot_of(one, resolved.path)
         placed[one.id] = Box(at.x, at.y, at.heading, one.length_m, one.width_m)
     return placed
 
 
-def _ego(setting: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]:
+def _ego(resolved: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]:
     """Time, box, pose of the front bumper and its station, from the start at rest to the end of the drive."""
-    path, car, scenario = setting.path, setting.vehicle, setting.scenario
+    path, car, scenario = resolved.path, resolved.vehicle, resolved.scenario
     limits = _limits(path)
     end = (
         path.length
@@ -121,10 +121,10 @@ def _limits(path: Path) -> list[float]:
 
 
 def _events(
-    setting: ResolvedScenario, before: Sequence[int], after: Sequence[int], moment: PreviewSample
+    resolved: ResolvedScenario, before: Sequence[int], after: Sequence[int], moment: PreviewSample
 ) -> Iterator[TriggeredEvent]:
     here = {player.id: player for player in moment.players}
-    for number, actor in enumerate(setting.scenario.actors):
+    for number, actor in enumerate(resolved.scenario.actors):
         for event in range(before[number], after[number]):
             player = here.get(actor.id)
             if player is not None and (event >= 0 or moment.time > 0.0):

@@ -33,12 +33,12 @@ ENDINGS: Final = (".py", ".dbc")
 GIT_TIMEOUT: Final = 2.0
 
 
-def provenance(setting: ResolvedScenario, began_utc: str) -> dict[str, Any]:
+def provenance(resolved: ResolvedScenario, began_utc: str) -> dict[str, Any]:
     """Return what is to be known of where a drive comes from; `began_utc` is the wall clock's word for its begin.
 
     A scenario that a program made has no file, and so no hash of one.
     """
-    file = setting.file
+    file = resolved.file
     scenario = digests({"scenario": file})["scenario"] if file.is_file() else None
     return software() | {"host": host(), "began_utc": began_utc, "scenario_file_sha256": scenario}
 
@@ -100,7 +100,7 @@ def _checkout(package: Path) -> dict[str, Any]:
         ".",
     ]
     try:
-        told = subprocess.run(
+        output = subprocess.run(
             ask,
             cwd=package,
             env=os.environ | {"GIT_OPTIONAL_LOCKS": "0"},
@@ -112,8 +112,8 @@ def _checkout(package: Path) -> dict[str, Any]:
         ).stdout
     except (OSError, ValueError, subprocess.SubprocessError):
         return none
-    commit = re.search(r"^# branch\.oid ([0-9a-f]{40,})$", told, re.MULTILINE)
-    dirty = any(not line.startswith("#") for line in told.splitlines())
+    commit = re.search(r"^# branch\.oid ([0-9a-f]{40,})$", output, re.MULTILINE)
+    dirty = any(not line.startswith("#") for line in output.splitlines())
     return {"git_commit": commit[1], "git_dirty": dirty} if commit else none
 
 
@@ -136,35 +136,36 @@ def _version(name: str) -> str:
         return "none"
 
 
-def text_of(told: dict[str, Any]) -> str:
+def text_of(provenance: dict[str, Any]) -> str:
     """Return the content of the file."""
-    return json.dumps(told, indent=1, allow_nan=False) + "\n"
+    return json.dumps(provenance, indent=1, allow_nan=False) + "\n"
 
 
 def read(folder: Path) -> dict[str, Any]:
     """Return a record's provenance; raises ConfigError where it can't be read."""
     file = folder / PROVENANCE
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
+        provenance = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"{file}: cannot be read: {error}") from None
-    if not isinstance(told, dict):
+    if not isinstance(provenance, dict):
         raise ConfigError(f"{file}: expected a table of keys")
-    return told
+    return provenance
 
 
-def same_code(told: dict[str, Any]) -> bool:
+def same_code(provenance: dict[str, Any]) -> bool:
     """Whether a record was driven by the code that is asking."""
-    code = told.get("code")
+    code = provenance.get("code")
     return isinstance(code, dict) and code.get("sha256") == software()["code"]["sha256"]
 
 
-def changed_since(told: dict[str, Any]) -> list[str]:
+def changed_since(provenance: dict[str, Any]) -> list[str]:
     """Return a line for the code and for everything that it is built on, where it is not what a provenance says."""
     mine = software()
-    lines = [] if same_code(told) else ["the code of vve-sumo has changed since"]
-    then = told.get("libraries")
-    parts = {**(then if isinstance(then, dict) else {}), "python": told.get("python"), "proj": told.get("proj")}
+    lines = [] if same_code(provenance) else ["the code of vve-sumo has changed since"]
+    then = provenance.get("libraries")
+    parts = then if isinstance(then, dict) else {}
+    parts = {**parts, "python": provenance.get("python"), "proj": provenance.get("proj")}
     now = {**mine["libraries"], "python": mine["python"], "proj": mine["proj"]}
     told_elsewhere = versions()
     return lines + [

@@ -85,40 +85,44 @@ class CarFrames:
     commands: dict[int, list[Frame]]
 
 
-def setting_of(folder: FilePath, working: FilePath) -> ResolvedScenario:
-    """Return the setting that a record was driven in; nothing of its controller is run.
+def recorded_scenario(folder: FilePath, working: FilePath) -> ResolvedScenario:
+    """Return the resolved scenario that a record was driven in; nothing of its controller is run.
 
     Raises ConfigError where the record is none of a lockstep drive, or a file that it names is gone.
     """
-    file, resolved = folder / "scenario.json", read_resolved(folder)
+    file, scenario_content = folder / "scenario.json", read_resolved(folder)
     try:
-        settings, name, hashes = resolved["settings"], resolved["scenario"], resolved["files_sha256"]
+        settings, name, hashes = (
+            scenario_content["settings"],
+            scenario_content["scenario"],
+            scenario_content["files_sha256"],
+        )
     except KeyError as error:
         raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
     if "pose" in hashes:
         raise ConfigError(f"{folder}: a playback, expected a drive with the simulated vehicle")
-    setting = resolve_scenario(name, parse(settings, file), file, working)
-    return replace(setting, model=recorded_model(resolved))
+    resolved = resolve_scenario(name, parse(settings, file), file, working)
+    return replace(resolved, model=recorded_model(scenario_content))
 
 
-def changed_since(folder: FilePath, setting: ResolvedScenario) -> list[str]:
+def changed_since(folder: FilePath, resolved: ResolvedScenario) -> list[str]:
     """Return a line for every file and every version that is not what a record says of it, but for the controller's."""
-    resolved = read_resolved(folder)
-    then, now = resolved["files_sha256"], digests(setting.files)
+    scenario_content = read_resolved(folder)
+    then, now = scenario_content["files_sha256"], digests(resolved.files)
     roles = sorted(role for role in now | then if not role.startswith(CONTROLLER))
     changed = [f"{role} has changed since" for role in roles if then.get(role) != now.get(role)]
-    mine, told = versions(), resolved["versions"]
-    changed += [f"{part} was {told.get(part)}, is {mine[part]}" for part in mine if told.get(part) != mine[part]]
+    mine, then = versions(), scenario_content["versions"]
+    changed += [f"{part} was {then.get(part)}, is {mine[part]}" for part in mine if then.get(part) != mine[part]]
     return changed + provenance.changed_since(provenance.read(folder))
 
 
-def changed_controller(folder: FilePath, setting: ResolvedScenario, working: FilePath) -> list[str]:
+def changed_controller(folder: FilePath, resolved: ResolvedScenario, working: FilePath) -> list[str]:
     """Return a line for every file of the recorded controller's code that is not as it was; none of it is run.
 
     Raises ConfigError where there is no such controller any more.
     """
     recorded = {role: [str(digest)] for role, digest in read_resolved(folder)["files_sha256"].items()}
-    return changed_code(setting.scenario.controller.name, recorded, working)
+    return changed_code(resolved.scenario.controller.name, recorded, working)
 
 
 def read_rows(folder: FilePath, name: str) -> pa.Table:
@@ -147,10 +151,10 @@ def _whole_ticks(inputs: PipelineInputs) -> int:
     expected = 0
     for number, row in enumerate(inputs.ticks):
         tick = row["tick"]
-        heard = row["datagrams"] <= len(inputs.pose)
+        in_time = row["datagrams"] <= len(inputs.pose)
         seen = len(inputs.actors.get(tick, NOTHING).ids) == expected
         scanned = not row["scanned"] or len(inputs.scans.get(tick, ())) == row["detections"]
-        if not (heard and seen and scanned):
+        if not (in_time and seen and scanned):
             return number
         expected = row["actors"]
     return len(inputs.ticks)
@@ -207,10 +211,10 @@ def codes(joined: str) -> tuple[str, ...]:
 
 
 def replay(
-    setting: ResolvedScenario, inputs: PipelineInputs, frames: CarFrames, working: FilePath
+    resolved: ResolvedScenario, inputs: PipelineInputs, frames: CarFrames, working: FilePath
 ) -> Difference | None:
     """Run a lockstep record through pipeline and gateway; return the first difference, None where all is the same."""
-    parts, operator = assemble(setting, working), ScriptedOperator()
+    parts, operator = assemble(resolved, working), ScriptedOperator()
     for row, result in answers(parts.pipeline, inputs):
         tick = int(row["tick"])
         reports, commands = frames.reports.get(tick, []), frames.commands.get(tick, [])

@@ -83,7 +83,7 @@ class ResolvedScenario:
         """The vehicle as declared."""
         return self.model.vehicle
 
-    def resolved(self, working: FilePath) -> dict[str, Any]:
+    def to_dict(self, working: FilePath) -> dict[str, Any]:
         """Return what the record keeps: scenario, path and car, the content of files as hashes, and the versions.
 
         The controller's files are those of the one that `controller` made last.
@@ -109,7 +109,7 @@ class ResolvedScenario:
         return load(control.name, self.vehicle, dict(control.tuning), workspace.controller_folders(working))
 
     def driven_by(self, name: str) -> ResolvedScenario:
-        """Return the same setting with another controller, and without its tuning, which would be no other's."""
+        """Return the same scenario with another controller, and without its tuning, which would be no other's."""
         control = self.scenario.controller
         if name == control.name:
             return self
@@ -117,7 +117,7 @@ class ResolvedScenario:
         return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
 
     def with_rig(self, rig: Rig, working: FilePath) -> ResolvedScenario:
-        """Return the same setting with a rig's car; raises ConfigError where its vehicle model is gone."""
+        """Return the same scenario with a rig's car; raises ConfigError where its vehicle model is gone."""
         from vve_sumo.rig.resolve import model_of  # and with it the lot's geometry, which no other drive needs
 
         file = workspace.find("vehicle", rig.vehicle.model, working)

@@ -102,7 +102,7 @@ def run(
     try:
         if pose is not None:
             resolved = replace(resolved, files={**resolved.files, "pose": pose})
-        settings = resolved.resolved(working) | shell.lot.to_dict()
+        settings = resolved.to_dict(working) | shell.lot.to_dict()
         record = Record(folder, settings, shell.lot.epoch) if kept else MemoryRecorder(settings, shell.lot.epoch)
         if kept:
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

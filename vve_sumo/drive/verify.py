@@ -66,8 +66,8 @@ class Alteration:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """What a record says of the setting that it was driven in; nothing that it names is read."""
+class RecordedDrive:
+    """What a record says of the scenario that it was driven in; nothing that it names is read."""
 
     name: str
     scenario: Scenario
@@ -116,26 +116,26 @@ def _hashable(folder: FilePath) -> bool:
 
 def _parts(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
     """Compare the hash of every part that a record of its kind has."""
-    told = _table(summary, "record_parts_sha256")
+    digests = _table(summary, "record_parts_sha256")
     gateway = [name for name in LIVE_SCHEMAS if name not in UNHASHED and _is_live(folder, summary)]
     for name in (*RAW_PARTS, *SCHEMAS, *gateway):
-        if name not in told:
+        if name not in digests:
             yield Alteration(name, f"{SUMMARY} has no hash of it")
-        elif not _is(told[name], hash_part, folder, name):
+        elif not _is(digests[name], hash_part, folder, name):
             yield Alteration(name, f"its hash differs from {SUMMARY}'s")
-    if summary.get("record_sha256") != whole({name: str(digest) for name, digest in told.items()}):
+    if summary.get("record_sha256") != whole({name: str(digest) for name, digest in digests.items()}):
         yield Alteration(SUMMARY, "record_sha256 is not that of the parts")
 
 
 def _files(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
     """Compare the hash of every file whose bytes say more than its rows."""
-    told, broken = _table(summary, "record_files_sha256"), summary.get("record_broken") or ()
+    digests, broken = _table(summary, "record_files_sha256"), summary.get("record_broken") or ()
     for name in HASHED_FILES:
         part = name.removesuffix(CLOSED_ENDING)
         missing = not (folder / name).exists()
         needed = part in (*SCHEMAS, PROVENANCE) or _is_live(folder, summary)
-        if name in told:
-            if not _is(told[name], hash_file, folder / name):
+        if name in digests:
+            if not _is(digests[name], hash_file, folder / name):
                 yield Alteration(part, f"its file's hash differs from {SUMMARY}'s")
         elif not missing:
             yield Alteration(part, f"{SUMMARY} has no hash of its file")
@@ -153,8 +153,8 @@ def _is_live(folder: FilePath, summary: dict[str, Any]) -> bool:
 
 
 def _table(summary: dict[str, Any], key: str) -> dict[str, Any]:
-    told = summary.get(key)
-    return told if isinstance(told, dict) else {}
+    table = summary.get(key)
+    return table if isinstance(table, dict) else {}
 
 
 def _is(then: object, hashed: Callable[..., str], *of: Any) -> bool:
@@ -177,15 +177,16 @@ def _contradictions(folder: FilePath, summary: dict[str, Any]) -> list[str]:
         if not provenance.same_code(provenance.read(folder)):
             return []
         resolved = read_resolved(folder)
-        told = _told(resolved, folder / "scenario.json")
-        return [*_figures(folder, told, summary), *_names(resolved, summary), *_ending(folder, resolved, told, summary)]
+        recorded = _recorded_drive(resolved, folder / "scenario.json")
+        figures, names = _figures(folder, recorded, summary), _names(resolved, summary)
+        return [*figures, *names, *_ending(folder, resolved, recorded, summary)]
     except (ConfigError, KeyError, TypeError, ValueError) as error:
         return [f"it does not fit to the record: {error!r}"]
 
 
-def _told(resolved: dict[str, Any], file: FilePath) -> Told:
+def _recorded_drive(resolved: dict[str, Any], file: FilePath) -> RecordedDrive:
     points = np.array([point.split() for point in resolved["path_m"]], np.float64)
-    return Told(
+    return RecordedDrive(
         name=resolved["scenario"],
         scenario=parse(resolved["settings"], file),
         path=Path.from_points(points[:, 0], points[:, 1]),
@@ -193,7 +194,7 @@ def _told(resolved: dict[str, Any], file: FilePath) -> Told:
     )
 
 
-def _figures(folder: FilePath, told: Told, summary: dict[str, Any]) -> Iterator[str]:
+def _figures(folder: FilePath, recorded: RecordedDrive, summary: dict[str, Any]) -> Iterator[str]:
     """Reckon every figure and the verdict again from the tables."""
     done = DriveEnd(
         Outcome(summary["outcome"]),
@@ -204,7 +205,7 @@ def _figures(folder: FilePath, told: Told, summary: dict[str, Any]) -> Iterator[
         tuple(summary["removed_after_standoff"]),
     )
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
-    again = summary_of(told, done, ticks, actors, summary["record_parts_sha256"])
+    again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"])
     again |= {"versions": read_resolved(folder)["versions"]}
     if _is_live(folder, summary):
         again |= {"gateway_steps": read_table(folder, "gateway").num_rows}
@@ -232,7 +233,9 @@ def _names(resolved: dict[str, Any], summary: dict[str, Any]) -> Iterator[str]:
             yield f"{key} is {summary.get(key)!r}, scenario.json says {value!r}"
 
 
-def _ending(folder: FilePath, resolved: dict[str, Any], told: Told, summary: dict[str, Any]) -> Iterator[str]:
+def _ending(
+    folder: FilePath, resolved: dict[str, Any], recorded: RecordedDrive, summary: dict[str, Any]
+) -> Iterator[str]:
     """Compare outcome and reasons with the rows."""
     outcome, reasons = Outcome(summary["outcome"]), summary["reasons"]
     ticks = read_table(folder, "ticks")
@@ -244,15 +247,15 @@ def _ending(folder: FilePath, resolved: dict[str, Any], told: Told, summary: dic
         if outcome not in (Outcome.PLAYED, Outcome.INTERRUPTED, Outcome.BROKEN):
             yield f"outcome is {outcome}, of a playback"
     else:
-        yield from _lockstep_ending(outcome, reasons, ticks, told)
+        yield from _lockstep_ending(outcome, reasons, ticks, recorded)
 
 
-def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, told: Told) -> Iterator[str]:
-    ended = _ended(ticks, told)
+def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, recorded: RecordedDrive) -> Iterator[str]:
+    ended = _ended(ticks, recorded)
     if outcome in ENDED_OTHERWISE:
         if ended is not None and outcome is not Outcome.COMPLETED:
             yield f"outcome is {outcome}, the ticks come to {ended}"
-        if outcome is Outcome.COMPLETED and (told.scenario.end_trigger == EndTrigger() or not reasons[:1]):
+        if outcome is Outcome.COMPLETED and (recorded.scenario.end_trigger == EndTrigger() or not reasons[:1]):
             yield f"outcome is {outcome}, and the scenario has no [end_trigger] that says so"
     elif outcome is not ended:
         yield f"outcome is {outcome}, the ticks come to {ended or 'no end'}"
@@ -262,10 +265,10 @@ def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, told
         yield f"reasons are {said}, the last tick's are {last}"
 
 
-def _ended(ticks: pa.Table, told: Told) -> Outcome | None:
+def _ended(ticks: pa.Table, recorded: RecordedDrive) -> Outcome | None:
     """Return how a lockstep drive ended by its rows: what the first of them shows that shows an end; None for none."""
-    ending = TerminationMonitor(told.path.length, told.scenario.after_stop_s)
-    last = round(told.scenario.duration_s / PERIOD) - 1
+    ending = TerminationMonitor(recorded.path.length, recorded.scenario.after_stop_s)
+    last = round(recorded.scenario.duration_s / PERIOD) - 1
     names = ("tick", "time_s", "true_speed_mps", "s_m", "state", "contacts")
     for tick, time, speed, station, state, contacts in zip(*(ticks[name].to_pylist() for name in names), strict=True):
         outcome = ending.step(time, speed, station, ArmingState(state), bool(contacts))

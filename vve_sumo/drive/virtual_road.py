@@ -23,10 +23,10 @@ from vve_sumo.world.world import World
 MOVING = 0.5
 
 
-def obstacles_of(setting: ResolvedScenario) -> tuple[Obstacle, ...]:
+def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
     """Return the scenario's obstacles where they stand beside the path."""
-    wanted = setting.scenario.obstacles
-    return tuple(Obstacle(one.id, spot_of(one, setting.path), one.length_m, one.width_m) for one in wanted)
+    wanted = resolved.scenario.obstacles
+    return tuple(Obstacle(one.id, spot_of(one, resolved.path), one.length_m, one.width_m) for one in wanted)
 
 
 def spot_of(wanted: schema.Obstacle, path: Path) -> MapSpot:
@@ -36,31 +36,31 @@ def spot_of(wanted: schema.Obstacle, path: Path) -> MapSpot:
     return MapSpot(x, y, at.heading + math.radians(wanted.turned_deg))
 
 
-def scenario_engine(setting: ResolvedScenario) -> ScenarioEngine:
+def scenario_engine(resolved: ResolvedScenario) -> ScenarioEngine:
     """Return the scenario's actors, none of them on the street yet."""
-    scenario = setting.scenario
-    return ScenarioEngine(scenario.actors, setting.path, setting.lines, setting.recordings, setting.vehicle)
+    scenario = resolved.scenario
+    return ScenarioEngine(scenario.actors, resolved.path, resolved.lines, resolved.recordings, resolved.vehicle)
 
 
-def standing(x: float, y: float, heading: float) -> Pose:
+def pose_at_rest(x: float, y: float, heading: float) -> Pose:
     """Return the pose of a rear axle at rest."""
     return Pose(0.0, Point.REAR_AXLE, x, y, heading, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def open_world(setting: ResolvedScenario, clock: Callable[[], float] | None = None) -> World:
+def open_world(resolved: ResolvedScenario, clock: Callable[[], float] | None = None) -> World:
     """Start SUMO with the scenario's network, traffic and obstacles; raises ConfigError as World does.
 
     With a `clock` [s] the traffic is held within what a live tick has room for.
     """
     return World(
-        setting.network.path,
-        demand=setting.demand,
-        seed=setting.scenario.seed,
+        resolved.network.path,
+        demand=resolved.demand,
+        seed=resolved.scenario.seed,
         period=PERIOD,
-        vehicle=setting.vehicle,
-        obstacles=obstacles_of(setting),
-        warm_up=setting.scenario.road.warm_up_s,
-        route=setting.route,
+        vehicle=resolved.vehicle,
+        obstacles=obstacles_of(resolved),
+        warm_up=resolved.scenario.road.warm_up_s,
+        route=resolved.route,
         clock=clock,
     )
 

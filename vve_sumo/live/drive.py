@@ -59,15 +59,15 @@ class LiveDrive:
         self._gateway, self._console = channels["gateway"], channels["console"]
         self._recorder = RecorderClient(channels["recorder"])
         working = FilePath(config["working"])
-        self._setting, rig = from_dict(config["resolved"], working)
-        self._pipeline = pipeline_of(self._setting, rig, LotAlignment.from_dict(config["resolved"]), working)
+        self._resolved, rig = from_dict(config["resolved"], working)
+        self._pipeline = pipeline_of(self._resolved, rig, LotAlignment.from_dict(config["resolved"]), working)
         self._not_ready: tuple[str, ...] = tuple(config["not_ready"])
-        self._road = LiveRoad(open_world(self._setting, time.perf_counter), scenario_engine(self._setting))
-        self._tick = Tick(self._pipeline, self._road, self._setting.path, self, self._recorder, self._clock)
+        self._road = LiveRoad(open_world(self._resolved, time.perf_counter), scenario_engine(self._resolved))
+        self._tick = Tick(self._pipeline, self._road, self._resolved.path, self, self._recorder, self._clock)
         self._source = source_of(rig)
         self._latency = LatencyMonitor(rig.latency.budget_ms / 1000.0, rig.latency.breaches)
         self._scheduler = TickScheduler(self._clock(), PERIOD, rig.latency.deadline_ms / 1000.0)
-        self._termination = TerminationMonitor(self._setting.path.length, self._setting.scenario.after_stop_s)
+        self._termination = TerminationMonitor(self._resolved.path.length, self._resolved.scenario.after_stop_s)
         self._feedback: link.Feedback | None = None
         self._scheduled_faults: tuple[str, ...] = ()  # of the tick under way
         self._latency_faults: tuple[str, ...] = ()  # of the tick before
@@ -159,7 +159,7 @@ class LiveDrive:
             return ()
         waits = () if self._road.fits else ("road_not_measured",)
         pose = self._pipeline.pose
-        return waits if pose is None else waits + start_pose.of(pose, self._setting.path).faults()
+        return waits if pose is None else waits + start_pose.of(pose, self._resolved.path).faults()
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Send a setpoint to the gateway, whose newest status is of a step before it.
@@ -197,7 +197,7 @@ class LiveDrive:
         """Return the numbers behind reason codes of this tick, in words."""
         if result.pose is None:
             return {}
-        start = start_pose.of(result.pose, self._setting.path)
+        start = start_pose.of(result.pose, self._resolved.path)
         numbers = {
             "start_position": start.place(),
             "start_heading": start.turn(),
@@ -225,7 +225,7 @@ class LiveDrive:
         pose, contact = result.pose, bool(self._road.contacts)
         speed, driven = pose.speed if pose else math.nan, now - self._went_at
         outcome = self._termination.step(driven, speed, result.s, status.state, contact)
-        if outcome is None and driven > self._setting.scenario.duration_s:
+        if outcome is None and driven > self._resolved.scenario.duration_s:
             outcome = Outcome.TIMEOUT
         if outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.TIMEOUT):
             self._close(outcome, status.reasons)
@@ -261,7 +261,7 @@ class LiveDrive:
             "warnings": list(road.warnings),
             "text": self._pipeline.failure or road.traceback or road.detail,
             "clock": self._pipeline.clock_report(),
-            "receiver": self._source.told(),
+            "receiver": self._source.sender_report(),
             "step_time": road.load,
         }
 
@@ -279,7 +279,7 @@ class LiveDrive:
             "details": self._details(result),
             "pose_reasons": list(result.pose_reasons),
             "speed_mps": pose.speed if pose else None,
-            "to_go_m": self._setting.path.length - result.s if pose else None,
+            "to_go_m": self._resolved.path.length - result.s if pose else None,
             "deviation_m": result.d if pose else None,
             "range_m": float(ranges.min()) if len(ranges) else None,
             "note": result.setpoint.note if result.setpoint else "",

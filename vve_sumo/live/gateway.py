@@ -58,12 +58,12 @@ def due(last: float, fresh: bool, alone: bool, period: float) -> float:
     return last + (MIN_STEP_INTERVAL if fresh else LONE_STEP_INTERVAL if alone else MAX_STEP_INTERVAL) * period
 
 
-def dbw_is_gone(now: float, heard: float) -> bool:
-    """Whether there is nobody who could be commanded; `heard` is when the DBW controller was last understood.
+def dbw_is_gone(now: float, received: float) -> bool:
+    """Whether there is nobody who could be commanded; `received` is when the DBW controller was last understood.
 
     Other frames do not count, however many there are: a device that floods the bus stops no car.
     """
-    return now - heard > DBW_SILENCE_LIMIT
+    return now - received > DBW_SILENCE_LIMIT
 
 
 class Taken(NamedTuple):
@@ -135,11 +135,11 @@ class Process:
         self._stop_id: int | None = config["stop_can_id"]
         self._drive, self._console = channels["drive"], channels["console"]
         self._recorder = channels["recorder"]
-        self._tap = RecorderClient(self._recorder)
+        self._recorder_client = RecorderClient(self._recorder)
         self._bus = bus
         self._bus_number = bus.fileno()
         self._inbox = Inbox()
-        self._heard: list[Frame] = []
+        self._received: list[Frame] = []
         self._shown = math.inf  # when the console last showed itself alive; never yet
         self._unsaid = False  # telling or keeping a step went wrong
         self._deaf = self._dumb = False  # what the bus said when it was last asked to receive, to send
@@ -163,7 +163,7 @@ class Process:
                 break
         # From here on silence is no sign of trouble.
         self._console.close()
-        self._tap.finish(RECORDER_TIMEOUT)
+        self._recorder_client.finish(RECORDER_TIMEOUT)
 
     def report(self) -> str:
         """What is worth a line in the log."""
@@ -179,7 +179,7 @@ class Process:
         while (left := due(self._last, self._inbox.fresh, self._alone, self._period) - self._clock()) > 0.0:
             # select, not poll: a millisecond of rounding is a lot here.
             ready, _, _ = select.select(
-                self._ears(), [], [], left if self._bus_number is not None else min(left, POLL_INTERVAL)
+                self._descriptors(), [], [], left if self._bus_number is not None else min(left, POLL_INTERVAL)
             )
             for ear in ready:
                 if ear is self._drive:
@@ -189,12 +189,12 @@ class Process:
             if self._bus_number is None or self._bus_number in ready:
                 self._hear_bus()
 
-    def _ears(self) -> list[Channel | int]:
+    def _descriptors(self) -> list[Channel | int]:
         # What is gone or broken is always ready, and would make this loop a busy one.
-        ears: list[Channel | int] = [channel for channel in (self._drive, self._console) if not channel.closed]
+        descriptors: list[Channel | int] = [channel for channel in (self._drive, self._console) if not channel.closed]
         if self._bus_number is not None and not self._deaf:
-            ears.append(self._bus_number)
-        return ears
+            descriptors.append(self._bus_number)
+        return descriptors
 
     def _hear_drive(self) -> None:
         for datagram in self._drive.receive():
@@ -215,8 +215,8 @@ class Process:
             return
         self._deaf = False
         if frames:
-            self._tap.saw_frames(self._clock(), CAR_BUS, frames)
-            self._heard += frames
+            self._recorder_client.saw_frames(self._clock(), CAR_BUS, frames)
+            self._received += frames
 
     # A step.
 
@@ -225,36 +225,36 @@ class Process:
         self._hear_drive()
         self._hear_console()
         taken = self._inbox.empty()
-        heard, self._heard = self._heard, []
-        found = tuple(dict.fromkeys([*taken.wrong, *self._find(heard)]))
+        received, self._received = self._received, []
+        found = tuple(dict.fromkeys([*taken.wrong, *self._find(received)]))
         now = self._clock()
-        output = self._gateway.step(now, taken.setpoint, heard, taken.act, found)
+        output = self._gateway.step(now, taken.setpoint, received, taken.act, found)
         count = self._send(output.frames)
         sent = self._clock() if count else math.nan
         self._last, self._alone = now, taken.setpoint is None
         self._steps += 1
         try:
             self._tell(now, sent, output)
-            self._keep(now, taken, found, len(heard), count, output)
+            self._keep(now, taken, found, len(received), count, output)
         except Exception as error:
             # A mistake of ours beside what stops the car must not be what keeps it from being stopped.
             self._unsaid = True
             _say(f"a step could not be told or kept: {type(error).__name__}: {error}")
         return output.verdict
 
-    def _find(self, heard: list[Frame]) -> list[str]:
+    def _find(self, received: list[Frame]) -> list[str]:
         """Reason codes of what is wrong around the core at this moment."""
         found = []
         if self._deaf or self._dumb:
             found.append("bus_down")
-        if self._stop_id is not None and any(frame.id == self._stop_id for frame in heard):
+        if self._stop_id is not None and any(frame.id == self._stop_id for frame in received):
             found.append("stop_input")
         if self._drive.closed:
             found.append("drive_gone")
         if self._console.closed or self._clock() - self._shown > SILENCE:
             found.append("operator_gone")
-        if self._tap.failure or self._unsaid:
-            found.append(self._tap.failure or "record_lost")
+        if self._recorder_client.failure or self._unsaid:
+            found.append(self._recorder_client.failure or "record_lost")
         return found
 
     def _send(self, frames: tuple[Frame, ...]) -> int:
@@ -293,19 +293,19 @@ class Process:
             self._console.send(word)
 
     def _keep(
-        self, now: float, taken: Taken, found: tuple[str, ...], heard: int, sent: int, output: GatewayOutput
+        self, now: float, taken: Taken, found: tuple[str, ...], received: int, sent: int, output: GatewayOutput
     ) -> None:  # fmt: skip
         """Hand the step to the recorder."""
         gateway, verdict = self._gateway, output.verdict
-        self._tap.saw_frames(now, CAR_BUS, output.frames[:sent])
-        self._tap.stepped(
+        self._recorder_client.saw_frames(now, CAR_BUS, output.frames[:sent])
+        self._recorder_client.stepped(
             GatewayRow(
                 step=self._steps - 1,
                 time_s=now,
                 setpoint=taken.datagram,
                 operator_command="" if taken.act is None else taken.act.value,
                 process_faults="+".join(found),
-                frames_received=heard,
+                frames_received=received,
                 frames_sent=sent,
                 sequence=gateway.sequence,
                 state=verdict.state.value,
@@ -320,7 +320,7 @@ class Process:
                 gear=gateway.gear,
             )
         )
-        self._tap.flush()
+        self._recorder_client.flush()
 
 
 def gateway_of(config: Mapping[str, Any]) -> Gateway:

@@ -84,7 +84,7 @@ class Keys:
         """What to wait on."""
         return [self._wake, sys.stdin.fileno()] if self._open else [self._wake]
 
-    def wishes(self) -> list[KeyCommand]:
+    def commands(self) -> list[KeyCommand]:
         """Return what was asked for since the last call, in order; never blocks."""
         found: list[KeyCommand] = []
         with contextlib.suppress(BlockingIOError):

@@ -77,9 +77,9 @@ def inspect(folder: FilePath, working: FilePath) -> Inspection:
     if altered:
         return Inspection(folder, altered, [], [], None)
     if live.is_live(folder):
-        resolved, _rig = from_dict(live.resolved_of(folder), working)
+        resolved, _rig = from_dict(live.read_scenario_content(folder), working)
     else:
-        resolved = lockstep.setting_of(folder, working)
+        resolved = lockstep.recorded_scenario(folder, working)
     notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
     notes += changed_since(folder, resolved)
     return Inspection(folder, [], notes, changed_controller(folder, resolved, working), resolved)
@@ -141,8 +141,8 @@ def _with(folder: FilePath, controller: str, working: FilePath) -> tuple[Resolve
     """Return a record's scenario and inputs, and its pipeline with another controller in it."""
     if live.is_live(folder):
         inputs = live.read_live_inputs(folder)
-        resolved, _rig = from_dict(inputs.resolved, working)
-        return resolved, inputs.pipeline, live.rebuilt_pipeline(inputs.resolved, working, controller)
-    resolved = lockstep.setting_of(folder, working)
+        resolved, _rig = from_dict(inputs.scenario_content, working)
+        return resolved, inputs.pipeline, live.rebuilt_pipeline(inputs.scenario_content, working, controller)
+    resolved = lockstep.recorded_scenario(folder, working)
     other = resolved.driven_by(controller)
     return resolved, read_pipeline_inputs(folder), assemble(other, working).pipeline

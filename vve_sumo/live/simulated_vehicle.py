@@ -90,7 +90,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class CarConfig:
-    """What the process is told, and how it is told it: `told` is plain JSON, `heard` its inverse."""
+    """What the process is told, and how it is told it: `data` is plain JSON, `heard` its inverse."""
 
     parameters: CarParameters
     lot: MapFrame  #: the plane map of the lot that the truth is written in
@@ -105,7 +105,7 @@ class CarConfig:
     faults: tuple[InjectedFault, ...] = ()
     truth: Path | None = None  #: file that the truth is written to
 
-    def told(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the configuration as `spawn.start` takes it."""
         return {
             "parameters": asdict(self.parameters),
@@ -121,24 +121,24 @@ class CarConfig:
         }
 
     @classmethod
-    def heard(cls, told: dict[str, Any]) -> CarConfig:
+    def from_dict(cls, data: dict[str, Any]) -> CarConfig:
         """Return the configuration that was told."""
-        latitude, longitude, heading = told["start"]
-        host, port = told["target"]
-        interface, channel = told["bus"] or ("", "")
+        latitude, longitude, heading = data["start"]
+        host, port = data["target"]
+        interface, channel = data["bus"] or ("", "")
         return cls(
-            parameters=_parameters(told["parameters"]),
-            lot=MapFrame(told["lot"]["projection"], tuple(told["lot"]["offset"])),
+            parameters=_parameters(data["parameters"]),
+            lot=MapFrame(data["lot"]["projection"], tuple(data["lot"]["offset"])),
             latitude_deg=latitude,
             longitude_deg=longitude,
             heading_deg=heading,
-            epoch=told["epoch"],
-            t0=told["t0"],
-            seed=told["seed"],
+            epoch=data["epoch"],
+            t0=data["t0"],
+            seed=data["seed"],
             target=(host, port),
-            bus=(interface, channel) if told["bus"] else None,
-            faults=tuple(InjectedFault(**fault) for fault in told["faults"]),
-            truth=None if told["truth"] is None else Path(told["truth"]),
+            bus=(interface, channel) if data["bus"] else None,
+            faults=tuple(InjectedFault(**fault) for fault in data["faults"]),
+            truth=None if data["truth"] is None else Path(data["truth"]),
         )
 
     def start(self) -> tuple[float, float, float]:
@@ -148,14 +148,14 @@ class CarConfig:
         return x, y, math.radians(90.0 - self.heading_deg) + self.lot.convergence(latitude, longitude)
 
 
-def _parameters(told: dict[str, Any]) -> CarParameters:
-    receiver = told["receiver"]
+def _parameters(data: dict[str, Any]) -> CarParameters:
+    receiver = data["receiver"]
     return CarParameters(
-        **told
+        **data
         | {
-            "vehicle": Vehicle(**told["vehicle"]),
-            "calibration": Calibration(**told["calibration"]),
-            "interface": InterfaceConfig(**told["interface"]),
+            "vehicle": Vehicle(**data["vehicle"]),
+            "calibration": Calibration(**data["calibration"]),
+            "interface": InterfaceConfig(**data["interface"]),
             "receiver": ReceiverParameters(**receiver | {"mounting": Mounting(**receiver["mounting"])}),
         }
     )
@@ -220,11 +220,11 @@ class SimulatedVehicle:
 
     def step(self) -> None:
         """Advance by one step, saying everything when it is due; returns when the step is over on the real clock."""
-        told = self._wire.receive()
+        data = self._wire.receive()
         self._steps += 1
         until = self.time
-        output, truth = self._car.step(until, told), self._car.truth()
-        if truth.speed != 0.0 or told:
+        output, truth = self._car.step(until, data), self._car.truth()
+        if truth.speed != 0.0 or data:
             self._rests_since = until
         if self._steps % FAST == 0:
             self._truth.add(truth, self._car.car)
@@ -282,11 +282,11 @@ class Ending:
 
 def main() -> int:
     """Run the process; returns its exit code."""
-    told, channels = begin()
+    data, channels = begin()
     console = channels["console"]
     ending = Ending(console)
     try:
-        config = CarConfig.heard(told)
+        config = CarConfig.from_dict(data)
         with contextlib.ExitStack() as stack:
             run(config, console, ending, stack)
     except VveError as error:

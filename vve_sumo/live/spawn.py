@@ -52,8 +52,8 @@ def begin() -> tuple[dict[str, Any], dict[str, Channel]]:
 def _tell(process: subprocess.Popen[bytes], text: bytes) -> None:
     """Write to a process's standard input and close it; one that died already is found dead by its closed channels."""
     assert process.stdin is not None
-    with contextlib.suppress(BrokenPipeError), process.stdin as ears:
-        ears.write(text)
+    with contextlib.suppress(BrokenPipeError), process.stdin as stdin:
+        stdin.write(text)
 
 
 def _search_path() -> str:

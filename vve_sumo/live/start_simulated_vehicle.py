@@ -51,10 +51,10 @@ def start(
     `t0` is the monotonic second of drive time 0, `seed` and `friction` are the scenario's. Truth and log go into
     `folder`, where there is one. Raises RigError with the car's words where it does not come up.
     """
-    told = _config(rig, t0, seed, folder, friction).told()
+    config = _config(rig, t0, seed, folder, friction).to_dict()
     ours, theirs = pair()
     log = {} if folder is None else {"log": str(folder / "car.log")}
-    process = spawn.start("simulated_vehicle", told | log, {"console": theirs}, own_session=True)
+    process = spawn.start("simulated_vehicle", config | log, {"console": theirs}, own_session=True)
     stack.callback(_end, process)
     stack.callback(ours.close)
     said = _first_word(ours)

@@ -197,16 +197,16 @@ def answer(key: str, status: Mapping[str, Any]) -> str:
 
 def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     """Return the lines of the picture; `silent` is how long the drive has told nothing [s]."""
-    told = silent < SILENCE
-    lines = [_motion(status, told)]
+    fresh = silent < SILENCE
+    lines = [_motion(status, fresh)]
     if todo := advice(status):
         lines.append(f"  > {todo}")
     lines.append(_health(status))
     if status.get("gateway") == Guard.SILENT:
         lines.append("  ! the gateway's process tells nothing: it is not run")
-    if not told and "tick" not in status:
+    if not fresh and "tick" not in status:
         lines.append(f"  the drive's process loads the street: {_number(silent, '.0f')} s")
-    elif not told and status.get("gateway") not in (Guard.ENDED, Guard.GONE):
+    elif not fresh and status.get("gateway") not in (Guard.ENDED, Guard.GONE):
         lines.append(f"  ! the drive's process has told nothing for {_number(silent, '.1f')} s")
     words = why(status)
     words += [f"fix: {in_words(code)}" for code in status.get("pose_reasons", ())]
@@ -216,12 +216,12 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     return lines
 
 
-def _motion(status: Mapping[str, Any], told: bool) -> str:
+def _motion(status: Mapping[str, Any], fresh: bool) -> str:
     """Say how the car moves; of a drive that is silent what it said last is not shown for what is."""
-    speed = status.get("speed_mps") if told else status.get("wheel_speed_mps")
+    speed = status.get("speed_mps") if fresh else status.get("wheel_speed_mps")
     parts = [phase(status).upper(), f"{_number(_times(3.6, speed), '.1f')} km/h"]
-    parts.append(f"{_number(status.get('to_go_m') if told else None, '.0f')} m to go")
-    parts.append(f"ahead {_number(status.get('range_m') if told else None, '.1f')} m")
+    parts.append(f"{_number(status.get('to_go_m') if fresh else None, '.0f')} m to go")
+    parts.append(f"ahead {_number(status.get('range_m') if fresh else None, '.1f')} m")
     if status.get("note"):
         parts.append(str(status["note"]))
     return "  ".join(parts)

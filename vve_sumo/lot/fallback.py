@@ -73,15 +73,15 @@ def _follow(
             return None
         length = max(RETURN_TIME * v, MIN_RETURN_DISTANCE)
         cosine = cos(turned)
-        wish = path_bend * cosine / (1.0 - path_bend * offset)
-        wish -= (2.0 * sin(turned) / length + offset / (length * length)) / cosine
+        bend_wanted = path_bend * cosine / (1.0 - path_bend * offset)
+        bend_wanted -= (2.0 * sin(turned) / length + offset / (length * length)) / cosine
         most = min(tightest, LATERAL_ACCELERATION / (v * v))
         change = spacing * min(answer / v, LATERAL_JERK / (v * v * v))
-        wish = clamp(clamp(wish, -most, most), bend - change, bend + change)
-        ahead = heading + 0.25 * (bend + wish) * spacing
+        bend_wanted = clamp(clamp(bend_wanted, -most, most), bend - change, bend + change)
+        ahead = heading + 0.25 * (bend + bend_wanted) * spacing
         x, y = x + spacing * cos(ahead), y + spacing * sin(ahead)
-        heading += 0.5 * (bend + wish) * spacing
-        bend = wish
+        heading += 0.5 * (bend + bend_wanted) * spacing
+        bend = bend_wanted
         knots.append(bend)
         square = square - loss if square > loss else 0.0
     return tuple(knots)

@@ -119,7 +119,7 @@ class Geofence:
         shapes = None if distances is None else self._shapes(pose.speed, distances, steering, profile)
         return None if shapes is None else as_pairs(shapes, pose.x, pose.y, pose.heading)
 
-    def laid(self, alignment: Alignment) -> Geofence:
+    def aligned(self, alignment: Alignment) -> Geofence:
         """Return the same fence for another alignment."""
         other = copy(self)
         other._to_lot = alignment.inverse()

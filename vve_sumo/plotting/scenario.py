@@ -87,7 +87,7 @@ NUMBERED: dict[str, Any] = {"boxstyle": "circle,pad=0.18", "facecolor": PAPER, "
 class Page:
     """Everything that the picture shows."""
 
-    setting: ResolvedScenario
+    resolved: ResolvedScenario
     seen: NoBrakePreview
     boxes: dict[str, Box]  #: of the obstacles
     lanes: Sequence[tuple[Floats, float]]
@@ -106,22 +106,22 @@ class Page:
         return self.seen.events[-1].time if self.seen.events else self.seen.moments[-1].time
 
 
-def draw(setting: ResolvedScenario, file: FilePath) -> None:
+def draw(resolved: ResolvedScenario, file: FilePath) -> None:
     """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there."""
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
-        _save(picture(setting), file)
+        _save(picture(resolved), file)
 
 
-def picture(setting: ResolvedScenario) -> Figure:
+def picture(resolved: ResolvedScenario) -> Figure:
     """Return the picture of a scenario."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     from vve_sumo.plotting.style import Picture
 
-    page = _page(setting)
+    page = _page(resolved)
     with mpl.rc_context(STYLE):
         figure = Picture(figsize=SIZE, dpi=DOTS_PER_INCH)
         FigureCanvasAgg(figure)
@@ -129,7 +129,7 @@ def picture(setting: ResolvedScenario) -> Figure:
         _over_time(panel(figure, CURVES, BOTTOM, CURVES_WIDTH, LOW_HEIGHT), page)
         _whole_way(panel(figure, WAY, BOTTOM, WAY_WIDTH, LOW_HEIGHT), page)
         _list(figure, page)
-        _head(figure, setting)
+        _head(figure, resolved)
         return figure
 
 
@@ -160,25 +160,25 @@ def _colours() -> list[tuple[int, int, int]]:
     return found
 
 
-def _page(setting: ResolvedScenario) -> Page:
-    seen, boxes = preview_without_braking(setting), standing_boxes(setting)
-    view = _view(setting, seen, boxes)
-    points = np.vstack((_path_points(setting), view.corners()))
+def _page(resolved: ResolvedScenario) -> Page:
+    seen, boxes = preview_without_braking(resolved), standing_boxes(resolved)
+    view = _view(resolved, seen, boxes)
+    points = np.vstack((_path_points(resolved), view.corners()))
     (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
-    lanes = lane_shapes(setting.network.path, (float(left), float(low), float(right), float(high)))
-    return Page(setting, seen, boxes, lanes, view)
+    lanes = lane_shapes(resolved.network.path, (float(left), float(low), float(right), float(high)))
+    return Page(resolved, seen, boxes, lanes, view)
 
 
-def _path_points(setting: ResolvedScenario) -> Floats:
-    return np.array([setting.path.at(float(s))[:2] for s in np.arange(0.0, setting.path.length, 2.0)])
+def _path_points(resolved: ResolvedScenario) -> Floats:
+    return np.array([resolved.path.at(float(s))[:2] for s in np.arange(0.0, resolved.path.length, 2.0)])
 
 
-def _view(setting: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Box]) -> View:
+def _view(resolved: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Box]) -> View:
     """Return the window on what happens, the ego driving to the right; on the whole way where nothing does."""
     shown = _shown(seen, boxes)
     shape = HIGH / WIDE
     if not shown:
-        x, y = _path_points(setting).T
+        x, y = _path_points(resolved).T
         angle, margin, most = long_axis(x, y, 0.0), 4.0 * MARGIN, math.inf
         points = np.column_stack((x, y))
     else:
@@ -217,7 +217,7 @@ def _box(player: ActorState) -> Box:
 def _street(axes: Axes, page: Page) -> None:
     view = page.view
     _lanes(axes, page, view, PAPER if page.staged else ROAD)
-    placed = view.place(*_path_points(page.setting).T)
+    placed = view.place(*_path_points(page.resolved).T)
     axes.plot(*placed.T, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=2)
     for box in page.boxes.values():
         _body(axes, view, box, OBSTACLE)
@@ -226,7 +226,7 @@ def _street(axes: Axes, page: Page) -> None:
         _body(axes, view, event.ego, PAPER, EGO)
         _body(axes, view, _box(event.player), PAPER, ACTOR)
         _number(axes, view, event.ego, number, EGO, (0.0, -1.0))
-        crosses = _crosses(page.setting.scenario.actors[event.actor].turned_deg)
+        crosses = _crosses(page.resolved.scenario.actors[event.actor].turned_deg)
         _number(axes, view, _box(event.player), number, ACTOR, (1.0, 0.0) if crosses else (0.0, 1.0))
     _meeting(axes, page)
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
@@ -247,7 +247,7 @@ def _lanes(axes: Axes, page: Page, view: View, edge: str) -> None:
 def _lines_of_motion(axes: Axes, page: Page) -> None:
     """Draw each actor's way from its first moment to a little after the contact, with an arrow at its end."""
     until = page.end + LEAD_OUT
-    for actor in page.setting.scenario.actors:
+    for actor in page.resolved.scenario.actors:
         moved = [p for m in page.seen.moments if m.time <= until for p in m.players if p.id == actor.id]
         if not moved:
             continue
@@ -305,7 +305,7 @@ def _legend(axes: Axes, page: Page) -> None:
     rows: list[tuple[Any, str]] = [(Line2D([], [], color=INK, linewidth=1.0, linestyle=(0, (4, 3))), "ego's path")]
     if page.seen.contact is not None:
         rows.append((square(EGO), "ego then"))
-    if page.setting.scenario.actors:
+    if page.resolved.scenario.actors:
         rows.append((Line2D([], [], color=ACTOR, marker=">", markersize=7.0), "actor and its way"))
         rows.append((square(PAPER, QUIET), "where both are at a trigger"))
     if page.boxes:
@@ -326,7 +326,7 @@ def _legend(axes: Axes, page: Page) -> None:
 
 def _over_time(axes: Axes, page: Page) -> None:
     """Draw the way along the path over time, or across it where somebody crosses."""
-    crossing = [one.id for one in page.setting.scenario.actors if _crosses(one.turned_deg)]
+    crossing = [one.id for one in page.resolved.scenario.actors if _crosses(one.turned_deg)]
     first = min((event.time for event in page.seen.events), default=page.end - APPROACH if page.staged else 0.0)
     axes.set_xlim(max(first - LEAD_IN, 0.0), page.end + LEAD_OUT)
     axes.set_xlabel("drive time if the ego never braked [s]")
@@ -354,27 +354,27 @@ def _along(axes: Axes, page: Page) -> None:
     """Draw the ego's front and every other's nearest face along the path."""
     moments = _within(axes, page)
     axes.plot([m.time for m in moments], [m.station for m in moments], color=EGO, label="ego's front")
-    path = page.setting.path
-    for actor in page.setting.scenario.actors:
+    path = page.resolved.path
+    for actor in page.resolved.scenario.actors:
         seen = [(m.time, player) for m in moments for player in m.players if player.id == actor.id]
         # Against the path its front is the nearest face, along it its rear: both lie half a length towards the ego.
         places = [path.project(player.x, player.y).s - player.length / 2.0 for _time, player in seen]
         axes.plot([time for time, _player in seen], places, color=ACTOR, label=f"{actor.id}, nearest face")
-    for one in page.setting.scenario.obstacles:
+    for one in page.resolved.scenario.obstacles:
         axes.axhline(one.at_m - one.length_m / 2.0, color=OBSTACLE, linewidth=1.2, label=f"{one.id}, nearest face")
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.4 * (high - low))
     axes.set_ylabel("along the path [m]")
-    if page.setting.scenario.actors or page.setting.scenario.obstacles:
+    if page.resolved.scenario.actors or page.resolved.scenario.obstacles:
         axes.legend(loc="upper left", fontsize=9, borderaxespad=0.1)
 
 
 def _across(axes: Axes, page: Page) -> None:
     """Draw how far beside the path every actor is, the strip that the ego covers, and when the ego would be there."""
-    moments, path = _within(axes, page), page.setting.path
-    half = page.setting.vehicle.width / 2.0
+    moments, path = _within(axes, page), page.resolved.path
+    half = page.resolved.vehicle.width / 2.0
     axes.axhspan(-half, half, color=EGO, alpha=0.18, linewidth=0.0, label="strip that the ego covers")
-    for actor in page.setting.scenario.actors:
+    for actor in page.resolved.scenario.actors:
         seen = [(m.time, player) for m in moments for player in m.players if player.id == actor.id]
         offsets = [path.project(player.x, player.y).offset for _time, player in seen]
         axes.plot([time for time, _player in seen], offsets, color=ACTOR, label=f"{actor.id}, middle")
@@ -388,7 +388,7 @@ def _across(axes: Axes, page: Page) -> None:
 
 def _whole_way(axes: Axes, page: Page) -> None:
     """Draw the whole path, north up, its start, and what of it the window shows."""
-    points = _path_points(page.setting)
+    points = _path_points(page.resolved)
     least, greatest = points.min(axis=0), points.max(axis=0)
     middle = (least + greatest) / 2.0
     size = np.maximum(greatest - least, 20.0) * 1.25
@@ -406,12 +406,12 @@ def _whole_way(axes: Axes, page: Page) -> None:
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
     axes.set(xticks=(), yticks=())
     axes.set_title("the whole way, north up", loc="left", pad=4)
-    axes.set_xlabel(f"{page.setting.path.length:.0f} m from the circle on", labelpad=3)
+    axes.set_xlabel(f"{page.resolved.path.length:.0f} m from the circle on", labelpad=3)
 
 
 def _list(figure: Figure, page: Page) -> None:
     """Write what happens, numbered as in the street, and what makes the drive pass."""
-    actors = page.setting.scenario.actors
+    actors = page.resolved.scenario.actors
     lines = [
         line for actor in actors if not _enters_later(page, actor.id) for line in _wrapped(_entering(page, actor), "-")
     ]
@@ -421,7 +421,7 @@ def _list(figure: Figure, page: Page) -> None:
     if page.seen.contact is not None:
         contact = page.seen.contact
         lines += _wrapped(f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o")
-    lines += ["", *_wrapped(f"passes if: {descriptions.passes(page.setting.scenario.criteria)}", "")]
+    lines += ["", *_wrapped(f"passes if: {descriptions.passes(page.resolved.scenario.criteria)}", "")]
     if len(lines) > MAX_LINES:
         lines = [*lines[: MAX_LINES - 1], "…"]
     place: dict[str, Any] = {"va": "top", "linespacing": 1.25, "fontsize": 10}
@@ -434,7 +434,7 @@ def _still_to_come(page: Page) -> list[str]:
     return [
         f"then {descriptions.name(actor)}, {descriptions.condition(event.when) or 'at once'}, "
         f"{descriptions.action(event)}"
-        for number, actor in enumerate(page.setting.scenario.actors)
+        for number, actor in enumerate(page.resolved.scenario.actors)
         for order, event in enumerate(actor.events)
         if (number, order) not in begun
     ]
@@ -448,12 +448,12 @@ def _entering(page: Page, actor: Actor) -> str:
 
 
 def _enters_later(page: Page, actor: str) -> bool:
-    scenario = page.setting.scenario
+    scenario = page.resolved.scenario
     return any(event.number < 0 and scenario.actors[event.actor].id == actor for event in page.seen.events)
 
 
 def _happening(page: Page, event: TriggeredEvent) -> str:
-    actor = page.setting.scenario.actors[event.actor]
+    actor = page.resolved.scenario.actors[event.actor]
     when = descriptions.condition(actor.enters if event.number < 0 else actor.events[event.number].when)
     does = descriptions.entrance(actor) if event.number < 0 else descriptions.action(actor.events[event.number])
     return f"{event.time:.1f} s: " + (f"{when}; " if when else "") + f"{descriptions.name(actor)} {does}"
@@ -464,9 +464,9 @@ def _wrapped(text: str, mark: str) -> list[str]:
     return [f"{mark}  {first}".strip(), *(f"     {line}" if mark else line for line in rest)]
 
 
-def _head(figure: Figure, setting: ResolvedScenario) -> None:
-    scenario = setting.scenario
-    title = textwrap.shorten(f"{setting.name}: {scenario.title}", 110, placeholder=" …")
+def _head(figure: Figure, resolved: ResolvedScenario) -> None:
+    scenario = resolved.scenario
+    title = textwrap.shorten(f"{resolved.name}: {scenario.title}", 110, placeholder=" …")
     figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
     traffic = ", ".join(scenario.road.demand) or "no other traffic"
     below = f"{scenario.road.network}, {scenario.ego.path} · ego at {scenario.ego.speed_mps:g} m/s · {traffic}"

@@ -141,9 +141,9 @@ def _flips(axes: Axes, place: int, line: Found | None, *, said: bool) -> None:
         axes.fill_betweenx(high, ends[0], ends[1], color=INK, alpha=0.3, linewidth=0.0, zorder=2)
         axes.plot([sum(ends) / 2.0] * 2, high, color=INK, linewidth=1.4, zorder=2, label="flip")
         if said:
-            told = f"{flip['meets']:g} met, {flip['fails']:g} not"
+            words = f"{flip['meets']:g} met, {flip['fails']:g} not"
             at: dict[str, Any] = {"xytext": (0, 1), "textcoords": "offset points", "ha": "center", "va": "bottom"}
-            axes.annotate(told, (sum(ends) / 2.0, place - 0.38), fontsize=9, zorder=4, **at)
+            axes.annotate(words, (sum(ends) / 2.0, place - 0.38), fontsize=9, zorder=4, **at)
     if len(line["flips"]) == 1 and len(spread) > 1:
         axes.plot((spread[0], spread[-1]), (place, place), color=INK, linewidth=1.0, zorder=2, label="over the seeds")
 

@@ -101,14 +101,14 @@ def _acceleration(axes: Axes, page: DrivePage) -> None:
     """
     ticks = page.ticks
     did = ticks[f"{prefix(ticks)}acceleration_mps2"].to_numpy()
-    told, word = ticks["acceleration_setpoint_mps2"].to_numpy(), "asked by the controller"
+    asked, word = ticks["acceleration_setpoint_mps2"].to_numpy(), "asked by the controller"
     if _engaged(ticks).any():
         granted, speed = ticks["granted_acceleration_mps2"].to_numpy(), ticks[f"{prefix(ticks)}speed_mps"].to_numpy()
         held = (np.abs(speed) < AT_REST) & (granted < 0.0)
-        told, word = np.where(held, np.nan, granted), "granted, hold left out"
+        asked, word = np.where(held, np.nan, granted), "granted, hold left out"
     curves: list[tuple[Floats, dict[str, Any]]] = [
         (did, {"color": EGO_PALE, "linewidth": 3.6, "label": "car"}),
-        (told, {"color": INK, "linewidth": 1.0, "label": word}),
+        (asked, {"color": INK, "linewidth": 1.0, "label": word}),
     ]
     if _curves(axes, axis_of("acceleration_mps2"), page, curves, "no pose"):
         _include(axes, -0.5, 0.5)

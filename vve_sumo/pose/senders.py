@@ -47,7 +47,7 @@ class Senders:
         """Return reason codes of the other senders that spoke lately."""
         return tuple(code for code, last in self._last.items() if now - last <= STANDS)
 
-    def told(self) -> dict[str, Any]:
+    def sender_report(self) -> dict[str, Any]:
         """Return who is listened to and how many datagrams of whom were refused, as plain JSON."""
         sender = None if self._first is None else f"{self._first[0]}:{self._first[1]}"
         return {"sender": sender, "refused": dict(self._refused)}

@@ -71,7 +71,7 @@ class Source(Protocol):
     def found(self) -> tuple[str, ...]:
         """Return reason codes of others that speak in the receiver's place now."""
 
-    def told(self) -> dict[str, Any]:
+    def sender_report(self) -> dict[str, Any]:
         """Return who is listened to and who was refused how often, as plain JSON; empty where nobody else can speak."""
 
     def close(self) -> None:
@@ -84,7 +84,7 @@ class _Alone:
     def found(self) -> tuple[str, ...]:
         return ()
 
-    def told(self) -> dict[str, Any]:
+    def sender_report(self) -> dict[str, Any]:
         return {}
 
 
@@ -113,8 +113,8 @@ class _Socket:
     def found(self) -> tuple[str, ...]:
         return () if self._senders is None else self._senders.found(time.monotonic())
 
-    def told(self) -> dict[str, Any]:
-        return {} if self._senders is None else self._senders.told()
+    def sender_report(self) -> dict[str, Any]:
+        return {} if self._senders is None else self._senders.sender_report()
 
     def close(self) -> None:
         self._socket.close()

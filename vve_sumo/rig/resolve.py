@@ -147,7 +147,7 @@ def _surveyed(rig: Rig) -> Alignment:
         raise ConfigError(f"alignment: {error}") from None
 
 
-def fence_of(rig: Rig, alignment: Alignment) -> Geofence:
+def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
     """Return the fence around the lot, which `alignment` lays onto the street.
 
     Where the watchdog was never tried (then the car cannot be armed), the gateway's own stop stands for it.

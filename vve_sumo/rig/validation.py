@@ -57,7 +57,7 @@ def refuse(rig: Rig) -> None:
         raise ConfigError(complaint)
 
 
-def arming_refusal(rig: Rig) -> str | None:
+def arming_obstacle(rig: Rig) -> str | None:
     """Say why this rig may not command a car, though it may drive along with nothing enabled; None where it may."""
     test = rig.watchdog_test
     if not receiver_of(rig).profile.may_arm:

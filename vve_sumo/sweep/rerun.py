@@ -17,7 +17,7 @@ from vve_sumo.record.sweep_folder import Plan, Row, read_tables
 from vve_sumo.scenario.load import parse
 from vve_sumo.sweep.dataset import refuse_mixed
 from vve_sumo.sweep.engine import run_one
-from vve_sumo.sweep.input_cache import InputCache, setting_of
+from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import Job, Result
 from vve_sumo.sweep.plan import job_of
 from vve_sumo.sweep.preflight import look
@@ -62,7 +62,7 @@ class Rerun:
 
     def resolved(self) -> ResolvedScenario:
         """Return the scenario that was driven."""
-        return setting_of(self.job, InputCache())
+        return resolve_job(self.job, InputCache())
 
 
 def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None]) -> Rerun:

@@ -19,7 +19,7 @@ from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
 from vve_sumo.record import record
 from vve_sumo.scenario.schema import Criteria, Scenario
-from vve_sumo.sweep.input_cache import InputCache, setting_of
+from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Figure, Job, Result, finite, refused
 
 #: of a summary, what says which drive it was, not how it went, or differs with the place where it was driven
@@ -34,7 +34,7 @@ ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
 def run_job(
     job: Job,
     scratch: FilePath,
-    readings: InputCache,
+    cache: InputCache,
     report: Callable[[DriveProgress], None] = lambda progress: None,
 ) -> Result:
     """Drive a job in this process, which SUMO allows once, and return its figures, or the fault that kept it from any.
@@ -43,11 +43,11 @@ def run_job(
     `report` is called now and then with how far the drive has come.
     """
     try:
-        setting = setting_of(job, readings)
+        resolved = resolve_job(job, cache)
         claim(job)
         folder, kept = growing(job, scratch), job.keep is not None
-        watch = reported(setting.path.length, report)
-        summary = drives.run(setting, folder, job.working, pose=job.pose, kept=kept, watch=watch).summary
+        watch = reported(resolved.path.length, report)
+        summary = drives.run(resolved, folder, job.working, pose=job.pose, kept=kept, watch=watch).summary
     except ConfigError as error:
         return refused(job, error)
     except Exception as error:
@@ -57,7 +57,7 @@ def run_job(
         return _broken(job, scratch, text)
     if summary["outcome"] == Outcome.INTERRUPTED:
         return Result(job.key, fault="interrupted")
-    return Result(job.key, figures_of(setting.scenario, summary | {"text": text}))
+    return Result(job.key, figures_of(resolved.scenario, summary | {"text": text}))
 
 
 def _broken(job: Job, scratch: FilePath, text: str) -> Result:

@@ -32,7 +32,7 @@ from vve_sumo.drive.provenance import software
 from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep import process_tree
-from vve_sumo.sweep.input_cache import InputCache, setting_of
+from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import CHUNK, READY, Job, Result, progress_line
 from vve_sumo.sweep.run import run_job, tidy
 
@@ -60,18 +60,18 @@ class Child:
     voice: int  #: pipe on which its prints come
     begun: float  #: monotonic [s]
     looked_around: float  #: when what it has started was last looked for, monotonic [s]
-    told: bytes = b""  #: of its result
+    received: bytes = b""  #: of its result
     said: bytes = b""  #: the last of its prints
     others_mb: float = 0.0  #: memory of what it has started, at the last look around [10^6 bytes]
 
     def listen(self) -> None:
         """Take in what the pipes hold, without waiting for more."""
-        self.told += _drain(self.answer)
+        self.received += _drain(self.answer)
         self.said = (self.said + _drain(self.voice))[-MAX_OUTPUT_BYTES:]
 
     def lines(self) -> list[bytes]:
         """Return the whole lines of what was told, which a result is not, and forget them."""
-        *lines, self.told = self.told.split(b"\n")
+        *lines, self.received = self.received.split(b"\n")
         return lines
 
     def close(self) -> None:
@@ -95,7 +95,7 @@ class Server:
         self._parent, self._scratch = parent, scratch
         self._jobs, self._results = jobs, results
         self._waiting = b""  #: of the jobs' pipe, what was read but not yet done
-        self._readings = InputCache()
+        self._cache = InputCache()
         self._warmed: tuple[object, ...] = ()
 
     def serve(self) -> None:
@@ -137,7 +137,7 @@ class Server:
         if pid == 0:
             os.close(self._jobs)
             os.close(self._results)
-            drive = partial(run_job, job, self._scratch, self._readings)
+            drive = partial(run_job, job, self._scratch, self._cache)
             if job.progress:
                 drive = partial(drive, report=partial(_report, answers))
             _live(drive, server, answers, voices)
@@ -177,7 +177,7 @@ class Server:
         if files != self._warmed:
             self._warmed = files
             with contextlib.suppress(Exception):
-                setting_of(job, self._readings)
+                resolve_job(job, self._cache)
 
     def _next(self) -> str:
         """Return the next job's line."""
@@ -226,7 +226,7 @@ def _result(job: Job, child: Child, status: int, limit: str) -> Result:
         fault = f"{'crashed' if name in OWN_FAULT else 'killed'}: {name}"
     else:
         with contextlib.suppress(ConfigError, UnicodeDecodeError):
-            result = Result.from_json(child.told.decode())
+            result = Result.from_json(child.received.decode())
             return result if not result.fault else replace(result, said=_text(child.said))
         fault = f"exited: {os.WEXITSTATUS(status)}"
     return Result(job.key, fault=fault, said=_text(child.said))

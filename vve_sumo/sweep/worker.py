@@ -145,12 +145,12 @@ class Worker:
         A server that died is started anew with the same job, once. Raises SimulationError where it can't be started.
         """
         server = self.start()
-        told: bytes | None = server.results.read(CHUNK)
-        if told is None:
+        data: bytes | None = server.results.read(CHUNK)
+        if data is None:
             return None
-        if told == b"":
+        if data == b"":
             return self._died(server)
-        server.heard += told
+        server.heard += data
         while b"\n" in server.heard:
             line, _newline, server.heard = server.heard.partition(b"\n")
             if line.decode() == READY:

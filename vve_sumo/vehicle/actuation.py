@@ -67,9 +67,9 @@ class Actuation:
         """
         if self._stands(acceleration, speed):
             return self._hold(speed, elapsed)
-        wish = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, speed, elapsed)
+        requested = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, speed, elapsed)
         slope = min(max(math.sin(grade), -HOLD_GRADE), HOLD_GRADE)
-        force = self._calibration.mass * (wish + GRAVITY * slope)
+        force = self._calibration.mass * (requested + GRAVITY * slope)
         force += self._calibration.drag(speed) - self._calibration.creep(speed)
         return self._pedals(force, speed, brakes_only)
 
@@ -110,8 +110,8 @@ class Actuation:
         """Reference speed minus measured speed, bounded, and frozen against a pedal that gives no more."""
         lag = self._calibration.drive_lag if self._driving else self._brake_lag
         blend = elapsed / (lag + elapsed) if elapsed > 0.0 else 0.0
-        wished = self._wished(acceleration, elapsed)
-        self._reference_acceleration += blend * (wished - self._reference_acceleration)
+        reference = self._reference_target(acceleration, elapsed)
+        self._reference_acceleration += blend * (reference - self._reference_acceleration)
         change = self._reference_acceleration * elapsed - (speed - self._last_speed)
         self._last_speed = speed
         if change != change or change * self._saturation > 0.0:
@@ -120,7 +120,7 @@ class Actuation:
         self._error = min(max(self._error + change, -bound), bound)
         return self._error
 
-    def _wished(self, acceleration: float, elapsed: float) -> float:
+    def _reference_target(self, acceleration: float, elapsed: float) -> float:
         """The wish that the speed of this step answers to: a step ago and the brakes' delay, to half a step."""
         self._time += elapsed
         delayed = self._delayed

@@ -279,12 +279,12 @@ class Gateway:
 
     def _take(self, now: float, setpoint: Setpoint) -> list[str]:
         """Take in a setpoint, and its way to rest; reason codes of what makes it useless for good."""
-        refusal = self._admission.take(now, setpoint)
-        if refusal is not None:
+        rejection = self._admission.take(now, setpoint)
+        if rejection is not None:
             # Refused as a command; what it says is wrong counts all the same.
-            if refusal.fatal:
-                return [refusal.reason, *setpoint.faults]
-            self._notes.append(refusal.reason)
+            if rejection.fatal:
+                return [rejection.reason, *setpoint.faults]
+            self._notes.append(rejection.reason)
             return list(setpoint.faults)
         # One that came too late to be acted on begins nobody knows where. And a drive in trouble may know of no way:
         # the one that it gave before is still better than none.
@@ -470,15 +470,15 @@ class Gateway:
 
     def _follow(self, setpoint: Setpoint) -> _Command:
         self._followed = setpoint
-        speed, limiter, wish = self._reports.speed, self._limiter, setpoint.acceleration
+        speed, limiter, requested = self._reports.speed, self._limiter, setpoint.acceleration
         driver = bool(self._driver)
         if driver:
             # No throttle while the driver is at the pedals, and none made up for afterwards.
             self._notes += self._driver
-            wish, limiter.acceleration = min(wish, 0.0), min(limiter.acceleration, 0.0)
-        granted = limiter.step(wish, setpoint.steering, speed, setpoint.emergency, self._elapsed)
+            requested, limiter.acceleration = min(requested, 0.0), min(limiter.acceleration, 0.0)
+        granted = limiter.step(requested, setpoint.steering, speed, setpoint.emergency, self._elapsed)
         pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade, self._elapsed, brakes_only=driver)
-        limited = granted.limited if wish == setpoint.acceleration else (*granted.limited, "driver")
+        limited = granted.limited if requested == setpoint.acceleration else (*granted.limited, "driver")
         return _Command(pedals, granted.acceleration, granted.steering, limited)
 
     def _wait(self) -> _Command:
@@ -493,10 +493,10 @@ class Gateway:
         weak = "brake_not_following" in self._causes
         critical = not CRITICAL.isdisjoint(self._causes)
         jerk = max(self._stop_jerk, limits.critical_jerk if critical else 0.0)
-        wish = max(self._stop_deceleration, limits.critical_deceleration if critical else 0.0)
+        requested = max(self._stop_deceleration, limits.critical_deceleration if critical else 0.0)
         if weak:
-            jerk, wish = limits.emergency.jerk, limits.emergency.deceleration
-        limiter.acceleration = approach(limiter.acceleration, -wish, jerk, jerk, self._elapsed)
+            jerk, requested = limits.emergency.jerk, limits.emergency.deceleration
+        limiter.acceleration = approach(limiter.acceleration, -requested, jerk, jerk, self._elapsed)
         if self._standstill.certain or self._speed_believed(now):
             pedals = self._actuation.step(
                 limiter.acceleration, self._reports.speed, self._grade(), self._elapsed, brakes_only=True

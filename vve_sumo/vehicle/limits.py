@@ -151,10 +151,10 @@ class Limiter:
             return self._steering_rate
         return lateral_jerk * self._wheelbase / square
 
-    def _limit_acceleration(self, wish: float, emergency: bool, elapsed: float, limited: list[str]) -> float:
+    def _limit_acceleration(self, requested: float, emergency: bool, elapsed: float, limited: list[str]) -> float:
         comfort, braking = self._limits.comfort, self._limits.emergency
-        target = min(max(wish, -(braking if emergency else comfort).deceleration), comfort.acceleration)
-        if target != wish:
+        target = min(max(requested, -(braking if emergency else comfort).deceleration), comfort.acceleration)
+        if target != requested:
             limited.append("acceleration")
         away, towards = comfort.jerk, comfort.release_jerk
         if emergency and target < self.acceleration:
@@ -165,11 +165,11 @@ class Limiter:
         return granted
 
     def _limit_steering(
-        self, wish: float, speed: float, lateral_jerk: float, elapsed: float, limited: list[str]
+        self, requested: float, speed: float, lateral_jerk: float, elapsed: float, limited: list[str]
     ) -> float:  # fmt: skip
         bound = self.steering_bound(speed)
-        target = min(max(wish, -bound), bound)
-        if target != wish:
+        target = min(max(requested, -bound), bound)
+        if target != requested:
             limited.append("steering_angle" if bound == self._steering_limit else "lateral_acceleration")
         change = self.steering_rate_bound(speed, lateral_jerk) * elapsed
         granted = min(max(target, self.steering - change), self.steering + change)

@@ -50,16 +50,16 @@ class VehicleModel:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> Self:
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Return the vehicle that `to_dict` told; raises KeyError, TypeError or ConfigError where it is none."""
-        limits = told["limits"]
+        limits = data["limits"]
         nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
         parts = {
-            "vehicle": Vehicle(**told["vehicle"]),
-            "calibration": Calibration(**told["calibration"]),
-            "simulated": SimulatedNumbers(**told["simulated"]),
-            "mounting": Mounting(**told["mounting"]),
+            "vehicle": Vehicle(**data["vehicle"]),
+            "calibration": Calibration(**data["calibration"]),
+            "simulated": SimulatedNumbers(**data["simulated"]),
+            "mounting": Mounting(**data["mounting"]),
             "limits": Limits(**{**limits, **nested}),
-            "interface": InterfaceConfig(**told["interface"]),
+            "interface": InterfaceConfig(**data["interface"]),
         }
-        return cls(**{**told, **parts})
+        return cls(**{**data, **parts})

@@ -53,11 +53,11 @@ class SetpointValidator:
 
     def take(self, now: float, setpoint: Setpoint) -> Refusal | None:
         """Keep `setpoint`, or say why not."""
-        refusal = self._check(now, setpoint)
-        if refusal is None:
+        rejection = self._check(now, setpoint)
+        if rejection is None:
             self.setpoint = setpoint
             self._sequence = setpoint.sequence
-        return refusal
+        return rejection
 
     def valid(self, now: float) -> bool:
         """Whether the newest setpoint may still be acted on."""
