@@ -24,7 +24,7 @@ REPOSITORY = Path(__file__).parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.tick import demand  # noqa: E402
-from vve_sumo.drive.latency_monitor import LEGS, TOTAL, summarize  # noqa: E402
+from vve_sumo.drive.latency_monitor import LEGS, TOTAL, latency_summary  # noqa: E402
 from vve_sumo.record.record import read_table  # noqa: E402
 
 BOXES = 20
@@ -92,7 +92,7 @@ def main() -> None:
                     f"ticks, removed {load.get('removed')}, refused {load.get('refused')}, step at most "
                     f"{1000.0 * load.get('longest_s', 0.0):.1f} ms"
                 )
-    show({vehicles: summarize(pa.concat_tables(parts)) for vehicles, parts in tables.items()})
+    show({vehicles: latency_summary(pa.concat_tables(parts)) for vehicles, parts in tables.items()})
 
 
 def show(figures: dict[int, dict[str, Any]]) -> None:

@@ -32,7 +32,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
         took = [1e-3 * (least + generator.exponential(0.5)) for least in LEAST.values()]
         row, framed = _row(tick, took, "deadline" if tick % 50 == 7 else "datagram")
         monitor.step(row)
-        monitor.framed(row.sequence, math.nan if tick % 100 == 20 else framed)
+        monitor.gateway_answered(row.sequence, math.nan if tick % 100 == 20 else framed)
     put(folder, "latency", (dataclasses.asdict(row) for row in monitor.close()))
     return folder, monitor.summary()
 

@@ -142,7 +142,7 @@ def shipped(folder: str) -> dict[str, Any]:
     """Drive the shipped scenario in lockstep and return its summary; call it through `isolated`."""
     from vve_sumo.drive import run as drives
 
-    return drives.run(drives.choose("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
+    return drives.run(drives.resolve_by_name("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
 
 
 def test_the_shipped_scenario_passes_and_calibrates(tmp_path: Path) -> None:

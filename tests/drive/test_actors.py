@@ -15,7 +15,7 @@ import pytest
 from tests.drive.street import REPOSITORY, altered, drive_once
 from tests.isolated import isolated
 from vve_sumo.drive.replay import changed_since, read_car_frames, read_pipeline_inputs, recorded_scenario, replay
-from vve_sumo.drive.resolved_scenario import EPOCH
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path as Curve
 from vve_sumo.record.record import read_table
@@ -100,7 +100,7 @@ def test_a_drive_with_actors_replays(braked: tuple[Path, dict[str, Any]]) -> Non
     folder, _summary = braked
     resolved = recorded_scenario(folder, REPOSITORY)
     assert changed_since(folder, resolved) == []
-    assert replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY) is None
+    assert replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, DEFAULT_EPOCH), REPOSITORY) is None
 
 
 def test_the_same_drive_gives_the_same_record(braked: tuple[Path, dict[str, Any]]) -> None:
@@ -122,8 +122,8 @@ def test_paths_and_recorded_speeds_are_found_and_hashed(tmp_path: Path) -> None:
     other = {"id": "other", "path": "linden_loop", "at_m": 10.0}
     resolved = altered(changes(actors=[LEAD | {"events": [{}, {"speeds": speeds}]}, other]))
     assert resolved.recordings == {speeds: ((100.0, 102.5), (8.0, 6.0))}
-    assert resolved.lines.keys() == {"linden_loop"}
-    assert isinstance(resolved.lines["linden_loop"], Curve)
+    assert resolved.actor_paths.keys() == {"linden_loop"}
+    assert isinstance(resolved.actor_paths["linden_loop"], Curve)
     hashes = resolved.to_dict(REPOSITORY)["files_sha256"]
     loop = (REPOSITORY / "routes" / "linden_loop.csv").read_bytes()
     assert hashes["actors.other.path"] == hashlib.sha256(loop).hexdigest()
@@ -184,7 +184,7 @@ def _waited() -> list[tuple[str, ...]]:
     street, seen = VirtualRoad(open_world(resolved), scenario_engine(resolved), waits=True), []
     for tick, (go, speed) in enumerate([(False, 0.0), (False, 0.1), (True, 0.0), (False, 0.0), (False, 0.0)]):
         if go:
-            street.go()
+            street.operator_says_go()
         asked = replace(pose_at_rest(here.x, here.y, here.heading), time=9.0 + 0.02 * tick, speed=speed)
         street.advance(replace(asked, point=Point.FRONT_BUMPER))
         seen.append(street.actors.ids)

@@ -11,14 +11,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vve_sumo.drive.latency_monitor import ANSWER_TIMEOUT_TICKS, LEGS, TOTAL, LatencyMonitor, legs, quantile, summarize
+from vve_sumo.drive.latency_monitor import (
+    ANSWER_TIMEOUT_TICKS,
+    LEGS,
+    TOTAL,
+    LatencyMonitor,
+    latency_summary,
+    legs,
+    quantile,
+)
 from vve_sumo.values import LatencyRow
 
 PERIOD = 0.02
 
 
 def row(tick: int, took: float = 0.002, by: str = "datagram", sequence: int | None = None, missed: int = 0):
-    """A tick whose six legs take `took` together when its frame goes out at `framed`."""
+    """A tick whose six legs take `took` together when its frame goes out at `gateway_answered`."""
     due = tick * PERIOD
     begin = due if by == "datagram" else due + 0.003
     step = took / 6.0
@@ -50,7 +58,7 @@ def run(
         if i >= behind:
             answered = rows[i - behind]
             begin = answered.received_s if answered.woken_by == "datagram" else answered.woken_s
-            monitor.framed(answered.sequence, begin + frame)
+            monitor.gateway_answered(answered.sequence, begin + frame)
         said.append(monitor.step(one))
     return said
 
@@ -83,7 +91,7 @@ def test_more_slow_ticks_within_a_second_than_allowed_are_a_breach_and_the_windo
     monitor = LatencyMonitor(0.005, 3)
     said = []
     for tick in range(200):
-        monitor.framed(tick - 1, (tick - 1) * PERIOD + (0.008 if 10 < tick <= 14 else 0.002))
+        monitor.gateway_answered(tick - 1, (tick - 1) * PERIOD + (0.008 if 10 < tick <= 14 else 0.002))
         said.append(monitor.step(row(tick)))
     first = said.index(("latency_budget",))
     assert first == 14  # the fourth slow tick was tick 13, answered one tick later
@@ -108,7 +116,7 @@ def test_an_answer_without_frames_is_none():
     monitor = LatencyMonitor(0.005, 0)
     for tick in range(50):
         assert monitor.step(row(tick)) == ()
-        monitor.framed(tick, math.nan)
+        monitor.gateway_answered(tick, math.nan)
     summary = monitor.summary()
     assert summary["without_frame"] == 50
     assert summary["legs_ms"][TOTAL]["max"] is None
@@ -125,13 +133,13 @@ def test_a_tick_woken_by_its_deadline_is_measured_from_its_beginning():
 def test_a_moment_that_is_not_a_number_is_a_breach():
     monitor = LatencyMonitor(0.005, 0)
     monitor.step(replace(row(0), received_s=math.nan))
-    monitor.framed(0, 0.002)
+    monitor.gateway_answered(0, 0.002)
     assert monitor.step(row(1)) == ("latency_budget",)
 
 
 def test_an_answer_to_an_unknown_setpoint_is_nobodys():
     monitor = LatencyMonitor(0.005, 0)
-    monitor.framed(77, 1.0)
+    monitor.gateway_answered(77, 1.0)
     assert monitor.completed() == []
 
 
@@ -144,7 +152,7 @@ def test_figures_are_those_of_numpy_and_of_the_record(totals, missed):
         one = row(tick, by="deadline" if tick % 3 == 2 else "datagram", missed=missed)
         monitor.step(one)
         begin = one.received_s if one.woken_by == "datagram" else one.woken_s
-        monitor.framed(one.sequence, begin + total)
+        monitor.gateway_answered(one.sequence, begin + total)
         rows += monitor.completed()
     summary = monitor.summary()
     for share in (50, 95, 99):
@@ -155,13 +163,13 @@ def test_figures_are_those_of_numpy_and_of_the_record(totals, missed):
     assert summary["missed"] == missed * len(totals)
     assert summary["woken_by_deadline"] == len(totals) // 3
     table = pa.table({field.name: [getattr(one, field.name) for one in rows] for field in fields(LatencyRow)})
-    assert summarize(table) | {"budget_ms": 5.0} == summary
+    assert latency_summary(table) | {"budget_ms": 5.0} == summary
 
 
 def test_the_legs_add_up_to_the_total():
     monitor = LatencyMonitor(0.005, 0)
     monitor.step(row(3))
-    monitor.framed(3, 3 * PERIOD + 0.004)
+    monitor.gateway_answered(3, 3 * PERIOD + 0.004)
     took = legs(monitor.completed()[0])
     assert sum(took[name] for name in LEGS) == pytest.approx(took[TOTAL]) == pytest.approx(0.004)
 

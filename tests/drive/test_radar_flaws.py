@@ -13,7 +13,7 @@ from tests.isolated import isolated
 from vve_sumo.analysis import load, radar_statistics
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
-from vve_sumo.drive.resolved_scenario import EPOCH
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.sensors.radar import NOBODY
 
 RATE, LATENCY = 0.1, 0.09
@@ -68,4 +68,4 @@ def test_ranges_are_those_of_the_time_at_which_they_were_measured(run: Run) -> N
 def test_it_is_replayed_bit_for_bit(drive: tuple[dict[str, Any], Path]) -> None:
     _summary, folder = drive
     resolved = recorded_scenario(folder, REPOSITORY)
-    assert replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY) is None
+    assert replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, DEFAULT_EPOCH), REPOSITORY) is None

@@ -22,7 +22,7 @@ from vve_sumo.drive.replay import (
     recorded_scenario,
     replay,
 )
-from vve_sumo.drive.resolved_scenario import EPOCH
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import hash_parts, read_pose_chunks, read_table
@@ -50,7 +50,7 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def replayed(folder: Path) -> Difference | None:
     resolved = recorded_scenario(folder, REPOSITORY)
     assert changed_since(folder, resolved) == changed_controller(folder, resolved, REPOSITORY) == []
-    return replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
+    return replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, DEFAULT_EPOCH), REPOSITORY)
 
 
 @pytest.mark.parametrize("name", DRIVES)
@@ -75,7 +75,9 @@ def test_a_flipped_bit_of_a_pose_packet_is_found_at_its_tick(records: dict[str, 
 def change_line(folder: Path, identifier: str, after: float, mask: str) -> None:
     """Flip the mask's bits (hexadecimal) in the data of the first frame of an identifier after a drive time."""
     lines = (folder / "can.log").read_text(encoding="ascii").splitlines()
-    number = next(n for n, line in enumerate(lines) if f" {identifier}#" in line and float(line[1:18]) > EPOCH + after)
+    number = next(
+        n for n, line in enumerate(lines) if f" {identifier}#" in line and float(line[1:18]) > DEFAULT_EPOCH + after
+    )
     head, _, data = lines[number].partition("#")
     flipped = bytes(a ^ b for a, b in zip(bytes.fromhex(data), bytes.fromhex(mask), strict=True))
     lines[number] = f"{head}#{flipped.hex().upper()}"
@@ -147,7 +149,7 @@ def test_what_is_no_record_is_one_line(records: dict[str, Path], tmp_path: Path)
     folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
     (folder / "can.log").unlink()
     with pytest.raises(ConfigError, match=r"can\.log"):
-        read_car_frames(folder, EPOCH)
+        read_car_frames(folder, DEFAULT_EPOCH)
 
 
 @pytest.mark.parametrize("role", ["network", "path", "controller_speed"])

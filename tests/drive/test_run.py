@@ -27,18 +27,18 @@ from vve_sumo.world.surroundings import table
 
 
 def test_the_command_line_lays_over_the_scenario() -> None:
-    resolved = drives.choose("parked_car", REPOSITORY, seed=7, controller="follow_and_stop")
+    resolved = drives.resolve_by_name("parked_car", REPOSITORY, seed=7, controller="follow_and_stop")
     assert resolved.scenario.seed == 7
     with pytest.raises(ConfigError, match="seed: expected 0 to 2147483647"):
-        drives.choose("parked_car", REPOSITORY, seed=-1)
+        drives.resolve_by_name("parked_car", REPOSITORY, seed=-1)
 
 
 def test_another_controller_does_not_get_the_tuning_of_the_scenarios_own(tmp_path: Path) -> None:
     text = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
     control = '[controller]\nname = "follow_and_stop"\ntuning = { gap_m = 6.0 }\n\n[criteria]'
     (tmp_path / "mine.toml").write_text(text.replace("[criteria]", control), encoding="utf-8")
-    same = drives.choose(str(tmp_path / "mine.toml"), REPOSITORY, controller="follow_and_stop")
-    other = drives.choose(str(tmp_path / "mine.toml"), REPOSITORY, controller="mine.py:make")
+    same = drives.resolve_by_name(str(tmp_path / "mine.toml"), REPOSITORY, controller="follow_and_stop")
+    other = drives.resolve_by_name(str(tmp_path / "mine.toml"), REPOSITORY, controller="mine.py:make")
     assert same.scenario.controller.tuning == {"gap_m": 6.0}
     assert other.scenario.controller.tuning == {}
 
@@ -66,7 +66,7 @@ def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path
         def run(self, record: Record, watch: object) -> None:
             raise ZeroDivisionError("in the middle")
 
-    done = drives.guarded(Shell(), record, print)  # type: ignore[arg-type]
+    done = drives.run_guarded(Shell(), record, print)  # type: ignore[arg-type]
     assert done.outcome == "broken"
     assert "in the middle" in done.text
     assert "ZeroDivisionError" in (tmp_path / "r" / "traceback.txt").read_text(encoding="utf-8")

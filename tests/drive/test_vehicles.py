@@ -31,10 +31,10 @@ def drive(folder: str, vehicle: str | None = None, rig: str | None = None) -> di
     """Drive the paper's drive and replay it; call it through `isolated`."""
     from vve_sumo.drive import run
     from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
-    from vve_sumo.drive.resolved_scenario import EPOCH
+    from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
     from vve_sumo.rig.load import load
 
-    resolved = run.choose("parked_car", REPOSITORY, seed=1, vehicle=vehicle)
+    resolved = run.resolve_by_name("parked_car", REPOSITORY, seed=1, vehicle=vehicle)
     if rig is not None:
         resolved = resolved.with_rig(load(Path(rig), REPOSITORY), REPOSITORY)
         Path(rig).unlink()  # a record is replayed without it
@@ -42,7 +42,7 @@ def drive(folder: str, vehicle: str | None = None, rig: str | None = None) -> di
     summary = run.run(resolved, record, REPOSITORY).summary
     again = recorded_scenario(record, REPOSITORY)
     assert again.model == resolved.model
-    assert replay(again, read_pipeline_inputs(record), read_car_frames(record, EPOCH), REPOSITORY) is None
+    assert replay(again, read_pipeline_inputs(record), read_car_frames(record, DEFAULT_EPOCH), REPOSITORY) is None
     return summary
 
 
@@ -85,7 +85,7 @@ def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_p
 
 
 def test_a_vehicle_that_nobody_knows_is_named() -> None:
-    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.run import resolve_by_name
 
     with pytest.raises(ConfigError, match=r"parked_car\.toml: ego\.vehicle: no vehicle named 'tank'; known: ford_fus"):
-        choose("parked_car", REPOSITORY, vehicle="tank")
+        resolve_by_name("parked_car", REPOSITORY, vehicle="tank")

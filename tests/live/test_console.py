@@ -61,7 +61,7 @@ def test_a_drive_that_passes_is_told_from_the_first_key_to_park_and_blames_nobod
         at.press("g")
         at.until(lambda: "g does nothing yet: e engages first" in at.text)
         engage(at)
-        for number in signals.ENDING:
+        for number in signals.TERMINATING:
             for name in ("gateway", "drive", "recorder"):
                 at.kill(name, number)
         at.press("g")

@@ -24,7 +24,14 @@ from tests.vehicle.car import CALIBRATION, FUSION, PERIOD
 from vve_sumo.bus import read_log
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
-from vve_sumo.live.gateway import DBW_SILENCE_LIMIT, MAX_STEP_INTERVAL, MIN_STEP_INTERVAL, Inbox, dbw_is_gone, due
+from vve_sumo.live.gateway import (
+    DBW_SILENCE_LIMIT,
+    MAX_STEP_INTERVAL,
+    MIN_STEP_INTERVAL,
+    Inbox,
+    dbw_is_gone,
+    next_step_time,
+)
 from vve_sumo.live.priority import NEVER_KILLED
 from vve_sumo.record.record import read_table
 from vve_sumo.values import ArmingState, Frame, Setpoint
@@ -84,7 +91,7 @@ def assert_stopping(told: list[Heard]) -> None:
 @given(st.floats(0.0, 1e6), st.booleans(), st.booleans())
 def test_steps_are_due_half_a_period_after_the_last_at_the_soonest_and_one_and_a_half_at_the_latest(last, fresh, alone):
     expected = MIN_STEP_INTERVAL if fresh else 1.0 if alone else MAX_STEP_INTERVAL
-    assert due(last, fresh, alone, PERIOD) - last == pytest.approx(expected * PERIOD, abs=1e-9)
+    assert next_step_time(last, fresh, alone, PERIOD) - last == pytest.approx(expected * PERIOD, abs=1e-9)
 
 
 def setpoint(sequence: int, **changes: Any) -> Setpoint:
@@ -99,9 +106,9 @@ def test_of_two_setpoints_the_newer_one_counts_and_the_older_ones_faults():
     inbox.take_from_drive(link.encode_setpoint(setpoint(1, faults=("pose_lost",))))
     newer = link.encode_setpoint(setpoint(2))
     inbox.take_from_drive(newer)
-    taken = inbox.empty()
+    taken = inbox.take()
     assert (taken.setpoint.sequence, taken.datagram, taken.wrong) == (2, newer, ("pose_lost",))
-    assert inbox.empty() == (None, b"", None, ())
+    assert inbox.take() == (None, b"", None, ())
 
 
 @given(st.integers(0, 10_000), st.integers(0, 7))
@@ -110,7 +117,7 @@ def test_a_flipped_bit_is_found_and_asks_for_a_stop(where, bit):
     whole[where % len(whole)] ^= 1 << bit
     inbox = Inbox()
     inbox.take_from_drive(bytes(whole))
-    taken = inbox.empty()
+    taken = inbox.take()
     assert taken.setpoint is None
     assert taken.wrong == ("setpoint_corrupt",)
 
@@ -118,8 +125,8 @@ def test_a_flipped_bit_is_found_and_asks_for_a_stop(where, bit):
 def test_the_drive_has_no_say_in_acts():
     inbox = Inbox()
     for act in OperatorCommand:
-        inbox.take_from_drive(link.encode_act(act))
-    assert inbox.empty() == (None, b"", None, ())
+        inbox.take_from_drive(link.encode_operator_command(act))
+    assert inbox.take() == (None, b"", None, ())
     assert inbox.refused == len(OperatorCommand)
 
 
@@ -127,22 +134,22 @@ def test_the_drive_has_no_say_in_acts():
 def test_acts_come_in_their_order_and_stop_before_all_others(acts):
     inbox = Inbox()
     for act in acts:
-        inbox.take_from_console(b"prose" if act is None else link.encode_act(act))
+        inbox.take_from_console(b"prose" if act is None else link.encode_operator_command(act))
     stops = any(act in (OperatorCommand.STOP, None) for act in acts)
     assert inbox.fresh is stops
-    taken = [inbox.empty().act for _ in range(len(acts) + 1)]
+    taken = [inbox.take().act for _ in range(len(acts) + 1)]
     assert taken == ([OperatorCommand.STOP] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
 
 
 def test_a_stop_asked_for_again_and_again_is_urgent_once():
     inbox = Inbox()
-    inbox.take_from_console(link.encode_act(OperatorCommand.STOP))
+    inbox.take_from_console(link.encode_operator_command(OperatorCommand.STOP))
     assert inbox.fresh
-    assert inbox.empty().act is OperatorCommand.STOP
+    assert inbox.take().act is OperatorCommand.STOP
     for _ in range(50):
-        inbox.take_from_console(link.encode_act(OperatorCommand.STOP))
+        inbox.take_from_console(link.encode_operator_command(OperatorCommand.STOP))
         assert not inbox.fresh
-        assert inbox.empty().act is OperatorCommand.STOP
+        assert inbox.take().act is OperatorCommand.STOP
 
 
 @given(st.floats(0.0, 1e6), st.floats(0.0, 1e3))
@@ -274,7 +281,7 @@ def test_a_gateway_that_slept_latches_it_and_makes_up_for_nothing(bench: Open) -
 def test_signals_hammered_at_a_moving_gateway_change_nothing(bench: Open) -> None:
     b = bench(3.0)
     for _ in range(20):
-        for number in signals.ENDING:
+        for number in signals.TERMINATING:
             b.kill(b.gateway, number)
         b.run(0.004)
     b.run(0.2)
@@ -306,7 +313,7 @@ def test_acts_from_the_drive_are_refused_and_counted(bench: Open) -> None:
     b = bench(sender=False)
     b.run_until(lambda: b.state is ArmingState.READY)
     for _ in range(10):
-        b.drive_end.send(link.encode_act(OperatorCommand.ENGAGE))
+        b.drive_end.send(link.encode_operator_command(OperatorCommand.ENGAGE))
         b.run(0.05)
     assert b.state is ArmingState.READY
     b.console.close()

@@ -13,7 +13,7 @@ from typing import IO
 import pytest
 
 from tests.conftest import REPOSITORY
-from vve_sumo.live.signals import ASKING
+from vve_sumo.live.signals import STOP_REQUESTS
 
 LISTENER = """
 import fcntl, select, sys, termios
@@ -68,8 +68,15 @@ def test_on_a_terminal_all_but_four_keys_stop_even_those_that_a_terminal_keeps_t
 def test_every_signal_that_would_end_or_freeze_the_console_is_a_stop() -> None:
     reader, writer = os.pipe()
     process, said = listener(reader, controlled=False)
-    assert {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGTSTP} <= ASKING
-    for number in sorted(ASKING):
+    assert {
+        signal.SIGINT,
+        signal.SIGTERM,
+        signal.SIGHUP,
+        signal.SIGQUIT,
+        signal.SIGUSR1,
+        signal.SIGTSTP,
+    } <= STOP_REQUESTS
+    for number in sorted(STOP_REQUESTS):
         process.send_signal(number)
         assert next_line(said) == "stop\n", number
     process.kill()

@@ -18,7 +18,7 @@ from tests.live.patience import until
 from tests.record.test_record import actors, row
 from vve_sumo.bus import read_log
 from vve_sumo.live.channel import pair
-from vve_sumo.live.recorder_client import BACKLOG, RecorderClient
+from vve_sumo.live.recorder_client import MAX_BACKLOG, RecorderClient
 from vve_sumo.live.spawn import start
 from vve_sumo.live.summary import summarise
 from vve_sumo.record.record import LiveRecord, Record, hash_parts, read_pose_chunks, read_table, whole
@@ -192,7 +192,7 @@ def test_a_stopped_recorder_is_found_full_and_keeps_nobody(desk: Desk) -> None:
         flushes += 1
         assert flushes < 5000, "no end to what the queue takes"
     assert desk.drive.failure == "record_full"
-    assert flushes > BACKLOG
+    assert flushes > MAX_BACKLOG
     assert slowest < 0.5, "a queue that is full is found full at once"
     os.kill(desk.process.pid, signal.SIGCONT)
     desk.drive.finish(20.0)
@@ -204,13 +204,13 @@ def test_a_stopped_recorder_is_found_full_and_keeps_nobody(desk: Desk) -> None:
 
 def test_a_recorder_that_is_slow_for_a_moment_is_forgiven(desk: Desk) -> None:
     os.kill(desk.process.pid, signal.SIGSTOP)
-    for tick in range(BACKLOG // 2):
+    for tick in range(MAX_BACKLOG // 2):
         say_tick(desk.drive, tick, boxes=1000)
         desk.drive.flush()
     os.kill(desk.process.pid, signal.SIGCONT)
     desk.drive.finish(20.0)
     assert desk.drive.failure == ""
-    assert desk.hang_up()["ticks"] == BACKLOG // 2
+    assert desk.hang_up()["ticks"] == MAX_BACKLOG // 2
 
 
 def test_a_full_disk_is_told_to_both_and_what_can_be_written_still_is(desk: Desk) -> None:

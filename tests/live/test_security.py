@@ -97,8 +97,8 @@ def bait() -> list[bytes]:
         heading_sigma=math.radians(0.1), differential_age=1.0,
     )  # fmt: skip
     return [
-        link.encode_act(OperatorCommand.ENGAGE),
-        link.encode_act(OperatorCommand.GO),
+        link.encode_operator_command(OperatorCommand.ENGAGE),
+        link.encode_operator_command(OperatorCommand.GO),
         link.encode_setpoint(setpoint),
         b"e",
         b"engage\n",

@@ -27,7 +27,7 @@ def test_what_ends_or_freezes_a_process_by_default_is_known() -> None:
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
         ended = os.WIFSIGNALED(status) or os.WIFSTOPPED(status)
-        assert ended is (number in signals.ENDING | {signal.SIGKILL, signal.SIGSTOP}), number
+        assert ended is (number in signals.TERMINATING | {signal.SIGKILL, signal.SIGSTOP}), number
 
 
 def test_no_signal_ends_the_recorder(tmp_path: Path) -> None:
@@ -35,7 +35,7 @@ def test_no_signal_ends_the_recorder(tmp_path: Path) -> None:
     config = {"folder": str(tmp_path / "r"), "resolved": {}, "epoch": 0.0, "provenance": "{}", "log": None}
     process = start("recorder", config, {"drive": theirs})
     until(lambda: (tmp_path / "r" / "scenario.json").exists())
-    for number in signals.ENDING:
+    for number in signals.TERMINATING:
         process.send_signal(number)
     ours.close()
     assert process.wait(30.0) == 0

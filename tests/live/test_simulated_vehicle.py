@@ -24,7 +24,7 @@ from tests.setpoints import setpoint as complete
 from vve_sumo.bus import Bus
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.live.channel import Channel, pair
-from vve_sumo.live.simulated_vehicle import CarConfig, Node, Truth
+from vve_sumo.live.simulated_vehicle import CarConfig, PythonCanWire, TruthFile
 from vve_sumo.live.spawn import start
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.pose.ncom import Decoder
@@ -193,7 +193,7 @@ def test_what_is_told_is_heard(tmp_path):
 
 def test_a_full_disk_ends_the_truth_and_not_the_car():
     with Path("/dev/full").open("wb", buffering=0) as full:
-        truth = Truth(full)
+        truth = TruthFile(full)
         truth.flush()
         truth.flush()
 
@@ -201,7 +201,7 @@ def test_a_full_disk_ends_the_truth_and_not_the_car():
 def test_a_bus_that_is_down_is_a_silent_one():
     with can.Bus(interface="virtual", channel="node") as other:
         bus = Bus("virtual", "node")
-        node = Node(bus)
+        node = PythonCanWire(bus)
         node.send([Frame(0x61, b"\x01"), Frame(0x65, b"")])
         assert [other.recv(1.0).arbitration_id for _ in range(2)] == [0x61, 0x65]
         other.send(can.Message(arbitration_id=0x60, data=b"\x07", is_extended_id=False))

@@ -36,7 +36,7 @@ def drive_with_the_toy() -> tuple[dict[str, Any], set[int], object]:
     from vve_sumo import bus
     from vve_sumo.drive import run as drives
     from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
-    from vve_sumo.drive.resolved_scenario import EPOCH
+    from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 
     resolved = altered({})
     resolved = dataclasses.replace(resolved, model=dataclasses.replace(resolved.model, interface=TOY))
@@ -45,7 +45,7 @@ def drive_with_the_toy() -> tuple[dict[str, Any], set[int], object]:
         summary = drives.run(resolved, folder, REPOSITORY).summary
         identifiers = {frame.id for _time, _channel, frame in bus.read_log(folder / "can.log")}
         again = recorded_scenario(folder, REPOSITORY)
-        frames = read_car_frames(folder, EPOCH, again.model.interface)
+        frames = read_car_frames(folder, DEFAULT_EPOCH, again.model.interface)
         return summary, identifiers, replay(again, read_pipeline_inputs(folder), frames, REPOSITORY)
 
 

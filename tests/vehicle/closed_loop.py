@@ -18,7 +18,7 @@ from tests import vehicles
 from vve_sumo.controller import Controller, Guarded
 from vve_sumo.drive.lockstep import ScriptedOperator
 from vve_sumo.drive.pipeline import Pipeline
-from vve_sumo.drive.resolved_scenario import EPOCH, PERIOD
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD
 from vve_sumo.frames import Alignment, Placement, local_frame
 from vve_sumo.path import Path
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
@@ -77,14 +77,14 @@ class ClosedLoop:
         start = begin.x, begin.y, begin.heading
         faults = tuple(faults)
         self.car: Car | FaultInjectedCar = (
-            FaultInjectedCar(parameters, start, LOT, EPOCH, seeds[0], faults, seeds[2])
+            FaultInjectedCar(parameters, start, LOT, DEFAULT_EPOCH, seeds[0], faults, seeds[2])
             if faults
-            else Car(parameters, start, LOT, EPOCH, seeds[0])
+            else Car(parameters, start, LOT, DEFAULT_EPOCH, seeds[0])
         )
         self.pipeline = pipeline(
             decoder=Decoder(),
-            gate=TrustGate(DRIVE, EPOCH),
-            placement=Placement(LOT, Alignment(), parameters.receiver.mounting, EPOCH),
+            gate=TrustGate(DRIVE, DEFAULT_EPOCH),
+            placement=Placement(LOT, Alignment(), parameters.receiver.mounting, DEFAULT_EPOCH),
             predictor=Predictor(),
             sensors={"radar": Radar(RadarConfig(), vehicle, np.random.default_rng(seeds[1]))},
             controller=Guarded(controller or follow_and_stop.make(vehicle, {})),
@@ -102,8 +102,8 @@ class ClosedLoop:
         heard = CarOutput([], [])
         for tick in count():
             now = tick * PERIOD
-            ticked, frames = self._tick(tick, now, heard, self._operator.act())
-            self._operator.saw(ticked.verdict)
+            ticked, frames = self._tick(tick, now, heard, self._operator.next_command())
+            self._operator.observe(ticked.verdict)
             heard = self.car.step((tick + 1) * PERIOD, frames)
             yield ticked
 

@@ -113,7 +113,7 @@ class Bench:
 
     def act(self, act: OperatorCommand) -> None:
         """Do what an operator does."""
-        assert self.console.send(link.encode_act(act))
+        assert self.console.send(link.encode_operator_command(act))
 
     def until(self, condition: Callable[[], bool], patience: float = 20.0) -> None:
         """Let time pass until a condition holds."""

@@ -15,7 +15,7 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.stopping import Stop
 from vve_sumo.values import DRIVE_LAG, Floats
 from vve_sumo.vehicle.calibration import AIR_DENSITY
-from vve_sumo.vehicle.identification import MEMORY, MIN_SAMPLES, Answer, Series, sigmas
+from vve_sumo.vehicle.identification import MIN_SAMPLES, RESIDUAL_CORRELATION_TIME, FirstOrderResponse, Series, sigmas
 
 #: what is assumed of drag, creep and throttle, whatever was calibrated; the fit finds mass, brake gain and grade itself
 DRAG_PER_MASS: Final = 0.62 / 1690.0  #: drag area over mass of a mid-size car [m2/kg]
@@ -83,7 +83,7 @@ def brake_answer(run: Run, stop: Stop) -> BrakeAnswer:
         return UNKNOWN
     declared = run.vehicle.mass * run.vehicle.wheel_radius
     torque = Series(torque.time, torque.value / declared)
-    return _fitted(_Model(time[rows], speed[rows], torque, throttle), round(MEMORY / run.period))
+    return _fitted(_Model(time[rows], speed[rows], torque, throttle), round(RESIDUAL_CORRELATION_TIME / run.period))
 
 
 def _stretch(run: Run, stop: Stop) -> NDArray[np.intp]:
@@ -126,9 +126,9 @@ class _Model:
 
     def _solved(self, guess: Floats) -> tuple[Floats, float]:
         lag = guess[0] * math.sqrt(guess[1])
-        columns = [*self._steady, -Answer(self._torque, guess[0] - lag, lag).integral(self._time)]
+        columns = [*self._steady, -FirstOrderResponse(self._torque, guess[0] - lag, lag).integral(self._time)]
         if self.pushed:
-            columns.append(Answer(self._throttle, THROTTLE_DELAY, guess[2]).integral(self._time))
+            columns.append(FirstOrderResponse(self._throttle, THROTTLE_DELAY, guess[2]).integral(self._time))
         # Integrals from the stretch's beginning, or a large constant would cost their last digits.
         matrix = np.column_stack([columns[0], *(column - column[0] for column in columns[1:])])
         factors = np.linalg.lstsq(matrix, self._speed)[0]

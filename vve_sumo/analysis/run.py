@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis import json_models
 from vve_sumo.analysis.units import described
-from vve_sumo.drive.resolved_scenario import refuse_layout
+from vve_sumo.drive.resolved_scenario import check_layout
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_data import DriveData, Motion
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
@@ -199,7 +199,7 @@ def _resolved(folder: FilePath) -> dict[str, Any]:
         raise ConfigError(f"{file}: not what a drive writes: {error}") from None
     if not isinstance(resolved, dict) or "settings" not in resolved:
         raise ConfigError(f"{file}: not what a drive writes: no settings in it")
-    refuse_layout(resolved, file)
+    check_layout(resolved, file)
     json_models.check(resolved, json_models.Record, file)
     return resolved
 

@@ -76,12 +76,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _lockstep(arguments: argparse.Namespace) -> int:
-    from vve_sumo.drive.progress import reported
-    from vve_sumo.drive.run import choose, folder_for, run
+    from vve_sumo.drive.progress import progress_watch
+    from vve_sumo.drive.run import new_run_folder, resolve_by_name, run
     from vve_sumo.drive.termination import Outcome
 
     working = Path.cwd()
-    resolved = choose(
+    resolved = resolve_by_name(
         arguments.scenario,
         working,
         seed=arguments.seed,
@@ -89,9 +89,9 @@ def _lockstep(arguments: argparse.Namespace) -> int:
         vehicle=arguments.vehicle,
         rig=arguments.rig,
     )
-    folder = arguments.out if arguments.out is not None else folder_for(resolved.name, working)
+    folder = arguments.out if arguments.out is not None else new_run_folder(resolved.name, working)
     with progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
-        done = run(resolved, folder, working, pose=arguments.pose, watch=reported(resolved.path.length, show))
+        done = run(resolved, folder, working, pose=arguments.pose, watch=progress_watch(resolved.path.length, show))
     draw_and_show(resolved, done)
     if done.summary["outcome"] == Outcome.BROKEN:
         complain(f"the simulation broke: {done.summary['text']}")

@@ -117,10 +117,10 @@ def _conclude(name: str, out: Path, query: SweepQuery) -> int:
 
 def _design_margin(name: str, working: Path) -> tuple[float, str]:
     """Return the delay that the steering bears by its design [s], or NaN and why nobody knows."""
-    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.run import resolve_by_name
     from vve_sumo.drive.steering_margins import margins_at_speed
 
-    resolved = choose(name, working)
+    resolved = resolve_by_name(name, working)
     try:
         return margins_at_speed(resolved, working).delay, ""
     except ConfigError as error:

@@ -19,7 +19,7 @@ import numpy as np
 
 from vve_sumo import workspace
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.drive.run import choose
+from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Pair, Placement
@@ -80,9 +80,9 @@ def site_of(scenario: str, rig: str, working: FilePath) -> Site:
     """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot."""
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
-    resolved = choose(scenario, working)
+    resolved = resolve_by_name(scenario, working)
     try:
-        resolved = assembly.fitted(resolved, loaded, working)
+        resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
     return Site(resolved, loaded, rig_file, meaning.geofence_of(loaded, Alignment()))
@@ -154,7 +154,7 @@ def read_pairs(file: FilePath, site: Site) -> tuple[list[Pair], list[Pair]]:
         latitude, longitude, one, other = _numbers(file, number, line, [header.index(name) for name in columns])
         lot.append(frame.to_map(math.radians(latitude), math.radians(longitude)))
         there = (one, other)
-        street.append(there if by_map else site.resolved.street.to_map(math.radians(one), math.radians(other)))
+        street.append(there if by_map else site.resolved.map_frame.to_map(math.radians(one), math.radians(other)))
     return lot, street
 
 
@@ -226,7 +226,9 @@ def cut(site: Site, result: AlignmentResult, out: FilePath) -> Path:
     source = site.resolved.files["path"]
     comments = [line for line in source.read_text(encoding="utf-8-sig").splitlines() if line.startswith("#")]
     points = (short.at(s) for s in np.linspace(0.0, short.length, round(short.length) + 1).tolist())
-    rows = [[math.degrees(angle) for angle in site.resolved.street.to_geodetic(point.x, point.y)] for point in points]
+    rows = [
+        [math.degrees(angle) for angle in site.resolved.map_frame.to_geodetic(point.x, point.y)] for point in points
+    ]
     lines = [
         *comments,
         f"# The first {short.length:.0f} m of {source.name}, cut by vve-sumo align for {site.rig_file.name}.",

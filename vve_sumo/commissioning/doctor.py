@@ -14,7 +14,7 @@ from vve_sumo import workspace
 from vve_sumo.commissioning import doctor_result, machine_checks, rig_checks
 from vve_sumo.commissioning.findings import Check, Report
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.drive.run import choose
+from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.errors import ConfigError
 from vve_sumo.live import assembly
 from vve_sumo.rig import load as rigs
@@ -39,7 +39,7 @@ def examine(
     report = Report(show)
     report.add(machine_checks.machine(working))
     advice = "correct the scenario, or name another one"
-    resolved = report.attempt("scenario", advice, lambda: choose(scenario, working))
+    resolved = report.attempt("scenario", advice, lambda: resolve_by_name(scenario, working))
     if resolved is not None:
         report.add(
             [Check("scenario", f"{resolved.name}: {resolved.path.length:.0f} m of {resolved.scenario.ego.path}")]
@@ -70,7 +70,7 @@ def _examine_scenario(report: Report, resolved: ResolvedScenario, rig: Rig | Non
         report.add([Check("controller", resolved.scenario.controller.name)])
     if rig is not None:
         fitted = report.attempt(
-            "speed", "see limits.speed_mps of the rig", lambda: assembly.fitted(resolved, rig, working)
+            "speed", "see limits.speed_mps of the rig", lambda: assembly.scenario_with_rig(resolved, rig, working)
         )
         if fitted is not None:
             report.add([Check("speed", f"{fitted.scenario.ego.speed_mps:g} of {rig.limits.speed_mps:g} m/s allowed")])

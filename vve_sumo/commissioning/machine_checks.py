@@ -28,7 +28,7 @@ from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
 from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
-from vve_sumo.live.priority import GATEWAY, NEVER_KILLED
+from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED
 from vve_sumo.scenario.schema import When
 from vve_sumo.values import Point
 from vve_sumo.vehicle.interface import DEFAULT, load, read_dbc
@@ -115,17 +115,19 @@ def _priority() -> Check:
     """Whether the kernel would run the gateway before everything else, keep it in memory, and spare it."""
     scheduled = True
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(GATEWAY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(GATEWAY_PRIORITY))
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     except OSError:
         scheduled = False
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     locked = os.geteuid() == 0 or limit == resource.RLIM_INFINITY or limit >= LOCKED
     words = {True: "permitted", False: "not permitted"}
-    found = f"real-time priority {GATEWAY} {words[scheduled]}, locking memory {words[locked]}, "
+    found = f"real-time priority {GATEWAY_PRIORITY} {words[scheduled]}, locking memory {words[locked]}, "
     found += f"oom_score_adj {NEVER_KILLED} {words[_kept()]}"
-    advice = f"raise this user's limits, rtprio to {GATEWAY} and memlock to unlimited, in /etc/security/limits.d: else "
-    advice += "a busy machine may keep the gateway waiting, which stops the car"
+    advice = (
+        f"raise this user's limits, rtprio to {GATEWAY_PRIORITY} and memlock to unlimited, in /etc/security/limits.d: "
+    )
+    advice += "else a busy machine may keep the gateway waiting, which stops the car"
     return judged("priority", found, scheduled and locked, advice, otherwise=Finding.NOTE)
 
 
@@ -194,7 +196,7 @@ def network(resolved: ResolvedScenario) -> Iterator[Check]:
     """Project the network's corners and its middle to the Earth and back."""
     left, low, right, high = resolved.network.boundary
     places = [(x, y) for x in (left, 0.5 * (left + right), right) for y in (low, 0.5 * (low + high), high)]
-    lost = max(math.dist(place, resolved.street.to_map(*resolved.street.to_geodetic(*place))) for place in places)
+    lost = max(math.dist(place, resolved.map_frame.to_map(*resolved.map_frame.to_geodetic(*place))) for place in places)
     found = (
         f"{resolved.network.path.name}, {right - left:.0f} by {high - low:.0f} m; there and back within {lost:.1e} m"
     )

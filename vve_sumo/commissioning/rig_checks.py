@@ -23,7 +23,7 @@ from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
-from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average, lot_alignment
+from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average_fixes, lot_alignment
 from vve_sumo.lot.fit import measured
 from vve_sumo.pose.clock import AgeKind, Clock
 from vve_sumo.pose.receivers.port import Receiver
@@ -364,7 +364,7 @@ def path_checks(rig: Rig, resolved: ResolvedScenario, observed: Observed) -> Ite
             yield Check("path in the lot", "not known", Finding.NO_GO, advice)
             return
         place = pose_at_rest(begin.x, begin.y, begin.heading)
-        stored = lot_alignment(average(observed.epoch, standing), frame, mounting, place, None).alignment
+        stored = lot_alignment(average_fixes(observed.epoch, standing), frame, mounting, place, None).alignment
     elif standing:
         yield _at_the_start(resolved, Placement(frame, stored, mounting, observed.epoch), observed.epoch, standing)
     yield _in_the_lot(rig, resolved, stored)
@@ -384,11 +384,11 @@ def _in_the_lot(rig: Rig, resolved: ResolvedScenario, alignment: Alignment) -> C
 
 def _at_the_start(resolved: ResolvedScenario, placement: Placement, epoch: float, standing: list[Fix]) -> Check:
     """Where the car stands on a path that lies fixed in the lot."""
-    stands = start_pose.of(placement.place(average(epoch, standing).fix), resolved.path)
-    found = f"the car stands {stands.place()}, {stands.turn()}"
+    stands = start_pose.start_pose_of(placement.place(average_fixes(epoch, standing).fix), resolved.path)
+    found = f"the car stands {stands.place_text()}, {stands.turn_text()}"
     advice = (
-        f"drive it there, within {start_pose.AWAY:g} m and {math.degrees(start_pose.TURNED):g} deg, "
-        "facing along the path; "
+        f"drive it there, within {start_pose.MAX_START_DISTANCE:g} m and "
+        f"{math.degrees(start_pose.MAX_START_TURN):g} deg, facing along the path; "
         "or, where it is to start here, vve-sumo align"
     )
     return judged("start", found, not stands.faults(), advice)

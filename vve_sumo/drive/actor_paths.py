@@ -28,7 +28,7 @@ Speeds = tuple[tuple[float, ...], tuple[float, ...]]  #: times [s], speeds [m/s]
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
+class ActorPaths:
     """What the actors follow, by the names that the scenario uses."""
 
     lines: dict[str, Path]  #: in the street's map
@@ -36,15 +36,15 @@ class Followed:
     files: dict[str, FilePath]  #: what was read, by role
 
 
-def followed(
+def find_actor_paths(
     actors: tuple[Actor, ...], file: FilePath, ego_path: Path, find: Find, read: Callable[[FilePath], Path]
-) -> Followed:
+) -> ActorPaths:
     """Find and read what the actors follow; `read` reads a path's file.
 
     Raises ConfigError naming the scenario's `file` and the key of what is missing or lies beyond its path, or the line
     of what is wrong inside a file.
     """
-    found = Followed({}, {}, {})
+    found = ActorPaths({}, {}, {})
     for actor in actors:
         where = f"actors.{actor.id}"
         if actor.path is not None:

@@ -37,9 +37,9 @@ class LatencyMonitor:
         self._done: list[LatencyRow] = []
         self._breaches: deque[float] = deque()
         self._recent: deque[float] = deque(maxlen=WINDOW_TICKS)
-        self._tally = Tally()
+        self._tally = LatencyTally()
 
-    def framed(self, sequence: int, sent: float) -> None:
+    def gateway_answered(self, sequence: int, sent: float) -> None:
         """Take the gateway's answer to a setpoint: when its last frame's send returned [s], NaN where it sent none."""
         row = self._open.pop(sequence, None)
         if row is not None:
@@ -77,7 +77,7 @@ class LatencyMonitor:
         return {"p50": quantile(recent, 0.5), "p99": quantile(recent, 0.99), "missed": self._tally.missed}
 
     def summary(self) -> dict[str, Any]:
-        """Return the drive's figures so far, as `summarize` does from the record's table."""
+        """Return the drive's figures so far, as `latency_summary` does from the record's table."""
         return self._tally.summary() | {"budget_ms": _ms(self._budget)}
 
     def _complete(self, row: LatencyRow, *, answered: bool) -> None:
@@ -91,7 +91,7 @@ class LatencyMonitor:
             self._breaches.append(row.woken_s)
 
 
-class Tally:
+class LatencyTally:
     """Counts and samples of completed rows, in flat arrays: the garbage collector never looks into them."""
 
     def __init__(self) -> None:
@@ -137,9 +137,9 @@ def legs(row: LatencyRow) -> dict[str, float]:
     return took | {TOTAL: row.framed_s - begin}
 
 
-def summarize(table: pyarrow.Table) -> dict[str, Any]:
+def latency_summary(table: pyarrow.Table) -> dict[str, Any]:
     """Return the figures of a record's `latency` table (columns: LatencyRow), as `LatencyMonitor.summary` does."""
-    tally = Tally()
+    tally = LatencyTally()
     for row in rows_of(table):
         tally.add(row)
     return tally.summary()

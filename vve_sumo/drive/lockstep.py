@@ -16,7 +16,7 @@ from pathlib import Path as FilePath
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.pipeline import Pipeline, TickResult
-from vve_sumo.drive.resolved_scenario import EPOCH, PERIOD, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD, ResolvedScenario
 from vve_sumo.drive.termination import Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
@@ -96,8 +96,8 @@ def assemble(resolved: ResolvedScenario, working: FilePath) -> LockstepParts:
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
     start, begin = pose_at_rest(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), resolved.path.at(0.0)
     alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
-    placement = Placement(frame, alignment, resolved.model.mounting, EPOCH)
-    pipeline = build_pipeline(resolved, PoseInput(Decoder(), DRIVE, placement, EPOCH), working)
+    placement = Placement(frame, alignment, resolved.model.mounting, DEFAULT_EPOCH)
+    pipeline = build_pipeline(resolved, PoseInput(Decoder(), DRIVE, placement, DEFAULT_EPOCH), working)
     return LockstepParts(pipeline, gateway_of(resolved.model), frame, alignment, start)
 
 
@@ -111,11 +111,11 @@ class ScriptedOperator:
         self._engaged = False
         self._next: OperatorCommand | None = None
 
-    def act(self) -> OperatorCommand | None:
+    def next_command(self) -> OperatorCommand | None:
         """Return what is done before a tick."""
         return self._next
 
-    def saw(self, verdict: GatewayStatus) -> None:
+    def observe(self, verdict: GatewayStatus) -> None:
         """Take note of what the gateway said at a tick."""
         self._engaged |= verdict.state is ArmingState.ENGAGED
         if verdict.state is ArmingState.READY and not self._engaged:
@@ -150,10 +150,10 @@ class Lockstep:
         """
         parts = assemble(resolved, working)
         self._pipeline, self._gateway, self._alignment = parts.pipeline, parts.gateway, parts.alignment
-        self.lot = LotAlignment(parts.frame.projection, parts.alignment, EPOCH)
+        self.lot = LotAlignment(parts.frame.projection, parts.alignment, DEFAULT_EPOCH)
         start = (parts.start.x, parts.start.y, parts.start.heading)
         vehicle_seed = seed_of(resolved.scenario.seed, "vehicle")
-        self._car = Car(car_parameters(resolved), start, parts.frame, EPOCH, vehicle_seed, alter)
+        self._car = Car(car_parameters(resolved), start, parts.frame, DEFAULT_EPOCH, vehicle_seed, alter)
         self._resolved = resolved
         self._road = VirtualRoad(open_world(resolved), scenario_engine(resolved))
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
@@ -237,7 +237,7 @@ class _Bus:
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Have the gateway step, on the car's newest reports."""
-        self.output = self._gateway.step(now, setpoint, self._reports, self._operator.act())
+        self.output = self._gateway.step(now, setpoint, self._reports, self._operator.next_command())
         self._record.saw_frames(now, CAR_BUS, self.output.frames)
-        self._operator.saw(self.output.verdict)
+        self._operator.observe(self.output.verdict)
         return self.output.verdict

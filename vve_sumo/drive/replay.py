@@ -22,7 +22,7 @@ from vve_sumo.drive import provenance
 from vve_sumo.drive.lockstep import ScriptedOperator, assemble
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import (
-    CONTROLLER,
+    CONTROLLER_ROLE,
     PERIOD,
     ResolvedScenario,
     changed_code,
@@ -40,7 +40,7 @@ from vve_sumo.values import Actors, Frame
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig, load
 
 #: a candump log has microseconds; what happens lies milliseconds apart [s]
-SLACK = 1e-5
+TIME_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Detection(NamedTuple):
     actor: str
 
 
-NOTHING = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
+NO_ACTORS = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ def changed_since(folder: FilePath, resolved: ResolvedScenario) -> list[str]:
     """Return a line for every file and every version that is not what a record says of it, but for the controller's."""
     scenario_content = read_resolved(folder)
     then, now = scenario_content["files_sha256"], digests(resolved.files)
-    roles = sorted(role for role in now | then if not role.startswith(CONTROLLER))
+    roles = sorted(role for role in now | then if not role.startswith(CONTROLLER_ROLE))
     changed = [f"{role} has changed since" for role in roles if then.get(role) != now.get(role)]
     mine, then = versions(), scenario_content["versions"]
     changed += [f"{part} was {then.get(part)}, is {mine[part]}" for part in mine if then.get(part) != mine[part]]
@@ -152,7 +152,7 @@ def _whole_ticks(inputs: PipelineInputs) -> int:
     for number, row in enumerate(inputs.ticks):
         tick = row["tick"]
         in_time = row["datagrams"] <= len(inputs.pose)
-        seen = len(inputs.actors.get(tick, NOTHING).ids) == expected
+        seen = len(inputs.actors.get(tick, NO_ACTORS).ids) == expected
         scanned = not row["scanned"] or len(inputs.scans.get(tick, ())) == row["detections"]
         if not (in_time and seen and scanned):
             return number
@@ -168,7 +168,7 @@ def read_car_frames(folder: FilePath, epoch: float, interface: InterfaceConfig =
         if frame.id in sent:
             frames.commands[round((time - epoch) / PERIOD)].append(frame)
         else:
-            frames.reports[math.ceil((time - epoch - SLACK) / PERIOD)].append(frame)
+            frames.reports[math.ceil((time - epoch - TIME_TOLERANCE) / PERIOD)].append(frame)
     return frames
 
 
@@ -192,7 +192,7 @@ def _scans(table: pa.Table) -> dict[int, list[Detection]]:
     return found
 
 
-def answers(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple[dict[str, Any], TickResult]]:
+def replayed_ticks(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple[dict[str, Any], TickResult]]:
     """Ask the pipeline again, tick by tick: each recorded row with what comes out now."""
     taken = 0
     for row in inputs.ticks:
@@ -200,12 +200,12 @@ def answers(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple[dict[s
         for time, data in inputs.pose[taken : row["datagrams"]]:
             pipeline.receive(time, data)
         taken = row["datagrams"]
-        pipeline.see(now, inputs.actors.get(tick, NOTHING))
-        yield row, pipeline.decide(tick, now, steering, codes(row["shell_faults"]))
+        pipeline.see(now, inputs.actors.get(tick, NO_ACTORS))
+        yield row, pipeline.decide(tick, now, steering, reason_codes(row["shell_faults"]))
         pipeline.prepare(now + PERIOD, steering)
 
 
-def codes(joined: str) -> tuple[str, ...]:
+def reason_codes(joined: str) -> tuple[str, ...]:
     """Return the reason codes in a record's column."""
     return tuple(code for code in joined.split("+") if code)
 
@@ -215,11 +215,11 @@ def replay(
 ) -> Difference | None:
     """Run a lockstep record through pipeline and gateway; return the first difference, None where all is the same."""
     parts, operator = assemble(resolved, working), ScriptedOperator()
-    for row, result in answers(parts.pipeline, inputs):
+    for row, result in replayed_ticks(parts.pipeline, inputs):
         tick = int(row["tick"])
         reports, commands = frames.reports.get(tick, []), frames.commands.get(tick, [])
-        output = parts.gateway.step(row["time_s"], result.setpoint, reports, operator.act())
-        operator.saw(output.verdict)
+        output = parts.gateway.step(row["time_s"], result.setpoint, reports, operator.next_command())
+        operator.observe(output.verdict)
         difference = (
             compare_result(inputs, row, result)
             or compare(tick, row, status_columns(output.verdict))

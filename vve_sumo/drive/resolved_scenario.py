@@ -1,4 +1,4 @@
-"""From a scenario's names to everything a drive needs: files found and hashed, the path laid into the street's map.
+"""From a scenario's names to everything a drive needs: files found and hashed, the path laid into the network's map.
 
 Reads files, opens nothing for good; starts neither SUMO nor a car.
 """
@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 
 from vve_sumo import workspace
 from vve_sumo.controller import Controller, load, origin, sources
-from vve_sumo.drive.actor_paths import Speeds, followed
+from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
@@ -43,18 +43,18 @@ if TYPE_CHECKING:
 LAYOUT = 7
 PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire controller expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
-EPOCH = 1_451_260_818.0
+DEFAULT_EPOCH = 1_451_260_818.0
 #: how the role of a file of the controller's code begins; the name of its module follows
-CONTROLLER = "controller_"
+CONTROLLER_ROLE = "controller_"
 #: libraries whose version is recorded beside our own: another one may drive differently
 DECISIVE_LIBRARIES = ("libsumo", "numpy", "scipy", "pyproj")
 PATH_COLUMNS = ("latitude_deg", "longitude_deg")
 #: a point of the path that is farther from every lane is a mistake in its coordinates [m]
 MAX_DISTANCE_FROM_LANES = 50.0
 #: of the lanes' points that the path is compared with [m]
-SPACING = 10.0
+LANE_POINT_SPACING = 10.0
 #: comment in a path's file that names the edges it runs along
-EDGES = "# edges:"
+EDGES_COMMENT = "# edges:"
 
 
 ReadNetwork = Callable[[FilePath], Network]
@@ -69,12 +69,12 @@ class ResolvedScenario:
     scenario: Scenario
     network: Network
     demand: tuple[FilePath, ...]
-    street: MapFrame  #: of the network
-    path: Path  #: of the rear axle, in the street's map
+    map_frame: MapFrame  #: of the network
+    path: Path  #: of the rear axle, on the virtual road's map
     route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
     model: VehicleModel  #: that drives
     files: dict[str, FilePath]  #: what was read, by role
-    lines: dict[str, Path]  #: paths of actors, by the names that they use, in the street's map
+    actor_paths: dict[str, Path]  #: paths of actors, by the names that they use, on the virtual road's map
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
     file: FilePath  #: the scenario's own
 
@@ -89,7 +89,7 @@ class ResolvedScenario:
         The controller's files are those of the one that `controller` made last.
         """
         code = sources(self.scenario.controller.name, workspace.controller_folders(working))
-        files = self.files | {f"{CONTROLLER}{module}": file for module, file in code.items()}
+        files = self.files | {f"{CONTROLLER_ROLE}{module}": file for module, file in code.items()}
         model = self.model.to_dict()
         return {
             "layout": LAYOUT,
@@ -143,10 +143,10 @@ def changed_code(name: str, recorded: Mapping[str, Collection[str]], working: Fi
     `recorded` holds the hashes that each role had. Raises ConfigError where there is no such controller any more.
     """
     place = origin(name, workspace.controller_folders(working))
-    roles = [role for role in sorted(recorded) if role.startswith(CONTROLLER)]
-    if f"{CONTROLLER}{place.main}" not in roles:
+    roles = [role for role in sorted(recorded) if role.startswith(CONTROLLER_ROLE)]
+    if f"{CONTROLLER_ROLE}{place.main}" not in roles:
         return [f"controller {name}: there is no hash of its code"]
-    files = {role: place.file(role.removeprefix(CONTROLLER)) for role in roles}
+    files = {role: place.file(role.removeprefix(CONTROLLER_ROLE)) for role in roles}
     return [
         f"{role} has changed since" if file is not None else f"{role} is gone"
         for role, file in files.items()
@@ -163,7 +163,7 @@ def read_resolved(folder: FilePath) -> dict[str, Any]:
         raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
     if not isinstance(resolved, dict):
         raise ConfigError(f"{folder}: no record of a drive: scenario.json: expected a table of keys")
-    refuse_layout(resolved, file)
+    check_layout(resolved, file)
     return resolved
 
 
@@ -175,7 +175,7 @@ def recorded_model(resolved: Mapping[str, Any]) -> VehicleModel:
         raise ConfigError(f"scenario.json: no vehicle model of this version: {error!r}") from None
 
 
-def refuse_layout(resolved: Mapping[str, Any], file: FilePath) -> None:
+def check_layout(resolved: Mapping[str, Any], file: FilePath) -> None:
     """Raise ConfigError for a record of another layout than this version writes; `file` is its `scenario.json`."""
     layout = resolved.get("layout", 1)
     if layout != LAYOUT:
@@ -212,10 +212,10 @@ def resolve_scenario(
     path_file = find("path", scenario.ego.path, "ego.path")
     vehicle_file = find("vehicle", scenario.ego.vehicle, "ego.vehicle")
     try:
-        street = network.frame()
+        map_frame = network.frame()
     except ConfigError as error:
         raise ConfigError(f"{network.path}: {error}") from None
-    path, route = (path_in or read_path)(path_file, street, network)
+    path, route = (path_in or read_path)(path_file, map_frame, network)
     for obstacle in scenario.obstacles:
         if obstacle.at_m > path.length:
             raise ConfigError(
@@ -223,29 +223,29 @@ def resolve_scenario(
             )
 
     def read(of: FilePath) -> Path:
-        return (path_in or read_path)(of, street, network)[0]
+        return (path_in or read_path)(of, map_frame, network)[0]
 
-    cast = followed(scenario.actors, file, path, find, read)
-    files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **cast.files}
+    followed = find_actor_paths(scenario.actors, file, path, find, read)
+    files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
     return ResolvedScenario(
         name=name,
         scenario=scenario,
         network=network,
         demand=demand,
-        street=street,
+        map_frame=map_frame,
         path=path,
         route=route,
         model=load_vehicle(vehicle_file),
         files=files,
-        lines=cast.lines,
-        recordings=cast.recordings,
+        actor_paths=followed.lines,
+        recordings=followed.recordings,
         file=file,
     )
 
 
-def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
-    """Return the path in a CSV file, laid into the street's map, and the edges that the file says it runs along.
+def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
+    """Return the path in a CSV file, laid into the network's map, and the edges that the file says it runs along.
 
     Raises ConfigError naming file and line for what is no coordinate, and for a point outside the network.
     """
@@ -254,7 +254,7 @@ def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path,
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"path {file}: cannot be read: {error}") from None
     lines = text.splitlines()
-    route = next((tuple(line[len(EDGES) :].split()) for line in lines if line.startswith(EDGES)), ())
+    route = next((tuple(line[len(EDGES_COMMENT) :].split()) for line in lines if line.startswith(EDGES_COMMENT)), ())
     if "\0" in text:
         raise ConfigError(f"path {file}: expected a CSV file, got binary data")
     rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
@@ -264,10 +264,10 @@ def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path,
         raise ConfigError(f"path {file}: no column {missing[0]}, expected a header with {', '.join(PATH_COLUMNS)}")
     columns = [header.index(column) for column in PATH_COLUMNS]
     points = [_point(file, number, line, columns) for number, line in rows[1:]]
-    placed = [street.to_map(latitude, longitude) for latitude, longitude in points]
+    placed = [map_frame.to_map(latitude, longitude) for latitude, longitude in points]
     for (number, _line), (x, y) in zip(rows[1:], placed, strict=True):
         _inside(file, number, x, y, network)
-    _on_the_streets(file, [number for number, _line in rows[1:]], placed, network)
+    _on_the_roads(file, [number for number, _line in rows[1:]], placed, network)
     try:
         return Path.from_points([x for x, _y in placed], [y for _x, y in placed]), route
     except ConfigError as error:
@@ -285,7 +285,7 @@ def _point(file: FilePath, number: int, line: str, columns: list[int]) -> tuple[
     return math.radians(latitude), math.radians(longitude)
 
 
-def _on_the_streets(file: FilePath, numbers: list[int], placed: list[tuple[float, float]], network: Network) -> None:
+def _on_the_roads(file: FilePath, numbers: list[int], placed: list[tuple[float, float]], network: Network) -> None:
     """Raise ConfigError at the first point that is far from every lane: another town, or other coordinates."""
     points = np.array(placed).reshape(-1, 2)
     if len(points) == 0:
@@ -307,7 +307,7 @@ def _dense(line: Floats) -> Floats:
     """Return points of a polyline, none farther than SPACING from the next."""
     pieces = []
     for start, end in pairwise(line):
-        count = max(2, math.ceil(math.dist(start, end) / SPACING) + 1)
+        count = max(2, math.ceil(math.dist(start, end) / LANE_POINT_SPACING) + 1)
         pieces.append(start + (end - start) * np.linspace(0.0, 1.0, count)[:, None])
     return np.vstack(pieces) if pieces else line
 

@@ -54,7 +54,7 @@ class Drive:
         return self.summary["passed"] is not False
 
 
-def choose(
+def resolve_by_name(
     name: str,
     working: FilePath,
     *,
@@ -108,7 +108,7 @@ def run(
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             record.attach(PROVENANCE, provenance.text_of(provenance.provenance(resolved, now)))
         try:
-            done = guarded(shell, record, watch)
+            done = run_guarded(shell, record, watch)
         except ConfigError:
             record.discard()
             raise
@@ -122,7 +122,7 @@ def run(
     return Drive(folder, summary)
 
 
-def guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
+def run_guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
     """Drive to the end; whatever breaks under way is how the drive ended, but for a wrong input."""
     broken = DriveEnd(Outcome.BROKEN, ())
     try:
@@ -139,7 +139,7 @@ def guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         return replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
 
 
-def folder_for(name: str, working: FilePath) -> FilePath:
+def new_run_folder(name: str, working: FilePath) -> FilePath:
     """Return a folder under `runs/` that is not there yet, named by the time and the scenario or sweep."""
     stem = f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"
     names = (stem if number == 1 else f"{stem}_{number}" for number in range(1, 1000))

@@ -71,13 +71,13 @@ def summary_of(
         "text": done.text,
         "versions": versions(),
     }
-    failed = judge(driven.scenario.criteria, summary)
+    failed = unmet_criteria(driven.scenario.criteria, summary)
     passed = None if done.outcome is Outcome.PLAYED else not failed
     hashes = {"record_sha256": whole(parts), "record_parts_sha256": parts}
     return summary | {"passed": passed, "failed": failed} | hashes
 
 
-def judge(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
+def unmet_criteria(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
     """Return a line for every criterion that a drive's summary does not meet."""
     if summary["outcome"] == Outcome.PLAYED:
         return []

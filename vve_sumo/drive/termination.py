@@ -12,13 +12,13 @@ from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import ArmingState
 
 #: below this speed the car counts as standing [m/s]
-STANDING = 0.05
+STANDSTILL_SPEED = 0.05
 #: the car has been under way once it was faster than this [m/s]
-UNDER_WAY = 0.5
+MOVING_SPEED = 0.5
 #: nearer to the end of the path than this, a stop is an arrival [m]
-ARRIVAL = 10.0
+ARRIVAL_DISTANCE = 10.0
 #: a drive that has not begun to move by then never will [s]
-START_LIMIT = 30.0
+START_TIMEOUT = 30.0
 
 
 class Outcome(enum.StrEnum):
@@ -67,8 +67,8 @@ class TerminationMonitor:
         `speed` [m/s] and `station` [m] are the rear axle's; NaN before there is a pose.
         """
         self.collided |= contact
-        self._moved |= speed > UNDER_WAY
-        if not abs(speed) < STANDING:
+        self._moved |= speed > MOVING_SPEED
+        if not abs(speed) < STANDSTILL_SPEED:
             self._standing_since = None
             return None
         if self._standing_since is None:
@@ -80,7 +80,7 @@ class TerminationMonitor:
 
     def _never_started(self, time: float, state: ArmingState) -> Outcome | None:
         """A car that may drive and stands all the same has a reason to: its controller stopped it before it began."""
-        if state is not ArmingState.FAULT and time <= START_LIMIT:
+        if state is not ArmingState.FAULT and time <= START_TIMEOUT:
             return None
         return Outcome.STOPPED if state is ArmingState.ENGAGED else Outcome.FAULT
 
@@ -89,4 +89,4 @@ class TerminationMonitor:
             return Outcome.CONTACT
         if state is not ArmingState.ENGAGED:
             return Outcome.FAULT
-        return Outcome.ARRIVED if self.path_length - station < ARRIVAL else Outcome.STOPPED
+        return Outcome.ARRIVED if self.path_length - station < ARRIVAL_DISTANCE else Outcome.STOPPED

@@ -26,9 +26,9 @@ OVERRUN_WINDOW: Final = 10
 
 SLEW: Final = 1e-3  #: how fast nominal times follow the stream [s/s]; ten times the drift of a poor clock (100 ppm)
 ACQUIRING_SLEW: Final = 0.1  #: the same just after the lock was found [s/s]
-ACQUIRING: Final = 1.0  #: how long that is [s]
+ACQUIRING_TIME: Final = 1.0  #: how long that is [s]
 GAIN: Final = 0.1  #: share of an epoch's error that one fix takes away
-LOST: Final = 2.0  #: after so long without a fix near a nominal epoch the lock is sought anew [s]
+LOST_TIME: Final = 2.0  #: after so long without a fix near a nominal epoch the lock is sought anew [s]
 
 #: Fixes that arrive earlier or later after their epoch than this are not followed [s]: a clock is wrong somewhere.
 MIN_FIX_AGE: Final = -0.1
@@ -86,7 +86,7 @@ class TickScheduler:
         """Nominal time of the next tick, as far as is known now [s]: where the ego is to be placed for."""
         return self._epoch + self._latency
 
-    def arrived(self, received: float, epoch: float) -> None:
+    def fix_arrived(self, received: float, epoch: float) -> None:
         """Take note of a fix: when its bytes arrived and its epoch, both on the drive's clock.
 
         One that is not newer than another before, or whose times cannot be, changes nothing.
@@ -94,10 +94,10 @@ class TickScheduler:
         latency = received - epoch
         if not (epoch > self._newest and MIN_FIX_AGE <= latency <= MAX_FIX_AGE):
             return
-        elapsed = min(received - self._received, LOST)
+        elapsed = min(received - self._received, LOST_TIME)
         self._intervals.append(epoch - self._newest)
         self._newest, self._received = epoch, received
-        if not received - self._near <= LOST:
+        if not received - self._near <= LOST_TIME:
             self._lock(received, epoch, latency)
         elif elapsed > 0.0:
             self._follow(received, epoch, elapsed)
@@ -139,7 +139,7 @@ class TickScheduler:
         """Move nominal epoch and latency a little towards what the stream shows."""
         self._interval = median(self._intervals)
         comb = min(self._interval, self._period)
-        slew = (ACQUIRING_SLEW if received - self._locked_at < ACQUIRING else SLEW) * elapsed
+        slew = (ACQUIRING_SLEW if received - self._locked_at < ACQUIRING_TIME else SLEW) * elapsed
         error = math.remainder(epoch - self._epoch, comb)
         if abs(error) <= 0.25 * self._period:
             self._near = received

@@ -17,11 +17,11 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.drive import provenance
-from vve_sumo.drive.latency_monitor import summarize
+from vve_sumo.drive.latency_monitor import latency_summary
 from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.resolved_scenario import PERIOD, read_resolved
 from vve_sumo.drive.summary import summary_of
-from vve_sumo.drive.termination import UNDER_WAY, Outcome, TerminationMonitor
+from vve_sumo.drive.termination import MOVING_SPEED, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
 from vve_sumo.record.record import (
@@ -46,7 +46,7 @@ from vve_sumo.values import ArmingState, Vehicle
 
 SUMMARY: Final = "summary.json"
 #: two figures that are nearer than this share of them, or this, are the same: another processor rounds otherwise
-SAME: Final = 1e-9
+RELATIVE_TOLERANCE: Final = 1e-9
 #: outcomes of a lockstep drive that something else than the car's motion ended
 ENDED_OTHERWISE: Final = frozenset({Outcome.COMPLETED, Outcome.INTERRUPTED, Outcome.BROKEN})
 #: reason codes of a live drive's summary that no row of the gateway has: whose process was lost
@@ -210,7 +210,7 @@ def _figures(folder: FilePath, recorded: RecordedDrive, summary: dict[str, Any])
     if _is_live(folder, summary):
         again |= {"gateway_steps": read_table(folder, "gateway").num_rows}
         latency = read_table(folder, "latency")
-        again |= {"latency": summarize(latency) if latency.num_rows else {}}
+        again |= {"latency": latency_summary(latency) if latency.num_rows else {}}
     for key, value in again.items():
         if not _same(summary.get(key), value):
             yield f"{key} is {summary.get(key)!r}, the tables come to {value!r}"
@@ -220,7 +220,7 @@ def _same(said: object, again: object) -> bool:
     if isinstance(again, float) and not math.isfinite(again):
         return said is None
     if isinstance(again, float) and isinstance(said, (int, float)):
-        return math.isclose(said, again, rel_tol=SAME, abs_tol=SAME)
+        return math.isclose(said, again, rel_tol=RELATIVE_TOLERANCE, abs_tol=RELATIVE_TOLERANCE)
     return said == again
 
 
@@ -286,7 +286,7 @@ def _live_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, gateway:
         yield f"outcome is {outcome}, and nothing was touched"
     # What is touched at rest, before the drive or after it, is no outcome.
     under_way = [
-        speed > UNDER_WAY and state == ArmingState.ENGAGED for speed, state in zip(speeds, states, strict=True)
+        speed > MOVING_SPEED and state == ArmingState.ENGAGED for speed, state in zip(speeds, states, strict=True)
     ]
     if outcome in (Outcome.STOPPED, Outcome.ARRIVED) and any(map(all, zip(contacts, under_way, strict=True))):
         yield f"outcome is {outcome}, and something was touched"

@@ -20,16 +20,16 @@ from vve_sumo.world.surroundings import table
 from vve_sumo.world.world import World
 
 #: A car that is faster has been driven off [m/s].
-MOVING = 0.5
+MOVING_SPEED = 0.5
 
 
 def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
     """Return the scenario's obstacles where they stand beside the path."""
     wanted = resolved.scenario.obstacles
-    return tuple(Obstacle(one.id, spot_of(one, resolved.path), one.length_m, one.width_m) for one in wanted)
+    return tuple(Obstacle(one.id, obstacle_position(one, resolved.path), one.length_m, one.width_m) for one in wanted)
 
 
-def spot_of(wanted: schema.Obstacle, path: Path) -> MapSpot:
+def obstacle_position(wanted: schema.Obstacle, path: Path) -> MapSpot:
     """Return where the middle of an obstacle lies that the scenario places beside a path."""
     at = path.at(wanted.at_m)
     x, y = at.x - wanted.offset_m * math.sin(at.heading), at.y + wanted.offset_m * math.cos(at.heading)
@@ -39,7 +39,7 @@ def spot_of(wanted: schema.Obstacle, path: Path) -> MapSpot:
 def scenario_engine(resolved: ResolvedScenario) -> ScenarioEngine:
     """Return the scenario's actors, none of them on the street yet."""
     scenario = resolved.scenario
-    return ScenarioEngine(scenario.actors, resolved.path, resolved.lines, resolved.recordings, resolved.vehicle)
+    return ScenarioEngine(scenario.actors, resolved.path, resolved.actor_paths, resolved.recordings, resolved.vehicle)
 
 
 def pose_at_rest(x: float, y: float, heading: float) -> Pose:
@@ -96,13 +96,13 @@ class VirtualRoad:
         return self._world.warnings
 
     @property
-    def fits(self) -> bool:
+    def step_time_fits(self) -> bool:
         """Whether SUMO's steps were measured and leave a live tick its time; true where nobody measures."""
         budget = self._world.step_time_budget
         return budget is None or budget.fits
 
     @property
-    def load(self) -> dict[str, Any]:
+    def step_time_summary(self) -> dict[str, Any]:
         """What SUMO's steps took and what was done about it, for the summary; empty where nobody measures."""
         budget = self._world.step_time_budget
         return {} if budget is None else budget.summary
@@ -111,7 +111,7 @@ class VirtualRoad:
         """End the simulation."""
         self._world.close()
 
-    def go(self) -> None:
+    def operator_says_go(self) -> None:
         """Take note that the operator said go."""
         self._waits = False
 
@@ -120,7 +120,7 @@ class VirtualRoad:
         if asked is None:
             return None
         self._world.place(asked)
-        if self._began is None and (not self._waits or asked.speed > MOVING):
+        if self._began is None and (not self._waits or asked.speed > MOVING_SPEED):
             self._began = asked.time
         if self._began is not None:
             self._world.play(self._engine.step(asked.time - self._began, asked))

@@ -85,7 +85,7 @@ def standing_pose(
                 else:
                     standing.append(fix)
         if standing and standing[-1].time - standing[0].time >= AVERAGING_TIME:
-            return average(epoch, standing)
+            return average_fixes(epoch, standing)
     lacking = "no fix at all" if timing is None else ", ".join(code for code, _count in lacks.most_common(4))
     raise RigError(f"pose: {TIMEOUT:.0f} s without {AVERAGING_TIME} s of trusted fixes at standstill: {lacking}")
 
@@ -106,7 +106,7 @@ def lot_alignment(
     return LotAlignment(frame.projection, alignment, standing.epoch)
 
 
-def average(epoch: float, fixes: Sequence[Fix]) -> StandingPose:
+def average_fixes(epoch: float, fixes: Sequence[Fix]) -> StandingPose:
     """Return what the fixes of a standing car say together; `epoch` is the GNSS second of drive time 0."""
     count = len(fixes)
     latitude = sum(fix.latitude for fix in fixes) / count

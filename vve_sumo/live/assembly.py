@@ -47,10 +47,10 @@ def from_dict(scenario_content: Mapping[str, Any], working: FilePath) -> tuple[R
     file = FilePath(scenario_content["scenario_file"])
     resolved = resolve_scenario(scenario_content["scenario"], parse(scenario_content["settings"], file), file, working)
     rig = rigs.parse_json(scenario_content["rig"], FilePath(scenario_content["rig_name"]))
-    return fitted(resolved, rig, working), rig
+    return scenario_with_rig(resolved, rig, working), rig
 
 
-def fitted(resolved: ResolvedScenario, rig: Rig, working: FilePath) -> ResolvedScenario:
+def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: FilePath) -> ResolvedScenario:
     """Return a resolved scenario with the rig's car; raises ConfigError for a speed that the lot does not allow."""
     wanted, allowed = resolved.scenario.ego.speed_mps, rig.limits.speed_mps
     if wanted > allowed:

@@ -11,7 +11,7 @@ from typing import Final
 
 #: asked of the kernel for every queue [bytes]: what Linux allows everybody, and counts twice; so that whoever stops
 #: listening is found out equally soon on every machine
-QUEUE: Final = 212_992
+QUEUE_SIZE: Final = 212_992
 #: datagrams taken at once, so that a flood cannot keep its reader from everything else
 MAX_DATAGRAMS: Final = 500
 #: what a process says that has nothing to say but that it runs
@@ -26,7 +26,7 @@ class Channel:
     def __init__(self, end: socket.socket) -> None:
         end.setblocking(False)
         for queue in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-            end.setsockopt(socket.SOL_SOCKET, queue, QUEUE)
+            end.setsockopt(socket.SOL_SOCKET, queue, QUEUE_SIZE)
         self._socket = end
         self.closed = False  #: the other end is gone, as far as sending or receiving has shown
 

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from vve_sumo.drive.lockstep import WAITING, ScriptedOperator
 from vve_sumo.live.channel import ALIVE, Channel
-from vve_sumo.live.keys import KeyCommand, Keys
+from vve_sumo.live.keys import KeyCommand, OperatorInput
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.wording import Guard, answer, why
 from vve_sumo.values import ArmingState
@@ -60,7 +60,7 @@ class ProcessGroup:
     to_drive: Channel
     to_car: Channel | None
 
-    def dismiss(self, patience: float) -> None:
+    def shutdown(self, timeout: float) -> None:
         """Let every process end as it means to, drive before recorder before car; kill what hangs after the gateway.
 
         The gateway is never killed: as long as it runs it holds the car, or still tries to.
@@ -68,16 +68,16 @@ class ProcessGroup:
         self.to_gateway.close()
         self.to_drive.close()
         self.gateway.wait()
-        _end(self.drive, min(patience, DRIVE_TIMEOUT))
-        _end(self.recorder, patience)
+        _end(self.drive, min(timeout, DRIVE_TIMEOUT))
+        _end(self.recorder, timeout)
         if self.car is not None and self.to_car is not None:
             self.to_car.close()
-            _end(self.car, patience)
+            _end(self.car, timeout)
 
 
-def _end(process: subprocess.Popen[bytes], patience: float) -> None:
+def _end(process: subprocess.Popen[bytes], timeout: float) -> None:
     try:
-        process.wait(patience)
+        process.wait(timeout)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
@@ -86,7 +86,7 @@ def _end(process: subprocess.Popen[bytes], patience: float) -> None:
 class Console:
     """Runs until the gateway has let go of the car."""
 
-    def __init__(self, processes: ProcessGroup, keys: Keys, screen: Screen, automatic: bool) -> None:
+    def __init__(self, processes: ProcessGroup, keys: OperatorInput, screen: Screen, automatic: bool) -> None:
         """Have wishes come from `keys`, and with `automatic` from the rig itself."""
         self._processes, self._keys, self._screen = processes, keys, screen
         self._operator = ScriptedOperator() if automatic else None
@@ -171,7 +171,7 @@ class Console:
         return command is KeyCommand.GO and self._state is ArmingState.ENGAGED and not self._status["went"]
 
     def _act(self, act: OperatorCommand) -> None:
-        self._processes.to_gateway.send(link.encode_act(act))
+        self._processes.to_gateway.send(link.encode_operator_command(act))
         if act is OperatorCommand.GO:
             self._status["went"] = True
 
@@ -182,7 +182,7 @@ class Console:
         self._processes.to_gateway.send(ALIVE)
         if (self._stops or self._ends) and self._state in (ArmingState.READY, ArmingState.ENGAGED):
             command = OperatorCommand.STOP if self._stops else OperatorCommand.END
-            self._processes.to_gateway.send(link.encode_act(command))
+            self._processes.to_gateway.send(link.encode_operator_command(command))
 
     def _leave(self) -> None:
         self._over = self._left = True
@@ -222,8 +222,8 @@ class Console:
                 "gear": feedback.gear,
             }
             if self._operator is not None and not self._over:
-                self._operator.saw(verdict)
-                act = self._operator.act()
+                self._operator.observe(verdict)
+                act = self._operator.next_command()
                 if act is not None:
                     self._act(act)
 

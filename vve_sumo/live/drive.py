@@ -31,7 +31,7 @@ from vve_sumo.errors import VveError
 from vve_sumo.live import signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import DRIVE, TAKEN_NEXT, prefer, when_memory_ends
+from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
 from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
@@ -45,7 +45,7 @@ HOUSEKEEPING_TICKS: Final = 100
 #: on the sockets [s]
 MAX_WAIT: Final = 0.1
 #: what the last messages to the recorder may take [s]
-LAST_TIMEOUT: Final = 5.0
+RECORDER_TIMEOUT: Final = 5.0
 
 _NO_STATUS: Final = GatewayStatus(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
 
@@ -86,7 +86,7 @@ class LiveDrive:
         gc.freeze()
         gc.disable()
         # Not before: to load a network takes a second, in which nobody else would get this core.
-        prefer(DRIVE)
+        raise_priority(DRIVE_NICE)
         while not self._gateway.closed:
             self._wait()
             self._step()
@@ -117,13 +117,13 @@ class LiveDrive:
             received = stamp - self._t0
             self._tick.receive(received, data)
             self._received = received
-            self._scheduler.arrived(received, self._pipeline.newest_epoch)
+            self._scheduler.fix_arrived(received, self._pipeline.newest_epoch)
         for data in self._gateway.receive():
             feedback = link.decode_feedback(data)
             if isinstance(feedback, link.Feedback):
                 self._feedback = feedback
                 self._has_engaged |= feedback.verdict.state in COMMANDING
-                self._latency.framed(feedback.sequence, feedback.sent)
+                self._latency.gateway_answered(feedback.sequence, feedback.sent)
         self._console.receive()
         for end, gone in ((self._source, self._source.lost), (self._console, self._console.closed)):
             if gone and end in self._inputs:
@@ -157,9 +157,9 @@ class LiveDrive:
         """Reason codes of what has to hold until the car is engaged, and then no more; to be asked after the pose."""
         if self._has_engaged:
             return ()
-        waits = () if self._road.fits else ("road_not_measured",)
+        waits = () if self._road.step_time_fits else ("road_not_measured",)
         pose = self._pipeline.pose
-        return waits if pose is None else waits + start_pose.of(pose, self._resolved.path).faults()
+        return waits if pose is None else waits + start_pose.start_pose_of(pose, self._resolved.path).faults()
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Send a setpoint to the gateway, whose newest status is of a step before it.
@@ -197,10 +197,10 @@ class LiveDrive:
         """Return the numbers behind reason codes of this tick, in words."""
         if result.pose is None:
             return {}
-        start = start_pose.of(result.pose, self._resolved.path)
+        start = start_pose.start_pose_of(result.pose, self._resolved.path)
         numbers = {
-            "start_position": start.place(),
-            "start_heading": start.turn(),
+            "start_position": start.place_text(),
+            "start_heading": start.turn_text(),
             "off_path": f"{abs(result.d):.1f} m",
         }
         return {code: words for code, words in numbers.items() if code in result.faults}
@@ -221,7 +221,7 @@ class LiveDrive:
             if status.state is ArmingState.FAULT:
                 return
             self._went_at = now
-            self._road.go()
+            self._road.operator_says_go()
         pose, contact = result.pose, bool(self._road.contacts)
         speed, driven = pose.speed if pose else math.nan, now - self._went_at
         outcome = self._termination.step(driven, speed, result.s, status.state, contact)
@@ -262,7 +262,7 @@ class LiveDrive:
             "text": self._pipeline.failure or road.traceback or road.detail,
             "clock": self._pipeline.clock_report(),
             "receiver": self._source.sender_report(),
-            "step_time": road.load,
+            "step_time": road.step_time_summary,
         }
 
     def _send_status(self, begun: ScheduledTick, result: TickResult) -> None:
@@ -298,7 +298,7 @@ class LiveDrive:
         for row in self._latency.close():
             self._recorder.timed(row)
         self._tick.finish()
-        self._recorder.finish(LAST_TIMEOUT)
+        self._recorder.finish(RECORDER_TIMEOUT)
         self._source.close()
         self._road.close()
 
@@ -307,8 +307,8 @@ def main() -> int:
     """Run the process; its exit code tells the console who is to blame."""
     # This process ends with the gateway: while the car moves it needs fallback paths.
     signals.ignore()
-    when_memory_ends(TAKEN_NEXT)
-    config, channels = spawn.begin()
+    set_oom_score(KILLED_SECOND)
+    config, channels = spawn.receive_config()
     folder = FilePath(config["folder"])
     try:
         LiveDrive(config, channels).run()

@@ -21,9 +21,9 @@ from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError, VveError
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE, Channel
-from vve_sumo.live.priority import GATEWAY, NEVER_KILLED, prefer, when_memory_ends
+from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
-from vve_sumo.live.spawn import begin
+from vve_sumo.live.spawn import receive_config
 from vve_sumo.values import ArmingState, Frame, GatewayRow, GatewayStatus, Setpoint, Vehicle
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING
@@ -50,7 +50,7 @@ SILENCE: Final = 1.0
 DBW_SILENCE_LIMIT: Final = 60.0
 
 
-def due(last: float, fresh: bool, alone: bool, period: float) -> float:
+def next_step_time(last: float, fresh: bool, alone: bool, period: float) -> float:
     """When the step after the one at `last` is due; no step makes up for another.
 
     `fresh`: a setpoint waits. `alone`: the last step had none.
@@ -66,7 +66,7 @@ def dbw_is_gone(now: float, received: float) -> bool:
     return now - received > DBW_SILENCE_LIMIT
 
 
-class Taken(NamedTuple):
+class StepInputs(NamedTuple):
     """What goes into one step from the channels."""
 
     setpoint: Setpoint | None
@@ -102,34 +102,34 @@ class Inbox:
                 # It is passed over for a newer one; what it said is wrong is not.
                 self._wrong += self._setpoint.faults
             self._setpoint, self._datagram = setpoint, datagram
-        elif isinstance(link.decode_act(datagram), OperatorCommand):
+        elif isinstance(link.decode_operator_command(datagram), OperatorCommand):
             self.refused += 1
         else:
             self._wrong.append("setpoint_corrupt")
 
     def take_from_console(self, datagram: bytes) -> None:
         """Take in what the operator did; what can't be understood is taken for the act that is always right."""
-        act = link.decode_act(datagram)
+        act = link.decode_operator_command(datagram)
         if act is OperatorCommand.STOP or not isinstance(act, OperatorCommand):
             self._acts.clear()
             act = OperatorCommand.STOP
         if OperatorCommand.STOP not in self._acts:
             self._acts.append(act)
 
-    def empty(self) -> Taken:
+    def take(self) -> StepInputs:
         """Return what goes into the next step, which is then taken."""
         act = self._acts.popleft() if self._acts else None
         self._stopped |= act is OperatorCommand.STOP
-        taken = Taken(self._setpoint, self._datagram, act, tuple(self._wrong))
+        taken = StepInputs(self._setpoint, self._datagram, act, tuple(self._wrong))
         self._setpoint, self._datagram, self._wrong = None, b"", []
         return taken
 
 
-class Process:
+class GatewayProcess:
     """The loop around a gateway, from its first step to the car at rest and let go."""
 
     def __init__(self, config: Mapping[str, Any], channels: Mapping[str, Channel], bus: Bus) -> None:
-        self._gateway = gateway_of(config)
+        self._gateway = build_gateway(config)
         self._period: float = config["period"]
         self._t0: float = config["t0"]
         self._stop_id: int | None = config["stop_can_id"]
@@ -176,7 +176,7 @@ class Process:
     # Between two steps.
 
     def _wait(self) -> None:
-        while (left := due(self._last, self._inbox.fresh, self._alone, self._period) - self._clock()) > 0.0:
+        while (left := next_step_time(self._last, self._inbox.fresh, self._alone, self._period) - self._clock()) > 0.0:
             # select, not poll: a millisecond of rounding is a lot here.
             ready, _, _ = select.select(
                 self._descriptors(), [], [], left if self._bus_number is not None else min(left, POLL_INTERVAL)
@@ -224,7 +224,7 @@ class Process:
         self._hear_bus()
         self._hear_drive()
         self._hear_console()
-        taken = self._inbox.empty()
+        taken = self._inbox.take()
         received, self._received = self._received, []
         found = tuple(dict.fromkeys([*taken.wrong, *self._find(received)]))
         now = self._clock()
@@ -293,7 +293,7 @@ class Process:
             self._console.send(word)
 
     def _keep(
-        self, now: float, taken: Taken, found: tuple[str, ...], received: int, sent: int, output: GatewayOutput
+        self, now: float, taken: StepInputs, found: tuple[str, ...], received: int, sent: int, output: GatewayOutput
     ) -> None:  # fmt: skip
         """Hand the step to the recorder."""
         gateway, verdict = self._gateway, output.verdict
@@ -323,7 +323,7 @@ class Process:
         self._recorder_client.flush()
 
 
-def gateway_of(config: Mapping[str, Any]) -> Gateway:
+def build_gateway(config: Mapping[str, Any]) -> Gateway:
     """Return the core that a configuration describes; raises ConfigError where its interface can't be made."""
     limits = config["limits"]
     nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
@@ -348,10 +348,10 @@ def main() -> int:
     """Guard one drive; the exit code is the rig's where its bus cannot be opened."""
     # This process ends by itself when the car is at rest and let go, or when its console goes before it was engaged.
     signals.ignore()
-    config, channels = begin()
+    config, channels = receive_config()
     bus_config = config["bus"]
-    _say(when_memory_ends(NEVER_KILLED))
-    _say(prefer(GATEWAY))  # before the bus is opened, whose thread shall come before others too
+    _say(set_oom_score(NEVER_KILLED))
+    _say(raise_priority(GATEWAY_PRIORITY))  # before the bus is opened, whose thread shall come before others too
     try:
         bus = Bus(bus_config["interface"], bus_config["channel"], bus_config["bitrate"])
     except VveError as error:
@@ -359,7 +359,7 @@ def main() -> int:
         channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
         return error.exit_code
     with bus:
-        process = Process(config, channels, bus)
+        process = GatewayProcess(config, channels, bus)
         # A collection takes milliseconds, and nothing here makes cycles by the step.
         gc.collect()
         gc.freeze()

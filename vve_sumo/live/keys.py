@@ -15,7 +15,7 @@ import tty
 from types import TracebackType
 from typing import Any, Final, Self
 
-from vve_sumo.live.signals import ASKING
+from vve_sumo.live.signals import STOP_REQUESTS
 
 
 class KeyCommand(enum.StrEnum):
@@ -35,7 +35,7 @@ KEYS: Final = {"e": KeyCommand.ENGAGE, "g": KeyCommand.GO, "r": KeyCommand.RESET
 ENTER: Final = frozenset("\r\n")
 
 
-class Keys:
+class OperatorInput:
     """Standard input and the signals as wishes; a with block, at whose end the terminal is as it was.
 
     `listen=False` takes no wishes from standard input but on a terminal: a rig that drives by itself. Where nothing can
@@ -53,7 +53,7 @@ class Keys:
         self._wake, self._woken = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
 
     def __enter__(self) -> Self:
-        for number in ASKING:
+        for number in STOP_REQUESTS:
             self._handlers[number] = signal.signal(number, self._note)
         if self._terminal:
             with contextlib.suppress(termios.error):

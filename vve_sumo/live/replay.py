@@ -18,19 +18,19 @@ from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
     PipelineInputs,
-    answers,
-    codes,
     compare,
     compare_frames,
     compare_result,
     read_pipeline_inputs,
     read_rows,
+    reason_codes,
+    replayed_ticks,
 )
 from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.tick_rows import status_columns
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.assembly import from_dict, pipeline_of
-from vve_sumo.live.gateway import gateway_of
+from vve_sumo.live.gateway import build_gateway
 from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -58,7 +58,7 @@ def is_live(folder: FilePath) -> bool:
     return "rig" in read_resolved(folder)
 
 
-def read_scenario_content(folder: FilePath) -> dict[str, Any]:
+def read_live_scenario_content(folder: FilePath) -> dict[str, Any]:
     """Return what a live record's `scenario.json` says; raises ConfigError where it lacks what a live drive writes."""
     scenario_content = read_resolved(folder)
     if missing := sorted(KEYS - scenario_content.keys()):
@@ -68,7 +68,7 @@ def read_scenario_content(folder: FilePath) -> dict[str, Any]:
 
 def read_live_inputs(folder: FilePath) -> LiveInputs:
     """Read a live record, finished or cut off; raises ConfigError where a part of it is missing or unreadable."""
-    scenario_content, pipeline = read_scenario_content(folder), read_pipeline_inputs(folder)
+    scenario_content, pipeline = read_live_scenario_content(folder), read_pipeline_inputs(folder)
     steps = read_rows(folder, "gateway").to_pylist()
     frames = [frame for _time, _channel, frame in bus.read_log(folder / "can.log")]
     whole = _whole_steps(steps, len(frames))
@@ -95,7 +95,7 @@ def rebuilt_pipeline(scenario_content: dict[str, Any], working: FilePath, contro
 def replay_drive(inputs: LiveInputs, working: FilePath) -> Difference | None:
     """Return the first tick at which the drive's part differs: in what it saw, decided, or sent to the gateway."""
     sent = _setpoints(inputs.steps)
-    for row, result in answers(rebuilt_pipeline(inputs.scenario_content, working), inputs.pipeline):
+    for row, result in replayed_ticks(rebuilt_pipeline(inputs.scenario_content, working), inputs.pipeline):
         if (difference := compare_result(inputs.pipeline, row, result)) is not None:
             return difference
         setpoint = result.setpoint
@@ -118,7 +118,7 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
     Raises ConfigError where the record says of the gateway what this version does not understand.
     """
     try:
-        gateway, frames = gateway_of(inputs.scenario_content["gateway"]), iter(inputs.frames)
+        gateway, frames = build_gateway(inputs.scenario_content["gateway"]), iter(inputs.frames)
     except (KeyError, TypeError) as error:
         raise ConfigError(f"scenario.json: gateway: {error}: written by another version of vve-sumo") from None
     for step, row in enumerate(inputs.steps):
@@ -127,7 +127,7 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
         if isinstance(setpoint, link.Malformed):
             return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
         act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
-        output = gateway.step(row["time_s"], setpoint, received, act, codes(row["process_faults"]))
+        output = gateway.step(row["time_s"], setpoint, received, act, reason_codes(row["process_faults"]))
         difference = compare(step, row, _gateway_columns(step, gateway, output.verdict)) or compare_frames(
             step, sent, output.frames[: row["frames_sent"]]
         )

@@ -18,12 +18,12 @@ from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
     PipelineInputs,
-    answers,
     changed_controller,
     changed_since,
     read_pipeline_inputs,
+    replayed_ticks,
 )
-from vve_sumo.drive.resolved_scenario import EPOCH, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.verify import Alteration, alterations
 from vve_sumo.live import replay as live
 from vve_sumo.live.assembly import from_dict
@@ -41,7 +41,7 @@ class Inspection:
 
 
 @dataclass(frozen=True, slots=True)
-class Replayed:
+class ReplayResult:
     """What came of a replay."""
 
     what: str  #: was replayed
@@ -50,7 +50,7 @@ class Replayed:
 
 
 @dataclass(frozen=True, slots=True)
-class Redriven:
+class RedriveResult:
     """What another controller answers to a record's inputs, beside what the recorded one did."""
 
     resolved: ResolvedScenario  #: of the record
@@ -77,7 +77,7 @@ def inspect(folder: FilePath, working: FilePath) -> Inspection:
     if altered:
         return Inspection(folder, altered, [], [], None)
     if live.is_live(folder):
-        resolved, _rig = from_dict(live.read_scenario_content(folder), working)
+        resolved, _rig = from_dict(live.read_live_scenario_content(folder), working)
     else:
         resolved = lockstep.recorded_scenario(folder, working)
     notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
@@ -85,7 +85,7 @@ def inspect(folder: FilePath, working: FilePath) -> Inspection:
     return Inspection(folder, [], notes, changed_controller(folder, resolved, working), resolved)
 
 
-def replay(inspected: Inspection, working: FilePath) -> Replayed:
+def replay(inspected: Inspection, working: FilePath) -> ReplayResult:
     """Run a record that was found unaltered through the pipeline and the gateway again; say where it first differs."""
     assert inspected.resolved is not None  # only an altered record has none
     if live.is_live(inspected.folder):
@@ -93,14 +93,14 @@ def replay(inspected: Inspection, working: FilePath) -> Replayed:
     return _lockstep(inspected.folder, inspected.resolved, working)
 
 
-def _lockstep(folder: FilePath, resolved: ResolvedScenario, working: FilePath) -> Replayed:
+def _lockstep(folder: FilePath, resolved: ResolvedScenario, working: FilePath) -> ReplayResult:
     inputs = read_pipeline_inputs(folder)
-    frames = lockstep.read_car_frames(folder, EPOCH, resolved.model.interface)
+    frames = lockstep.read_car_frames(folder, DEFAULT_EPOCH, resolved.model.interface)
     difference = lockstep.replay(resolved, inputs, frames, working)
-    return Replayed(f"{len(inputs.ticks)} ticks", _torn(inputs), _described("tick", inputs.ticks, difference))
+    return ReplayResult(f"{len(inputs.ticks)} ticks", _torn(inputs), _described("tick", inputs.ticks, difference))
 
 
-def _live(folder: FilePath, working: FilePath) -> Replayed:
+def _live(folder: FilePath, working: FilePath) -> ReplayResult:
     inputs = live.read_live_inputs(folder)
     ticks, steps = inputs.pipeline.ticks, inputs.steps
     notes = _torn(inputs.pipeline)
@@ -108,7 +108,7 @@ def _live(folder: FilePath, working: FilePath) -> Replayed:
         notes.append(f"the last {inputs.torn} steps of the gateway come after a gap in gateway or can.log")
     differences = _described("tick", ticks, live.replay_drive(inputs, working))
     differences += _described("step", steps, live.replay_gateway(inputs))
-    return Replayed(f"{len(ticks)} ticks and {len(steps)} steps of the gateway", notes, differences)
+    return ReplayResult(f"{len(ticks)} ticks and {len(steps)} steps of the gateway", notes, differences)
 
 
 def _torn(inputs: PipelineInputs) -> list[str]:
@@ -130,11 +130,11 @@ def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | N
     ]
 
 
-def redrive_with(folder: FilePath, controller: str, working: FilePath) -> Redriven:
+def redrive_with(folder: FilePath, controller: str, working: FilePath) -> RedriveResult:
     """Ask another controller on a record's inputs, open loop: the car does what the recorded one said."""
     resolved, inputs, pipeline = _with(folder, controller, working)
-    table = redrive.side_by_side(answers(pipeline, inputs))
-    return Redriven(resolved, table, redrive.compared(table), pipeline.failure)
+    table = redrive.side_by_side(replayed_ticks(pipeline, inputs))
+    return RedriveResult(resolved, table, redrive.comparison_of(table), pipeline.failure)
 
 
 def _with(folder: FilePath, controller: str, working: FilePath) -> tuple[ResolvedScenario, PipelineInputs, Pipeline]:

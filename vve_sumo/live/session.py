@@ -19,7 +19,7 @@ from vve_sumo.drive import provenance
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.drive.run import choose, folder_for
+from vve_sumo.drive.run import new_run_folder, resolve_by_name
 from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.drive.virtual_road import pose_at_rest
@@ -28,8 +28,8 @@ from vve_sumo.live import assembly, spawn, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
 from vve_sumo.live.channel import pair
 from vve_sumo.live.console import Console, ProcessGroup
-from vve_sumo.live.keys import Keys
-from vve_sumo.live.priority import stand_back
+from vve_sumo.live.keys import OperatorInput
+from vve_sumo.live.priority import lower_priority
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.pose.sources import Source
@@ -88,12 +88,12 @@ def plan(
     loaded = rigs.load(rig_file, working)
     if not shadow and (reason := arming_obstacle(loaded)) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
-    resolved = choose(scenario, working, seed=seed, controller=controller)
+    resolved = resolve_by_name(scenario, working, seed=seed, controller=controller)
     try:
-        resolved = assembly.fitted(resolved, loaded, working)
+        resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
-    folder = (out if out is not None else folder_for(resolved.name, working)).absolute()
+    folder = (out if out is not None else new_run_folder(resolved.name, working)).absolute()
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
     return Plan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic())
@@ -134,7 +134,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
     with (
         held(plan.rig_file),
         contextlib.ExitStack() as stack,
-        Keys(listen=not plan.rig.operator.automatic) as keys,
+        OperatorInput(listen=not plan.rig.operator.automatic) as keys,
     ):
         # Before anything else: where another program has the receiver's port, no car of ours shall speak to it.
         source = stack.enter_context(contextlib.closing(assembly.source_of(plan.rig)))
@@ -152,12 +152,12 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
         screen = Screen(terminal)
         console = Console(processes, keys, screen, plan.rig.operator.automatic)
         try:
-            stand_back()
+            lower_priority()
             _note_processes(plan, processes)
             console.run()
         finally:
             screen.close()
-            processes.dismiss(EXIT_TIMEOUT)
+            processes.shutdown(EXIT_TIMEOUT)
             stack.pop_all()
     if console.refused is not None and not _drove(plan.folder):
         text, exit_code = console.refused

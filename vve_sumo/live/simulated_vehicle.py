@@ -26,9 +26,9 @@ import numpy as np
 from vve_sumo.errors import RigError, VveError
 from vve_sumo.frames import MapFrame, Mounting
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import CAR, prefer
+from vve_sumo.live.priority import VEHICLE_PRIORITY, raise_priority
 from vve_sumo.live.slcan import Adapter
-from vve_sumo.live.spawn import begin
+from vve_sumo.live.spawn import receive_config
 from vve_sumo.plant.car import FAST, STEPS_PER_SECOND, Car, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import InjectedFault
@@ -64,7 +64,7 @@ class Wire(Protocol):
         """Let go of the bus."""
 
 
-class Node:
+class PythonCanWire:
     """A bus that python-can opens, as a `Wire`: a bus that is down is a silent one, as it is for a real car."""
 
     def __init__(self, bus: Bus) -> None:
@@ -161,7 +161,7 @@ def _parameters(data: dict[str, Any]) -> CarParameters:
     )
 
 
-class Truth:
+class TruthFile:
     """The file of where the car really was; a disk that is full ends the file, not the car."""
 
     def __init__(self, file: FileIO | None) -> None:
@@ -190,7 +190,7 @@ class Truth:
 class SimulatedVehicle:
     """The car on the monotonic clock; it computes each step ahead, so that what is due at its end goes out on time."""
 
-    def __init__(self, config: CarConfig, wire: Wire, truth: Truth) -> None:
+    def __init__(self, config: CarConfig, wire: Wire, truth: TruthFile) -> None:
         # The radar's noise is the second child of a scenario's seed.
         car_seeds, _, fault_seeds = np.random.SeedSequence(config.seed).spawn(3)
         start, faults = config.start(), config.faults
@@ -258,7 +258,7 @@ class SimulatedVehicle:
         return 0.0
 
 
-class Ending:
+class EndCondition:
     """When the process ends: asked to and at rest, or after long enough."""
 
     def __init__(self, console: Channel) -> None:
@@ -282,9 +282,9 @@ class Ending:
 
 def main() -> int:
     """Run the process; returns its exit code."""
-    data, channels = begin()
+    data, channels = receive_config()
     console = channels["console"]
-    ending = Ending(console)
+    ending = EndCondition(console)
     try:
         config = CarConfig.from_dict(data)
         with contextlib.ExitStack() as stack:
@@ -295,15 +295,15 @@ def main() -> int:
     return 0
 
 
-def run(config: CarConfig, console: Channel, ending: Ending, stack: contextlib.ExitStack) -> None:
+def run(config: CarConfig, console: Channel, ending: EndCondition, stack: contextlib.ExitStack) -> None:
     """Be the car until it is time to end; says `car_ready` to the console, with the bus that others can open."""
     wire, bus = _wire(config.bus)
     file = None if config.truth is None else stack.enter_context(config.truth.open("wb", buffering=0))
-    car = SimulatedVehicle(config, wire, Truth(file))
+    car = SimulatedVehicle(config, wire, TruthFile(file))
     stack.callback(car.close)
     gc.collect()
     gc.freeze()
-    prefer(CAR)
+    raise_priority(VEHICLE_PRIORITY)
     console.send(json.dumps({"kind": "car_ready", "interface": bus[0], "channel": bus[1]}).encode())
     while not ending.due(car.time, car.at_rest):
         for _ in range(STEPS_PER_POLL):
@@ -317,7 +317,7 @@ def _wire(bus: tuple[str, str] | None) -> tuple[Wire, tuple[str, str]]:
         return adapter, ("slcan", adapter.name)
     from vve_sumo.bus import Bus
 
-    return Node(Bus(*bus)), bus
+    return PythonCanWire(Bus(*bus)), bus
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from vve_sumo.values import Frame
 OK: Final = b"\r"
 ERROR: Final = b"\a"
 MAX_LINE_LENGTH: Final = 32  # bytes; an extended frame with eight bytes takes 27
-QUEUE: Final = 512  # lines that wait for a slow reader; about a second of a car's reports
+QUEUE_SIZE: Final = 512  # lines that wait for a slow reader; about a second of a car's reports
 CHUNK: Final = 4096  # bytes; what the kernel keeps for a terminal
 
 _HEX = rb"[0-9A-Fa-f]"
@@ -31,7 +31,7 @@ _SETTING: Final = re.compile(rb"S[0-9]|sH{4}|Z0|[Mm]H{8}|[WXUQ][0-9]".replace(b"
 _REPLIES: Final = {b"": OK, b"V": b"V1013\r", b"v": b"v1013\r", b"N": b"NVVE0\r", b"F": b"F00\r"}
 
 
-class Dialogue:
+class SlcanProtocol:
     """What an adapter answers to what it is told; no terminal, no time."""
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class Dialogue:
         return b"z\r" if short else b"Z\r"
 
 
-def line_of(frame: Frame) -> bytes:
+def encode_frame(frame: Frame) -> bytes:
     """Return the line that says `frame`."""
     return b"t%03X%d%s\r" % (frame.id, len(frame.data), frame.data.hex().upper().encode())
 
@@ -94,7 +94,7 @@ class Adapter:
         os.set_blocking(self._ours, False)
         self.name: Final = os.ttyname(self._theirs)  #: what a host opens as its serial port
         self.dropped = 0  #: lines that nobody read in time
-        self._dialogue = Dialogue()
+        self._dialogue = SlcanProtocol()
         self._lines: deque[bytes] = deque()
         self._begun = b""  # the rest of a line that is half written and has to be finished first
 
@@ -122,7 +122,7 @@ class Adapter:
         """Pass frames to the host, as soon as it reads; they go nowhere while the host has not opened the channel."""
         if self._dialogue.open:
             for frame in frames:
-                self._put(line_of(frame))
+                self._put(encode_frame(frame))
         self._write()
 
     def close(self) -> None:
@@ -141,7 +141,7 @@ class Adapter:
     def _put(self, line: bytes) -> None:
         if not line:
             return
-        if len(self._lines) >= QUEUE:
+        if len(self._lines) >= QUEUE_SIZE:
             self._lines.popleft()
             self.dropped += 1
         self._lines.append(line)

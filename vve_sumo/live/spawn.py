@@ -43,7 +43,7 @@ def start(
     return process
 
 
-def begin() -> tuple[dict[str, Any], dict[str, Channel]]:
+def receive_config() -> tuple[dict[str, Any], dict[str, Channel]]:
     """Return what `start` handed to this process; to be called once, before anything else."""
     handed = json.load(sys.stdin.buffer)
     return handed["config"], {name: adopt(descriptor) for name, descriptor in handed["channels"].items()}

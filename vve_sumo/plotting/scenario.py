@@ -204,14 +204,14 @@ def _shown(seen: NoBrakePreview, boxes: dict[str, Box]) -> list[Box]:
         for moment in seen.moments
         if math.dist((moment.ego.x, moment.ego.y), (ego.x, ego.y)) < LEAD_IN_DISTANCE
     ]
-    others = [*(event.ego for event in events), *(_box(event.player) for event in events), *boxes.values()]
-    others += [] if contact is None or contact.player is None else [_box(contact.player)]
+    others = [*(event.ego for event in events), *(_box(event.actor_state) for event in events), *boxes.values()]
+    others += [] if contact is None or contact.actor_state is None else [_box(contact.actor_state)]
     near = [box for box in others if math.dist((box.x, box.y), (ego.x, ego.y)) < MAX_CONTACT_DISTANCE]
     return [ego, before[0], *near] if not events else [ego, *near]
 
 
-def _box(player: ActorState) -> Box:
-    return Box(player.x, player.y, player.heading, player.length, player.width)
+def _box(actor_state: ActorState) -> Box:
+    return Box(actor_state.x, actor_state.y, actor_state.heading, actor_state.length, actor_state.width)
 
 
 def _street(axes: Axes, page: Page) -> None:
@@ -224,10 +224,10 @@ def _street(axes: Axes, page: Page) -> None:
     _lines_of_motion(axes, page)
     for number, event in enumerate(page.seen.events, 1):
         _body(axes, view, event.ego, PAPER, EGO)
-        _body(axes, view, _box(event.player), PAPER, ACTOR)
+        _body(axes, view, _box(event.actor_state), PAPER, ACTOR)
         _number(axes, view, event.ego, number, EGO, (0.0, -1.0))
         crosses = _crosses(page.resolved.scenario.actors[event.actor].turned_deg)
-        _number(axes, view, _box(event.player), number, ACTOR, (1.0, 0.0) if crosses else (0.0, 1.0))
+        _number(axes, view, _box(event.actor_state), number, ACTOR, (1.0, 0.0) if crosses else (0.0, 1.0))
     _meeting(axes, page)
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
     axes.set(xticks=(), yticks=())
@@ -248,7 +248,7 @@ def _lines_of_motion(axes: Axes, page: Page) -> None:
     """Draw each actor's way from its first moment to a little after the contact, with an arrow at its end."""
     until = page.end + LEAD_OUT
     for actor in page.resolved.scenario.actors:
-        moved = [p for m in page.seen.moments if m.time <= until for p in m.players if p.id == actor.id]
+        moved = [p for m in page.seen.moments if m.time <= until for p in m.actors if p.id == actor.id]
         if not moved:
             continue
         line = page.view.place(np.array([p.x for p in moved]), np.array([p.y for p in moved]))
@@ -289,8 +289,8 @@ def _meeting(axes: Axes, page: Page) -> None:
     if contact is None:
         return
     _body(axes, page.view, contact.ego, EGO)
-    if contact.player is not None:
-        _body(axes, page.view, _box(contact.player), ACTOR)
+    if contact.actor_state is not None:
+        _body(axes, page.view, _box(contact.actor_state), ACTOR)
     ((x, y),) = page.view.place(np.array([contact.ego.x]), np.array([contact.ego.y]))
     x += 0.5 * contact.ego.length
     axes.plot(x, y, **CONTACT, zorder=10)
@@ -353,13 +353,15 @@ def _within(axes: Axes, page: Page) -> list[Any]:
 def _along(axes: Axes, page: Page) -> None:
     """Draw the ego's front and every other's nearest face along the path."""
     moments = _within(axes, page)
-    axes.plot([m.time for m in moments], [m.station for m in moments], color=EGO, label="ego's front")
+    axes.plot([m.time for m in moments], [m.s for m in moments], color=EGO, label="ego's front")
     path = page.resolved.path
     for actor in page.resolved.scenario.actors:
-        seen = [(m.time, player) for m in moments for player in m.players if player.id == actor.id]
+        seen = [(m.time, actor_state) for m in moments for actor_state in m.actors if actor_state.id == actor.id]
         # Against the path its front is the nearest face, along it its rear: both lie half a length towards the ego.
-        places = [path.project(player.x, player.y).s - player.length / 2.0 for _time, player in seen]
-        axes.plot([time for time, _player in seen], places, color=ACTOR, label=f"{actor.id}, nearest face")
+        places = [
+            path.project(actor_state.x, actor_state.y).s - actor_state.length / 2.0 for _time, actor_state in seen
+        ]
+        axes.plot([time for time, _state in seen], places, color=ACTOR, label=f"{actor.id}, nearest face")
     for one in page.resolved.scenario.obstacles:
         axes.axhline(one.at_m - one.length_m / 2.0, color=OBSTACLE, linewidth=1.2, label=f"{one.id}, nearest face")
     low, high = axes.get_ylim()
@@ -375,9 +377,9 @@ def _across(axes: Axes, page: Page) -> None:
     half = page.resolved.vehicle.width / 2.0
     axes.axhspan(-half, half, color=EGO, alpha=0.18, linewidth=0.0, label="strip that the ego covers")
     for actor in page.resolved.scenario.actors:
-        seen = [(m.time, player) for m in moments for player in m.players if player.id == actor.id]
-        offsets = [path.project(player.x, player.y).offset for _time, player in seen]
-        axes.plot([time for time, _player in seen], offsets, color=ACTOR, label=f"{actor.id}, middle")
+        seen = [(m.time, actor_state) for m in moments for actor_state in m.actors if actor_state.id == actor.id]
+        offsets = [path.project(actor_state.x, actor_state.y).offset for _time, actor_state in seen]
+        axes.plot([time for time, _state in seen], offsets, color=ACTOR, label=f"{actor.id}, middle")
     if page.seen.contact is not None:
         axes.axvline(page.seen.contact.time, color=EGO, linewidth=1.6, label="the ego would be there")
     axes.set_ylabel("beside the path,\nleft positive [m]")
@@ -443,7 +445,7 @@ def _still_to_come(page: Page) -> list[str]:
 def _entering(page: Page, actor: Actor) -> str:
     """Return how an actor enters that is there from the start, or that an ego which never braked would not see."""
     enters = f"{descriptions.name(actor)} {descriptions.entrance(actor)}"
-    seen = any(player.id == actor.id for moment in page.seen.moments for player in moment.players)
+    seen = any(actor_state.id == actor.id for moment in page.seen.moments for actor_state in moment.actors)
     return enters if seen else f"later, if at all: {descriptions.condition(actor.enters)}; {enters}"
 
 

@@ -13,8 +13,8 @@ from pathlib import Path as FilePath
 from typing import Any
 
 from vve_sumo.drive import run as drives
-from vve_sumo.drive.progress import DriveProgress, reported
-from vve_sumo.drive.summary import judge
+from vve_sumo.drive.progress import DriveProgress, progress_watch
+from vve_sumo.drive.summary import unmet_criteria
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
 from vve_sumo.record import record
@@ -46,7 +46,7 @@ def run_job(
         resolved = resolve_job(job, cache)
         claim(job)
         folder, kept = growing(job, scratch), job.keep is not None
-        watch = reported(resolved.path.length, report)
+        watch = progress_watch(resolved.path.length, report)
         summary = drives.run(resolved, folder, job.working, pose=job.pose, kept=kept, watch=watch).summary
     except ConfigError as error:
         return refused(job, error)
@@ -85,7 +85,8 @@ def meets(criteria: Criteria, summary: dict[str, Any]) -> dict[str, bool]:
     none = dict.fromkeys(Criteria.model_fields)
     stated = {name: wanted for name, wanted in criteria if wanted is not None}
     return {
-        name: not judge(Criteria.model_construct(**none | {name: wanted}), summary) for name, wanted in stated.items()
+        name: not unmet_criteria(Criteria.model_construct(**none | {name: wanted}), summary)
+        for name, wanted in stated.items()
     }
 
 

@@ -17,9 +17,9 @@ from vve_sumo.vehicle.calibration import GRAVITY, Calibration
 INTEGRAL_GAIN: Final = 3.0
 CORRECTION_LIMIT: Final = 1.5  # largest correction [m/s2]: 15 % mass, 10 % brake gain and 3 % grade at 3.5 m/s2
 PEDAL_BAND: Final = 0.10  # a change of pedals needs this much force beyond zero, over mass [m/s2]; 1 % of grade
-START: Final = 0.10  # leaving standstill needs a wish above this [m/s2]
-REST: Final = 0.05  # slower than this is standing [m/s]; wheel-speed sensors resolve 3 mm/s
-ROLL_BACK: Final = 0.10  # faster backwards than this is rolling away [m/s]
+START_ACCELERATION: Final = 0.10  # leaving standstill needs a wish above this [m/s2]
+REST_SPEED: Final = 0.05  # slower than this is standing [m/s]; wheel-speed sensors resolve 3 mm/s
+ROLL_BACK_SPEED: Final = 0.10  # faster backwards than this is rolling away [m/s]
 HOLD_GRADE: Final = 0.10  # standing is held on any grade up to this, whatever the grade is believed to be
 HOLD_MARGIN: Final = 1.3  # covers 15 % mass and 10 % brake gain
 HOLD_RATE: Final = 3000.0  # of the holding torque, both ways [N m/s]; full hold within a third of a second
@@ -81,10 +81,10 @@ class Actuation:
 
     def _stands(self, acceleration: float, speed: float) -> bool:
         if self._holding:
-            if acceleration > START and speed > -ROLL_BACK:
+            if acceleration > START_ACCELERATION and speed > -ROLL_BACK_SPEED:
                 self._holding = False
                 self._restart()
-        elif (acceleration <= 0.0 and speed < REST) or speed < -ROLL_BACK:
+        elif (acceleration <= 0.0 and speed < REST_SPEED) or speed < -ROLL_BACK_SPEED:
             self._holding = True
             self._hold_target = self._hold_torque
         return self._holding
@@ -98,7 +98,7 @@ class Actuation:
         self._last_speed = math.nan
 
     def _hold(self, speed: float, elapsed: float) -> Pedals:
-        if abs(speed) >= REST and self._torque >= self._hold_target:
+        if abs(speed) >= REST_SPEED and self._torque >= self._hold_target:
             # It rolls although it is held: a steeper grade than any it was built for. All there is, and for good.
             self._hold_target = self._calibration.brake_torque_limit
         change = HOLD_RATE * elapsed

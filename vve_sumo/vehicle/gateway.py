@@ -21,7 +21,7 @@ from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.engagement import Engagement
 from vve_sumo.vehicle.fallback import FallbackTracker
 from vve_sumo.vehicle.interface import DEFAULT, ActuationCommand, Gear, VehicleInterface, load
-from vve_sumo.vehicle.limits import Limiter, Limits, approach
+from vve_sumo.vehicle.limits import Limiter, Limits, move_towards
 from vve_sumo.vehicle.plausibility import CarMotion, Plausibility
 from vve_sumo.vehicle.reports import TOLERANCE, CarReports
 from vve_sumo.vehicle.setpoint_validation import Debounce, SetpointValidator
@@ -496,7 +496,7 @@ class Gateway:
         requested = max(self._stop_deceleration, limits.critical_deceleration if critical else 0.0)
         if weak:
             jerk, requested = limits.emergency.jerk, limits.emergency.deceleration
-        limiter.acceleration = approach(limiter.acceleration, -requested, jerk, jerk, self._elapsed)
+        limiter.acceleration = move_towards(limiter.acceleration, -requested, jerk, jerk, self._elapsed)
         if self._standstill.certain or self._speed_believed(now):
             pedals = self._actuation.step(
                 limiter.acceleration, self._reports.speed, self._grade(), self._elapsed, brakes_only=True

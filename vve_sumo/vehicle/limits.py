@@ -81,7 +81,7 @@ class Limits:
             )
 
 
-class Granted(NamedTuple):
+class LimitedMotion(NamedTuple):
     """What is left of a wish."""
 
     acceleration: float  #: [m/s2]
@@ -110,7 +110,9 @@ class Limiter:
         self.acceleration = acceleration
         self.steering = steering
 
-    def step(self, acceleration: float, steering: float, speed: float, emergency: bool, elapsed: float) -> Granted:
+    def step(
+        self, acceleration: float, steering: float, speed: float, emergency: bool, elapsed: float
+    ) -> LimitedMotion:
         """What of the wished `acceleration` [m/s2] and `steering` [rad] is granted at `speed` [m/s].
 
         `elapsed` is the time since the last grant [s]. An `emergency` loosens braking only: acceleration, the release
@@ -118,11 +120,11 @@ class Limiter:
         "not_finite".
         """
         if not (math.isfinite(acceleration) and math.isfinite(steering) and math.isfinite(speed + elapsed)):
-            return Granted(self.acceleration, self.steering, ("not_finite",))
+            return LimitedMotion(self.acceleration, self.steering, ("not_finite",))
         limited: list[str] = []
         self.acceleration = self._limit_acceleration(acceleration, emergency, elapsed, limited)
         self.steering = self._limit_steering(steering, speed, self._limits.comfort.lateral_jerk, elapsed, limited)
-        return Granted(self.acceleration, self.steering, tuple(limited))
+        return LimitedMotion(self.acceleration, self.steering, tuple(limited))
 
     def steer(self, steering: float, speed: float, elapsed: float) -> tuple[str, ...]:
         """Move towards road-wheel angle `steering` [rad] alone; names of the limits that changed it.
@@ -159,7 +161,7 @@ class Limiter:
         away, towards = comfort.jerk, comfort.release_jerk
         if emergency and target < self.acceleration:
             away = towards = braking.jerk
-        granted = approach(self.acceleration, target, away, towards, elapsed)
+        granted = move_towards(self.acceleration, target, away, towards, elapsed)
         if granted != target:
             limited.append("jerk")
         return granted
@@ -178,7 +180,7 @@ class Limiter:
         return granted
 
 
-def approach(value: float, target: float, away: float, towards: float, period: float) -> float:
+def move_towards(value: float, target: float, away: float, towards: float, period: float) -> float:
     """`value` nearer to `target` by what `period` [s] allows.
 
     It moves at rate `towards` where it nears 0 and at rate `away` where it leaves.
@@ -187,6 +189,6 @@ def approach(value: float, target: float, away: float, towards: float, period: f
         to_zero = abs(value) / towards
         if to_zero >= period:
             return value - math.copysign(towards * period, value)
-        return approach(0.0, target, away, towards, period - to_zero)
+        return move_towards(0.0, target, away, towards, period - to_zero)
     change = period * (away if abs(target) > abs(value) else towards)
     return min(max(target, value - change), value + change)

@@ -90,12 +90,12 @@ def decode_setpoint(data: bytes) -> Setpoint | Malformed:
         return Malformed("wrong_content")
 
 
-def encode_act(act: OperatorCommand) -> bytes:
+def encode_operator_command(act: OperatorCommand) -> bytes:
     """Return the datagram of an act."""
     return _sealed(_KIND_ACT, _text(act))
 
 
-def decode_act(data: bytes) -> OperatorCommand | Malformed:
+def decode_operator_command(data: bytes) -> OperatorCommand | Malformed:
     """Return the act in a datagram."""
     body = _opened(_KIND_ACT, data)
     if isinstance(body, Malformed):

@@ -17,7 +17,7 @@ from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedNumbers:
+class SimulatedParameters:
     """What the simulated vehicle has besides, which nobody declares of a real one."""
 
     laden_mass: float  #: largest permitted, with which suites drive it laden [kg]
@@ -33,7 +33,7 @@ class VehicleModel:
     name: str  #: of the vehicle's file, without its ending
     vehicle: Vehicle
     calibration: Calibration
-    simulated: SimulatedNumbers
+    simulated: SimulatedParameters
     mounting: Mounting  #: of the GNSS receiver, as declared
     limits: Limits = field(default_factory=Limits)  #: that the gateway keeps to
     interface: InterfaceConfig = DEFAULT  #: of the drive-by-wire controller
@@ -57,7 +57,7 @@ class VehicleModel:
         parts = {
             "vehicle": Vehicle(**data["vehicle"]),
             "calibration": Calibration(**data["calibration"]),
-            "simulated": SimulatedNumbers(**data["simulated"]),
+            "simulated": SimulatedParameters(**data["simulated"]),
             "mounting": Mounting(**data["mounting"]),
             "limits": Limits(**{**limits, **nested}),
             "interface": InterfaceConfig(**data["interface"]),

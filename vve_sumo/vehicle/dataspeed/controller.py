@@ -33,7 +33,7 @@ THROTTLE_TRAVEL_END = 0.80  # pedal sensor of a floored pedal, fraction of its r
 BRAKE_OVERRIDE, THROTTLE_OVERRIDE = 0.22, 0.30  # pedal sensor
 PEDAL_ACTIVITY = 0.18  # pedal sensor
 STEERING_OVERRIDE, STEERING_ACTIVITY = 3.0, 1.5  # driver's torque on the wheel [N m]; not public, assumptions
-REST = 0.05  # slower counts as standing [m/s]
+REST_SPEED = 0.05  # slower counts as standing [m/s]
 SHIFT_BRAKE = 200.0  # torque that the shifter takes for a pressed pedal [N m]; an assumption
 
 # Brake pedal sensor and the torque it asks for [N m] (pedal_lut.h).
@@ -193,7 +193,7 @@ class DbwController:
         if self.fault:
             self._watch_fault()
         elif not (self.brake.override or self.throttle.override or self.steering.override):
-            parked = self.gear is Gear.PARK and abs(speed) < REST
+            parked = self.gear is Gear.PARK and abs(speed) < REST_SPEED
             for index, module in enumerate(self.modules):
                 if module.counting and (cause := self._cause(module, parked)) is not None:
                     self._latch(index, cause)
@@ -285,4 +285,4 @@ class DbwController:
             return GearReject.UNSUPPORTED
         if self._shift_ends is not None:
             return GearReject.SHIFT_IN_PROGRESS
-        return GearReject.NONE if abs(speed) < REST and brake_torque >= SHIFT_BRAKE else GearReject.VEHICLE
+        return GearReject.NONE if abs(speed) < REST_SPEED and brake_torque >= SHIFT_BRAKE else GearReject.VEHICLE
