@@ -19,13 +19,13 @@ LISTENER = """
 import fcntl, select, sys, termios
 if sys.argv[1:] == ["controlled"]:
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-from vve_sumo.live.keys import Keys
-with Keys(listen=True) as keys:
+from vve_sumo.live.keys import OperatorInput
+with OperatorInput(listen=True) as keys:
     print("ready", flush=True)
     while True:
         select.select(keys.filenos(), [], [], 0.05)
-        for wish in keys.wishes():
-            print(wish.value, flush=True)
+        for command in keys.commands():
+            print(command.value, flush=True)
 """
 
 

@@ -41,7 +41,7 @@ exec(compile(Path(sys.argv[1]).read_text(encoding="utf-8"), sys.argv[1], "exec")
 import pandas as pd
 from tests.metrics.tables import CAR, actors_of, straight, ticks_of
 from tests.test_docs import GENERATED
-from vve_sumo.drive.summary import judge, summary_of
+from vve_sumo.drive.summary import unmet_criteria, summary_of
 from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.plotting.grids import distribution
