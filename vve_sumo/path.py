@@ -190,7 +190,7 @@ class Path:
         """Return station [m], offset [m] and heading error [rad] of a place near station `s`, and the curvature at `s`.
 
         One step of Newton's from `s`, enough where that is off by centimetres; left positive all. What `at` says of
-        the path is worked out here once more: the way to rest asks for it thirty times a tick.
+        the path is worked out here once more: the fallback path asks for it thirty times a tick.
         """
         start, x0, x1, x2, x3, y0, y1, y2, y3 = self._pieces[bisect_right(self._knots, s)]
         u = s - start
@@ -238,7 +238,7 @@ class Path:
         return s, d, np.arctan2(table.tangent_y[rows], table.tangent_x[rows]) + table.curvature[rows] * arc
 
     def _nearest_sample(self, x: float, y: float) -> float:
-        """The earliest sample of the path itself that is nearest, to EARLIEST: a loop's start, not its end."""
+        """The earliest sample of the path itself that is nearest, to BRANCH_TOLERANCE: a loop's start, not its end."""
         first = round(EXTENSION / SAMPLE_SPACING)
         table, last = self._samples, first + math.ceil(self.length / SAMPLE_SPACING) + 1
         squares = (table.x[first:last] - x) ** 2 + (table.y[first:last] - y) ** 2

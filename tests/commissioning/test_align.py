@@ -239,7 +239,7 @@ def test_a_path_too_long_is_cut_where_it_still_fits(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stderr
     assert shows(tmp_path / "lot.png", ALARM)
     station = float(re.search(r"from (\S+) m on, the car could not stop", run.stdout)[1])
-    # 160 m less margins, the car, and the way to rest from 8 m/s at 2.4 m/s2 with what comes before it.
+    # 160 m less margins, the car, and the fallback path from 8 m/s at 2.4 m/s2 with what comes before it.
     assert 100.0 < station < 160.0 - 2.0 - 4.9 - 8.0**2 / (2.0 * 2.5)
     loaded, site = rigs.load(rig), align.site_of("calibration", str(rig), tmp_path)
     path, route = read_path(tmp_path / "short.csv", site.resolved.map_frame, site.resolved.network)

@@ -67,7 +67,7 @@ def driven(kind: str, speed: float, path: Path, value: float = math.nan, brakes:
 
 
 def farthest_way(came: Came, stops: Layer, push: float = 0.0) -> float:
-    """The closed form of the way to rest of a fault that was noticed so late [m]."""
+    """The closed form of the stopping distance of a fault that was noticed so late [m]."""
     return bound(Row("", "", Right.REST, stops=stops, notice=came.noticed + PERIOD, push=push), came.speed, 0.0)
 
 

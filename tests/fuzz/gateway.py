@@ -21,7 +21,7 @@ every step:
     older than 100 ms, say of every wheel that it stands.
 12. While ENGAGED the steering moves at most at the car's rate and with the comfort lateral jerk at the reported speed,
     and the acceleration with the comfort jerk, or the emergency's where the setpoint asks for one, by the time that has
-    passed. On the way to rest it falls at most with the emergency's jerk; the steering holds or moves at its rate.
+    passed. On the fallback path it falls at most with the emergency's jerk; the steering holds or moves at its rate.
 13. A driver who takes over has the car in that step: FAULT, nothing enabled.
 14. `done` is never said of a car that is commanded.
 """

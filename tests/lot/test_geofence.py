@@ -1,4 +1,4 @@
-"""The fence: ways to rest against closed forms and against brute force over steering, time and body."""
+"""The fence: fallback paths against closed forms and against brute force over steering, time and body."""
 
 from __future__ import annotations
 

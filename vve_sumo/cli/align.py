@@ -22,7 +22,7 @@ def add(commands: Commands) -> None:
         commands,
         "align",
         "lay a scenario's path into a rig's lot and store how",
-        "Find how the lot lies on the virtual street, say whether the path fits, and write it into the rig file.\n\n"
+        "Find how the lot lies on the virtual road, say whether the path fits, and write it into the rig file.\n\n"
         "examples:\n"
         "  vve-sumo align --rig ours                     the car stands at the path's start: make that the start\n"
         "  vve-sumo align --rig ours --pairs places.csv  by places that were surveyed in the lot and on the street\n"

@@ -26,7 +26,7 @@ class Outcome(enum.StrEnum):
 
     STOPPED = "stopped"  #: at rest before the end of the path
     ARRIVED = "arrived"  #: at rest at the end of the path
-    CONTACT = "contact"  #: touched something on the virtual street, then stopped
+    CONTACT = "contact"  #: touched something on the virtual road, then stopped
     DRIVER = "driver_has_control"  #: the driver took over
     FAULT = "fault"  #: the gateway stopped the car for another reason
     TIMEOUT = "timeout"  #: the scenario's time ran out

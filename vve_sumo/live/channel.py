@@ -45,7 +45,7 @@ class Channel:
         return True
 
     def receive(self) -> list[bytes]:
-        """Return the datagrams that wait now, at most MOST, in order; what came before the other end went comes too."""
+        """Return the waiting datagrams in order, at most MAX_DATAGRAMS, also those that a closed other end had sent."""
         waiting: list[bytes] = []
         while len(waiting) < MAX_DATAGRAMS:
             try:

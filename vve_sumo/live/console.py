@@ -1,4 +1,4 @@
-"""The operator's side of a live drive: wishes become acts, what gateway and drive tell becomes words and bells.
+"""The operator's side of a live drive: keys become operator commands, status messages become words and bells.
 
 The gateway hears its acts directly, so a drive that hangs can still be stopped. Nothing here computes anything that
 moves the car, and nothing is done by itself but where the rig says that no person is there.
@@ -42,7 +42,7 @@ _ACTS: Final = {
     KeyCommand.GO: OperatorCommand.GO,
     KeyCommand.RESET: OperatorCommand.DISARM,
 }
-#: wishes that count only while the gateway waits for them, and their keys
+#: commands that count only while the gateway waits for them, and their keys
 _KEYS: Final = {KeyCommand.ENGAGE: "e", KeyCommand.GO: "g"}
 #: the gateway's word for a go that it did not take
 TOO_EARLY: Final = "go_too_early"
@@ -87,7 +87,7 @@ class Console:
     """Runs until the gateway has let go of the car."""
 
     def __init__(self, processes: ProcessGroup, keys: OperatorInput, screen: Screen, automatic: bool) -> None:
-        """Have wishes come from `keys`, and with `automatic` from the rig itself."""
+        """Take commands from `keys`, and with `automatic` from the rig itself."""
         self._processes, self._keys, self._screen = processes, keys, screen
         self._operator = ScriptedOperator() if automatic else None
         self._state = ArmingState.DISARMED

@@ -1,6 +1,6 @@
 """What the operator wants: single keys on a terminal, words on a pipe, and the signals that all mean stop.
 
-Reads and names wishes; what follows from one is the console's business.
+Reads commands and names them; what follows from one is the console's business.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ ENTER: Final = frozenset("\r\n")
 
 
 class OperatorInput:
-    """Standard input and the signals as wishes; a with block, at whose end the terminal is as it was.
+    """Standard input and the signals as operator commands; a with block, at whose end the terminal is as it was.
 
-    `listen=False` takes no wishes from standard input but on a terminal: a rig that drives by itself. Where nothing can
-    be asked for by standard input, whoever started this program is who looks after it.
+    `listen=False` takes no commands from standard input but on a terminal: a rig that drives by itself. Where
+    nothing can be asked for by standard input, whoever started this program is who looks after it.
     """
 
     def __init__(self, listen: bool) -> None:

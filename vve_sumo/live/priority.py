@@ -2,7 +2,7 @@
 
 When the machine's memory ends, the kernel kills a process. Each but the gateway may die: the gateway stops the car.
 
-The gateway comes before the car's stand-in, that before the drive: who stops a car must never wait for who computes.
+The gateway comes before the simulated vehicle, and that before the drive: what stops a car waits for nothing.
 Only the first two, which need little, come before all ordinary processes. One that needs much must not: Linux takes the
 processor back from real-time processes that starve all others, and then the gateway waits too (measured: two busy loops
 below the gateway's priority delayed its steps by 0.1 to 2 s, the same loops at a high ordinary priority not at all).
@@ -23,7 +23,7 @@ DRIVE_NICE: Final = -15  #: nice value of an ordinary process
 
 # What is added to a process's badness when memory ends, in thousandths of the machine's memory: the kernel kills the
 # worst. Drive and recorder rank before a gateway of a user who may not protect it; the gateway stops the car along the
-# drive's setpoints where the recorder is gone, and along the last one's way to rest where the drive is.
+# drive's setpoints where the recorder is gone, and along the last one's fallback path where the drive is.
 NEVER_KILLED: Final = -1000  #: never killed: the gateway
 KILLED_SECOND: Final = 100  #: the drive
 KILLED_FIRST: Final = 200  #: the recorder

@@ -90,7 +90,7 @@ class PythonCanWire:
 
 @dataclass(frozen=True, slots=True)
 class CarConfig:
-    """What the process is told, and how it is told it: `data` is plain JSON, `heard` its inverse."""
+    """What the process is told, and how it is told it: `to_dict` gives plain JSON, `from_dict` reads it."""
 
     parameters: CarParameters
     lot: MapFrame  #: the plane map of the lot that the truth is written in
@@ -122,7 +122,7 @@ class CarConfig:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> CarConfig:
-        """Return the configuration that was told."""
+        """Return the configuration that `to_dict` gave."""
         latitude, longitude, heading = data["start"]
         host, port = data["target"]
         interface, channel = data["bus"] or ("", "")

@@ -1,4 +1,4 @@
-"""The way to rest: which curvature brings the car from where it is back onto its path while it brakes.
+"""The fallback path: which curvature brings the car from where it is back onto its path while it brakes.
 
 A forward simulation of a rear axle that follows the path; knows no lot and no brakes, and asks nobody.
 """

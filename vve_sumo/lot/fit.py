@@ -95,7 +95,7 @@ def fit(path: Path, geofence: Geofence, speed: float) -> Fit:
             best = found
         low, high = (max(middle, found.station), high) if found and found.station >= middle else (low, middle)
     if best is None:
-        raise ConfigError("the lot has no place for the start of the path and the way to rest from there")
+        raise ConfigError("the lot has no place for the start of the path and the fallback path from there")
     return best
 
 

@@ -1,6 +1,6 @@
 """Would the car, wherever it is left alone now, come to rest inside the lot?
 
-Three ways to rest are swept and must all stay inside. Geometry and arithmetic only: it commands nothing, knows no
+Three fallback paths are swept and must all stay inside. Geometry and arithmetic only: it commands nothing, knows no
 gateway and no bus, and its only answer is a reason code.
 """
 
@@ -21,7 +21,7 @@ from vve_sumo.path import EXTENSION, SAMPLE_SPACING, Path
 from vve_sumo.values import FallbackPath, Floats, Point, Pose, Vehicle
 
 GEOFENCE_BREACH: Final = ("geofence_breach",)
-#: a way to rest with more knots on the way is none [-]; the gateway takes no more than 64
+#: a fallback path with more knots is refused [-]; the gateway takes no more than 64
 MAX_KNOTS: Final = 200
 #: what a setpoint may ask beyond the present acceleration grows with this until it expires [m/s3]; ISO 15622's comfort
 JERK: Final = 5.0
@@ -41,7 +41,7 @@ class Stop:
     drive_lag: float = 0.0  #: with which the drive force fades once the throttle is closed [s]
 
     def distance(self, speed: float, acceleration: float = 0.0, downhill: float = 0.0) -> float:
-        """Return the way to rest [m] from `speed` [m/s, not negative], `downhill` being the slope; inf for never.
+        """Return the stopping distance [m] from `speed` [m/s, not negative], `downhill` being the slope; inf for never.
 
         Until the brakes set in the car gains what it is gaining now, what `JERK` lets a setpoint add, and the slope's
         share b. Then v t + b t^2 / 2 - j t^3 / 6 while the deceleration rises to a, and v^2 / (2 (a - b)).
@@ -72,9 +72,9 @@ class Driven(NamedTuple):
 
 
 class Geofence:
-    """Keeps every way to rest inside the lot.
+    """Keeps every fallback path inside the lot.
 
-    `alignment` lays the lot's map onto the street's, as `Placement` has it. `gateway` follows the stop profile, or
+    `alignment` lays the lot's map onto the street's, as `Placement` has it. `gateway` follows the fallback path, or
     holds the wheel angle; `watchdog` is the DBW controller's, whose wheel may be anywhere between held and straight.
     `downhill` is the lot's worst slope, positive.
     """
@@ -99,7 +99,7 @@ class Geofence:
         """Return ("geofence_breach",) unless the car comes to rest inside the lot from this pose, whoever stops it.
 
         `pose` is the rear axle's in the street's map, `steering` the road-wheel angle that the car reports [rad, left
-        positive], `profile` the way to rest that the setpoint carries, None for none. What is not finite is no place
+        positive], `profile` the fallback path that the setpoint carries, None for none. What is not finite is no place
         to be.
         """
         distances = self._distances(pose, steering)
@@ -168,7 +168,7 @@ class Geofence:
     def _shapes(
         self, speed: float, distances: tuple[float, float], steering: float, profile: FallbackPath | None
     ) -> Complexes | None:
-        """What the body covers on all ways to rest, in the rear axle's frame; None where a way has no end."""
+        """What the body covers on all fallback paths, in the rear axle's frame; None where a way has no end."""
         by_gateway, by_watchdog = distances
         # A held wheel angle turns the car tighter the slower it gets.
         tight = math.tan(steering) / self._wheelbase

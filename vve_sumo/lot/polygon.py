@@ -18,7 +18,7 @@ from vve_sumo.values import Floats
 
 Pair = tuple[float, float]
 
-MIN_AREA: Final = 200.0  #: a lot that holds a car and the way to rest from walking pace is larger [m2]
+MIN_AREA: Final = 200.0  #: a lot that holds a car and its stopping distance from walking pace is larger [m2]
 MAX_AREA: Final = 25e6  #: of the largest proving grounds, and then some [m2]
 ARC_STEPS: Final = 16  #: chords of a quarter circle where the margin rounds a corner
 MIN_CELL_SIZE: Final = 0.25  #: cell of a table of clearances [m]

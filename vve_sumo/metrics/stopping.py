@@ -137,8 +137,8 @@ def _slowing(speed: Floats) -> tuple[int, int] | None:
 def _begun(time: Floats, course: Floats) -> int | None:
     """Return the index at which the last braking of a course of decelerations begins; None where there is none.
 
-    It goes on through any release shorter than PAUSE. What was asked for before it first exceeded PRESSED (or half of
-    the most that a gentle stop asks for) is trim, but for the rise that led there.
+    It goes on through any release shorter than MIN_RELEASE_TIME. What was asked for before it first exceeded PRESSED
+    (or half of the most that a gentle stop asks for) is trim, but for the rise that led there.
     """
     most = float(course.max())
     if not most >= RELEASED:

@@ -115,7 +115,7 @@ class Limits(Table):
     lateral_acceleration_mps2: Positive | None = Field(default=None, description="largest that steering may cause")
     stop_deceleration_mps2: Strength | None = Field(default=None, description="of the gateway's own stop")
     stop_jerk_mps3: Positive | None = Field(default=None, description="with which it sets in")
-    stop_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering along the way to rest")
+    stop_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering along the fallback path")
     critical_deceleration_mps2: Strength | None = Field(
         default=None, description="of the gateway's own stop after a critical fault"
     )
@@ -137,7 +137,7 @@ class Lot(Table):
 
 
 class Alignment(Table):
-    """How the lot lies on the virtual street."""
+    """How the lot lies on the virtual road."""
 
     kind: Literal["matched_start", "stored", "surveyed_pairs"] = Field(
         default="matched_start",

@@ -17,7 +17,7 @@ from vve_sumo.vehicle.calibration import GRAVITY, Calibration
 INTEGRAL_GAIN: Final = 3.0
 CORRECTION_LIMIT: Final = 1.5  # largest correction [m/s2]: 15 % mass, 10 % brake gain and 3 % grade at 3.5 m/s2
 PEDAL_BAND: Final = 0.10  # a change of pedals needs this much force beyond zero, over mass [m/s2]; 1 % of grade
-START_ACCELERATION: Final = 0.10  # leaving standstill needs a wish above this [m/s2]
+START_ACCELERATION: Final = 0.10  # leaving standstill needs a request above this [m/s2]
 REST_SPEED: Final = 0.05  # slower than this is standing [m/s]; wheel-speed sensors resolve 3 mm/s
 ROLL_BACK_SPEED: Final = 0.10  # faster backwards than this is rolling away [m/s]
 HOLD_GRADE: Final = 0.10  # standing is held on any grade up to this, whatever the grade is believed to be
@@ -43,7 +43,7 @@ class Actuation:
         self._calibration = calibration
         self._brake_delay, self._brake_lag = brake_delay, brake_lag
         self._time = 0.0  # its own, by the steps' lengths [s]
-        self._delayed: deque[tuple[float, float]] = deque()  # time and wish
+        self._delayed: deque[tuple[float, float]] = deque()  # time and requested acceleration
         creep = calibration.creep_force / calibration.mass
         hold_torque = HOLD_MARGIN * calibration.brake_gain * (creep + GRAVITY * HOLD_GRADE)
         self._hold_torque = min(hold_torque, calibration.brake_torque_limit)
@@ -121,7 +121,7 @@ class Actuation:
         return self._error
 
     def _reference_target(self, acceleration: float, elapsed: float) -> float:
-        """The wish that the speed of this step answers to: a step ago and the brakes' delay, to half a step."""
+        """The request that this step's speed answers to: a step and the brakes' delay ago, to half a step."""
         self._time += elapsed
         delayed = self._delayed
         delayed.append((self._time, acceleration))

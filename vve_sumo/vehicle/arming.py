@@ -155,7 +155,7 @@ REASONS: Final[dict[str, str]] = {
     "not_standing": "the car is not known to stand",
     "operator_gone": "nobody is at the controls any more",
     "position_mismatch": "the receiver's position and dead reckoning from the wheels disagree",
-    "profile_invalid": "a setpoint's way to rest is no way and the setpoint was refused",
+    "profile_invalid": "a setpoint's fallback path is malformed and the setpoint was refused",
     "report_invalid": "the car reports one of its measurements as invalid",
     "report_malformed": "a report has the wrong length or an impossible value",
     "setpoint_corrupt": "a setpoint arrived damaged",

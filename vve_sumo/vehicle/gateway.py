@@ -151,7 +151,7 @@ class Gateway:
         self._stop_deceleration = 0.0
         self._stop_jerk = 0.0
         self._followed: Setpoint | None = None  # the last setpoint that the car was given
-        self._held_steering: float | None = None  # where the wheels are held on the way to rest, having no way
+        self._held_steering: float | None = None  # where the wheels are held on the fallback path, having no way
 
     def step(
         self,
@@ -278,7 +278,7 @@ class Gateway:
         return faults
 
     def _take(self, now: float, setpoint: Setpoint) -> list[str]:
-        """Take in a setpoint, and its way to rest; reason codes of what makes it useless for good."""
+        """Take in a setpoint, and its fallback path; reason codes of what makes it useless for good."""
         rejection = self._admission.take(now, setpoint)
         if rejection is not None:
             # Refused as a command; what it says is wrong counts all the same.
@@ -515,7 +515,7 @@ class Gateway:
         return moving and _SPEED_UNKNOWN.isdisjoint(self._causes)
 
     def _steer_to_rest(self) -> tuple[str, ...]:
-        """Steer along the way to rest while there is one; names of the limits that changed it."""
+        """Steer along the fallback path while there is one; names of the limits that changed it."""
         angle = None
         if self._state is ArmingState.STOPPING and not self._standstill.certain and _ASTRAY.isdisjoint(self._causes):
             angle = self._way.steering()
@@ -524,7 +524,7 @@ class Gateway:
             return self._limiter.steer(angle, self._reports.speed, self._elapsed)
         if self._held_steering is None:
             # The angle that the wheels have is the best guess of where the road goes, better than zero and better than
-            # a wish not reached. At rest it leaves the wheels where they are. The limits hold on the way there: a
+            # a request not reached. At rest it leaves the wheels where they are. The limits hold on the way there: a
             # report that lies must not turn the wheels at once.
             self._held_steering = self._measured_steering()
         return self._limiter.steer(self._held_steering, self._reports.speed, self._elapsed)

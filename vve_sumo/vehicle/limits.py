@@ -1,6 +1,6 @@
 """What the car may be asked for at most: two envelopes known apart, and the limiter that keeps to them.
 
-The limiter knows the car's geometry and its speed; it knows no reason for a wish and no way to actuate it.
+The limiter knows the car's geometry and its speed; it knows no reason for a request and no way to actuate it.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Limits:
     lateral_acceleration: float = 3.0  #: largest [m/s2], ISO 11270
     stop_deceleration: float = 2.4  #: of the gateway's own stop [m/s2], as Autoware's vehicle_cmd_gate
     stop_jerk: float = 5.0  #: with which it sets in [m/s3]
-    stop_lateral_jerk: float = 10.0  #: from steering along the way to rest [m/s3], twice the comfort one
+    stop_lateral_jerk: float = 10.0  #: from steering along the fallback path [m/s3], twice the comfort one
     critical_deceleration: float = 4.0  #: of the gateway's own stop after a critical fault [m/s2]
     critical_jerk: float = 15.0  #: with which it sets in [m/s3]
 
@@ -82,7 +82,7 @@ class Limits:
 
 
 class LimitedMotion(NamedTuple):
-    """What is left of a wish."""
+    """What is left of a request."""
 
     acceleration: float  #: [m/s2]
     steering: float  #: road-wheel angle [rad], left positive
@@ -116,8 +116,8 @@ class Limiter:
         """What of the wished `acceleration` [m/s2] and `steering` [rad] is granted at `speed` [m/s].
 
         `elapsed` is the time since the last grant [s]. An `emergency` loosens braking only: acceleration, the release
-        of the brakes and steering keep to the comfort envelope. A wish that is not finite changes nothing and is named
-        "not_finite".
+        of the brakes and steering keep to the comfort envelope. A request that is not finite changes nothing and is
+        named "not_finite".
         """
         if not (math.isfinite(acceleration) and math.isfinite(steering) and math.isfinite(speed + elapsed)):
             return LimitedMotion(self.acceleration, self.steering, ("not_finite",))

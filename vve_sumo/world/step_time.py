@@ -166,7 +166,7 @@ def _spread(names: list[str]) -> dict[int, list[tuple[str, float]]]:
 
 
 def _far(names: tuple[str, ...], x: float, y: float, keep: Set[str]) -> list[str]:
-    """Return the vehicles beyond NEAR of the ego that are traffic, farthest first."""
+    """Return the vehicles beyond PROTECTED_RADIUS of the ego that are traffic, farthest first."""
     distances = []
     for name in names:
         if name not in keep:

@@ -1,4 +1,4 @@
-"""Records a path in the virtual street: a SUMO car drives along given edges, its track becomes a file of positions.
+"""Records a path in the virtual road: a SUMO car drives along given edges, its track becomes a file of positions.
 
 The track is the car's front bumper, which SUMO keeps on the lanes' centre lines; smoothed, it is where the ego's rear
 axle shall go. Knows nothing of the ego or of traffic.
@@ -170,7 +170,7 @@ def _write(out: File, network: Network, points: Floats, edges: tuple[str, ...]) 
     rows = [[f"{math.degrees(angle):.{DECIMALS}f}" for angle in frame.to_geodetic(x, y)] for x, y in points.tolist()]
     lines = [
         "# Path for the middle of the ego's rear axle, WGS84, in driving order, a point about every metre.",
-        f"# Recorded in the virtual street {network.path.name}: a SUMO car drove the edges below at {SPEED:.0f} m/s,",
+        f"# Recorded in the virtual road {network.path.name}: a SUMO car drove the edges below at {SPEED:.0f} m/s,",
         f"# sampled every {PERIOD} s at its front bumper, which SUMO keeps on the lane's centre line; then smoothed.",
         f"# {ATTRIBUTION}",
         f"# edges: {' '.join(edges)}",
