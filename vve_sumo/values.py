@@ -65,12 +65,12 @@ class Fix:
     velocity_down: float  #: [m/s]
     yaw_rate: float  #: [rad/s] counter-clockwise seen from above
     acceleration: float  #: [m/s2] specific force along the car's forward axis, gravity's share included
-    locked: bool  #: the receiver's navigation is initialised and in real time
-    quality: FixQuality  #: of the position
-    position_sigma: float  #: horizontal, 1 sigma, the larger of north and east [m]
-    velocity_sigma: float  #: horizontal, 1 sigma, the larger of north and east [m/s]
-    heading_sigma: float  #: 1 sigma [rad]
-    differential_age: float  #: age of the RTK corrections [s]
+    locked: bool = False  #: the receiver's navigation is initialised and in real time
+    quality: FixQuality = FixQuality.UNKNOWN  #: of the position
+    position_sigma: float = math.nan  #: horizontal, 1 sigma, the larger of north and east [m]
+    velocity_sigma: float = math.nan  #: horizontal, 1 sigma, the larger of north and east [m/s]
+    heading_sigma: float = math.nan  #: 1 sigma [rad]
+    differential_age: float = math.nan  #: age of the RTK corrections [s]
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.fixes import GOOD
 from vve_sumo.pose.ncom import Decoder, Encoder, Outcome, checksums_hold, pack
 from vve_sumo.values import Fix, FixQuality
 
@@ -22,28 +23,11 @@ NOTHING = bytes(8)
 
 
 def fix_at(time: float, **changes: float) -> Fix:
-    good = Fix(
-        time=time,
-        time_received=0.0,
-        latitude=0.6983,
-        longitude=-1.4483,
-        altitude=250.5,
-        heading=0.3,
-        pitch=0.01,
-        roll=-0.02,
-        velocity_north=3.0,
-        velocity_east=4.0,
-        velocity_down=-0.1,
-        yaw_rate=0.1,
-        acceleration=0.5,
-        locked=True,
-        quality=FixQuality.RTK_FIXED,
-        position_sigma=0.012,
-        velocity_sigma=0.02,
-        heading_sigma=0.002,
-        differential_age=1.2,
-    )
-    return replace(good, **changes)
+    moving = replace(
+        GOOD, time=time, latitude=0.6983, longitude=-1.4483, altitude=250.5, heading=0.3, pitch=0.01, roll=-0.02,
+        velocity_north=3.0, velocity_east=4.0, velocity_down=-0.1, yaw_rate=0.1, acceleration=0.5, differential_age=1.2,
+    )  # fmt: skip
+    return replace(moving, **changes)
 
 
 def stream(count: int, start: float = START, period: float = 0.01) -> list[bytes]:
