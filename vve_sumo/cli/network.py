@@ -6,14 +6,16 @@ import argparse
 import sys
 from pathlib import Path
 
-from vve_sumo.cli.parser import Commands, add_command, add_subcommands, names
+from vve_sumo.cli.parser import Commands, Parser, add_command, add_subcommands, names
 from vve_sumo.errors import ConfigError
 
+SUMMARY = "build networks and their traffic"
+TEXT = "Build networks and their traffic."
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    network = add_command(commands, "network", "build networks and their traffic", "Build networks and their traffic.")
-    inner = add_subcommands(network)
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    inner = add_subcommands(parser)
     _add_build(inner)
     _add_edges(inner)
     _add_demand(inner)

@@ -6,13 +6,15 @@ import argparse
 import csv
 from pathlib import Path
 
-from vve_sumo.cli.parser import Commands, add_command, add_subcommands
+from vve_sumo.cli.parser import Parser, add_command, add_subcommands
+
+SUMMARY = "look into pose recordings"
+TEXT = "Look into what a positioning receiver said."
 
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    pose = add_command(commands, "pose", "look into pose recordings", "Look into what a positioning receiver said.")
-    inner = add_subcommands(pose)
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    inner = add_subcommands(parser)
     decode = add_command(
         inner,
         "decode",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
 from vve_sumo.cli.console import complain, plain_console
-from vve_sumo.cli.parser import Commands, add_command, add_subcommands, numbers
+from vve_sumo.cli.parser import Parser, add_command, add_subcommands, numbers
 from vve_sumo.errors import ConfigError, SimulationError
 
 if TYPE_CHECKING:
@@ -32,13 +32,13 @@ PICTURE = "cliff.png"
 #: characters of a line where there is no terminal to say
 WIDTH = 120
 
+SUMMARY = "standard studies of a scenario"
+TEXT = "Standard studies of a scenario."
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    study = add_command(
-        commands, "study", "standard studies of a scenario", "Standard studies of a scenario.", EXIT_CODES
-    )
-    inner = add_subcommands(study)
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    inner = add_subcommands(parser)
     cliff = add_command(
         inner,
         "cliff",
