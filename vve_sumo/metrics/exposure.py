@@ -7,6 +7,7 @@ closes in, or nothing is known, counts as time without exposure. Knows columns o
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -73,23 +74,20 @@ metric(
     lambda stretch: float(np.fmax.reduce(np.abs(stretch.columns["jerk_mps3"]), initial=np.nan)),
     worse="higher",
 )
-metric(
-    "rms_jerk_mps3",
-    "RMS jerk",
-    "root mean square of jerk_mps3",
-    lambda stretch: _rms(stretch.columns["jerk_mps3"]),
-    worse="higher",
-)
-metric(
-    "rms_acceleration_mps2",
-    "RMS acceleration",
-    "root mean square of acceleration_mps2",
-    lambda stretch: _rms(stretch.columns["acceleration_mps2"]),
-    worse="higher",
-)
 
 
-def _rms(values: Floats) -> float:
-    """Return the root mean square of what is known; NaN of nothing."""
+def _rms(column: str, stretch: Stretch) -> float:
+    """Return the root mean square of what is known of a column; NaN of nothing."""
+    values = stretch.columns[column]
     known = values[~np.isnan(values)]
     return float(np.mean(known**2) ** 0.5) if len(known) else float("nan")
+
+
+for column, label in (("jerk_mps3", "RMS jerk"), ("acceleration_mps2", "RMS acceleration")):
+    metric(
+        f"rms_{column}",
+        label,
+        f"root mean square of {column}",
+        partial(_rms, column),
+        worse="higher",
+    )
