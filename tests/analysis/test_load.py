@@ -131,7 +131,7 @@ RECORDS: list[tuple[Callable[[Path], None], str]] = [
         r"scenario\.json: layout 1 of a record, expected 6: another vve-sumo",
     ),
     (holding("summary.json", "{}"), r"summary\.json: not what a drive writes"),
-    (holding("summary.json", "{"), r"summary\.json: cannot be read"),
+    (holding("summary.json", "{"), r"summary\.json: not what a drive writes"),
     (truncated("ticks.parquet"), r"ticks\.parquet: cannot be read"),
     (foreign("ticks.parquet"), "table ticks has no column time_s: another vve-sumo wrote it"),
     (emptied("ticks.parquet"), "holds no tick"),

@@ -316,8 +316,8 @@ def spoil(folder: Path, name: str, text: str | None) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "complaint"),
     [
-        ("scenario.json", None, r"scenario\.json: no record of a drive"),
-        ("scenario.json", "{}", r"scenario\.json: no record of a drive: 'epoch_gnss_s'"),
+        ("scenario.json", None, r"scenario\.json: cannot be read"),
+        ("scenario.json", "{}", r"scenario\.json: not what a drive writes: no epoch_gnss_s"),
         ("can.log", None, r"can\.log: No such file"),
         ("can.log", "", "never engaged and in drive"),
         ("can.log", "no candump\n", "not a candump log"),

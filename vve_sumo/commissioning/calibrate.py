@@ -7,7 +7,6 @@ Any record will do, in lockstep or live, as long as the car did enough in it. It
 from __future__ import annotations
 
 import datetime
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from vve_sumo import bus
+from vve_sumo.config_file import read_json
 from vve_sumo.drive.resolved_scenario import recorded_model
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
@@ -144,7 +144,10 @@ class Calibrated:
 
 def calibrate(folder: Path) -> Calibrated:
     """Return what the drive recorded in `folder` tells of its car; raises ConfigError where it is no such record."""
-    resolved = _resolved(folder / "scenario.json")
+    file = folder / "scenario.json"
+    resolved = read_json(file, "a drive", "epoch_gnss_s")
+    if not isinstance(resolved["epoch_gnss_s"], float):
+        raise ConfigError(f"{file}: epoch_gnss_s: expected a number, got {resolved['epoch_gnss_s']!r}")
     declared = declared_in(resolved)
     log = read(folder, resolved, declared)
     return Calibrated(folder, declared, identify(log, declared.vehicle, declared.calibration))
@@ -171,15 +174,6 @@ def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
         begin=begin,
         end=end,
     )
-
-
-def _resolved(file: Path) -> dict[str, Any]:
-    try:
-        resolved: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        float(resolved["epoch_gnss_s"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{file}: no record of a drive: {error}") from None
-    return resolved
 
 
 def _messages(file: Path, epoch: float, config: InterfaceConfig) -> dict[type, list[tuple[float, Any]]]:

@@ -6,7 +6,6 @@ Reads files, opens nothing for good; starts neither SUMO nor a car.
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
@@ -20,6 +19,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from vve_sumo import workspace
+from vve_sumo.config_file import read_json
 from vve_sumo.controller import Controller, load, origin, sources
 from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.drive.actor_paths import Speeds, followed
@@ -157,12 +157,7 @@ def changed_code(name: str, recorded: Mapping[str, Collection[str]], working: Fi
 def read_resolved(folder: FilePath) -> dict[str, Any]:
     """Return the content of a record's `scenario.json`; raises ConfigError where there is none of this layout."""
     file = folder / "scenario.json"
-    try:
-        resolved = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
-    if not isinstance(resolved, dict):
-        raise ConfigError(f"{folder}: no record of a drive: scenario.json: expected a table of keys")
+    resolved = read_json(file, "a drive")
     refuse_layout(resolved, file)
     return resolved
 

@@ -92,7 +92,6 @@ class Adapter:
         tty.setraw(self._theirs)
         os.set_blocking(self._ours, False)
         self.name: Final = os.ttyname(self._theirs)  #: what a host opens as its serial port
-        self.dropped = 0  #: lines that nobody read in time
         self._dialogue = Dialogue()
         self._lines: deque[bytes] = deque()
         self._begun = b""  # the rest of a line that is half written and has to be finished first
@@ -140,7 +139,6 @@ class Adapter:
             return
         if len(self._lines) >= QUEUE:
             self._lines.popleft()
-            self.dropped += 1
         self._lines.append(line)
 
     def _read(self) -> bytes:
@@ -156,10 +154,6 @@ class Adapter:
             except BlockingIOError:
                 return
             left = waiting[written:]
-            end = 0 if waiting[written - 1 : written] in (OK, ERROR) else _end_of_line(left)
+            end = 0 if waiting[written - 1 : written] in (OK, ERROR) else left.find(OK) + 1
             self._begun = left[:end]
             self._lines = deque(left[end:].splitlines(keepends=True))
-
-
-def _end_of_line(data: bytes) -> int:
-    return data.find(OK) + 1
