@@ -366,15 +366,12 @@ def test_gravity_and_turning_are_taken_out_of_the_acceleration():
 
 
 @given(
-    x=st.floats(-400, 400),
-    y=st.floats(-400, 400),
-    heading=turn,
     speed=st.floats(-5, 30),
-    lateral=st.floats(-1, 1),
-    yaw_rate=st.floats(-1, 1),
     acceleration=st.floats(-8, 4),
     grade=st.floats(-0.2, 0.2),
-    rotation=turn,
+    **dict.fromkeys(("x", "y"), st.floats(-400, 400)),
+    **dict.fromkeys(("heading", "rotation"), turn),
+    **dict.fromkeys(("lateral", "yaw_rate"), st.floats(-1, 1)),
     projection=st.sampled_from([LINDEN, UTM17]),
 )
 def test_place_undoes_unplace(x, y, heading, speed, lateral, yaw_rate, acceleration, grade, rotation, projection):

@@ -93,16 +93,10 @@ small = st.floats(-800.0, 800.0)
 
 @given(
     latitude=st.floats(-math.pi / 2, math.pi / 2),
-    longitude=angles,
     altitude=st.floats(-500, 9000),
-    heading=angles,
-    pitch=angles,
-    roll=angles,
-    velocity_north=small,
-    velocity_east=small,
-    velocity_down=small,
     yaw_rate=st.floats(-80, 80),
-    acceleration=small,
+    **dict.fromkeys(("longitude", "heading", "pitch", "roll"), angles),
+    **dict.fromkeys(("velocity_north", "velocity_east", "velocity_down", "acceleration"), small),
     position_sigma=st.floats(0, 60),
     velocity_sigma=st.floats(0, 60),
     heading_sigma=st.floats(0, 0.6),

@@ -114,14 +114,10 @@ angles = st.floats(-math.pi, math.pi)
 
 @given(
     latitude=st.floats(-math.pi / 2, math.pi / 2),
-    longitude=angles,
-    heading=angles,
     pitch=st.floats(-1.5, 1.5),
-    roll=angles,
-    velocity_north=st.floats(-300, 300),
-    velocity_east=st.floats(-300, 300),
     yaw_rate=st.floats(-5, 5),
-    acceleration=st.floats(-300, 300),
+    **dict.fromkeys(("longitude", "heading", "roll"), angles),
+    **dict.fromkeys(("velocity_north", "velocity_east", "acceleration"), st.floats(-300, 300)),
     position_sigma=st.floats(0, 60),
     velocity_sigma=st.floats(0, 60),
     heading_sigma=st.floats(0, 0.6),

@@ -67,8 +67,9 @@ def _parser() -> Parser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
     for command in COMMANDS:
         name, codes = command.__name__.rpartition(".")[2], getattr(command, "EXIT_CODES", EXIT_CODES)
-        added = add_command(commands, name, command.SUMMARY, command.TEXT, codes)
-        # Of a command that is a group of others each of these says itself what runs it.
+        # A command that is a group of others has a summary alone; each of these says itself what runs it.
+        text = getattr(command, "TEXT", f"{command.SUMMARY[0].upper()}{command.SUMMARY[1:]}.")
+        added = add_command(commands, name, command.SUMMARY, text, codes)
         added.set_defaults(run=getattr(command, "run", None))
         command.arguments(added)
     return parser

@@ -10,7 +10,6 @@ from vve_sumo.cli.parser import Commands, Parser, add_command, add_subcommands, 
 from vve_sumo.errors import ConfigError
 
 SUMMARY = "build networks and their traffic"
-TEXT = "Build networks and their traffic."
 
 
 def arguments(parser: Parser) -> None:

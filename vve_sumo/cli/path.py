@@ -9,14 +9,12 @@ from pathlib import Path
 from vve_sumo.cli.parser import Parser, add_command, add_subcommands, names
 
 SUMMARY = "record the ego's path"
-TEXT = "Record paths in the virtual world."
 
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
-    inner = add_subcommands(parser)
     record = add_command(
-        inner,
+        add_subcommands(parser),
         "record",
         "drive from edge to edge and write the way as latitude and longitude",
         "Let a SUMO car drive through the network and write its smoothed track as CSV for the ego's rear axle.\n"

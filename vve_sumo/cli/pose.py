@@ -9,14 +9,12 @@ from pathlib import Path
 from vve_sumo.cli.parser import Parser, add_command, add_subcommands
 
 SUMMARY = "look into pose recordings"
-TEXT = "Look into what a positioning receiver said."
 
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
-    inner = add_subcommands(parser)
     decode = add_command(
-        inner,
+        add_subcommands(parser),
         "decode",
         "write what an NCOM file holds as CSV",
         "Write one CSV row for every accepted fix of an OXTS NCOM file, and whether a car could drive on it.",

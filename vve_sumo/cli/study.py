@@ -33,28 +33,31 @@ PICTURE = "cliff.png"
 WIDTH = 120
 
 SUMMARY = "standard studies of a scenario"
-TEXT = "Standard studies of a scenario."
+CLIFF = """\
+Drive a scenario again and again while the pose gets later and noisier, step by step, and say where its
+margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict
+it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is
+what an open-loop brake loses, and the delay that the steering bears by its design. The folder is a sweep's
+dataset with the picture cliff.png.
+
+The margin is the gap at rest, the least gap of a drive that goes on, zero or less after a contact. A car
+that its gateway stopped far off (unstable steering, wheels and pose at odds) has none.
+
+examples:
+  vve-sumo study cliff parked_car --out cliff               0 to 500 ms, noise x 0, 1, 4, three seeds
+  vve-sumo study cliff seen_late --out late --delays-ms 0,100,200,300 --noise 1 --seeds 5
+  vve-sumo study cliff delay_probe --out probe              nothing regulates: speed times delay, exactly
+  vve-sumo study cliff parked_car --out cliff --resume      go on after a kill
+"""
 
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
-    inner = add_subcommands(parser)
     cliff = add_command(
-        inner,
+        add_subcommands(parser),
         "cliff",
         "how much delay and noise a scenario bears before its margin is gone",
-        "Drive a scenario again and again while the pose gets later and noisier, step by step, and say where its\n"
-        "margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict\n"
-        "it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is\n"
-        "what an open-loop brake loses, and the delay that the steering bears by its design. The folder is a sweep's\n"
-        "dataset with the picture cliff.png.\n\n"
-        "The margin is the gap at rest, the least gap of a drive that goes on, zero or less after a contact. A car\n"
-        "that its gateway stopped far off (unstable steering, wheels and pose at odds) has none.\n\n"
-        "examples:\n"
-        "  vve-sumo study cliff parked_car --out cliff               0 to 500 ms, noise x 0, 1, 4, three seeds\n"
-        "  vve-sumo study cliff seen_late --out late --delays-ms 0,100,200,300 --noise 1 --seeds 5\n"
-        "  vve-sumo study cliff delay_probe --out probe              nothing regulates: speed times delay, exactly\n"
-        "  vve-sumo study cliff parked_car --out cliff --resume      go on after a kill",
+        CLIFF,
         EXIT_CODES,
     )
     cliff.add_argument("scenario", help="name or .toml file")
