@@ -6,6 +6,8 @@ import time
 from dataclasses import replace
 from typing import Final
 
+from hypothesis import strategies as st
+
 from vve_sumo.values import Fix, FixQuality
 
 #: of a car that stands level, heading east; a car may drive on it
@@ -30,6 +32,15 @@ GOOD: Final = Fix(
     heading_sigma=0.002,
     differential_age=1.0,
 )
+
+#: what a receiver may say of its accuracies, for hypothesis
+ACCURACIES: Final = {
+    "position_sigma": st.floats(0, 60),
+    "velocity_sigma": st.floats(0, 60),
+    "heading_sigma": st.floats(0, 0.6),
+    "differential_age": st.floats(0, 300),
+    "quality": st.sampled_from(FixQuality),
+}
 
 
 def elsewhere() -> Fix:

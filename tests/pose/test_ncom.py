@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.fixes import GOOD
+from tests.fixes import ACCURACIES, GOOD
 from vve_sumo.pose.ncom import Decoder, Encoder, Outcome, checksums_hold, pack
 from vve_sumo.values import Fix, FixQuality
 
@@ -97,11 +97,7 @@ small = st.floats(-800.0, 800.0)
     yaw_rate=st.floats(-80, 80),
     **dict.fromkeys(("longitude", "heading", "pitch", "roll"), angles),
     **dict.fromkeys(("velocity_north", "velocity_east", "velocity_down", "acceleration"), small),
-    position_sigma=st.floats(0, 60),
-    velocity_sigma=st.floats(0, 60),
-    heading_sigma=st.floats(0, 0.6),
-    differential_age=st.floats(0, 300),
-    quality=st.sampled_from(FixQuality),
+    **ACCURACIES,
     locked=st.booleans(),
     milliseconds=st.integers(0, 10**8),
 )

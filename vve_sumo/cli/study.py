@@ -33,7 +33,7 @@ PICTURE = "cliff.png"
 WIDTH = 120
 
 SUMMARY = "standard studies of a scenario"
-CLIFF = """\
+CLIFF_TEXT = """\
 Drive a scenario again and again while the pose gets later and noisier, step by step, and say where its
 margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict
 it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is
@@ -57,7 +57,7 @@ def arguments(parser: Parser) -> None:
         add_subcommands(parser),
         "cliff",
         "how much delay and noise a scenario bears before its margin is gone",
-        CLIFF,
+        CLIFF_TEXT,
         EXIT_CODES,
     )
     cliff.add_argument("scenario", help="name or .toml file")
