@@ -34,11 +34,7 @@ def arguments(parser: Parser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
     parser.add_argument("--write", action="store_true", help="change the rig file; comments stay")
     parser.add_argument(
-        "--leave",
-        type=names,
-        default=(),
-        metavar="KEY,KEY",
-        help="poor numbers that the rig file keeps as they are",
+        "--leave", type=names, default=(), metavar="KEY,KEY", help="poor numbers that the rig file keeps as they are"
     )
 
 

@@ -79,10 +79,4 @@ def _rms(column: str, stretch: Stretch) -> float:
 
 
 for column, label in (("jerk_mps3", "RMS jerk"), ("acceleration_mps2", "RMS acceleration")):
-    metric(
-        f"rms_{column}",
-        label,
-        f"root mean square of {column}",
-        partial(_rms, column),
-        worse="higher",
-    )
+    metric(f"rms_{column}", label, f"root mean square of {column}", partial(_rms, column), worse="higher")

@@ -10,13 +10,7 @@ from vve_sumo.suite import requirements
 from vve_sumo.suite.fmvss127 import STEP, steady, untouched
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used, seen_past
 from vve_sumo.suite.row import Row
-from vve_sumo.suite.track import (
-    KMH,
-    WIDTH,
-    gone_by,
-    said,
-    target,
-)
+from vve_sumo.suite.track import KMH, WIDTH, gone_by, said, target
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.model import VehicleModel
 

@@ -48,10 +48,7 @@ def cliff_study(
         "title": f"Latency and noise cliff of {name}",
         "scenario": name,
         "seeds": _seeds(scenario) if seeds is None else _whole(seeds),
-        "parameters": {
-            DELAY: [delay / 1000.0 for delay in delays],
-            NOISE: _factors(name, scenario, factors),
-        },
+        "parameters": {DELAY: [delay / 1000.0 for delay in delays], NOISE: _factors(name, scenario, factors)},
     }
     return planned(said, CALLED, working, yes=False)
 

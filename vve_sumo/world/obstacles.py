@@ -97,11 +97,7 @@ def _on_lane(obstacle: Obstacle, spot: LaneSpot, lanes: Lanes) -> Box:
     x, y, heading = lane.at(spot.position)
     cos, sin, back = math.cos(heading), math.sin(heading), 0.5 * obstacle.length
     return Box(
-        x - back * cos - spot.offset * sin,
-        y - back * sin + spot.offset * cos,
-        heading,
-        obstacle.length,
-        obstacle.width,
+        x - back * cos - spot.offset * sin, y - back * sin + spot.offset * cos, heading, obstacle.length, obstacle.width
     )
 
 
