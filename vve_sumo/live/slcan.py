@@ -92,6 +92,7 @@ class Adapter:
         tty.setraw(self._theirs)
         os.set_blocking(self._ours, False)
         self.name: Final = os.ttyname(self._theirs)  #: what a host opens as its serial port
+        self.dropped = 0  #: lines that nobody read in time
         self._dialogue = Dialogue()
         self._lines: deque[bytes] = deque()
         self._begun = b""  # the rest of a line that is half written and has to be finished first
@@ -139,6 +140,7 @@ class Adapter:
             return
         if len(self._lines) >= QUEUE:
             self._lines.popleft()
+            self.dropped += 1
         self._lines.append(line)
 
     def _read(self) -> bytes:
