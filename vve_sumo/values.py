@@ -50,7 +50,10 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """What the receiver said, once, about its output point; NaN is "not said" or "said to be invalid"."""
+    """What the receiver said, once, about its output point; NaN is "not said" or "said to be invalid".
+
+    The defaults are those of a source that says nothing of its own quality: no car drives on such a fix.
+    """
 
     time: float  #: epoch of the fix [s of GNSS time since 1980-01-06, no leap seconds]
     time_received: float  #: arrival on the drive's clock [s]
