@@ -63,7 +63,8 @@ def check(file: Path, folder: Path, summary: dict[str, Any], ticks: Any) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "mean", "greatest", "metres"), [("comma2k19", 0.02, 0.1, None), ("boreas", 0.03, 0.3, 8000.0)]
+    ("name", "mean", "greatest", "metres"),
+    [("comma2k19", 0.02, 0.1, None), pytest.param("boreas", 0.03, 0.3, 8000.0, marks=pytest.mark.slow)],
 )
 def test_a_recorded_drive_runs_to_the_end(
     shared_data: Path, tmp_path: Path, name: str, mean: float, greatest: float, metres: float | None
