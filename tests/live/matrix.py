@@ -64,7 +64,7 @@ HALF: Final = Layer("gateway, with all that the brakes give", _CAR.deceleration_
 OPEN_THROTTLE: Final = 0.3  # of full force
 PUSH: Final = _CALIBRATION.drive_force(OPEN_THROTTLE, 0.0) / _CALIBRATION.mass  # [m/s2]
 PUSHED: Final = Layer("gateway, with all that the brakes give", _CAR.deceleration_limit - PUSH, _FULL_RISE, _LAG)
-WATCHDOG: Final = Layer("the kit's watchdog", _TESTED["deceleration_mps2"], 0.0, PERIOD + _TESTED["delay_s"])
+WATCHDOG: Final = Layer("the DBW watchdog", _TESTED["deceleration_mps2"], 0.0, PERIOD + _TESTED["delay_s"])
 
 
 class Fault(NamedTuple):
@@ -318,6 +318,13 @@ MATRIX: Final = (
         controller="braking",
     ),
 )  # fmt: skip
+
+#: rows whose stop is noticed and made as that of a row beside them; `./check slow` tries them
+ALIKE: Final = frozenset({
+    "gateway_paused", "ctrl_c_hammered", "controller_nan", "overrun", "pose_frozen", "rtk_lost", "pose_backwards",
+    "pose_steps", "pose_heading_drifts", "throttle_fault", "steering_fault", "steering_drops_out", "throttle_drops_out",
+    "wheel_speeds_scaled", "throttle_override", "steering_override", "brakes_drop_out",
+})  # fmt: skip
 
 
 def in_turn(rows: tuple[Row, ...]) -> Row:

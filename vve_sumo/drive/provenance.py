@@ -19,8 +19,8 @@ from typing import Any, Final
 
 import pyproj
 
+from vve_sumo.config_file import read_json
 from vve_sumo.drive.resolved_scenario import DECISIVE_LIBRARIES, ResolvedScenario, digests, versions
-from vve_sumo.errors import ConfigError
 from vve_sumo.record.record import PROVENANCE
 
 #: the package's own folder, and the folder in it that holds the shipped workspace, whose files are hashed as they are
@@ -143,14 +143,7 @@ def text_of(provenance: dict[str, Any]) -> str:
 
 def read(folder: Path) -> dict[str, Any]:
     """Return a record's provenance; raises ConfigError where it can't be read."""
-    file = folder / PROVENANCE
-    try:
-        provenance = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{file}: cannot be read: {error}") from None
-    if not isinstance(provenance, dict):
-        raise ConfigError(f"{file}: expected a table of keys")
-    return provenance
+    return read_json(folder / PROVENANCE, "a drive")
 
 
 def same_code(provenance: dict[str, Any]) -> bool:

@@ -39,10 +39,7 @@ class FaultInjector:
     """
 
     def __init__(
-        self,
-        faults: Iterable[InjectedFault],
-        seeds: np.random.SeedSequence,
-        interface: InterfaceConfig,
+        self, faults: Iterable[InjectedFault], seeds: np.random.SeedSequence, interface: InterfaceConfig
     ) -> None:
         self._due = due = Due(faults)
         self._random = np.random.Generator(np.random.PCG64(seeds))

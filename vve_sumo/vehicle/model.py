@@ -6,14 +6,16 @@ Plain values in SI units. Knows no file and no rig; who has laid a rig's measure
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Self
+from dataclasses import asdict, dataclass, field, is_dataclass
+from typing import Any, Self, TypeVar, get_type_hints
 
 from vve_sumo.frames import Mounting
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig
-from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
+from vve_sumo.vehicle.limits import Limits
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +53,12 @@ class VehicleModel:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Return the vehicle that `to_dict` told; raises KeyError, TypeError or ConfigError where it is none."""
-        limits = data["limits"]
-        nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
-        parts = {
-            "vehicle": Vehicle(**data["vehicle"]),
-            "calibration": Calibration(**data["calibration"]),
-            "simulated": SimulatedParameters(**data["simulated"]),
-            "mounting": Mounting(**data["mounting"]),
-            "limits": Limits(**{**limits, **nested}),
-            "interface": InterfaceConfig(**data["interface"]),
-        }
-        return cls(**{**data, **parts})
+        """Return the vehicle that `to_dict` gave; raises KeyError, TypeError or ConfigError where it is none."""
+        return rebuilt(cls, data)
+
+
+def rebuilt(kind: type[Value], data: Mapping[str, Any]) -> Value:
+    """Return the dataclass that `asdict` gave as `data`, nested ones too; raises KeyError or TypeError where it cannot."""
+    kinds = get_type_hints(kind)
+    nested = {name: rebuilt(kinds[name], value) for name, value in data.items() if is_dataclass(kinds[name])}
+    return kind(**{**data, **nested})
