@@ -58,7 +58,7 @@ class VehicleModel:
 
 
 def rebuilt(kind: type[Value], data: Mapping[str, Any]) -> Value:
-    """Return the dataclass that `asdict` gave as `data`, nested ones too; raises KeyError or TypeError where it cannot."""
+    """Return the dataclass that `asdict` gave as `data`, nested ones too; raises KeyError or TypeError otherwise."""
     kinds = get_type_hints(kind)
     nested = {name: rebuilt(kinds[name], value) for name, value in data.items() if is_dataclass(kinds[name])}
     return kind(**{**data, **nested})
