@@ -114,7 +114,7 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
 
     from vve_sumo.drive.lockstep import Lockstep
     from vve_sumo.drive.resolved_scenario import EPOCH
-    from vve_sumo.record.record import Record
+    from vve_sumo.record.writer import Record
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

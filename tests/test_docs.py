@@ -27,7 +27,7 @@ from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
 from vve_sumo.pose.receivers.port import PORT, ReceiverTable
 from vve_sumo.pose.receivers.port import load as load_receiver
-from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS
+from vve_sumo.record.layout import LIVE_SCHEMAS, SCHEMAS
 from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.rig.schema import Rig

@@ -15,7 +15,8 @@ import pyarrow.parquet as pq
 
 from tests import vehicles
 from vve_sumo.drive.resolved_scenario import LAYOUT
-from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS, write_summary
+from vve_sumo.record.layout import LIVE_SCHEMAS, SCHEMAS
+from vve_sumo.record.summary import write_summary
 from vve_sumo.values import TickRow
 
 CAR = vehicles.FUSION.vehicle

@@ -21,7 +21,8 @@ from tests.conftest import REPOSITORY
 from tests.sweep.test_dataset import PLAN, begun, cell, fill, result
 from vve_sumo.analysis import Run, Sweep, load
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import SCHEMAS, read_table
+from vve_sumo.record.layout import SCHEMAS
+from vve_sumo.record.reader import read_table
 
 
 @pytest.fixture(scope="module")

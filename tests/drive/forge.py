@@ -9,7 +9,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS, hash_files, hash_parts, whole, write_summary
+from vve_sumo.record.hashes import hash_files, hash_parts, whole
+from vve_sumo.record.layout import LIVE_SCHEMAS, SCHEMAS
+from vve_sumo.record.summary import write_summary
 
 
 def cut_off(folder: Path) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from vve_sumo.sensors.registry import SENSORS
 
 from vve_sumo.drive.assembly import LotAlignment, seed_of
 from vve_sumo.frames import Alignment
-from vve_sumo.sensors.registry import SENSORS
 
 
 def drawn(seeds: np.random.SeedSequence) -> list[int]:

@@ -25,7 +25,8 @@ from vve_sumo.drive.replay import (
 from vve_sumo.drive.resolved_scenario import EPOCH
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import hash_parts, read_pose_chunks, read_table
+from vve_sumo.record.hashes import hash_parts
+from vve_sumo.record.reader import read_pose_chunks, read_table
 
 DRIVES: dict[str, dict[str, Any]] = {
     "traffic": {"street.demand": ["linden_heavy"], "duration_s": 30.0, "seed": 4},

@@ -19,7 +19,7 @@ from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
-from vve_sumo.record.record import Record
+from vve_sumo.record.writer import Record
 from vve_sumo.values import ArmingState, ControlCommand
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand

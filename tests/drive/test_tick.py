@@ -18,7 +18,8 @@ LEAD = {"id": "leader", "kind": "car", "ahead_m": 20.0, "speed_mps": 5.0}
 def _driven() -> dict[str, Any]:
     """Drive a few seconds in traffic and return in which order a tick was recorded, and what its table holds."""
     from vve_sumo.drive.lockstep import Lockstep
-    from vve_sumo.record.record import ACTOR_COLUMNS, MemoryRecorder
+    from vve_sumo.record.layout import ACTOR_COLUMNS
+    from vve_sumo.record.writer import MemoryRecorder
 
     class Ordered(MemoryRecorder):
         """Notes what it is asked to keep, in order."""

@@ -14,7 +14,7 @@ from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
 from vve_sumo.drive.verify import alterations, altered_parts
-from vve_sumo.record.record import hash_parts
+from vve_sumo.record.hashes import hash_parts
 
 DRIVES: dict[str, dict[str, Any]] = {
     "contact": {

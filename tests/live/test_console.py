@@ -12,7 +12,7 @@ import pytest
 from tests.live.command_line import own_rig
 from tests.live.terminal import Desk, desk
 from vve_sumo.live import signals
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
 SCENARIO = """
 title = "A short drive for a screen"

@@ -26,7 +26,7 @@ from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
 from vve_sumo.live.gateway import GONE, LATEST, SOONEST, Inbox, due, kit_is_gone
 from vve_sumo.live.priority import KEPT
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.dataspeed import codec

@@ -21,7 +21,9 @@ from vve_sumo.live.channel import pair
 from vve_sumo.live.recorder_client import BACKLOG, RecorderClient
 from vve_sumo.live.spawn import start
 from vve_sumo.live.summary import summarise
-from vve_sumo.record.record import LiveRecord, Record, hash_parts, read_pose_chunks, read_table, whole
+from vve_sumo.record.hashes import hash_parts, whole
+from vve_sumo.record.reader import read_pose_chunks, read_table
+from vve_sumo.record.writer import LiveRecord, Record
 from vve_sumo.values import Frame, GatewayRow, LatencyRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": "", "bytes": b"\x00\xff"}

@@ -33,7 +33,10 @@ from vve_sumo.drive.verify import altered_parts
 from vve_sumo.live.assembly import from_dict
 from vve_sumo.live.replay import read_live_inputs, replay_drive, replay_gateway
 from vve_sumo.plotting.drive_record import draw_drive
-from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS, hash_parts, read_pose_chunks, read_table, whole, write_summary
+from vve_sumo.record.hashes import hash_parts, whole
+from vve_sumo.record.layout import LIVE_SCHEMAS, SCHEMAS
+from vve_sumo.record.reader import read_pose_chunks, read_table
+from vve_sumo.record.summary import write_summary
 from vve_sumo.values import Setpoint
 from vve_sumo.vehicle import link
 

@@ -20,15 +20,9 @@ import pytest
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import (
-    TICKS_PER_BATCH,
-    MemoryRecorder,
-    Record,
-    hash_parts,
-    read_pose_chunks,
-    read_table,
-    whole,
-)
+from vve_sumo.record.hashes import hash_parts, whole
+from vve_sumo.record.reader import read_pose_chunks, read_table
+from vve_sumo.record.writer import TICKS_PER_BATCH, MemoryRecorder, Record
 from vve_sumo.values import Actors, Frame, TickRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": ""}

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from vve_sumo.sensors.registry import SENSORS, SensorKind
 
 from tests.sensors.scenes import FUSION, actors, car, rear_axle
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import Sensor
-from vve_sumo.sensors.registry import SENSORS, SensorKind
 
 KINDS = {"float": np.float64, "int8": np.int8}
 SCENE = actors([car(30.0, 0.0), car(18.0, 3.5, speed=4.0), car(60.0, -3.5)])

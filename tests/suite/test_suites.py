@@ -18,7 +18,7 @@ from vve_sumo.cli import main
 from vve_sumo.cli.suite import drive
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 from vve_sumo.suite import catalogue, table
 from vve_sumo.suite.physics import DETECTION, TICK, Need
 from vve_sumo.suite.query import SuiteQuery, driven_by

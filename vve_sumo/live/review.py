@@ -19,7 +19,7 @@ from vve_sumo.drive.replay import (
     Difference,
     PipelineInputs,
     answers,
-    changed_controller,
+    changed_code,
     changed_since,
     read_pipeline_inputs,
 )
@@ -36,8 +36,8 @@ class Inspection:
     folder: FilePath
     altered: list[Alteration]  #: what is not as the drive left it
     notes: list[str]  #: what else differs from then, and does not stand against a replay
-    changed: list[str]  #: why the recorded controller must not be run as it is now
-    resolved: ResolvedScenario | None  #: None where the record was altered
+    changed: list[str]  #: why controller, sensors, interface and receiver must not be run as they are now
+    resolved: ResolvedScenario | None  #: None where the record was altered, or a part has changed
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,25 +69,26 @@ def altered_since(folder: FilePath) -> list[Alteration] | None:
 
 
 def inspect(folder: FilePath, working: FilePath) -> Inspection:
-    """Verify a record: every hash of it, and of the files of the controller that it names.
+    """Verify a record: every hash of it, and of the code of the parts that it names, of which none is run before.
 
     Raises ConfigError for a folder that holds no record.
     """
     altered = altered_since(folder)
     if altered:
         return Inspection(folder, altered, [], [], None)
+    notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
+    if changed := changed_code(folder, working):
+        return Inspection(folder, [], notes, changed, None)
     if live.is_live(folder):
         resolved, _rig = from_dict(live.resolved_of(folder), working)
     else:
         resolved = lockstep.setting_of(folder, working)
-    notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
-    notes += changed_since(folder, resolved)
-    return Inspection(folder, [], notes, changed_controller(folder, resolved, working), resolved)
+    return Inspection(folder, [], notes + changed_since(folder, resolved), [], resolved)
 
 
 def replay(inspected: Inspection, working: FilePath) -> Replayed:
     """Run a record that was found unaltered through the pipeline and the gateway again; say where it first differs."""
-    assert inspected.resolved is not None  # only an altered record has none
+    assert inspected.resolved is not None  # of a record that was altered, or a part that has changed, nothing is run
     if live.is_live(inspected.folder):
         return _live(inspected.folder, working)
     return _lockstep(inspected.folder, inspected.resolved, working)
@@ -114,7 +115,7 @@ def _live(folder: FilePath, working: FilePath) -> Replayed:
 def _torn(inputs: PipelineInputs) -> list[str]:
     if not inputs.torn:
         return []
-    return [f"the last {inputs.torn} ticks come after a gap in pose.bin, actors or detections"]
+    return [f"the last {inputs.torn} ticks come after a gap in pose.bin, actors or the sensors' readings"]
 
 
 def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | None) -> list[str]:
