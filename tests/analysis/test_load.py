@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.record.declared import TABLES
 from tests.sweep.test_dataset import PLAN, begun, cell, fill, result
 from vve_sumo.analysis import Run, Sweep, load
 from vve_sumo.errors import ConfigError
@@ -32,7 +33,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     drive = [sys.executable, "-m", "vve_sumo.cli", "drive", "cut_in", "--out", str(folder), "--quiet"]
     child = subprocess.Popen(drive, cwd=REPOSITORY)
     try:
-        seen, deadline = folder / "detections.arrows", time.monotonic() + 120.0
+        seen, deadline = folder / "sensor_radar.arrows", time.monotonic() + 120.0
         while not (seen.exists() and seen.stat().st_size > 30_000):
             assert child.poll() is None, "the drive ended before it could be killed"
             assert time.monotonic() < deadline
@@ -61,7 +62,9 @@ def test_a_killed_drive_is_read_to_its_last_tick(killed: Path) -> None:
         run.table("nix")
 
 
-@pytest.mark.parametrize(("table", "share"), [("ticks", 0.6), ("actors", 0.5), ("detections", 0.7), ("actors", 0.93)])
+@pytest.mark.parametrize(
+    ("table", "share"), [("ticks", 0.6), ("actors", 0.5), ("sensor_radar", 0.7), ("readings", 0.8), ("actors", 0.93)]
+)
 def test_tables_that_end_at_different_ticks_are_cut_to_the_last_whole_one(
     killed: Path, table: str, share: float, tmp_path: Path
 ) -> None:
@@ -78,13 +81,13 @@ def test_tables_that_end_at_different_ticks_are_cut_to_the_last_whole_one(
 
 
 def rows_of(folder: Path) -> list[tuple[str, int]]:
-    return [(name, tick) for name in SCHEMAS for tick in read_table(folder, name)["tick"].to_pylist()]
+    return [(name, tick) for name in TABLES for tick in read_table(folder, name)["tick"].to_pylist()]
 
 
 def recorded(killed: Path, folder: Path) -> Path:
     """A record whose tables were finished."""
     shutil.copytree(killed, folder)
-    for name in SCHEMAS:
+    for name in TABLES:
         table = read_table(folder, name)
         (folder / f"{name}.arrows").unlink()
         pq.write_table(table, folder / f"{name}.parquet")
@@ -129,7 +132,7 @@ RECORDS: list[tuple[Callable[[Path], None], str]] = [
     (holding("scenario.json", "[]"), r"scenario\.json: not what a drive writes"),
     (
         changed("scenario.json", layout=1),
-        r"scenario\.json: layout 1 of a record, expected 6: another vve-sumo",
+        r"scenario\.json: layout 1 of a record, expected 7: another vve-sumo",
     ),
     (holding("summary.json", "{}"), r"summary\.json: not what a drive writes"),
     (holding("summary.json", "{"), r"summary\.json: cannot be read"),

@@ -15,7 +15,7 @@ from tests.isolated import isolated
 from vve_sumo import cli
 from vve_sumo.drive.replay import (
     Difference,
-    changed_controller,
+    changed_code,
     changed_since,
     read_car_frames,
     read_pipeline_inputs,
@@ -50,7 +50,7 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 def replayed(folder: Path) -> Difference | None:
     setting = setting_of(folder, REPOSITORY)
-    assert changed_since(folder, setting) == changed_controller(folder, setting, REPOSITORY) == []
+    assert changed_since(folder, setting) == changed_code(folder, REPOSITORY) == []
     return replay(setting, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
 
 
@@ -158,5 +158,5 @@ def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path, role: 
     resolved["files_sha256"][role] = "0" * 64
     (folder / "scenario.json").write_text(json.dumps(resolved), encoding="utf-8")
     setting = setting_of(folder, REPOSITORY)
-    told = changed_since(folder, setting) + changed_controller(folder, setting, REPOSITORY)
+    told = changed_since(folder, setting) + changed_code(folder, REPOSITORY)
     assert told == [f"{role} has changed since"]

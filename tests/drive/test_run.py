@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.drive.street import REPOSITORY, altered
+from tests.record.declared import RESOLVED
 from vve_sumo.controller import Guarded
 from vve_sumo.drive import run as drives
 from vve_sumo.drive.assembly import sensors_of
@@ -60,7 +61,7 @@ def test_the_record_names_the_controllers_files_that_were_read_and_no_other(tmp_
 
 def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path) -> None:
     """A shell that raises: the record is finished, says broken, and holds the traceback."""
-    record = Record(tmp_path / "r", {}, 0.0)
+    record = Record(tmp_path / "r", RESOLVED, 0.0)
 
     class Shell:
         def run(self, record: Record, watch: object) -> None:

@@ -32,9 +32,9 @@ def _driven() -> dict[str, Any]:
             self.order += ["frames"] if any(frame.id in COMMAND_IDS for frame in frames) else []
             super().saw_frames(time, channel, frames)
 
-        def sensed(self, tick: int, sensor: str, columns: Any) -> None:
+        def sensed(self, tick: int, sensor: str, measured: float, columns: Any) -> None:
             self.order.append(sensor)
-            super().sensed(tick, sensor, columns)
+            super().sensed(tick, sensor, measured, columns)
 
         def snapshot(self, tick: int, actors: Any) -> None:
             self.order.append("actors")
@@ -44,8 +44,9 @@ def _driven() -> dict[str, Any]:
             self.order.append("row")
             super().ticked(row)
 
-    shell = Lockstep(altered({"actors": [LEAD], "obstacles.0.at_m": 60.0}), REPOSITORY)
-    record = Ordered({}, shell.lot.epoch)
+    setting = altered({"actors": [LEAD], "obstacles.0.at_m": 60.0})
+    shell = Lockstep(setting, REPOSITORY)
+    record = Ordered(setting.resolved(REPOSITORY), shell.lot.epoch)
     looked = []
     ticks = shell.ticks(record)
     for _ in range(TICKS):

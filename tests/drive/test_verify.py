@@ -102,7 +102,7 @@ def test_a_figure_that_is_gone_is_found(records: dict[str, Path], tmp_path: Path
     assert altered_parts(folder) == ["summary.json"]
 
 
-PARTS = ("scenario.json", "pose.bin", "can.log", "ticks", "detections", "actors")
+PARTS = ("scenario.json", "pose.bin", "can.log", "ticks", "readings", "actors", "sensor_radar")
 
 
 @pytest.mark.parametrize("part", PARTS)

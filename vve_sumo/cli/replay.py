@@ -17,9 +17,8 @@ def add(commands: Commands) -> None:
         "run a record through the chain again and find the first difference",
         "Feed a record's pose bytes, car reports and actors to the same chain and the same gateway, without SUMO and\n"
         "without a car, and compare every setpoint and every CAN frame, bit for bit. The record is verified before:\n"
-        "one that was altered is not replayed, nor is one whose controller, sensor, receiver or drive-by-wire interface\n"
-        "has changed. Exit code 1 names what was altered, or the first tick of the drive, or step of the gateway, that\n"
-        "differs.",
+        "one that was altered is not replayed, nor one whose controller, sensor, receiver or interface has changed.\n"
+        "Exit code 1 names what was altered, or the first tick of the drive, or step of the gateway, that differs.",
     )
     replay.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
     replay.set_defaults(run=run)
