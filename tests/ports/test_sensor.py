@@ -17,7 +17,7 @@ import pytest
 from shapely import affinity
 from shapely.geometry import LineString, box
 
-from tests.drive.forge import seal_again
+from tests.drive.forge import change_json, seal_again
 from tests.drive.street import altered, drive_once
 from tests.isolated import isolated
 from tests.ports.sensor import PERIOD, SensorConformance
@@ -364,6 +364,18 @@ def test_it_replays_bit_for_bit_and_a_changed_range_is_found(
     said = capsys.readouterr().out
     assert said.startswith(f"tick {table.loc[at, 'tick']} ")
     assert "differs in sensor ahead: row 0" in said
+
+
+def test_one_whose_code_has_changed_is_not_run(
+    stopped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = Path(shutil.copytree(stopped, tmp_path / "copy"))
+    change_json(copy / "scenario.json", "files_sha256", "sensor_ahead:range_finder", value="0" * 64)
+    seal_again(copy)
+    assert cli.main(["replay", str(copy)]) == 1
+    assert capsys.readouterr().out == "sensor_ahead:range_finder has changed since\nnot replayed\n"
+    assert cli.main(["redrive", str(copy), "--controller", "follow_and_stop"]) == 2
+    assert "sensor_ahead:range_finder has changed since: not run" in capsys.readouterr().err
 
 
 SHORT = {"duration_s": 12.0, "obstacles.0.at_m": 60.0, "criteria": {}}

@@ -42,7 +42,11 @@ def run(arguments: argparse.Namespace) -> int:
         notify(f"note: {line}")
     if inspected.changed:
         print(*inspected.changed, sep="\n")
-        print(f"not replayed: vve-sumo redrive {folder} --controller NAME asks a controller as it is now")
+        only_controller = all(line.startswith("controller") for line in inspected.changed)
+        hint = (
+            f": vve-sumo redrive {folder} --controller NAME asks a controller as it is now" if only_controller else ""
+        )
+        print(f"not replayed{hint}")
         return 1
     replayed = review.replay(inspected, working)
     for line in replayed.notes:

@@ -107,11 +107,11 @@ def changed_since(folder: FilePath, setting: ResolvedScenario) -> list[str]:
     return changed + provenance.changed_since(provenance.read(folder))
 
 
-def changed_code(folder: FilePath, working: FilePath) -> list[str]:
+def changed_code(folder: FilePath, working: FilePath, *, controller: bool = True) -> list[str]:
     """Return a line for every file of the recorded parts' code that is not as it was; none of it is run.
 
-    The parts are controller, sensors, drive-by-wire interface and, of a live drive, receiver. Raises ConfigError where
-    there is no such part any more.
+    The parts are sensors, drive-by-wire interface, of a live drive the receiver, and the controller unless another one
+    is asked. Raises ConfigError where there is no such part any more.
     """
     file, resolved = folder / "scenario.json", read_resolved(folder)
     try:
@@ -122,7 +122,8 @@ def changed_code(folder: FilePath, working: FilePath) -> list[str]:
             parts.append(plugged_in.receiver(resolved["rig"]["pose"]["kind"]))
     except (AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"{file}: it does not say what plugged in: {error!r}") from None
-    return [line for part in parts for line in part.changed(recorded)]
+    asked = (part for part in parts if controller or part.role != plugged_in.CONTROLLER)
+    return [line for part in asked for line in part.changed(recorded)]
 
 
 def read_rows(folder: FilePath, name: str) -> pa.Table:

@@ -25,6 +25,7 @@ from vve_sumo.drive.replay import (
 )
 from vve_sumo.drive.resolved_scenario import EPOCH, ResolvedScenario
 from vve_sumo.drive.verify import Alteration, alterations
+from vve_sumo.errors import ConfigError
 from vve_sumo.live import replay as live
 from vve_sumo.live.assembly import from_dict
 
@@ -132,7 +133,12 @@ def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | N
 
 
 def redrive_with(folder: FilePath, controller: str, working: FilePath) -> Redriven:
-    """Ask another controller on a record's inputs, open loop: the car does what the recorded one said."""
+    """Ask another controller on a record's inputs, open loop: the car does what the recorded one said.
+
+    Raises ConfigError where a sensor, the drive-by-wire interface or the receiver is not as it was recorded.
+    """
+    if changed := changed_code(folder, working, controller=False):
+        raise ConfigError(f"{folder}: {changed[0]}: not run")
     resolved, inputs, pipeline = _with(folder, controller, working)
     table = redrive.side_by_side(answers(pipeline, inputs))
     return Redriven(resolved, table, redrive.compared(table), pipeline.failure)
