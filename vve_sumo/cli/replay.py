@@ -42,11 +42,8 @@ def run(arguments: argparse.Namespace) -> int:
         notify(f"note: {line}")
     if inspected.changed:
         print(*inspected.changed, sep="\n")
-        only_controller = all(line.startswith("controller") for line in inspected.changed)
-        hint = (
-            f": vve-sumo redrive {folder} --controller NAME asks a controller as it is now" if only_controller else ""
-        )
-        print(f"not replayed{hint}")
+        redrive = f": vve-sumo redrive {folder} --controller NAME asks a controller as it is now"
+        print(f"not replayed{redrive if all(line.startswith('controller') for line in inspected.changed) else ''}")
         return 1
     replayed = review.replay(inspected, working)
     for line in replayed.notes:
