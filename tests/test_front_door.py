@@ -90,6 +90,7 @@ def test_types_are_declared() -> None:
     assert (REPOSITORY / "vve_sumo" / "py.typed").is_file()
 
 
+@pytest.mark.slow
 def test_every_export_explains_itself_by_an_example_that_runs(working: Path) -> None:
     # A sweep and a drive make what the others load.
     order = sorted(vve.__all__, key=lambda name: (name not in ("drive", "sweep"), name))
@@ -101,6 +102,7 @@ def test_every_export_explains_itself_by_an_example_that_runs(working: Path) -> 
     assert runner.summarize().failed == 0
 
 
+@pytest.mark.slow
 def test_the_blocks_of_the_page_run(working: Path) -> None:
     text = (REPOSITORY / "docs" / "python.md").read_text(encoding="utf-8")
     names: dict[str, object] = {}

@@ -15,6 +15,7 @@ import pytest
 
 from tests.analysis import made
 from tests.drive.street import altered, obstacle_station
+from tests.exhaustive import with_slow
 from tests.isolated import REPOSITORY, isolated
 from vve_sumo.analysis.brake_response import UNKNOWN, BrakeAnswer, Interval, brake_answer
 from vve_sumo.analysis.braking import stop_of
@@ -116,7 +117,7 @@ def test_dead_time_and_lag_come_back_whatever_grade_mass_and_gain_are(
     lies(found.build_up, lag, 0.004)
 
 
-@pytest.mark.parametrize("late", [0.0, 0.1, 0.2])
+@pytest.mark.parametrize("late", with_slow([0.0, 0.1, 0.2], lambda late: late == 0.0))
 def test_the_intervals_hold_the_truth_as_often_as_two_standard_deviations_should(tmp_path: Path, late: float) -> None:
     """Twenty stops with 5 mm/s of white noise; the residuals' own size is an estimate too, so four in five must do."""
     found = [answer(record(tmp_path / f"{seed}", Brakes(0.025 + late), noise=0.005, seed=seed)) for seed in range(20)]
@@ -241,6 +242,7 @@ def without_truth(folder: Path, copy: Path) -> Run:
     return Run(copy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANTED)
 def test_late_brakes_are_found_in_regulated_stops_and_nominal_ones_are_not(
     driven: Path, tmp_path: Path, name: str

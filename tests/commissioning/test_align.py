@@ -232,6 +232,7 @@ def runway(length: float, width: float = 24.0) -> tuple[str, str]:
     return outline(*((CAR[0] + (turn * c).imag * metre[0], CAR[1] + (turn * c).real * metre[1]) for c in corners))
 
 
+@pytest.mark.slow
 def test_a_path_too_long_is_cut_where_it_still_fits(tmp_path: Path) -> None:
     rig = own_rig(tmp_path, runway(160.0))
     options = ("--fit", "--picture", "lot.png", "--cut", "short.csv", "--store")

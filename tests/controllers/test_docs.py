@@ -48,6 +48,7 @@ def test_the_example_passes_the_shipped_scenario(page, example):
         assert summary["failed"] == []
 
 
+@pytest.mark.slow
 def test_the_example_stops_at_the_end_of_the_path(example):
     changes = {"obstacles": [], "street.demand": [], "controller": {"name": f"{example}:make"}}
     summary = isolated(drive_once, changes)

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from tests.drive.street import MPH, drive_once, obstacle_station
+from tests.exhaustive import with_slow
 from tests.isolated import isolated
 
 SPEEDS_MPH = (5, 10, 15, 20, 25, 30, 35, 40, 45)
@@ -54,7 +55,7 @@ def check(summary: dict[str, Any], tolerance: float) -> None:
     assert summary["anchor_speed_error_mps"] <= 1e-6
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", with_slow(range(20), lambda seed: seed < 3))
 def test_stops_at_the_gap_for_every_seed(seed: int) -> None:
     mph, changes = for_seed(seed)
     summary = isolated(drive_once, changes)
@@ -63,7 +64,7 @@ def test_stops_at_the_gap_for_every_seed(seed: int) -> None:
     assert not summary["emergency_used"]
 
 
-@pytest.mark.parametrize(("speed", "seed"), [(5.0, 12), (5.0, 19), (13.4, 5)])
+@pytest.mark.parametrize(("speed", "seed"), with_slow([(5.0, 12), (5.0, 19), (13.4, 5)], lambda drive: drive[1] == 12))
 def test_its_traffic_calls_for_no_emergency(speed: float, seed: int) -> None:
     """As shipped. With traffic that had the right of way over the path the first two met a car in a junction."""
     summary = isolated(drive_once, {"seed": seed, "ego.speed_mps": speed})
@@ -80,7 +81,7 @@ ERRORS = [
 ]
 
 
-@pytest.mark.parametrize("mph", [5, 45])
+@pytest.mark.parametrize("mph", with_slow([5, 45], lambda mph: mph == 45))
 @pytest.mark.parametrize("errors", ERRORS)
 def test_stops_and_holds_with_a_car_that_is_not_as_declared(errors: dict[str, float], mph: int) -> None:
     """Grade, mass and brake gain at the corners of their ranges; sixty seconds at rest without rolling off."""
@@ -115,7 +116,7 @@ def test_the_end_of_the_path_is_a_stop_line() -> None:
     assert summary["max_deceleration_mps2"] <= COMFORT
 
 
-@pytest.mark.parametrize("steering", ["pure_pursuit", "stanley", "lqr"])
+@pytest.mark.parametrize("steering", with_slow(["pure_pursuit", "stanley", "lqr"], lambda law: law == "stanley"))
 def test_the_other_steering_laws_keep_the_path_too(steering: str) -> None:
     """Every shipped law drives the whole way within a lane's margin."""
     changes = at_speed(25, 2) | {"controller.tuning": {"steering": steering}}

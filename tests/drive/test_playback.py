@@ -70,6 +70,7 @@ def test_comma2k19_runs_to_the_end(shared_data: Path, tmp_path: Path) -> None:
     assert summary["prediction_error_100ms_max_m"] < 0.1
 
 
+@pytest.mark.slow
 def test_boreas_runs_to_the_end(shared_data: Path, tmp_path: Path) -> None:
     file = recordings.boreas(shared_data, tmp_path / "boreas.csv")
     summary, ticks = played(file, tmp_path / "record")

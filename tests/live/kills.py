@@ -82,6 +82,9 @@ def main() -> int:
                 continue
             wrong = wrong_with(row, evidence)
             speed, acceleration = speed_at(evidence, evidence.moment)
+            if not speed:
+                print(f"{number:3d} {row.name}: the drive had stopped the car before", flush=True)
+                continue
             driven, allowed = way_to_rest(evidence, evidence.moment), most(row, speed, acceleration)
         stood = f", the machine stood still {len(evidence.stalls)} times" if evidence.stalls else ""
         failed += bool(wrong) and not evidence.stalls

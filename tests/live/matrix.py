@@ -319,6 +319,13 @@ MATRIX: Final = (
     ),
 )  # fmt: skip
 
+#: rows whose stop is noticed and made as that of a row beside them; `./check slow` tries them
+ALIKE: Final = frozenset({
+    "gateway_paused", "ctrl_c_hammered", "controller_nan", "overrun", "pose_frozen", "rtk_lost", "pose_backwards",
+    "pose_steps", "pose_heading_drifts", "throttle_fault", "steering_fault", "steering_drops_out", "throttle_drops_out",
+    "wheel_speeds_scaled", "throttle_override", "steering_override", "brakes_drop_out",
+})  # fmt: skip
+
 
 def in_turn(rows: tuple[Row, ...]) -> Row:
     """Return the row that puts the faults of rows on in one drive, one after the other; a single row is itself."""

@@ -11,14 +11,29 @@ import math
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from threading import Lock
+from threading import Semaphore
 
 import numpy as np
 import pytest
 import shapely
 
 from tests import vehicles
-from tests.live.matrix import EACH, GATEWAY, MATRIX, SPEED, STEP, TOLERANCE, WATCHDOG, Layer, Right, Row, bound, in_turn
+from tests.exhaustive import with_slow
+from tests.live.matrix import (
+    ALIKE,
+    EACH,
+    GATEWAY,
+    MATRIX,
+    SPEED,
+    STEP,
+    TOLERANCE,
+    WATCHDOG,
+    Layer,
+    Right,
+    Row,
+    bound,
+    in_turn,
+)
 from tests.live.stage import Evidence, Stage
 from vve_sumo.bus import read_log
 from vve_sumo.drive import reasons
@@ -31,10 +46,10 @@ from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Variant
 
 ATTEMPTS = 4
-#: two drives of four real-time processes each leave two cores half idle, a third would not; the other live tests, which
-#: run beside these, are the second: so one row drives while the one before it is judged
+#: drives at a time; each takes half a core while it starts and a fifth of one under way
 TOGETHER = 2
-DRIVING = Lock()
+DRIVING = Semaphore(TOGETHER)
+JUDGING = 1  # while the next drives begin
 STANDING = 0.05  # slower is rest [m/s]
 VARIANT = Variant.DBW1_2024
 
@@ -48,7 +63,7 @@ def tried(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         if isinstance(item, pytest.Function) and hasattr(item, "callspec")
     )
     chosen = [param["row"] for param in params if isinstance(param.get("row"), Row)]
-    crew = ThreadPoolExecutor(TOGETHER)
+    crew = ThreadPoolExecutor(TOGETHER + JUDGING)
     ridden = tuple(row for row in chosen if row.right is Right.RIDDEN)
     tries = [ridden] * bool(ridden) + [(row,) for row in chosen if row not in ridden]
     came = [(rows, crew.submit(attempt, rows, tmp_path_factory.mktemp(rows[0].name))) for rows in tries]
@@ -57,7 +72,7 @@ def tried(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("row", MATRIX, ids=lambda row: row.name)
+@pytest.mark.parametrize("row", with_slow(MATRIX, lambda row: row.name not in ALIKE), ids=lambda row: row.name)
 def test_a_fault_has_its_right_outcome(row: Row, tried: dict[str, Future[str]]) -> None:
     print(tried[row.name].result())
 

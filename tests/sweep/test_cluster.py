@@ -133,6 +133,7 @@ def test_rows_are_the_same_when_a_worker_is_killed_and_one_stalls(machines: Mach
     eventually(lambda: machines.runs() == [])
 
 
+@pytest.mark.slow
 def test_what_ends_a_sweep_is_one_line_and_leaves_nothing_running(machines: Machines, tmp_path: Path) -> None:
     note = tmp_path / "note"
     hangs, full = job("hangs", "hang", note), job("fills", "fills", keep=tmp_path / "kept" / "fills")

@@ -373,6 +373,7 @@ def command(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, check=False, cwd=folder, capture_output=True, text=True, env=environment, timeout=500)
 
 
+@pytest.mark.slow
 def test_a_real_car_hits_what_it_sees_too_late_from_the_speed_of_the_closed_form(tmp_path: Path) -> None:
     """Real drives: sight of 12 m against the way that full braking takes.
 

@@ -183,6 +183,7 @@ def reached() -> dict[tuple[object, ...], Explored]:
     return found
 
 
+@pytest.mark.slow
 def test_every_state_and_every_stage_of_the_handover_is_reached(reached):
     assert {key[0] for key in reached} == set(S)
     stages = {key[1][:3] for key in reached if key[0] is S.ENGAGED}

@@ -52,6 +52,7 @@ def _ten_minutes(folder: str) -> dict[str, object]:
     return {"worst": worst, "faults": faults, "off_road": off_road, "lanes": len(lanes)}
 
 
+@pytest.mark.slow
 def test_sumo_has_the_asked_pose_and_speed_in_every_tick_of_ten_minutes(tmp_path):
     told = isolated(_ten_minutes, str(tmp_path))
     assert told["faults"] == []
