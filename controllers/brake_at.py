@@ -7,7 +7,6 @@ regulates nothing while it brakes; whoever shall stop at a place wants follow_an
 from __future__ import annotations
 
 from vve_sumo.controller import Tuning, settle
-from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp, jerk_limit, stopping_distance
 from vve_sumo.values import ControlCommand, Observation, Vehicle
 
@@ -86,8 +85,5 @@ class BrakeAt:
 
 def make(vehicle: Vehicle, tuning: Tuning) -> BrakeAt:
     """Make the controller; raises ConfigError on a tuning key or value that it cannot take."""
-    numbers = {key: float(value) for key, value in settle(tuning, TUNING).items()}
-    for key, (least, greatest) in RANGES.items():
-        if not least <= numbers[key] <= greatest:
-            raise ConfigError(f"tuning key {key!r} must be {least:g} to {greatest:g}, got {numbers[key]:g}")
+    numbers = {key: float(value) for key, value in settle(tuning, TUNING, RANGES).items()}
     return BrakeAt(vehicle, numbers)

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from vve_sumo.controller import Tuning, settle
-from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp
 from vve_sumo.values import ControlCommand, Observation, Pose, Vehicle
 
@@ -206,8 +205,5 @@ class CalibrationRun:
 
 def make(vehicle: Vehicle, tuning: Tuning) -> CalibrationRun:
     """Make the controller; raises ConfigError on a tuning key or value that it cannot take."""
-    numbers = {key: float(value) for key, value in settle(tuning, TUNING).items()}
-    for key, (least, greatest) in RANGES.items():
-        if not least <= numbers[key] <= greatest:
-            raise ConfigError(f"tuning key {key!r} must be {least:g} to {greatest:g}, got {numbers[key]:g}")
+    numbers = {key: float(value) for key, value in settle(tuning, TUNING, RANGES).items()}
     return CalibrationRun(vehicle, numbers)

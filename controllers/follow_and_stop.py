@@ -156,10 +156,7 @@ def steering_law(name: str, vehicle: Vehicle, tuning: dict[str, float]) -> Steer
 
 def make(vehicle: Vehicle, tuning: Tuning) -> FollowAndStop:
     """Make the controller; raises ConfigError on a tuning key or value that it cannot take."""
-    settled = settle(tuning, TUNING)
+    settled = settle(tuning, TUNING, RANGES)
     name = str(settled.pop("steering"))
     numbers = {key: float(value) for key, value in settled.items()}
-    for key, (least, greatest) in RANGES.items():
-        if not least <= numbers[key] <= greatest:
-            raise ConfigError(f"tuning key {key!r} must be {least:g} to {greatest:g}, got {numbers[key]:g}")
     return FollowAndStop(vehicle, steering_law(name, vehicle, numbers), numbers)

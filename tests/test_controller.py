@@ -173,6 +173,9 @@ def test_tuning_is_laid_over_the_defaults():
     defaults = {"gap_m": 5.0, "law": "preview", "on": True}
     assert settle({"gap_m": 6, "on": False}, defaults) == {"gap_m": 6.0, "law": "preview", "on": False}
     assert isinstance(settle({"gap_m": 6}, defaults)["gap_m"], float)
+    assert settle({"gap_m": 9.0}, defaults, {"gap_m": (1.0, 9.0)})["gap_m"] == 9.0
+    with pytest.raises(ConfigError, match=r"tuning key 'gap_m' must be 1 to 9, got 9\.5"):
+        settle({"gap_m": 9.5}, defaults, {"gap_m": (1.0, 9.0)})
 
 
 @pytest.mark.parametrize(

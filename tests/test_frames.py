@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from dataclasses import replace
 
 import numpy as np
 import pyproj
@@ -11,9 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.fixes import GOOD
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement, move_point, wrap_angle
-from vve_sumo.values import Fix, FixQuality, Point, Pose
+from vve_sumo.values import Point, Pose
 
 LINDEN = "+proj=tmerc +lat_0=40.01 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
 UTM17 = "+proj=utm +zone=17 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
@@ -29,26 +31,18 @@ def pose_at(x=0.0, y=0.0, heading=0.0, point=Point.REAR_AXLE, **rest) -> Pose:
 
 
 def fix_of(latitude_deg, longitude_deg, compass_deg, north=0.0, east=0.0, yaw_rate=0.0, pitch=0.0, acceleration=0.0):
-    return Fix(
+    return replace(
+        GOOD,
         time=EPOCH + 12.25,
         time_received=12.3,
         latitude=math.radians(latitude_deg),
         longitude=math.radians(longitude_deg),
-        altitude=0.0,
         heading=wrap_angle(math.radians(90.0 - compass_deg)),
         pitch=pitch,
-        roll=0.0,
         velocity_north=north,
         velocity_east=east,
-        velocity_down=0.0,
         yaw_rate=yaw_rate,
         acceleration=acceleration,
-        locked=True,
-        quality=FixQuality.RTK_FIXED,
-        position_sigma=0.01,
-        velocity_sigma=0.01,
-        heading_sigma=0.001,
-        differential_age=1.0,
     )
 
 
@@ -372,15 +366,12 @@ def test_gravity_and_turning_are_taken_out_of_the_acceleration():
 
 
 @given(
-    x=st.floats(-400, 400),
-    y=st.floats(-400, 400),
-    heading=turn,
     speed=st.floats(-5, 30),
-    lateral=st.floats(-1, 1),
-    yaw_rate=st.floats(-1, 1),
     acceleration=st.floats(-8, 4),
     grade=st.floats(-0.2, 0.2),
-    rotation=turn,
+    **dict.fromkeys(("x", "y"), st.floats(-400, 400)),
+    **dict.fromkeys(("heading", "rotation"), turn),
+    **dict.fromkeys(("lateral", "yaw_rate"), st.floats(-1, 1)),
     projection=st.sampled_from([LINDEN, UTM17]),
 )
 def test_place_undoes_unplace(x, y, heading, speed, lateral, yaw_rate, acceleration, grade, rotation, projection):

@@ -5,6 +5,7 @@ Knows pydantic and units in the names of keys; it must not know what any file is
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
@@ -198,3 +199,22 @@ def read(file: Path, kind: str) -> dict[str, Any]:
         raise ConfigError(f"{kind} {file}: not TOML: {error}") from None
     except RecursionError:
         raise ConfigError(f"{kind} {file}: not TOML: nested too deeply") from None
+
+
+def read_json(file: Path, writer: str, *keys: str) -> dict[str, Any]:
+    """Return the table in a JSON file that `writer` wrote, such as "a drive".
+
+    Raises ConfigError where the file cannot be read, is no table, or lacks one of the `keys`.
+    """
+    wrong = f"{file}: not what {writer} writes"
+    try:
+        told = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}; expected what {writer} writes") from None
+    except ValueError as error:
+        raise ConfigError(f"{wrong}: {error}") from None
+    if not isinstance(told, dict):
+        raise ConfigError(f"{wrong}: expected a table of keys")
+    if missing := [key for key in keys if key not in told]:
+        raise ConfigError(f"{wrong}: no {missing[0]} in it")
+    return told

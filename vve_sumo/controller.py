@@ -67,11 +67,13 @@ def sources(name: str, search: Sequence[Folder]) -> dict[str, Folder]:
     return PORT.sources(name, search)
 
 
-def settle(tuning: Tuning, defaults: Tuning) -> dict[str, TuningValue]:
+def settle(
+    tuning: Tuning, defaults: Tuning, ranges: Mapping[str, tuple[float, float]] | None = None
+) -> dict[str, TuningValue]:
     """Lay a user's tuning over the defaults; a default's type is the key's type.
 
-    Raises ConfigError, naming the key and what is allowed, on an unknown key, another type or a number
-    that is not finite.
+    Raises ConfigError, naming the key and what is allowed, on an unknown key, another type, a number that is not finite
+    or lies outside its key's range, least and greatest.
     """
     for key, value in tuning.items():
         if key not in defaults:
@@ -83,7 +85,11 @@ def settle(tuning: Tuning, defaults: Tuning) -> dict[str, TuningValue]:
         elif type(value) is not type(wanted):
             raise ConfigError(f"tuning key {key!r} must be a {type(wanted).__name__}, got {value!r}")
     numbers = {key: float(value) for key, value in tuning.items() if isinstance(defaults[key], float)}
-    return {**defaults, **tuning, **numbers}
+    settled = {**defaults, **tuning, **numbers}
+    for key, (least, greatest) in (ranges or {}).items():
+        if not least <= (came := float(settled[key])) <= greatest:
+            raise ConfigError(f"tuning key {key!r} must be {least:g} to {greatest:g}, got {came:g}")
+    return settled
 
 
 class Guarded:

@@ -17,7 +17,7 @@ import pyproj
 from pyproj.exceptions import CRSError
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.values import Fix, FixQuality, Point, Pose
+from vve_sumo.values import Fix, Point, Pose
 
 GRAVITY: Final = 9.80665  #: standard [m/s2]
 PROJECTIONS: Final = frozenset({"tmerc", "etmerc", "utm"})
@@ -317,10 +317,4 @@ class Placement:
             velocity_down=math.nan,
             yaw_rate=pose.yaw_rate,
             acceleration=pose.acceleration - pose.yaw_rate * lateral + GRAVITY * math.sin(pose.grade),
-            locked=False,
-            quality=FixQuality.UNKNOWN,
-            position_sigma=math.nan,
-            velocity_sigma=math.nan,
-            heading_sigma=math.nan,
-            differential_age=math.nan,
         )

@@ -50,7 +50,10 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """What the receiver said, once, about its output point; NaN is "not said" or "said to be invalid"."""
+    """What the receiver said, once, about its output point; NaN is "not said" or "said to be invalid".
+
+    The defaults are those of a source that says nothing of its own quality: no car drives on such a fix.
+    """
 
     time: float  #: epoch of the fix [s of GNSS time since 1980-01-06, no leap seconds]
     time_received: float  #: arrival on the drive's clock [s]
@@ -65,12 +68,12 @@ class Fix:
     velocity_down: float  #: [m/s]
     yaw_rate: float  #: [rad/s] counter-clockwise seen from above
     acceleration: float  #: [m/s2] specific force along the car's forward axis, gravity's share included
-    locked: bool  #: the receiver's navigation is initialised and in real time
-    quality: FixQuality  #: of the position
-    position_sigma: float  #: horizontal, 1 sigma, the larger of north and east [m]
-    velocity_sigma: float  #: horizontal, 1 sigma, the larger of north and east [m/s]
-    heading_sigma: float  #: 1 sigma [rad]
-    differential_age: float  #: age of the RTK corrections [s]
+    locked: bool = False  #: the receiver's navigation is initialised and in real time
+    quality: FixQuality = FixQuality.UNKNOWN  #: of the position
+    position_sigma: float = math.nan  #: horizontal, 1 sigma, the larger of north and east [m]
+    velocity_sigma: float = math.nan  #: horizontal, 1 sigma, the larger of north and east [m/s]
+    heading_sigma: float = math.nan  #: 1 sigma [rad]
+    differential_age: float = math.nan  #: age of the RTK corrections [s]
 
 
 @dataclass(frozen=True, slots=True)

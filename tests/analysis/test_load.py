@@ -5,10 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
-import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.killed import killed_at
 from tests.record.declared import TABLES
 from tests.sweep.test_dataset import PLAN, begun, cell, fill, result
 from vve_sumo.analysis import Run, Sweep, load
@@ -31,17 +29,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The record of `vve-sumo drive`, killed when some seconds of it were on the disk."""
     folder = tmp_path_factory.mktemp("killed") / "record"
     drive = [sys.executable, "-m", "vve_sumo.cli", "drive", "cut_in", "--out", str(folder), "--quiet"]
-    child = subprocess.Popen(drive, cwd=REPOSITORY)
-    try:
-        seen, deadline = folder / "sensor_radar.arrows", time.monotonic() + 120.0
-        while not (seen.exists() and seen.stat().st_size > 30_000):
-            assert child.poll() is None, "the drive ended before it could be killed"
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        os.kill(child.pid, signal.SIGKILL)
-    finally:
-        child.kill()
-        child.wait()
+    killed_at(drive, folder / "sensor_radar.arrows", 30_000)
     return folder
 
 
@@ -135,7 +123,7 @@ RECORDS: list[tuple[Callable[[Path], None], str]] = [
         r"scenario\.json: layout 1 of a record, expected 7: another vve-sumo",
     ),
     (holding("summary.json", "{}"), r"summary\.json: not what a drive writes"),
-    (holding("summary.json", "{"), r"summary\.json: cannot be read"),
+    (holding("summary.json", "{"), r"summary\.json: not what a drive writes"),
     (truncated("ticks.parquet"), r"ticks\.parquet: cannot be read"),
     (foreign("ticks.parquet"), "table ticks has no column time_s: another vve-sumo wrote it"),
     (emptied("ticks.parquet"), "holds no tick"),

@@ -16,6 +16,7 @@ import pytest
 
 from tests import isolated
 from tests.conftest import REPOSITORY
+from tests.fixes import GOOD
 from tests.live.bench import LiveCar
 from tests.live.command_line import WATCHDOG, begun, outline, own_rig, vve_sumo
 from vve_sumo.bus import Bus
@@ -172,12 +173,7 @@ def test_another_writer_on_our_identifiers_is_no_go(tmp_path: Path) -> None:
     assert told(run, "understood")[0] == "NO-GO"
 
 
-FIX = Fix(
-    time=1.4e9, time_received=0.0, latitude=math.radians(40.0041), longitude=math.radians(-83.0186), altitude=200.0,
-    heading=0.1, pitch=0.0, roll=0.0, velocity_north=0.0, velocity_east=0.0, velocity_down=0.0, yaw_rate=0.0,
-    acceleration=0.0, locked=True, quality=FixQuality.RTK_FIXED, position_sigma=0.01, velocity_sigma=0.02,
-    heading_sigma=0.001, differential_age=1.0,
-)  # fmt: skip
+FIX = replace(GOOD, time=1.4e9, latitude=math.radians(40.0041), longitude=math.radians(-83.0186), heading=0.1)
 
 
 def heard_from(rig: Path, **changes: float) -> list[Check]:

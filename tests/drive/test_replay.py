@@ -143,7 +143,7 @@ def test_what_was_never_finished_replays_as_far_as_its_inputs_reach(
 
 
 def test_what_is_no_record_is_one_line(records: dict[str, Path], tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no record of a drive"):
+    with pytest.raises(ConfigError, match=r"scenario\.json: cannot be read"):
         setting_of(tmp_path, REPOSITORY)
     folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
     (folder / "can.log").unlink()

@@ -26,9 +26,10 @@ import struct
 import time
 import zlib
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, Final
 
+from tests.fixes import GOOD
 from tests.fuzz.invariant import Violation, hold
 from vve_sumo.pose import ncom, nmea, oxts_can
 from vve_sumo.pose.trust import DRIVE, TrustGate
@@ -95,7 +96,8 @@ def _number(chance: random.Random, span: float) -> float:
 
 
 def _fix(chance: random.Random, now: float) -> Fix:
-    return Fix(
+    return replace(
+        GOOD,
         time=1_460_000_000.0 + now,
         time_received=now,
         latitude=chance.uniform(-1.57, 1.57),
@@ -106,15 +108,10 @@ def _fix(chance: random.Random, now: float) -> Fix:
         roll=chance.uniform(-0.3, 0.3),
         velocity_north=chance.uniform(-30.0, 30.0),
         velocity_east=chance.uniform(-30.0, 30.0),
-        velocity_down=0.0,
         yaw_rate=chance.uniform(-2.0, 2.0),
         acceleration=chance.uniform(-9.0, 9.0),
-        locked=True,
         quality=chance.choice((FixQuality.RTK_FIXED, FixQuality.RTK_FLOAT)),
         position_sigma=0.02,
-        velocity_sigma=0.02,
-        heading_sigma=0.002,
-        differential_age=1.0,
     )
 
 

@@ -44,7 +44,7 @@ POLE = ((26.0, 3.5), (26.0, 6.0), (40.0, 6.0), (40.0, 3.5))
 START, HEADING = (40.0041, -83.0186), math.radians(85.0)
 
 SCENARIO = """
-title = "A short drive for a fault"
+title = "A short drive"
 seed = 1
 duration_s = 60.0
 

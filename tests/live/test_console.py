@@ -10,28 +10,11 @@ from pathlib import Path
 import pytest
 
 from tests.live.command_line import own_rig
+from tests.live.stage import SCENARIO
 from tests.live.terminal import Desk, desk
 from vve_sumo.live import signals
 from vve_sumo.record.reader import read_table
 
-SCENARIO = """
-title = "A short drive for a screen"
-seed = 1
-duration_s = 1.5
-
-[street]
-network = "linden"
-warm_up_s = 0.0
-
-[ego]
-path = "linden_17th"
-speed_mps = 5.0
-
-[ego.lot]
-latitude_deg = 40.0041
-longitude_deg = -83.0186
-heading_deg = 85.0
-"""
 #: linden_17th laid into the twin's airfield from where its car stands, as `vve-sumo align` stores it
 STORED = (
     'kind = "matched_start"',
@@ -43,7 +26,7 @@ HAND = ("automatic = true", "automatic = false")
 
 def arguments(folder: Path, *changes: tuple[str, str], duration: float = 1.5) -> list[str]:
     """The command of a short drive with somebody at the keys."""
-    (folder / "short.toml").write_text(SCENARIO.replace("duration_s = 1.5", f"duration_s = {duration}"))
+    (folder / "short.toml").write_text(SCENARIO.replace("duration_s = 60.0", f"duration_s = {duration}"))
     return [str(folder / "short.toml"), "--rig", str(own_rig(folder, HAND, *changes))]
 
 

@@ -225,24 +225,17 @@ def gateway_again(b: Bench) -> Gateway:
 
 
 @pytest.mark.live
-def test_a_frozen_sender_has_no_more_say_after_its_lifetime(bench: Open) -> None:
+@pytest.mark.parametrize(("how", "reason"), [(signal.SIGSTOP, "setpoint_expired"), (signal.SIGKILL, "drive_gone")])
+def test_a_frozen_or_killed_sender_has_no_more_say_after_its_lifetime(
+    bench: Open, how: signal.Signals, reason: str
+) -> None:
     b = bench(4.0)
     assert any(heard.throttle.value > 0.0 for heard in b.heard[-3:])
-    b.kill(b.sender, signal.SIGSTOP)
-    frozen = b.now
+    b.kill(b.sender, how)
+    gone = b.now
     b.rest()
-    assert_stopping(told_after(b, frozen + LIFETIME + 2 * PERIOD))
-    assert "setpoint_expired" in reasons_of(b)
-
-
-@pytest.mark.live
-def test_a_killed_sender_is_found_gone(bench: Open) -> None:
-    b = bench(4.0)
-    b.kill(b.sender, signal.SIGKILL)
-    killed = b.now
-    b.rest()
-    assert_stopping(told_after(b, killed + LIFETIME + 2 * PERIOD))
-    assert "drive_gone" in reasons_of(b)
+    assert_stopping(told_after(b, gone + LIFETIME + 2 * PERIOD))
+    assert reason in reasons_of(b)
 
 
 @pytest.mark.live

@@ -16,13 +16,13 @@ from typing import Any
 
 import pytest
 
+from tests import fixes
 from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig
 from tests.live.patience import until
 from tests.live.stage import SCENARIO, read_truth
 from vve_sumo.pose.ncom import pack
 from vve_sumo.record.reader import read_table
-from vve_sumo.values import Fix, FixQuality
 
 pytestmark = pytest.mark.live
 
@@ -73,13 +73,7 @@ def speed(record: Path) -> float:
 
 def elsewhere() -> bytes:
     """A packet that a receiver could have sent, of a place far away."""
-    there = Fix(
-        time=time.time() - 315_964_800.0 + 18.0, time_received=0.0, latitude=0.7, longitude=-1.4, altitude=200.0,
-        heading=0.0, pitch=0.0, roll=0.0, velocity_north=0.0, velocity_east=9.0, velocity_down=0.0, yaw_rate=0.0,
-        acceleration=0.0, locked=True, quality=FixQuality.RTK_FIXED, position_sigma=0.01, velocity_sigma=0.02,
-        heading_sigma=0.001, differential_age=1.0,
-    )  # fmt: skip
-    return pack(there, 16, bytes(8))
+    return pack(fixes.elsewhere(), 16, bytes(8))
 
 
 def intruded(folder: Path, datagram: bytes | None, seconds: float) -> Ended:

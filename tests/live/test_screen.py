@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pty
 import re
 import select
 import time
+from collections.abc import Iterator
+from typing import TextIO
 
 import pytest
 
@@ -236,6 +239,17 @@ def _shown(screen: Screen, reader: int, status: dict, lasting: float) -> str:
     return text.decode()
 
 
+@contextlib.contextmanager
+def _on_a_terminal() -> Iterator[tuple[Screen, TextIO, int]]:
+    """A screen, the stream that it writes to, and the descriptor at which the terminal's other end is read."""
+    reader, writer = pty.openpty()
+    with os.fdopen(writer, "w") as stream:
+        screen = Screen(stream)
+        yield screen, stream, reader
+        screen.close()
+    os.close(reader)
+
+
 class Terminal:
     """As much of a terminal as the screen uses: carriage return, line feed, cursor up, erase below."""
 
@@ -284,21 +298,15 @@ def test_a_terminal_shows_one_picture_below_the_transitions_and_rings():
 
 @pytest.mark.parametrize("status", [DRIVING | {"gateway": "silent"}, stopping("brake_not_following")])
 def test_an_alarm_rings_at_every_picture_until_it_is_over(status):
-    reader, writer = pty.openpty()
-    with os.fdopen(writer, "w") as stream:
-        screen = Screen(stream)
+    with _on_a_terminal() as (screen, _stream, reader):
         text = _shown(screen, reader, status, 1.0)
         assert text.count("\a") == text.count("\x1b[J") >= 8
         over = _shown(screen, reader, DRIVING | {"state": "stopped"}, 1.0)
         assert over.count("\a") == 1
-        screen.close()
-    os.close(reader)
 
 
 def test_a_terminal_that_nobody_reads_does_not_hold_the_drive_up():
-    reader, writer = pty.openpty()
-    with os.fdopen(writer, "w") as stream:
-        screen = Screen(stream)
+    with _on_a_terminal() as (screen, stream, reader):
         assert os.get_blocking(stream.fileno())  # the shell's own description stays as it was
         longest, states = 0.0, ("engaged", "stopping")
         for k in range(3000):
@@ -309,8 +317,6 @@ def test_a_terminal_that_nobody_reads_does_not_hold_the_drive_up():
         # Once somebody reads again, the picture comes back.
         text = _shown(screen, reader, DRIVING | {"state": "stopped"}, 1.0)
         assert "AT REST" in text
-        screen.close()
-    os.close(reader)
 
 
 def test_a_pipe_that_nobody_reads_or_holds_does_not_hold_the_drive_up():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import random
 import re
 import socket
@@ -15,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
+from tests import fixes
 from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig
 from tests.live.patience import until
 from tests.setpoints import setpoint as complete
 from vve_sumo.pose.ncom import Encoder
 from vve_sumo.record.reader import read_table
-from vve_sumo.values import Fix, FixQuality
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.gateway import OperatorCommand
 
@@ -90,12 +89,6 @@ def bait() -> list[bytes]:
     setpoint = complete(
         0.0, 2.0, sequence=1 << 40, time=0.0, expires=0.1, x=0.0, y=0.0, heading=0.0, speed=0.0, yaw_rate=0.0
     )  # fmt: skip
-    there = Fix(
-        time=time.time() - 315_964_800.0 + 18.0, time_received=0.0, latitude=0.7, longitude=-1.4, altitude=200.0,
-        heading=0.0, pitch=0.0, roll=0.0, velocity_north=0.0, velocity_east=9.0, velocity_down=0.0, yaw_rate=0.0,
-        acceleration=0.0, locked=True, quality=FixQuality.RTK_FIXED, position_sigma=0.01, velocity_sigma=0.02,
-        heading_sigma=math.radians(0.1), differential_age=1.0,
-    )  # fmt: skip
     return [
         link.encode_act(OperatorCommand.ENGAGE),
         link.encode_act(OperatorCommand.GO),
@@ -103,7 +96,7 @@ def bait() -> list[bytes]:
         b"e",
         b"engage\n",
         b"go\n",
-        Encoder().encode(there),
+        Encoder().encode(fixes.elsewhere()),
         random.Random(1).randbytes(500),
     ]
 

@@ -14,22 +14,7 @@ from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.messages import (
-    BrakeCommand,
-    BrakeInfo,
-    BrakeKind,
-    BrakeReport,
-    Gear,
-    GearCommand,
-    GearReport,
-    SteeringCommand,
-    SteeringReport,
-    ThrottleCommand,
-    ThrottleKind,
-    WheelSpeeds,
-    YawRate,
-)
+from vve_sumo.vehicle.dataspeed import codec, messages
 from vve_sumo.vehicle.interface import InterfaceConfig
 
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
@@ -43,10 +28,10 @@ def commands(tick: int, command: Command) -> list[Frame]:
     torque, throttle, wheel = command
     count = tick & 255
     return [
-        codec.encode(BrakeCommand(BrakeKind.TORQUE, torque, True, count)),
-        codec.encode(ThrottleCommand(ThrottleKind.PERCENT, throttle, True, count)),
-        codec.encode(SteeringCommand(wheel, 0.0, True, count)),
-        codec.encode(GearCommand(Gear.DRIVE)),
+        codec.encode(messages.BrakeCommand(messages.BrakeKind.TORQUE, torque, True, count)),
+        codec.encode(messages.ThrottleCommand(messages.ThrottleKind.PERCENT, throttle, True, count)),
+        codec.encode(messages.SteeringCommand(wheel, 0.0, True, count)),
+        codec.encode(messages.GearCommand(messages.Gear.DRIVE)),
     ]
 
 
@@ -64,7 +49,7 @@ def in_drive(parameters: CarParameters | None = None) -> Car:
     car = make(parameters)
     for _ in ride(car, 1.0, lambda _: (1500.0, 0.0, 0.0)):
         pass
-    assert car.interface.gear is Gear.DRIVE
+    assert car.interface.gear is messages.Gear.DRIVE
     return car
 
 
@@ -111,10 +96,10 @@ def test_sensors_report_the_motion(variant: codec.Variant) -> None:
     for output in ride(car, 9.0, town):
         truth = car.truth()
         said = {type(message): message for _, frame in output.reports if (message := codec.decode(frame, variant))}
-        wheels, yaw, steering = said[WheelSpeeds], said[YawRate], said[SteeringReport]
-        assert isinstance(wheels, WheelSpeeds)
-        assert isinstance(yaw, YawRate)
-        assert isinstance(steering, SteeringReport)
+        wheels, yaw, steering = said[messages.WheelSpeeds], said[messages.YawRate], said[messages.SteeringReport]
+        assert isinstance(wheels, messages.WheelSpeeds)
+        assert isinstance(yaw, messages.YawRate)
+        assert isinstance(steering, messages.SteeringReport)
         assert 0.5 * radius * (wheels.rear_left + wheels.rear_right) == pytest.approx(truth.speed, abs=0.005)
         difference = radius * (wheels.rear_right - wheels.rear_left) / parameters.track
         assert difference == pytest.approx(truth.yaw_rate, abs=0.005)
@@ -195,7 +180,7 @@ def test_perturbations_scale_the_deceleration(gain: float, mass: float) -> None:
     drag = vehicles.FUSION.calibration.drag(car.truth().speed) / 1690.0
     engine = 0.4 * 6500.0 / 1690.0 * math.exp(-(1.0 - 0.05) / 0.25)
     assert car.truth().acceleration == pytest.approx((-3.0 * gain + engine) / mass - drag, abs=0.03)
-    info = [message for _, frame in last.reports if isinstance(message := codec.decode(frame), BrakeInfo)]
+    info = [message for _, frame in last.reports if isinstance(message := codec.decode(frame), messages.BrakeInfo)]
     assert info[-1].torque_actual == pytest.approx(1650.0, abs=2.0), "the car doesn't know its brakes are worn"
 
 
@@ -207,7 +192,9 @@ def test_steering_bias_bends_the_path_of_a_wheel_that_is_reported_straight() -> 
     vehicle, truth = vehicles.parameters().vehicle, car.truth()
     length = vehicle.wheelbase + vehicle.understeer_gradient * truth.speed**2
     assert truth.yaw_rate == pytest.approx(-truth.speed * bias / vehicle.steering_ratio / length, rel=0.02)
-    steering = [message for _, frame in last.reports if isinstance(message := codec.decode(frame), SteeringReport)]
+    steering = [
+        message for _, frame in last.reports if isinstance(message := codec.decode(frame), messages.SteeringReport)
+    ]
     assert steering[-1].wheel_angle == pytest.approx(0.0, abs=1e-3)
 
 
@@ -219,7 +206,9 @@ def test_a_dead_host_is_braked_to_rest_by_the_dbw_controller() -> None:
     assert speed > 4.0
     for tick in range(350, 350 + 250):
         output = car.step((tick + 1) * TICK, [])
-    report = [message for _, frame in output.reports if isinstance(message := codec.decode(frame), BrakeReport)][-1]
+    report = [
+        message for _, frame in output.reports if isinstance(message := codec.decode(frame), messages.BrakeReport)
+    ][-1]
     assert (report.watchdog_braking, report.fault_watchdog, report.enabled) == (True, True, False)
     assert car.truth().speed == 0.0
 
@@ -229,10 +218,10 @@ def test_gear_reports_follow_the_shift() -> None:
         message.gear
         for output in ride(make(), 1.0, lambda _: (1500.0, 0.0, 0.0))
         for _, frame in output.reports
-        if isinstance(message := codec.decode(frame), GearReport)
+        if isinstance(message := codec.decode(frame), messages.GearReport)
     ]
     assert gears == sorted(gears)
-    assert {gears[0], gears[-1]} == {Gear.PARK, Gear.DRIVE}
+    assert {gears[0], gears[-1]} == {messages.Gear.PARK, messages.Gear.DRIVE}
 
 
 def test_refuses_times_between_its_steps() -> None:

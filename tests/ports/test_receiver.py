@@ -82,14 +82,11 @@ class TestNcomUdp(ReceiverConformance):
         return udp_far_end()
 
 
-class TestNmeaUdp(ReceiverConformance):
+class TestNmeaUdp(TestNcomUdp):
     table: ClassVar[dict[str, Any]] = {"kind": "nmea_udp", **CAR, **SIGMAS}
 
     def portions(self) -> Portions:
         return as_nmea()
-
-    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
-        return udp_far_end()
 
 
 class TestNmeaTcp(ReceiverConformance):

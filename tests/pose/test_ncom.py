@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.fixes import ACCURACIES, GOOD
 from vve_sumo.pose.ncom import Decoder, Encoder, Outcome, checksums_hold, pack
 from vve_sumo.values import Fix, FixQuality
 
@@ -22,28 +23,11 @@ NOTHING = bytes(8)
 
 
 def fix_at(time: float, **changes: float) -> Fix:
-    good = Fix(
-        time=time,
-        time_received=0.0,
-        latitude=0.6983,
-        longitude=-1.4483,
-        altitude=250.5,
-        heading=0.3,
-        pitch=0.01,
-        roll=-0.02,
-        velocity_north=3.0,
-        velocity_east=4.0,
-        velocity_down=-0.1,
-        yaw_rate=0.1,
-        acceleration=0.5,
-        locked=True,
-        quality=FixQuality.RTK_FIXED,
-        position_sigma=0.012,
-        velocity_sigma=0.02,
-        heading_sigma=0.002,
-        differential_age=1.2,
-    )
-    return replace(good, **changes)
+    moving = replace(
+        GOOD, time=time, latitude=0.6983, longitude=-1.4483, altitude=250.5, heading=0.3, pitch=0.01, roll=-0.02,
+        velocity_north=3.0, velocity_east=4.0, velocity_down=-0.1, yaw_rate=0.1, acceleration=0.5, differential_age=1.2,
+    )  # fmt: skip
+    return replace(moving, **changes)
 
 
 def stream(count: int, start: float = START, period: float = 0.01) -> list[bytes]:
@@ -109,21 +93,11 @@ small = st.floats(-800.0, 800.0)
 
 @given(
     latitude=st.floats(-math.pi / 2, math.pi / 2),
-    longitude=angles,
     altitude=st.floats(-500, 9000),
-    heading=angles,
-    pitch=angles,
-    roll=angles,
-    velocity_north=small,
-    velocity_east=small,
-    velocity_down=small,
     yaw_rate=st.floats(-80, 80),
-    acceleration=small,
-    position_sigma=st.floats(0, 60),
-    velocity_sigma=st.floats(0, 60),
-    heading_sigma=st.floats(0, 0.6),
-    differential_age=st.floats(0, 300),
-    quality=st.sampled_from(FixQuality),
+    **dict.fromkeys(("longitude", "heading", "pitch", "roll"), angles),
+    **dict.fromkeys(("velocity_north", "velocity_east", "velocity_down", "acceleration"), small),
+    **ACCURACIES,
     locked=st.booleans(),
     milliseconds=st.integers(0, 10**8),
 )

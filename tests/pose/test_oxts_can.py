@@ -12,10 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.fixes import ACCURACIES
 from tests.pose.test_ncom import fix_at
 from vve_sumo.pose.oxts_can import LOCKING, Decoder, Encoder, Outcome
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.values import Fix, FixQuality, Frame
+from vve_sumo.values import Fix, Frame
 
 START = 1_300_000_020.0
 DBC = cantools.database.load_string(
@@ -114,19 +115,11 @@ angles = st.floats(-math.pi, math.pi)
 
 @given(
     latitude=st.floats(-math.pi / 2, math.pi / 2),
-    longitude=angles,
-    heading=angles,
     pitch=st.floats(-1.5, 1.5),
-    roll=angles,
-    velocity_north=st.floats(-300, 300),
-    velocity_east=st.floats(-300, 300),
     yaw_rate=st.floats(-5, 5),
-    acceleration=st.floats(-300, 300),
-    position_sigma=st.floats(0, 60),
-    velocity_sigma=st.floats(0, 60),
-    heading_sigma=st.floats(0, 0.6),
-    differential_age=st.floats(0, 300),
-    quality=st.sampled_from(FixQuality),
+    **dict.fromkeys(("longitude", "heading", "roll"), angles),
+    **dict.fromkeys(("velocity_north", "velocity_east", "acceleration"), st.floats(-300, 300)),
+    **ACCURACIES,
     milliseconds=st.integers(0, 10**9),
 )
 def test_round_trip_to_the_last_bit(milliseconds, **fields):

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.fixes import GOOD
 from tests.pose.recordings import BOREAS_COURSE
 from vve_sumo.pose.trust import DRIVE, PLAYBACK, REASONS, TrustGate
 from vve_sumo.values import Fix, FixQuality
@@ -26,26 +27,15 @@ def drive(count: int = 200, speed: float = 10.0, course: float = 0.4, period: fl
     """A straight drive at constant speed, every fix good."""
     north, east = speed * math.sin(course), speed * math.cos(course)
     return [
-        Fix(
+        replace(
+            GOOD,
             time=EPOCH + k * period,
             time_received=k * period,
             latitude=0.6983 + north * k * period / RADIUS,
             longitude=-1.4483 + east * k * period / (RADIUS * math.cos(0.6983)),
-            altitude=250.0,
             heading=course,
-            pitch=0.0,
-            roll=0.0,
             velocity_north=north,
             velocity_east=east,
-            velocity_down=0.0,
-            yaw_rate=0.0,
-            acceleration=0.0,
-            locked=True,
-            quality=FixQuality.RTK_FIXED,
-            position_sigma=0.012,
-            velocity_sigma=0.02,
-            heading_sigma=0.002,
-            differential_age=1.0,
         )
         for k in range(count)
     ]

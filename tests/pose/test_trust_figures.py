@@ -12,33 +12,13 @@ from dataclasses import asdict, replace
 
 import pytest
 
+from tests.fixes import GOOD as STANDING
 from vve_sumo.pose import trust
 from vve_sumo.pose.trust import DRIVE, NMEA, PLAYBACK, REASONS, TrustGate, TrustProfile
-from vve_sumo.values import Fix, FixQuality
+from vve_sumo.values import Fix
 
 RADIUS = 6_371_000.0
 STEP = 0.125  # [s]; below every profile's gap limit and a binary fraction
-STANDING = Fix(
-    time=0.0,
-    time_received=0.0,
-    latitude=0.0,
-    longitude=0.0,
-    altitude=250.0,
-    heading=0.0,
-    pitch=0.0,
-    roll=0.0,
-    velocity_north=0.0,
-    velocity_east=0.0,
-    velocity_down=0.0,
-    yaw_rate=0.0,
-    acceleration=0.0,
-    locked=True,
-    quality=FixQuality.RTK_FIXED,
-    position_sigma=0.012,
-    velocity_sigma=0.02,
-    heading_sigma=0.002,
-    differential_age=1.0,
-)
 
 #: Drive: a setpoint lives 100 ms, and so may a fix; accuracies of RTK. NMEA 0183: ten fixes a second of which one may
 #: be lost, 50 ms late. Playback: recordings of 2 fixes a second without quality.

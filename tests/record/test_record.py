@@ -6,19 +6,16 @@ import dataclasses
 import hashlib
 import json
 import math
-import os
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import can
 import numpy as np
 import pytest
 
-from tests.drive.street import REPOSITORY, drive_once
+from tests.drive.street import drive_once
 from tests.isolated import isolated
+from tests.killed import killed_at
 from tests.record.declared import RESOLVED
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.hashes import hash_parts, whole
@@ -161,18 +158,7 @@ def test_a_killed_drive_leaves_all_but_its_last_moment(tmp_path: Path) -> None:
     folder = tmp_path / "record"
     always_near = {"obstacles": [{"id": "parked_car", "at_m": 150.0}]}
     code = f"from tests.drive.street import drive_once; drive_once({always_near!r}, {str(folder)!r})"
-    child = subprocess.Popen([sys.executable, "-c", code], cwd=REPOSITORY)
-    try:
-        size_wanted, deadline = 400_000, time.monotonic() + 120.0
-        can_log = folder / "can.log"
-        while not (can_log.exists() and can_log.stat().st_size > size_wanted):
-            assert child.poll() is None, "the drive ended before it could be killed"
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        os.kill(child.pid, signal.SIGKILL)
-    finally:
-        child.kill()
-        child.wait()
+    killed_at([sys.executable, "-c", code], folder / "can.log", 400_000)
     ticks = read_table(folder, "ticks")["tick"].to_pylist()
     assert ticks == list(range(len(ticks)))
     assert len(ticks) > 100

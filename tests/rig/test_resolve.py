@@ -12,6 +12,7 @@ import pytest
 
 from tests import vehicles
 from tests.conftest import REPOSITORY
+from tests.rig import test_edit as edited
 from tests.rig.test_load import DAY, TWIN, real, twin
 from vve_sumo.config_file import UNITS
 from vve_sumo.drive.resolved_scenario import resolve_scenario
@@ -116,16 +117,7 @@ def test_a_heavier_car_gets_a_brake_gain_in_proportion_unless_it_was_measured() 
     assert measured.brake_gain == 900.0
 
 
-STORED = {
-    "kind": "stored",
-    "network": "linden",
-    "date": DAY,
-    "origin": [40.004, -83.018],
-    "rotation_deg": 30.0,
-    "x_m": 100.0,
-    "y_m": -50.0,
-    "residual_m": 0.02,
-}
+STORED = edited.STORED | {"origin": [40.004, -83.018], "rotation_deg": 30.0, "x_m": 100.0, "y_m": -50.0}
 
 
 def test_a_stored_alignment_counts_from_its_own_origin() -> None:

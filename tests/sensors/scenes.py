@@ -6,29 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vve_sumo.values import Actors, Point, Pose, Vehicle
+from tests import vehicles
+from vve_sumo.values import Actors, Point, Pose
 
-FUSION = Vehicle(
-    length=4.872,
-    width=1.852,
-    wheelbase=2.85,
-    front_overhang=0.99,
-    mass=1690.0,
-    yaw_inertia=2900.0,
-    front_axle_to_mass=1.3,
-    cornering_stiffness_front=1.2e5,
-    cornering_stiffness_rear=1.2e5,
-    wheel_radius=0.3245,
-    steering_ratio=14.8,
-    steering_limit=0.55,
-    steering_rate_limit=0.6,
-    steering_delay=0.05,
-    steering_lag=0.05,
-    brake_delay=0.03,
-    brake_lag=0.05,
-    brake_torque_limit=3250.0,
-    deceleration_limit=5.9,
-)
+FUSION = vehicles.FUSION.vehicle
 #: From the rear axle to the middle of the front bumper [m].
 BUMPER = 3.84
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import REPOSITORY
+from vve_sumo.config_file import read
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.load import load
 from vve_sumo.sweep.run_specs import cells_of
-from vve_sumo.sweep.spec import Spec, fit, parse_spec, read_spec
+from vve_sumo.sweep.spec import Spec, fit, parse_spec
 
 FILE = Path("mine.toml")
 PLAIN = 'scenario = "parked_car"\n'
@@ -117,7 +118,7 @@ def test_bounds_themselves_are_allowed() -> None:
 
 @pytest.mark.parametrize("file", sorted((REPOSITORY / "sweeps").glob("*.toml")), ids=lambda file: file.stem)
 def test_shipped_sweeps_are_in_order(file: Path) -> None:
-    shipped = read_spec(file)
+    shipped = parse_spec(read(file, "sweep"), file)
     scenario = REPOSITORY / "scenarios" / f"{shipped.scenario}.toml"
     fit(shipped, file, tomllib.loads(scenario.read_text(encoding="utf-8")), frozenset())
     assert cells_of(shipped, shipped.scenario, load(scenario)).count < 1000

@@ -13,6 +13,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from tests import vehicles
+from tests.setpoints import setpoint
 from vve_sumo.bus import candump_lines
 from vve_sumo.controller import load
 from vve_sumo.frames import Alignment, MapFrame, Placement
@@ -106,20 +107,13 @@ class CalibrationDrive:
         steering = self._gateway.measured_steering
         wish = self._controller.step(Observation(tick, now, pose, self.path, SPEED, {"radar": NOTHING}, steering))
         self.notes.append(wish.note)
-        return Setpoint(
+        return setpoint(
             wish.steering,
             wish.acceleration,
-            wish.emergency,
-            wish.note,
+            emergency=wish.emergency,
+            note=wish.note,
             sequence=tick,
             time=now,
             expires=now + 0.1,
-            x=pose.x,
-            y=pose.y,
-            heading=pose.heading,
-            speed=pose.speed,
-            yaw_rate=pose.yaw_rate,
-            grade=pose.grade,
-            faults=(),
-            profile=None,
+            **{name: getattr(pose, name) for name in ("x", "y", "heading", "speed", "yaw_rate", "grade")},
         )

@@ -28,11 +28,7 @@ SETPOINTS = st.builds(
     emergency=st.booleans(),
     note=SHORT,
     sequence=st.integers(-1, 2**63 - 1),
-    time=FLOATS,
-    expires=FLOATS,
-    speed=FLOATS,
-    yaw_rate=FLOATS,
-    grade=FLOATS,
+    **dict.fromkeys(("time", "expires", "speed", "yaw_rate", "grade"), FLOATS),
     faults=CODES,
     profile=st.none() | PROFILES,
 )

@@ -8,10 +8,12 @@ from dataclasses import replace
 import pytest
 
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
+from vve_sumo.errors import ConfigError
 from vve_sumo.values import ArmingState, Vehicle
 from vve_sumo.vehicle.dataspeed.codec import WHEEL_ANGLE_LIMIT, WHEEL_RATE_LIMIT, Variant
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import InterfaceFacts
 from vve_sumo.vehicle.limits import Limits
 
 S = ArmingState
@@ -61,6 +63,60 @@ def test_the_rate_of_the_steering_wheel_is_the_smaller_one_of_vehicle_and_wire(v
     wanted = limit * FUSION.steering_ratio if expected == "vehicle" else WHEEL_RATE_LIMIT[variant]
     assert rate == pytest.approx(wanted, abs=math.radians(4.0))
     assert rate <= wanted + 1e-9
+
+
+class WeakWire(DataspeedDbw1):
+    """A wire that takes less brake torque than any car."""
+
+    @property
+    def facts(self) -> InterfaceFacts:
+        return replace(super().facts, brake_torque_limit=900.0)
+
+
+@pytest.mark.parametrize(
+    ("declared", "calibrated", "interface"),
+    [(900.0, 3250.0, DataspeedDbw1), (3250.0, 900.0, DataspeedDbw1), (3250.0, 3250.0, WeakWire)],
+)
+def test_brakes_that_do_not_answer_are_pressed_as_hard_as_car_calibration_and_wire_allow(
+    declared, calibrated, interface
+):
+    vehicle, calibration = (replace(them, brake_torque_limit=most)
+                            for them, most in ((FUSION, declared), (CALIBRATION, calibrated)))  # fmt: skip
+    rig = Rig(gateway=Gateway(vehicle, calibration, period=PERIOD, interface=interface(Variant.DBW1_2024)))
+    rig.cruise(4.0)
+    rig.car.brake_gain = 0.0
+    verdicts = [rig.step(act=OperatorCommand.STOP), *rig.run(1.0)]
+    assert "brake_not_following" in verdicts[-1].reasons
+    assert rig.commands()[0].value == pytest.approx(900.0, abs=0.5)
+
+
+def test_a_car_that_is_declared_slow_to_steer_may_lag_behind_by_as_much():
+    """0.59 rad/s for 0.6 s beside the 0.15 rad that every car may be off: 0.3 rad are no fault of its steering."""
+    vehicle = replace(FUSION, steering_rate_limit=0.59, steering_delay=0.3, steering_lag=0.3)
+    rig = Rig(gateway=Gateway(vehicle, CALIBRATION, period=PERIOD, interface=DataspeedDbw1(Variant.DBW1_2024)))
+    rig.cruise(1.0)
+    rig.car.steering_stuck = True
+    verdicts = rig.run(1.5, steering=0.3)
+    assert max(verdict.steering for verdict in verdicts) == pytest.approx(0.3)
+    assert not any("steering_not_following" in verdict.reasons for verdict in verdicts)
+
+
+@pytest.mark.parametrize("period", [0.1001, 1.0, math.nan])
+def test_a_step_longer_than_the_wires_patience_is_refused(period):
+    with pytest.raises(ConfigError, match=rf"lets go after 0\.1 s, but a step takes {period:g} s$"):
+        Gateway(FUSION, CALIBRATION, period=period, interface=DataspeedDbw1(Variant.DBW1_2024))
+
+
+def test_a_step_as_long_as_the_wires_patience_is_taken():
+    Gateway(FUSION, CALIBRATION, period=0.1, interface=DataspeedDbw1(Variant.DBW1_2024))
+
+
+def test_a_drive_that_has_not_begun_is_not_over():
+    """A car that stands, disarmed, since the gateway's start."""
+    rig = Rig()
+    assert not rig.gateway.done
+    rig.run(5.0)
+    assert not rig.gateway.done
 
 
 def test_a_rig_with_a_gentler_stop_is_stopped_gently():

@@ -154,20 +154,17 @@ def test_reports_in_one_frame_are_all_taken():
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
-        (BRAKE._replace(fault_watchdog=True), "kit_watchdog"),
-        (THROTTLE._replace(fault_watchdog=True), "kit_watchdog"),
-        (STEERING._replace(fault_watchdog=True), "kit_watchdog"),
+        *((report._replace(fault_watchdog=True), "kit_watchdog") for report in (BRAKE, THROTTLE, STEERING)),
         (BRAKE._replace(watchdog_braking=True), "kit_braking"),
-        (BRAKE._replace(fault_channel_1=True), "brake_fault"),
-        (BRAKE._replace(fault_channel_2=True), "brake_fault"),
-        (BRAKE._replace(fault_power=True), "brake_fault"),
-        (THROTTLE._replace(fault_channel_1=True), "throttle_fault"),
-        (THROTTLE._replace(fault_channel_2=True), "throttle_fault"),
-        (THROTTLE._replace(fault_power=True), "throttle_fault"),
-        (STEERING._replace(fault_bus_1=True), "steering_fault"),
-        (STEERING._replace(fault_bus_2=True), "steering_fault"),
-        (STEERING._replace(fault_calibration=True), "steering_fault"),
-        (STEERING._replace(fault_power=True), "steering_fault"),
+        *(
+            (report._replace(**{flag: True}), f"{name}_fault")
+            for name, report, flags in (
+                ("brake", BRAKE, ("fault_channel_1", "fault_channel_2", "fault_power")),
+                ("throttle", THROTTLE, ("fault_channel_1", "fault_channel_2", "fault_power")),
+                ("steering", STEERING, ("fault_bus_1", "fault_bus_2", "fault_calibration", "fault_power")),
+            )
+            for flag in flags
+        ),
         (GEAR._replace(fault_bus=True), "gear_fault"),
         (STEERING._replace(wheel_angle=math.nan), "report_invalid"),
         (YAW_RATE._replace(yaw=math.nan), "report_invalid"),

@@ -6,7 +6,6 @@ anybody makes of its figures.
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -20,10 +19,11 @@ from vve_sumo.analysis import json_models
 from vve_sumo.analysis.groups import COUNTS, grouped, meanings
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
+from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import NUMBERS
-from vve_sumo.record.sweep_folder import COLUMNS, Held, unreadable
+from vve_sumo.record.sweep_folder import COLUMNS, Held
 
 if TYPE_CHECKING:
     import duckdb
@@ -89,14 +89,9 @@ class Sweep:
     def found(self) -> dict[str, Any] | None:
         """What a search found, content of `search.json`; None of a sweep that is none, or goes on."""
         file = self.folder / "search.json"
-        try:
-            found = json.loads(file.read_text(encoding="utf-8"))
-        except FileNotFoundError:
+        if not file.exists():
             return None
-        except (OSError, ValueError) as error:
-            raise unreadable(file, error) from None
-        if not isinstance(found, dict) or "search" not in found:
-            raise ConfigError(f"{file}: not what a search writes: no search in it")
+        found = read_json(file, "a search", "search")
         json_models.check(found, json_models.Boundaries if found["search"] == "boundary" else json_models.Worst, file)
         return found
 

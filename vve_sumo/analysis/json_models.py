@@ -161,9 +161,7 @@ class Provenance(JsonModel):
 #: what was measured of a drive; null where it held nothing to measure
 _TYPES = {"float": float, "int": int, "bool": bool, "str": str}
 _Figures: Any = create_model(
-    "_Figures",
-    __base__=JsonModel,
-    **{name: (_TYPES[metric.kind] | None, None) for name, metric in PER_DRIVE.items()},
+    "_Figures", __base__=JsonModel, **{name: (_TYPES[metric.kind] | None, None) for name, metric in PER_DRIVE.items()}
 )  # type: ignore[call-overload]
 
 

@@ -6,7 +6,6 @@ must not know how a drive is run, nor what anybody makes of it.
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import fields
 from functools import cached_property
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis import json_models
 from vve_sumo.analysis.units import described
+from vve_sumo.config_file import read_json
 from vve_sumo.drive.resolved_scenario import refuse_layout
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_data import DriveData, Motion
@@ -201,14 +201,7 @@ def _rows_of(number: NDArray[np.int64], table: pa.Table) -> NDArray[np.int64]:
 
 def _resolved(folder: FilePath) -> dict[str, Any]:
     file = folder / "scenario.json"
-    try:
-        resolved = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"{file}: not what a drive writes: {error}") from None
-    if not isinstance(resolved, dict) or "settings" not in resolved:
-        raise ConfigError(f"{file}: not what a drive writes: no settings in it")
+    resolved = read_json(file, "a drive", "settings")
     refuse_layout(resolved, file)
     json_models.check(resolved, json_models.Record, file)
     return resolved
@@ -216,14 +209,9 @@ def _resolved(folder: FilePath) -> dict[str, Any]:
 
 def _summary(folder: FilePath) -> dict[str, Any] | None:
     file = folder / "summary.json"
-    try:
-        summary = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not file.exists():
         return None
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{file}: cannot be read: {error}") from None
-    if not isinstance(summary, dict) or "outcome" not in summary:
-        raise ConfigError(f"{file}: not what a drive writes: no outcome in it")
+    summary = read_json(file, "a drive", "outcome")
     json_models.check(summary, json_models.Summary, file)
     return summary
 

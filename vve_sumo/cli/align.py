@@ -9,29 +9,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vve_sumo.cli.console import notify
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
 from vve_sumo.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
     from vve_sumo.commissioning.align import AlignmentResult, Site
 
+SUMMARY = "lay a scenario's path into a rig's lot and store how"
+TEXT = """\
+Find how the lot lies on the virtual street, say whether the path fits, and write it into the rig file.
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    align = add_command(
-        commands,
-        "align",
-        "lay a scenario's path into a rig's lot and store how",
-        "Find how the lot lies on the virtual street, say whether the path fits, and write it into the rig file.\n\n"
-        "examples:\n"
-        "  vve-sumo align --rig ours                     the car stands at the path's start: make that the start\n"
-        "  vve-sumo align --rig ours --pairs places.csv  by places that were surveyed in the lot and on the street\n"
-        "  vve-sumo align --rig ours --fit --picture lot.png   no car needed: where the path has most room\n"
-        "  vve-sumo align --rig ours --fit --cut short.csv     and where it does not fit, the part of it that does",
-    )
-    align.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
-    align.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
-    how = align.add_mutually_exclusive_group()
+examples:
+  vve-sumo align --rig ours                     the car stands at the path's start: make that the start
+  vve-sumo align --rig ours --pairs places.csv  by places that were surveyed in the lot and on the street
+  vve-sumo align --rig ours --fit --picture lot.png   no car needed: where the path has most room
+  vve-sumo align --rig ours --fit --cut short.csv     and where it does not fit, the part of it that does
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    parser.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
+    how = parser.add_mutually_exclusive_group()
     how.add_argument(
         "--pairs",
         type=Path,
@@ -40,12 +40,11 @@ def add(commands: Commands) -> None:
         "street_longitude_deg), two rows or more",
     )
     how.add_argument("--fit", action="store_true", help="search the turn and shift that leave most room")
-    align.add_argument("--cut", type=Path, metavar="CSV", help="with --fit: write what fits of a path too long")
-    align.add_argument("--picture", type=Path, metavar="FILE", help="draw lot, path and start as a PNG file")
-    align.add_argument(
+    parser.add_argument("--cut", type=Path, metavar="CSV", help="with --fit: write what fits of a path too long")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw lot, path and start as a PNG file")
+    parser.add_argument(
         "--store", "--yes", dest="store", action="store_true", help="store without asking; --fit stores only with this"
     )
-    align.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

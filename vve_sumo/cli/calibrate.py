@@ -10,39 +10,32 @@ from typing import TYPE_CHECKING
 
 from vve_sumo.cli import live_drive
 from vve_sumo.cli.console import notify
-from vve_sumo.cli.parser import Commands, add_command, names
+from vve_sumo.cli.parser import Parser, names
 
 if TYPE_CHECKING:
     from vve_sumo.commissioning.calibrate import Calibrated
 
+SUMMARY = "find brakes, throttle, steering and delays of a car by a short drive"
+TEXT = """\
+Drive the calibration run on a rig (about 270 m straight ahead, 70 s) and fit brake and throttle maps,
+steering ratio and bias, delays and the receiver's misalignment; each with its uncertainty and a verdict.
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    calibrate = add_command(
-        commands,
-        "calibrate",
-        "find brakes, throttle, steering and delays of a car by a short drive",
-        "Drive the calibration run on a rig (about 270 m straight ahead, 70 s) and fit brake and throttle maps,\n"
-        "steering ratio and bias, delays and the receiver's misalignment; each with its uncertainty and a verdict.\n\n"
-        "examples:\n"
-        "  vve-sumo calibrate --rig twin                       drive, fit, show\n"
-        "  vve-sumo calibrate --rig ours --write               and put what was found, dated, into rigs/ours.toml\n"
-        "  vve-sumo calibrate --rig ours --record runs/DIR     fit a record that is there already",
+examples:
+  vve-sumo calibrate --rig twin                       drive, fit, show
+  vve-sumo calibrate --rig ours --write               and put what was found, dated, into rigs/ours.toml
+  vve-sumo calibrate --rig ours --record runs/DIR     fit a record that is there already
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
+    parser.add_argument("--record", type=Path, metavar="DIR", help="of a drive, instead of driving")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
+    parser.add_argument("--write", action="store_true", help="change the rig file; comments stay")
+    parser.add_argument(
+        "--leave", type=names, default=(), metavar="KEY,KEY", help="poor numbers that the rig file keeps as they are"
     )
-    calibrate.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
-    calibrate.add_argument("--record", type=Path, metavar="DIR", help="of a drive, instead of driving")
-    calibrate.add_argument(
-        "--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)"
-    )
-    calibrate.add_argument("--write", action="store_true", help="change the rig file; comments stay")
-    calibrate.add_argument(
-        "--leave",
-        type=names,
-        default=(),
-        metavar="KEY,KEY",
-        help="poor numbers that the rig file keeps as they are",
-    )
-    calibrate.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

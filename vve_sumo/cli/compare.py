@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vve_sumo.cli.console import plain_console
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
 from vve_sumo.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -23,24 +23,22 @@ EXIT_CODES = """exit codes:
   2  wrong use, or not the records of two drives
 """
 
+SUMMARY = "compare two records: a real drive and its virtual twin, or any two"
+TEXT = """\
+Lay two records together at first motion and say how far apart they are: RMSE, correlation, Theil's U and
+time shift of each signal, and what each drive came to.
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    compare = add_command(
-        commands,
-        "compare",
-        "compare two records: a real drive and its virtual twin, or any two",
-        "Lay two records together at first motion and say how far apart they are: RMSE, correlation, Theil's U and\n"
-        "time shift of each signal, and what each drive came to.\n\n"
-        "examples:\n"
-        "  vve-sumo compare runs/lot runs/lockstep               a live drive and its twin in lockstep\n"
-        "  vve-sumo compare runs/a runs/b --out difference.png   two of anything, and a picture",
-        EXIT_CODES,
-    )
-    compare.add_argument("one", type=Path, metavar="ONE", help="folder of a drive")
-    compare.add_argument("other", type=Path, metavar="OTHER", help="folder of another; differences are other minus one")
-    compare.add_argument("--out", type=Path, metavar="PNG", help="picture to write")
-    compare.set_defaults(run=run)
+examples:
+  vve-sumo compare runs/lot runs/lockstep               a live drive and its twin in lockstep
+  vve-sumo compare runs/a runs/b --out difference.png   two of anything, and a picture
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("one", type=Path, metavar="ONE", help="folder of a drive")
+    parser.add_argument("other", type=Path, metavar="OTHER", help="folder of another; differences are other minus one")
+    parser.add_argument("--out", type=Path, metavar="PNG", help="picture to write")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -5,22 +5,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
 from vve_sumo.errors import ConfigError
 
+SUMMARY = "margins of the steering loop over speed; refuses what the latency would eat"
+TEXT = """\
+Print gain, phase and delay margin of the shipped steering gains over the speed range, by python-control.
+Refuses (exit 2) a design whose delay margin is below the stated latency.
+"""
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    design = add_command(
-        commands,
-        "design",
-        "margins of the steering loop over speed; refuses what the latency would eat",
-        "Print gain, phase and delay margin of the shipped steering gains over the speed range, by python-control.\n"
-        "Refuses (exit 2) a design whose delay margin is below the stated latency.",
-    )
-    design.add_argument("scenario", nargs="?", default="parked_car", help="whose tuning (default: parked_car)")
-    design.add_argument("--latency-ms", type=float, default=100.0, metavar="MS", help="end to end (default: 100)")
-    design.set_defaults(run=run)
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("scenario", nargs="?", default="parked_car", help="whose tuning (default: parked_car)")
+    parser.add_argument("--latency-ms", type=float, default=100.0, metavar="MS", help="end to end (default: 100)")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -28,7 +28,7 @@ from vve_sumo.cli import (
     sweep,
 )
 from vve_sumo.cli.console import complain
-from vve_sumo.cli.parser import EXIT_CODES, Parser
+from vve_sumo.cli.parser import EXIT_CODES, Parser, add_command
 from vve_sumo.errors import VveError
 from vve_sumo.version import __version__
 
@@ -66,7 +66,12 @@ def _parser() -> Parser:
     parser.add_argument("--version", action="version", version=f"vve-sumo {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
     for command in COMMANDS:
-        command.add(commands)
+        name, codes = command.__name__.rpartition(".")[2], getattr(command, "EXIT_CODES", EXIT_CODES)
+        # A command that is a group of others has a summary alone; each of these says itself what runs it.
+        text = getattr(command, "TEXT", f"{command.SUMMARY[0].upper()}{command.SUMMARY[1:]}.")
+        added = add_command(commands, name, command.SUMMARY, text, codes)
+        added.set_defaults(run=getattr(command, "run", None))
+        command.arguments(added)
     return parser
 
 

@@ -7,26 +7,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vve_sumo.cli.console import complain
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
 from vve_sumo.errors import RigError
 
 if TYPE_CHECKING:
     from vve_sumo.commissioning.findings import Check
 
+SUMMARY = "go or no-go before a drive: machine, scenario, and with --rig the rig"
+TEXT = """\
+Look at everything that a drive needs, say what was found, and what to do about what is not good enough.
+With --rig it listens to the receiver and to the car's bus for some seconds; it sends nothing to a real car.
+Ends with GO (exit code 0) or NO-GO (3).
+"""
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    doctor = add_command(
-        commands,
-        "doctor",
-        "go or no-go before a drive: machine, scenario, and with --rig the rig",
-        "Look at everything that a drive needs, say what was found, and what to do about what is not good enough.\n"
-        "With --rig it listens to the receiver and to the car's bus for some seconds; it sends nothing to a real car.\n"
-        "Ends with GO (exit code 0) or NO-GO (3).",
-    )
-    doctor.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
-    doctor.add_argument("--rig", metavar="NAME", help="a name under rigs/ or a .toml file")
-    doctor.set_defaults(run=run)
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    parser.add_argument("--rig", metavar="NAME", help="a name under rigs/ or a .toml file")
 
 
 def run(arguments: argparse.Namespace) -> int:

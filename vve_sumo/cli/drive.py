@@ -9,54 +9,54 @@ from vve_sumo import progress_bar
 from vve_sumo.cli import live_drive
 from vve_sumo.cli.console import complain
 from vve_sumo.cli.drive_result import draw_and_show
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
 from vve_sumo.errors import ConfigError, SimulationError
 
+SUMMARY = "drive a scenario: in lockstep, live on a rig, or with a recorded drive"
+TEXT = """\
+Drive a scenario in lockstep with the hardware-free car: NCOM bytes in, drive-by-wire CAN frames out,
+traffic by SUMO. With --rig, drive it live: real time, real buses, a real car. Leaves a record folder with
+summary.json and drive.png.
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    drive = add_command(
-        commands,
-        "drive",
-        "drive a scenario: in lockstep, live on a rig, or with a recorded drive",
-        "Drive a scenario in lockstep with the hardware-free car: NCOM bytes in, drive-by-wire CAN frames out,\n"
-        "traffic by SUMO. With --rig, drive it live: real time, real buses, a real car. Leaves a record folder with\n"
-        "summary.json and drive.png.\n\n"
-        "examples:\n"
-        "  vve-sumo drive                                the paper's drive: a car parked in the middle of the road\n"
-        "  vve-sumo drive parked_car --seed 7 --out a    another seed, record in folder a\n"
-        "  vve-sumo drive --controller mine.py:make      your own controller\n"
-        "  vve-sumo drive --vehicle lincoln_mkz          another car\n"
-        "  vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it\n"
-        "  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys\n"
-        "  vve-sumo drive --rig twin                     live, with the hardware-free car as a process of its own\n"
-        "  vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off\n\n"
-        "live keys: e engages, g goes, any other key, Ctrl-C or closing the terminal stops. The emergency stop is the\n"
-        "driver's brake.",
-    )
-    drive.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
-    drive.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
-    drive.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's seed")
-    drive.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
-    drive.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
-    drive.add_argument(
+examples:
+  vve-sumo drive                                the paper's drive: a car parked in the middle of the road
+  vve-sumo drive parked_car --seed 7 --out a    another seed, record in folder a
+  vve-sumo drive --controller mine.py:make      your own controller
+  vve-sumo drive --vehicle lincoln_mkz          another car
+  vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it
+  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys
+  vve-sumo drive --rig twin                     live, with the hardware-free car as a process of its own
+  vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off
+
+live keys: e engages, g goes, any other key, Ctrl-C or closing the terminal stops. The emergency stop is the
+driver's brake.
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
+    parser.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's seed")
+    parser.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
+    parser.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
+    parser.add_argument(
         "--pose",
         type=Path,
         metavar="FILE",
         help="send a recorded drive through the chain, laid on the street by matched start: NCOM bytes, or CSV with "
         "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and logged, nobody obeys",
     )
-    drive.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
-    drive.add_argument(
+    parser.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
+    parser.add_argument(
         "--lockstep",
         action="store_true",
         help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it",
     )
-    drive.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
-    drive.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
-    drive.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
-    drive.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
-    drive.set_defaults(run=run)
+    parser.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
+    parser.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
+    parser.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
+    parser.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
 
 
 def run(arguments: argparse.Namespace) -> int:

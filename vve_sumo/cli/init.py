@@ -5,20 +5,18 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
+
+SUMMARY = "lay out a workspace of your own"
+TEXT = """\
+Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios, sweeps and vehicles into a
+folder. Run vve-sumo from there: your files win over shipped ones of the same name.
+"""
 
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    init = add_command(
-        commands,
-        "init",
-        "lay out a workspace of your own",
-        "Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios, sweeps and vehicles into a\n"
-        "folder. Run vve-sumo from there: your files win over shipped ones of the same name.",
-    )
-    init.add_argument("folder", type=Path, metavar="DIR", help="folder to lay out; existing files are never replaced")
-    init.set_defaults(run=run)
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder to lay out; existing files are never replaced")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,27 +6,30 @@ import argparse
 import sys
 from pathlib import Path
 
-from vve_sumo.cli.parser import Commands, add_command, add_subcommands, names
+from vve_sumo.cli.parser import Commands, Parser, add_command, add_subcommands, names
 from vve_sumo.errors import ConfigError
 
+SUMMARY = "build networks and their traffic"
+BUILD_TEXT = """\
+Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and US rules.
+Needs netconvert: pip install eclipse-sumo==1.28.0.
+"""
+EDGES_TEXT = (
+    "List the edges whose street's name holds a text: name, length, lanes, and from where to where in the map [m]."
+)
+DEMAND_TEXT = "Write a SUMO route file with seeded random traffic that starts at once and lasts."
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    network = add_command(commands, "network", "build networks and their traffic", "Build networks and their traffic.")
-    inner = add_subcommands(network)
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    inner = add_subcommands(parser)
     _add_build(inner)
     _add_edges(inner)
     _add_demand(inner)
 
 
 def _add_build(inner: Commands) -> None:
-    build = add_command(
-        inner,
-        "build",
-        "turn an OpenStreetMap extract into a SUMO network",
-        "Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and US rules.\n"
-        "Needs netconvert: pip install eclipse-sumo==1.28.0.",
-    )
+    build = add_command(inner, "build", "turn an OpenStreetMap extract into a SUMO network", BUILD_TEXT)
     build.add_argument("extract", type=Path, metavar="OSM", help=".osm.xml or .osm.xml.gz, already cut to the area")
     build.add_argument("--out", type=Path, required=True, metavar="NET", help="network file to write (.net.xml)")
     build.add_argument(
@@ -47,24 +50,14 @@ def _add_build(inner: Commands) -> None:
 
 
 def _add_edges(inner: Commands) -> None:
-    edges = add_command(
-        inner,
-        "edges",
-        "list the edges of streets, to choose a path's from",
-        "List the edges whose street's name holds a text: name, length, lanes, and from where to where in the map [m].",
-    )
+    edges = add_command(inner, "edges", "list the edges of streets, to choose a path's from", EDGES_TEXT)
     edges.add_argument("network", help="name or .net.xml file")
     edges.add_argument("street", nargs="?", default="", help="part of a street's name (default: all)")
     edges.set_defaults(run=_edges)
 
 
 def _add_demand(inner: Commands) -> None:
-    demand = add_command(
-        inner,
-        "demand",
-        "write seeded traffic for a network",
-        "Write a SUMO route file with seeded random traffic that starts at once and lasts.",
-    )
+    demand = add_command(inner, "demand", "write seeded traffic for a network", DEMAND_TEXT)
     demand.add_argument("network", help="name or .net.xml file")
     demand.add_argument("--level", choices=("light", "moderate", "heavy"), required=True, help="how much traffic")
     demand.add_argument("--seed", type=int, default=43211, metavar="N", help="of the random choice (default: 43211)")

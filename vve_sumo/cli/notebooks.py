@@ -6,28 +6,23 @@ import argparse
 import shlex
 from pathlib import Path
 
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
 
 EXIT_CODES = """exit codes:
   0  the notebooks are there
   2  wrong use, or the folder holds one of them; nothing was written
 """
 
+SUMMARY = "copy out four Jupyter notebooks to begin an analysis with"
+TEXT = """\
+Copy four notebooks into a folder: the paper's drive, stopping over a sweep of speeds, the latency cliff, a
+recording through the chain. Each makes its own records, under runs/ beside it, and explains what it shows.
+"""
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    notebooks = add_command(
-        commands,
-        "notebooks",
-        "copy out four Jupyter notebooks to begin an analysis with",
-        "Copy four notebooks into a folder: the paper's drive, stopping over a sweep of speeds, the latency cliff, a\n"
-        "recording through the chain. Each makes its own records, under runs/ beside it, and explains what it shows.",
-        EXIT_CODES,
-    )
-    notebooks.add_argument(
-        "folder", type=Path, metavar="DIR", help="folder for them; existing files are never replaced"
-    )
-    notebooks.set_defaults(run=run)
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder for them; existing files are never replaced")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,15 +6,15 @@ import argparse
 import sys
 from pathlib import Path
 
-from vve_sumo.cli.parser import Commands, add_command, add_subcommands, names
+from vve_sumo.cli.parser import Parser, add_command, add_subcommands, names
+
+SUMMARY = "record the ego's path"
 
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    path = add_command(commands, "path", "record the ego's path", "Record paths in the virtual world.")
-    inner = add_subcommands(path)
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
     record = add_command(
-        inner,
+        add_subcommands(parser),
         "record",
         "drive from edge to edge and write the way as latitude and longitude",
         "Let a SUMO car drive through the network and write its smoothed track as CSV for the ego's rear axle.\n"

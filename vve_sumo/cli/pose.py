@@ -6,15 +6,15 @@ import argparse
 import csv
 from pathlib import Path
 
-from vve_sumo.cli.parser import Commands, add_command, add_subcommands
+from vve_sumo.cli.parser import Parser, add_command, add_subcommands
+
+SUMMARY = "look into pose recordings"
 
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    pose = add_command(commands, "pose", "look into pose recordings", "Look into what a positioning receiver said.")
-    inner = add_subcommands(pose)
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
     decode = add_command(
-        inner,
+        add_subcommands(parser),
         "decode",
         "write what an NCOM file holds as CSV",
         "Write one CSV row for every accepted fix of an OXTS NCOM file, and whether a car could drive on it.",

@@ -8,27 +8,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vve_sumo.cli.console import notify
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
 
 if TYPE_CHECKING:
     from vve_sumo.live.review import Redriven
 
+SUMMARY = "ask another controller on a record's inputs, open loop"
+TEXT = """\
+Feed a record's pose bytes, car reports and actors to another controller and compare its answers with those
+recorded, tick by tick. Open loop: the car did what the recorded controller said. Leaves redrive.png in DIR.
+"""
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    redrive = add_command(
-        commands,
-        "redrive",
-        "ask another controller on a record's inputs, open loop",
-        "Feed a record's pose bytes, car reports and actors to another controller and compare its answers with those\n"
-        "recorded, tick by tick. Open loop: the car did what the recorded controller said. Leaves redrive.png in DIR.",
-    )
-    redrive.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
-    redrive.add_argument(
-        "--controller", metavar="NAME", required=True, help="shipped name, file.py:make or entry point"
-    )
-    redrive.add_argument("--out", type=Path, metavar="FILE", help="both answers of every tick, as .parquet or .csv")
-    redrive.set_defaults(run=run)
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
+    parser.add_argument("--controller", metavar="NAME", required=True, help="shipped name, file.py:make or entry point")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="both answers of every tick, as .parquet or .csv")
 
 
 def run(arguments: argparse.Namespace) -> int:

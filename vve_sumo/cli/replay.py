@@ -6,22 +6,20 @@ import argparse
 from pathlib import Path
 
 from vve_sumo.cli.console import notify
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
+
+SUMMARY = "run a record through the chain again and find the first difference"
+TEXT = """\
+Feed a record's pose bytes, car reports and actors to the same chain and the same gateway, without SUMO and
+without a car, and compare every setpoint and every CAN frame, bit for bit. The record is verified before:
+one that was altered is not replayed, nor one whose controller, sensor, receiver or interface has changed.
+Exit code 1 names what was altered, or the first tick of the drive, or step of the gateway, that differs.
+"""
 
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    replay = add_command(
-        commands,
-        "replay",
-        "run a record through the chain again and find the first difference",
-        "Feed a record's pose bytes, car reports and actors to the same chain and the same gateway, without SUMO and\n"
-        "without a car, and compare every setpoint and every CAN frame, bit for bit. The record is verified before:\n"
-        "one that was altered is not replayed, nor one whose controller, sensor, receiver or interface has changed.\n"
-        "Exit code 1 names what was altered, or the first tick of the drive, or step of the gateway, that differs.",
-    )
-    replay.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
-    replay.set_defaults(run=run)
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
 
 
 def run(arguments: argparse.Namespace) -> int:

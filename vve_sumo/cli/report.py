@@ -5,31 +5,29 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
 
 EXIT_CODES = """exit codes:
   0  the report was written, also of a drive that failed
   2  wrong use, or no record and no sweep; nothing was written
 """
 
+SUMMARY = "one page on a drive or a sweep that anybody can read"
+TEXT = """\
+Write report.html into a record's or a sweep's folder: the settings, the results, passed or failed,
+plots, versions, hashes, how to reproduce it. The page is one file that opens offline; its plots lie in
+report/ too. An earlier report is replaced. A drive that was killed and a sweep that still runs are reported
+as far as they got.
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    report = add_command(
-        commands,
-        "report",
-        "one page on a drive or a sweep that anybody can read",
-        "Write report.html into a record's or a sweep's folder: the settings, the results, passed or failed,\n"
-        "plots, versions, hashes, how to reproduce it. The page is one file that opens offline; its plots lie in\n"
-        "report/ too. An earlier report is replaced. A drive that was killed and a sweep that still runs are reported\n"
-        "as far as they got.\n\n"
-        "examples:\n"
-        "  vve-sumo report runs/mine      of a drive's record\n"
-        "  vve-sumo report speeds         of a sweep's, a search's or a study's folder",
-        EXIT_CODES,
-    )
-    report.add_argument("folder", type=Path, metavar="DIR", help="folder of the record or of the sweep")
-    report.set_defaults(run=run)
+examples:
+  vve-sumo report runs/mine      of a drive's record
+  vve-sumo report speeds         of a sweep's, a search's or a study's folder
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the record or of the sweep")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from vve_sumo.cli.console import notify
-from vve_sumo.cli.parser import Commands, add_command, add_subcommands
+from vve_sumo.cli.parser import Parser, add_command, add_subcommands
 from vve_sumo.errors import ConfigError
 
 #: a terminal with fewer characters in a line shows name and title alone
@@ -16,21 +16,20 @@ WIDE_ENOUGH = 150
 #: characters in a line of what is no terminal
 UNLIMITED = 400
 
+SUMMARY = "list the scenarios, draw one as a picture, write their schema"
+TEXT = """\
+List every scenario with a line: what it is, who is there, what a drive must come to.
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    scenarios = add_command(
-        commands,
-        "scenarios",
-        "list the scenarios, draw one as a picture, write their schema",
-        "List every scenario with a line: what it is, who is there, what a drive must come to.\n\n"
-        "examples:\n"
-        "  vve-sumo scenarios                            the list\n"
-        "  vve-sumo scenarios show cut_in --out cut.png  a picture: the street, who moves how, what fires when\n"
-        "  vve-sumo scenarios schema --out scenario.schema.json   for editors that complete and check",
-    )
-    scenarios.set_defaults(run=run)
-    inner = add_subcommands(scenarios, required=False)
+examples:
+  vve-sumo scenarios                            the list
+  vve-sumo scenarios show cut_in --out cut.png  a picture: the street, who moves how, what fires when
+  vve-sumo scenarios schema --out scenario.schema.json   for editors that complete and check
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    inner = add_subcommands(parser, required=False)
     show = add_command(
         inner,
         "show",

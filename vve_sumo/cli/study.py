@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
 from vve_sumo.cli.console import complain, plain_console
-from vve_sumo.cli.parser import Commands, add_command, add_subcommands, numbers
+from vve_sumo.cli.parser import Parser, add_command, add_subcommands, numbers
 from vve_sumo.errors import ConfigError, SimulationError
 
 if TYPE_CHECKING:
@@ -32,29 +32,32 @@ PICTURE = "cliff.png"
 #: characters of a line where there is no terminal to say
 WIDTH = 120
 
+SUMMARY = "standard studies of a scenario"
+CLIFF_TEXT = """\
+Drive a scenario again and again while the pose gets later and noisier, step by step, and say where its
+margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict
+it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is
+what an open-loop brake loses, and the delay that the steering bears by its design. The folder is a sweep's
+dataset with the picture cliff.png.
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    study = add_command(
-        commands, "study", "standard studies of a scenario", "Standard studies of a scenario.", EXIT_CODES
-    )
-    inner = add_subcommands(study)
+The margin is the gap at rest, the least gap of a drive that goes on, zero or less after a contact. A car
+that its gateway stopped far off (unstable steering, wheels and pose at odds) has none.
+
+examples:
+  vve-sumo study cliff parked_car --out cliff               0 to 500 ms, noise x 0, 1, 4, three seeds
+  vve-sumo study cliff seen_late --out late --delays-ms 0,100,200,300 --noise 1 --seeds 5
+  vve-sumo study cliff delay_probe --out probe              nothing regulates: speed times delay, exactly
+  vve-sumo study cliff parked_car --out cliff --resume      go on after a kill
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
     cliff = add_command(
-        inner,
+        add_subcommands(parser),
         "cliff",
         "how much delay and noise a scenario bears before its margin is gone",
-        "Drive a scenario again and again while the pose gets later and noisier, step by step, and say where its\n"
-        "margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict\n"
-        "it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is\n"
-        "what an open-loop brake loses, and the delay that the steering bears by its design. The folder is a sweep's\n"
-        "dataset with the picture cliff.png.\n\n"
-        "The margin is the gap at rest, the least gap of a drive that goes on, zero or less after a contact. A car\n"
-        "that its gateway stopped far off (unstable steering, wheels and pose at odds) has none.\n\n"
-        "examples:\n"
-        "  vve-sumo study cliff parked_car --out cliff               0 to 500 ms, noise x 0, 1, 4, three seeds\n"
-        "  vve-sumo study cliff seen_late --out late --delays-ms 0,100,200,300 --noise 1 --seeds 5\n"
-        "  vve-sumo study cliff delay_probe --out probe              nothing regulates: speed times delay, exactly\n"
-        "  vve-sumo study cliff parked_car --out cliff --resume      go on after a kill",
+        CLIFF_TEXT,
         EXIT_CODES,
     )
     cliff.add_argument("scenario", help="name or .toml file")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -27,35 +27,33 @@ EXIT_CODES = """exit codes:
 #: characters of the table's lines where no screen says how wide it is
 WIDTH = 190
 
+SUMMARY = "drive a standard's tests on the test track: a pass/fail table"
+TEXT = """\
+Drive every row of a standard's table with the hardware-free car on a long straight track, and say which are
+passed, which failed, and whether the brakes could have done it at all. Without a name: list the suites.
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    suite = add_command(
-        commands,
-        "suite",
-        "drive a standard's tests on the test track: a pass/fail table",
-        "Drive every row of a standard's table with the hardware-free car on a long straight track, and say which are\n"
-        "passed, which failed, and whether the brakes could have done it at all. Without a name: list the suites.\n\n"
-        "examples:\n"
-        "  vve-sumo suite                            the list\n"
-        "  vve-sumo suite r152 --out r152            the table, also as CSV, JSON and Markdown\n"
-        "  vve-sumo suite r152 --seeds 10 --out r152 ten drives a row; a row is passed where all of them are\n"
-        "  vve-sumo suite r152 --seeds 10 --out r152 --resume   go on after a kill\n"
-        "  vve-sumo suite fmvss127 --out a --keep    with the full record of every drive\n"
-        "  vve-sumo suite r152 --controller mine.py:make",
-        EXIT_CODES,
-    )
-    suite.add_argument("name", nargs="?", help="of the suite")
-    suite.add_argument("--out", type=Path, metavar="DIR", help="folder for the table, absent or empty")
-    suite.add_argument("--seeds", type=int, default=1, metavar="N", help="drives of each row, by seed (default: 1)")
-    suite.add_argument("--workers", type=int, metavar="N", help="drives at a time (default: as many as processors)")
-    suite.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point, untuned")
-    suite.add_argument(
+examples:
+  vve-sumo suite                            the list
+  vve-sumo suite r152 --out r152            the table, also as CSV, JSON and Markdown
+  vve-sumo suite r152 --seeds 10 --out r152 ten drives a row; a row is passed where all of them are
+  vve-sumo suite r152 --seeds 10 --out r152 --resume   go on after a kill
+  vve-sumo suite fmvss127 --out a --keep    with the full record of every drive
+  vve-sumo suite r152 --controller mine.py:make
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("name", nargs="?", help="of the suite")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the table, absent or empty")
+    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="drives of each row, by seed (default: 1)")
+    parser.add_argument("--workers", type=int, metavar="N", help="drives at a time (default: as many as processors)")
+    parser.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point, untuned")
+    parser.add_argument(
         "--vehicle", default="ford_fusion", metavar="NAME", help="under vehicles/, or a file (default: ford_fusion)"
     )
-    suite.add_argument("--keep", action="store_true", help="keep every drive's record under DIR/records")
-    suite.add_argument("--resume", action="store_true", help="go on with the suite in DIR; finished drives stay")
-    suite.set_defaults(run=run)
+    parser.add_argument("--keep", action="store_true", help="keep every drive's record under DIR/records")
+    parser.add_argument("--resume", action="store_true", help="go on with the suite in DIR; finished drives stay")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
 from vve_sumo.cli.console import complain, notify, plain_console
-from vve_sumo.cli.parser import Commands, add_command
+from vve_sumo.cli.parser import Parser
 from vve_sumo.errors import ConfigError, SimulationError
 
 if TYPE_CHECKING:
@@ -33,38 +33,36 @@ MAX_ROWS, MAX_FAULTS = 30, 10
 #: figures that are shown where no criterion asks for others, and how many at most
 USUAL_FIGURES, MAX_FIGURES = ("min_ttc_s", "stop_gap_m"), 4
 
+SUMMARY = "drive a scenario many times, its parameters varied, into one dataset"
+TEXT = """\
+Drive every run that a sweep's file asks for, each in a process of its own, and leave a row for each in a
+Parquet dataset. A run that crashes, hangs or eats memory is a row with its reason. Ctrl-C, a kill or a full
+disk lose nothing finished.
 
-def add(commands: Commands) -> None:
-    """Add the command to the others."""
-    sweep = add_command(
-        commands,
-        "sweep",
-        "drive a scenario many times, its parameters varied, into one dataset",
-        "Drive every run that a sweep's file asks for, each in a process of its own, and leave a row for each in a\n"
-        "Parquet dataset. A run that crashes, hangs or eats memory is a row with its reason. Ctrl-C, a kill or a full\n"
-        "disk lose nothing finished.\n\n"
-        "examples:\n"
-        "  vve-sumo sweep parked_car_speeds --out speeds            a file under sweeps/\n"
-        "  vve-sumo sweep mine.toml --out mine --keep failed        with full records of what failed\n"
-        "  vve-sumo sweep mine.toml --out mine --resume             go on after a kill\n"
-        "  vve-sumo sweep seen_late_speed --search --out found      where a criterion flips, or the worst case\n"
-        "  vve-sumo sweep --rerun mine 0f3a9c1b5d7e2a48             one run again: is its record the same?",
-        EXIT_CODES,
-    )
-    sweep.add_argument("spec", nargs="?", help="name or .toml file")
-    sweep.add_argument("--out", type=Path, metavar="DIR", help="folder of the dataset; of --rerun: of the record")
-    sweep.add_argument("--workers", type=int, metavar="N", help="runs at a time (default: as many as processors)")
-    sweep.add_argument("--resume", action="store_true", help="go on with the sweep in DIR; finished runs stay")
-    sweep.add_argument("--search", action="store_true", help="insist that the file has a [search], and look for that")
-    sweep.add_argument("--yes", action="store_true", help="drive 100,000 runs or more")
-    sweep.add_argument(
+examples:
+  vve-sumo sweep parked_car_speeds --out speeds            a file under sweeps/
+  vve-sumo sweep mine.toml --out mine --keep failed        with full records of what failed
+  vve-sumo sweep mine.toml --out mine --resume             go on after a kill
+  vve-sumo sweep seen_late_speed --search --out found      where a criterion flips, or the worst case
+  vve-sumo sweep --rerun mine 0f3a9c1b5d7e2a48             one run again: is its record the same?
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("spec", nargs="?", help="name or .toml file")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the dataset; of --rerun: of the record")
+    parser.add_argument("--workers", type=int, metavar="N", help="runs at a time (default: as many as processors)")
+    parser.add_argument("--resume", action="store_true", help="go on with the sweep in DIR; finished runs stay")
+    parser.add_argument("--search", action="store_true", help="insist that the file has a [search], and look for that")
+    parser.add_argument("--yes", action="store_true", help="drive 100,000 runs or more")
+    parser.add_argument(
         "--keep", metavar="WHOSE", help="full records: none, failed, all or KEY,KEY (default: the file's)"
     )
-    sweep.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
-    sweep.add_argument("--cluster", metavar="ADDRESS", help="drive on the workers of a Dask scheduler")
-    sweep.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
-    sweep.add_argument("--rerun", nargs=2, metavar=("DIR", "KEY"), help="drive one run of a dataset again and compare")
-    sweep.set_defaults(run=run)
+    parser.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="drive on the workers of a Dask scheduler")
+    parser.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
+    parser.add_argument("--rerun", nargs=2, metavar=("DIR", "KEY"), help="drive one run of a dataset again and compare")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,7 +6,6 @@ Listens, computes and writes; it sends no frame and moves nothing but the hardwa
 from __future__ import annotations
 
 import contextlib
-import csv
 import datetime
 import math
 import time
@@ -18,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from vve_sumo import workspace
+from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import choose
 from vve_sumo.drive.virtual_road import standing
@@ -135,37 +135,23 @@ def paired(site: Site, file: FilePath) -> AlignmentResult:
 
 def read_pairs(file: FilePath, site: Site) -> tuple[list[Pair], list[Pair]]:
     """Return the same places on the lot's map and on the street's [m]; raises ConfigError naming file and line."""
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{file}: cannot be read: {error}") from None
-    rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
-    header = next(csv.reader([rows[0][1]])) if rows else []
-    by_map = set(STREET_COLUMNS) <= set(header)
+    table = CsvNumbers(file, "pairs")
+    by_map = set(STREET_COLUMNS) <= set(table.header)
     columns = (*LOT_COLUMNS, *(STREET_COLUMNS if by_map else GEODETIC_COLUMNS))
-    if not set(columns) <= set(header):
+    if not set(columns) <= set(table.header):
         raise ConfigError(
-            f"{file}: expected a header with {', '.join(LOT_COLUMNS)} and {', '.join(STREET_COLUMNS)} "
+            f"{table.name}: expected a header with {', '.join(LOT_COLUMNS)} and {', '.join(STREET_COLUMNS)} "
             f"or {', '.join(GEODETIC_COLUMNS)}"
         )
     frame, lot, street = meaning.frame_of(site.rig), [], []
-    for number, line in rows[1:]:
-        latitude, longitude, one, other = _numbers(file, number, line, [header.index(name) for name in columns])
+    for where, numbers in table.numbers(columns):
+        if not all(map(math.isfinite, numbers)):
+            raise ConfigError(f"{where}: expected four finite numbers, got {', '.join(map(str, numbers))}")
+        latitude, longitude, one, other = numbers
         lot.append(frame.to_map(math.radians(latitude), math.radians(longitude)))
         there = (one, other)
         street.append(there if by_map else site.setting.street.to_map(math.radians(one), math.radians(other)))
     return lot, street
-
-
-def _numbers(file: FilePath, number: int, line: str, columns: list[int]) -> list[float]:
-    try:
-        cells = next(csv.reader([line]))
-        numbers = [float(cells[column]) for column in columns]
-    except (ValueError, IndexError, csv.Error):
-        numbers = []
-    if not numbers or not all(map(math.isfinite, numbers)):
-        raise ConfigError(f"{file}, line {number}: expected four numbers, got {line[:60]!r}")
-    return numbers
 
 
 def searched(site: Site) -> AlignmentResult:

@@ -7,7 +7,6 @@ Any record will do, in lockstep or live, as long as the car did enough in it. It
 from __future__ import annotations
 
 import datetime
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from vve_sumo import bus
+from vve_sumo.config_file import read_json
 from vve_sumo.drive.resolved_scenario import recorded_model
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
@@ -72,70 +72,52 @@ class Quantity(NamedTuple):
 
     words: str
     unit: str
-    factor: float  #: from SI to the unit
-    declared: Callable[[VehicleModel], float]
-    key: tuple[str, str] | None = None  #: table and key of the rig file; None for what is only told
+    attribute: str = ""  #: of the model, that declares it; empty for none
+    key: str = ""  #: of the rig file, with its table; empty for what is only told
+    factor: float = 1.0  #: from SI to the unit
     optional: bool = False  #: may stay as declared where a drive doesn't tell
 
+    def declared(self, model: VehicleModel) -> float:
+        """Return what a model declares, in SI; NaN where it declares nothing."""
+        return float(attrgetter(self.attribute)(model)) if self.attribute else math.nan
 
-_DEGREES, _CLOCKWISE = math.degrees(1.0), -math.degrees(1.0)
+    @property
+    def place(self) -> tuple[str, str]:
+        """Table and key of the rig file."""
+        table, _, key = self.key.partition(".")
+        return table, key
 
 
-def _undeclared(_declared: VehicleModel) -> float:
-    return math.nan
-
+_DEGREES: Final = math.degrees(1.0)
 
 #: every number that is found, in the order of the table
 QUANTITIES: Final[dict[str, Quantity]] = {
-    "brake_gain": Quantity(
-        "brake torque for 1 m/s²", "kg m", 1.0, attrgetter("calibration.brake_gain"), ("calibration", "brake_gain_kgm")
-    ),
-    "brake_delay": Quantity(
-        "brakes: dead time", "s", 1.0, attrgetter("vehicle.brake_delay"), ("vehicle", "brake_delay_s")
-    ),
-    "brake_lag": Quantity("brakes: lag", "s", 1.0, attrgetter("vehicle.brake_lag"), ("vehicle", "brake_lag_s")),
+    "brake_gain": Quantity("brake torque for 1 m/s²", "kg m", "calibration.brake_gain", "calibration.brake_gain_kgm"),
+    "brake_delay": Quantity("brakes: dead time", "s", "vehicle.brake_delay", "vehicle.brake_delay_s"),
+    "brake_lag": Quantity("brakes: lag", "s", "vehicle.brake_lag", "vehicle.brake_lag_s"),
     "drive_force_limit": Quantity(
-        "force at full throttle", "N", 1.0, attrgetter("calibration.drive_force_limit"),
-        ("calibration", "drive_force_limit_n"),
+        "force at full throttle", "N", "calibration.drive_force_limit", "calibration.drive_force_limit_n"
     ),
-    "drive_delay": Quantity("throttle: dead time", "s", 1.0, _undeclared),
-    "drive_lag": Quantity(
-        "throttle: lag", "s", 1.0, attrgetter("calibration.drive_lag"), ("calibration", "drive_lag_s")
-    ),
-    "creep_force": Quantity(
-        "creep at rest", "N", 1.0, attrgetter("calibration.creep_force"), ("calibration", "creep_force_n")
-    ),
-    "creep_speed": Quantity(
-        "creep ends at", "m/s", 1.0, attrgetter("calibration.creep_speed"), ("calibration", "creep_speed_mps")
-    ),
+    "drive_delay": Quantity("throttle: dead time", "s"),
+    "drive_lag": Quantity("throttle: lag", "s", "calibration.drive_lag", "calibration.drive_lag_s"),
+    "creep_force": Quantity("creep at rest", "N", "calibration.creep_force", "calibration.creep_force_n"),
+    "creep_speed": Quantity("creep ends at", "m/s", "calibration.creep_speed", "calibration.creep_speed_mps"),
     "rolling_resistance": Quantity(
-        "rolling resistance", "", 1.0, attrgetter("calibration.rolling_resistance"),
-        ("calibration", "rolling_resistance"),
+        "rolling resistance", "", "calibration.rolling_resistance", "calibration.rolling_resistance"
     ),
-    "drag_area": Quantity(
-        "air drag area", "m²", 1.0, attrgetter("calibration.drag_area"), ("calibration", "drag_area_m2"), optional=True
-    ),
-    "steering_ratio": Quantity(
-        "steering ratio", "", 1.0, attrgetter("vehicle.steering_ratio"), ("vehicle", "steering_ratio")
-    ),
+    "drag_area": Quantity("air drag area", "m²", "calibration.drag_area", "calibration.drag_area_m2", optional=True),
+    "steering_ratio": Quantity("steering ratio", "", "vehicle.steering_ratio", "vehicle.steering_ratio"),
     "steering_wheel_bias": Quantity(
-        "steering wheel, straight on", "°", _DEGREES, attrgetter("steering_wheel_bias"),
-        ("calibration", "steering_wheel_bias_deg"),
+        "steering wheel, straight on", "°", "steering_wheel_bias", "calibration.steering_wheel_bias_deg", _DEGREES
     ),
-    "steering_delay": Quantity(
-        "steering: dead time", "s", 1.0, attrgetter("vehicle.steering_delay"), ("vehicle", "steering_delay_s")
-    ),
-    "steering_lag": Quantity(
-        "steering: lag", "s", 1.0, attrgetter("vehicle.steering_lag"), ("vehicle", "steering_lag_s")
-    ),
-    "wheel_radius": Quantity(
-        "rolling radius", "m", 1.0, attrgetter("vehicle.wheel_radius"), ("vehicle", "wheel_radius_m")
-    ),
+    "steering_delay": Quantity("steering: dead time", "s", "vehicle.steering_delay", "vehicle.steering_delay_s"),
+    "steering_lag": Quantity("steering: lag", "s", "vehicle.steering_lag", "vehicle.steering_lag_s"),
+    "wheel_radius": Quantity("rolling radius", "m", "vehicle.wheel_radius", "vehicle.wheel_radius_m"),
     "heading_misalignment": Quantity(
-        "receiver's heading, clockwise", "°", _CLOCKWISE, attrgetter("mounting.heading_misalignment"),
-        ("mounting", "heading_misalignment_deg"),
+        "receiver's heading, clockwise", "°", "mounting.heading_misalignment", "mounting.heading_misalignment_deg",
+        -_DEGREES,
     ),
-    "acceleration_bias": Quantity("receiver's acceleration", "m/s²", 1.0, _undeclared),
+    "acceleration_bias": Quantity("receiver's acceleration", "m/s²"),
 }  # fmt: skip
 
 #: Share by which a measured rolling radius may still be off: pressure, load and warmth of the tyres between two days.
@@ -156,13 +138,16 @@ class Calibrated:
         return {
             name: self.identified.estimates[name]
             for name, quantity in QUANTITIES.items()
-            if quantity.key is not None and not quantity.optional and not self.identified.estimates[name].good
+            if quantity.key and not quantity.optional and not self.identified.estimates[name].good
         }
 
 
 def calibrate(folder: Path) -> Calibrated:
     """Return what the drive recorded in `folder` tells of its car; raises ConfigError where it is no such record."""
-    resolved = _resolved(folder / "scenario.json")
+    file = folder / "scenario.json"
+    resolved = read_json(file, "a drive", "epoch_gnss_s")
+    if not isinstance(resolved["epoch_gnss_s"], float):
+        raise ConfigError(f"{file}: epoch_gnss_s: expected a number, got {resolved['epoch_gnss_s']!r}")
     declared = declared_in(resolved)
     log = read(folder, resolved, declared)
     return Calibrated(folder, declared, identify(log, declared.vehicle, declared.calibration))
@@ -189,15 +174,6 @@ def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
         begin=begin,
         end=end,
     )
-
-
-def _resolved(file: Path) -> dict[str, Any]:
-    try:
-        resolved: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        float(resolved["epoch_gnss_s"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{file}: no record of a drive: {error}") from None
-    return resolved
 
 
 def _messages(file: Path, epoch: float, config: InterfaceConfig) -> dict[type, list[tuple[float, Any]]]:
@@ -328,25 +304,16 @@ def _values(calibrated: Calibrated, leave: Sequence[str]) -> dict[tuple[str, str
             )
     found = calibrated.identified.estimates
     values = {
-        quantity.key: float(f"{quantity.factor * found[name].value:.6g}")
+        quantity.place: float(f"{quantity.factor * found[name].value:.6g}")
         for name, quantity in QUANTITIES.items()
-        if quantity.key is not None and name not in leave and found[name].good
+        if quantity.key and name not in leave and found[name].good
     }
     radius = found["wheel_radius"]
-    if QUANTITIES["wheel_radius"].key in values:
+    if QUANTITIES["wheel_radius"].place in values:
         values["calibration", "wheel_speed_tolerance"] = max(
             EARNED_TOLERANCE, round(5.0 * radius.sigma / radius.value, 4)
         )
     return values
-
-
-def toml_text(calibrated: Calibrated, date: str, leave: Sequence[str] = ()) -> str:
-    """What was found, as tables of a rig file, dated `date` (YYYY-MM-DD); raises ConfigError as `put_into`."""
-    import tomlkit
-
-    document = tomlkit.document()
-    edit.lay(document, _dated(_values(calibrated, leave), date))
-    return tomlkit.dumps(document)
 
 
 def put_into(rig: Path, calibrated: Calibrated, date: str, leave: Sequence[str] = ()) -> None:

@@ -5,13 +5,13 @@ Reads files and moves nobody; must not know SUMO.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Final
 
+from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
 from vve_sumo.scenario.schema import Actor
@@ -68,37 +68,15 @@ def read_speeds(file: FilePath) -> Speeds:
     Raises ConfigError naming file and line for what is no number, a speed no road user drives, or a time not later than
     the one before it.
     """
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"speeds {file}: cannot be read: {error}") from None
-    if "\0" in text:
-        raise ConfigError(f"speeds {file}: expected a CSV file, got binary data")
-    rows = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
-    header = [cell.strip() for cell in rows[0][1].split(",")] if rows else []
-    missing = [column for column in SPEED_COLUMNS if column not in header]
-    if missing:
-        raise ConfigError(f"speeds {file}: no column {missing[0]}, expected a header with {', '.join(SPEED_COLUMNS)}")
-    if len(rows) < 2:
-        raise ConfigError(f"speeds {file}: expected at least one row of {', '.join(SPEED_COLUMNS)}, got none")
+    table = CsvNumbers(file, "speeds")
     times, speeds = [-math.inf], [0.0]
-    for number, line in rows[1:]:
-        time, speed = _row(file, number, line, [header.index(column) for column in SPEED_COLUMNS])
+    for where, (time, speed) in table.numbers(SPEED_COLUMNS):
+        if not (math.isfinite(time) and 0.0 <= speed <= FASTEST):
+            raise ConfigError(f"{where}: expected a time and a speed of 0 to {FASTEST:g} m/s, got {time:g}, {speed:g}")
         if not time > times[-1]:
-            raise ConfigError(f"speeds {file}, line {number}: expected a time after {times[-1]:g} s, got {time:g}")
+            raise ConfigError(f"{where}: expected a time after {times[-1]:g} s, got {time:g}")
         times.append(time)
         speeds.append(speed)
+    if len(times) < 2:
+        raise ConfigError(f"{table.name}: expected at least one row of {', '.join(SPEED_COLUMNS)}, got none")
     return tuple(times[1:]), tuple(speeds[1:])
-
-
-def _row(file: FilePath, number: int, line: str, columns: list[int]) -> tuple[float, float]:
-    try:
-        cells = next(csv.reader([line]))
-        time, speed = (float(cells[column]) for column in columns)
-    except (ValueError, IndexError, csv.Error):
-        raise ConfigError(f"speeds {file}, line {number}: expected two numbers, got {line[:60]!r}") from None
-    if not (math.isfinite(time) and 0.0 <= speed <= FASTEST):
-        raise ConfigError(
-            f"speeds {file}, line {number}: expected a time and a speed of 0 to {FASTEST:g} m/s, got {line[:60]!r}"
-        )
-    return time, speed

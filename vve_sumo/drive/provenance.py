@@ -19,9 +19,9 @@ from typing import Any, Final
 
 import pyproj
 
+from vve_sumo.config_file import read_json
 from vve_sumo.drive.plugged_in import digest
 from vve_sumo.drive.resolved_scenario import DECISIVE_LIBRARIES, ResolvedScenario, versions
-from vve_sumo.errors import ConfigError
 from vve_sumo.record.layout import PROVENANCE
 
 #: the package's own folder, and the folder in it that holds the shipped workspace, whose files are hashed as they are
@@ -144,14 +144,7 @@ def text_of(told: dict[str, Any]) -> str:
 
 def read(folder: Path) -> dict[str, Any]:
     """Return a record's provenance; raises ConfigError where it can't be read."""
-    file = folder / PROVENANCE
-    try:
-        told = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{file}: cannot be read: {error}") from None
-    if not isinstance(told, dict):
-        raise ConfigError(f"{file}: expected a table of keys")
-    return told
+    return read_json(folder / PROVENANCE, "a drive")
 
 
 def same_code(told: dict[str, Any]) -> bool:

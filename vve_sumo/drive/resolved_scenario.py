@@ -5,8 +5,6 @@ Reads files, opens nothing for good; starts neither SUMO nor a car.
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -20,7 +18,9 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from vve_sumo import workspace
+from vve_sumo.config_file import read_json
 from vve_sumo.controller import Controller, load
+from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.drive import plugged_in
 from vve_sumo.drive.actor_paths import Speeds, followed
 from vve_sumo.errors import ConfigError
@@ -150,12 +150,7 @@ def versions() -> dict[str, str]:
 def read_resolved(folder: FilePath) -> dict[str, Any]:
     """Return the content of a record's `scenario.json`; raises ConfigError where there is none of this layout."""
     file = folder / "scenario.json"
-    try:
-        resolved = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
-    if not isinstance(resolved, dict):
-        raise ConfigError(f"{folder}: no record of a drive: scenario.json: expected a table of keys")
+    resolved = read_json(file, "a drive")
     refuse_layout(resolved, file)
     return resolved
 
@@ -238,43 +233,24 @@ def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path,
 
     Raises ConfigError naming file and line for what is no coordinate, and for a point outside the network.
     """
+    table = CsvNumbers(file, "path")
+    edges = next((tuple(line[len(EDGES) :].split()) for line in table.comments if line.startswith(EDGES)), ())
+    places, placed = [], []
+    for where, (latitude, longitude) in table.numbers(PATH_COLUMNS):
+        if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+            raise ConfigError(f"{where}: {latitude}, {longitude} is no place on Earth, in degrees")
+        places.append(where)
+        placed.append(street.to_map(math.radians(latitude), math.radians(longitude)))
+    for where, (x, y) in zip(places, placed, strict=True):
+        _inside(where, x, y, network)
+    _on_the_streets(places, placed, network)
     try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"path {file}: cannot be read: {error}") from None
-    lines = text.splitlines()
-    route = next((tuple(line[len(EDGES) :].split()) for line in lines if line.startswith(EDGES)), ())
-    if "\0" in text:
-        raise ConfigError(f"path {file}: expected a CSV file, got binary data")
-    rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
-    header = next(csv.reader([rows[0][1]])) if rows else []
-    missing = [column for column in PATH_COLUMNS if column not in header]
-    if missing:
-        raise ConfigError(f"path {file}: no column {missing[0]}, expected a header with {', '.join(PATH_COLUMNS)}")
-    columns = [header.index(column) for column in PATH_COLUMNS]
-    points = [_point(file, number, line, columns) for number, line in rows[1:]]
-    placed = [street.to_map(latitude, longitude) for latitude, longitude in points]
-    for (number, _line), (x, y) in zip(rows[1:], placed, strict=True):
-        _inside(file, number, x, y, network)
-    _on_the_streets(file, [number for number, _line in rows[1:]], placed, network)
-    try:
-        return Path.from_points([x for x, _y in placed], [y for _x, y in placed]), route
+        return Path.from_points([x for x, _y in placed], [y for _x, y in placed]), edges
     except ConfigError as error:
-        raise ConfigError(f"path {file}: {error}") from None
+        raise ConfigError(f"{table.name}: {error}") from None
 
 
-def _point(file: FilePath, number: int, line: str, columns: list[int]) -> tuple[float, float]:
-    try:
-        cells = next(csv.reader([line]))
-        latitude, longitude = (float(cells[column]) for column in columns)
-    except (ValueError, IndexError, csv.Error):
-        raise ConfigError(f"path {file}, line {number}: expected two numbers in degrees, got {line[:60]!r}") from None
-    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
-        raise ConfigError(f"path {file}, line {number}: {latitude}, {longitude} is no place on Earth, in degrees")
-    return math.radians(latitude), math.radians(longitude)
-
-
-def _on_the_streets(file: FilePath, numbers: list[int], placed: list[tuple[float, float]], network: Network) -> None:
+def _on_the_streets(places: list[str], placed: list[tuple[float, float]], network: Network) -> None:
     """Raise ConfigError at the first point that is far from every lane: another town, or other coordinates."""
     points = np.array(placed).reshape(-1, 2)
     if len(points) == 0:
@@ -287,7 +263,7 @@ def _on_the_streets(file: FilePath, numbers: list[int], placed: list[tuple[float
     if len(far):
         at = int(far[0])
         raise ConfigError(
-            f"path {file}, line {numbers[at]}: ({points[at, 0]:.1f}, {points[at, 1]:.1f}) m is more than "
+            f"{places[at]}: ({points[at, 0]:.1f}, {points[at, 1]:.1f}) m is more than "
             f"{MAX_DISTANCE_FROM_LANES:.0f} m from every lane of {network.path.name}"
         )
 
@@ -301,13 +277,13 @@ def _dense(line: Floats) -> Floats:
     return np.vstack(pieces) if pieces else line
 
 
-def _inside(file: FilePath, number: int, x: float, y: float, network: Network) -> None:
+def _inside(where: str, x: float, y: float, network: Network) -> None:
     least_x, least_y, greatest_x, greatest_y = network.boundary
     if not (
         least_x - MAX_DISTANCE_FROM_LANES <= x <= greatest_x + MAX_DISTANCE_FROM_LANES
         and least_y - MAX_DISTANCE_FROM_LANES <= y <= greatest_y + MAX_DISTANCE_FROM_LANES
     ):
         raise ConfigError(
-            f"path {file}, line {number}: ({x:.1f}, {y:.1f}) m lies off the network {network.path.name}, which spans "
+            f"{where}: ({x:.1f}, {y:.1f}) m lies off the network {network.path.name}, which spans "
             f"{least_x:.0f} to {greatest_x:.0f} and {least_y:.0f} to {greatest_y:.0f}"
         )

@@ -40,7 +40,7 @@ class Channel:
             return False
         except OSError as error:
             # Longer than the whole queue is as good as a full queue; anything else is an end that is gone.
-            self.closed = self.closed or not _is_too_long(error)
+            self.closed = self.closed or error.errno not in (errno.EMSGSIZE, errno.ENOBUFS)
             return False
         return True
 
@@ -86,7 +86,3 @@ def adopt(descriptor: int) -> Channel:
     end = socket.socket(fileno=descriptor)
     end.set_inheritable(False)
     return Channel(end)
-
-
-def _is_too_long(error: OSError) -> bool:
-    return error.errno in (errno.EMSGSIZE, errno.ENOBUFS)

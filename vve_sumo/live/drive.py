@@ -198,11 +198,7 @@ class LiveDrive:
         if result.pose is None:
             return {}
         start = start_pose.of(result.pose, self._setting.path)
-        numbers = {
-            "start_position": start.place(),
-            "start_heading": start.turn(),
-            "off_path": f"{abs(result.d):.1f} m",
-        }
+        numbers = {"start_position": start.place(), "start_heading": start.turn(), "off_path": f"{abs(result.d):.1f} m"}
         return {code: words for code, words in numbers.items() if code in result.faults}
 
     @property

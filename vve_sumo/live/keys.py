@@ -12,7 +12,6 @@ import signal
 import sys
 import termios
 import tty
-from types import TracebackType
 from typing import Any, Final, Self
 
 from vve_sumo.live.signals import ASKING
@@ -66,9 +65,7 @@ class Keys:
             os.set_blocking(sys.stdin.fileno(), False)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
         if self._open:

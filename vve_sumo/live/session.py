@@ -136,11 +136,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
     sensors_of(plan.setting)
     if plan.setting.scenario.end_trigger != EndTrigger():
         notify("the scenario's [end_trigger] does not apply to a live drive: nothing lets go of a moving car")
-    with (
-        held(plan.rig_file),
-        contextlib.ExitStack() as stack,
-        Keys(listen=not plan.rig.operator.automatic) as keys,
-    ):
+    with held(plan.rig_file), contextlib.ExitStack() as stack, Keys(listen=not plan.rig.operator.automatic) as keys:
         # Before anything else: where another program has the receiver's port, no car of ours shall speak to it.
         source = stack.enter_context(contextlib.closing(assembly.source_of(plan.rig)))
         plan.folder.mkdir(parents=True, exist_ok=True)

@@ -10,14 +10,7 @@ import signal
 from typing import Final
 
 #: what nobody can catch, and what does nothing by default or lets a process go on
-_OTHERS: Final = {
-    signal.SIGKILL,
-    signal.SIGSTOP,
-    signal.SIGCONT,
-    signal.SIGCHLD,
-    signal.SIGURG,
-    signal.SIGWINCH,
-}
+_OTHERS: Final = {signal.SIGKILL, signal.SIGSTOP, signal.SIGCONT, signal.SIGCHLD, signal.SIGURG, signal.SIGWINCH}
 #: what the processor or the C library raises: a handler that returns would raise it again, for ever
 _FAULTS: Final = {
     signal.SIGABRT,

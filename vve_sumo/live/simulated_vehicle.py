@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import numpy as np
 
 from vve_sumo.errors import RigError, VveError
-from vve_sumo.frames import MapFrame, Mounting
+from vve_sumo.frames import MapFrame
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import CAR, prefer
 from vve_sumo.live.slcan import Adapter
@@ -32,10 +32,8 @@ from vve_sumo.live.spawn import begin
 from vve_sumo.plant.car import FAST, STEPS_A_SECOND, Car, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import InjectedFault
-from vve_sumo.plant.receiver import ReceiverParameters
-from vve_sumo.values import Frame, Pose, Vehicle
-from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.interface import InterfaceConfig
+from vve_sumo.values import Frame, Pose
+from vve_sumo.vehicle.model import rebuilt
 
 if TYPE_CHECKING:
     from vve_sumo.bus import Bus
@@ -127,7 +125,7 @@ class CarConfig:
         host, port = told["target"]
         interface, channel = told["bus"] or ("", "")
         return cls(
-            parameters=_parameters(told["parameters"]),
+            parameters=rebuilt(CarParameters, told["parameters"]),
             lot=MapFrame(told["lot"]["projection"], tuple(told["lot"]["offset"])),
             latitude_deg=latitude,
             longitude_deg=longitude,
@@ -146,19 +144,6 @@ class CarConfig:
         latitude, longitude = math.radians(self.latitude_deg), math.radians(self.longitude_deg)
         x, y = self.lot.to_map(latitude, longitude)
         return x, y, math.radians(90.0 - self.heading_deg) + self.lot.convergence(latitude, longitude)
-
-
-def _parameters(told: dict[str, Any]) -> CarParameters:
-    receiver = told["receiver"]
-    return CarParameters(
-        **told
-        | {
-            "vehicle": Vehicle(**told["vehicle"]),
-            "calibration": Calibration(**told["calibration"]),
-            "interface": InterfaceConfig(**told["interface"]),
-            "receiver": ReceiverParameters(**receiver | {"mounting": Mounting(**receiver["mounting"])}),
-        }
-    )
 
 
 class Truth:

@@ -12,7 +12,6 @@ import termios
 import tty
 from collections import deque
 from collections.abc import Iterable
-from types import TracebackType
 from typing import Final, Self
 
 from vve_sumo.values import Frame
@@ -133,9 +132,7 @@ class Adapter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _put(self, line: bytes) -> None:
@@ -159,10 +156,6 @@ class Adapter:
             except BlockingIOError:
                 return
             left = waiting[written:]
-            end = 0 if waiting[written - 1 : written] in (OK, ERROR) else _end_of_line(left)
+            end = 0 if waiting[written - 1 : written] in (OK, ERROR) else left.find(OK) + 1
             self._begun = left[:end]
             self._lines = deque(left[end:].splitlines(keepends=True))
-
-
-def _end_of_line(data: bytes) -> int:
-    return data.find(OK) + 1

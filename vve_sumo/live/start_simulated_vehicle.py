@@ -39,12 +39,7 @@ class SimulatedVehicleProcess:
 
 
 def start(
-    rig: Rig,
-    t0: float,
-    seed: int,
-    stack: contextlib.ExitStack,
-    folder: FilePath | None,
-    friction: float = DRY,
+    rig: Rig, t0: float, seed: int, stack: contextlib.ExitStack, folder: FilePath | None, friction: float = DRY
 ) -> SimulatedVehicleProcess:
     """Start the car and wait until it is there; it is ended where `stack` is left.
 

@@ -80,14 +80,7 @@ class Geofence:
     """
 
     def __init__(
-        self,
-        lot: Lot,
-        vehicle: Vehicle,
-        alignment: Alignment,
-        *,
-        gateway: Stop,
-        watchdog: Stop,
-        downhill: float = 0.0,
+        self, lot: Lot, vehicle: Vehicle, alignment: Alignment, *, gateway: Stop, watchdog: Stop, downhill: float = 0.0
     ) -> None:
         self.lot = lot
         self._to_lot = alignment.inverse()

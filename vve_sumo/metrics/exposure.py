@@ -6,7 +6,8 @@ closes in, or nothing is known, counts as time without exposure. Knows columns o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,22 +28,17 @@ EXPOSURE: MetricTable[Stretch] = MetricTable()
 metric = EXPOSURE.add
 
 
-metric(
-    "tet_s",
-    "time exposed (TET)",
-    f"time with ttc_s below {following.TTC_THRESHOLD} s",
-    lambda stretch: following.time_exposed(stretch.columns["time_s"], stretch.columns["ttc_s"]),
-    worse="higher",
-    source="Minderhoud and Bovy 2001",
-)
-metric(
-    "tit_s2",
-    "time integrated (TIT)",
-    f"by how much ttc_s lay below {following.TTC_THRESHOLD} s, summed over time",
-    lambda stretch: following.time_integrated(stretch.columns["time_s"], stretch.columns["ttc_s"]),
-    worse="higher",
-    source="Minderhoud and Bovy 2001",
-)
+def _of_ttc(function: Callable[[Floats, Floats], float], stretch: Stretch) -> float:
+    return function(stretch.columns["time_s"], stretch.columns["ttc_s"])
+
+
+BELOW = f"below {following.TTC_THRESHOLD} s"
+for name, label, meaning, function in (
+    ("tet_s", "time exposed (TET)", f"time with ttc_s {BELOW}", following.time_exposed),
+    ("tit_s2", "time integrated (TIT)", f"by how much ttc_s lay {BELOW}, summed over time", following.time_integrated),
+):
+    source = "Minderhoud and Bovy 2001"
+    metric(name, label, meaning, partial(_of_ttc, function), worse="higher", source=source)
 
 
 def _crash_potential(stretch: Stretch) -> float:
@@ -73,23 +69,14 @@ metric(
     lambda stretch: float(np.fmax.reduce(np.abs(stretch.columns["jerk_mps3"]), initial=np.nan)),
     worse="higher",
 )
-metric(
-    "rms_jerk_mps3",
-    "RMS jerk",
-    "root mean square of jerk_mps3",
-    lambda stretch: _rms(stretch.columns["jerk_mps3"]),
-    worse="higher",
-)
-metric(
-    "rms_acceleration_mps2",
-    "RMS acceleration",
-    "root mean square of acceleration_mps2",
-    lambda stretch: _rms(stretch.columns["acceleration_mps2"]),
-    worse="higher",
-)
 
 
-def _rms(values: Floats) -> float:
-    """Return the root mean square of what is known; NaN of nothing."""
+def _rms(column: str, stretch: Stretch) -> float:
+    """Return the root mean square of what is known of a column; NaN of nothing."""
+    values = stretch.columns[column]
     known = values[~np.isnan(values)]
     return float(np.mean(known**2) ** 0.5) if len(known) else float("nan")
+
+
+for column, label in (("jerk_mps3", "RMS jerk"), ("acceleration_mps2", "RMS acceleration")):
+    metric(f"rms_{column}", label, f"root mean square of {column}", partial(_rms, column), worse="higher")

@@ -19,14 +19,7 @@ from vve_sumo.plant.onboard_sensors import Axles, OnboardSensors
 from vve_sumo.plant.receiver import Receiver, ReceiverParameters, unaltered
 from vve_sumo.values import Fix, Frame, Point, Pose, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.interface import (
-    HANDS_OFF,
-    DriverInputs,
-    Gear,
-    InterfaceConfig,
-    SimulatedInterface,
-    load,
-)
+from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs, Gear, InterfaceConfig, SimulatedInterface, load
 
 STEP = 0.005  # of the integration and of the drive-by-wire controller [s]
 STEPS_A_SECOND = round(1.0 / STEP)

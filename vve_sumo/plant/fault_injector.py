@@ -39,10 +39,7 @@ class FaultInjector:
     """
 
     def __init__(
-        self,
-        rehearsed: Iterable[InjectedFault],
-        seeds: np.random.SeedSequence,
-        interface: InterfaceConfig,
+        self, rehearsed: Iterable[InjectedFault], seeds: np.random.SeedSequence, interface: InterfaceConfig
     ) -> None:
         self._due = due = Due(rehearsed)
         self._random = np.random.Generator(np.random.PCG64(seeds))

@@ -66,13 +66,10 @@ def draw(shown: PathInLot, file: FilePath) -> None:
         axes.set_xlabel("east of the lot's origin [m]")
         axes.set_ylabel("north [m]")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.01), ncols=6, borderaxespad=0.2)
-        figure.text(0.02, 1.0 - 0.38 / height, _title(shown), fontsize=14, fontweight="bold")
+        title = f"{shown.path_name} in the lot of {shown.lot_name}"
+        figure.text(0.02, 1.0 - 0.38 / height, title, fontsize=14, fontweight="bold")
         figure.text(0.02, 1.0 - 0.68 / height, _subtitle(shown), fontsize=12)
         figure.savefig(file)
-
-
-def _title(shown: PathInLot) -> str:
-    return f"{shown.path_name} in the lot of {shown.lot_name}"
 
 
 def _subtitle(shown: PathInLot) -> str:

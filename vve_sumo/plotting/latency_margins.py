@@ -48,8 +48,9 @@ def latency_margin(study: LatencyMargin) -> Figure:
             _lateral(middle, steps, look)
         _closed_form(upper, study.steps[study.steps["noise_factor"] == study.steps["noise_factor"].min()])
         if math.isfinite(study.design_margin):
+            margin = MS * study.design_margin
             for axes in panels:
-                _design(axes, study.design_margin)
+                axes.axvline(margin, label=f"steering's delay margin {margin:.0f} ms", **LIMIT)
         upper.set_ylabel("margin: gap left [m]")
         most = float(np.nanmax([*study.steps["lateral_deviation_m"], DEVIATIONS[1]]))
         middle.set(ylabel="greatest lateral\ndeviation [m]", yscale="log", ylim=(0.8 * DEVIATIONS[0], 1.5 * most))
@@ -89,7 +90,3 @@ def _closed_form(axes: Axes, steps: pd.DataFrame) -> None:
     style: dict[str, Any] = {"color": QUIET, "linewidth": OVER, "linestyle": (0, (4, 2)), "zorder": 4}
     delay, margin = (steps[column].to_numpy(np.float64) for column in ("delay_s", "closed_form_m"))
     axes.plot(MS * delay, margin, label="closed form: speed x delay lost", **style)
-
-
-def _design(axes: Axes, margin: float) -> None:
-    axes.axvline(MS * margin, label=f"steering's delay margin {MS * margin:.0f} ms", **LIMIT)

@@ -16,19 +16,7 @@ from numpy.typing import NDArray
 from vve_sumo.metrics.table import axis_of, label_of
 from vve_sumo.plotting.columns import faults, holds, numbers, runs
 from vve_sumo.plotting.page import INK, OBSTACLE, PAPER, QUIET
-from vve_sumo.plotting.style import (
-    BAD,
-    FIRST,
-    IN_A_LINE,
-    WIDTH,
-    blank,
-    explain,
-    finite,
-    name,
-    page,
-    plain,
-    widened,
-)
+from vve_sumo.plotting.style import BAD, FIRST, IN_A_LINE, WIDTH, blank, explain, finite, name, page, plain, widened
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:

@@ -40,12 +40,7 @@ COURSE_LOST: Final = 0.2  #: receivers leave the course empty when slower than a
 KNOT: Final = 1852.0 / 3600.0  #: [m/s]
 
 #: GGA's quality; military PPS, estimated and others are unknown
-QUALITIES: Final = {
-    1: FixQuality.SINGLE,
-    2: FixQuality.DIFFERENTIAL,
-    4: FixQuality.RTK_FIXED,
-    5: FixQuality.RTK_FLOAT,
-}
+QUALITIES: Final = {1: FixQuality.SINGLE, 2: FixQuality.DIFFERENTIAL, 4: FixQuality.RTK_FIXED, 5: FixQuality.RTK_FLOAT}
 NEW: Final = frozenset({Judged.NEWER, Judged.CHANGED})
 NOT_MEASURED: Final = frozenset("NESM")  #: mode indicators: not valid, estimated, simulated, manual
 

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.ncom import LENGTH, MINUTE, MINUTES_SET, SYNC, Decoder, Encoder
-from vve_sumo.values import Fix, FixQuality
+from vve_sumo.values import Fix
 
 COLUMNS: Final = ("time_s", "latitude_deg", "longitude_deg", "heading_deg", "speed_mps")
 #: other names of a column, in the same unit; `speed_mps` may also come as velocity north and east
@@ -198,12 +198,6 @@ class _CsvDrive:
             velocity_down=math.nan,
             yaw_rate=yaw_rate,
             acceleration=acceleration,
-            locked=False,
-            quality=FixQuality.UNKNOWN,
-            position_sigma=math.nan,
-            velocity_sigma=math.nan,
-            heading_sigma=math.nan,
-            differential_age=math.nan,
         )
 
     def _at(self, line: int, column: str) -> str:

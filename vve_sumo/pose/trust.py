@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from vve_sumo.errors import ConfigError
@@ -128,26 +128,15 @@ DRIVE: Final = TrustProfile(
 #: it 0.16 m wrong. The yaw rate is differenced heading, late by 50 ms: a bend entered at 0.6 rad/s of yaw is 0.03 rad
 #: off it, and 0.01 rad are noise. In return a step of the heading shows by half: 0.16 rad is the least that is found.
 #: Noise of 0.08 rad makes 0.8 rad/s of a yaw rate that is differenced over 0.1 s.
-NMEA: Final = TrustProfile(
+NMEA: Final = replace(
+    DRIVE,
     name="nmea",
-    may_arm=True,
-    live=True,
-    position_sigma_limit=0.10,
-    velocity_sigma_limit=0.10,
-    heading_sigma_limit=0.01,
     pitch_needed=False,
-    corrections_age_limit=10.0,
     age_limit=0.15,
     gap_limit=0.25,
     stale_limit=0.25,
-    jump_limit=0.25,
     heading_jump_limit=0.08,
-    altitude_jump_limit=0.5,
     yaw_rate_jump_limit=0.8,
-    acceleration_jump_limit=12.0,
-    course_limit=0.20,
-    course_speed=3.0,
-    settling=0.5,
 )
 
 #: Recordings: no quality, no real time, as few as 2 fixes a second; never a car.

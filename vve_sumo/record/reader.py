@@ -5,12 +5,12 @@ Knows the layout; nothing of what the rows mean.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.layout import CHUNK_HEAD, CLOSED_ENDING, LIVE_SCHEMAS, OPEN_ENDING, SCHEMAS, sensor_schemas
 
@@ -51,14 +51,10 @@ def read_table(folder: Path, name: str) -> pa.Table:
 
 def sensor_tables(folder: Path) -> dict[str, pa.Schema]:
     """Return the table of each sensor, by the table's name; raises ConfigError where the record does not say it."""
-    file = folder / "scenario.json"
-    try:
-        resolved = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{file}: cannot be read: {error}") from None
+    resolved = read_json(folder / "scenario.json", "a drive", "sensors")
     try:
         return sensor_schemas(resolved)
-    except (ConfigError, TypeError) as error:
+    except ConfigError as error:
         raise ConfigError(f"{folder}: {error}") from None
 
 

@@ -75,8 +75,7 @@ class DriveByWire(Table):
     """The drive-by-wire interface that the car is commanded through."""
 
     interface: Name = Field(
-        default="dataspeed_dbw1",
-        description="`dataspeed_dbw1`, `file.py:make`, or an installed package's entry point",
+        default="dataspeed_dbw1", description="`dataspeed_dbw1`, `file.py:make`, or an installed package's entry point"
     )
     settings: dict[str, bool | Finite | int | str] = Field(
         description="handed to make(settings); of `dataspeed_dbw1` the one key `variant`, the firmware's generation, "

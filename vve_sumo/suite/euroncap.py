@@ -9,10 +9,10 @@ import math
 from collections.abc import Iterator
 
 from vve_sumo.suite import requirements
-from vve_sumo.suite.fmvss127 import braking_lead, braking_need
+from vve_sumo.suite.fmvss127 import braking_lead, braking_need, untouched
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, Row
-from vve_sumo.suite.track import AEB, KMH, TARGET, impact_at_most, said, scenario, target, time_to_brake
+from vve_sumo.suite.track import KMH, TARGET, said, target
 from vve_sumo.vehicle.model import VehicleModel
 
 START = 4.0  #: time to collision at which the target enters [s]; ours
@@ -55,22 +55,9 @@ def _closing(car: VehicleModel, kind: str, kmh: float, target_kmh: float, overla
         "width_m": requirements.EURO_NCAP_TARGET_WIDTH,
         "length_m": LENGTH,
     }
-    return Row(
-        id=f"{kind}_{kmh:g}_{overlap:g}",
-        what=what,
-        required=said(0.0),
-        scenario=scenario(
-            f"Euro NCAP: {what}",
-            speed,
-            lasts=START + time_to_brake(speed),
-            controller={"tuning": AEB},
-            actors=[target(speed, ahead, **keys)],
-            criteria=impact_at_most(0.0),
-            end_trigger={"contact": True},
-        ),
-        approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
-        need=Need(gap_used(full_braking(car.vehicle, speed), Course(lead)), ahead),
-    )
+    id, need = f"{kind}_{kmh:g}_{overlap:g}", Need(gap_used(full_braking(car.vehicle, speed), Course(lead)), ahead)
+    approach = Approach(TARGET, speed, TOLERANCE, TOLERANCE)
+    return untouched(id, what, f"Euro NCAP: {what}", approach, START, [target(speed, ahead, **keys)], need)
 
 
 def _braking(car: VehicleModel) -> Iterator[Row]:

@@ -55,34 +55,40 @@ def _closing(car: VehicleModel, entry: requirements.Lead) -> Iterator[Row]:
         what = f"lead {entry.kind}, {kmh:g} km/h" + (f" against {entry.lead:g}" if lead else "")
         need = Need(gap_used(full_braking(car.vehicle, speed), Course(lead)), ahead)
         actors = [target(speed, ahead, speed_mps=lead)]
-        yield untouched(f"{entry.kind}_{kmh:g}", what, what, speed, requirements.FMVSS_127_START, actors, need)
+        id, start = f"{entry.kind}_{kmh:g}", requirements.FMVSS_127_START
+        yield untouched(id, what, f"FMVSS 127: {what}", steady(speed), start, actors, need)
+
+
+def steady(speed: float) -> Approach:
+    """Return the approach at `speed` [m/s] that the standard wants."""
+    return Approach(TARGET, speed, TOLERANCE, TOLERANCE)
 
 
 def untouched(
     id: str,
     what: str,
     title: str,
-    speed: float,
+    approach: Approach,
     start: float,
     actors: list[dict[str, Any]],
     need: Need,
     end_trigger: dict[str, Any] | None = None,
 ) -> Row:
-    """Return a row that allows no contact: emergency braking alone, at `speed` [m/s], `start` [s] from the target."""
+    """Return a row that allows no contact: emergency braking alone, `start` [s] from the target."""
     return Row(
         id=id,
         what=what,
         required=said(0.0),
         scenario=scenario(
-            f"FMVSS 127: {title}",
-            speed,
-            lasts=start + time_to_brake(speed),
+            title,
+            approach.speed,
+            lasts=start + time_to_brake(approach.speed),
             controller={"tuning": AEB},
             actors=actors,
             criteria=impact_at_most(0.0),
             end_trigger=end_trigger or {"contact": True},
         ),
-        approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+        approach=approach,
         need=need,
     )
 
@@ -99,7 +105,7 @@ def _decelerating(
                 what=what,
                 required=said(0.0),
                 scenario=braking_lead(f"FMVSS 127: {what}", speed, headway, share * GRAVITY, 0.0),
-                approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+                approach=steady(speed),
                 need=braking_need(car, speed, headway, share * GRAVITY, 0.0),
             )
 

@@ -7,16 +7,10 @@ from typing import Any
 
 from vve_sumo.scenario.engine import SIZES
 from vve_sumo.suite import requirements
-from vve_sumo.suite.fmvss127 import STEP, untouched
+from vve_sumo.suite.fmvss127 import STEP, steady, untouched
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used, seen_past
 from vve_sumo.suite.row import Row
-from vve_sumo.suite.track import (
-    KMH,
-    WIDTH,
-    gone_by,
-    said,
-    target,
-)
+from vve_sumo.suite.track import KMH, WIDTH, gone_by, said, target
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.model import VehicleModel
 
@@ -99,10 +93,10 @@ def _parked(car: Vehicle, speed: float, ahead: float) -> list[dict[str, Any]]:
 
 
 def _row(walk: requirements.Walk, kmh: float, actors: list[dict[str, Any]], need: Need, end: dict[str, Any]) -> Row:
-    speed = kmh * KMH
     id = f"{walk.kind}_{walk.side}_{walk.overlap:g}_{kmh:g}".replace(" ", "_")
     what = f"{walk.kind}" + (f" at {walk.speed:g} km/h" if walk.speed else "")
     what += f", {walk.side} {walk.overlap:g} %, {kmh:g} km/h"
     if walk.obstructed:
         id, what = f"obstructed_{id}", f"child behind parked cars, {what}"
-    return untouched(id, what, f"pedestrian {what}", speed, requirements.FMVSS_127_WALK_START, actors, need, end)
+    title, start = f"FMVSS 127: pedestrian {what}", requirements.FMVSS_127_WALK_START
+    return untouched(id, what, title, steady(kmh * KMH), start, actors, need, end)

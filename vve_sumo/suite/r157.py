@@ -11,16 +11,7 @@ from collections.abc import Iterator
 from vve_sumo.suite import requirements
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, CutIn, Row
-from vve_sumo.suite.track import (
-    KMH,
-    LANE_WIDTH,
-    TARGET,
-    impact_at_most,
-    said,
-    scenario,
-    target,
-    time_to_brake,
-)
+from vve_sumo.suite.track import KMH, LANE_WIDTH, TARGET, impact_at_most, said, scenario, target, time_to_brake
 from vve_sumo.vehicle.model import VehicleModel
 
 OTHER_SPEED = 40.0  #: of the car that cuts in [km/h]; ours

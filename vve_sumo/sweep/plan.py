@@ -133,12 +133,9 @@ def _sought(search: Boundary | Worst | None, criteria: list[str], file: Path) ->
 
 def _criteria(spec: Spec, scenario: Scenario, table: Mapping[str, Any]) -> list[str]:
     """Return the criteria that a run may be judged by."""
-    set_by_key = {place.split(".")[1] for name in spec.parameters for place in places(table, name) if _judges(place)}
+    varied = (place.split(".") for name in spec.parameters for place in places(table, name))
+    set_by_key = {keys[1] for keys in varied if keys[0] == "criteria"}
     return [name for name, wanted in scenario.criteria if wanted is not None or name in set_by_key]
-
-
-def _judges(place: str) -> bool:
-    return place.startswith("criteria.")
 
 
 def _looked_at(plan: Plan, spec: Spec, cells: RunSpecs, file: Path) -> Plan:

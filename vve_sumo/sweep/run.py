@@ -32,10 +32,7 @@ ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
 
 
 def run_job(
-    job: Job,
-    scratch: FilePath,
-    readings: InputCache,
-    report: Callable[[DriveProgress], None] = lambda progress: None,
+    job: Job, scratch: FilePath, readings: InputCache, report: Callable[[DriveProgress], None] = lambda progress: None
 ) -> Result:
     """Drive a job in this process, which SUMO allows once, and return its figures, or the fault that kept it from any.
 

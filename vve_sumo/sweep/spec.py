@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationError, model_validator
 
-from vve_sumo.config_file import Name, Positive, Table, complaint, read
+from vve_sumo.config_file import Name, Positive, Table, complaint
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.overrides import check_bounds, places
 from vve_sumo.scenario.schema import Scenario
@@ -191,11 +191,6 @@ def parse_spec(table: Mapping[str, Any], file: Path) -> Spec:
         return Spec.model_validate(table)
     except ValidationError as error:
         raise ConfigError(complaint(file, error, Spec)) from None
-
-
-def read_spec(file: Path) -> Spec:
-    """Return the spec in a TOML file; raises ConfigError naming the file and what is wrong with it."""
-    return parse_spec(read(file, "sweep"), file)
 
 
 def fit(spec: Spec, file: Path, table: Mapping[str, Any], taken: frozenset[str]) -> None:

@@ -43,27 +43,22 @@ def cliff_study(
     ConfigError, naming the option or the scenario's key, for what is wrong.
     """
     scenario = load(workspace.find("scenario", name, working))
+    delays = _rising("--delays-ms", DELAYS_MS if delays_ms is None else delays_ms, GREATEST_MS)
     said: dict[str, Any] = {
         "title": f"Latency and noise cliff of {name}",
         "scenario": name,
         "seeds": _seeds(scenario) if seeds is None else _whole(seeds),
-        "parameters": {
-            DELAY: [delay / 1000.0 for delay in _delays(DELAYS_MS if delays_ms is None else delays_ms)],
-            NOISE: _factors(name, scenario, factors),
-        },
+        "parameters": {DELAY: [delay / 1000.0 for delay in delays], NOISE: _factors(name, scenario, factors)},
     }
     return planned(said, CALLED, working, yes=False)
-
-
-def _delays(delays: Sequence[float]) -> list[float]:
-    return _rising("--delays-ms", delays, GREATEST_MS)
 
 
 def _factors(name: str, scenario: Scenario, factors: Sequence[float] | None) -> list[float]:
     if scenario.ego.car.noise:
         return _rising("--noise", FACTORS if factors is None else factors, GREATEST_FACTOR)
     if factors is not None and list(factors) != [0.0]:
-        raise ConfigError(f"--noise: {name} turns the noise off (ego.car.noise), expected 0, got {_said(factors)}")
+        got = ",".join(f"{factor:g}" for factor in factors)
+        raise ConfigError(f"--noise: {name} turns the noise off (ego.car.noise), expected 0, got {got}")
     return [0.0]
 
 
@@ -85,7 +80,3 @@ def _rising(option: str, values: Sequence[float], greatest: float) -> list[float
         got = "none" if wrong is None else f"{wrong:g}"
         raise ConfigError(f"{option}: expected numbers from 0 to {greatest:g}, got {got}")
     return sorted(set(values))
-
-
-def _said(values: Sequence[float]) -> str:
-    return ",".join(f"{value:g}" for value in values)

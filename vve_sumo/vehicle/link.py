@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple, TypeVar
 
 from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint
@@ -69,25 +70,21 @@ def encode_setpoint(setpoint: Setpoint) -> bytes:
 
 def decode_setpoint(data: bytes) -> Setpoint | Malformed:
     """Return the setpoint in a datagram, bit for bit as it was sent."""
-    body = _opened(_KIND_SETPOINT, data)
-    if isinstance(body, Malformed):
-        return body
-    try:
-        reader = _Reader(body)
-        steering, acceleration, sequence, *numbers = reader.take(_SETPOINT)
-        setpoint = Setpoint(
-            steering=steering,
-            acceleration=acceleration,
-            emergency=reader.flag(),
-            note=reader.text(),
-            sequence=sequence,
-            **dict(zip(_NUMBERS, numbers, strict=True)),
-            faults=reader.texts(),
-            profile=reader.profile() if reader.flag() else None,
-        )
-        return reader.finished(setpoint)
-    except (struct.error, ValueError, IndexError):
-        return Malformed("wrong_content")
+    return _decoded(_KIND_SETPOINT, data, _setpoint)
+
+
+def _setpoint(reader: _Reader) -> Setpoint:
+    steering, acceleration, sequence, *numbers = reader.take(_SETPOINT)
+    return Setpoint(
+        steering=steering,
+        acceleration=acceleration,
+        emergency=reader.flag(),
+        note=reader.text(),
+        sequence=sequence,
+        **dict(zip(_NUMBERS, numbers, strict=True)),
+        faults=reader.texts(),
+        profile=reader.profile() if reader.flag() else None,
+    )
 
 
 def encode_act(act: OperatorCommand) -> bytes:
@@ -97,14 +94,7 @@ def encode_act(act: OperatorCommand) -> bytes:
 
 def decode_act(data: bytes) -> OperatorCommand | Malformed:
     """Return the act in a datagram."""
-    body = _opened(_KIND_ACT, data)
-    if isinstance(body, Malformed):
-        return body
-    try:
-        reader = _Reader(body)
-        return reader.finished(OperatorCommand(reader.text()))
-    except (ValueError, IndexError):
-        return Malformed("wrong_content")
+    return _decoded(_KIND_ACT, data, lambda reader: OperatorCommand(reader.text()))
 
 
 def encode_feedback(feedback: Feedback) -> bytes:
@@ -123,18 +113,15 @@ def encode_feedback(feedback: Feedback) -> bytes:
 
 def decode_feedback(data: bytes) -> Feedback | Malformed:
     """Return the feedback in a datagram, bit for bit as it was sent."""
-    body = _opened(_KIND_FEEDBACK, data)
-    if isinstance(body, Malformed):
-        return body
-    try:
-        reader = _Reader(body)
-        time, sequence, sent, measured_steering, wheel_speed, steps = reader.take(_FEEDBACK)
-        steering, acceleration, brake_torque, throttle = reader.take(_VERDICT)
-        state, gear, reasons, limited = ArmingState(reader.text()), reader.text(), reader.texts(), reader.texts()
-        verdict = GatewayStatus(state, reasons, steering, acceleration, limited, brake_torque, throttle)
-        return reader.finished(Feedback(time, sequence, sent, verdict, measured_steering, wheel_speed, gear, steps))
-    except (struct.error, ValueError, IndexError):
-        return Malformed("wrong_content")
+    return _decoded(_KIND_FEEDBACK, data, _feedback)
+
+
+def _feedback(reader: _Reader) -> Feedback:
+    time, sequence, sent, measured_steering, wheel_speed, steps = reader.take(_FEEDBACK)
+    steering, acceleration, brake_torque, throttle = reader.take(_VERDICT)
+    state, gear, reasons, limited = ArmingState(reader.text()), reader.text(), reader.texts(), reader.texts()
+    verdict = GatewayStatus(state, reasons, steering, acceleration, limited, brake_torque, throttle)
+    return Feedback(time, sequence, sent, verdict, measured_steering, wheel_speed, gear, steps)
 
 
 def _sealed(kind: int, body: bytes) -> bytes:
@@ -154,6 +141,17 @@ def _opened(kind: int, data: bytes) -> bytes | Malformed:
     if version != VERSION:
         return Malformed("wrong_version")
     return data[_HEAD.size : -_CRC.size] if said == kind else Malformed("wrong_kind")
+
+
+def _decoded(kind: int, data: bytes, read: Callable[[_Reader], _Message]) -> _Message | Malformed:
+    body = _opened(kind, data)
+    if isinstance(body, Malformed):
+        return body
+    reader = _Reader(body)
+    try:
+        return reader.finished(read(reader))
+    except (struct.error, ValueError, IndexError):
+        return Malformed("wrong_content")
 
 
 def _whole(number: int) -> int:

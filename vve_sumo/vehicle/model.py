@@ -6,14 +6,16 @@ Plain values in SI units. Knows no file and no rig; who has laid a rig's measure
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Self
+from dataclasses import asdict, dataclass, field, is_dataclass
+from typing import Any, Self, TypeVar, get_type_hints
 
 from vve_sumo.frames import Mounting
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig
-from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
+from vve_sumo.vehicle.limits import Limits
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +54,11 @@ class VehicleModel:
     @classmethod
     def from_dict(cls, told: Mapping[str, Any]) -> Self:
         """Return the vehicle that `to_dict` told; raises KeyError, TypeError or ConfigError where it is none."""
-        limits = told["limits"]
-        nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
-        parts = {
-            "vehicle": Vehicle(**told["vehicle"]),
-            "calibration": Calibration(**told["calibration"]),
-            "simulated": SimulatedNumbers(**told["simulated"]),
-            "mounting": Mounting(**told["mounting"]),
-            "limits": Limits(**{**limits, **nested}),
-            "interface": InterfaceConfig(**told["interface"]),
-        }
-        return cls(**{**told, **parts})
+        return rebuilt(cls, told)
+
+
+def rebuilt(kind: type[Value], told: Mapping[str, Any]) -> Value:
+    """Return the dataclass of which `asdict` told, with those within it; raises KeyError or TypeError for another's."""
+    kinds = get_type_hints(kind)
+    nested = {name: rebuilt(kinds[name], value) for name, value in told.items() if is_dataclass(kinds[name])}
+    return kind(**{**told, **nested})

@@ -150,11 +150,6 @@ class Roads:
         """Every edge outside junctions, as sumolib's objects, in file order."""
         return tuple(self._net.getEdges(withInternal=False))
 
-    @property
-    def junctions(self) -> tuple[Any, ...]:
-        """Every junction, as sumolib's objects, in file order."""
-        return tuple(self._net.getNodes())
-
     def edge(self, name: str) -> Any:
         """Return sumolib's edge. Raises ConfigError when there is none of that name."""
         if not self._net.hasEdge(name):

@@ -16,6 +16,7 @@ import libsumo
 from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box
 from vve_sumo.world.lanes import Cut, Lanes
+from vve_sumo.world.proxies import KEEP_ROUTE_GHOST, MATCH_THRESHOLD
 
 STAND_IN_TYPE = "obstacle_stand_in"
 
@@ -27,10 +28,6 @@ FARTHEST = 50.0
 
 #: A stop that outlasts every drive [s].
 FOREVER = 1e9
-
-#: moveToXY: exact place, any edge, permissions ignored.
-KEEP_ROUTE = 6
-MATCH_THRESHOLD = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +97,7 @@ def _on_lane(obstacle: Obstacle, spot: LaneSpot, lanes: Lanes) -> Box:
     x, y, heading = lane.at(spot.position)
     cos, sin, back = math.cos(heading), math.sin(heading), 0.5 * obstacle.length
     return Box(
-        x - back * cos - spot.offset * sin,
-        y - back * sin + spot.offset * cos,
-        heading,
-        obstacle.length,
-        obstacle.width,
+        x - back * cos - spot.offset * sin, y - back * sin + spot.offset * cos, heading, obstacle.length, obstacle.width
     )
 
 
@@ -147,5 +140,5 @@ class Obstacles:
         libsumo.vehicle.add(name, self._lanes.route(cut.lane.id), STAND_IN_TYPE, departSpeed="0")
         libsumo.vehicle.setLength(name, cut.end - cut.start)
         angle = math.degrees(0.5 * math.pi - heading) % 360.0
-        libsumo.vehicle.moveToXY(name, cut.lane.edge, cut.lane.index, x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
+        libsumo.vehicle.moveToXY(name, cut.lane.edge, cut.lane.index, x, y, angle, KEEP_ROUTE_GHOST, MATCH_THRESHOLD)
         libsumo.vehicle.setSpeed(name, 0.0)

@@ -32,7 +32,7 @@ LENGTH_STEP = 0.01
 #: Lanes behind the one that holds the front bumper which may still hold the tail: a short junction has two pieces.
 LANES_BEHIND = 4
 
-#: moveToXY: exact place, any edge, permissions ignored (a ghost may stand on a bus or bicycle lane).
+#: moveToXY: exact place, any edge, permissions ignored (a ghost or an obstacle may stand on a bus or bicycle lane).
 KEEP_ROUTE_GHOST = 6
 MATCH_THRESHOLD = 5.0
 

@@ -8,29 +8,16 @@ import pytest
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Frame
+from vve_sumo.vehicle import interface as port
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Variant
 from vve_sumo.vehicle.dataspeed.interface import REPORTS, DataspeedDbw1, make
-from vve_sumo.vehicle.interface import (
-    Accelerations,
-    ActuationCommand,
-    BrakeState,
-    BrakeTorque,
-    Commanded,
-    Gear,
-    GearState,
-    Malformed,
-    SteeringState,
-    ThrottleState,
-    WheelSpeeds,
-    YawRate,
-)
 
 BRAKE = codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=False)
 THROTTLE = codec.ThrottleReport(0.15, 0.15, 0.15, enabled=False)
 STEERING = codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=False)
-GEAR = codec.GearReport(Gear.NEUTRAL)
-COMMAND = ActuationCommand(512.0, 0.25, 0.5, 4.0, Gear.DRIVE, enable=True, clear=False)
+GEAR = codec.GearReport(port.Gear.NEUTRAL)
+COMMAND = port.ActuationCommand(512.0, 0.25, 0.5, 4.0, port.Gear.DRIVE, enable=True, clear=False)
 FAULTS = ("fault_channel_1", "fault_channel_2", "fault_power")
 
 
@@ -50,11 +37,11 @@ def test_an_actuation_is_four_frames_with_one_counter(variant, enable, clear):
             codec.encode(codec.BrakeCommand(codec.BrakeKind.TORQUE, 512.0, enable, counter, clear), variant),
             codec.encode(codec.ThrottleCommand(codec.ThrottleKind.PERCENT, 0.25, enable, counter, clear), variant),
             codec.encode(codec.SteeringCommand(0.5, 4.0, enable, counter, clear), variant),
-            codec.encode(codec.GearCommand(Gear.DRIVE, clear), variant),
+            codec.encode(codec.GearCommand(port.Gear.DRIVE, clear), variant),
         )
 
 
-@pytest.mark.parametrize("gear", Gear)
+@pytest.mark.parametrize("gear", port.Gear)
 @pytest.mark.parametrize("clear", [False, True])
 def test_every_gear_is_asked_for_as_it_is(gear, clear):
     frame = DataspeedDbw1().encode(COMMAND._replace(gear=gear, clear=clear))[-1]
@@ -85,7 +72,7 @@ def test_other_settings_are_refused(settings):
         make(settings)
 
 
-@pytest.mark.parametrize(("message", "kind"), [(BRAKE, BrakeState), (THROTTLE, ThrottleState)])
+@pytest.mark.parametrize(("message", "kind"), [(BRAKE, port.BrakeState), (THROTTLE, port.ThrottleState)])
 def test_each_flag_of_a_pedal_module_is_its_own(message, kind):
     assert state(message) == kind(enabled=False)
     for field in ("enabled", "override", "driver", "timeout"):
@@ -96,32 +83,32 @@ def test_each_flag_of_a_pedal_module_is_its_own(message, kind):
 
 
 def test_the_watchdogs_braking_is_the_brakes():
-    assert state(BRAKE._replace(watchdog_braking=True)) == BrakeState(False, watchdog_braking=True)
+    assert state(BRAKE._replace(watchdog_braking=True)) == port.BrakeState(False, watchdog_braking=True)
 
 
 def test_each_flag_of_the_steering_is_its_own():
-    assert state(STEERING) == SteeringState(0.0, enabled=False)
+    assert state(STEERING) == port.SteeringState(0.0, enabled=False)
     for field in ("enabled", "override", "timeout"):
-        assert state(STEERING._replace(**{field: True})) == SteeringState(0.0, False)._replace(**{field: True})
+        assert state(STEERING._replace(**{field: True})) == port.SteeringState(0.0, False)._replace(**{field: True})
     for fault in ("fault_bus_1", "fault_bus_2", "fault_calibration", "fault_power"):
-        assert state(STEERING._replace(**{fault: True})) == SteeringState(0.0, False, fault=True)
-    assert state(STEERING._replace(fault_watchdog=True)) == SteeringState(0.0, False, watchdog=True)
+        assert state(STEERING._replace(**{fault: True})) == port.SteeringState(0.0, False, fault=True)
+    assert state(STEERING._replace(fault_watchdog=True)) == port.SteeringState(0.0, False, watchdog=True)
     assert state(STEERING._replace(wheel_angle=-0.5)).wheel_angle == pytest.approx(-0.5, abs=1e-3)
 
 
 def test_each_flag_of_the_shifter_is_its_own():
-    assert state(GEAR) == GearState(Gear.NEUTRAL)
-    assert state(GEAR._replace(override=True)) == GearState(Gear.NEUTRAL, override=True)
-    assert state(GEAR._replace(fault_bus=True)) == GearState(Gear.NEUTRAL, fault=True)
+    assert state(GEAR) == port.GearState(port.Gear.NEUTRAL)
+    assert state(GEAR._replace(override=True)) == port.GearState(port.Gear.NEUTRAL, override=True)
+    assert state(GEAR._replace(fault_bus=True)) == port.GearState(port.Gear.NEUTRAL, fault=True)
 
 
 def test_sensors_are_passed_on():
-    wheels, rates = WheelSpeeds(1.0, 2.0, -3.0, 4.0), YawRate(0.1, -0.2)
+    wheels, rates = port.WheelSpeeds(1.0, 2.0, -3.0, 4.0), port.YawRate(0.1, -0.2)
     assert state(wheels) == pytest.approx(wheels)
     assert state(rates) == pytest.approx(rates)
-    accelerations = Accelerations(1.0, -2.0, 9.8)
+    accelerations = port.Accelerations(1.0, -2.0, 9.8)
     assert state(accelerations) == pytest.approx(accelerations)
-    assert state(codec.BrakeInfo(400.0, 800.0, False)) == BrakeTorque(800.0)
+    assert state(codec.BrakeInfo(400.0, 800.0, False)) == port.BrakeTorque(800.0)
 
 
 @pytest.mark.parametrize("variant", Variant)
@@ -138,13 +125,13 @@ def test_a_pedal_report_is_read_anew_whenever_its_state_may_differ(variant, iden
 
 def test_what_is_damaged_says_nothing_whatever_was_said_before():
     interface = DataspeedDbw1()
-    for message in (BRAKE, THROTTLE, STEERING, GEAR, WheelSpeeds(1.0, 1.0, 1.0, 1.0)):
+    for message in (BRAKE, THROTTLE, STEERING, GEAR, port.WheelSpeeds(1.0, 1.0, 1.0, 1.0)):
         frame = codec.encode(message)
         good = interface.decode(frame)
         for data in {b"", frame.data[:-1], frame.data[1:], frame.data[6:], frame.data + b"\0"}:
-            assert interface.decode(Frame(frame.id, data)) == Malformed(frame.id, "length")
+            assert interface.decode(Frame(frame.id, data)) == port.Malformed(frame.id, "length")
         assert interface.decode(frame) == good
-    assert interface.decode(Frame(codec.GEAR_REPORT, b"\7\0")) == Malformed(codec.GEAR_REPORT, "value")
+    assert interface.decode(Frame(codec.GEAR_REPORT, b"\7\0")) == port.Malformed(codec.GEAR_REPORT, "value")
 
 
 def test_what_it_does_not_read_reports_nothing():
@@ -156,9 +143,9 @@ def test_what_it_does_not_read_reports_nothing():
 def test_what_a_command_said_can_be_read_from_a_record():
     interface = DataspeedDbw1()
     brake, throttle, steering, gear = map(interface.commanded, interface.encode(COMMAND))
-    assert brake == pytest.approx(Commanded(512.0, math.nan, math.nan), nan_ok=True)
-    assert throttle == pytest.approx(Commanded(math.nan, 0.25, math.nan), nan_ok=True, abs=1e-5)
-    assert steering == pytest.approx(Commanded(math.nan, math.nan, 0.5), nan_ok=True, abs=1e-3)
+    assert brake == pytest.approx(port.Commanded(512.0, math.nan, math.nan), nan_ok=True)
+    assert throttle == pytest.approx(port.Commanded(math.nan, 0.25, math.nan), nan_ok=True, abs=1e-5)
+    assert steering == pytest.approx(port.Commanded(math.nan, math.nan, 0.5), nan_ok=True, abs=1e-3)
     assert gear is None
     percent = codec.BrakeCommand(codec.BrakeKind.PERCENT, 0.5, True, 1)
     assert interface.commanded(codec.encode(percent)) is None

@@ -38,8 +38,7 @@ class UdpReceiver(ReceiverTable):
     )
 
     address: Address = Field(
-        default="127.0.0.1",
-        description="to listen on: this machine alone by default, `0.0.0.0` for a broadcast",
+        default="127.0.0.1", description="to listen on: this machine alone by default, `0.0.0.0` for a broadcast"
     )
     port: NetworkPort = Field(default=3000, description="to listen on")
     source: Annotated[str, AfterValidator(_sender)] | None = Field(

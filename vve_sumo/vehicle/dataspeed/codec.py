@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from vve_sumo.values import Frame
@@ -32,50 +32,6 @@ from vve_sumo.vehicle.dataspeed.messages import (
     WatchdogSource,
 )
 from vve_sumo.vehicle.interface import Accelerations, Gear, Malformed, WheelSpeeds, YawRate
-
-__all__ = [
-    "ACCELERATIONS",
-    "BRAKE_COMMAND",
-    "BRAKE_INFO",
-    "BRAKE_REPORT",
-    "COMMAND_IDS",
-    "GEAR_COMMAND",
-    "GEAR_REPORT",
-    "MISC_COMMAND",
-    "STEERING_COMMAND",
-    "STEERING_REPORT",
-    "THROTTLE_COMMAND",
-    "THROTTLE_REPORT",
-    "TORQUE_LIMIT",
-    "WHEEL_ANGLE_LIMIT",
-    "WHEEL_RATE_LIMIT",
-    "WHEEL_SPEEDS",
-    "YAW_RATE",
-    "Accelerations",
-    "BrakeCommand",
-    "BrakeInfo",
-    "BrakeKind",
-    "BrakeReport",
-    "BrakeReportKind",
-    "Gear",
-    "GearCommand",
-    "GearReject",
-    "GearReport",
-    "Malformed",
-    "Message",
-    "ParkingBrake",
-    "SteeringCommand",
-    "SteeringReport",
-    "ThrottleCommand",
-    "ThrottleKind",
-    "ThrottleReport",
-    "Variant",
-    "WatchdogSource",
-    "WheelSpeeds",
-    "YawRate",
-    "decode",
-    "encode",
-]
 
 # Layout and scales: Dataspeed's BSD-3 sources `dbw_mkz_can` (2018; repository yinzixuan126/dbw_mkz_ros, dispatch.h,
 # DbwNode.cpp) and `dbw_ford_can` 2.1.16 (2024; repository revyos-ros/dbw_ros-release, dispatch.hpp, DbwNode.cpp).
@@ -154,8 +110,15 @@ _REPORT_STEPS = {
     BrakeReportKind.TORQUE: (1.0, 1.0),
 }
 
-_BRAKE_KINDS = {int(kind): kind for kind in BrakeKind}
-_THROTTLE_KINDS = {int(kind): kind for kind in ThrottleKind}
+_PEDALS: Final[
+    dict[
+        int,
+        tuple[type[BrakeCommand] | type[ThrottleCommand], Mapping[int, Any], Mapping[Any, tuple[float, float, float]]],
+    ]
+] = {
+    BRAKE_COMMAND: (BrakeCommand, {int(kind): kind for kind in BrakeKind}, _BRAKE_SCALE),
+    THROTTLE_COMMAND: (ThrottleCommand, {int(kind): kind for kind in ThrottleKind}, _THROTTLE_SCALE),
+}
 _REPORT_KINDS = {int(kind): kind for kind in BrakeReportKind}
 _GEARS = {int(gear): gear for gear in Gear}
 #: Every flag byte as eight truths, lowest bit first.
@@ -234,25 +197,18 @@ def _encode_brake_command(command: BrakeCommand, variant: Variant) -> Frame:
     return _command_frame(BRAKE_COMMAND, _PEDAL_COMMAND, value, command.kind << 4, _flags(command), command.counter)
 
 
-def _decode_brake_command(data: bytes, _: Variant) -> BrakeCommand | Malformed:
-    value, kind_bits, flags, counter = _PEDAL_COMMAND.unpack(data)
-    kind = _BRAKE_KINDS.get(kind_bits >> 4)
-    if kind is None or flags & _IGNORE:
-        return Malformed(BRAKE_COMMAND, "value" if kind is None else "ignore_bit")
-    return BrakeCommand(kind, value / _BRAKE_SCALE[kind][2], bool(flags & _EN), counter, bool(flags & _CLEAR))
-
-
 def _encode_throttle_command(command: ThrottleCommand, _: Variant) -> Frame:
     value = _counts(command.value, *_THROTTLE_SCALE[command.kind], "throttle command")
     return _command_frame(THROTTLE_COMMAND, _PEDAL_COMMAND, value, command.kind << 4, _flags(command), command.counter)
 
 
-def _decode_throttle_command(data: bytes, _: Variant) -> ThrottleCommand | Malformed:
+def _decode_pedal_command(identifier: int, data: bytes) -> BrakeCommand | ThrottleCommand | Malformed:
+    message, kinds, scales = _PEDALS[identifier]
     value, kind_bits, flags, counter = _PEDAL_COMMAND.unpack(data)
-    kind = _THROTTLE_KINDS.get(kind_bits >> 4)
+    kind = kinds.get(kind_bits >> 4)
     if kind is None or flags & _IGNORE:
-        return Malformed(THROTTLE_COMMAND, "value" if kind is None else "ignore_bit")
-    return ThrottleCommand(kind, value / _THROTTLE_SCALE[kind][2], bool(flags & _EN), counter, bool(flags & _CLEAR))
+        return Malformed(identifier, "value" if kind is None else "ignore_bit")
+    return message(kind, value / scales[kind][2], bool(flags & _EN), counter, bool(flags & _CLEAR))
 
 
 def _encode_steering_command(command: SteeringCommand, variant: Variant) -> Frame:
@@ -530,8 +486,8 @@ _ENCODERS: Final[dict[type, Callable[[Any, Variant], Frame]]] = {
 
 #: Identifier to (length of its data, decoder).
 _DECODERS: Final[dict[int, tuple[int, Callable[[bytes, Variant], Any]]]] = {
-    BRAKE_COMMAND: (8, _decode_brake_command),
-    THROTTLE_COMMAND: (8, _decode_throttle_command),
+    BRAKE_COMMAND: (8, lambda data, _: _decode_pedal_command(BRAKE_COMMAND, data)),
+    THROTTLE_COMMAND: (8, lambda data, _: _decode_pedal_command(THROTTLE_COMMAND, data)),
     STEERING_COMMAND: (8, _decode_steering_command),
     GEAR_COMMAND: (1, _decode_gear_command),
     BRAKE_REPORT: (8, _decode_brake_report),

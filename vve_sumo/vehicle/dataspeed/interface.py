@@ -157,19 +157,7 @@ def make(settings: Mapping[str, SettingValue]) -> DataspeedDbw1:
     return DataspeedDbw1(names[str(said)])
 
 
-def _brake(report: BrakeReport) -> BrakeState:
-    return BrakeState(
-        report.enabled,
-        report.override,
-        report.driver,
-        report.timeout,
-        report.fault_channel_1 or report.fault_channel_2 or report.fault_power,
-        report.fault_watchdog,
-        report.watchdog_braking,
-    )
-
-
-def _throttle(report: ThrottleReport) -> ThrottleState:
+def _throttle(report: BrakeReport | ThrottleReport) -> ThrottleState:
     return ThrottleState(
         report.enabled,
         report.override,
@@ -178,6 +166,10 @@ def _throttle(report: ThrottleReport) -> ThrottleState:
         report.fault_channel_1 or report.fault_channel_2 or report.fault_power,
         report.fault_watchdog,
     )
+
+
+def _brake(report: BrakeReport) -> BrakeState:
+    return BrakeState(*_throttle(report), watchdog_braking=report.watchdog_braking)
 
 
 def _steering(report: SteeringReport) -> SteeringState:
