@@ -36,6 +36,8 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
     "brake_monitor": _vehicle("brake_monitor", "brake_monitor.py", "figures.py"),
     "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),
-    "gateway": _vehicle("gateway", "evidence.py", "gateway.py", "fallback.py", "waiting.py", "other_cars.py"),
+    "gateway": _vehicle(
+        "gateway", "evidence.py", "gateway.py", "fallback.py", "waiting.py", "other_cars.py", "gateway_status.py"
+    ),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
 }
