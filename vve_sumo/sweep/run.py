@@ -17,7 +17,7 @@ from vve_sumo.drive.progress import DriveProgress, reported
 from vve_sumo.drive.summary import judge
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
-from vve_sumo.record import record
+from vve_sumo.record.writer import claim as claim_folder
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep.input_cache import InputCache, setting_of
 from vve_sumo.sweep.job import DISK_FULL, NO_ROOM, Figure, Job, Result, finite, refused
@@ -99,7 +99,7 @@ def growing(job: Job, scratch: FilePath) -> FilePath:
 def claim(job: Job) -> None:
     """Raise ConfigError where something that is no record lies in the way of the one to keep."""
     if job.keep is not None and job.keep.exists() and not (job.keep / "scenario.json").is_file():
-        record.claim(job.keep)
+        claim_folder(job.keep)
 
 
 def tidy(job: Job, scratch: FilePath, *, keep: bool) -> None:
