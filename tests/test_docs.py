@@ -17,6 +17,7 @@ from pydantic import BaseModel
 
 from tests.conftest import REPOSITORY
 from tests.live import matrix
+from tests.record.declared import LIVE_TABLES
 from vve_sumo.analysis.latency import PERCENTILES
 from vve_sumo.analysis.sensing import STATISTICS
 from vve_sumo.metrics.exposure import EXPOSURE
@@ -27,7 +28,6 @@ from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
 from vve_sumo.pose.receivers.port import PORT, ReceiverTable
 from vve_sumo.pose.receivers.port import load as load_receiver
-from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS
 from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.rig.schema import Rig
@@ -84,7 +84,7 @@ def _codes(reasons: Mapping[str, str]) -> str:
 
 
 def _schema(table: str) -> str:
-    rows = (f"| `{f.name}` | {f.type} | {f.metadata[b'meaning'].decode()} |" for f in (SCHEMAS | LIVE_SCHEMAS)[table])
+    rows = (f"| `{f.name}` | {f.type} | {f.metadata[b'meaning'].decode()} |" for f in LIVE_TABLES[table])
     return "\n".join(["| column | type | meaning |", "|---|---|---|", *rows])
 
 
@@ -119,7 +119,8 @@ def _rig_keys() -> str:
 GENERATED = {
     ("faults.md", "faults"): matrix.table,
     ("faults.md", "kinds"): _kinds,
-    ("record.md", "detection columns"): lambda: _schema("detections"),
+    ("record.md", "reading columns"): lambda: _schema("readings"),
+    ("record.md", "detection columns"): lambda: _schema("sensor_radar"),
     ("record.md", "actor columns"): lambda: _schema("actors"),
     ("record.md", "gateway columns"): lambda: _schema("gateway"),
     ("record.md", "latency columns"): lambda: _schema("latency"),

@@ -84,7 +84,7 @@ def in_si(table: Table, *left_out: str) -> dict[str, float]:
     return said
 
 
-def complaint(file: Path, error: ValidationError, model: type[BaseModel]) -> str:
+def complaint(file: Path | str, error: ValidationError, model: type[BaseModel]) -> str:
     """Say in one line what is wrong with a file that should hold a `model`: file, key, what was expected, what came."""
     complaints = error.errors(include_url=False)
     # A key that is spelt wrongly is also missing under its right name; the wrong spelling is what helps.

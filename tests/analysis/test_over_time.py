@@ -18,7 +18,7 @@ from vve_sumo.metrics.exposure import EXPOSURE
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.per_tick import PER_TICK
 from vve_sumo.metrics.slope import slope
-from vve_sumo.record.record import SCHEMAS
+from vve_sumo.record.layout import SCHEMAS
 
 BUMPER = CAR.rear_axle_to_bumper
 TIME = np.arange(100) * PERIOD

@@ -18,7 +18,7 @@ from vve_sumo.drive.replay import changed_since, read_car_frames, read_pipeline_
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path as Curve
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
 LEAD = {
     "id": "lead",

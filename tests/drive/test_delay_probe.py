@@ -34,7 +34,7 @@ def _probed(changes: dict[str, Any]) -> Stop:
 
     from vve_sumo.drive import run as drives
     from vve_sumo.drive.resolved_scenario import resolve_scenario
-    from vve_sumo.record.record import read_table
+    from vve_sumo.record.reader import read_table
     from vve_sumo.scenario.load import parse
     from vve_sumo.scenario.overrides import apply_overrides
 

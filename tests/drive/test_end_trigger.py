@@ -15,7 +15,7 @@ from tests.isolated import isolated
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.drive.termination import end_reason
 from vve_sumo.metrics.drive_data import DriveData
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 from vve_sumo.scenario.schema import EndTrigger
 
 NAN = math.nan

@@ -97,7 +97,8 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
     """Return summary, true speeds and states of a drive with a receiver that goes wrong."""
     from vve_sumo.drive.lockstep import Lockstep
     from vve_sumo.drive.summary import summarise
-    from vve_sumo.record.record import Record, read_table
+    from vve_sumo.record.reader import read_table
+    from vve_sumo.record.writer import Record
 
     resolved = altered({"road.demand": [], "obstacles": [], "duration_s": 40.0})
     with tempfile.TemporaryDirectory() as scratch:

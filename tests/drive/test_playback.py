@@ -14,7 +14,7 @@ from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
 from tests.pose import recordings
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.messages import BrakeCommand, SteeringCommand, ThrottleCommand
 

@@ -15,7 +15,7 @@ from tests.isolated import isolated
 from vve_sumo import cli
 from vve_sumo.drive.replay import (
     Difference,
-    changed_controller,
+    changed_code,
     changed_since,
     read_car_frames,
     read_pipeline_inputs,
@@ -25,7 +25,8 @@ from vve_sumo.drive.replay import (
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import hash_parts, read_pose_chunks, read_table
+from vve_sumo.record.hashes import hash_parts
+from vve_sumo.record.reader import read_pose_chunks, read_table
 
 DRIVES: dict[str, dict[str, Any]] = {
     "traffic": {"road.demand": ["linden_heavy"], "duration_s": 30.0, "seed": 4},
@@ -48,9 +49,9 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def replayed(folder: Path) -> Difference | None:
-    resolved = recorded_scenario(folder, REPOSITORY)
-    assert changed_since(folder, resolved) == changed_controller(folder, resolved, REPOSITORY) == []
-    return replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, DEFAULT_EPOCH), REPOSITORY)
+    setting = setting_of(folder, REPOSITORY)
+    assert changed_since(folder, setting) == changed_code(folder, REPOSITORY) == []
+    return replay(setting, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
 
 
 @pytest.mark.parametrize("name", DRIVES)
@@ -158,6 +159,6 @@ def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path, role: 
     resolved = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
     resolved["files_sha256"][role] = "0" * 64
     (folder / "scenario.json").write_text(json.dumps(resolved), encoding="utf-8")
-    resolved = recorded_scenario(folder, REPOSITORY)
-    told = changed_since(folder, resolved) + changed_controller(folder, resolved, REPOSITORY)
+    setting = setting_of(folder, REPOSITORY)
+    told = changed_since(folder, setting) + changed_code(folder, REPOSITORY)
     assert told == [f"{role} has changed since"]

@@ -21,7 +21,7 @@ from vve_sumo.metrics import following
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path as Curve
-from vve_sumo.record.record import SCHEMAS
+from vve_sumo.record.layout import SCHEMAS
 from vve_sumo.values import Actors, Floats
 
 LANE = -1.6  #: y of the one lane to the east [m]

@@ -13,7 +13,7 @@ from tests.conftest import REPOSITORY
 from tests.isolated import isolated
 from tests.vehicles import FUSION, MKZ
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import hash_file
+from vve_sumo.record.hashes import hash_file
 
 CALIBRATED = """
 [vehicle]

@@ -17,7 +17,7 @@ from pathlib import Path
 from tests.conftest import REPOSITORY
 from tests.live.stage import DRIVES
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
 #: what becomes of the shipped scenario, so that a drive takes seconds: slow, and the parked car is near
 SHORTER = {

@@ -13,7 +13,7 @@ from tests.live.command_line import own_rig
 from tests.live.stage import SCENARIO
 from tests.live.terminal import Desk, desk
 from vve_sumo.live import signals
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
 #: linden_17th laid into the simulated rig's airfield from where its car stands, as `vve-sumo align` stores it
 STORED = (

@@ -22,7 +22,7 @@ from tests.live.command_line import own_rig
 from tests.live.patience import until
 from tests.live.stage import SCENARIO, read_truth
 from vve_sumo.pose.ncom import pack
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
 pytestmark = pytest.mark.live
 

@@ -14,7 +14,7 @@ from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig, vve_sumo
 from tests.live.witness import stalls, witness
 from vve_sumo.analysis import Run, latency_breakdown
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
 pytestmark = [pytest.mark.live, pytest.mark.alone]
 

@@ -23,6 +23,7 @@ from tests.conftest import REPOSITORY
 from tests.drive.forge import change_json, seal_again
 from tests.live.records import PATIENCE, Drive, begin
 from tests.live.witness import stalls, witness
+from tests.record.declared import LIVE_TABLES
 from vve_sumo import cli
 from vve_sumo.bus import read_log
 from vve_sumo.drive import run as drives
@@ -33,13 +34,25 @@ from vve_sumo.drive.verify import altered_parts
 from vve_sumo.live.assembly import from_dict
 from vve_sumo.live.replay import read_live_inputs, replay_drive, replay_gateway
 from vve_sumo.plotting.drive_record import draw_drive
-from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS, hash_parts, read_pose_chunks, read_table, whole, write_summary
+from vve_sumo.record.hashes import hash_parts, whole
+from vve_sumo.record.reader import read_pose_chunks, read_table
+from vve_sumo.record.summary import write_summary
 from vve_sumo.values import Setpoint
 from vve_sumo.vehicle import link
 
 pytestmark = pytest.mark.live
 
-PARTS = ("scenario.json", "pose.bin", "can.log", "ticks", "actors", "detections", "gateway", "provenance.json")
+PARTS = (
+    "scenario.json",
+    "pose.bin",
+    "can.log",
+    "ticks",
+    "actors",
+    "readings",
+    "sensor_radar",
+    "gateway",
+    "provenance.json",
+)
 #: that a kill may lose [s]
 MOST_LOST = 0.2
 #: drives until one shows its fault; on a machine that is busy one may stop before
@@ -237,7 +250,8 @@ def test_a_changed_report_is_found_where_the_gateway_sees_it(copy: Path, capsys:
 
 CHANGES: dict[str, tuple[str, str]] = {
     "ticks": ("steering_setpoint_rad", "tick"),
-    "detections": ("range_m", "tick"),
+    "readings": ("measured_s", "tick"),
+    "sensor_radar": ("range_m", "tick"),
     "gateway": ("brake_torque_nm", "step"),
 }
 
@@ -284,7 +298,7 @@ def test_another_seed_is_another_drive(copy: Path, capsys: pytest.CaptureFixture
     text = file.read_text(encoding="utf-8")
     assert text.count('"seed": 1,') == 1
     file.write_text(text.replace('"seed": 1,', '"seed": 3,'), encoding="utf-8")
-    first = read_table(copy, "detections")["tick"][0].as_py()
+    first = read_table(copy, "sensor_radar")["tick"][0].as_py()
     code, said, _notes = replayed(copy, capsys)
     assert code == 1
     assert said.splitlines()[0].startswith("scenario.json is not")
@@ -363,7 +377,7 @@ def lost(folder: Path, at: float) -> dict[str, float]:
 
 def open_with_every_tool(folder: Path) -> None:
     """Read every table, summarise and draw a record, whatever became of its drive."""
-    for name in SCHEMAS | LIVE_SCHEMAS:
+    for name in LIVE_TABLES:
         read_table(folder, name)
     resolved, _rig = from_dict(read_live_inputs(folder).scenario_content, REPOSITORY)
     summary = summarise(resolved, DriveEnd(Outcome.BROKEN, ()), folder, hash_parts(folder))

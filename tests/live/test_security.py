@@ -20,7 +20,7 @@ from tests.live.command_line import own_rig
 from tests.live.patience import until
 from tests.setpoints import setpoint as complete
 from vve_sumo.pose.ncom import Encoder
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.gateway import OperatorCommand
 

@@ -20,7 +20,7 @@ from tests.isolated import isolated
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.path import Path
 from vve_sumo.plotting import birds_eye, drive_page, page
-from vve_sumo.record.record import SCHEMAS
+from vve_sumo.record.layout import SCHEMAS
 from vve_sumo.values import TickRow
 
 CAR = vehicles.FUSION.vehicle

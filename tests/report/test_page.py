@@ -72,7 +72,7 @@ def cut_short(record: Path, folder: Path) -> Path:
     folder.mkdir()
     for name in ("scenario.json", "pose.bin", "can.log"):
         shutil.copy(record / name, folder)
-    for name in ("ticks", "detections", "actors"):
+    for name in ("ticks", "readings", "sensor_radar", "actors"):
         table = pq.read_table(record / f"{name}.parquet")
         with pa.OSFile(str(folder / f"{name}.arrows"), "wb") as file, pa.ipc.new_stream(file, table.schema) as stream:
             stream.write_table(table.slice(0, table.num_rows // 2))

@@ -27,7 +27,8 @@ from vve_sumo.plant.injected_faults import START_SPEED, InjectedFault
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.sensors.radar import Radar, RadarConfig
+from vve_sumo.sensors.guarded import GuardedSensor
+from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.values import Actors, ArmingState, ControlCommand, Frame, GatewayStatus, Observation, Pose
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
@@ -86,7 +87,7 @@ class ClosedLoop:
             gate=TrustGate(DRIVE, DEFAULT_EPOCH),
             placement=Placement(LOT, Alignment(), parameters.receiver.mounting, DEFAULT_EPOCH),
             predictor=Predictor(),
-            sensors={"radar": Radar(RadarConfig(), vehicle, np.random.default_rng(seeds[1]))},
+            sensors={"radar": GuardedSensor("radar", RadarSettings(), vehicle, np.random.default_rng(seeds[1]))},
             controller=Guarded(controller or follow_and_stop.make(vehicle, {})),
             vehicle=vehicle,
             path=path,

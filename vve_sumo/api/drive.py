@@ -9,7 +9,7 @@ from vve_sumo.api.results import Run
 from vve_sumo.api.scenario import Scenario
 from vve_sumo.drive.run import new_run_folder
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.record import claim
+from vve_sumo.record.writer import claim
 from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.job import CONFIG, Job, Result
 from vve_sumo.sweep.run import growing

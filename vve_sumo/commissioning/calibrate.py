@@ -22,7 +22,7 @@ from vve_sumo.drive.resolved_scenario import recorded_model
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
 from vve_sumo.pose.ncom import Decoder
-from vve_sumo.record.record import read_pose_chunks
+from vve_sumo.record.reader import read_pose_chunks
 from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig.resolve import model_of, receiver_of

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.commissioning.findings import Check, Finding
-from vve_sumo.record.record import hash_file
+from vve_sumo.record.hashes import hash_file
 
 #: folder of the verdicts in the folder that the commands are run from; a file a rig
 FOLDER: Final = Path("runs") / "doctor"

@@ -21,8 +21,8 @@ from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate, TrustProfile
-from vve_sumo.sensors.port import Sensor
-from vve_sumo.sensors.registry import SENSORS
+from vve_sumo.sensors.guarded import GuardedSensor
+from vve_sumo.sensors.port import PORT, SensorSettings
 
 #: Consumers of chance whose streams are numbered, as they were before streams had names.
 _NUMBERED: Final = {"vehicle": 0, "radar": 1}
@@ -78,13 +78,14 @@ class PoseInput:
     geofence: Geofence | None = None  #: None where the car may stop anywhere
 
 
-def sensors_of(resolved: ResolvedScenario) -> dict[str, Sensor]:
-    """Return the scenario's sensors by their names, each with a stream of chance of its own."""
-    scenario = resolved.scenario
-    return {
-        name: kind.make(getattr(scenario, name), resolved.vehicle, np.random.default_rng(seed_of(scenario.seed, name)))
-        for name, kind in SENSORS.items()
-    }
+def sensors_of(setting: ResolvedScenario) -> dict[str, GuardedSensor]:
+    """Return the scenario's sensors by their names, each with a stream of chance of its own; raises ConfigError."""
+
+    def made(name: str, settings: SensorSettings) -> GuardedSensor:
+        seeds = seed_of(setting.scenario.seed, name if name == "radar" else f"sensor {name}")
+        return GuardedSensor(name, settings, setting.vehicle, np.random.default_rng(seeds))
+
+    return {name: PORT.make(name, made, name, settings) for name, settings in setting.sensors().items()}
 
 
 def build_pipeline(resolved: ResolvedScenario, pose: PoseInput, working: FilePath) -> Pipeline:

@@ -27,7 +27,7 @@ from vve_sumo.plant.parameters import perturbed
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
-from vve_sumo.record.record import MemoryRecorder
+from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand

@@ -23,7 +23,7 @@ from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose import recording
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
-from vve_sumo.record.record import MemoryRecorder
+from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.values import Fix, GatewayStatus, Setpoint
 from vve_sumo.vehicle.gateway import Gateway
 

@@ -20,8 +20,9 @@ from typing import Any, Final
 import pyproj
 
 from vve_sumo.config_file import read_json
-from vve_sumo.drive.resolved_scenario import DECISIVE_LIBRARIES, ResolvedScenario, digests, versions
-from vve_sumo.record.record import PROVENANCE
+from vve_sumo.drive.plugged_in import digest
+from vve_sumo.drive.resolved_scenario import DECISIVE_LIBRARIES, ResolvedScenario, versions
+from vve_sumo.record.layout import PROVENANCE
 
 #: the package's own folder, and the folder in it that holds the shipped workspace, whose files are hashed as they are
 #: used
@@ -38,8 +39,8 @@ def provenance(resolved: ResolvedScenario, began_utc: str) -> dict[str, Any]:
 
     A scenario that a program made has no file, and so no hash of one.
     """
-    file = resolved.file
-    scenario = digests({"scenario": file})["scenario"] if file.is_file() else None
+    file = setting.file
+    scenario = digest(file) if file.is_file() else None
     return software() | {"host": host(), "began_utc": began_utc, "scenario_file_sha256": scenario}
 
 
@@ -75,11 +76,11 @@ def code_sha256(package: Path) -> str:
     same hash.
     """
     files = {file.relative_to(package).as_posix(): file for ending in ENDINGS for file in package.rglob(f"*{ending}")}
-    digest = hashlib.sha256()
+    whole = hashlib.sha256()
     for name in sorted(name for name in files if not name.startswith(f"{SHIPPED}/")):
         data = files[name].read_bytes()
-        digest.update(b"%d:%b%d:%b" % (len(name.encode()), name.encode(), len(data), data))
-    return digest.hexdigest()
+        whole.update(b"%d:%b%d:%b" % (len(name.encode()), name.encode(), len(data), data))
+    return whole.hexdigest()
 
 
 def _checkout(package: Path) -> dict[str, Any]:

@@ -5,9 +5,8 @@ Reads files, opens nothing for good; starts neither SUMO nor a car.
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
@@ -20,13 +19,15 @@ from scipy.spatial import KDTree
 
 from vve_sumo import workspace
 from vve_sumo.config_file import read_json
-from vve_sumo.controller import Controller, load, origin, sources
+from vve_sumo.controller import Controller, load
 from vve_sumo.csv_numbers import CsvNumbers
-from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
+from vve_sumo.drive import plugged_in
+from vve_sumo.drive.actor_paths import Speeds, followed
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
 from vve_sumo.scenario.schema import Scenario
+from vve_sumo.sensors.port import SensorSettings, configured
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
@@ -39,13 +40,11 @@ if TYPE_CHECKING:
 #: Of what a record holds; the first had neither path nor car, the second no provenance.json and no seal, the third
 #: neither the speed of actors across their heading nor the time at which a scan was measured, the fourth, of a live
 #: drive, not the actors as SUMO's last step left them, which stand under the tick after the last; the fifth had no
-#: vehicle model, the sixth former names of keys and columns.
+#: vehicle model, and the sixth one table for the radar alone, and no hash of the code of an interface or a receiver.
 LAYOUT = 7
-PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire controller expects commands
+PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
-DEFAULT_EPOCH = 1_451_260_818.0
-#: how the role of a file of the controller's code begins; the name of its module follows
-CONTROLLER_ROLE = "controller_"
+EPOCH = 1_451_260_818.0
 #: libraries whose version is recorded beside our own: another one may drive differently
 DECISIVE_LIBRARIES = ("libsumo", "numpy", "scipy", "pyproj")
 PATH_COLUMNS = ("latitude_deg", "longitude_deg")
@@ -86,10 +85,12 @@ class ResolvedScenario:
     def to_dict(self, working: FilePath) -> dict[str, Any]:
         """Return what the record keeps: scenario, path and car, the content of files as hashes, and the versions.
 
-        The controller's files are those of the one that `controller` made last.
+        The code of each part that plugs in is that of the one that was made last. Raises ConfigError as `sensors` does.
         """
-        code = sources(self.scenario.controller.name, workspace.controller_folders(working))
-        files = self.files | {f"{CONTROLLER_ROLE}{module}": file for module, file in code.items()}
+        sensors = {name: [*map(list, settings.columns)] for name, settings in self.sensors().items()}
+        parts = [*plugged_in.of_scenario(self.scenario, working)]
+        parts.append(plugged_in.vehicle_interface(self.model.interface.name))
+        files = self.files | {role: file for part in parts for role, file in part.files().items()}
         model = self.model.to_dict()
         return {
             "layout": LAYOUT,
@@ -99,7 +100,8 @@ class ResolvedScenario:
             "path_m": [f"{x} {y}" for x, y in self.path.points],
             "vehicle": model.pop("vehicle"),
             "vehicle_model": model,
-            "files_sha256": digests(files),
+            "sensors": sensors,
+            "files_sha256": plugged_in.digests(files),
             "versions": versions(),
         }
 
@@ -107,6 +109,19 @@ class ResolvedScenario:
         """Make the system under test; raises ConfigError as `controller.load` does."""
         control = self.scenario.controller
         return load(control.name, self.vehicle, dict(control.tuning), workspace.controller_folders(working))
+
+    def sensors(self) -> dict[str, SensorSettings]:
+        """Return the settings of every sensor by its name, the radar first.
+
+        Raises ConfigError, naming the sensor, for a kind that is not found and for a key that it does not have.
+        """
+        made: dict[str, SensorSettings] = {"radar": self.scenario.radar}
+        for sensor in self.scenario.sensors:
+            try:
+                made[sensor.name] = configured(sensor.kind, sensor.settings)
+            except ConfigError as error:
+                raise ConfigError(f"{self.file}: sensors.{sensor.name}: {error}") from None
+        return made
 
     def driven_by(self, name: str) -> ResolvedScenario:
         """Return the same scenario with another controller, and without its tuning, which would be no other's."""
@@ -132,28 +147,6 @@ def versions() -> dict[str, str]:
     return {"vve-sumo": __version__} | {name: version(name) for name in DECISIVE_LIBRARIES}
 
 
-def digests(files: Mapping[str, FilePath]) -> dict[str, str]:
-    """Return the hash of every file (hexadecimal SHA-256), by role, sorted."""
-    return {role: _digest(file) for role, file in sorted(files.items())}
-
-
-def changed_code(name: str, recorded: Mapping[str, Collection[str]], working: FilePath) -> list[str]:
-    """Return a line for every file of a controller's code that is not as it was recorded; none of that code is run.
-
-    `recorded` holds the hashes that each role had. Raises ConfigError where there is no such controller any more.
-    """
-    place = origin(name, workspace.controller_folders(working))
-    roles = [role for role in sorted(recorded) if role.startswith(CONTROLLER_ROLE)]
-    if f"{CONTROLLER_ROLE}{place.main}" not in roles:
-        return [f"controller {name}: there is no hash of its code"]
-    files = {role: place.file(role.removeprefix(CONTROLLER_ROLE)) for role in roles}
-    return [
-        f"{role} has changed since" if file is not None else f"{role} is gone"
-        for role, file in files.items()
-        if file is None or _digest(file) not in recorded[role]
-    ]
-
-
 def read_resolved(folder: FilePath) -> dict[str, Any]:
     """Return the content of a record's `scenario.json`; raises ConfigError where there is none of this layout."""
     file = folder / "scenario.json"
@@ -175,10 +168,6 @@ def check_layout(resolved: Mapping[str, Any], file: FilePath) -> None:
     layout = resolved.get("layout", 1)
     if layout != LAYOUT:
         raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")
-
-
-def _digest(file: FilePath) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def resolve_scenario(

@@ -22,7 +22,9 @@ from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.drive.summary import summary_of
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.record import PROVENANCE, MemoryRecorder, Record, claim, hash_files
+from vve_sumo.record.hashes import hash_files
+from vve_sumo.record.layout import PROVENANCE
+from vve_sumo.record.writer import MemoryRecorder, Record, claim
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
 

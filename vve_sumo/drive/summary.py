@@ -17,7 +17,8 @@ from vve_sumo.drive.termination import Outcome
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.path import Path
-from vve_sumo.record.record import hash_files, read_table, whole
+from vve_sumo.record.hashes import hash_files, whole
+from vve_sumo.record.reader import read_table
 from vve_sumo.scenario.schema import Band, Criteria, Scenario
 from vve_sumo.values import Vehicle
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.virtual_road import VirtualRoad
 from vve_sumo.path import Path
-from vve_sumo.values import GatewayStatus, Pose, TickRow, newest_scan
+from vve_sumo.values import GatewayStatus, Pose, TickRow
 from vve_sumo.world.ego_sync import EgoSyncReport
 
 _NAN = math.nan
@@ -28,7 +28,7 @@ class RecordedTick(NamedTuple):
 
 def result_columns(result: TickResult) -> dict[str, Any]:
     """Return what the pipeline computed, by the record's columns."""
-    pose, setpoint, scan = result.pose, result.setpoint, newest_scan(result.sensors)
+    pose, setpoint = result.pose, result.setpoint
     return {
         "x_m": pose.x if pose else _NAN,
         "y_m": pose.y if pose else _NAN,
@@ -40,9 +40,7 @@ def result_columns(result: TickResult) -> dict[str, Any]:
         "estimated_deviation_m": result.d,
         "pose_age_s": result.pose_age,
         "pose_reasons": "+".join(result.pose_reasons),
-        "scanned": "radar" in result.readings,
-        "scan_time_s": scan.time if math.isfinite(scan.time) else _NAN,
-        "detections": len(scan.range),
+        "readings": len(result.readings),
         "steering_setpoint_rad": setpoint.steering if setpoint else _NAN,
         "acceleration_setpoint_mps2": setpoint.acceleration if setpoint else _NAN,
         "emergency": setpoint is not None and setpoint.emergency,

@@ -24,22 +24,10 @@ from vve_sumo.drive.summary import summary_of
 from vve_sumo.drive.termination import MOVING_SPEED, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
-from vve_sumo.record.record import (
-    CLOSED_ENDING,
-    HASHED_FILES,
-    LIVE_SCHEMAS,
-    PROVENANCE,
-    RAW_PARTS,
-    SCHEMAS,
-    SUMMARY_HASH_KEY,
-    UNHASHED,
-    hash_file,
-    hash_part,
-    hash_parts,
-    read_table,
-    sealed,
-    whole,
-)
+from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
+from vve_sumo.record.layout import CLOSED_ENDING, LIVE_SCHEMAS, PROVENANCE, RAW_PARTS, SCHEMAS, UNHASHED
+from vve_sumo.record.reader import read_table, sensor_tables
+from vve_sumo.record.summary import SEAL, sealed
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import EndTrigger, Scenario
 from vve_sumo.values import ArmingState, Vehicle
@@ -118,8 +106,8 @@ def _parts(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
     """Compare the hash of every part that a record of its kind has."""
     digests = _table(summary, "record_parts_sha256")
     gateway = [name for name in LIVE_SCHEMAS if name not in UNHASHED and _is_live(folder, summary)]
-    for name in (*RAW_PARTS, *SCHEMAS, *gateway):
-        if name not in digests:
+    for name in (*RAW_PARTS, *SCHEMAS, *_sensor_tables(folder), *gateway):
+        if name not in told:
             yield Alteration(name, f"{SUMMARY} has no hash of it")
         elif not _is(digests[name], hash_part, folder, name):
             yield Alteration(name, f"its hash differs from {SUMMARY}'s")
@@ -129,18 +117,28 @@ def _parts(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
 
 def _files(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
     """Compare the hash of every file whose bytes say more than its rows."""
-    digests, broken = _table(summary, "record_files_sha256"), summary.get("record_broken") or ()
-    for name in HASHED_FILES:
+    told, broken = _table(summary, "record_files_sha256"), summary.get("record_broken") or ()
+    always = (*SCHEMAS, *_sensor_tables(folder))
+    tables = [f"{name}{CLOSED_ENDING}" for name in (*always, *LIVE_SCHEMAS)]
+    for name in dict.fromkeys((*tables, PROVENANCE, *(file.name for file in hashed_files(folder)))):
         part = name.removesuffix(CLOSED_ENDING)
         missing = not (folder / name).exists()
-        needed = part in (*SCHEMAS, PROVENANCE) or _is_live(folder, summary)
-        if name in digests:
-            if not _is(digests[name], hash_file, folder / name):
+        needed = part in (*always, PROVENANCE) or _is_live(folder, summary)
+        if name in told:
+            if not _is(told[name], hash_file, folder / name):
                 yield Alteration(part, f"its file's hash differs from {SUMMARY}'s")
         elif not missing:
             yield Alteration(part, f"{SUMMARY} has no hash of its file")
         elif needed and part not in broken and not (folder / f"{part}.arrows").exists():
             yield Alteration(part, "it is gone")
+
+
+def _sensor_tables(folder: FilePath) -> tuple[str, ...]:
+    """Return the names of the sensors' tables; none where `scenario.json`, whose own hash shows it, does not say it."""
+    try:
+        return tuple(sensor_tables(folder))
+    except ConfigError:
+        return ()
 
 
 def _is_live(folder: FilePath, summary: dict[str, Any]) -> bool:

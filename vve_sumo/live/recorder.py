@@ -17,7 +17,9 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.summary import summarise
-from vve_sumo.record.record import PROVENANCE, LiveRecord, write_summary
+from vve_sumo.record.layout import PROVENANCE
+from vve_sumo.record.summary import write_summary
+from vve_sumo.record.writer import LiveRecord
 
 #: between two writes [s]; a kill, with what is still on its way, may cost at most 0.2 s
 FLUSH_INTERVAL: Final = 0.1

@@ -42,9 +42,9 @@ class RecorderClient:
         """Keep CAN frames heard or sent at one drive time."""
         self._calls.append(("saw_frames", (time, channel, [tuple(frame) for frame in frames])))
 
-    def sensed(self, tick: int, sensor: str, columns: tuple[Column, ...]) -> None:
-        """Keep what came out of the sensor of that name at a tick, as the columns of its table."""
-        self._calls.append(("sensed", (tick, sensor, columns)))
+    def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
+        """Keep what came out of a sensor at a tick: drive time at which it was measured [s], columns of its table."""
+        self._calls.append(("sensed", (tick, sensor, measured, columns)))
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Keep the actors that tick `tick` looks at."""

@@ -18,13 +18,15 @@ from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
     PipelineInputs,
-    changed_controller,
+    answers,
+    changed_code,
     changed_since,
     read_pipeline_inputs,
     replayed_ticks,
 )
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.verify import Alteration, alterations
+from vve_sumo.errors import ConfigError
 from vve_sumo.live import replay as live
 from vve_sumo.live.assembly import from_dict
 
@@ -36,8 +38,8 @@ class Inspection:
     folder: FilePath
     altered: list[Alteration]  #: what is not as the drive left it
     notes: list[str]  #: what else differs from then, and does not stand against a replay
-    changed: list[str]  #: why the recorded controller must not be run as it is now
-    resolved: ResolvedScenario | None  #: None where the record was altered
+    changed: list[str]  #: why controller, sensors, interface and receiver must not be run as they are now
+    resolved: ResolvedScenario | None  #: None where the record was altered, or a part has changed
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,25 +71,26 @@ def altered_since(folder: FilePath) -> list[Alteration] | None:
 
 
 def inspect(folder: FilePath, working: FilePath) -> Inspection:
-    """Verify a record: every hash of it, and of the files of the controller that it names.
+    """Verify a record: every hash of it, and of the code of the parts that it names, of which none is run before.
 
     Raises ConfigError for a folder that holds no record.
     """
     altered = altered_since(folder)
     if altered:
         return Inspection(folder, altered, [], [], None)
+    notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
+    if changed := changed_code(folder, working):
+        return Inspection(folder, [], notes, changed, None)
     if live.is_live(folder):
         resolved, _rig = from_dict(live.read_live_scenario_content(folder), working)
     else:
-        resolved = lockstep.recorded_scenario(folder, working)
-    notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
-    notes += changed_since(folder, resolved)
-    return Inspection(folder, [], notes, changed_controller(folder, resolved, working), resolved)
+        resolved = lockstep.setting_of(folder, working)
+    return Inspection(folder, [], notes + changed_since(folder, resolved), [], resolved)
 
 
 def replay(inspected: Inspection, working: FilePath) -> ReplayResult:
     """Run a record that was found unaltered through the pipeline and the gateway again; say where it first differs."""
-    assert inspected.resolved is not None  # only an altered record has none
+    assert inspected.resolved is not None  # of a record that was altered, or a part that has changed, nothing is run
     if live.is_live(inspected.folder):
         return _live(inspected.folder, working)
     return _lockstep(inspected.folder, inspected.resolved, working)
@@ -114,7 +117,7 @@ def _live(folder: FilePath, working: FilePath) -> ReplayResult:
 def _torn(inputs: PipelineInputs) -> list[str]:
     if not inputs.torn:
         return []
-    return [f"the last {inputs.torn} ticks come after a gap in pose.bin, actors or detections"]
+    return [f"the last {inputs.torn} ticks come after a gap in pose.bin, actors or the sensors' readings"]
 
 
 def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | None) -> list[str]:
@@ -130,8 +133,13 @@ def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | N
     ]
 
 
-def redrive_with(folder: FilePath, controller: str, working: FilePath) -> RedriveResult:
-    """Ask another controller on a record's inputs, open loop: the car does what the recorded one said."""
+def redrive_with(folder: FilePath, controller: str, working: FilePath) -> Redriven:
+    """Ask another controller on a record's inputs, open loop: the car does what the recorded one said.
+
+    Raises ConfigError where a sensor, the drive-by-wire interface or the receiver is not as it was recorded.
+    """
+    if changed := changed_code(folder, working, controller=False):
+        raise ConfigError(f"{folder}: {changed[0]}: not run")
     resolved, inputs, pipeline = _with(folder, controller, working)
     table = redrive.side_by_side(replayed_ticks(pipeline, inputs))
     return RedriveResult(resolved, table, redrive.comparison_of(table), pipeline.failure)

@@ -15,8 +15,8 @@ from pathlib import Path as FilePath
 from typing import Any, Final, TextIO
 
 from vve_sumo import workspace
-from vve_sumo.drive import provenance
-from vve_sumo.drive.assembly import LotAlignment
+from vve_sumo.drive import plugged_in, provenance
+from vve_sumo.drive.assembly import LotAlignment, sensors_of
 from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import new_run_folder, resolve_by_name
@@ -33,7 +33,10 @@ from vve_sumo.live.priority import lower_priority
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.pose.sources import Source
-from vve_sumo.record.record import SUMMARY_HASH_KEY, claim, hash_file, read_table, write_summary
+from vve_sumo.record.hashes import hash_file
+from vve_sumo.record.reader import read_table
+from vve_sumo.record.summary import SEAL, write_summary
+from vve_sumo.record.writer import claim
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import held
@@ -128,8 +131,10 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
     `doctor` is the doctor's last result on the rig, for the record. The console draws on `terminal` while the drive
     goes on; messages before and after it go to `notify`.
     """
-    plan.resolved.controller(plan.working)  # refuses what is wrong before anything is started
-    if plan.resolved.scenario.end_trigger != EndTrigger():
+    # Refuses what is wrong before anything is started.
+    plan.setting.controller(plan.working)
+    sensors_of(plan.setting)
+    if plan.setting.scenario.end_trigger != EndTrigger():
         notify("the scenario's [end_trigger] does not apply to a live drive: nothing lets go of a moving car")
     with (
         held(plan.rig_file),
@@ -145,10 +150,11 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
             friction = scenario.weather.friction
             car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
         ground = _ground(plan, source, notify)
-        scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
-        scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
-        scenario_content["gateway"]["shadow"] = plan.shadow
-        processes = _processes(plan, scenario_content, _provenance(plan, doctor), ground, car, notify)
+        resolved = plan.setting.resolved(plan.working) | ground.to_dict()
+        resolved |= assembly.to_dict(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
+        resolved["gateway"]["shadow"] = plan.shadow
+        resolved["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
+        crew = _crew(plan, resolved, _provenance(plan, doctor), ground, car, notify)
         screen = Screen(terminal)
         console = Console(processes, keys, screen, plan.rig.operator.automatic)
         try:

@@ -252,6 +252,18 @@ class EndTrigger(Table):
     ttc_s: Positive | None = Field(default=None, description="the time to collision has fallen below this")
 
 
+class Sensor(Table):
+    """A virtual sensor beside the radar of `[radar]`."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")] = Field(
+        description="its name in `observation.sensors` and in the record, each once; `radar` is that of `[radar]`"
+    )
+    kind: Name = Field(description="`radar`, `file.py:make`, or an installed package's entry point")
+    settings: dict[str, bool | Finite | int | str] = Field(
+        default={}, description="the keys of its kind; of `radar` those of `[radar]`"
+    )
+
+
 class Weather(Table):
     """What of the weather changes how the car drives."""
 
@@ -293,6 +305,7 @@ class Scenario(Table):
     road: Road
     ego: Ego
     radar: RadarSettings = RadarSettings()
+    sensors: tuple[Sensor, ...] = Field(default=(), strict=False)
     controller: Control = Control()
     weather: Weather = Weather()
     obstacles: tuple[Obstacle, ...] = Field(default=(), strict=False)

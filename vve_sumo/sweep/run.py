@@ -17,7 +17,7 @@ from vve_sumo.drive.progress import DriveProgress, progress_watch
 from vve_sumo.drive.summary import unmet_criteria
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
-from vve_sumo.record import record
+from vve_sumo.record.writer import claim as claim_folder
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Figure, Job, Result, finite, refused
@@ -100,7 +100,7 @@ def growing(job: Job, scratch: FilePath) -> FilePath:
 def claim(job: Job) -> None:
     """Raise ConfigError where something that is no record lies in the way of the one to keep."""
     if job.keep is not None and job.keep.exists() and not (job.keep / "scenario.json").is_file():
-        record.claim(job.keep)
+        claim_folder(job.keep)
 
 
 def tidy(job: Job, scratch: FilePath, *, keep: bool) -> None:

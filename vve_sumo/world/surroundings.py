@@ -200,4 +200,7 @@ def table(time: float, rows: Sequence[Row]) -> Actors:
     names, x, y, heading, speed, bodies, lateral = zip(*rows, strict=True)
     length, width, section = zip(*bodies, strict=True)
     columns = (x, y, heading, speed, length, width, section, lateral)
-    return Actors(time, names, *(np.array(column) for column in columns))
+    arrays = [np.array(column) for column in columns]
+    for array in arrays:
+        array.setflags(write=False)  # every sensor looks at them, and the record keeps them
+    return Actors(time, names, *arrays)
