@@ -24,7 +24,7 @@ REPOSITORY = Path(__file__).parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.tick import demand  # noqa: E402
-from vve_sumo.drive.latency_monitor import LEGS, TOTAL, summarize  # noqa: E402
+from vve_sumo.drive.latency_monitor import LEGS, TOTAL, latency_summary  # noqa: E402
 from vve_sumo.record.reader import read_table  # noqa: E402
 
 BOXES = 20

@@ -113,7 +113,7 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
     import libsumo
 
     from vve_sumo.drive.lockstep import Lockstep
-    from vve_sumo.drive.resolved_scenario import EPOCH
+    from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
     from vve_sumo.record.writer import Record
 
     with tempfile.TemporaryDirectory() as scratch:

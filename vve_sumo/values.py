@@ -379,7 +379,7 @@ class LatencyRow:
     received_s: float = _column("arrival of that fix's bytes: the kernel's stamp")
     woken_s: float = _column("the tick began")
     decoded_s: float = _column("bytes decoded, judged, placed and predicted")
-    seen_s: float = _column("sensors done")
+    sensed_s: float = _column("sensors done")
     decided_s: float = _column("controller done")
     handed_s: float = _column("setpoint handed to the gateway")
     framed_s: float = _column("the send of the last command frame returned")

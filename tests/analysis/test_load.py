@@ -19,7 +19,6 @@ from tests.killed import killed_at
 from tests.record.declared import TABLES
 from tests.sweep.test_dataset import PLAN, begun, cell, fill, result
 from vve_sumo.analysis import Run, Sweep, load
-from vve_sumo.drive.resolved_scenario import LAYOUT
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.layout import SCHEMAS
 from vve_sumo.record.reader import read_table

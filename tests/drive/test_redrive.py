@@ -15,8 +15,8 @@ from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
 from vve_sumo.drive.lockstep import assemble
-from vve_sumo.drive.redrive import BRAKES, compared, side_by_side
-from vve_sumo.drive.replay import answers, read_pipeline_inputs, setting_of
+from vve_sumo.drive.redrive import BRAKES, comparison_of, side_by_side
+from vve_sumo.drive.replay import read_pipeline_inputs, recorded_scenario, replayed_ticks
 from vve_sumo.record.reader import read_table
 
 #: steers by a constant, says what it sees, and knows the tick at which to fail

@@ -49,9 +49,9 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def replayed(folder: Path) -> Difference | None:
-    setting = setting_of(folder, REPOSITORY)
-    assert changed_since(folder, setting) == changed_code(folder, REPOSITORY) == []
-    return replay(setting, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
+    resolved = recorded_scenario(folder, REPOSITORY)
+    assert changed_since(folder, resolved) == changed_code(folder, REPOSITORY) == []
+    return replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, DEFAULT_EPOCH), REPOSITORY)
 
 
 @pytest.mark.parametrize("name", DRIVES)
@@ -159,6 +159,6 @@ def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path, role: 
     resolved = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
     resolved["files_sha256"][role] = "0" * 64
     (folder / "scenario.json").write_text(json.dumps(resolved), encoding="utf-8")
-    setting = setting_of(folder, REPOSITORY)
-    told = changed_since(folder, setting) + changed_code(folder, REPOSITORY)
+    resolved = recorded_scenario(folder, REPOSITORY)
+    told = changed_since(folder, resolved) + changed_code(folder, REPOSITORY)
     assert told == [f"{role} has changed since"]

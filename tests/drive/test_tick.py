@@ -44,9 +44,9 @@ def _driven() -> dict[str, Any]:
             self.order.append("row")
             super().ticked(row)
 
-    setting = altered({"actors": [LEAD], "obstacles.0.at_m": 60.0})
-    shell = Lockstep(setting, REPOSITORY)
-    record = Ordered(setting.resolved(REPOSITORY), shell.lot.epoch)
+    resolved = altered({"actors": [LEAD], "obstacles.0.at_m": 60.0})
+    shell = Lockstep(resolved, REPOSITORY)
+    record = Ordered(resolved.to_dict(REPOSITORY), shell.lot.epoch)
     looked = []
     ticks = shell.ticks(record)
     for _ in range(TICKS):

@@ -13,7 +13,6 @@ from tests.drive.forge import change_json, cut_off, seal_again
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
-from vve_sumo.drive.resolved_scenario import LAYOUT
 from vve_sumo.drive.verify import alterations, altered_parts
 from vve_sumo.record.hashes import hash_parts
 

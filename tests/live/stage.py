@@ -30,7 +30,7 @@ from tests.live.matrix import AT, SPEED, Right, Row
 from tests.live.patience import until
 from tests.live.spoilt import MOMENT
 from tests.live.witness import stalls, witness
-from vve_sumo.plant.injected_faults import STARTED
+from vve_sumo.plant.injected_faults import START_SPEED
 from vve_sumo.record.reader import read_table
 
 #: a drive that was ridden through goes on for so long after its last fault, then the operator stops it [s]

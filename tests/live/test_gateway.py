@@ -24,8 +24,15 @@ from tests.vehicle.car import CALIBRATION, FUSION, PERIOD
 from vve_sumo.bus import read_log
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
-from vve_sumo.live.gateway import GONE, LATEST, SOONEST, Inbox, due, kit_is_gone
-from vve_sumo.live.priority import KEPT
+from vve_sumo.live.gateway import (
+    DBW_SILENCE_LIMIT,
+    MAX_STEP_INTERVAL,
+    MIN_STEP_INTERVAL,
+    Inbox,
+    dbw_is_gone,
+    next_step_time,
+)
+from vve_sumo.live.priority import NEVER_KILLED
 from vve_sumo.record.reader import read_table
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link

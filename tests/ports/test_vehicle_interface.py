@@ -40,19 +40,19 @@ def drive_with_the_toy() -> tuple[dict[str, Any], set[int], object, list[list[st
     """
     from vve_sumo import bus
     from vve_sumo.drive import run as drives
-    from vve_sumo.drive.replay import changed_code, read_car_frames, read_pipeline_inputs, replay, setting_of
-    from vve_sumo.drive.resolved_scenario import EPOCH
+    from vve_sumo.drive.replay import changed_code, read_car_frames, read_pipeline_inputs, recorded_scenario, replay
+    from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 
-    setting = altered({})
+    resolved = altered({})
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(shutil.copy(TOY_FILE, scratch))
         toy = dataclasses.replace(TOY, name=f"{file}:make")
-        setting = dataclasses.replace(setting, model=dataclasses.replace(setting.model, interface=toy))
+        resolved = dataclasses.replace(resolved, model=dataclasses.replace(resolved.model, interface=toy))
         folder = Path(scratch) / "record"
         summary = drives.run(resolved, folder, REPOSITORY).summary
         identifiers = {frame.id for _time, _channel, frame in bus.read_log(folder / "can.log")}
-        again = setting_of(folder, REPOSITORY)
-        frames = read_car_frames(folder, EPOCH, again.model.interface)
+        again = recorded_scenario(folder, REPOSITORY)
+        frames = read_car_frames(folder, DEFAULT_EPOCH, again.model.interface)
         difference = replay(again, read_pipeline_inputs(folder), frames, REPOSITORY)
         changes = [changed_code(folder, REPOSITORY)]
         file.write_bytes(file.read_bytes() + b"# changed\n")
@@ -79,8 +79,8 @@ def test_the_shipped_ones_are_known():
         (InterfaceConfig("nowhere.py:make", {}), r"interface nowhere.py:make: there is no file nowhere.py"),
         (InterfaceConfig(f"{TOY_FILE}:mke", {}), r"offers no function mke\(settings\)"),
         (InterfaceConfig(f"{TOY_FILE}:make", {}), "settings must be brake_nm"),
-        (InterfaceConfig("dataspeed_dbw1", {}), "setting 'variant' must be dbw1_2018 or dbw1_2024, .* got None"),
-        (InterfaceConfig("dataspeed_dbw1", {"variant": 2018.0}), "setting 'variant' must be .* got 2018.0"),
+        (InterfaceConfig("dataspeed_dbw1", {}), "resolved 'variant' must be dbw1_2018 or dbw1_2024, .* got None"),
+        (InterfaceConfig("dataspeed_dbw1", {"variant": 2018.0}), "resolved 'variant' must be .* got 2018.0"),
     ],
 )
 def test_what_cannot_be_made_is_one_line(config, said):

@@ -78,14 +78,14 @@ class PoseInput:
     geofence: Geofence | None = None  #: None where the car may stop anywhere
 
 
-def sensors_of(setting: ResolvedScenario) -> dict[str, GuardedSensor]:
+def sensors_of(resolved: ResolvedScenario) -> dict[str, GuardedSensor]:
     """Return the scenario's sensors by their names, each with a stream of chance of its own; raises ConfigError."""
 
     def made(name: str, settings: SensorSettings) -> GuardedSensor:
-        seeds = seed_of(setting.scenario.seed, name if name == "radar" else f"sensor {name}")
-        return GuardedSensor(name, settings, setting.vehicle, np.random.default_rng(seeds))
+        seeds = seed_of(resolved.scenario.seed, name if name == "radar" else f"sensor {name}")
+        return GuardedSensor(name, settings, resolved.vehicle, np.random.default_rng(seeds))
 
-    return {name: PORT.make(name, made, name, settings) for name, settings in setting.sensors().items()}
+    return {name: PORT.make(name, made, name, settings) for name, settings in resolved.sensors().items()}
 
 
 def build_pipeline(resolved: ResolvedScenario, pose: PoseInput, working: FilePath) -> Pipeline:

@@ -39,7 +39,7 @@ def provenance(resolved: ResolvedScenario, began_utc: str) -> dict[str, Any]:
 
     A scenario that a program made has no file, and so no hash of one.
     """
-    file = setting.file
+    file = resolved.file
     scenario = digest(file) if file.is_file() else None
     return software() | {"host": host(), "began_utc": began_utc, "scenario_file_sha256": scenario}
 

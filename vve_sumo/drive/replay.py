@@ -100,10 +100,10 @@ def recorded_scenario(folder: FilePath, working: FilePath) -> ResolvedScenario:
     return replace(resolved, model=recorded_model(scenario_content))
 
 
-def changed_since(folder: FilePath, setting: ResolvedScenario) -> list[str]:
+def changed_since(folder: FilePath, resolved: ResolvedScenario) -> list[str]:
     """Return a line for every file and every version that is not what a record says, but for parts that plug in."""
-    resolved = read_resolved(folder)
-    then, now = resolved["files_sha256"], plugged_in.digests(setting.files)
+    scenario_content = read_resolved(folder)
+    then, now = scenario_content["files_sha256"], plugged_in.digests(resolved.files)
     roles = sorted(role for role in now | then if not role.startswith(plugged_in.PREFIXES))
     changed = [f"{role} has changed since" for role in roles if then.get(role) != now.get(role)]
     mine, then = versions(), scenario_content["versions"]
@@ -157,7 +157,7 @@ def _whole_ticks(inputs: PipelineInputs) -> int:
     for number, row in enumerate(inputs.ticks):
         tick = row["tick"]
         heard = row["datagrams"] <= len(inputs.pose)
-        seen = len(inputs.actors.get(tick, NOTHING).ids) == expected
+        seen = len(inputs.actors.get(tick, NO_ACTORS).ids) == expected
         sensed = len(inputs.readings.get(tick, ())) == row["readings"]
         if not (heard and seen and sensed):
             return number

@@ -22,7 +22,7 @@ from vve_sumo.config_file import read_json
 from vve_sumo.controller import Controller, load
 from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.drive import plugged_in
-from vve_sumo.drive.actor_paths import Speeds, followed
+from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 LAYOUT = 7
 PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
-EPOCH = 1_451_260_818.0
+DEFAULT_EPOCH = 1_451_260_818.0
 #: libraries whose version is recorded beside our own: another one may drive differently
 DECISIVE_LIBRARIES = ("libsumo", "numpy", "scipy", "pyproj")
 PATH_COLUMNS = ("latitude_deg", "longitude_deg")

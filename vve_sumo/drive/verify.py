@@ -27,7 +27,7 @@ from vve_sumo.path import Path
 from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
 from vve_sumo.record.layout import CLOSED_ENDING, LIVE_SCHEMAS, PROVENANCE, RAW_PARTS, SCHEMAS, UNHASHED
 from vve_sumo.record.reader import read_table, sensor_tables
-from vve_sumo.record.summary import SEAL, sealed
+from vve_sumo.record.summary import SUMMARY_HASH_KEY, sealed
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import EndTrigger, Scenario
 from vve_sumo.values import ArmingState, Vehicle
@@ -107,7 +107,7 @@ def _parts(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
     digests = _table(summary, "record_parts_sha256")
     gateway = [name for name in LIVE_SCHEMAS if name not in UNHASHED and _is_live(folder, summary)]
     for name in (*RAW_PARTS, *SCHEMAS, *_sensor_tables(folder), *gateway):
-        if name not in told:
+        if name not in digests:
             yield Alteration(name, f"{SUMMARY} has no hash of it")
         elif not _is(digests[name], hash_part, folder, name):
             yield Alteration(name, f"its hash differs from {SUMMARY}'s")

@@ -18,7 +18,6 @@ from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
     PipelineInputs,
-    answers,
     changed_code,
     changed_since,
     read_pipeline_inputs,
@@ -84,7 +83,7 @@ def inspect(folder: FilePath, working: FilePath) -> Inspection:
     if live.is_live(folder):
         resolved, _rig = from_dict(live.read_live_scenario_content(folder), working)
     else:
-        resolved = lockstep.setting_of(folder, working)
+        resolved = lockstep.recorded_scenario(folder, working)
     return Inspection(folder, [], notes + changed_since(folder, resolved), [], resolved)
 
 
@@ -133,7 +132,7 @@ def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | N
     ]
 
 
-def redrive_with(folder: FilePath, controller: str, working: FilePath) -> Redriven:
+def redrive_with(folder: FilePath, controller: str, working: FilePath) -> RedriveResult:
     """Ask another controller on a record's inputs, open loop: the car does what the recorded one said.
 
     Raises ConfigError where a sensor, the drive-by-wire interface or the receiver is not as it was recorded.

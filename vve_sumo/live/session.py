@@ -35,7 +35,7 @@ from vve_sumo.live.summary import summarise
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
 from vve_sumo.record.reader import read_table
-from vve_sumo.record.summary import SEAL, write_summary
+from vve_sumo.record.summary import SUMMARY_HASH_KEY, write_summary
 from vve_sumo.record.writer import claim
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
@@ -132,9 +132,9 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
     goes on; messages before and after it go to `notify`.
     """
     # Refuses what is wrong before anything is started.
-    plan.setting.controller(plan.working)
-    sensors_of(plan.setting)
-    if plan.setting.scenario.end_trigger != EndTrigger():
+    plan.resolved.controller(plan.working)
+    sensors_of(plan.resolved)
+    if plan.resolved.scenario.end_trigger != EndTrigger():
         notify("the scenario's [end_trigger] does not apply to a live drive: nothing lets go of a moving car")
     with (
         held(plan.rig_file),
@@ -150,11 +150,11 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
             friction = scenario.weather.friction
             car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
         ground = _ground(plan, source, notify)
-        resolved = plan.setting.resolved(plan.working) | ground.to_dict()
-        resolved |= assembly.to_dict(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
-        resolved["gateway"]["shadow"] = plan.shadow
-        resolved["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
-        crew = _crew(plan, resolved, _provenance(plan, doctor), ground, car, notify)
+        scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
+        scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
+        scenario_content["gateway"]["shadow"] = plan.shadow
+        scenario_content["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
+        processes = _processes(plan, scenario_content, _provenance(plan, doctor), ground, car, notify)
         screen = Screen(terminal)
         console = Console(processes, keys, screen, plan.rig.operator.automatic)
         try:

@@ -11,7 +11,7 @@ from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
 from vve_sumo.drive.run import Drive
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.plotting.drive_page import bounds, draw
-from vve_sumo.plotting.page import Sheet, said
+from vve_sumo.plotting.page import DrivePage, said
 from vve_sumo.record.reader import read_table
 from vve_sumo.world.network import lane_shapes
 

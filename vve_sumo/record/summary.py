@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 #: key of a summary's hash of itself
-SEAL = "summary_sha256"
+SUMMARY_HASH_KEY = "summary_sha256"
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
@@ -20,9 +20,9 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
 
 def sealed(summary: dict[str, Any]) -> str:
     """Return a summary as its file holds it, with the hash of all that it says but that hash."""
-    said = {key: value for key, value in summary.items() if key != SEAL}
+    said = {key: value for key, value in summary.items() if key != SUMMARY_HASH_KEY}
     seal = hashlib.sha256(_spelt(said).encode()).hexdigest()
-    return _spelt(said | {SEAL: seal})
+    return _spelt(said | {SUMMARY_HASH_KEY: seal})
 
 
 def _spelt(summary: dict[str, Any]) -> str:
