@@ -79,8 +79,8 @@ def test_the_shipped_ones_are_known():
         (InterfaceConfig("nowhere.py:make", {}), r"interface nowhere.py:make: there is no file nowhere.py"),
         (InterfaceConfig(f"{TOY_FILE}:mke", {}), r"offers no function mke\(settings\)"),
         (InterfaceConfig(f"{TOY_FILE}:make", {}), "settings must be brake_nm"),
-        (InterfaceConfig("dataspeed_dbw1", {}), "resolved 'variant' must be dbw1_2018 or dbw1_2024, .* got None"),
-        (InterfaceConfig("dataspeed_dbw1", {"variant": 2018.0}), "resolved 'variant' must be .* got 2018.0"),
+        (InterfaceConfig("dataspeed_dbw1", {}), "setting 'variant' must be dbw1_2018 or dbw1_2024, .* got None"),
+        (InterfaceConfig("dataspeed_dbw1", {"variant": 2018.0}), "setting 'variant' must be .* got 2018.0"),
     ],
 )
 def test_what_cannot_be_made_is_one_line(config, said):
