@@ -42,8 +42,7 @@ import pandas as pd
 from tests.metrics.tables import CAR, actors_of, straight, ticks_of
 from tests.test_docs import GENERATED
 from vve_sumo.drive.summary import unmet_criteria, summary_of
-from vve_sumo.drive.lockstep import DriveEnd
-from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.plotting.grids import distribution
 from vve_sumo.record.sweep_folder import COLUMNS, Plan
 from vve_sumo.report.tables import head_of, named

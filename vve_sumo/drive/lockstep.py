@@ -7,9 +7,9 @@ CAN frames, and the gateway answers with CAN frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import count, groupby
 from operator import itemgetter
 from pathlib import Path as FilePath
@@ -17,7 +17,7 @@ from pathlib import Path as FilePath
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD, ResolvedScenario
-from vve_sumo.drive.termination import Outcome, TerminationMonitor, end_reason
+from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
@@ -41,19 +41,6 @@ Watch = Callable[[int, float, float, float], None]
 WAITING = "waiting_for_go"
 
 CAR_BUS = "can0"  #: the car's bus as it is called in the record
-
-
-@dataclass(frozen=True, slots=True)
-class DriveEnd:
-    """How a drive went, beside what its record holds."""
-
-    outcome: Outcome
-    reasons: tuple[str, ...]  #: the gateway's, at the end; before them what the drive was ended for, if it was
-    cleared: tuple[str, ...] = ()  #: vehicles taken off the street where the ego entered it
-    warnings: tuple[str, ...] = ()  #: SUMO's
-    text: str = ""  #: what an exception said, where one ended the drive
-    standoffs: tuple[str, ...] = ()  #: vehicles taken off the street because they and the ego waited for each other
-    extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
 
 
 def drive_end(outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, road: VirtualRoad) -> DriveEnd:

@@ -12,10 +12,10 @@ from itertools import count
 from pathlib import Path as FilePath
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
-from vve_sumo.drive.lockstep import CAR_BUS, DriveEnd, Watch, drive_end, gateway_of
+from vve_sumo.drive.lockstep import CAR_BUS, Watch, drive_end, gateway_of
 from vve_sumo.drive.prediction_error import PredictionError
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
-from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError

@@ -45,6 +45,8 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "record_failed": "the record cannot be written any more",
     "record_full": "the recorder does not keep up",
     "record_lost": "the recorder's process is gone",
+    "road_failed": "the virtual road or an actor on it met a mistake of the program and stands still",
+    "road_not_measured": "the virtual road's steps take too long, or too few of them were measured",
     "sensor_late": "a virtual sensor has had no new reading for longer than it may",
     "sensor_not_finite": "a virtual sensor measured something that is not a number",
     "sensor_raised": "a virtual sensor raised an exception",

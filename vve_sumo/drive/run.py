@@ -16,11 +16,11 @@ from vve_sumo import workspace
 from vve_sumo.config_file import read
 from vve_sumo.drive import provenance
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.lockstep import DriveEnd, Lockstep, Watch
+from vve_sumo.drive.lockstep import Lockstep, Watch
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.drive.summary import summary_of
-from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record.hashes import hash_files
 from vve_sumo.record.layout import PROVENANCE

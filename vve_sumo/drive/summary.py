@@ -11,9 +11,8 @@ from typing import Any, Protocol
 
 import pyarrow as pa
 
-from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.resolved_scenario import PERIOD, versions
-from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.path import Path

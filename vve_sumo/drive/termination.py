@@ -6,7 +6,8 @@ Sees one tick after the other; knows neither SUMO nor the record.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import ArmingState
@@ -34,6 +35,19 @@ class Outcome(enum.StrEnum):
     PLAYED = "played"  #: a recorded drive ran to its end
     INTERRUPTED = "interrupted"  #: ended from the keyboard
     BROKEN = "broken"  #: the simulation broke
+
+
+@dataclass(frozen=True, slots=True)
+class DriveEnd:
+    """How a drive went, beside what its record holds."""
+
+    outcome: Outcome
+    reasons: tuple[str, ...]  #: the gateway's, at the end; before them what the drive was ended for, if it was
+    cleared: tuple[str, ...] = ()  #: vehicles taken off the street where the ego entered it
+    warnings: tuple[str, ...] = ()  #: SUMO's
+    text: str = ""  #: what an exception said, where one ended the drive
+    standoffs: tuple[str, ...] = ()  #: vehicles taken off the street because they and the ego waited for each other
+    extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
 
 
 def end_reason(wanted: EndTrigger, contact: bool, bumper: float, deviation: float, ttc: float) -> str:

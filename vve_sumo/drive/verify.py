@@ -18,10 +18,9 @@ import pyarrow as pa
 
 from vve_sumo.drive import provenance
 from vve_sumo.drive.latency_monitor import latency_summary
-from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.resolved_scenario import PERIOD, read_resolved
 from vve_sumo.drive.summary import summary_of
-from vve_sumo.drive.termination import MOVING_SPEED, Outcome, TerminationMonitor
+from vve_sumo.drive.termination import MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
 from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole

@@ -17,11 +17,10 @@ from typing import Any, Final, TextIO
 from vve_sumo import workspace
 from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.assembly import LotAlignment, sensors_of
-from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import new_run_folder, resolve_by_name
 from vve_sumo.drive.summary import summarise as summarise_drive
-from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.live import assembly, spawn, start_simulated_vehicle
