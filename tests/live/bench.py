@@ -19,6 +19,7 @@ from typing import NamedTuple
 from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.live.patience import until
+from tests.record.declared import RESOLVED
 from tests.setpoints import setpoint as complete
 from tests.vehicle.car import FUSION, PERIOD, Car
 from vve_sumo.live.channel import pair
@@ -83,7 +84,7 @@ class Bench:
         to_recorder, spare = pair()
         self.spare = spare  # the drive's tap, which says nothing here
         _prefer_the_car(True)
-        record = {"folder": str(folder), "resolved": {}, "epoch": EPOCH, "provenance": "{}", "log": None}
+        record = {"folder": str(folder), "resolved": RESOLVED, "epoch": EPOCH, "provenance": "{}", "log": None}
         self.recorder = start("recorder", record, {"drive": to_recorder, "gateway": recorder_end}, own_session=True)
         until(lambda: (folder / "latency.arrows").exists())
         channels = {"drive": drive_end, "console": console_end, "recorder": tap_end}
