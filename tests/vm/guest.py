@@ -93,7 +93,7 @@ def check_nominal(wire: Wire, car: LiveCar) -> str:
         bench.close()
     _ended_well(bench)
     _alive_until_park(bench)
-    assert [row.found for row in bench.rows if row.found] == []
+    assert [row.process_faults for row in bench.rows if row.process_faults] == []
     states = [ArmingState.DISARMED, ArmingState.READY, ArmingState.ENGAGED, ArmingState.STOPPING, ArmingState.STOPPED]
     assert bench.states[:5] == states, bench.states
     assert set(bench.rows[-1].reasons.split("+")) == {"stop_asked"}, bench.rows[-1].reasons
@@ -151,7 +151,7 @@ def check_link_down(wire: Wire, car: LiveCar) -> str:
     finally:
         bench.close()
     _ended_well(bench)
-    found = [row.time_s for row in bench.rows if "bus_down" in row.found]
+    found = [row.time_s for row in bench.rows if "bus_down" in row.process_faults]
     assert down < found[0] < down + 0.2, (down, found[0])
     assert up - 0.1 < found[-1] < up + 0.2, (up, found[-1])
     assert "bus_down" in bench.rows[-1].reasons.split("+"), bench.rows[-1].reasons
