@@ -138,6 +138,16 @@ def stopping_in_a_bend() -> Rig:
     return rig
 
 
+def test_wheels_that_say_zero_of_a_moving_car_do_not_tell_where_on_its_path_it_is():
+    rig = Rig()
+    rig.cruise(8.0)
+    rig.run(0.2, profile=BEND)
+    rig.car.steering_stuck, rig.car.wheel_angle = True, 0.0
+    rig.car.forged = wheels(0.0)
+    verdicts = rig.run(1.0, None)
+    assert (verdicts[-1].state, {verdict.steering for verdict in verdicts}) == (S.STOPPING, {0.0})
+
+
 def test_a_car_that_stands_turns_no_wheel():
     rig = stopping_in_a_bend()
     assert rig.step(None).state is S.STOPPING

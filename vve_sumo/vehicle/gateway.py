@@ -255,7 +255,7 @@ class Gateway:
                 reports.fastest_wheel if known and not reports.unchanged(now) > UNCHANGED_TIME else None,
                 None if setpoint is None else abs(setpoint.speed),
             ),
-            max(-self._limiter.acceleration, 0.0) if commanded else None,
+            -self._limiter.acceleration if commanded else None,
         )
         self._let_go = self._let_go_long.step(now, self._state not in COMMANDING and not standstill.moves)
         # Wheels that say zero of a car that cannot stand yet tell no way.
