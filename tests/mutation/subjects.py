@@ -45,6 +45,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
         "other_cars.py",
         "gateway_status.py",
         "not_commanded.py",
+        "stopping.py",
     ),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
 }

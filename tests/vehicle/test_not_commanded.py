@@ -10,6 +10,7 @@ import pytest
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from tests.vehicle.test_evidence import wheels
 from vve_sumo.values import ArmingState
+from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
@@ -94,3 +95,75 @@ def test_wheels_that_stay_the_same_after_a_step_at_no_time_still_say_that_the_ca
     rig.gateway.step(math.nan, None, rig.car.reports())
     rig.run(12.0, None)
     assert not rig.gateway.done
+
+
+def test_a_rehearsal_enables_nothing_clears_nothing_and_asks_for_no_gear():
+    """All the way through a drive, of a car in park for which the gateway would ask for drive, and at last for park."""
+    rig = Rig(gateway=Gateway(FUSION, CALIBRATION, period=PERIOD, shadow=True))
+    acts = {5: OperatorCommand.ENGAGE, 20: OperatorCommand.GO, 40: OperatorCommand.STOP}
+    states = set()
+    for tick in range(100):
+        states.add(rig.step(1.0, act=acts.get(tick)).state)
+        brake, throttle, steering, gear = rig.commands()
+        assert not any(command.enable or command.clear for command in (brake, throttle, steering))
+        assert (gear.gear, gear.clear) == (Gear.NONE, False)
+    assert {S.READY, S.ENGAGED, S.STOPPED} <= states
+
+
+def test_in_a_rehearsal_a_driver_who_takes_over_changes_nothing():
+    rig = rehearsing()
+    rig.car.override = True
+    verdicts = rig.run(0.5)
+    assert {(verdict.state, verdict.reasons) for verdict in verdicts} == {(S.ENGAGED, ("shadow",))}
+
+
+def test_a_rehearsal_that_calls_for_the_driver_still_says_that_it_is_one():
+    """The wheels are silent, and the receiver alone says that the car stands."""
+    rig = rehearsing()
+    rig.car.silent = set(wheels(0.0))
+    assert {"shadow", "standstill_uncertain", "driver_needed"} <= set(rig.run(4.0)[-1].reasons)
+
+
+def test_who_says_go_to_a_car_that_goes_is_not_told_that_it_is_too_early():
+    """The driver's foot is on the brake, with which no car would be let go."""
+    rig = Rig()
+    rig.cruise(3.0)
+    rig.car.driver_brake = True
+    assert rig.step(act=OperatorCommand.GO).reasons == ("driver_on_brake",)
+
+
+def test_a_driver_at_the_pedals_hides_nothing_else():
+    rig = Rig()
+    rig.cruise(3.0)
+    rig.car.driver_brake = True
+    assert rig.step(sequence=1).reasons == ("setpoint_out_of_order", "driver_on_brake")
+
+
+def test_a_driver_at_the_pedals_is_granted_no_acceleration_from_the_first_step_on():
+    rig = Rig()
+    rig.cruise(3.0)
+    rig.run(0.5, 1.5)
+    rig.car.driver_brake = True
+    assert [verdict.acceleration for verdict in rig.run(0.3, 1.5)] == [0.0] * 15
+
+
+def test_a_driver_who_takes_over_while_the_kit_is_being_enabled_has_the_car():
+    rig = Rig(Car(gear=Gear.DRIVE, driver_brake=True))
+    rig.run(0.1)
+    rig.step(act=OperatorCommand.ENGAGE)
+    rig.car.override = True
+    verdict = rig.step()
+    assert (verdict.state, verdict.reasons) == (S.FAULT, ("driver_override",))
+
+
+def test_an_override_of_old_that_a_confirmed_kit_still_reports_is_a_new_one():
+    """The gear module holds on to it after the act, while brake, throttle and steering confirm."""
+    rig = Rig()
+    rig.car.forged = {codec.GEAR_REPORT: codec.encode(codec.GearReport(Gear.PARK, override=True))}
+    rig.run(0.1)
+    begun = rig.now
+    assert rig.step(act=OperatorCommand.ENGAGE).state is S.ENGAGED
+    while rig.step().state is S.ENGAGED:
+        assert rig.now - begun < 0.5
+    assert rig.now - begun > 0.4
+    assert rig.step().state is S.FAULT
