@@ -64,7 +64,7 @@ def test_a_gentle_rig_stops_as_gently_and_sets_in_as_slowly_as_it_says():
 
 
 def test_a_rig_whose_ordinary_stop_is_the_harder_one_keeps_it_in_trouble():
-    """An emergency sets in no slower than the stop does, and a critical fault makes the stop neither softer nor slower."""
+    """Neither an emergency that asks for little nor a critical fault makes the stop softer or slower."""
     for step in ({"extra": ANOTHER_WRITER}, {"acceleration": -1.0, "emergency": True}):
         rig = cruising(8.0, stop_deceleration=5.0, stop_jerk=40.0)
         verdict = rig.step(act=OperatorCommand.STOP, **step)

@@ -114,7 +114,6 @@ class Gateway:
         if not period <= wire.command_timeout:
             raise ConfigError(f"{wire.title}: lets go after {wire.command_timeout:g} s, but a step takes {period:g} s")
         self._shadow = shadow
-        self._vehicle = vehicle
         self._ratio, self._wheel_bias = vehicle.steering_ratio, wheel_bias
         steering_limit = min(vehicle.steering_limit, wire.wheel_angle_limit / vehicle.steering_ratio)
         self._steering_limit = steering_limit
@@ -390,7 +389,6 @@ class Gateway:
         elif event is Event.DISARM or event is Event.PARKED:
             # Whoever engages next may be another controller, which counts from zero again.
             self._admission = SetpointValidator()
-            self._way = FallbackTracker(self._vehicle)
             if event is Event.DISARM:
                 self._causes.clear()
 
@@ -443,7 +441,7 @@ class Gateway:
                 torque, command.pedals.throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear
             )
         )
-        self._told = Pedals(torque, command.pedals.throttle) if enable else Pedals(0.0, 0.0)
+        self._told = Pedals(torque, command.pedals.throttle)
         verdict = GatewayStatus(
             state=self._state,
             reasons=tuple(dict.fromkeys(self._causes + self._notes)),
