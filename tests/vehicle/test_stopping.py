@@ -82,6 +82,19 @@ def test_brakes_that_do_not_follow_are_asked_for_all_that_an_emergency_may():
     assert rig.run(0.5)[-1].acceleration == -9.0
 
 
+@pytest.mark.parametrize("how", ["silent", "turning"])
+def test_a_car_in_park_whose_wheels_do_not_say_that_it_stands_is_not_let_go(how):
+    rig = cruising(2.0)
+    rig.step(act=OperatorCommand.STOP)
+    while rig.car.gear is not codec.Gear.PARK:
+        rig.step()
+    if how == "silent":
+        rig.car.silent = set(wheels(0.0))
+    else:
+        rig.car.forged = wheels(0.5)
+    assert {verdict.state for verdict in rig.run(2.0)} == {S.STOPPED}
+
+
 # What it says.
 
 
