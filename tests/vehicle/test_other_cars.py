@@ -141,7 +141,7 @@ def test_what_an_operator_does_has_the_words_that_a_record_keeps():
 
 
 def test_a_steering_wheel_that_is_mounted_askew_points_straight_where_it_was_calibrated_to():
-    """Two radians of it would be 0.27 rad of the wheels if they were counted the wrong way: a steering that is stuck."""
+    """Two radians of it, counted the wrong way, would be 0.27 rad of the wheels and a steering that is stuck."""
     rig = rig_of(wheel_bias=2.0)
     rig.car.wheel_angle = rig.car._angle_wish = 2.0
     rig.engage()
