@@ -205,6 +205,17 @@ def test_whoever_engages_again_finds_the_brakes_as_the_first_one_did():
     assert torques[0][0] < torques[0][-1]
 
 
+def test_after_parking_the_next_controller_may_count_from_zero():
+    rig = Rig()
+    rig.engage()
+    rig.step(act=OperatorCommand.STOP)
+    while rig.step(None).state is not S.DISARMED:
+        pass
+    rig.sequence = -1
+    assert rig.step().state is S.READY
+    assert rig.gateway.sequence == 0
+
+
 def test_a_fault_before_the_next_drive_says_nothing_of_the_last_one():
     rig = driven_and_parked()
     rig.tick += 10

@@ -137,7 +137,7 @@ class Gateway:
         self._let_go_long = Debounce(DRIVER_TIME)
 
         self._state = ArmingState.DISARMED
-        self._causes: list[str] = []  # why the car is being stopped or commanded no more, first cause first
+        self._causes: dict[str, None] = {}  # why the car is stopped or commanded no more, each once, the first one first
         self._notes: list[str] = []  # what an operator should know of this step only
         self._last_now = math.nan
         self._elapsed = 0.0  # since the last step, bounded [s]
@@ -379,7 +379,7 @@ class Gateway:
         if after is ArmingState.FAULT and before not in COMMANDING and before is not after:
             self._causes.clear()  # why the drive before ended is another story
         if before in COMMANDING or after is ArmingState.FAULT:
-            self._causes += [code for code in dict.fromkeys(causes) if code not in self._causes]
+            self._causes.update(dict.fromkeys(causes))
         if after is before:
             return
         if after is ArmingState.ENGAGED:
@@ -444,7 +444,7 @@ class Gateway:
         self._told = Pedals(torque, command.pedals.throttle)
         verdict = GatewayStatus(
             state=self._state,
-            reasons=tuple(dict.fromkeys(self._causes + self._notes)),
+            reasons=tuple(dict.fromkeys([*self._causes, *self._notes])),
             steering=command.steering,
             acceleration=command.acceleration,
             limited=command.limited,
