@@ -419,3 +419,10 @@ def test_whoever_engages_again_is_watched_as_the_first_time():
     first = Rig()
     first.run(1.0)
     assert time_to_notice(again) == pytest.approx(time_to_notice(first), abs=1e-6)
+
+
+def test_a_slope_that_is_known_of_is_no_failing_brake():
+    """Eight percent downhill: 0.78 m/s2 that the brakes take beside the half that is asked for."""
+    rig = Rig(Car(grade=-0.08))
+    rig.cruise(6.0)
+    assert {verdict.reasons for verdict in rig.run(3.0, -0.5)} == {()}

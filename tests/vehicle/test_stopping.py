@@ -82,6 +82,23 @@ def test_brakes_that_do_not_follow_are_asked_for_all_that_an_emergency_may():
     assert rig.run(0.5)[-1].acceleration == -9.0
 
 
+@pytest.mark.parametrize("gain", [1.0, 0.5])
+def test_a_car_at_rest_is_held_as_it_was_held_before_it_started(gain):
+    """Also one whose brakes are weak, which all of their torque had to stop."""
+    rig = Rig()
+    rig.stand_by()
+    held = rig.run(0.5)[-1].brake_torque
+    rig.step(act=OperatorCommand.GO)
+    while rig.car.speed < 4.0:
+        rig.step(1.5)
+    rig.car.brake_gain, rig.car.shift_time = gain, 10.0
+    rig.step(act=OperatorCommand.STOP)
+    while (verdict := rig.step()).state is not S.STOPPED:
+        pass
+    assert ("brake_not_following" in verdict.reasons) is (gain < 1.0)
+    assert rig.run(1.0)[-1].brake_torque == pytest.approx(held)
+
+
 @pytest.mark.parametrize("how", ["silent", "turning"])
 def test_a_car_in_park_whose_wheels_do_not_say_that_it_stands_is_not_let_go(how):
     rig = cruising(2.0)

@@ -251,7 +251,8 @@ def test_an_emergency_of_the_drive_before_is_none_of_the_next():
 def test_park_is_waited_for_again_in_the_next_drive():
     """A bus that fails at once: the car stands in park, and is held until a shift on its way would have come out."""
     rig = driven_and_parked()
-    rig.step(act=OperatorCommand.ENGAGE)
+    assert rig.step().reasons == ("stop_asked",)
+    assert rig.step(act=OperatorCommand.ENGAGE).reasons == ("engaging",)
     held = [rig.step(found=("bus_down",))]
     assert held[0].state is S.STOPPED
     while held[-1].state is S.STOPPED:
