@@ -426,3 +426,11 @@ def test_a_slope_that_is_known_of_is_no_failing_brake():
     rig = Rig(Car(grade=-0.08))
     rig.cruise(6.0)
     assert {verdict.reasons for verdict in rig.run(3.0, -0.5)} == {()}
+
+
+def test_a_kit_that_has_not_confirmed_is_asked_for_no_gear():
+    rig = Rig(Deaf())
+    rig.step(act=OperatorCommand.ENGAGE)
+    for _ in range(15):
+        assert rig.commands()[3].gear is Gear.NONE
+        assert rig.step().state is S.ENGAGED

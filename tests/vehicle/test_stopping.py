@@ -115,10 +115,13 @@ def test_a_car_in_park_whose_wheels_do_not_say_that_it_stands_is_not_let_go(how)
 # What it says.
 
 
-def test_the_end_of_a_drive_is_a_stop_that_says_so():
+@pytest.mark.parametrize(
+    ("act", "reason"), [(OperatorCommand.END, "drive_over"), (OperatorCommand.DISARM, "disarm_asked")]
+)
+def test_the_end_of_a_drive_is_a_stop_that_says_so(act, reason):
     rig = cruising(3.0)
-    verdict = rig.step(act=OperatorCommand.END)
-    assert (verdict.state, verdict.reasons) == (S.STOPPING, ("drive_over",))
+    verdict = rig.step(act=act)
+    assert (verdict.state, verdict.reasons) == (S.STOPPING, (reason,))
 
 
 def test_a_stop_needs_no_setpoints_and_blames_nobody_for_their_absence():

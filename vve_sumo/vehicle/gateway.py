@@ -137,7 +137,9 @@ class Gateway:
         self._let_go_long = Debounce(DRIVER_TIME)
 
         self._state = ArmingState.DISARMED
-        self._causes: dict[str, None] = {}  # why the car is stopped or commanded no more, each once, the first one first
+        self._causes: dict[
+            str, None
+        ] = {}  # why the car is stopped or commanded no more, each once, the first one first
         self._notes: list[str] = []  # what an operator should know of this step only
         self._last_now = math.nan
         self._elapsed = 0.0  # since the last step, bounded [s]
