@@ -76,7 +76,7 @@ def job(demand: list[str], seconds: float, seed: int, keep: Path | None = None) 
     """Return a drive that nothing ends before its time."""
     table: dict[str, Any] = tomllib.loads(SCENARIO.read_text(encoding="utf-8"))
     table |= {"duration_s": seconds, "seed": seed}
-    table["street"]["demand"] = demand
+    table["road"]["demand"] = demand
     table["obstacles"][0]["at_m"] = 760.0
     return Job(f"{seconds} {seed}", SCENARIO.stem, table, SCENARIO, REPOSITORY, keep)
 

@@ -2,7 +2,7 @@
 
 Usage: PYTHONPATH=. python benchmarks/false_alarms.py [--hours H] [--noise FACTOR] [--seed S] [--processes N]
 
-The whole chain drives the hardware-free car in closed loop, as fast as it goes: bytes of the receiver, trust gate,
+The whole pipeline drives the simulated vehicle in closed loop, as fast as it goes: bytes of the receiver, trust gate,
 predictor, a path follower and the gateway; there is no street, and the way to rest is left out, which stops a car only
 where it leaves its lot. Every leg has a road, a car and a driver of its own, drawn from the ranges below. Prints;
 changes nothing.
@@ -46,7 +46,7 @@ LONGEST_STOP = 30.0  # [s]
 
 
 class NoWayToRest(Pipeline):
-    """The chain without the way to rest, a fifth of what a tick costs."""
+    """The pipeline without the way to rest, a fifth of what a tick costs."""
 
     def prepare(self, time: float, steering: float) -> None:
         """Find nothing."""
@@ -148,7 +148,7 @@ def leg(seed: int, number: int, noise: float) -> Tally:
     parameters = car(generator, noise)
     driver, tally = Driver(parameters, generator), Tally()
     loop = ClosedLoop(
-        road(generator), 8.0, (), parameters, number, driver, deviation_limit=4.0, chain=NoWayToRest
+        road(generator), 8.0, (), parameters, number, driver, deviation_limit=4.0, pipeline=NoWayToRest
     )  # fmt: skip
     engaged = False
     for ticked in loop.ticks():

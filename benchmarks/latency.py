@@ -1,9 +1,9 @@
 """How late a command is, live: from the kernel's stamp of a fix to the return of the last command frame's send.
 
 python benchmarks/latency.py [--seconds S] [--rounds N]
-The whole live stack with the hardware-free car (UDP loopback, slcan on a pty). Twenty boxes stand in the radar's range;
+The whole live stack with the simulated vehicle (UDP loopback, slcan on a pty). Twenty boxes stand in the radar's range;
 the network holds 500 vehicles besides, or none. Drives of both kinds alternate, so that a noisy machine disturbs them
-alike; the figures are of all ticks of all rounds, from the drives' own latency ledgers.
+alike; the figures are of all ticks of all rounds, from the drives' own latency tables.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ REPOSITORY = Path(__file__).parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.tick import demand  # noqa: E402
-from vve_sumo.drive.latency_monitor import LEGS, TOTAL, summarize  # noqa: E402
-from vve_sumo.record.record import read_table  # noqa: E402
+from vve_sumo.drive.latency_monitor import LEGS, TOTAL, latency_summary  # noqa: E402
+from vve_sumo.record.reader import read_table  # noqa: E402
 
 BOXES = 20
 CASES = (0, 500)
@@ -35,8 +35,8 @@ def scenario(folder: Path, vehicles: int, seconds: float) -> Path:
     """Write a slow drive towards parked boxes, all of them ahead and none in the way, and return its file."""
     table: Any = tomlkit.parse((REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8"))
     table["duration_s"] = seconds
-    table["street"]["demand"] = [str(demand(folder, vehicles))] if vehicles else []
-    table["street"]["warm_up_s"] = 5.0
+    table["road"]["demand"] = [str(demand(folder, vehicles))] if vehicles else []
+    table["road"]["warm_up_s"] = 5.0
     table["ego"]["speed_mps"] = 0.6
     table["obstacles"] = [
         {"id": f"box{n}", "at_m": 60.0 + 3.0 * (n // 2), "offset_m": (1 if n % 2 else -1) * (8.0 + 0.12 * n)}
@@ -54,7 +54,7 @@ def rig(folder: Path) -> Path:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    table: Any = tomlkit.parse((REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8"))
+    table: Any = tomlkit.parse((REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8"))
     table["pose"]["port"] = port
     file = folder / "bench.toml"
     file.write_text(tomlkit.dumps(table), encoding="utf-8")
@@ -62,7 +62,7 @@ def rig(folder: Path) -> Path:
 
 
 def drive(folder: Path, vehicles: int, seconds: float, number: int) -> tuple[pa.Table, dict[str, Any]]:
-    """Drive once in processes of its own and return the latency ledger and the summary."""
+    """Drive once in processes of its own and return the latency table and the summary."""
     record = folder / f"record_{vehicles}_{number}"
     command = [sys.executable, "-m", "vve_sumo.cli", "drive", str(scenario(folder, vehicles, seconds))]
     command += ["--rig", str(rig(folder)), "--out", str(record)]
@@ -86,13 +86,13 @@ def main() -> None:
             for vehicles in CASES:
                 table, summary = drive(Path(scratch), vehicles, arguments.seconds, number)
                 tables[vehicles].append(table)
-                load = summary.get("headroom", {})
+                load = summary.get("step_time", {})
                 print(
                     f"{vehicles:4d} vehicles: {summary['outcome']} ({'+'.join(summary['reasons'])}), {table.num_rows} "
                     f"ticks, removed {load.get('removed')}, refused {load.get('refused')}, step at most "
                     f"{1000.0 * load.get('longest_s', 0.0):.1f} ms"
                 )
-    show({vehicles: summarize(pa.concat_tables(parts)) for vehicles, parts in tables.items()})
+    show({vehicles: latency_summary(pa.concat_tables(parts)) for vehicles, parts in tables.items()})
 
 
 def show(figures: dict[int, dict[str, Any]]) -> None:

@@ -46,16 +46,16 @@ def drive(name: str, seed: int) -> dict[str, Any]:
     from vve_sumo.drive import run as drives
 
     with tempfile.TemporaryDirectory() as scratch:
-        setting = drives.choose(name, REPOSITORY, seed=seed)
-        return drives.run(setting, Path(scratch) / "record", REPOSITORY).summary
+        resolved = drives.resolve_by_name(name, REPOSITORY, seed=seed)
+        return drives.run(resolved, Path(scratch) / "record", REPOSITORY).summary
 
 
 def paint(name: str) -> None:
     """Draw a scenario's picture."""
-    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.run import resolve_by_name
     from vve_sumo.plotting.scenario import draw
 
-    draw(choose(name, REPOSITORY), PICTURES / f"{name}.png")
+    draw(resolve_by_name(name, REPOSITORY), PICTURES / f"{name}.png")
 
 
 def row(name: str, summaries: Sequence[dict[str, Any]]) -> str:

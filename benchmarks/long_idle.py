@@ -1,6 +1,6 @@
 """Hours of standing, creeping and slow driving in one drive without a stop: does anything wrap, drift or grow?
 
-Usage: PYTHONPATH=. python benchmarks/long_idle.py [--hours H]. The whole chain with the hardware-free car and no
+Usage: PYTHONPATH=. python benchmarks/long_idle.py [--hours H]. The whole pipeline with the simulated vehicle and no
 street, as in benchmarks/false_alarms.py. Prints the memory of the process and the true deviation each quarter of an
 hour, and the first reason to stop, which there should not be; changes nothing.
 """
@@ -55,7 +55,7 @@ def main() -> None:
     hours = parser.parse_args().hours
     x = np.arange(0.0, ROAD * max(hours, 1.0), 1.0)
     path = Path.from_points(x, 2.0 * np.sin(x / 20.0) * np.minimum(x / 40.0, 1.0))
-    loop = ClosedLoop(path, 3.0, controller=Dawdling(), chain=NoWayToRest, deviation_limit=4.0)
+    loop = ClosedLoop(path, 3.0, controller=Dawdling(), pipeline=NoWayToRest, deviation_limit=4.0)
     engaged, told, farthest, driven = False, 0.0, 0.0, 0.0
     for ticked in loop.ticks():
         state = ticked.verdict.state

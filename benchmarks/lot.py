@@ -33,40 +33,40 @@ def measured(name: str, calls: list[Callable[[], object]], rounds: int) -> None:
 def main() -> None:
     """Lay the paper's path into the shipped lot and time each of its metres."""
     from vve_sumo.drive.resolved_scenario import resolve_scenario
-    from vve_sumo.drive.virtual_road import standing
+    from vve_sumo.drive.virtual_road import pose_at_rest
     from vve_sumo.frames import Alignment
     from vve_sumo.lot.fallback import fallback_path
     from vve_sumo.lot.geofence import Driven
     from vve_sumo.rig.load import load
-    from vve_sumo.rig.resolve import fence_of, frame_of
+    from vve_sumo.rig.resolve import frame_of, geofence_of
     from vve_sumo.scenario.load import load as load_scenario
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=3)
     rounds = parser.parse_args().rounds
     file = REPOSITORY / "scenarios" / "parked_car.toml"
-    setting = resolve_scenario("parked_car", load_scenario(file), file, REPOSITORY)
-    rig = load(REPOSITORY / "rigs" / "twin.toml")
-    start, begin, path = rig.car_start, setting.path.at(0.0), setting.path
+    resolved = resolve_scenario("parked_car", load_scenario(file), file, REPOSITORY)
+    rig = load(REPOSITORY / "rigs" / "simulated.toml")
+    start, begin, path = rig.car_start, resolved.path.at(0.0), resolved.path
     assert start is not None
     place = frame_of(rig).to_map(math.radians(start.latitude_deg), math.radians(start.longitude_deg))
-    lot_pose = standing(*place, math.radians(90.0 - start.heading_deg))
-    alignment = Alignment.from_matched_start(lot_pose, standing(begin.x, begin.y, begin.heading))
-    fence, vehicle = fence_of(rig, alignment), setting.vehicle
-    drive = fence.driven(path, setting.scenario.ego.speed_mps)
+    lot_pose = pose_at_rest(*place, math.radians(90.0 - start.heading_deg))
+    alignment = Alignment.from_matched_start(lot_pose, pose_at_rest(begin.x, begin.y, begin.heading))
+    geofence, vehicle = geofence_of(rig, alignment), resolved.vehicle
+    drive = geofence.driven(path, resolved.scenario.ego.speed_mps)
     to_lot = alignment.inverse()
 
     def near_an_edge(at: Driven) -> bool:
-        shapes = fence.sweep(to_lot.apply(at.pose), at.steering, at.profile)
-        return shapes is not None and fence.lot.holds(shapes)
+        shapes = geofence.sweep(to_lot.apply(at.pose), at.steering, at.profile)
+        return shapes is not None and geofence.lot.holds(shapes)
 
     print(f"{'':28} {'median':>7} {'p95':>7} {'worst':>7}  us")
-    measured("check", [lambda p=p: fence.check(p.pose, p.steering, p.profile) for p in drive], rounds)
+    measured("check", [lambda p=p: geofence.check(p.pose, p.steering, p.profile) for p in drive], rounds)
     measured("check, near an edge", [lambda p=p: near_an_edge(p) for p in drive], rounds)
     ways = [lambda p=p: fallback_path(p.pose, p.steering, path, p.station, vehicle) for p in drive]
     measured("way to rest", ways, rounds)
     begun = time.perf_counter()
-    fence.along(path, setting.scenario.ego.speed_mps)
+    geofence.along(path, resolved.scenario.ego.speed_mps)
     print(f"the whole path: {1e3 * (time.perf_counter() - begun):.0f} ms")
 
 

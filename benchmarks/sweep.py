@@ -60,7 +60,7 @@ def job(key: str, demand: Path, seconds: float = TICKS * PERIOD, seed: int = 1) 
     """Return the drive of this benchmark."""
     table: dict[str, Any] = tomllib.loads(SCENARIO.read_text(encoding="utf-8"))
     table |= {"duration_s": seconds, "seed": seed}
-    table["street"]["demand"] = [str(demand)]
+    table["road"]["demand"] = [str(demand)]
     table["obstacles"][0]["at_m"] = 760.0
     table.pop("criteria", None)
     return Job(key, SCENARIO.stem, table, SCENARIO, REPOSITORY)

@@ -80,8 +80,8 @@ def setting(folder: Path, vehicles: int, boxes: bool) -> Any:
         row |= {"length_m": 2.2, "width_m": 1.2}
     return altered(
         {
-            "street.demand": [str(demand(folder, vehicles))],
-            "street.warm_up_s": 5.0,
+            "road.demand": [str(demand(folder, vehicles))],
+            "road.warm_up_s": 5.0,
             "ego.speed_mps": 0.6,
             "obstacles": rows if boxes else [],
             "duration_s": 3600.0,
@@ -113,8 +113,8 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
     import libsumo
 
     from vve_sumo.drive.lockstep import Lockstep
-    from vve_sumo.drive.resolved_scenario import EPOCH
-    from vve_sumo.record.record import Record
+    from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
+    from vve_sumo.record.writer import Record
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -122,7 +122,7 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
         step = Timed()
         libsumo.simulationStep = step.wrap(libsumo.simulationStep)
         shell = Lockstep(drive, REPOSITORY)
-        record = Record(folder / "record", drive.resolved(REPOSITORY), EPOCH)
+        record = Record(folder / "record", drive.to_dict(REPOSITORY), DEFAULT_EPOCH)
         pipeline = shell._pipeline
         gateway = shell._gateway
         path = Timed()

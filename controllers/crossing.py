@@ -13,7 +13,7 @@ from .trend import Trend
 CROSSES = 4.0  #: standard deviations of speed across the path that tell crossing from noise
 IN, LEFT = 2.5, 1.0  #: standard deviations by which one must be foreseen to be in the band, or beyond it
 COMES_OVER = 2.0  #: standard deviations of speed across the path that tell changing lanes from keeping one
-FORESIGHT = 3.0  #: nothing is foretold farther ahead than this [s]
+PREDICTION_HORIZON = 3.0  #: nothing is foretold farther ahead than this [s]
 KNOWN = 0.5  #: its standard deviation must be less than this: one seen for the first time changes no lane yet [m/s]
 ON_FOOT = 3.0  #: who crosses faster than this is not walking [m/s]
 WALKER, VEHICLE = 0.5, 4.0  #: way across the path that at least follows the edge that comes first [m]
@@ -29,7 +29,7 @@ def will_be_in(across: Trend, left: float, right: float, arrival: float) -> bool
 
     What is seen of one who comes nearer is the edge that enters first; the body follows it.
     """
-    if not arrival <= FORESIGHT:
+    if not arrival <= PREDICTION_HORIZON:
         return False
     now, then, sigma, enters, leaves = _forecast(across, left, right, arrival)
     follows = 0.0 if now > 0.0 else WALKER if abs(across.rate) < ON_FOOT else VEHICLE
@@ -52,7 +52,7 @@ def will_have_left(across: Trend, left: float, right: float, arrival: float) -> 
 
     It must be past the middle: only then is the edge that is seen the last one.
     """
-    now, then, sigma, _, leaves = _forecast(across, left, right, min(arrival, FORESIGHT))
+    now, then, sigma, _, leaves = _forecast(across, left, right, min(arrival, PREDICTION_HORIZON))
     return now > 0.0 and then - LEFT * sigma > leaves
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from vve_sumo.path import Path, Station
 from vve_sumo.values import Pose, Vehicle
 
-LEAST_SPEED = 1.0  #: below it the direction of motion drowns in the receiver's velocity noise [m/s]
+MIN_SPEED = 1.0  #: below it the direction of motion drowns in the receiver's velocity noise [m/s]
 SETTLING_TIME = 1.0  #: of the misalignment estimate [s]: slow beside the steering loop, quick beside a drive
 MISALIGNMENT_LIMIT = math.radians(2.0)  #: more than this is a fault of the rig and not for a controller to hide
 
@@ -46,7 +46,7 @@ def tyre_response_time(vehicle: Vehicle, speed: float) -> float:
     """
     cf, cr = vehicle.cornering_stiffness_front, vehicle.cornering_stiffness_rear
     lf, lr = vehicle.front_axle_to_mass, vehicle.wheelbase - vehicle.front_axle_to_mass
-    m, inertia, v = vehicle.mass, vehicle.yaw_inertia, max(speed, LEAST_SPEED)
+    m, inertia, v = vehicle.mass, vehicle.yaw_inertia, max(speed, MIN_SPEED)
     a11, a12 = -(cf + cr) / (m * v), (cr * lr - cf * lf) / (m * v) - v
     a21, a22 = (cr * lr - cf * lf) / (inertia * v), -(cf * lf * lf + cr * lr * lr) / (inertia * v)
     b1, b2 = cf / m, cf * lf / inertia
@@ -75,7 +75,7 @@ class DeviationObserver:
         """Advance by a period [s]; `pose` and `station` are the rear axle's."""
         speed = max(pose.speed, 0.0)
         slip = steady_sideslip(self._vehicle, speed, station.curvature)
-        if speed > LEAST_SPEED:
+        if speed > MIN_SPEED:
             residual = math.atan2(pose.lateral_speed, speed) - slip
             learnt = self._misalignment + (residual - self._misalignment) * period / SETTLING_TIME
             self._misalignment = min(max(learnt, -MISALIGNMENT_LIMIT), MISALIGNMENT_LIMIT)

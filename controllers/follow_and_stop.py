@@ -26,7 +26,7 @@ from .tracks import Target, Tracker
 from .trim import SteeringTrim
 
 PERIOD = 0.02  #: of the tick [s]
-HARDEST = -3.3  #: of comfort, inside the gateway's comfort envelope [m/s2]
+COMFORT_LIMIT = -3.3  #: of comfort, inside the gateway's comfort envelope [m/s2]
 JERK_DOWN, JERK_UP = 4.0, 2.5  #: of comfort [m/s3]
 
 TUNING: dict[str, float | str | bool] = {
@@ -98,7 +98,7 @@ class FollowAndStop:
         target = self._tracker.step(observation, station)
         dangers = self._tracker.dangers(observation.time, station.s)
         if self._emergency is not None and self._emergency.step(dangers, pose.speed):
-            self._acceleration, self._stopped = HARDEST, True
+            self._acceleration, self._stopped = COMFORT_LIMIT, True
             return ControlCommand(self._steer(deviation, observation), FULL, emergency=True, note="emergency")
         if self._comfort:
             acceleration, note = self._accelerate(observation, station.s, target)
@@ -119,19 +119,22 @@ class FollowAndStop:
     def _accelerate(self, observation: Observation, s: float, target: Target | None) -> tuple[float, str]:
         speed, measured = observation.pose.speed, observation.pose.acceleration
         profile = self._profiled(observation.path)
-        wishes = {"cruise": self._keeper.step(profile, s, speed, measured, observation.desired_speed, self._cruising)}
+        cruise = self._keeper.step(profile, s, speed, measured, observation.desired_speed, self._cruising)
+        candidates = {"cruise": cruise}
         goals = {"path_end": Goal(observation.path.length - s), "target": self._stop.goal(target)}
         for note, goal in goals.items():
             if goal is not NOWHERE:
-                wishes[note] = self._approach.acceleration(goal, speed, measured)
-        note = min(wishes, key=wishes.__getitem__)
+                candidates[note] = self._approach.acceleration(goal, speed, measured)
+        note = min(candidates, key=candidates.__getitem__)
         self._cruising = note == "cruise"
         nearest = min(goals.values())
         held = self._standstill.step(nearest.distance, speed, self._approach.is_last_bit(nearest, speed, measured))
         if held is not None:
             note = "hold"
-        wanted = wishes[note] if held is None else held
-        self._acceleration = jerk_limit(wanted, self._acceleration, HARDEST, SPEEDING_UP, JERK_DOWN, JERK_UP, PERIOD)
+        wanted = candidates[note] if held is None else held
+        self._acceleration = jerk_limit(
+            wanted, self._acceleration, COMFORT_LIMIT, SPEEDING_UP, JERK_DOWN, JERK_UP, PERIOD
+        )
         return self._acceleration, note
 
     def _profiled(self, path: Path) -> SpeedProfile:

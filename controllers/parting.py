@@ -12,20 +12,20 @@ import numpy as np
 
 from vve_sumo.path import Corridor, Path
 
-from .crossing import FORESIGHT, LEFT, ON_FOOT
+from .crossing import LEFT, ON_FOOT, PREDICTION_HORIZON
 from .trend import Trend
 
-LONGEST = 18.0  #: of the body that may follow the point that is seen, an articulated bus [m]
-ROOM = 2.0  #: that must stay between it and the front bumper [m]
-ASIDE = 5.0  #: what is in the band so far behind the bumper would be met by the car's side [m]
+MAX_BODY_LENGTH = 18.0  #: of the body that may follow the point that is seen, an articulated bus [m]
+MIN_CLEARANCE = 2.0  #: that must stay between it and the front bumper [m]
+SIDE_REACH = 5.0  #: what is in the band so far behind the bumper would be met by the car's side [m]
 STEP = 0.1  #: of the forecast [s]
-BODY = np.linspace(0.0, LONGEST, 13)  #: places along it that are looked at [m]
+BODY = np.linspace(0.0, MAX_BODY_LENGTH, 13)  #: places along it that are looked at [m]
 
 
 def goes_past(
     path: Path, corridor: Corridor, s: float, across: Trend, along: float, bumper: float, pace: float
 ) -> bool:
-    """Tell whether all of it leaves the corridor before the front bumper comes within ROOM of it.
+    """Tell whether all of it leaves the corridor before the front bumper comes within MIN_CLEARANCE of it.
 
     It is seen at station `s` [m], goes at `along` [m/s] along the path and as the trend says across; the bumper is at
     station `bumper` [m] and keeps its `pace` [m/s]. One on foot may stop at any step: of them this foretells nothing.
@@ -37,10 +37,10 @@ def goes_past(
     if speed <= ON_FOOT:
         return False
     x, y = here.x - across.value * sin - BODY * (vx / speed), here.y + across.value * cos - BODY * (vy / speed)
-    for step in range(round(FORESIGHT / STEP) + 1):
+    for step in range(round(PREDICTION_HORIZON / STEP) + 1):
         time = step * STEP
         sigma = LEFT * math.sqrt(across.ahead(time)[1])
-        stations, offsets = path.locate(x + vx * time, y + vy * time, bumper - ASIDE, s + LONGEST)
+        stations, offsets = path.locate(x + vx * time, y + vy * time, bumper - SIDE_REACH, s + MAX_BODY_LENGTH)
         inside = [
             at
             for at, offset in zip(stations.tolist(), offsets.tolist(), strict=True)
@@ -48,6 +48,6 @@ def goes_past(
         ]
         if not inside:
             return True
-        if min(inside) < bumper + pace * time + ROOM:
+        if min(inside) < bumper + pace * time + MIN_CLEARANCE:
             return False
     return False

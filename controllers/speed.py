@@ -14,7 +14,7 @@ from vve_sumo.values import Vehicle
 LATERAL_COMFORT = 2.0  #: lateral acceleration in bends [m/s2]
 SLOWING = 1.5  #: deceleration ahead of bends [m/s2]
 SPEEDING_UP = 1.5  #: [m/s2]
-FASTEST = 60.0  #: stands for "no limit" in the table, so that differences stay finite [m/s]
+NO_SPEED_LIMIT = 60.0  #: stands for "no limit" in the table, so that differences stay finite [m/s]
 LEARNING_BAND = 0.5  #: greater speed errors are transients and teach nothing [m/s]
 TRACKING = 0.8  #: acceleration for each m/s of speed error [1/s]
 LEARNING = 0.05  #: integral gain [1/s2]: what throttle map and drag get wrong goes in about 16 s
@@ -27,7 +27,7 @@ class SpeedProfile:
         """`lateral` and `slowing`: accelerations in bends and ahead of them [m/s2]."""
         table = path.samples
         self._first = float(table.s[0])
-        self._squares = squared_speed_limits(table.curvature.tolist(), FASTEST, lateral, slowing, SAMPLE_SPACING)
+        self._squares = squared_speed_limits(table.curvature.tolist(), NO_SPEED_LIMIT, lateral, slowing, SAMPLE_SPACING)
 
     def at(self, s: float) -> tuple[float, float]:
         """Return the speed [m/s] and the acceleration along the profile [m/s2] at a station [m]."""

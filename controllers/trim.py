@@ -9,8 +9,8 @@ from vve_sumo.laws import clamp
 from vve_sumo.values import Vehicle
 
 LIMIT = 0.02  #: road-wheel angle [rad]: 17 deg at the wheel, far beyond any honest zero error
-LEAST_SPEED = 0.5  #: nothing is learnt while parked [m/s]
-LARGEST_OFFSET = 0.3  #: a greater deviation is an event, not an offset, and counts as this much [m]
+MIN_SPEED = 0.5  #: nothing is learnt while parked [m/s]
+MAX_OFFSET = 0.3  #: a greater deviation is an event, not an offset, and counts as this much [m]
 
 
 class SteeringTrim:
@@ -28,9 +28,9 @@ class SteeringTrim:
 
     def step(self, offset: float, speed: float, period: float, saturated: bool) -> float:
         """Advance by a period [s]; while the steering is saturated nothing is learnt."""
-        if speed > LEAST_SPEED and not saturated:
+        if speed > MIN_SPEED and not saturated:
             look_ahead = max(self._least, self._time * speed)
             rate = self._gain / (look_ahead * look_ahead * look_ahead)
-            learnt = self.angle - rate * clamp(offset, -LARGEST_OFFSET, LARGEST_OFFSET) * speed * period
+            learnt = self.angle - rate * clamp(offset, -MAX_OFFSET, MAX_OFFSET) * speed * period
             self.angle = clamp(learnt, -LIMIT, LIMIT)
         return self.angle

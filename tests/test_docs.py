@@ -17,6 +17,7 @@ from pydantic import BaseModel
 
 from tests.conftest import REPOSITORY
 from tests.live import matrix
+from tests.record.declared import LIVE_TABLES
 from vve_sumo.analysis.latency import PERCENTILES
 from vve_sumo.analysis.sensing import STATISTICS
 from vve_sumo.metrics.exposure import EXPOSURE
@@ -27,11 +28,10 @@ from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
 from vve_sumo.pose.receivers.port import PORT, ReceiverTable
 from vve_sumo.pose.receivers.port import load as load_receiver
-from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS
 from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.rig.schema import Rig
-from vve_sumo.rig.validation import arming_refusal
+from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sweep.spec import Boundary, Spec, Worst, parse_spec
@@ -84,7 +84,7 @@ def _codes(reasons: Mapping[str, str]) -> str:
 
 
 def _schema(table: str) -> str:
-    rows = (f"| `{f.name}` | {f.type} | {f.metadata[b'meaning'].decode()} |" for f in (SCHEMAS | LIVE_SCHEMAS)[table])
+    rows = (f"| `{f.name}` | {f.type} | {f.metadata[b'meaning'].decode()} |" for f in LIVE_TABLES[table])
     return "\n".join(["| column | type | meaning |", "|---|---|---|", *rows])
 
 
@@ -119,7 +119,8 @@ def _rig_keys() -> str:
 GENERATED = {
     ("faults.md", "faults"): matrix.table,
     ("faults.md", "kinds"): _kinds,
-    ("record.md", "detection columns"): lambda: _schema("detections"),
+    ("record.md", "reading columns"): lambda: _schema("readings"),
+    ("record.md", "detection columns"): lambda: _schema("sensor_radar"),
     ("record.md", "actor columns"): lambda: _schema("actors"),
     ("record.md", "gateway columns"): lambda: _schema("gateway"),
     ("record.md", "latency columns"): lambda: _schema("latency"),
@@ -168,13 +169,13 @@ def test_the_scenarios_in_the_documentation_are_some() -> None:
     blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     standing, moving = (parse(tomllib.loads(block), DOCS / "scenarios.md") for block in blocks)
     assert len(standing.obstacles) == 2
-    assert [len(actor.acts) for actor in moving.actors] == [2, 1]
+    assert [len(actor.events) for actor in moving.actors] == [2, 1]
     for parameter in moving.parameters.values():
         assert all(_held(tomllib.loads(blocks[1]), place) is not None for place in parameter.sets)
 
 
 def _held(table: Any, place: str) -> Any:
-    """What stands at a dotted place; actors go by their names, acts by their number."""
+    """What stands at a dotted place; actors go by their names, events by their number."""
     for key in place.split("."):
         if isinstance(table, list):
             table = next((one for one in table if one.get("id") == key), None) or table[int(key)]
@@ -194,7 +195,7 @@ def test_the_sweeps_in_the_documentation_are_some() -> None:
 def test_the_rig_in_the_documentation_is_one_that_may_be_armed() -> None:
     text = (DOCS / "rigs.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    assert arming_refusal(parse_rig(tomllib.loads(block), DOCS / "rigs.md")) is None
+    assert arming_obstacle(parse_rig(tomllib.loads(block), DOCS / "rigs.md")) is None
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in DOCS.glob("*.md"))])

@@ -62,7 +62,7 @@ def test_what_is_public_is_exported_on_purpose() -> None:
 def test_functions_keep_their_names_whatever_rooms_are_imported() -> None:
     code = (
         "import vve_sumo.drive.run, vve_sumo.sweep.plan, vve_sumo as vve\n"
-        "from vve_sumo.drive.run import choose\n"
+        "from vve_sumo.drive.run import resolve_by_name\n"
         "import vve_sumo.drive, vve_sumo.sweep\n"
         "print(callable(vve.drive), callable(vve.sweep), [name for name in dir(vve) if name[0] != '_'] == vve.__all__)"
     )

@@ -1,4 +1,4 @@
-"""Vehicle in Virtual Environment testing on SUMO: a real drive-by-wire car, a virtual street.
+"""Vehicle in Virtual Environment testing on SUMO: a real drive-by-wire car, a virtual road.
 
     import vve_sumo as vve
 

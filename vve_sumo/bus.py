@@ -28,10 +28,10 @@ from vve_sumo.values import Frame
 #: for one frame to be taken by a driver that is busy [s]; a serial adapter that nobody reads would wait for ever
 SEND_TIMEOUT: Final = 0.005
 #: frames taken in at once, so that a flooded bus can't keep its listener from everything else
-MOST_FRAMES: Final = 1000
+MAX_FRAMES: Final = 1000
 #: of a serial adapter: bytes read at once, and the longest line that can still become a frame
 SERIAL_CHUNK: Final = 4096
-LONGEST_LINE: Final = 32
+MAX_LINE_LENGTH: Final = 32
 
 #: a classic 11-bit data frame on a serial adapter's wire: LAWICEL, CANUSB manual, command t
 _SERIAL_FRAME: Final = re.compile(
@@ -69,10 +69,10 @@ class Bus:
     def drain(self) -> list[Frame]:
         """Return all classic 11-bit data frames that wait now, without waiting; what we sent is not among them.
 
-        At most MOST_FRAMES of them; the rest waits for the next call.
+        At most MAX_FRAMES of them; the rest waits for the next call.
         """
         frames: list[Frame] = []
-        for _ in range(MOST_FRAMES):
+        for _ in range(MAX_FRAMES):
             try:
                 message = self._bus.recv(0.0)
             except (OSError, can.CanError) as error:
@@ -174,32 +174,32 @@ class _SerialBus(slcanBus):  # type: ignore[misc]  # python-can has no types tha
     def __init__(self, port: str, bitrate: int) -> None:
         self._lines: deque[str] = deque()
         self._torn = b""
-        self._ears: tuple[int, int] | None = None
+        self._wake_pipe: tuple[int, int] | None = None
         super().__init__(port, bitrate=bitrate, sleep_after_open=0.0, timeout=0.0)
-        self._ears = os.pipe2(os.O_CLOEXEC)
+        self._wake_pipe = os.pipe2(os.O_CLOEXEC)
         self._quit = os.pipe2(os.O_CLOEXEC)
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
 
     def fileno(self) -> int:
         """Return what becomes readable with the adapter's bytes, and where the adapter is gone."""
-        if self._ears is None:
+        if self._wake_pipe is None:
             raise can.CanOperationError("the port is closed")
-        return self._ears[0]
+        return self._wake_pipe[0]
 
     def shutdown(self) -> None:
         """Close everything; the thread of a port that hangs ends with the process."""
-        ears, self._ears = self._ears, None
-        if ears is not None:
+        pipe, self._wake_pipe = self._wake_pipe, None
+        if pipe is not None:
             os.close(self._quit[1])
             self._listener.join(SEND_TIMEOUT)
-            os.close(ears[0])
+            os.close(pipe[0])
         super().shutdown()
 
     def _listen(self) -> None:
         """Pass on what the adapter says, until it is gone or nobody wants to hear it."""
-        assert self._ears is not None
-        port, ear, stop = self.serialPortOrig.fileno(), self._ears[1], self._quit[0]
+        assert self._wake_pipe is not None
+        port, ear, stop = self.serialPortOrig.fileno(), self._wake_pipe[1], self._quit[0]
         with contextlib.suppress(OSError):
             while stop not in select.select([port, stop], [], [])[0] and (data := os.read(port, SERIAL_CHUNK)):
                 os.write(ear, data)
@@ -233,7 +233,7 @@ class _SerialBus(slcanBus):  # type: ignore[misc]  # python-can has no types tha
         if not data:
             raise can.CanOperationError("the adapter is gone")
         *lines, torn = re.split(rb"[\r\a]", self._torn + data)
-        self._torn = torn[-LONGEST_LINE:]
+        self._torn = torn[-MAX_LINE_LENGTH:]
         self._lines.extend(line.decode("ascii") for line in lines if _SERIAL_FRAME.fullmatch(line))
 
 

@@ -51,7 +51,7 @@ UNITS: Final = {
     "_w": 1.0,
 }
 
-LONGEST: Final = 80  #: characters of a wrong value that a complaint repeats
+MAX_VALUE_LENGTH: Final = 80  #: characters of a wrong value that a complaint repeats
 #: what a TOML file should hold, by pydantic's word for the error; its own words speak of Python
 EXPECTED: Final = {
     "bool_type": "expected true or false",
@@ -84,7 +84,7 @@ def in_si(table: Table, *left_out: str) -> dict[str, float]:
     return said
 
 
-def complaint(file: Path, error: ValidationError, model: type[BaseModel]) -> str:
+def complaint(file: Path | str, error: ValidationError, model: type[BaseModel]) -> str:
     """Say in one line what is wrong with a file that should hold a `model`: file, key, what was expected, what came."""
     complaints = error.errors(include_url=False)
     # A key that is spelt wrongly is also missing under its right name; the wrong spelling is what helps.
@@ -124,7 +124,7 @@ def spelt(value: object) -> str:
         said = repr(value)
     except (ValueError, RecursionError):  # a whole number of thousands of digits, arrays in arrays in arrays
         return f"{type(value).__name__} beyond all bounds"
-    return said if len(said) <= LONGEST else said[:LONGEST] + "…"
+    return said if len(said) <= MAX_VALUE_LENGTH else said[:MAX_VALUE_LENGTH] + "…"
 
 
 def _walk(complaint: ErrorDetails, model: type[BaseModel]) -> tuple[list[int | str], list[type[BaseModel]]]:
@@ -175,7 +175,7 @@ def alternatives(annotations: Iterable[Any]) -> Iterator[Any]:
 def _key(part: int | str) -> str:
     """A key as it stands in a place, quoted where it is none that one would write bare."""
     text = str(part)
-    return text if text.isprintable() and len(text) <= LONGEST else spelt(text)
+    return text if text.isprintable() and len(text) <= MAX_VALUE_LENGTH else spelt(text)
 
 
 def _meant(key: str, known: list[str]) -> str:
@@ -208,13 +208,13 @@ def read_json(file: Path, writer: str, *keys: str) -> dict[str, Any]:
     """
     wrong = f"{file}: not what {writer} writes"
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
+        data = json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read: {error.strerror}; expected what {writer} writes") from None
     except ValueError as error:
         raise ConfigError(f"{wrong}: {error}") from None
-    if not isinstance(told, dict):
+    if not isinstance(data, dict):
         raise ConfigError(f"{wrong}: expected a table of keys")
-    if missing := [key for key in keys if key not in told]:
+    if missing := [key for key in keys if key not in data]:
         raise ConfigError(f"{wrong}: no {missing[0]} in it")
-    return told
+    return data

@@ -20,17 +20,17 @@ from vve_sumo.errors import ConfigError
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-CLOSEST_POINTS = 0.01  #: two neighbours nearer than this are one point recorded twice [m]
+MIN_POINT_SPACING = 0.01  #: two neighbours nearer than this are one point recorded twice [m]
 SAMPLE_SPACING = 1.0  #: of the table for searches, small against any radius a car can drive [m]
 EXTENSION = 200.0  #: the table goes on straight this far at both ends, beyond a long-range radar's reach [m]
 
-EARLIEST = 1.0  #: a search of the whole path takes an earlier branch that is no more than this farther off [m]
+BRANCH_TOLERANCE = 1.0  #: a search of the whole path takes an earlier branch that is no more than this farther off [m]
 
 ARC_LENGTH_ROUNDS = 8  #: refits of the spline over its own arc length; each gains about two digits
 NEWTON_ROUNDS = 12
 NEWTON_TOLERANCE = 1e-7  #: [m]
-NEWTON_LONGEST_STEP = 4.0  #: keeps the search local, so that a loop's other branch is never reached [m]
-NEWTON_LEAST_SLOPE = 0.5  #: keeps every step downhill, also from beyond the centre of curvature
+NEWTON_MAX_STEP = 4.0  #: keeps the search local, so that a loop's other branch is never reached [m]
+NEWTON_MIN_SLOPE = 0.5  #: keeps every step downhill, also from beyond the centre of curvature
 
 # Gauss-Legendre nodes and weights of order five on [0, 1], from the closed form of their roots.
 _INNER = math.sqrt(5 - 2 * math.sqrt(10 / 7)) / 3
@@ -94,7 +94,7 @@ class Samples(NamedTuple):
         tx, ty, curvature = self.tangent_x[rows], self.tangent_y[rows], self.curvature[rows]
         along, across = dx * tx + dy * ty, dy * tx - dx * ty
         # The sample's circle of curvature instead of its tangent: the foot moves by this much of arc ...
-        arc = along / np.maximum(1.0 - curvature * across, NEWTON_LEAST_SLOPE)
+        arc = along / np.maximum(1.0 - curvature * across, NEWTON_MIN_SLOPE)
         # ... and the circle bends away from the tangent by the sagitta.
         return self.s[rows] + arc, across - 0.5 * curvature * along * arc, arc
 
@@ -178,10 +178,10 @@ class Path:
             ax, ay = 2.0 * x2 + 6.0 * u * x3, 2.0 * y2 + 6.0 * u * y3
             speed_squared = tx * tx + ty * ty
             slope = speed_squared + dx * ax + dy * ay
-            step = -(dx * tx + dy * ty) / (slope if slope > NEWTON_LEAST_SLOPE else NEWTON_LEAST_SLOPE)
+            step = -(dx * tx + dy * ty) / (slope if slope > NEWTON_MIN_SLOPE else NEWTON_MIN_SLOPE)
             if step * step < NEWTON_TOLERANCE * NEWTON_TOLERANCE:
                 break
-            s += min(NEWTON_LONGEST_STEP, max(-NEWTON_LONGEST_STEP, step))
+            s += min(NEWTON_MAX_STEP, max(-NEWTON_MAX_STEP, step))
         speed = math.sqrt(speed_squared)
         offset = (dx * ty - dy * tx) / speed
         return Station(s, offset, math.atan2(ty, tx), (tx * ay - ty * ax) / (speed_squared * speed))
@@ -190,7 +190,7 @@ class Path:
         """Return station [m], offset [m] and heading error [rad] of a place near station `s`, and the curvature at `s`.
 
         One step of Newton's from `s`, enough where that is off by centimetres; left positive all. What `at` says of
-        the path is worked out here once more: the way to rest asks for it thirty times a tick.
+        the path is worked out here once more: the fallback path asks for it thirty times a tick.
         """
         start, x0, x1, x2, x3, y0, y1, y2, y3 = self._pieces[bisect_right(self._knots, s)]
         u = s - start
@@ -202,7 +202,7 @@ class Path:
         dx, dy = x - (x0 + u * (x1 + u * (x2 + u * x3))), y - (y0 + u * (y1 + u * (y2 + u * y3)))
         along, across = dx * cosine + dy * sine, dy * cosine - dx * sine
         slope = 1.0 - bend * across
-        arc = along / (slope if slope > NEWTON_LEAST_SLOPE else NEWTON_LEAST_SLOPE)
+        arc = along / (slope if slope > NEWTON_MIN_SLOPE else NEWTON_MIN_SLOPE)
         offset = across - 0.5 * bend * along * arc
         return s + arc, offset, math.remainder(heading - path_heading - bend * arc, math.tau), bend
 
@@ -238,11 +238,11 @@ class Path:
         return s, d, np.arctan2(table.tangent_y[rows], table.tangent_x[rows]) + table.curvature[rows] * arc
 
     def _nearest_sample(self, x: float, y: float) -> float:
-        """The earliest sample of the path itself that is nearest, to EARLIEST: a loop's start, not its end."""
+        """The earliest sample of the path itself that is nearest, to BRANCH_TOLERANCE: a loop's start, not its end."""
         first = round(EXTENSION / SAMPLE_SPACING)
         table, last = self._samples, first + math.ceil(self.length / SAMPLE_SPACING) + 1
         squares = (table.x[first:last] - x) ** 2 + (table.y[first:last] - y) ** 2
-        reach = math.sqrt(float(squares.min())) + EARLIEST
+        reach = math.sqrt(float(squares.min())) + BRANCH_TOLERANCE
         return float(table.s[first + np.argmax(squares <= reach * reach)])
 
     def _sampled(self) -> Samples:
@@ -311,10 +311,10 @@ def _checked(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     lost = np.flatnonzero(~(np.isfinite(xs) & np.isfinite(ys)))
     if lost.size:
         raise ConfigError(f"path: point {lost[0]} is not finite: ({xs[lost[0]]}, {ys[lost[0]]})")
-    twice = np.flatnonzero(np.diff(xs) ** 2 + np.diff(ys) ** 2 < CLOSEST_POINTS**2)
+    twice = np.flatnonzero(np.diff(xs) ** 2 + np.diff(ys) ** 2 < MIN_POINT_SPACING**2)
     if twice.size:
         raise ConfigError(
-            f"path: points {twice[0]} and {twice[0] + 1} are the same place to {CLOSEST_POINTS} m: "
+            f"path: points {twice[0]} and {twice[0] + 1} are the same place to {MIN_POINT_SPACING} m: "
             f"({xs[twice[0]]:.3f}, {ys[twice[0]]:.3f})"
         )
     return xs, ys

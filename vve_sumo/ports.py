@@ -1,4 +1,4 @@
-"""How a part that plugs in is found by its name: a controller, a drive-by-wire interface.
+"""How a part that plugs in is found by its name: a controller, a drive-by-wire interface, a receiver, a sensor.
 
 A name is a shipped one, a file of a search folder, `file.py:function`, or an entry point that an installed package
 declares. This module knows nothing of what the parts do. Errors of somebody else's code become ConfigError.
@@ -23,8 +23,10 @@ from vve_sumo.errors import ConfigError
 
 Make = Callable[..., Any]
 
-#: what the package that a folder of parts becomes is called, before a digest of the folder
+#: what the package that a part's folder becomes is called, before a digest of folder and file
 PACKAGE = "vve_sumo_workspace_"
+#: characters of a name that a message repeats, where it is the name's length that is wrong
+LONGEST = 80
 
 
 class Origin(NamedTuple):
@@ -62,7 +64,7 @@ class Port:
             file, _, function = name.rpartition(":")
             return self._offered(name, Folder(file), function)
         for folder in search:
-            if (file_there := folder / f"{name}.py").is_file():
+            if self._is_file(name, file_there := folder / f"{name}.py"):
                 return self._offered(name, file_there, "make")
         if name in self.shipped:
             make: Make = importlib.import_module(self.shipped[name]).make
@@ -89,7 +91,7 @@ class Port:
     def module(self, name: str, search: Sequence[Folder]) -> ModuleType:
         """Import a file of the search folders by its stem, such as the gain design."""
         for folder in search:
-            if (file := folder / f"{name}.py").is_file():
+            if self._is_file(name, file := folder / f"{name}.py"):
                 return self._read(name, file)
         raise ConfigError(f"{self.kind} file {name}.py: not in {', '.join(map(str, search)) or 'any folder'}")
 
@@ -100,11 +102,11 @@ class Port:
         """
         if ":" in name:
             file = Folder(name.rpartition(":")[0])
-            if not file.is_file():
+            if not self._is_file(name, file):
                 raise ConfigError(f"{self.kind} {name}: there is no file {file}")
             return Origin(file.resolve().parent, file.stem, False)
         for folder in search:
-            if (folder / f"{name}.py").is_file():
+            if self._is_file(name, folder / f"{name}.py"):
                 return Origin((folder / f"{name}.py").resolve().parent, name, False)
         for entry in entry_points(group=self.group, name=name):
             return self._installed(name, entry.module)
@@ -122,7 +124,7 @@ class Port:
             return {}
         if place.installed:
             return _files_of_package(place)
-        package = _package(place.root)
+        package = _package(place.root, place.main)
         modules = {
             key.removeprefix(f"{package}."): sys.modules[key] for key in sys.modules if key.startswith(f"{package}.")
         }
@@ -141,6 +143,12 @@ class Port:
             raise ConfigError(f"{self.kind} {name}: the package {top} of its entry point lies in no file")
         return Origin(Folder(places[0] if places else str(spec.origin)).parent, module, True)
 
+    def _is_file(self, name: str, file: Folder) -> bool:
+        try:
+            return file.is_file()
+        except OSError as error:  # such as for a name that is longer than any file's
+            raise ConfigError(f"{self.kind} {name[:LONGEST]}…: cannot be looked up: {error.strerror}") from None
+
     def _unknown(self, name: str, search: Sequence[Folder]) -> ConfigError:
         return ConfigError(f"{self.kind} {name}: unknown; known are {', '.join(self.known(search)) or 'none'}")
 
@@ -151,7 +159,7 @@ class Port:
             raise ConfigError(f"{self.kind} {name}: its entry point raised {error_text(error, __file__)}") from error
 
     def _offered(self, name: str, file: Folder, function: str) -> Make:
-        if not file.is_file():
+        if not self._is_file(name, file):
             raise ConfigError(f"{self.kind} {name}: there is no file {file}")
         make: Make | None = getattr(self._read(name, file), function, None)
         if not callable(make):
@@ -186,15 +194,18 @@ def _files_of_package(place: Origin) -> dict[str, Folder]:
     return {module.removesuffix(".__init__"): named[module] for module in sorted(named)}
 
 
-def _package(folder: Folder) -> str:
-    """Return the name of the package that a folder of parts becomes."""
-    return f"{PACKAGE}{hashlib.sha256(str(folder).encode()).hexdigest()[:16]}"
+def _package(folder: Folder, stem: str) -> str:
+    """Return the name of the package that the folder of a part's file becomes for that part alone."""
+    return f"{PACKAGE}{hashlib.sha256(str(folder / stem).encode()).hexdigest()[:16]}"
 
 
 def _imported(file: Folder) -> ModuleType:
-    """Import a file as a member of a package made of its folder, under a name nobody else can have."""
+    """Import a file as a member of a package made of its folder, under a name nobody else can have.
+
+    Another part of the same folder gets a package of its own, so that neither takes the other's modules away.
+    """
     folder = file.resolve().parent
-    package = _package(folder)
+    package = _package(folder, file.stem)
     for stale in [key for key in sys.modules if key == package or key.startswith(f"{package}.")]:
         del sys.modules[stale]
     root = ModuleType(package)

@@ -23,7 +23,7 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 #: folders that `vve-sumo init` lays out
-LAID_OUT = ("controllers", "networks", "notebooks", "rigs", "routes", "scenarios", "sweeps", "vehicles")
+WORKSPACE_FOLDERS = ("controllers", "networks", "notebooks", "rigs", "routes", "scenarios", "sweeps", "vehicles")
 #: of them, the one that may be had by itself
 NOTEBOOKS = "notebooks"
 
@@ -92,7 +92,7 @@ def lay_out(target: Path) -> list[Path]:
     Raises ConfigError, before anything is written, when a file of the same name stands there already.
     """
     root = shipped_root()
-    return _copied(root, [file for folder in LAID_OUT for file in _shipped(folder)], target)
+    return _copied(root, [file for folder in WORKSPACE_FOLDERS for file in _shipped(folder)], target)
 
 
 def lay_out_notebooks(target: Path) -> list[Path]:

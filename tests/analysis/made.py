@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tests import vehicles
+from tests.record.declared import LIVE_TABLES, RESOLVED, TABLES
 from vve_sumo.drive.resolved_scenario import LAYOUT
-from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS, write_summary
+from vve_sumo.record.summary import write_summary
 from vve_sumo.values import TickRow
 
 CAR = vehicles.FUSION.vehicle
@@ -37,10 +39,8 @@ def write(folder: Path, ticks: list[dict[str, Any]], summary: dict[str, Any] | N
     folder.mkdir()
     plain = {f.name: KINDS[str(f.type)] for f in dataclasses.fields(TickRow)}
     rows = [plain | {"tick": i, "time_s": i * PERIOD} | row for i, row in enumerate(ticks)]
-    rows = [{**row, "scan_time_s": row["scan_time_s"] or row["time_s"]} for row in rows]
-    tables = {"ticks": rows, "detections": [], "actors": []}
-    for name, held in tables.items():
-        pq.write_table(pa.Table.from_pylist(held, SCHEMAS[name]), folder / f"{name}.parquet")
+    for name, schema in TABLES.items():
+        pq.write_table(pa.Table.from_pylist(rows if name == "ticks" else [], schema), folder / f"{name}.parquet")
     settings = {"title": "by hand", "seed": 1, "controller": {"name": "nobody"}}
     resolved = {
         "layout": LAYOUT,
@@ -51,7 +51,7 @@ def write(folder: Path, ticks: list[dict[str, Any]], summary: dict[str, Any] | N
         "vehicle": {field.name: getattr(CAR, field.name) for field in dataclasses.fields(CAR)},
         "files_sha256": {},
         "versions": {},
-    }
+    } | RESOLVED
     (folder / "scenario.json").write_text(json.dumps(resolved | changes), encoding="utf-8")
     if summary is not None:
         write_summary(folder, summary)
@@ -60,7 +60,17 @@ def write(folder: Path, ticks: list[dict[str, Any]], summary: dict[str, Any] | N
 
 def put(folder: Path, name: str, rows: Iterable[dict[str, Any]]) -> None:
     """Give a record another table of that name."""
-    pq.write_table(pa.Table.from_pylist([*rows], (SCHEMAS | LIVE_SCHEMAS)[name]), folder / f"{name}.parquet")
+    pq.write_table(pa.Table.from_pylist([*rows], LIVE_TABLES[name]), folder / f"{name}.parquet")
+
+
+def put_scans(folder: Path, ticks: Iterable[int], detections: Iterable[dict[str, Any]] = ()) -> None:
+    """Give a record a radar that scanned at these ticks, without latency, and what it detected."""
+    found = [*detections]
+    rows = Counter(row["tick"] for row in found)
+    put(folder, "readings", (
+        {"tick": tick, "sensor": "radar", "measured_s": tick * PERIOD, "rows": rows[tick]} for tick in ticks
+    ))  # fmt: skip
+    put(folder, "sensor_radar", found)
 
 
 def moving(time: np.ndarray[Any, Any], x: np.ndarray[Any, Any], speed: np.ndarray[Any, Any]) -> list[dict[str, Any]]:
@@ -70,7 +80,7 @@ def moving(time: np.ndarray[Any, Any], x: np.ndarray[Any, Any], speed: np.ndarra
             "time_s": t,
             "true_x_m": at,
             "x_m": at,
-            "station_m": at,
+            "s_m": at,
             "true_speed_mps": v,
             "speed_mps": v,
             "measured_steering_rad": math.nan,

@@ -163,7 +163,7 @@ def test_of_a_live_drive_the_gateways_own_steps_tell_when_it_commanded(tmp_path:
     assert lockstep.together.value == pytest.approx(0.04 - lead, abs=0.003)
 
 
-def test_the_certificate_says_which_part_was_not_held() -> None:
+def test_the_stopping_bound_check_says_which_part_was_not_held() -> None:
     def missed(reaction: float, build_up: float, unsure: float = 0.0) -> tuple[str, ...]:
         one, other = (Interval(v, v - unsure, v + unsure) for v in (reaction, build_up))
         whole = reaction + build_up
@@ -202,8 +202,8 @@ def _drive(folder: Path) -> None:
     as_declared = lockstep.car_parameters
     for seed, (name, (speed, errors, delay, lag)) in enumerate(PLANTED.items(), 1):
 
-        def late(setting: Any, delay: float = delay, lag: float = lag) -> Any:
-            parameters = as_declared(setting)
+        def late(resolved: Any, delay: float = delay, lag: float = lag) -> Any:
+            parameters = as_declared(resolved)
             vehicle = parameters.vehicle
             brakes = replace(vehicle, brake_delay=vehicle.brake_delay + delay, brake_lag=vehicle.brake_lag + lag)
             return replace(parameters, vehicle=brakes)
@@ -213,7 +213,7 @@ def _drive(folder: Path) -> None:
         changes = {
             "seed": seed,
             "duration_s": 200.0,
-            "street.demand": [],
+            "road.demand": [],
             "ego.speed_mps": speed,
             "obstacles": [{"id": "parked_car", "at_m": at}],
             **{f"ego.car.{key}": value for key, value in errors.items()},

@@ -31,7 +31,7 @@ def made(folder: Path, late: float = 0.0, scale: float = 1.0, truth: bool = True
     x = 20.0 + np.interp(TIME - late, fine, np.cumsum(speed_at(fine)) * 0.001)
     rows = moving(TIME, x, speed_at(TIME - late))
     for row in rows:
-        deviation = scale * 0.1 * math.sin(row["station_m"] / 10.0)
+        deviation = scale * 0.1 * math.sin(row["s_m"] / 10.0)
         row.update(lateral_deviation_m=deviation, estimated_deviation_m=2.0 * deviation, state="engaged")
         row["speed_mps"] += 0.05
         if not truth:
@@ -78,7 +78,7 @@ def test_a_drive_that_begins_later_is_laid_on_the_other_at_first_motion(tmp_path
 def test_a_scaled_deviation_has_theils_closed_form_over_the_path(tmp_path: Path) -> None:
     both = compare(made(tmp_path / "a"), made(tmp_path / "b", scale=1.5))
     deviation = both.signals.loc["lateral_deviation_m"]
-    assert deviation["axis"] == "station_m"
+    assert deviation["axis"] == "s_m"
     assert deviation["theil_u"] == pytest.approx(0.5 / 2.5, abs=1e-6)
     assert deviation["pearson_r"] == pytest.approx(1.0, abs=1e-9)
     assert deviation["max_error"] == pytest.approx(0.05, abs=1e-3)

@@ -60,7 +60,7 @@ def changed(content: dict[str, Any], place: str, value: object) -> dict[str, Any
         ("scenario.json", "settings.radar", GONE),
         ("scenario.json", "settings.criteria", {"stop_gap_m": [1.0]}),
         ("scenario.json", "settings.parameters", {"speed": {"sets": []}}),
-        ("scenario.json", "settings.street", 5),
+        ("scenario.json", "settings.road", 5),
         ("scenario.json", "rig", {"latency": {"budget_ms": "40"}}),
         ("summary.json", "stop_gap_m", "near"),
         ("summary.json", "failed", "all of it"),

@@ -1,4 +1,4 @@
-"""The latency breakdown against the ledger's own summary and against legs set by hand."""
+"""The latency breakdown against the monitor's own summary and against legs set by hand."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ FIX_AGE, SIMULATE = 10.0, 3.0
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
-    """A record whose legs are drawn at random, kept by a ledger; every 50th tick is woken by its deadline."""
+    """A record whose legs are drawn at random, kept by a monitor; every 50th tick is woken by its deadline."""
     folder = write(tmp_path_factory.mktemp("live") / "record", _ticks())
-    ledger = LatencyMonitor(0.05, 3)
+    monitor = LatencyMonitor(0.05, 3)
     generator = np.random.default_rng(4)
     for tick in range(TICKS):
         took = [1e-3 * (least + generator.exponential(0.5)) for least in LEAST.values()]
         row, framed = _row(tick, took, "deadline" if tick % 50 == 7 else "datagram")
-        ledger.step(row)
-        ledger.framed(row.sequence, math.nan if tick % 100 == 20 else framed)
-    put(folder, "latency", (dataclasses.asdict(row) for row in ledger.close()))
-    return folder, ledger.summary()
+        monitor.step(row)
+        monitor.gateway_answered(row.sequence, math.nan if tick % 100 == 20 else framed)
+    put(folder, "latency", (dataclasses.asdict(row) for row in monitor.close()))
+    return folder, monitor.summary()
 
 
 def _ticks() -> list[dict]:
@@ -51,7 +51,7 @@ def _row(tick: int, took: list[float], woken_by: str) -> tuple[LatencyRow, float
         due_s=received,
         epoch_s=-math.inf if tick == 0 else received - 1e-3 * FIX_AGE,
         received_s=received,
-        **dict(zip(("woken_s", "decoded_s", "seen_s", "decided_s", "handed_s"), moments, strict=False)),
+        **dict(zip(("woken_s", "decoded_s", "sensed_s", "decided_s", "handed_s"), moments, strict=False)),
         framed_s=math.nan,
         simulated_s=moments[4] + 1e-3 * SIMULATE,
         woken_by=woken_by,
@@ -60,7 +60,7 @@ def _row(tick: int, took: list[float], woken_by: str) -> tuple[LatencyRow, float
     return row, float(moments[5])
 
 
-def test_the_ledgers_legs_are_exactly_what_the_summary_says(live: tuple[Path, dict]) -> None:
+def test_the_monitors_legs_are_exactly_what_the_summary_says(live: tuple[Path, dict]) -> None:
     folder, summary = live
     table = latency_breakdown(Run(folder))
     for leg in (*LEGS, TOTAL):

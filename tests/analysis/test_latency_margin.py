@@ -1,4 +1,4 @@
-"""The cliff of rows made by hand: margins, crossing and closed form against arithmetic done here."""
+"""The latency margin of rows made by hand: margins, crossing and closed form against arithmetic done here."""
 
 from __future__ import annotations
 

@@ -16,10 +16,12 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from tests.killed import killed_at
+from tests.record.declared import TABLES
 from tests.sweep.test_dataset import PLAN, begun, cell, fill, result
 from vve_sumo.analysis import Run, Sweep, load
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import SCHEMAS, read_table
+from vve_sumo.record.layout import SCHEMAS
+from vve_sumo.record.reader import read_table
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +29,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The record of `vve-sumo drive`, killed when some seconds of it were on the disk."""
     folder = tmp_path_factory.mktemp("killed") / "record"
     drive = [sys.executable, "-m", "vve_sumo.cli", "drive", "cut_in", "--out", str(folder), "--quiet"]
-    killed_at(drive, folder / "detections.arrows", 30_000)
+    killed_at(drive, folder / "sensor_radar.arrows", 30_000)
     return folder
 
 
@@ -48,7 +50,9 @@ def test_a_killed_drive_is_read_to_its_last_tick(killed: Path) -> None:
         run.table("nix")
 
 
-@pytest.mark.parametrize(("table", "share"), [("ticks", 0.6), ("actors", 0.5), ("detections", 0.7), ("actors", 0.93)])
+@pytest.mark.parametrize(
+    ("table", "share"), [("ticks", 0.6), ("actors", 0.5), ("sensor_radar", 0.7), ("readings", 0.8), ("actors", 0.93)]
+)
 def test_tables_that_end_at_different_ticks_are_cut_to_the_last_whole_one(
     killed: Path, table: str, share: float, tmp_path: Path
 ) -> None:
@@ -65,13 +69,13 @@ def test_tables_that_end_at_different_ticks_are_cut_to_the_last_whole_one(
 
 
 def rows_of(folder: Path) -> list[tuple[str, int]]:
-    return [(name, tick) for name in SCHEMAS for tick in read_table(folder, name)["tick"].to_pylist()]
+    return [(name, tick) for name in TABLES for tick in read_table(folder, name)["tick"].to_pylist()]
 
 
 def recorded(killed: Path, folder: Path) -> Path:
     """A record whose tables were finished."""
     shutil.copytree(killed, folder)
-    for name in SCHEMAS:
+    for name in TABLES:
         table = read_table(folder, name)
         (folder / f"{name}.arrows").unlink()
         pq.write_table(table, folder / f"{name}.parquet")
@@ -116,7 +120,7 @@ RECORDS: list[tuple[Callable[[Path], None], str]] = [
     (holding("scenario.json", "[]"), r"scenario\.json: not what a drive writes"),
     (
         changed("scenario.json", layout=1),
-        r"scenario\.json: layout 1 of a record, expected 6: another vve-sumo",
+        r"scenario\.json: layout 1 of a record, expected 7: another vve-sumo",
     ),
     (holding("summary.json", "{}"), r"summary\.json: not what a drive writes"),
     (holding("summary.json", "{"), r"summary\.json: not what a drive writes"),

@@ -18,7 +18,7 @@ from vve_sumo.metrics.exposure import EXPOSURE
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.per_tick import PER_TICK
 from vve_sumo.metrics.slope import slope
-from vve_sumo.record.record import SCHEMAS
+from vve_sumo.record.layout import SCHEMAS
 
 BUMPER = CAR.rear_axle_to_bumper
 TIME = np.arange(100) * PERIOD
@@ -137,7 +137,7 @@ def test_a_live_drive_without_truth_and_with_missed_ticks_is_measured_from_the_e
 
 def test_nothing_ahead_at_rest_and_no_pose_say_nothing(tmp_path: Path) -> None:
     rows = moving(TIME[:4], np.zeros(4), np.array([0.0, 0.0, 5.0, 5.0]))
-    rows[3] |= {"x_m": math.nan, "true_x_m": math.nan, "station_m": math.nan, "true_speed_mps": math.nan}
+    rows[3] |= {"x_m": math.nan, "true_x_m": math.nan, "s_m": math.nan, "true_speed_mps": math.nan}
     folder = write(tmp_path / "rest", rows)
     put(folder, "actors", [BOX | {"tick": tick, "actor": "parked", "x_m": 40.0} for tick in (1, 3)])
     frame = over_time(Run(folder))

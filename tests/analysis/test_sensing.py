@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.analysis.made import BOX, CAR, PERIOD, moving, put, write
+from tests.analysis.made import BOX, CAR, PERIOD, moving, put, put_scans, write
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import braked_for_nothing, drop_outs, radar_statistics
 
@@ -51,8 +51,6 @@ def record(tmp_path: Path) -> Path:
     """10 m/s towards a parked car, another exactly behind it, one beside the antenna's field; one false alarm."""
     ticks = np.arange(TICKS)
     rows = moving(ticks * PERIOD, SPEED * PERIOD * ticks, np.full(TICKS, SPEED))
-    for tick in SCANS:
-        rows[tick]["scanned"] = True
     for row in rows:
         row["actors"] = 3
     folder = write(tmp_path / "record", rows)
@@ -63,7 +61,7 @@ def record(tmp_path: Path) -> Path:
     ))  # fmt: skip
     found = [tick for tick in SCANS if bumper_gap(tick) < 150.0 and tick not in MISSED]
     error = {tick: 0.3 + (0.1 if i % 2 else -0.1) for i, tick in enumerate(found)}
-    put(folder, "detections", [
+    put_scans(folder, SCANS, [
         {"tick": tick, "actor": "parked", "range_m": bumper_gap(tick) + error[tick], "range_rate_mps": -SPEED - 0.2}
         for tick in found
     ] + [{"tick": 400, "actor": "", "range_m": 12.0, "range_rate_mps": 0.0}])  # fmt: skip
@@ -120,7 +118,9 @@ def test_a_blinder_radar_has_less_to_see(record: Path) -> None:
 
 def test_a_street_without_anybody_is_an_empty_table(tmp_path: Path) -> None:
     rows = moving(np.arange(5) * PERIOD, np.arange(5.0), np.ones(5))
-    run = Run(write(tmp_path / "record", [row | {"scanned": True} for row in rows]))
+    folder = write(tmp_path / "record", rows)
+    put_scans(folder, range(5))
+    run = Run(folder)
     assert radar_statistics(run).empty
     assert braked_for_nothing(run).empty
 
@@ -130,12 +130,12 @@ def test_braking_with_a_free_way_ahead_is_listed_and_braking_for_somebody_is_not
     count = 60
     rows = moving(np.arange(count) * PERIOD, np.arange(count) * 0.2, np.full(count, SPEED))
     for tick, row in enumerate(rows):
-        row |= {"state": "engaged", "scanned": tick % 2 == 0, "note": "cruise"}
+        row |= {"state": "engaged", "note": "cruise"}
         if tick % 20 in range(10, 15):
             row |= {"acceleration_setpoint_mps2": -3.0 - 0.1 * (tick % 20), "note": "brake"}
     folder = write(tmp_path / "record", rows)
     ghost = {"actor": "ghost", "range_m": 30.0, "range_rate_mps": -10.0}
-    put(folder, "detections", [ghost | {"tick": tick} for tick in range(20, 60, 2)])
+    put_scans(folder, range(0, 60, 2), [ghost | {"tick": tick} for tick in range(20, 60, 2)])
     put(folder, "actors", [{"tick": t, "actor": "car", **BOX, "x_m": 80.0} for t in range(40, 60)])
     table = braked_for_nothing(Run(folder))
     assert table.to_dict("records") == [

@@ -1,4 +1,4 @@
-"""Certificates: kept by the car as declared, broken by one whose brakes or road give less, and by nothing else."""
+"""Stopping-bound checks: kept by the car as declared, broken where brakes or road give less, and by nothing else."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ def _drive(folder: Path) -> dict[str, dict[str, Any]]:
     for name, (scenario, changes) in DRIVES.items():
         file = REPOSITORY / "scenarios" / f"{scenario}.toml"
         table = apply_overrides(tomllib.loads(file.read_text(encoding="utf-8")), changes)
-        setting = resolve_scenario(scenario, parse(table, file), file, REPOSITORY)
-        summaries[name] = drives.run(setting, folder / name, REPOSITORY).summary
+        resolved = resolve_scenario(scenario, parse(table, file), file, REPOSITORY)
+        summaries[name] = drives.run(resolved, folder / name, REPOSITORY).summary
     return summaries
 
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, pd.DataFrame]:
     """The folder of the drives' records, and their summaries as a sweep's rows."""
-    folder = tmp_path_factory.mktemp("certificates")
+    folder = tmp_path_factory.mktemp("checks")
     return folder, pd.DataFrame.from_dict(isolated(_drive, folder), orient="index")
 
 
@@ -111,7 +111,7 @@ def test_a_live_runs_own_latency_is_in_its_bound(tmp_path: Path) -> None:
     assert given.bound - lockstep.bound == pytest.approx(0.03 * V)
 
 
-def test_a_live_run_without_a_latency_has_no_certificate(tmp_path: Path) -> None:
+def test_a_live_run_without_a_latency_has_no_check(tmp_path: Path) -> None:
     given = stopping_bound_check(live(tmp_path / "none", [row(10, 0.02)]))
     assert math.isnan(given.bound)
     assert not given.held
@@ -129,7 +129,7 @@ def test_a_delay_that_nobody_declared_breaks_the_bound_beyond_the_tolerance(
     assert (given.broken, given.held) == (broken, not broken)
 
 
-def test_a_drive_that_never_stops_has_no_certificate(tmp_path: Path) -> None:
+def test_a_drive_that_never_stops_has_no_check(tmp_path: Path) -> None:
     granted, speed, acceleration = braked(V, A)
     given = stopping_bound_check(Run(record(tmp_path / "goes_on", (granted[:90], speed[:90], acceleration[:90]))))
     assert all(math.isnan(value) for name, value in asdict(given).items() if name != "answer")

@@ -78,7 +78,7 @@ WRONG_SCENARIOS = {
     "obstacle beyond the path": (edited("at_m = ", "at_m = 9"), ["parked_car", "beyond"]),
     "not TOML": ("title = \n", ["TOML"]),
     "not text": ("title = '\udcff'", ["UTF-8"]),
-    "missing table": ("title = 'x'\n", ["street", "missing"]),
+    "missing table": ("title = 'x'\n", ["road", "missing"]),
 }
 
 
@@ -122,9 +122,9 @@ def test_wrong_uses_are_one_line_exit_2(tmp_path: Path) -> None:
 
 def test_a_car_is_named_once(tmp_path: Path) -> None:
     for arguments, words in [
-        (["--rig", "twin", "--vehicle", "lincoln_mkz"], "--vehicle: a rig brings its own vehicle"),
+        (["--rig", "simulated", "--vehicle", "lincoln_mkz"], "--vehicle: a rig brings its own vehicle"),
         (["--lockstep"], "--lockstep: every drive without a rig is one"),
-        (["--rig", "twin", "--lockstep", "--shadow"], "--shadow: only a live drive has enable bits"),
+        (["--rig", "simulated", "--lockstep", "--shadow"], "--shadow: only a live drive has enable bits"),
         (["--vehicle", "tank"], "ego.vehicle: no vehicle named 'tank'; known: ford_fusion, lincoln_mkz"),
         (["--rig", "fusion_example", "--lockstep"], "key 'lot.surveyed' is missing"),
     ]:

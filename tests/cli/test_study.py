@@ -22,7 +22,7 @@ SHORT = f"""
 title = "A short approach to a wall"
 duration_s = 30.0
 after_stop_s = 0.1
-street.network = "proving_ground"
+road.network = "proving_ground"
 ego.path = "proving_ground"
 ego.speed_mps = {SPEED}
 ego.car.noise = false
@@ -49,14 +49,14 @@ def test_a_study_end_to_end(folder: Path) -> None:
     done = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, "--quiet", cwd=folder)
     assert done.returncode == 0, done.stderr
     for word in (
-        "Latency and noise cliff of short",
+        "Latency margin of short",
         "v x delay",
         "1 of 1",
         "noise x 0: the mean margin",
         "by its design",
     ):
         assert word in done.stdout
-    assert (folder / "cliff" / "cliff.png").stat().st_size > 10_000
+    assert (folder / "cliff" / "latency_margin.png").stat().st_size > 10_000
     study = latency_margin_of(Sweep(folder / "cliff"))
     bears = re.search(r"by its design the steering loop bears (\d+) ms", done.stdout)
     assert bears is not None
@@ -69,10 +69,10 @@ def test_a_study_end_to_end(folder: Path) -> None:
     again = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, cwd=folder)
     assert (again.returncode, again.stderr.count("\n")) == (2, 1)
     assert "--resume goes on with it" in again.stderr
-    (folder / "cliff" / "cliff.png").unlink()
+    (folder / "cliff" / "latency_margin.png").unlink()
     resumed = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, "--resume", "--quiet", cwd=folder)
     assert (resumed.returncode, resumed.stdout) == (0, done.stdout)
-    assert (folder / "cliff" / "cliff.png").exists()
+    assert (folder / "cliff" / "latency_margin.png").exists()
     assert (folder / "cliff" / "rows" / "part-00000.parquet").read_bytes() == rows
 
 

@@ -26,7 +26,7 @@ from vve_sumo.live import assembly
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 
-CAR = (40.0041, -83.0186, 85.0)  #: where the twin's car stands
+CAR = (40.0041, -83.0186, 85.0)  #: where the simulated rig's car stands
 ORIGIN = (40.004325, -83.024514)  #: first corner of its lot
 EGO_PALE, ALARM = (86, 180, 233), (230, 159, 0)
 
@@ -88,7 +88,7 @@ def test_a_stored_alignment_is_the_one_that_was_found(tmp_path: Path, monkeypatc
         (result.alignment.rotation, result.alignment.x, result.alignment.y), abs=1e-5
     )
     ground = LotAlignment(frame.projection, kept, 1.4e9)
-    assert assembly.pipeline_of(site.setting, loaded, ground, REPOSITORY) is not None
+    assert assembly.pipeline_of(site.resolved, loaded, ground, REPOSITORY) is not None
     with pytest.raises(ConfigError, match="made for 'linden'"):
         meaning.alignment_of(loaded, "proving_ground")
 
@@ -197,7 +197,7 @@ def test_a_search_in_the_twins_lot_fits_the_path(tmp_path: Path) -> None:
     loaded = rigs.load(rig)
     site = align.site_of("seen_late", str(rig), tmp_path)
     kept = meaning.alignment_of(loaded, "linden")
-    assert meaning.fence_of(loaded, kept).along(site.setting.path, 11.176) is None
+    assert meaning.geofence_of(loaded, kept).along(site.resolved.path, 11.176) is None
     # By other means: the path's points, brought back onto the lot, lie inside the corners and out of the holes.
     turn, shift = stored(rig)
     back = [(place - shift) / turn for place in on_the_street()]
@@ -225,7 +225,7 @@ def shows(picture: Path, colour: tuple[int, int, int]) -> bool:
 
 
 def runway(length: float, width: float = 24.0) -> tuple[str, str]:
-    """The change of the twin's lot to a strip to the east of where its car stands, which it is on the middle of."""
+    """The change of the simulated rig's lot to a strip to the east of where its car stands, in the middle of it."""
     metre = 1.0 / 111_035.0, 1.0 / (111_320.0 * math.cos(math.radians(CAR[0])))
     turn = np.exp(1j * math.radians(90.0 - CAR[2]))
     corners = [-6.0 - 0.5j * width, length - 6.0 - 0.5j * width, length - 6.0 + 0.5j * width, -6.0 + 0.5j * width]
@@ -240,17 +240,17 @@ def test_a_path_too_long_is_cut_where_it_still_fits(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stderr
     assert shows(tmp_path / "lot.png", ALARM)
     station = float(re.search(r"from (\S+) m on, the car could not stop", run.stdout)[1])
-    # 160 m less margins, the car, and the way to rest from 8 m/s at 2.4 m/s2 with what comes before it.
+    # 160 m less margins, the car, and the fallback path from 8 m/s at 2.4 m/s2 with what comes before it.
     assert 100.0 < station < 160.0 - 2.0 - 4.9 - 8.0**2 / (2.0 * 2.5)
     loaded, site = rigs.load(rig), align.site_of("calibration", str(rig), tmp_path)
-    path, route = read_path(tmp_path / "short.csv", site.setting.street, site.setting.network)
+    path, route = read_path(tmp_path / "short.csv", site.resolved.map_frame, site.resolved.network)
     assert station - 3.0 < path.length <= station + 0.5
-    assert route == site.setting.route
-    start, whole = path.at(0.0), site.setting.path.at(0.0)
+    assert route == site.resolved.route
+    start, whole = path.at(0.0), site.resolved.path.at(0.0)
     assert (start.x, start.y) == pytest.approx((whole.x, whole.y), abs=1e-3)
     kept = meaning.alignment_of(loaded, "proving_ground")
-    assert meaning.fence_of(loaded, kept).along(path, 8.0) is None
-    assert meaning.fence_of(loaded, kept).along(site.setting.path, 8.0) == pytest.approx(station, abs=3.0)
+    assert meaning.geofence_of(loaded, kept).along(path, 8.0) is None
+    assert meaning.geofence_of(loaded, kept).along(site.resolved.path, 8.0) == pytest.approx(station, abs=3.0)
 
 
 @pytest.mark.live
@@ -264,10 +264,10 @@ def test_a_place_where_the_path_does_not_fit_is_not_stored(tmp_path: Path) -> No
 
 
 def test_a_shipped_rig_is_not_written_from_elsewhere(tmp_path: Path, monkeypatch) -> None:
-    shipped = REPOSITORY / "rigs" / "twin.toml"
+    shipped = REPOSITORY / "rigs" / "simulated.toml"
     before = shipped.read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    site = align.site_of("seen_late", "twin", tmp_path)
+    site = align.site_of("seen_late", "simulated", tmp_path)
     try:
         with pytest.raises(ConfigError, match="vve-sumo init"):
             align.store(site, align.AlignmentResult(Alignment(), 0.0, None), align.datetime.date(2026, 5, 1))

@@ -1,4 +1,4 @@
-"""A short drive finds the parameters that the hardware-free car was given, and a rig file gets them, dated."""
+"""A short drive finds the parameters that the simulated vehicle was given, and a rig file gets them, dated."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def shipped(folder: str) -> dict[str, Any]:
     """Drive the shipped scenario in lockstep and return its summary; call it through `isolated`."""
     from vve_sumo.drive import run as drives
 
-    return drives.run(drives.choose("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
+    return drives.run(drives.resolve_by_name("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
 
 
 def test_the_shipped_scenario_passes_and_calibrates(tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def copy(record: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
-    return Path(shutil.copyfile(REPOSITORY / "rigs" / "twin.toml", tmp_path / "ours.toml"))
+    return Path(shutil.copyfile(REPOSITORY / "rigs" / "simulated.toml", tmp_path / "ours.toml"))
 
 
 def test_the_command_draws_tells_and_writes_into_the_rig(copy: Path, rig: Path, capsys: Any) -> None:

@@ -1,4 +1,4 @@
-"""Go and no-go: the twin is fit, what is spoilt about a rig is found and named, and a real car's bus hears nothing."""
+"""Go and no-go: the simulated rig is fit, a spoilt rig's faults are found and named, a real car's bus hears nothing."""
 
 from __future__ import annotations
 
@@ -113,10 +113,10 @@ def test_a_port_that_another_program_has_is_no_go_and_no_car_is_started(tmp_path
 
 
 def real_rig(folder: Path, channel: str, *changes: tuple[str, str]) -> Path:
-    """A real car's rig whose CAN adapter is a terminal, with the twin's lot."""
+    """A real car's rig whose CAN adapter is a terminal, with the simulated rig's lot."""
     text = own_rig(folder, *changes).read_text(encoding="utf-8")
     table = text.index("[car_start]")
-    text = text[:table].replace('car = "hardware_free"', 'car = "real"').replace("automatic = true", "")
+    text = text[:table].replace('car = "simulated"', 'car = "real"').replace("automatic = true", "")
     file = folder / "real.toml"
     file.write_text(text.replace('"pty"', f'"{channel}"'), encoding="utf-8")
     return file
@@ -245,28 +245,28 @@ def test_a_rate_below_what_the_rig_promises_is_no_go(tmp_path: Path) -> None:
     assert of(heard_from(rig), "fixes").finding is Finding.NO_GO
 
 
-def papers(rig: Path, today: datetime.date = DAY) -> dict[str, Check]:
-    return {check.name: check for check in rig_checks.papers(rigs.load(rig), today)}
+def documents(rig: Path, today: datetime.date = DAY) -> dict[str, Check]:
+    return {check.name: check for check in rig_checks.documents(rigs.load(rig), today)}
 
 
 def test_the_papers_of_a_real_car(tmp_path: Path) -> None:
-    fit = papers(real_rig(tmp_path, "/dev/ttyACM0"))
+    fit = documents(real_rig(tmp_path, "/dev/ttyACM0"))
     assert fit["arming"].finding is fit["watchdog test"].finding is fit["lot"].finding is Finding.GO
     assert "120 days ago" in fit["watchdog test"].found
     assert fit["calibration"].finding is Finding.NOTE
-    untested = papers(real_rig(tmp_path, "/dev/ttyACM0", (WATCHDOG, "")))
+    untested = documents(real_rig(tmp_path, "/dev/ttyACM0", (WATCHDOG, "")))
     assert untested["arming"].finding is untested["watchdog test"].finding is Finding.NO_GO
     assert "--shadow" in untested["arming"].advice
-    unarmed = papers(real_rig(tmp_path, "/dev/ttyACM0", ("armed = true", "armed = false")))
+    unarmed = documents(real_rig(tmp_path, "/dev/ttyACM0", ("armed = true", "armed = false")))
     assert unarmed["watchdog test"].finding is Finding.NOTE
     assert "driver" in unarmed["watchdog test"].advice
 
 
 def test_days_that_are_long_past_are_told_and_days_to_come_refused(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
-    late = papers(rig, datetime.date(2027, 3, 1))
+    late = documents(rig, datetime.date(2027, 3, 1))
     assert late["lot"].finding is late["watchdog test"].finding is Finding.NOTE
-    early = papers(rig, datetime.date(2025, 12, 31))
+    early = documents(rig, datetime.date(2025, 12, 31))
     assert early["lot"].finding is Finding.NO_GO
 
 
@@ -274,7 +274,7 @@ def test_a_lot_is_told_in_square_metres(tmp_path: Path) -> None:
     corners = ((40.003, -83.020), (40.003, -83.016), (40.006, -83.016), (40.006, -83.020))
     # An ellipsoid's lengths of a degree at 40 N: 111 034 m along the meridian, 85 395 m along the parallel.
     area = 0.003 * 111_034.0 * 0.004 * 85_395.0
-    found = papers(own_rig(tmp_path, outline(*corners)))["lot"].found
+    found = documents(own_rig(tmp_path, outline(*corners)))["lot"].found
     assert float(found.split()[0]) == pytest.approx(area, rel=2e-3)
 
 
@@ -290,7 +290,7 @@ def test_what_is_named_wrongly_is_no_go_and_the_rest_is_told(tmp_path: Path) -> 
     assert run.returncode == 3
     assert run.stderr == ""
     assert "parked_car" in told(run, "scenario")[1]
-    assert "twin" in told(run, "rig")[1]
+    assert "simulated" in told(run, "rig")[1]
     assert run.stdout.splitlines()[-1] == "NO-GO: scenario, rig"
     assert told(run, "python")[0] == "go"
 

@@ -39,7 +39,7 @@ def example(page, tmp_path):
 def test_the_example_passes_the_shipped_scenario(page, example):
     """The car with all its flaws, radar noise and traffic; what the page says of the drive, and of a shorter one."""
     within, least, most = told(page, r"within (\S+) m of the path and stops (\S+) to (\S+) m before")
-    for changes in ({"seed": 1}, {"seed": 2, "obstacles.0.at_m": 400.0, "street.demand": []}):
+    for changes in ({"seed": 1}, {"seed": 2, "obstacles.0.at_m": 400.0, "road.demand": []}):
         summary = isolated(drive_once, changes | {"controller": {"name": f"{example}:make"}})
         assert summary["outcome"] == "stopped", summary
         assert summary["collision"] is False
@@ -50,7 +50,7 @@ def test_the_example_passes_the_shipped_scenario(page, example):
 
 @pytest.mark.slow
 def test_the_example_stops_at_the_end_of_the_path(example):
-    changes = {"obstacles": [], "street.demand": [], "controller": {"name": f"{example}:make"}}
+    changes = {"obstacles": [], "road.demand": [], "controller": {"name": f"{example}:make"}}
     summary = isolated(drive_once, changes)
     assert summary["outcome"] == "arrived", summary
     assert summary["collision"] is False
@@ -72,7 +72,7 @@ def test_a_car_parked_askew_is_seen_too_late(page):
     """The limit that the page admits of the shipped controller; when this fails, the page is to be rewritten."""
     aside, turned = told(page, r"a car (\S+) m left of the path and turned by (\S+)°")
     askew = {"id": "askew", "at_m": 639.0, "offset_m": aside, "turned_deg": turned}
-    summary = isolated(drive_once, {"street.demand": [], "obstacles": [askew]})
+    summary = isolated(drive_once, {"road.demand": [], "obstacles": [askew]})
     assert summary["collision"] is True
     assert summary["impact_speed_mps"] == pytest.approx(25 * 0.44704, abs=0.3)
 

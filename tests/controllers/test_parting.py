@@ -8,9 +8,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from controllers.crossing import FORESIGHT
+from controllers.crossing import PREDICTION_HORIZON
 from controllers.follow_and_stop import FollowAndStop, make
-from controllers.parting import LONGEST, ROOM, STEP, goes_past
+from controllers.parting import MAX_BODY_LENGTH, MIN_CLEARANCE, STEP, goes_past
 from controllers.trend import Trend
 from tests.controllers.bench import CAR, ROAD, Body, Ride, ride, steady
 from vve_sumo.path import Corridor, Path
@@ -37,15 +37,15 @@ def surely(value: float, rate: float) -> Trend:
 
 @given(st.floats(-1.0, 1.0), st.floats(4.0, 20.0), st.floats(2.5, 60.0), st.floats(1.0, 20.0), st.booleans())
 def test_square_across_a_straight_road_it_is_geometry(place, rate, gap, pace, to_right):
-    """Its end is out after (half + LONGEST - place) / rate, the bumper is near after (gap - ROOM) / pace.
+    """Its end is out after (half + body - place) / rate, the bumper is near after (gap - clearance) / pace.
 
     `place` counts in the way it goes, from the middle of the path.
     """
-    gone, near = (HALF + LONGEST - place) / rate, (gap - ROOM) / pace
-    assume(abs(gone - near) > 2.0 * STEP and abs(gone - FORESIGHT) > 2.0 * STEP)
+    gone, near = (HALF + MAX_BODY_LENGTH - place) / rate, (gap - MIN_CLEARANCE) / pace
+    assume(abs(gone - near) > 2.0 * STEP and abs(gone - PREDICTION_HORIZON) > 2.0 * STEP)
     side = -1.0 if to_right else 1.0
     past = goes_past(ROAD, BAND, 300.0 + gap, surely(side * place, side * rate), 0.0, 300.0, pace)
-    assert past is (gone < min(near, FORESIGHT))
+    assert past is (gone < min(near, PREDICTION_HORIZON))
 
 
 @pytest.mark.parametrize(

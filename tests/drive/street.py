@@ -14,15 +14,15 @@ def drive_once(changes: dict[str, Any], folder: str | None = None) -> dict[str, 
     """Drive `parked_car` with some of its settings changed and return the summary; call it through `isolated`."""
     from vve_sumo.drive import run as drives
 
-    setting = altered(changes)
+    resolved = altered(changes)
     if folder is not None:
-        return drives.run(setting, Path(folder), REPOSITORY).summary
+        return drives.run(resolved, Path(folder), REPOSITORY).summary
     with tempfile.TemporaryDirectory() as scratch:
-        return drives.run(setting, Path(scratch) / "record", REPOSITORY).summary
+        return drives.run(resolved, Path(scratch) / "record", REPOSITORY).summary
 
 
 def altered(changes: dict[str, Any]) -> Any:
-    """Return the setting of `parked_car` with dotted keys replaced, such as {"ego.speed_mps": 5.0}."""
+    """Return the resolved scenario `parked_car` with dotted keys replaced, such as {"ego.speed_mps": 5.0}."""
     import tomllib
 
     from vve_sumo.drive.resolved_scenario import resolve_scenario

@@ -14,17 +14,17 @@ import pytest
 
 from tests.drive.street import REPOSITORY, altered, drive_once
 from tests.isolated import isolated
-from vve_sumo.drive.replay import changed_since, read_car_frames, read_pipeline_inputs, replay, setting_of
-from vve_sumo.drive.resolved_scenario import EPOCH
+from vve_sumo.drive.replay import changed_since, read_car_frames, read_pipeline_inputs, recorded_scenario, replay
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path as Curve
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
 LEAD = {
     "id": "lead",
     "ahead_m": 30.0,
     "speed_mps": 10.0,
-    "acts": [{"when": {"drive_s": 8.0}, "speed_mps": 0.0, "acceleration_mps2": 4.0, "build_up_s": 0.5}],
+    "events": [{"when": {"drive_s": 8.0}, "speed_mps": 0.0, "acceleration_mps2": 4.0, "build_up_s": 0.5}],
 }
 WALKER = {
     "id": "walker",
@@ -39,7 +39,7 @@ WALKER = {
 
 def changes(**others: Any) -> dict[str, Any]:
     """A drive without traffic and without anything parked."""
-    return {"street.demand": [], "obstacles": [], "ego.speed_mps": 10.0, "duration_s": 60.0, "seed": 3} | others
+    return {"road.demand": [], "obstacles": [], "ego.speed_mps": 10.0, "duration_s": 60.0, "seed": 3} | others
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_the_car_stops_behind_a_lead_that_brakes_to_a_stand(braked: tuple[Path, 
     assert summary["outcome"] == "stopped"
     assert summary["collision"] is False
     assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.7)
-    assert summary["anchor_position_error_m"] <= 1e-6
+    assert summary["ego_sync_position_error_m"] <= 1e-6
 
 
 def test_the_record_holds_the_lead_as_its_closed_form_says(braked: tuple[Path, dict[str, Any]]) -> None:
@@ -82,14 +82,14 @@ def test_the_record_holds_the_lead_as_its_closed_form_says(braked: tuple[Path, d
 def test_whoever_enters_when_the_ego_comes_enters_then(braked: tuple[Path, dict[str, Any]]) -> None:
     """At the tick at which bumper and speed first put the ego no more than 6 s before station 100 m."""
     folder, _summary = braked
-    walker, setting = track(folder, "walker"), altered(changes())
-    front, due = setting.vehicle.rear_axle_to_bumper, -1
+    walker, resolved = track(folder, "walker"), altered(changes())
+    front, due = resolved.vehicle.rear_axle_to_bumper, -1
     for row in read_table(folder, "ticks").to_pylist():
-        if due < 0 and row["speed_mps"] > 0.1 and 100.0 - row["station_m"] - front <= 6.0 * row["speed_mps"]:
+        if due < 0 and row["speed_mps"] > 0.1 and 100.0 - row["s_m"] - front <= 6.0 * row["speed_mps"]:
             due = row["tick"]
     assert due > 0
     assert abs(int(walker["tick"][0]) - due) <= 3
-    here = setting.path.at(100.0)
+    here = resolved.path.at(100.0)
     heading = math.remainder(here.heading - 0.5 * math.pi, math.tau)
     assert walker["heading_rad"] == pytest.approx(heading)
     assert walker["x_m"][0] == pytest.approx(here.x + 7.0 * math.sin(here.heading))
@@ -98,9 +98,9 @@ def test_whoever_enters_when_the_ego_comes_enters_then(braked: tuple[Path, dict[
 
 def test_a_drive_with_actors_replays(braked: tuple[Path, dict[str, Any]]) -> None:
     folder, _summary = braked
-    setting = setting_of(folder, REPOSITORY)
-    assert changed_since(folder, setting) == []
-    assert replay(setting, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY) is None
+    resolved = recorded_scenario(folder, REPOSITORY)
+    assert changed_since(folder, resolved) == []
+    assert replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, DEFAULT_EPOCH), REPOSITORY) is None
 
 
 def test_the_same_drive_gives_the_same_record(braked: tuple[Path, dict[str, Any]]) -> None:
@@ -120,15 +120,15 @@ def recorded(folder: Path, text: str = "time_s,speed_mps\n0,8\n2,6\n") -> str:
 def test_paths_and_recorded_speeds_are_found_and_hashed(tmp_path: Path) -> None:
     speeds = recorded(tmp_path, "# a drive\nspeed_mps, time_s\n8,100\n\n6,102.5\n")
     other = {"id": "other", "path": "linden_loop", "at_m": 10.0}
-    setting = altered(changes(actors=[LEAD | {"acts": [{}, {"speeds": speeds}]}, other]))
-    assert setting.recordings == {speeds: ((100.0, 102.5), (8.0, 6.0))}
-    assert setting.lines.keys() == {"linden_loop"}
-    assert isinstance(setting.lines["linden_loop"], Curve)
-    hashes = setting.resolved(REPOSITORY)["files_sha256"]
+    resolved = altered(changes(actors=[LEAD | {"events": [{}, {"speeds": speeds}]}, other]))
+    assert resolved.recordings == {speeds: ((100.0, 102.5), (8.0, 6.0))}
+    assert resolved.actor_paths.keys() == {"linden_loop"}
+    assert isinstance(resolved.actor_paths["linden_loop"], Curve)
+    hashes = resolved.to_dict(REPOSITORY)["files_sha256"]
     loop = (REPOSITORY / "routes" / "linden_loop.csv").read_bytes()
     assert hashes["actors.other.path"] == hashlib.sha256(loop).hexdigest()
-    assert hashes["actors.lead.acts.1.speeds"] == hashlib.sha256(Path(speeds).read_bytes()).hexdigest()
-    json.dumps(setting.resolved(REPOSITORY))
+    assert hashes["actors.lead.events.1.speeds"] == hashlib.sha256(Path(speeds).read_bytes()).hexdigest()
+    json.dumps(resolved.to_dict(REPOSITORY))
 
 
 @pytest.mark.parametrize(
@@ -138,8 +138,8 @@ def test_paths_and_recorded_speeds_are_found_and_hashed(tmp_path: Path) -> None:
         ({"at_m": 9e4}, ["parked_car.toml", "actors.one", "at_m 90000", "beyond the path's"]),
         ({"path": "linden_loop", "at_m": 9e4}, ["actors.one", "at_m 90000", "beyond the path's"]),
         (
-            {"at_m": 1.0, "acts": [{}, {"speeds": "no/x.csv"}]},
-            ["actors.one.acts.1.speeds", "no/x.csv", "does not exist"],
+            {"at_m": 1.0, "events": [{}, {"speeds": "no/x.csv"}]},
+            ["actors.one.events.1.speeds", "no/x.csv", "does not exist"],
         ),
     ],
 )
@@ -167,7 +167,7 @@ def test_what_an_actor_names_and_nobody_finds_is_one_line(table: dict[str, Any],
 )
 def test_a_wrong_recording_is_one_line_that_names_file_and_line(tmp_path: Path, text: str, words: list[str]) -> None:
     with pytest.raises(ConfigError) as caught:
-        altered(changes(actors=[LEAD | {"acts": [{"speeds": recorded(tmp_path, text)}]}]))
+        altered(changes(actors=[LEAD | {"events": [{"speeds": recorded(tmp_path, text)}]}]))
     assert all(word in str(caught.value) for word in ["leader.csv", *words]), caught.value
     assert "\n" not in str(caught.value)
 
@@ -176,16 +176,16 @@ def test_a_wrong_recording_is_one_line_that_names_file_and_line(tmp_path: Path, 
 
 
 def _waited() -> list[tuple[str, ...]]:
-    from vve_sumo.drive.virtual_road import VirtualRoad, open_world, scenario_engine, standing
+    from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
     from vve_sumo.values import Point
 
-    setting = altered(changes(actors=[LEAD, WALKER | {"enters": {"drive_s": 0.04}}]))
-    here = setting.path.at(5.0)
-    street, seen = VirtualRoad(open_world(setting), scenario_engine(setting), waits=True), []
+    resolved = altered(changes(actors=[LEAD, WALKER | {"enters": {"drive_s": 0.04}}]))
+    here = resolved.path.at(5.0)
+    street, seen = VirtualRoad(open_world(resolved), scenario_engine(resolved), waits=True), []
     for tick, (go, speed) in enumerate([(False, 0.0), (False, 0.1), (True, 0.0), (False, 0.0), (False, 0.0)]):
         if go:
-            street.go()
-        asked = replace(standing(here.x, here.y, here.heading), time=9.0 + 0.02 * tick, speed=speed)
+            street.operator_says_go()
+        asked = replace(pose_at_rest(here.x, here.y, here.heading), time=9.0 + 0.02 * tick, speed=speed)
         street.advance(replace(asked, point=Point.FRONT_BUMPER))
         seen.append(street.actors.ids)
     street.close()

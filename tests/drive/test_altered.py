@@ -128,7 +128,8 @@ FILES = (
     "can.log",
     "ticks.parquet",
     "actors.parquet",
-    "detections.parquet",
+    "readings.parquet",
+    "sensor_radar.parquet",
     "provenance.json",
 )
 

@@ -34,21 +34,21 @@ def _probed(changes: dict[str, Any]) -> Stop:
 
     from vve_sumo.drive import run as drives
     from vve_sumo.drive.resolved_scenario import resolve_scenario
-    from vve_sumo.record.record import read_table
+    from vve_sumo.record.reader import read_table
     from vve_sumo.scenario.load import parse
     from vve_sumo.scenario.overrides import apply_overrides
 
     file = REPOSITORY / "scenarios" / "delay_probe.toml"
     table = apply_overrides(tomllib.loads(file.read_text(encoding="utf-8")), changes)
-    setting = resolve_scenario("delay_probe", parse(table, file), file, REPOSITORY)
+    resolved = resolve_scenario("delay_probe", parse(table, file), file, REPOSITORY)
     with tempfile.TemporaryDirectory() as scratch:
-        done = drives.run(setting, Path(scratch) / "record", REPOSITORY)
+        done = drives.run(resolved, Path(scratch) / "record", REPOSITORY)
         ticks = read_table(done.folder, "ticks")
     assert done.summary["outcome"] == "stopped", done.summary
     begun = ticks["note"].to_pylist().index("brake")
     x, y = (ticks[name][-1].as_py() for name in ("true_x_m", "true_y_m"))
     return Stop(
-        setting.path.project(x, y, None).s, ticks["true_speed_mps"][begun].as_py(), ticks["pose_age_s"][begun].as_py()
+        resolved.path.project(x, y, None).s, ticks["true_speed_mps"][begun].as_py(), ticks["pose_age_s"][begun].as_py()
     )
 
 
@@ -64,7 +64,7 @@ def test_a_hidden_delay_moves_the_stop_by_speed_times_delay() -> None:
     base, late = stop(0.0, 0.0), stop(0.1, 0.0)
     assert base.speed == pytest.approx(SPEED, abs=0.02)
     assert late.speed == pytest.approx(base.speed, abs=0.005)  # it had settled, and to the same
-    assert late.pose_age == pytest.approx(base.pose_age, abs=1e-6)  # the chain cannot tell
+    assert late.pose_age == pytest.approx(base.pose_age, abs=1e-6)  # the pipeline cannot tell
     assert late.station - base.station == pytest.approx(SPEED * 0.1, abs=0.05)
 
 

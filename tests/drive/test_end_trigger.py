@@ -15,13 +15,13 @@ from tests.isolated import isolated
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.drive.termination import end_reason
 from vve_sumo.metrics.drive_data import DriveData
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 from vve_sumo.scenario.schema import EndTrigger
 
 NAN = math.nan
 #: nearly blind, and without its emergency layer: drives into the obstacle
 BLIND = {
-    "street.demand": [],
+    "road.demand": [],
     "ego.speed_mps": 8.0,
     "radar.range_limit_m": 8.0,
     "controller.tuning": {"emergency": False},
@@ -72,10 +72,10 @@ def test_a_drive_ends_at_the_first_tick_at_which_it_shall(tmp_path: Path) -> Non
     assert summaries["ttc"]["impact_speed_mps"] == 0.0
 
     car = altered({}).vehicle
-    near = read_table(tmp_path / "place", "ticks")["station_m"].to_numpy() + car.rear_axle_to_bumper
+    near = read_table(tmp_path / "place", "ticks")["s_m"].to_numpy() + car.rear_axle_to_bumper
     assert near[-2] - 0.1 < 20.0 < near[-1] + 0.1
 
 
 def _ttc(ticks: pa.Table, actors: pa.Table) -> Any:
-    setting = altered(BLIND)
-    return DriveData(ticks, actors, setting.path, setting.vehicle, PERIOD).lead.time_to_collision
+    resolved = altered(BLIND)
+    return DriveData(ticks, actors, resolved.path, resolved.vehicle, PERIOD).lead.time_to_collision

@@ -97,16 +97,17 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
     """Return summary, true speeds and states of a drive with a receiver that goes wrong."""
     from vve_sumo.drive.lockstep import Lockstep
     from vve_sumo.drive.summary import summarise
-    from vve_sumo.record.record import Record, read_table
+    from vve_sumo.record.reader import read_table
+    from vve_sumo.record.writer import Record
 
-    setting = altered({"street.demand": [], "obstacles": [], "duration_s": 40.0})
+    resolved = altered({"road.demand": [], "obstacles": [], "duration_s": 40.0})
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
-        shell = Lockstep(setting, REPOSITORY, Fault(kind))
-        record = Record(folder, setting.resolved(REPOSITORY), EPOCH)
+        shell = Lockstep(resolved, REPOSITORY, Fault(kind))
+        record = Record(folder, resolved.to_dict(REPOSITORY), EPOCH)
         done = shell.run(record, lambda tick, now, speed, station: None)
         shell.close()
-        summary = summarise(setting, done, folder, record.close())
+        summary = summarise(resolved, done, folder, record.close())
         ticks = read_table(folder, "ticks")
         return summary, ticks["true_speed_mps"].to_pylist(), ticks["state"].to_pylist()
 
@@ -151,7 +152,7 @@ def test_a_controller_that_fails_stops_the_car(reason: str, tmp_path: Path) -> N
         encoding="utf-8",
     )
     changes = {
-        "street.demand": [],
+        "road.demand": [],
         "obstacles": [],
         "duration_s": 40.0,
         "controller": {"name": f"{tmp_path / 'bad.py'}:make"},

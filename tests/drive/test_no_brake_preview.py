@@ -30,7 +30,7 @@ def _foreseen(name: str, changes: dict[str, Any]) -> Any:
 
 @pytest.mark.parametrize(("gap", "deceleration"), [(22.0, 4.0), (10.0, 2.0), (15.0, 8.0)])
 def test_a_braking_lead_is_met_when_the_closed_form_says(gap: float, deceleration: float) -> None:
-    changes = {"actors.lead.ahead_m": gap, "actors.lead.acts.0.acceleration_mps2": deceleration}
+    changes = {"actors.lead.ahead_m": gap, "actors.lead.events.0.acceleration_mps2": deceleration}
     seen = isolated(_foreseen, "lead_braking", changes)
     (_enters, brakes) = seen.events
     # The lead loses v t - a (t - T/2)^2 / 2 - a T^2 / 24 until it stands, all its way v^2 / 2a + v T / 2 - a T^2 / 24
@@ -59,7 +59,7 @@ def test_a_pedestrian_is_met_where_the_strip_and_the_time_agree(arrival: float, 
     assert (begins <= 0.93 + 0.3 and ends >= -0.93 - 0.3) == met
     assert (seen.contact is not None) == met
     (sets_out,) = seen.events
-    assert sets_out.station == pytest.approx(145.0 - arrival * SPEED, abs=SPEED * TICK)
+    assert sets_out.s == pytest.approx(145.0 - arrival * SPEED, abs=SPEED * TICK)
 
 
 def test_the_ego_slows_down_for_bends_and_for_nobody() -> None:
@@ -68,16 +68,16 @@ def test_the_ego_slows_down_for_bends_and_for_nobody() -> None:
     assert fastest == pytest.approx(SPEED)
     assert seen.contact is None
     speeds = np.array([moment.speed for moment in seen.moments])
-    ways = np.array([moment.station for moment in seen.moments])
+    ways = np.array([moment.s for moment in seen.moments])
     # 2 m/s2 on the tightest curve of 9.2 m.
     assert speeds[(ways > 150.0) & (ways < 180.0)].min() == pytest.approx(math.sqrt(2.0 * 9.2), rel=0.05)
 
 
 def _drawn(name: str, file: str) -> None:
-    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.run import resolve_by_name
     from vve_sumo.plotting.scenario import draw
 
-    draw(choose(name, REPOSITORY), Path(file))
+    draw(resolve_by_name(name, REPOSITORY), Path(file))
 
 
 def test_the_picture_shows_ego_actor_obstacle_and_contact(tmp_path: Path) -> None:

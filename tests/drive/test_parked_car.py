@@ -22,7 +22,7 @@ def at_speed(mph: float, seed: int) -> dict[str, Any]:
     return {
         "seed": seed,
         "duration_s": 400.0,
-        "street.demand": [],
+        "road.demand": [],
         "ego.speed_mps": speed,
         "obstacles": [{"id": "parked_car", "at_m": obstacle_station(speed)}],
     }
@@ -51,8 +51,8 @@ def check(summary: dict[str, Any], tolerance: float) -> None:
     assert summary["stop_gap_m"] == pytest.approx(5.0, abs=tolerance)
     assert summary["max_lateral_deviation_m"] <= 0.15
     assert summary["max_deceleration_mps2"] <= COMFORT or summary["emergency_used"]
-    assert summary["anchor_position_error_m"] <= 1e-6
-    assert summary["anchor_speed_error_mps"] <= 1e-6
+    assert summary["ego_sync_position_error_m"] <= 1e-6
+    assert summary["ego_sync_speed_error_mps"] <= 1e-6
 
 
 @pytest.mark.parametrize("seed", with_slow(range(20), lambda seed: seed < 3))
@@ -110,7 +110,7 @@ def test_without_the_emergency_layer_the_same_drive_ends_in_contact() -> None:
 
 def test_the_end_of_the_path_is_a_stop_line() -> None:
     """With nothing in the way the car comes to rest at the end of the path, not beyond it."""
-    summary = isolated(drive_once, {"street.demand": [], "obstacles": [], "ego.speed_mps": 15.0})
+    summary = isolated(drive_once, {"road.demand": [], "obstacles": [], "ego.speed_mps": 15.0})
     assert summary["outcome"] == "arrived"
     assert summary["max_lateral_deviation_m"] <= 0.15
     assert summary["max_deceleration_mps2"] <= COMFORT

@@ -1,4 +1,4 @@
-"""Real recordings through the whole chain, laid on a street of Linden: to the end, and nobody obeys."""
+"""Real recordings through the whole pipeline, laid on a street of Linden: to the end, and nobody obeys."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
 from tests.pose import recordings
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.messages import BrakeCommand, SteeringCommand, ThrottleCommand
 
@@ -28,7 +28,7 @@ def play(file: str, folder: str, changes: dict[str, Any]) -> dict[str, Any]:
 
 def played(file: Path, folder: Path, **changes: Any) -> tuple[dict[str, Any], Any]:
     """Return the summary and the ticks of a recording played without traffic."""
-    summary = isolated(play, str(file), str(folder), {"street.demand": []} | changes, timeout=600.0)
+    summary = isolated(play, str(file), str(folder), {"road.demand": []} | changes, timeout=600.0)
     return summary, read_table(folder, "ticks")
 
 
@@ -54,8 +54,8 @@ def check(file: Path, folder: Path, summary: dict[str, Any], ticks: Any) -> None
     """Assert that a drive was played whole, that SUMO followed it, and that nothing was enabled."""
     assert summary["outcome"] == "played"
     assert summary["duration_s"] == pytest.approx(duration(file), abs=0.2)
-    assert summary["anchor_position_error_m"] <= 1e-6
-    assert summary["anchor_speed_error_mps"] <= 1e-6
+    assert summary["ego_sync_position_error_m"] <= 1e-6
+    assert summary["ego_sync_speed_error_mps"] <= 1e-6
     assert set(ticks["state"].to_pylist()) == {"disarmed"}
     assert enabled(folder) == 0
     assert np.isfinite(ticks["x_m"].to_numpy()[5:]).all()

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from vve_sumo.drive.prediction_error import AGE, SETTLING, PredictionError
+from vve_sumo.drive.prediction_error import MIN_AGE, SETTLING_TIME, PredictionError
 from vve_sumo.values import Point, Pose
 
 STEP = 0.02
@@ -27,12 +27,12 @@ def test_steady_driving_is_predicted_exactly() -> None:
 def test_a_step_in_speed_is_off_by_speed_times_age() -> None:
     """The very first pose after a jump in speed of 1 m/s has travelled AGE longer than the old ones could know."""
     tried, x = PredictionError(), 0.0
-    first = round((SETTLING + 2.0) / STEP)
-    for n in range(first + round(AGE / STEP) + 1):
+    first = round((SETTLING_TIME + 2.0) / STEP)
+    for n in range(first + round(MIN_AGE / STEP) + 1):
         speed = 10.0 if n < first else 11.0
         x += speed * STEP
         tried.step(pose(n * STEP, speed, x))
-    assert tried.greatest == pytest.approx(1.0 * (AGE + STEP), abs=0.021)
+    assert tried.greatest == pytest.approx(1.0 * (MIN_AGE + STEP), abs=0.021)
 
 
 def test_nothing_judged_is_not_a_number() -> None:

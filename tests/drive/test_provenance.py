@@ -14,7 +14,7 @@ import pytest
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo.drive.provenance import _checkout, changed_since, code_sha256, libraries, software
-from vve_sumo.record.record import hash_parts
+from vve_sumo.record.hashes import hash_parts
 
 
 def package(folder: Path) -> Path:

@@ -12,8 +12,8 @@ from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo.analysis import load, radar_statistics
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, replay, setting_of
-from vve_sumo.drive.resolved_scenario import EPOCH
+from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.sensors.radar import NOBODY
 
 RATE, LATENCY = 0.1, 0.09
@@ -42,7 +42,7 @@ def test_it_brakes_for_the_parked_car_alone(drive: tuple[dict[str, Any], Path]) 
 
 def test_false_alarms_are_recorded_as_nobody(run: Run) -> None:
     """At the declared rate: within five standard deviations of a Poisson count."""
-    scans = int(np.count_nonzero(run.arrow("ticks")["scanned"].to_numpy()))
+    scans = run.arrow("readings").num_rows
     names = run.detections["actor"].tolist()
     assert scans > 1000
     assert names.count(NOBODY) == pytest.approx(RATE * scans, abs=5.0 * (RATE * scans) ** 0.5)
@@ -50,12 +50,11 @@ def test_false_alarms_are_recorded_as_nobody(run: Run) -> None:
 
 
 def test_every_scan_came_out_at_the_first_tick_after_its_latency(run: Run) -> None:
-    ticks = run.ticks
-    scans = ticks[ticks["scanned"]]
-    late = (scans["time_s"] - scans["scan_time_s"]).to_numpy()
+    scans = run.table("readings").join(run.ticks.set_index("tick")["time_s"], on="tick")
+    late = (scans["time_s"] - scans["measured_s"]).to_numpy()
     assert late == pytest.approx(0.10, abs=1e-9)
-    assert np.all(np.diff(scans["scan_time_s"].to_numpy()) > 0.03)
-    assert ticks["scan_time_s"].isna().sum() == np.flatnonzero(ticks["scanned"].to_numpy())[0]
+    assert np.all(np.diff(scans["measured_s"].to_numpy()) > 0.03)
+    assert set(scans["sensor"]) == {"radar"}
 
 
 def test_ranges_are_those_of_the_time_at_which_they_were_measured(run: Run) -> None:
@@ -67,5 +66,5 @@ def test_ranges_are_those_of_the_time_at_which_they_were_measured(run: Run) -> N
 
 def test_it_is_replayed_bit_for_bit(drive: tuple[dict[str, Any], Path]) -> None:
     _summary, folder = drive
-    setting = setting_of(folder, REPOSITORY)
-    assert replay(setting, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY) is None
+    resolved = recorded_scenario(folder, REPOSITORY)
+    assert replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, DEFAULT_EPOCH), REPOSITORY) is None

@@ -18,7 +18,7 @@ CODE = re.compile(r"[a-z]+(_[a-z]+)+$")
 PLACES = re.compile(r"fault|found|reason|refus|fail|waits|edge|not_ready|\) if .* else \(\)", re.IGNORECASE)
 #: codes that stand where no scan sees them, each with its source
 HIDDEN = {
-    "world/ego_sync.py": ("pose_not_front_bumper", "pose_not_finite", "pose_out_of_bounds", "anchor_position"),
+    "world/ego_sync.py": ("pose_not_front_bumper", "pose_not_finite", "pose_out_of_bounds", "ego_sync_position"),
     "live/recorder.py": ("record_failed",),
     "live/session.py": ("path_leaves_lot",),
 }
@@ -72,7 +72,7 @@ def used() -> dict[str, set[str]]:
 def test_the_scan_finds_codes():
     assert codes('self._faults.append("ego_not_placed")') == {"ego_not_placed"}
     assert codes('found = ("bus_down",) if deaf else ()') == {"bus_down"}
-    assert codes('names = ("anchor_speed", "speed_mps")  # of faults\n') == set()
+    assert codes('names = ("ego_sync_speed", "speed_mps")  # of faults\n') == set()
     assert codes('fault = "pose_not_finite" if wrong else ""') == {"pose_not_finite"}
     assert codes('row = {"some_key": reasons}\n"""a_docstring of reasons"""') == set()
     assert len(set().union(*used().values())) > 20

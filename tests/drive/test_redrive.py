@@ -15,9 +15,9 @@ from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
 from vve_sumo.drive.lockstep import assemble
-from vve_sumo.drive.redrive import BRAKES, compared, side_by_side
-from vve_sumo.drive.replay import answers, read_pipeline_inputs, setting_of
-from vve_sumo.record.record import read_table
+from vve_sumo.drive.redrive import BRAKES, comparison_of, side_by_side
+from vve_sumo.drive.replay import read_pipeline_inputs, recorded_scenario, replayed_ticks
+from vve_sumo.record.reader import read_table
 
 #: steers by a constant, says what it sees, and knows the tick at which to fail
 OTHER = """
@@ -48,7 +48,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "radar.range_limit_m": 12.0,
         "ego.speed_mps": 7.0,
         "controller.tuning": {"gap_m": 4.0},
-        "street.demand": [],
+        "road.demand": [],
     }
     isolated(drive_once, changes, str(folder))
     return folder
@@ -63,15 +63,15 @@ def other(tmp_path: Path) -> str:
 
 def redriven(record: Path, controller: str) -> pa.Table:
     """Return both answers of every tick."""
-    setting = setting_of(record, REPOSITORY)
-    setting = setting.driven_by(controller)
-    return side_by_side(answers(assemble(setting, REPOSITORY).pipeline, read_pipeline_inputs(record)))
+    resolved = recorded_scenario(record, REPOSITORY)
+    resolved = resolved.driven_by(controller)
+    return side_by_side(replayed_ticks(assemble(resolved, REPOSITORY).pipeline, read_pipeline_inputs(record)))
 
 
 def test_the_same_controller_answers_the_same(record: Path) -> None:
     """With the tuning that it had."""
     table = redriven(record, "follow_and_stop")
-    result = compared(table)
+    result = comparison_of(table)
     assert result.differs_at is None
     assert set(result.greatest.values()) == set(result.rms.values()) == {0.0}
     assert result.recorded == result.other
@@ -81,7 +81,7 @@ def test_the_same_controller_answers_the_same(record: Path) -> None:
 
 def test_another_answers_as_its_code_says(record: Path, other: str) -> None:
     table, ticks = redriven(record, other), read_table(record, "ticks")
-    result = compared(table)
+    result = comparison_of(table)
     steering, asked = (ticks[f"{name}_setpoint_{unit}"].to_numpy() for name, unit in NAMES)
     tick, time = ticks["tick"].to_numpy(), ticks["time_s"].to_numpy()
     there = np.isfinite(steering) & (tick != 200)
@@ -104,7 +104,7 @@ NAMES = (("steering", "rad"), ("acceleration", "mps2"))
 
 
 def test_what_never_comes_is_never(record: Path) -> None:
-    result = compared(redriven(record, "follow_and_stop").slice(0, 2))
+    result = comparison_of(redriven(record, "follow_and_stop").slice(0, 2))
     assert result.ticks == 0
     assert math.isnan(result.other.brakes_at)
     assert math.isnan(result.other.emergency_at)

@@ -15,20 +15,21 @@ from tests.isolated import isolated
 from vve_sumo import cli
 from vve_sumo.drive.replay import (
     Difference,
-    changed_controller,
+    changed_code,
     changed_since,
     read_car_frames,
     read_pipeline_inputs,
+    recorded_scenario,
     replay,
-    setting_of,
 )
-from vve_sumo.drive.resolved_scenario import EPOCH
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import hash_parts, read_pose_chunks, read_table
+from vve_sumo.record.hashes import hash_parts
+from vve_sumo.record.reader import read_pose_chunks, read_table
 
 DRIVES: dict[str, dict[str, Any]] = {
-    "traffic": {"street.demand": ["linden_heavy"], "duration_s": 30.0, "seed": 4},
+    "traffic": {"road.demand": ["linden_heavy"], "duration_s": 30.0, "seed": 4},
     "emergency": {"obstacles": [{"id": "parked_car", "at_m": 120.0}], "radar.range_limit_m": 18.0, "seed": 5},
     "contact": {
         "obstacles": [{"id": "parked_car", "at_m": 90.0}],
@@ -48,9 +49,9 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def replayed(folder: Path) -> Difference | None:
-    setting = setting_of(folder, REPOSITORY)
-    assert changed_since(folder, setting) == changed_controller(folder, setting, REPOSITORY) == []
-    return replay(setting, read_pipeline_inputs(folder), read_car_frames(folder, EPOCH), REPOSITORY)
+    resolved = recorded_scenario(folder, REPOSITORY)
+    assert changed_since(folder, resolved) == changed_code(folder, REPOSITORY) == []
+    return replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, DEFAULT_EPOCH), REPOSITORY)
 
 
 @pytest.mark.parametrize("name", DRIVES)
@@ -75,7 +76,9 @@ def test_a_flipped_bit_of_a_pose_packet_is_found_at_its_tick(records: dict[str, 
 def change_line(folder: Path, identifier: str, after: float, mask: str) -> None:
     """Flip the mask's bits (hexadecimal) in the data of the first frame of an identifier after a drive time."""
     lines = (folder / "can.log").read_text(encoding="ascii").splitlines()
-    number = next(n for n, line in enumerate(lines) if f" {identifier}#" in line and float(line[1:18]) > EPOCH + after)
+    number = next(
+        n for n, line in enumerate(lines) if f" {identifier}#" in line and float(line[1:18]) > DEFAULT_EPOCH + after
+    )
     head, _, data = lines[number].partition("#")
     flipped = bytes(a ^ b for a, b in zip(bytes.fromhex(data), bytes.fromhex(mask), strict=True))
     lines[number] = f"{head}#{flipped.hex().upper()}"
@@ -143,11 +146,11 @@ def test_what_was_never_finished_replays_as_far_as_its_inputs_reach(
 
 def test_what_is_no_record_is_one_line(records: dict[str, Path], tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"scenario\.json: cannot be read"):
-        setting_of(tmp_path, REPOSITORY)
+        recorded_scenario(tmp_path, REPOSITORY)
     folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
     (folder / "can.log").unlink()
     with pytest.raises(ConfigError, match=r"can\.log"):
-        read_car_frames(folder, EPOCH)
+        read_car_frames(folder, DEFAULT_EPOCH)
 
 
 @pytest.mark.parametrize("role", ["network", "path", "controller_speed"])
@@ -156,6 +159,6 @@ def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path, role: 
     resolved = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
     resolved["files_sha256"][role] = "0" * 64
     (folder / "scenario.json").write_text(json.dumps(resolved), encoding="utf-8")
-    setting = setting_of(folder, REPOSITORY)
-    told = changed_since(folder, setting) + changed_controller(folder, setting, REPOSITORY)
+    resolved = recorded_scenario(folder, REPOSITORY)
+    told = changed_since(folder, resolved) + changed_code(folder, REPOSITORY)
     assert told == [f"{role} has changed since"]

@@ -9,17 +9,18 @@ from pathlib import Path
 import pytest
 
 from tests.drive.street import REPOSITORY, altered
+from tests.record.declared import RESOLVED
 from vve_sumo.controller import Guarded
 from vve_sumo.drive import run as drives
 from vve_sumo.drive.assembly import sensors_of
 from vve_sumo.drive.pipeline import Pipeline
-from vve_sumo.drive.virtual_road import standing
+from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
-from vve_sumo.record.record import Record
+from vve_sumo.record.writer import Record
 from vve_sumo.values import ArmingState, ControlCommand
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -27,18 +28,18 @@ from vve_sumo.world.surroundings import table
 
 
 def test_the_command_line_lays_over_the_scenario() -> None:
-    setting = drives.choose("parked_car", REPOSITORY, seed=7, controller="follow_and_stop")
-    assert setting.scenario.seed == 7
+    resolved = drives.resolve_by_name("parked_car", REPOSITORY, seed=7, controller="follow_and_stop")
+    assert resolved.scenario.seed == 7
     with pytest.raises(ConfigError, match="seed: expected 0 to 2147483647"):
-        drives.choose("parked_car", REPOSITORY, seed=-1)
+        drives.resolve_by_name("parked_car", REPOSITORY, seed=-1)
 
 
 def test_another_controller_does_not_get_the_tuning_of_the_scenarios_own(tmp_path: Path) -> None:
     text = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
     control = '[controller]\nname = "follow_and_stop"\ntuning = { gap_m = 6.0 }\n\n[criteria]'
     (tmp_path / "mine.toml").write_text(text.replace("[criteria]", control), encoding="utf-8")
-    same = drives.choose(str(tmp_path / "mine.toml"), REPOSITORY, controller="follow_and_stop")
-    other = drives.choose(str(tmp_path / "mine.toml"), REPOSITORY, controller="mine.py:make")
+    same = drives.resolve_by_name(str(tmp_path / "mine.toml"), REPOSITORY, controller="follow_and_stop")
+    other = drives.resolve_by_name(str(tmp_path / "mine.toml"), REPOSITORY, controller="mine.py:make")
     assert same.scenario.controller.tuning == {"gap_m": 6.0}
     assert other.scenario.controller.tuning == {}
 
@@ -51,22 +52,22 @@ def test_the_record_names_the_controllers_files_that_were_read_and_no_other(tmp_
         "def make(vehicle, tuning):\n    return Mine()\n",
         encoding="utf-8",
     )
-    setting = altered({"controller": {"name": f"{tmp_path / 'mine.py'}:make"}})
-    setting.controller(REPOSITORY)
-    hashes = setting.resolved(REPOSITORY)["files_sha256"]
+    resolved = altered({"controller": {"name": f"{tmp_path / 'mine.py'}:make"}})
+    resolved.controller(REPOSITORY)
+    hashes = resolved.to_dict(REPOSITORY)["files_sha256"]
     assert {role for role in hashes if role.startswith("controller_")} == {"controller_mine", "controller_near"}
     assert hashes["controller_near"] == hashlib.sha256(b"GAIN = 1.0\n").hexdigest()
 
 
 def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path) -> None:
     """A shell that raises: the record is finished, says broken, and holds the traceback."""
-    record = Record(tmp_path / "r", {}, 0.0)
+    record = Record(tmp_path / "r", RESOLVED, 0.0)
 
     class Shell:
         def run(self, record: Record, watch: object) -> None:
             raise ZeroDivisionError("in the middle")
 
-    done = drives.guarded(Shell(), record, print)  # type: ignore[arg-type]
+    done = drives.run_guarded(Shell(), record, print)  # type: ignore[arg-type]
     assert done.outcome == "broken"
     assert "in the middle" in done.text
     assert "ZeroDivisionError" in (tmp_path / "r" / "traceback.txt").read_text(encoding="utf-8")
@@ -79,20 +80,20 @@ class _Straight:
 
 def test_the_playback_profile_can_never_arm() -> None:
     """The operator's act is refused whatever the car reports, and no frame ever enables anything."""
-    setting = altered({})
+    resolved = altered({})
     frame = local_frame(0.7, -1.4)
-    chain = Pipeline(
+    pipeline = Pipeline(
         decoder=Decoder(),
         gate=TrustGate(PLAYBACK, 0.0),
         placement=Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0),
         predictor=Predictor(),
-        sensors=sensors_of(setting),
+        sensors=sensors_of(resolved),
         controller=Guarded(_Straight()),
-        vehicle=setting.vehicle,
-        path=setting.path,
+        vehicle=resolved.vehicle,
+        path=resolved.path,
         desired_speed=5.0,
     )
-    gateway = Gateway(setting.vehicle, setting.model.calibration)
+    gateway = Gateway(resolved.vehicle, resolved.model.calibration)
     placement = Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0)
     reports = [
         codec.encode(codec.BrakeReport(codec.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, enabled=False)),
@@ -100,10 +101,10 @@ def test_the_playback_profile_can_never_arm() -> None:
     ]
     for tick in range(200):
         now = 0.02 * tick
-        pose = standing(0.0, 0.0, 0.0)
-        chain.accept(now, dataclasses.replace(placement.unplace(pose), time=now, pitch=0.0, altitude=0.0))
-        chain.see(now, table(now, ()))
-        decided = chain.decide(tick, now, gateway.measured_steering)
+        pose = pose_at_rest(0.0, 0.0, 0.0)
+        pipeline.accept(now, dataclasses.replace(placement.unplace(pose), time=now, pitch=0.0, altitude=0.0))
+        pipeline.see(now, table(now, ()))
+        decided = pipeline.decide(tick, now, gateway.measured_steering)
         output = gateway.step(now, decided.setpoint, reports, OperatorCommand.ENGAGE)
         assert output.verdict.state is not ArmingState.ENGAGED
         assert "profile_may_not_arm" in decided.faults

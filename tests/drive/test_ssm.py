@@ -21,7 +21,7 @@ from vve_sumo.metrics import following
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path as Curve
-from vve_sumo.record.record import SCHEMAS
+from vve_sumo.record.layout import SCHEMAS
 from vve_sumo.values import Actors, Floats
 
 LANE = -1.6  #: y of the one lane to the east [m]
@@ -85,7 +85,7 @@ def closing_in(folder: str) -> Driven:
             world.place(pose(tick * PERIOD, x, LANE, 0.0, speed))
             assert world.step().faults == ()
             rear = x - FUSION.rear_axle_to_bumper
-            now = {"true_x_m": rear, "true_y_m": LANE, "true_speed_mps": speed, "station_m": rear}
+            now = {"true_x_m": rear, "true_y_m": LANE, "true_speed_mps": speed, "s_m": rear}
             # The device's own time is that of the step's beginning.
             ego.append(now | {"time_s": libsumo.simulation.getTime() - PERIOD})
             actors += rows_of(tick, world.actors())

@@ -22,7 +22,7 @@ GOOD = {
 
 
 def judged(criteria: Criteria, **changes: Any) -> list[str]:
-    return summary.judge(criteria, GOOD | changes)
+    return summary.unmet_criteria(criteria, GOOD | changes)
 
 
 STRICT = Criteria(

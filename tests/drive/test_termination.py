@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from vve_sumo.drive.termination import START_LIMIT, Outcome, TerminationMonitor
+from vve_sumo.drive.termination import START_TIMEOUT, Outcome, TerminationMonitor
 from vve_sumo.values import ArmingState
 
 ENGAGED, STOPPED = ArmingState.ENGAGED, ArmingState.STOPPED
@@ -50,7 +50,7 @@ def test_rolling_back_is_no_rest() -> None:
 
 def test_a_car_that_never_starts_is_a_fault_unless_its_controller_stands_by_choice() -> None:
     watch = ending()
-    assert watch.step(START_LIMIT, 0.0, math.nan, ArmingState.DISARMED, contact=False) is None
-    assert watch.step(START_LIMIT + 1.0, 0.0, math.nan, ArmingState.DISARMED, contact=False) is Outcome.FAULT
-    assert ending().step(START_LIMIT + 1.0, 0.0, 0.0, ENGAGED, contact=False) is Outcome.STOPPED
+    assert watch.step(START_TIMEOUT, 0.0, math.nan, ArmingState.DISARMED, contact=False) is None
+    assert watch.step(START_TIMEOUT + 1.0, 0.0, math.nan, ArmingState.DISARMED, contact=False) is Outcome.FAULT
+    assert ending().step(START_TIMEOUT + 1.0, 0.0, 0.0, ENGAGED, contact=False) is Outcome.STOPPED
     assert ending().step(1.0, 0.0, 0.0, ArmingState.FAULT, contact=False) is Outcome.FAULT

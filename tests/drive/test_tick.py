@@ -18,7 +18,8 @@ LEAD = {"id": "leader", "kind": "car", "ahead_m": 20.0, "speed_mps": 5.0}
 def _driven() -> dict[str, Any]:
     """Drive a few seconds in traffic and return in which order a tick was recorded, and what its table holds."""
     from vve_sumo.drive.lockstep import Lockstep
-    from vve_sumo.record.record import ACTOR_COLUMNS, MemoryRecorder
+    from vve_sumo.record.layout import ACTOR_COLUMNS
+    from vve_sumo.record.writer import MemoryRecorder
 
     class Ordered(MemoryRecorder):
         """Notes what it is asked to keep, in order."""
@@ -31,9 +32,9 @@ def _driven() -> dict[str, Any]:
             self.order += ["frames"] if any(frame.id in COMMAND_IDS for frame in frames) else []
             super().saw_frames(time, channel, frames)
 
-        def sensed(self, tick: int, sensor: str, columns: Any) -> None:
+        def sensed(self, tick: int, sensor: str, measured: float, columns: Any) -> None:
             self.order.append(sensor)
-            super().sensed(tick, sensor, columns)
+            super().sensed(tick, sensor, measured, columns)
 
         def snapshot(self, tick: int, actors: Any) -> None:
             self.order.append("actors")
@@ -43,8 +44,9 @@ def _driven() -> dict[str, Any]:
             self.order.append("row")
             super().ticked(row)
 
-    shell = Lockstep(altered({"actors": [LEAD], "obstacles.0.at_m": 60.0}), REPOSITORY)
-    record = Ordered({}, shell.lot.epoch)
+    resolved = altered({"actors": [LEAD], "obstacles.0.at_m": 60.0})
+    shell = Lockstep(resolved, REPOSITORY)
+    record = Ordered(resolved.to_dict(REPOSITORY), shell.lot.epoch)
     looked = []
     ticks = shell.ticks(record)
     for _ in range(TICKS):

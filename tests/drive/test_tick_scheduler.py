@@ -1,4 +1,4 @@
-"""The pacer against simulated streams: a loop that waits, is woken and works, on a clock of numbers."""
+"""The scheduler against simulated streams: a loop that waits, is woken and works, on a clock of numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.drive.tick_scheduler import (
-    LOST,
+    LOST_TIME,
     MAX_CATCH_UP,
     OVERRUN_LIMIT,
     OVERRUN_WINDOW,
@@ -61,7 +61,7 @@ class Run:
 
     begins: list[tuple[float, ScheduledTick]]
     waits: list[float]  #: from the arrival of the fix that a tick was due for to its beginning
-    pacer: TickScheduler
+    scheduler: TickScheduler
 
 
 def drive(stream: Stream, stalls: list[tuple[float, float]] = (), work: float = 0.005, late: float = 0.0) -> Run:
@@ -69,25 +69,25 @@ def drive(stream: Stream, stalls: list[tuple[float, float]] = (), work: float = 
 
     `late` is how long it takes to wake up.
     """
-    pacer, now, begins, waits = TickScheduler(0.0, PERIOD), 0.0, [], []
+    scheduler, now, begins, waits = TickScheduler(0.0, PERIOD), 0.0, [], []
     arrivals, next_one = stream.arrivals(), 0
     stalls = sorted(stalls)
     while now < stream.duration:
         while next_one < len(arrivals) and arrivals[next_one][0] <= now:
-            pacer.arrived(*arrivals[next_one])
+            scheduler.fix_arrived(*arrivals[next_one])
             next_one += 1
-        if (deadline := pacer.wait_until()) > now:
+        if (deadline := scheduler.wait_until()) > now:
             coming = arrivals[next_one][0] if next_one < len(arrivals) else math.inf
             now = min(deadline, coming) + late
             continue
-        begun = pacer.begin(now)
+        begun = scheduler.begin(now)
         if begun.woken_by == "datagram":
             waits.append(now - arrivals[next_one - 1][0])
         begins.append((now, begun))
         now += work
         while stalls and stalls[0][0] <= now:
             now += stalls.pop(0)[1]
-    return Run(begins, waits, pacer)
+    return Run(begins, waits, scheduler)
 
 
 def check(run: Run) -> None:
@@ -100,7 +100,7 @@ def check(run: Run) -> None:
         assert later - two.due < PERIOD + 0.003 + 1e-9
         assert 0 <= two.catch_up == min(two.missed, MAX_CATCH_UP)
         assert ("overrun" in two.faults) >= (two.missed > MAX_CATCH_UP)
-    assert run.pacer.missed == sum(begun.missed for _, begun in run.begins)
+    assert run.scheduler.missed == sum(begun.missed for _, begun in run.begins)
 
 
 streams = st.builds(
@@ -194,7 +194,7 @@ def test_bursts_leave_the_cadence_as_it_is():
 def test_without_any_fix_ticks_run_on_their_deadlines():
     run = drive(Stream(duration=2.0, loss=1.1))
     assert len(run.begins) == 100
-    assert not run.pacer.locked
+    assert not run.scheduler.locked
     assert [begun.tick for _, begun in run.begins] == list(range(100))
     assert all(begun.woken_by == "deadline" for _, begun in run.begins)
     assert run.begins[50][0] == pytest.approx(50 * PERIOD + 0.003)
@@ -244,7 +244,7 @@ def test_one_slow_tick_now_and_then_is_none():
     assert not any(begun.faults for _, begun in run.begins)
 
 
-@pytest.mark.parametrize("outage", [0.5, LOST + 1.0])
+@pytest.mark.parametrize("outage", [0.5, LOST_TIME + 1.0])
 def test_after_an_outage_the_fixes_are_the_pace_again(outage):
     run = drive(Stream(duration=12.0, drift=1e-4, outages=[(4.0, 4.0 + outage)]))
     check(run)
@@ -256,23 +256,23 @@ def test_after_an_outage_the_fixes_are_the_pace_again(outage):
 
 
 def test_times_that_cannot_be_change_nothing():
-    pacer = TickScheduler(0.0, PERIOD)
+    scheduler = TickScheduler(0.0, PERIOD)
     for received, epoch in ((math.nan, 1.0), (1.0, math.nan), (1.0, 5.0), (1.0, -3.0), (math.inf, math.inf)):
-        pacer.arrived(received, epoch)
-    assert not pacer.locked
-    assert pacer.wait_until() == pytest.approx(0.003)
+        scheduler.fix_arrived(received, epoch)
+    assert not scheduler.locked
+    assert scheduler.wait_until() == pytest.approx(0.003)
 
 
 def test_duplicates_and_late_fixes_change_nothing():
     def both(extra):
-        pacer, said = TickScheduler(0.0, PERIOD), []
+        scheduler, said = TickScheduler(0.0, PERIOD), []
         for received, epoch in Stream(duration=3.0).arrivals():
-            pacer.arrived(received, epoch)
+            scheduler.fix_arrived(received, epoch)
             if extra:
-                pacer.arrived(received + 0.0005, epoch)
-                pacer.arrived(received + 0.001, epoch - 0.03)
-            if pacer.wait_until() <= received:
-                said.append(pacer.begin(received))
+                scheduler.fix_arrived(received + 0.0005, epoch)
+                scheduler.fix_arrived(received + 0.001, epoch - 0.03)
+            if scheduler.wait_until() <= received:
+                said.append(scheduler.begin(received))
         return said
 
     assert both(extra=True) == both(extra=False)

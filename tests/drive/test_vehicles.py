@@ -13,7 +13,7 @@ from tests.conftest import REPOSITORY
 from tests.isolated import isolated
 from tests.vehicles import FUSION, MKZ
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import hash_file
+from vve_sumo.record.hashes import hash_file
 
 CALIBRATED = """
 [vehicle]
@@ -30,19 +30,19 @@ brake_gain_kgm = 541.0
 def drive(folder: str, vehicle: str | None = None, rig: str | None = None) -> dict[str, Any]:
     """Drive the paper's drive and replay it; call it through `isolated`."""
     from vve_sumo.drive import run
-    from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, replay, setting_of
-    from vve_sumo.drive.resolved_scenario import EPOCH
+    from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
+    from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
     from vve_sumo.rig.load import load
 
-    setting = run.choose("parked_car", REPOSITORY, seed=1, vehicle=vehicle)
+    resolved = run.resolve_by_name("parked_car", REPOSITORY, seed=1, vehicle=vehicle)
     if rig is not None:
-        setting = setting.with_rig(load(Path(rig), REPOSITORY), REPOSITORY)
+        resolved = resolved.with_rig(load(Path(rig), REPOSITORY), REPOSITORY)
         Path(rig).unlink()  # a record is replayed without it
     record = Path(folder)
-    summary = run.run(setting, record, REPOSITORY).summary
-    again = setting_of(record, REPOSITORY)
-    assert again.model == setting.model
-    assert replay(again, read_pipeline_inputs(record), read_car_frames(record, EPOCH), REPOSITORY) is None
+    summary = run.run(resolved, record, REPOSITORY).summary
+    again = recorded_scenario(record, REPOSITORY)
+    assert again.model == resolved.model
+    assert replay(again, read_pipeline_inputs(record), read_car_frames(record, DEFAULT_EPOCH), REPOSITORY) is None
     return summary
 
 
@@ -65,7 +65,7 @@ def test_the_mkz_drives_the_papers_drive(tmp_path: Path) -> None:
 def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_path: Path) -> None:
     """Bias and lever arm are known to rig and car alike, so the drive is as good as with a car that has neither."""
     rig = tmp_path / "ours.toml"
-    text = (REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8")
+    text = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
     changes = {"forward_m = 0.30": "forward_m = 1.10", "[limits]\n": f"{CALIBRATED}\n[limits]\nstop_jerk_mps3 = 4.0\n"}
     for was, becomes in changes.items():
         assert was in text
@@ -80,12 +80,12 @@ def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_p
     assert (model["calibration"]["brake_gain"], model["limits"]["stop_jerk"]) == (541.0, 4.0)
     assert model["mounting"]["forward"] == 1.10
     assert model["steering_wheel_bias"] == math.radians(1.5)
-    assert model["rig"] == "The hardware-free car on a made-up airfield"
+    assert model["rig"] == "The simulated vehicle on a made-up airfield"
     assert "rig" not in told, "which only a live drive has"
 
 
 def test_a_vehicle_that_nobody_knows_is_named() -> None:
-    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.run import resolve_by_name
 
     with pytest.raises(ConfigError, match=r"parked_car\.toml: ego\.vehicle: no vehicle named 'tank'; known: ford_fus"):
-        choose("parked_car", REPOSITORY, vehicle="tank")
+        resolve_by_name("parked_car", REPOSITORY, vehicle="tank")

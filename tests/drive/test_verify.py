@@ -14,7 +14,7 @@ from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
 from vve_sumo.drive.verify import alterations, altered_parts
-from vve_sumo.record.record import hash_parts
+from vve_sumo.record.hashes import hash_parts
 
 DRIVES: dict[str, dict[str, Any]] = {
     "contact": {
@@ -102,7 +102,7 @@ def test_a_figure_that_is_gone_is_found(records: dict[str, Path], tmp_path: Path
     assert altered_parts(folder) == ["summary.json"]
 
 
-PARTS = ("scenario.json", "pose.bin", "can.log", "ticks", "detections", "actors")
+PARTS = ("scenario.json", "pose.bin", "can.log", "ticks", "readings", "actors", "sensor_radar")
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -172,7 +172,7 @@ def test_a_record_of_another_layout_is_refused_by_name(
     more = ("--controller", "follow_and_stop") if command == "redrive" else ()
     assert cli.main([command, str(folder), *more]) == 2
     said = capsys.readouterr().err
-    assert "layout 2 of a record, expected 6: another vve-sumo wrote it" in said
+    assert "layout 2 of a record, expected 7: another vve-sumo wrote it" in said
     assert said.count("\n") == 1
 
 

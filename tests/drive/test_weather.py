@@ -1,4 +1,4 @@
-"""What the weather does to the hardware-free car: full braking against the closed form of a sliding block."""
+"""What the weather does to the simulated vehicle: full braking against the closed form of a sliding block."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Faults that no report confesses: each is noticed before it has led the car astray, and the car comes to rest.
 
-The figures are declared beside each fault; what is measured is the true motion of the hardware-free car.
+The figures are declared beside each fault; what is measured is the true motion of the simulated vehicle.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def driven(kind: str, speed: float, path: Path, value: float = math.nan, brakes:
 
 
 def farthest_way(came: Came, stops: Layer, push: float = 0.0) -> float:
-    """The closed form of the way to rest of a fault that was noticed so late [m]."""
+    """The closed form of the stopping distance of a fault that was noticed so late [m]."""
     return bound(Row("", "", Right.REST, stops=stops, notice=came.noticed + PERIOD, push=push), came.speed, 0.0)
 
 

@@ -290,7 +290,7 @@ def _feedback(chance: random.Random) -> link.Feedback:
 def _links(chance: random.Random, told: list[object]) -> None:
     kinds: tuple[tuple[Callable[[bytes], Any], Callable[[Any], bytes], Callable[[random.Random], Any]], ...] = (
         (link.decode_setpoint, link.encode_setpoint, _setpoint),
-        (link.decode_act, link.encode_act, lambda one: one.choice(tuple(OperatorCommand))),
+        (link.decode_operator_command, link.encode_operator_command, lambda one: one.choice(tuple(OperatorCommand))),
         (link.decode_feedback, link.encode_feedback, _feedback),
     )
     for _ in range(INPUTS):

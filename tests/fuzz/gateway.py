@@ -8,7 +8,7 @@ every step:
  1. No exception, whatever comes in.
  2. Four frames, brake, throttle, steering, gear, of 8, 8, 8 and 1 bytes; unused bits are zero; torque and percent mode.
  3. The IGNORE bit, which takes the driver's override away, is never set.
- 4. The three enable bits agree; they are set in ENGAGED, STOPPING and STOPPED alone, and in a rehearsal never.
+ 4. The three enable bits agree; they are set in ENGAGED, STOPPING and STOPPED alone, and in shadow mode never.
  5. The watchdog counters of all three count by one.
  6. CLEAR is sent in the step that engages, and in no other.
  7. Torque is at most the car's limit; no throttle unless ENGAGED after a GO that counted; never throttle and brake.
@@ -21,7 +21,7 @@ every step:
     older than 100 ms, say of every wheel that it stands.
 12. While ENGAGED the steering moves at most at the car's rate and with the comfort lateral jerk at the reported speed,
     and the acceleration with the comfort jerk, or the emergency's where the setpoint asks for one, by the time that has
-    passed. On the way to rest it falls at most with the emergency's jerk; the steering holds or moves at its rate.
+    passed. On the fallback path it falls at most with the emergency's jerk; the steering holds or moves at its rate.
 13. A driver who takes over has the car in that step: FAULT, nothing enabled.
 14. `done` is never said of a car that is commanded.
 """

@@ -19,10 +19,11 @@ from typing import NamedTuple
 from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.live.patience import until
+from tests.record.declared import RESOLVED
 from tests.setpoints import setpoint as complete
 from tests.vehicle.car import FUSION, PERIOD, Car
 from vve_sumo.live.channel import pair
-from vve_sumo.live.priority import CAR
+from vve_sumo.live.priority import VEHICLE_PRIORITY
 from vve_sumo.live.slcan import Adapter
 from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, Setpoint
@@ -83,7 +84,7 @@ class Bench:
         to_recorder, spare = pair()
         self.spare = spare  # the drive's tap, which says nothing here
         _prefer_the_car(True)
-        record = {"folder": str(folder), "resolved": {}, "epoch": EPOCH, "provenance": "{}", "log": None}
+        record = {"folder": str(folder), "resolved": RESOLVED, "epoch": EPOCH, "provenance": "{}", "log": None}
         self.recorder = start("recorder", record, {"drive": to_recorder, "gateway": recorder_end}, own_session=True)
         until(lambda: (folder / "latency.arrows").exists())
         channels = {"drive": drive_end, "console": console_end, "recorder": tap_end}
@@ -133,7 +134,7 @@ class Bench:
 
     def act(self, act: OperatorCommand) -> None:
         """Do what an operator does."""
-        self.console.send(link.encode_act(act))
+        self.console.send(link.encode_operator_command(act))
 
     def kill(self, process: subprocess.Popen[bytes] | None, number: int) -> None:
         """Send a signal to one of the processes."""
@@ -227,7 +228,7 @@ def _prefer_the_car(on: bool) -> None:
     """Where the system allows it, let this process, which is the car, run before what else the machine does."""
     policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK if on else os.SCHED_OTHER
     with contextlib.suppress(OSError):
-        os.sched_setscheduler(0, policy, os.sched_param(CAR if on else 0))
+        os.sched_setscheduler(0, policy, os.sched_param(VEHICLE_PRIORITY if on else 0))
 
 
 def stop(bench: Bench, process: subprocess.Popen[bytes] | None, duration: float) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tests.conftest import REPOSITORY
 
-TWIN = (REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8")
+SIMULATED = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
 #: a real car's rig, without anything that only the car itself tells
 WATCHDOG = "[watchdog_test]\ndate = 2026-01-01\narmed = true\ndeceleration_mps2 = 2.5\ndelay_s = 0.12\n"
 
@@ -22,8 +22,8 @@ def free_port() -> int:
 
 
 def own_rig(folder: Path, *changes: tuple[str, str], name: str = "mine") -> Path:
-    """Write the twin as a rig of the test's own, on a port of its own, with passages changed."""
-    text = TWIN.replace("port = 3000", f"port = {free_port()}")
+    """Write the simulated vehicle as a rig of the test's own, on a port of its own, with passages changed."""
+    text = SIMULATED.replace("port = 3000", f"port = {free_port()}")
     for old, new in changes:
         assert old in text, old
         text = text.replace(old, new)
@@ -33,10 +33,10 @@ def own_rig(folder: Path, *changes: tuple[str, str], name: str = "mine") -> Path
 
 
 def outline(*corners: tuple[float, float]) -> tuple[str, str]:
-    """The change of the twin's lot to these corners, without holes."""
-    begin, end = TWIN.index("outline = ["), TWIN.index("[alignment]")
+    """The change of the simulated rig's lot to these corners, without holes."""
+    begin, end = SIMULATED.index("outline = ["), SIMULATED.index("[alignment]")
     inside = ", ".join(f"[{latitude:.7f}, {longitude:.7f}]" for latitude, longitude in corners)
-    return TWIN[begin:end], f"outline = [{inside}]\n\n"
+    return SIMULATED[begin:end], f"outline = [{inside}]\n\n"
 
 
 def begun(*arguments: str, cwd: Path) -> subprocess.Popen[str]:

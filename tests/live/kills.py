@@ -1,4 +1,4 @@
-"""Kills any process of a live drive at any moment under way, again and again, and holds the way to rest to its bound.
+"""Kills any process of a live drive at any moment under way, again and again, and holds the fallback path to its bound.
 
 `python -m tests.live.kills [--times N] [--seed S]`; prints a line for each kill, and fails if a bound was broken where
 the machine itself did not stand still. It takes half a minute a kill, so no test runs it.

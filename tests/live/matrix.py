@@ -13,16 +13,16 @@ from typing import Final, NamedTuple
 
 from tests import vehicles
 from tests.conftest import REPOSITORY
-from vve_sumo.live.gateway import LATEST
+from vve_sumo.live.gateway import MAX_STEP_INTERVAL
 from vve_sumo.vehicle.limits import Limits
 
 PERIOD: Final = 0.020
-#: the rehearsed faults begin so long after the car first moves, at about 4.7 m/s; the others at this speed
+#: the injected faults begin so long after the car first moves, at about 4.7 m/s; the others at this speed
 AT: Final = 3.0
 SPEED: Final = 4.4
 
 # From the fault to the moment at which whoever stops the car knows of it.
-STEP: Final = LATEST * PERIOD  # the gateway looks at what it was told
+STEP: Final = MAX_STEP_INTERVAL * PERIOD  # the gateway looks at what it was told
 EXPIRY: Final = 0.100 + STEP  # the last setpoint is acted on to its end
 FIX: Final = 0.150 + PERIOD + STEP  # a fix that counts is too old, a tick says so
 REPORT: Final = 0.100 + STEP  # a report is too old
@@ -52,7 +52,7 @@ class Layer(NamedTuple):
 
 _LIMITS, _CAR, _CALIBRATION = Limits(), vehicles.FUSION.vehicle, vehicles.FUSION.calibration
 _LAG = _CAR.brake_delay + _CAR.brake_lag
-_TESTED = tomllib.loads((REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8"))["watchdog_test"]
+_TESTED = tomllib.loads((REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8"))["watchdog_test"]
 GATEWAY: Final = Layer("gateway", _LIMITS.stop_deceleration, _LIMITS.stop_deceleration / _LIMITS.stop_jerk, _LAG)
 HARD: Final = Layer(
     "gateway, hard", _LIMITS.critical_deceleration, _LIMITS.critical_deceleration / _LIMITS.critical_jerk, _LAG
@@ -64,11 +64,11 @@ HALF: Final = Layer("gateway, with all that the brakes give", _CAR.deceleration_
 OPEN_THROTTLE: Final = 0.3  # of full force
 PUSH: Final = _CALIBRATION.drive_force(OPEN_THROTTLE, 0.0) / _CALIBRATION.mass  # [m/s2]
 PUSHED: Final = Layer("gateway, with all that the brakes give", _CAR.deceleration_limit - PUSH, _FULL_RISE, _LAG)
-WATCHDOG: Final = Layer("the kit's watchdog", _TESTED["deceleration_mps2"], 0.0, PERIOD + _TESTED["delay_s"])
+WATCHDOG: Final = Layer("the DBW watchdog", _TESTED["deceleration_mps2"], 0.0, PERIOD + _TESTED["delay_s"])
 
 
 class Fault(NamedTuple):
-    """A fault that the hardware-free car puts on (`plant.rehearsed`)."""
+    """A fault that the simulated vehicle puts on (`plant.injected_faults`)."""
 
     kind: str
     duration: float = 3600.0
@@ -238,7 +238,7 @@ MATRIX: Final = (
     ),
     # The bus, and what the car says of itself.
     Row(
-        "bus_dead", "the bus is dead for 4 s, both ways", Right.REST, ("steering_report_stale", "kit_watchdog"),
+        "bus_dead", "the bus is dead for 4 s, both ways", Right.REST, ("steering_report_stale", "dbw_watchdog"),
         WATCHDOG, first=("brake_report_stale", "wheel_speeds_stale"), faults=(Fault("bus_silent", 4.0),),
     ),
     Row(
@@ -264,11 +264,11 @@ MATRIX: Final = (
         GATEWAY,
     ),
     _report(
-        "steering_drops_out", "the steering module works no more", Fault("kit_dropout", value=3.0),
+        "steering_drops_out", "the steering module works no more", Fault("dbw_dropout", value=3.0),
         ("steering_disabled",), HARD,
     ),
     _report(
-        "throttle_drops_out", "the throttle module works no more", Fault("kit_dropout", value=2.0),
+        "throttle_drops_out", "the throttle module works no more", Fault("dbw_dropout", value=2.0),
         ("throttle_disabled",), GATEWAY,
     ),
     # After 8 s wheel speeds are right again: what stands by no evidence but wheels that never change needs its driver.
@@ -306,7 +306,7 @@ MATRIX: Final = (
             Fault("throttle_override", 0.6), _BRAKES),
     _driver("steering_override", "the driver turns the wheel, then brakes", Fault("steering_override", 0.6), _BRAKES),
     _driver(
-        "brakes_drop_out", "the brake module works no more, and the driver brakes", Fault("kit_dropout", value=1.0),
+        "brakes_drop_out", "the brake module works no more, and the driver brakes", Fault("dbw_dropout", value=1.0),
         Fault("brake_override", later=1.5), reasons=("brake_disabled", "driver_override"),
     ),
     replace(

@@ -17,7 +17,7 @@ from pathlib import Path
 from tests.conftest import REPOSITORY
 from tests.live.stage import DRIVES
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
 #: what becomes of the shipped scenario, so that a drive takes seconds: slow, and the parked car is near
 SHORTER = {
@@ -87,16 +87,16 @@ def _is_ours(number: int) -> bool:
 
 
 def begin(folder: Path, *faults: str) -> Drive:
-    """Start a short live drive in a new folder; each fault is what stands in a [[rehearse]] table."""
+    """Start a short live drive in a new folder; each fault is what stands in a [[faults]] table."""
     folder.mkdir()
     scenario = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
     for old, new in SHORTER.items():
         assert old in scenario
         scenario = scenario.replace(old, new)
-    rig = (REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8")
+    rig = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
     assert "port = 3000" in rig
     rig = rig.replace("port = 3000", f"port = {_free_port()}")
-    rig += "".join(f"\n[[rehearse]]\n{fault}\n" for fault in faults)
+    rig += "".join(f"\n[[faults]]\n{fault}\n" for fault in faults)
     (folder / "short.toml").write_text(scenario, encoding="utf-8")
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
     with (folder / "said.txt").open("wb") as said:

@@ -10,7 +10,7 @@ import sys
 import time
 
 from vve_sumo.live.channel import adopt
-from vve_sumo.live.priority import DRIVE, prefer
+from vve_sumo.live.priority import DRIVE_NICE, raise_priority
 from vve_sumo.values import Setpoint
 from vve_sumo.vehicle import link
 
@@ -21,7 +21,7 @@ SPEED = 8.0
 def main(descriptor: int, t0: float) -> None:
     """Send setpoints until nobody hears them."""
     channel = adopt(descriptor)
-    prefer(DRIVE)
+    raise_priority(DRIVE_NICE)
     speed, driven, due, sequence = 0.0, 0.0, time.monotonic(), 0
     before = due - t0
     while not channel.closed:

@@ -30,8 +30,8 @@ from tests.live.matrix import AT, SPEED, Right, Row
 from tests.live.patience import until
 from tests.live.spoilt import MOMENT
 from tests.live.witness import stalls, witness
-from vve_sumo.plant.injected_faults import STARTED
-from vve_sumo.record.record import read_table
+from vve_sumo.plant.injected_faults import START_SPEED
+from vve_sumo.record.reader import read_table
 
 #: a drive that was ridden through goes on for so long after its last fault, then the operator stops it [s]
 GOES_ON = 3.0
@@ -48,7 +48,7 @@ title = "A short drive"
 seed = 1
 duration_s = 60.0
 
-[street]
+[road]
 network = "linden"
 warm_up_s = 0.0
 
@@ -205,8 +205,8 @@ class Stage:
     # The fault.
 
     def _under_way(self, console: subprocess.Popen[bytes]) -> bool:
-        """Wait until the car moves, where a fault is rehearsed, or is fast enough; whether it came to that."""
-        return self.moving(console, STARTED if self.row.faults else SPEED)
+        """Wait until the car moves, where a fault is injected, or is fast enough; whether it came to that."""
+        return self.moving(console, START_SPEED if self.row.faults else SPEED)
 
     def moving(self, console: subprocess.Popen[bytes], least: float) -> bool:
         """Wait until the car is as fast as `least` [m/s]; whether it came to that."""
@@ -240,7 +240,7 @@ class Stage:
         row, act = self.row, self._acts().get(self.row.stage)
         if row.faults:
             truth = read_truth(self.record)
-            moved = float(truth["time_s"][np.flatnonzero(np.abs(truth["speed_mps"]) > STARTED)[0]])
+            moved = float(truth["time_s"][np.flatnonzero(np.abs(truth["speed_mps"]) > START_SPEED)[0]])
             moment = self.t0 + moved + AT + min(row.faults[0].later, 0.0)
             time.sleep(max(moment - time.monotonic(), 0.0))
             return max(moment, self._spoilt(console)) if row.controller else moment
@@ -321,8 +321,8 @@ def free_port() -> int:
 
 
 def rig_of(row: Row, port: int) -> str:
-    """Return the shipped rig `twin` as this row needs it."""
-    text = (REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8")
+    """Return the shipped rig `simulated` as this row needs it."""
+    text = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
     changes = {"port = 3000": f"port = {port}", "budget_ms = 40.0": f"budget_ms = {row.budget_ms}"}
     if row.pole:
         changes["holes = ["] = f"holes = [\n  {pole()},"
@@ -330,7 +330,7 @@ def rig_of(row: Row, port: int) -> str:
         assert text.count(old) == 1
         text = text.replace(old, new)
     for fault in row.faults:
-        text += f'\n[[rehearse]]\nkind = "{fault.kind}"\nat_s = {AT + fault.later}\nfor_s = {fault.duration}\n'
+        text += f'\n[[faults]]\nkind = "{fault.kind}"\nat_s = {AT + fault.later}\nfor_s = {fault.duration}\n'
         text += "" if fault.value is None else f"value = {fault.value}\n"
     return text
 

@@ -9,7 +9,7 @@ import time
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vve_sumo.live.channel import LONGEST, pair
+from vve_sumo.live.channel import MAX_DATAGRAM_SIZE, pair
 
 
 @given(st.lists(st.binary(min_size=1, max_size=3000), max_size=30))
@@ -62,7 +62,7 @@ def test_sending_to_somebody_who_is_gone_shows_it():
 
 def test_a_datagram_too_long_is_refused_and_harms_nothing():
     ours, theirs = pair()
-    assert not ours.send(bytes(LONGEST + 1))
+    assert not ours.send(bytes(MAX_DATAGRAM_SIZE + 1))
     assert not ours.closed
     assert ours.send(b"short")
     assert theirs.receive() == [b"short"]

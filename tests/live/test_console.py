@@ -13,9 +13,9 @@ from tests.live.command_line import own_rig
 from tests.live.stage import SCENARIO
 from tests.live.terminal import Desk, desk
 from vve_sumo.live import signals
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
-#: linden_17th laid into the twin's airfield from where its car stands, as `vve-sumo align` stores it
+#: linden_17th laid into the simulated rig's airfield from where its car stands, as `vve-sumo align` stores it
 STORED = (
     'kind = "matched_start"',
     'kind = "stored"\nnetwork = "linden"\ndate = 2026-05-01\norigin = [40.004325, -83.024514]\n'
@@ -44,7 +44,7 @@ def test_a_drive_that_passes_is_told_from_the_first_key_to_park_and_blames_nobod
         at.press("g")
         at.until(lambda: "g does nothing yet: e engages first" in at.text)
         engage(at)
-        for number in signals.ENDING:
+        for number in signals.TERMINATING:
             for name in ("gateway", "drive", "recorder"):
                 at.kill(name, number)
         at.press("g")
@@ -102,5 +102,5 @@ def test_a_car_that_faces_the_wrong_way_beside_the_start_is_not_ready_and_told_i
     assert "  READY" not in at.text
     posed = [row for row in read_table(tmp_path / "record", "ticks").to_pylist() if row["pose_trusted"]]
     assert posed
-    assert all("start_position+start_heading" in row["found"] for row in posed), "from the first setpoint on"
+    assert all("start_position+start_heading" in row["shell_faults"] for row in posed), "from the first setpoint on"
     assert {row["state"] for row in read_table(tmp_path / "record", "gateway").to_pylist()} == {"disarmed"}

@@ -24,9 +24,16 @@ from tests.vehicle.car import CALIBRATION, FUSION, PERIOD
 from vve_sumo.bus import read_log
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
-from vve_sumo.live.gateway import GONE, LATEST, SOONEST, Inbox, due, kit_is_gone
-from vve_sumo.live.priority import KEPT
-from vve_sumo.record.record import read_table
+from vve_sumo.live.gateway import (
+    DBW_SILENCE_LIMIT,
+    MAX_STEP_INTERVAL,
+    MIN_STEP_INTERVAL,
+    Inbox,
+    dbw_is_gone,
+    next_step_time,
+)
+from vve_sumo.live.priority import NEVER_KILLED
+from vve_sumo.record.reader import read_table
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.dataspeed import codec
@@ -83,8 +90,8 @@ def assert_stopping(told: list[Heard]) -> None:
 
 @given(st.floats(0.0, 1e6), st.booleans(), st.booleans())
 def test_steps_are_due_half_a_period_after_the_last_at_the_soonest_and_one_and_a_half_at_the_latest(last, fresh, alone):
-    expected = SOONEST if fresh else 1.0 if alone else LATEST
-    assert due(last, fresh, alone, PERIOD) - last == pytest.approx(expected * PERIOD, abs=1e-9)
+    expected = MIN_STEP_INTERVAL if fresh else 1.0 if alone else MAX_STEP_INTERVAL
+    assert next_step_time(last, fresh, alone, PERIOD) - last == pytest.approx(expected * PERIOD, abs=1e-9)
 
 
 def setpoint(sequence: int, **changes: Any) -> Setpoint:
@@ -99,9 +106,9 @@ def test_of_two_setpoints_the_newer_one_counts_and_the_older_ones_faults():
     inbox.take_from_drive(link.encode_setpoint(setpoint(1, faults=("pose_lost",))))
     newer = link.encode_setpoint(setpoint(2))
     inbox.take_from_drive(newer)
-    taken = inbox.empty()
+    taken = inbox.take()
     assert (taken.setpoint.sequence, taken.datagram, taken.wrong) == (2, newer, ("pose_lost",))
-    assert inbox.empty() == (None, b"", None, ())
+    assert inbox.take() == (None, b"", None, ())
 
 
 @given(st.integers(0, 10_000), st.integers(0, 7))
@@ -110,7 +117,7 @@ def test_a_flipped_bit_is_found_and_asks_for_a_stop(where, bit):
     whole[where % len(whole)] ^= 1 << bit
     inbox = Inbox()
     inbox.take_from_drive(bytes(whole))
-    taken = inbox.empty()
+    taken = inbox.take()
     assert taken.setpoint is None
     assert taken.wrong == ("setpoint_corrupt",)
 
@@ -118,8 +125,8 @@ def test_a_flipped_bit_is_found_and_asks_for_a_stop(where, bit):
 def test_the_drive_has_no_say_in_acts():
     inbox = Inbox()
     for act in OperatorCommand:
-        inbox.take_from_drive(link.encode_act(act))
-    assert inbox.empty() == (None, b"", None, ())
+        inbox.take_from_drive(link.encode_operator_command(act))
+    assert inbox.take() == (None, b"", None, ())
     assert inbox.refused == len(OperatorCommand)
 
 
@@ -127,28 +134,28 @@ def test_the_drive_has_no_say_in_acts():
 def test_acts_come_in_their_order_and_stop_before_all_others(acts):
     inbox = Inbox()
     for act in acts:
-        inbox.take_from_console(b"prose" if act is None else link.encode_act(act))
+        inbox.take_from_console(b"prose" if act is None else link.encode_operator_command(act))
     stops = any(act in (OperatorCommand.STOP, None) for act in acts)
     assert inbox.fresh is stops
-    taken = [inbox.empty().act for _ in range(len(acts) + 1)]
+    taken = [inbox.take().act for _ in range(len(acts) + 1)]
     assert taken == ([OperatorCommand.STOP] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
 
 
 def test_a_stop_asked_for_again_and_again_is_urgent_once():
     inbox = Inbox()
-    inbox.take_from_console(link.encode_act(OperatorCommand.STOP))
+    inbox.take_from_console(link.encode_operator_command(OperatorCommand.STOP))
     assert inbox.fresh
-    assert inbox.empty().act is OperatorCommand.STOP
+    assert inbox.take().act is OperatorCommand.STOP
     for _ in range(50):
-        inbox.take_from_console(link.encode_act(OperatorCommand.STOP))
+        inbox.take_from_console(link.encode_operator_command(OperatorCommand.STOP))
         assert not inbox.fresh
-        assert inbox.empty().act is OperatorCommand.STOP
+        assert inbox.take().act is OperatorCommand.STOP
 
 
 @given(st.floats(0.0, 1e6), st.floats(0.0, 1e3))
 def test_a_kit_is_gone_a_minute_after_its_last_word(heard: float, later: float) -> None:
-    assert kit_is_gone(heard + later, heard) is (heard + later - heard > GONE)
-    assert GONE == 60.0
+    assert dbw_is_gone(heard + later, heard) is (heard + later - heard > DBW_SILENCE_LIMIT)
+    assert DBW_SILENCE_LIMIT == 60.0
 
 
 IDS = [codec.BRAKE_REPORT, codec.THROTTLE_REPORT, codec.STEERING_REPORT, codec.GEAR_REPORT]
@@ -159,12 +166,12 @@ def test_a_bus_that_babbles_is_no_word_of_the_kit(frames: list[Frame]) -> None:
     """Only what its four modules report counts, and only where that can be understood."""
     core = Gateway(FUSION, CALIBRATION, period=PERIOD)
     core.step(5.0, None, [])
-    assert core.kit_heard == -math.inf
+    assert core.last_dbw_report == -math.inf
     core.step(5.0 + PERIOD, None, frames)
     understood = [frame for frame in frames if not isinstance(codec.decode(frame), codec.Malformed)]
-    assert (core.kit_heard > 0.0) is any(frame.id in IDS for frame in understood)
+    assert (core.last_dbw_report > 0.0) is any(frame.id in IDS for frame in understood)
     core.step(5.0 + 2 * PERIOD, None, [Frame(0x3FF, b"babble!!")] * 40)
-    assert core.kit_heard <= 5.0 + PERIOD
+    assert core.last_dbw_report <= 5.0 + PERIOD
 
 
 @pytest.mark.parametrize("number", IDS)
@@ -172,7 +179,7 @@ def test_each_module_of_the_kit_is_heard(number: int) -> None:
     core = Gateway(FUSION, CALIBRATION, period=PERIOD)
     (report,) = [frame for frame in LiveCar().reports() if frame.id == number]
     core.step(7.0, None, [report])
-    assert core.kit_heard == 7.0
+    assert core.last_dbw_report == 7.0
 
 
 # The process.
@@ -204,17 +211,19 @@ def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
     log = [frame for _time, _bus, frame in read_log(b.folder / "can.log")]
     again, at = gateway_again(b), 0
     for row in rows:
-        heard = log[at : at + row["heard"]]
-        sent = log[at + row["heard"] : at + row["heard"] + row["sent"]]
-        at += row["heard"] + row["sent"]
+        heard = log[at : at + row["frames_received"]]
+        sent = log[at + row["frames_received"] : at + row["frames_received"] + row["frames_sent"]]
+        at += row["frames_received"] + row["frames_sent"]
         said = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
-        act = OperatorCommand(row["act"]) if row["act"] else None
-        output = again.step(row["time_s"], said, heard, act, [code for code in row["found"].split("+") if code])
+        act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
+        output = again.step(
+            row["time_s"], said, heard, act, [code for code in row["process_faults"].split("+") if code]
+        )
         assert list(output.frames) == sent, row["step"]
         assert "+".join(output.verdict.reasons) == row["reasons"]
     assert at == len(log)
     assert [row["step"] for row in rows] == list(range(len(rows)))
-    assert {row["act"] for row in rows} == {"", "engage", "go", "stop"}
+    assert {row["operator_command"] for row in rows} == {"", "engage", "go", "stop"}
     summary = json.loads((b.folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["gateway_steps"] == len(rows)
 
@@ -257,7 +266,7 @@ def test_a_gateway_that_slept_latches_it_and_makes_up_for_nothing(bench: Open) -
     assert_stopping(told_after(b, woken + PERIOD))
     steps = np.diff(read_table(b.folder, "gateway")["time_s"].to_numpy())
     assert steps.max() > 0.15
-    assert steps.min() >= SOONEST * PERIOD - 1e-9
+    assert steps.min() >= MIN_STEP_INTERVAL * PERIOD - 1e-9
     assert set(counters(b.heard)) == set(range(1, len(b.heard)))
 
 
@@ -265,7 +274,7 @@ def test_a_gateway_that_slept_latches_it_and_makes_up_for_nothing(bench: Open) -
 def test_signals_hammered_at_a_moving_gateway_change_nothing(bench: Open) -> None:
     b = bench(3.0)
     for _ in range(20):
-        for number in signals.ENDING:
+        for number in signals.TERMINATING:
             b.kill(b.gateway, number)
         b.run(0.004)
     b.run(0.2)
@@ -297,7 +306,7 @@ def test_acts_from_the_drive_are_refused_and_counted(bench: Open) -> None:
     b = bench(sender=False)
     b.run_until(lambda: b.state is ArmingState.READY)
     for _ in range(10):
-        b.drive_end.send(link.encode_act(OperatorCommand.ENGAGE))
+        b.drive_end.send(link.encode_operator_command(OperatorCommand.ENGAGE))
         b.run(0.05)
     assert b.state is ArmingState.READY
     b.console.close()
@@ -396,8 +405,8 @@ def test_the_kernel_is_told_to_take_the_gateway_last(bench: Open) -> None:
     b = bench(sender=False)
     b.run_until(lambda: b.state is not None)
     given, said = Path(f"/proc/{b.gateway.pid}/oom_score_adj").read_text(), (b.folder / "gateway.txt").read_text()
-    assert f"oom_score_adj {KEPT}" in said
-    assert (int(given) == KEPT) is ("does not allow oom_score_adj" not in said)
+    assert f"oom_score_adj {NEVER_KILLED}" in said
+    assert (int(given) == NEVER_KILLED) is ("does not allow oom_score_adj" not in said)
     assert int(Path(f"/proc/{b.recorder.pid}/oom_score_adj").read_text()) > int(given)
     b.console.close()
     b.rest()

@@ -22,7 +22,7 @@ from tests.live.command_line import own_rig
 from tests.live.patience import until
 from tests.live.stage import SCENARIO, read_truth
 from vve_sumo.pose.ncom import pack
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
 pytestmark = pytest.mark.live
 
@@ -42,7 +42,7 @@ class Ended:
 
 @contextlib.contextmanager
 def driving(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path, int]]:
-    """A live drive of the twin, its record and the receiver's port; the car is fast enough."""
+    """A live drive of the simulated vehicle, its record and the receiver's port; the car is fast enough."""
     (folder / "short.toml").write_text(SCENARIO)
     rig, record = own_rig(folder), folder / "record"
     found = re.search(r"\nport = (\d+)", rig.read_text())

@@ -13,19 +13,19 @@ from typing import IO
 import pytest
 
 from tests.conftest import REPOSITORY
-from vve_sumo.live.signals import ASKING
+from vve_sumo.live.signals import STOP_REQUESTS
 
 LISTENER = """
 import fcntl, select, sys, termios
 if sys.argv[1:] == ["controlled"]:
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-from vve_sumo.live.keys import Keys
-with Keys(listen=True) as keys:
+from vve_sumo.live.keys import OperatorInput
+with OperatorInput(listen=True) as keys:
     print("ready", flush=True)
     while True:
         select.select(keys.filenos(), [], [], 0.05)
-        for wish in keys.wishes():
-            print(wish.value, flush=True)
+        for command in keys.commands():
+            print(command.value, flush=True)
 """
 
 
@@ -68,8 +68,15 @@ def test_on_a_terminal_all_but_four_keys_stop_even_those_that_a_terminal_keeps_t
 def test_every_signal_that_would_end_or_freeze_the_console_is_a_stop() -> None:
     reader, writer = os.pipe()
     process, said = listener(reader, controlled=False)
-    assert {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGTSTP} <= ASKING
-    for number in sorted(ASKING):
+    assert {
+        signal.SIGINT,
+        signal.SIGTERM,
+        signal.SIGHUP,
+        signal.SIGQUIT,
+        signal.SIGUSR1,
+        signal.SIGTSTP,
+    } <= STOP_REQUESTS
+    for number in sorted(STOP_REQUESTS):
         process.send_signal(number)
         assert next_line(said) == "stop\n", number
     process.kill()

@@ -173,7 +173,7 @@ def assert_driver_has_control(evidence: Evidence) -> None:
 def assert_ridden_through(evidence: Evidence) -> None:
     """The drive went on until the operator stopped it."""
     went = [step for step in evidence.gateway if step["state"] != "engaged" and step["time_s"] > evidence.moment]
-    assert went[0]["act"] == "stop"
+    assert went[0]["operator_command"] == "stop"
     assert went[0]["time_s"] > evidence.moment + 2.5
     assert went[0]["reasons"] == "stop_asked"
     assert evidence.truth["speed_mps"][-1] == 0.0

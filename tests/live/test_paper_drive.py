@@ -14,7 +14,7 @@ from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig, vve_sumo
 from tests.live.witness import stalls, witness
 from vve_sumo.analysis import Run, latency_breakdown
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 
 pytestmark = [pytest.mark.live, pytest.mark.alone]
 
@@ -26,7 +26,7 @@ TRIES = 3
 def scenario(folder: Path) -> Path:
     """Write the shipped scenario with much more traffic."""
     table: Any = tomlkit.parse((REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8"))
-    table["street"]["demand"] = [str(demand(folder, VEHICLES))]
+    table["road"]["demand"] = [str(demand(folder, VEHICLES))]
     file = folder / "paper.toml"
     file.write_text(tomlkit.dumps(table), encoding="utf-8")
     return file
@@ -49,16 +49,16 @@ def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path) -> Non
     assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.7)
     assert summary["duration_s"] > 60.0
     assert not summary["collision"]
-    ledger = summary["latency"]
-    assert ledger["ticks"] == pytest.approx(summary["ticks"], abs=5)
-    assert 0.0 < ledger["legs_ms"]["total"]["p50"] < ledger["legs_ms"]["total"]["p99"] < 40.0
+    latency = summary["latency"]
+    assert latency["ticks"] == pytest.approx(summary["ticks"], abs=5)
+    assert 0.0 < latency["legs_ms"]["total"]["p50"] < latency["legs_ms"]["total"]["p99"] < 40.0
     breakdown = latency_breakdown(Run(record))
-    for leg, figures in ledger["legs_ms"].items():
+    for leg, figures in latency["legs_ms"].items():
         assert {name: breakdown.loc[leg, f"{name}_ms"] for name in figures} == figures
     # The first row counts the ticks that went by while the street was still being loaded: nobody drove yet.
     missed = read_table(record, "latency")["missed"].to_pylist()
-    assert sum(missed) == ledger["missed"]
-    assert sum(missed[1:]) < 0.02 * ledger["ticks"]
-    assert summary["headroom"]["fits"]
+    assert sum(missed) == latency["missed"]
+    assert sum(missed[1:]) < 0.02 * latency["ticks"]
+    assert summary["step_time"]["fits"]
     speeds = read_table(record, "ticks")["speed_mps"].to_pylist()
     assert max(speed for speed in speeds if speed == speed) == pytest.approx(11.176, abs=0.5)

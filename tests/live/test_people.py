@@ -69,12 +69,12 @@ def test_no_answer_is_no_name(tmp_path: Path) -> None:
     assert "--operator: expected a name of 1 to 100 printable characters, got ''" in said
 
 
-def test_a_hardware_free_car_asks_nobody(tmp_path: Path) -> None:
+def test_a_simulated_vehicle_asks_nobody(tmp_path: Path) -> None:
     assert asked(own_rig(tmp_path), "", "-", "-") == ("", 0, "[None, None]")
 
 
 def made(folder: Path) -> Plan:
-    """The plan of a drive with the hardware-free car."""
+    """The plan of a drive with the simulated vehicle."""
     return plan("seen_late", str(own_rig(folder)), folder, out=None, seed=None, controller=None, shadow=False)
 
 

@@ -15,13 +15,16 @@ import numpy as np
 import pytest
 
 from tests.live.patience import until
+from tests.record.declared import RESOLVED
 from tests.record.test_record import actors, row
 from vve_sumo.bus import read_log
 from vve_sumo.live.channel import pair
-from vve_sumo.live.recorder_client import BACKLOG, RecorderClient
+from vve_sumo.live.recorder_client import MAX_BACKLOG, RecorderClient
 from vve_sumo.live.spawn import start
 from vve_sumo.live.summary import summarise
-from vve_sumo.record.record import LiveRecord, Record, hash_parts, read_pose_chunks, read_table, whole
+from vve_sumo.record.hashes import hash_parts, whole
+from vve_sumo.record.reader import read_pose_chunks, read_table
+from vve_sumo.record.writer import LiveRecord, Record
 from vve_sumo.values import Frame, GatewayRow, LatencyRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": "", "bytes": b"\x00\xff"}
@@ -36,7 +39,7 @@ def plain(kind: type, **changes: object):
 def say_tick(tap: RecorderClient | LiveRecord | Record, tick: int, boxes: int = 3) -> None:
     """Say what a drive says of a tick."""
     tap.received_pose(0.02 * tick, bytes([tick % 256] * 72))
-    tap.sensed(tick, "radar", COLUMNS)
+    tap.sensed(tick, "radar", 0.02 * tick, COLUMNS)
     tap.snapshot(tick, actors(boxes))
     tap.ticked(row(tick))
 
@@ -45,7 +48,7 @@ def say_step(tap: RecorderClient | LiveRecord, step: int, **changes: object) -> 
     """Say what a gateway says of a step."""
     tap.saw_frames(0.02 * step, "can0", [Frame(0x061, bytes([step % 256] * 8))])
     tap.saw_frames(0.02 * step + 0.001, "can0", [Frame(0x060, bytes([step % 256] * 8))])
-    tap.stepped(plain(GatewayRow, step=step, time_s=0.02 * step, heard=1, sent=1, **changes))
+    tap.stepped(plain(GatewayRow, step=step, time_s=0.02 * step, frames_received=1, frames_sent=1, **changes))
 
 
 @dataclasses.dataclass
@@ -58,7 +61,13 @@ class Desk:
         self.to_drive, drive = pair()
         self.to_gateway, gateway = pair()
         self.drive, self.gateway = RecorderClient(self.to_drive), RecorderClient(self.to_gateway)
-        config = {"folder": str(self.folder), "resolved": {"a": 1}, "epoch": 1000.0, "provenance": "{}", "log": None}
+        config = {
+            "folder": str(self.folder),
+            "resolved": {"a": 1} | RESOLVED,
+            "epoch": 1000.0,
+            "provenance": "{}",
+            "log": None,
+        }
         self.process = start("recorder", config, {"drive": drive, "gateway": gateway}, own_session=True)
         until(lambda: (self.folder / "latency.arrows").exists())
 
@@ -79,7 +88,7 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
 
 
 def test_what_two_processes_say_becomes_one_record(desk: Desk, tmp_path: Path) -> None:
-    by_hand = LiveRecord(tmp_path / "by_hand", {"a": 1}, 1000.0)
+    by_hand = LiveRecord(tmp_path / "by_hand", {"a": 1} | RESOLVED, 1000.0)
     for number in range(60):
         for to, other in ((desk.drive, desk.gateway), (by_hand, by_hand)):
             say_tick(to, number)
@@ -105,7 +114,10 @@ def test_what_two_processes_say_becomes_one_record(desk: Desk, tmp_path: Path) -
 
 
 def test_the_lockstep_parts_hash_as_in_lockstep(tmp_path: Path) -> None:
-    live, lockstep = LiveRecord(tmp_path / "live", {"a": 1}, 0.0), Record(tmp_path / "lockstep", {"a": 1}, 0.0)
+    live, lockstep = (
+        LiveRecord(tmp_path / "live", {"a": 1} | RESOLVED, 0.0),
+        Record(tmp_path / "lockstep", {"a": 1} | RESOLVED, 0.0),
+    )
     for tick in range(25):
         for record in (live, lockstep):
             say_tick(record, tick)
@@ -119,7 +131,7 @@ def test_the_hash_covers_every_column_of_the_gateway(field: str, tmp_path: Path)
     kind = next(str(f.type) for f in dataclasses.fields(GatewayRow) if f.name == field)
     hashes = []
     for name, changes in (("plain", {}), ("changed", {field: other[kind]})):
-        record = LiveRecord(tmp_path / name, {}, 0.0)
+        record = LiveRecord(tmp_path / name, RESOLVED, 0.0)
         record.stepped(plain(GatewayRow, **changes))
         hashes.append(whole(record.close()))
     assert hashes[0] != hashes[1]
@@ -192,7 +204,7 @@ def test_a_stopped_recorder_is_found_full_and_keeps_nobody(desk: Desk) -> None:
         flushes += 1
         assert flushes < 5000, "no end to what the queue takes"
     assert desk.drive.failure == "record_full"
-    assert flushes > BACKLOG
+    assert flushes > MAX_BACKLOG
     assert slowest < 0.5, "a queue that is full is found full at once"
     os.kill(desk.process.pid, signal.SIGCONT)
     desk.drive.finish(20.0)
@@ -204,13 +216,13 @@ def test_a_stopped_recorder_is_found_full_and_keeps_nobody(desk: Desk) -> None:
 
 def test_a_recorder_that_is_slow_for_a_moment_is_forgiven(desk: Desk) -> None:
     os.kill(desk.process.pid, signal.SIGSTOP)
-    for tick in range(BACKLOG // 2):
+    for tick in range(MAX_BACKLOG // 2):
         say_tick(desk.drive, tick, boxes=1000)
         desk.drive.flush()
     os.kill(desk.process.pid, signal.SIGCONT)
     desk.drive.finish(20.0)
     assert desk.drive.failure == ""
-    assert desk.hang_up()["ticks"] == BACKLOG // 2
+    assert desk.hang_up()["ticks"] == MAX_BACKLOG // 2
 
 
 def test_a_full_disk_is_told_to_both_and_what_can_be_written_still_is(desk: Desk) -> None:
@@ -246,7 +258,7 @@ def test_a_full_disk_is_told_to_both_and_what_can_be_written_still_is(desk: Desk
 @pytest.mark.parametrize("name", ["pose.bin", "can.log", "ticks", "gateway", "latency"])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 0.99])
 def test_every_reader_takes_a_torn_record(name: str, share: float, tmp_path: Path) -> None:
-    record = LiveRecord(tmp_path / "r", {}, 0.0)
+    record = LiveRecord(tmp_path / "r", RESOLVED, 0.0)
     for number in range(30):
         say_tick(record, number)
         say_step(record, number)

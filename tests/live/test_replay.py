@@ -23,6 +23,7 @@ from tests.conftest import REPOSITORY
 from tests.drive.forge import change_json, seal_again
 from tests.live.records import PATIENCE, Drive, begin
 from tests.live.witness import stalls, witness
+from tests.record.declared import LIVE_TABLES
 from vve_sumo import cli
 from vve_sumo.bus import read_log
 from vve_sumo.drive import run as drives
@@ -33,13 +34,25 @@ from vve_sumo.drive.verify import altered_parts
 from vve_sumo.live.assembly import from_dict
 from vve_sumo.live.replay import read_live_inputs, replay_drive, replay_gateway
 from vve_sumo.plotting.drive_record import draw_drive
-from vve_sumo.record.record import LIVE_SCHEMAS, SCHEMAS, hash_parts, read_pose_chunks, read_table, whole, write_summary
+from vve_sumo.record.hashes import hash_parts, whole
+from vve_sumo.record.reader import read_pose_chunks, read_table
+from vve_sumo.record.summary import write_summary
 from vve_sumo.values import Setpoint
 from vve_sumo.vehicle import link
 
 pytestmark = pytest.mark.live
 
-PARTS = ("scenario.json", "pose.bin", "can.log", "ticks", "actors", "detections", "gateway", "provenance.json")
+PARTS = (
+    "scenario.json",
+    "pose.bin",
+    "can.log",
+    "ticks",
+    "actors",
+    "readings",
+    "sensor_radar",
+    "gateway",
+    "provenance.json",
+)
 #: that a kill may lose [s]
 MOST_LOST = 0.2
 #: drives until one shows its fault; on a machine that is busy one may stop before
@@ -198,7 +211,7 @@ def test_a_changed_packet_is_found_at_its_tick(copy: Path, capsys: pytest.Captur
 def lines_of_steps(folder: Path) -> list[int]:
     """Return how many lines of can.log there are up to the end of each step."""
     rows = read_table(folder, "gateway").to_pylist()
-    return list(accumulate(row["heard"] + row["sent"] for row in rows))
+    return list(accumulate(row["frames_received"] + row["frames_sent"] for row in rows))
 
 
 def flip_line(folder: Path, number: int, digit: int) -> None:
@@ -211,8 +224,8 @@ def flip_line(folder: Path, number: int, digit: int) -> None:
 
 def test_a_changed_command_is_found_at_its_step(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ends, rows = lines_of_steps(copy), read_table(copy, "gateway").to_pylist()
-    step = next(n for n, row in enumerate(rows) if row["sent"] and row["wheel_speed_mps"] > 1.0)
-    flip_line(copy, ends[step] - rows[step]["sent"], 3)
+    step = next(n for n, row in enumerate(rows) if row["frames_sent"] and row["wheel_speed_mps"] > 1.0)
+    flip_line(copy, ends[step] - rows[step]["frames_sent"], 3)
     seal_again(copy)
     code, said, _notes = replayed(copy, capsys)
     assert code == 1
@@ -224,7 +237,7 @@ def test_a_changed_report_is_found_where_the_gateway_sees_it(copy: Path, capsys:
     ends, rows = lines_of_steps(copy), read_table(copy, "gateway").to_pylist()
     frames = list(read_log(copy / "can.log"))
     for step, row in enumerate(rows):
-        heard = range(ends[step] - row["heard"] - row["sent"], ends[step] - row["sent"])
+        heard = range(ends[step] - row["frames_received"] - row["frames_sent"], ends[step] - row["frames_sent"])
         wheels = [line for line in heard if frames[line][2].id == 0x06A]
         if wheels and row["wheel_speed_mps"] > 1.0:
             break
@@ -237,7 +250,8 @@ def test_a_changed_report_is_found_where_the_gateway_sees_it(copy: Path, capsys:
 
 CHANGES: dict[str, tuple[str, str]] = {
     "ticks": ("steering_setpoint_rad", "tick"),
-    "detections": ("range_m", "tick"),
+    "readings": ("measured_s", "tick"),
+    "sensor_radar": ("range_m", "tick"),
     "gateway": ("brake_torque_nm", "step"),
 }
 
@@ -271,7 +285,7 @@ def test_a_changed_setpoint_is_found_at_its_step(copy: Path) -> None:
     difference = replay_gateway(inputs)
     assert difference is not None
     assert (difference.number, difference.what) == (step, "setpoint")
-    # Sound bytes that no chain computed: whoever sent them to the gateway was not this drive.
+    # Sound bytes that no pipeline computed: whoever sent them to the gateway was not this drive.
     inputs.steps[step]["setpoint"] = link.encode_setpoint(replace(setpoint, yaw_rate=setpoint.yaw_rate + 1e-12))
     difference = replay_drive(inputs, REPOSITORY)
     assert difference is not None
@@ -284,7 +298,7 @@ def test_another_seed_is_another_drive(copy: Path, capsys: pytest.CaptureFixture
     text = file.read_text(encoding="utf-8")
     assert text.count('"seed": 1,') == 1
     file.write_text(text.replace('"seed": 1,', '"seed": 3,'), encoding="utf-8")
-    first = read_table(copy, "detections")["tick"][0].as_py()
+    first = read_table(copy, "sensor_radar")["tick"][0].as_py()
     code, said, _notes = replayed(copy, capsys)
     assert code == 1
     assert said.splitlines()[0].startswith("scenario.json is not")
@@ -344,7 +358,7 @@ def test_where_a_live_drive_comes_from(copy: Path) -> None:
     told = json.loads((copy / "provenance.json").read_text(encoding="utf-8"))
     assert len(told["rig_file_sha256"]) == len(told["scenario_file_sha256"]) == 64
     assert told["doctor"] == {"verdict": "none", "caveats": []}
-    assert (told["operator"], told["driver"]) == (None, None), "nobody asks where a hardware-free car drives"
+    assert (told["operator"], told["driver"]) == (None, None), "nobody asks where a simulated vehicle drives"
     change_json(copy / "provenance.json", "operator", value="somebody")
     assert altered_parts(copy) == ["provenance.json"]
 
@@ -356,20 +370,20 @@ def lost(folder: Path, at: float) -> dict[str, float]:
     """Return how much before drive time `at` each part of a record ends [s]."""
     ends = {name: read_table(folder, name)["time_s"].to_pylist()[-1] for name in ("ticks", "gateway")}
     ends["pose"] = read_pose_chunks(folder / "pose.bin")[-1][0]
-    epoch = read_live_inputs(folder).resolved["epoch_gnss_s"]
+    epoch = read_live_inputs(folder).scenario_content["epoch_gnss_s"]
     ends["can"] = list(read_log(folder / "can.log"))[-1][0] - epoch
     return {part: at - end for part, end in ends.items()}
 
 
 def open_with_every_tool(folder: Path) -> None:
     """Read every table, summarise and draw a record, whatever became of its drive."""
-    for name in SCHEMAS | LIVE_SCHEMAS:
+    for name in LIVE_TABLES:
         read_table(folder, name)
-    setting, _rig = from_dict(read_live_inputs(folder).resolved, REPOSITORY)
-    summary = summarise(setting, DriveEnd(Outcome.BROKEN, ()), folder, hash_parts(folder))
+    resolved, _rig = from_dict(read_live_inputs(folder).scenario_content, REPOSITORY)
+    summary = summarise(resolved, DriveEnd(Outcome.BROKEN, ()), folder, hash_parts(folder))
     assert summary["ticks"] > 100
     (folder / "drive.png").unlink(missing_ok=True)
-    draw_drive(setting, drives.Drive(folder, summary))
+    draw_drive(resolved, drives.Drive(folder, summary))
     assert (folder / "drive.png").stat().st_size > 10_000
     assert cli.main(["redrive", str(folder), "--controller", "follow_and_stop"]) == 0
 

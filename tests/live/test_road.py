@@ -35,7 +35,7 @@ def test_it_is_a_reason_that_stays_and_is_not_asked_again() -> None:
     road = road_in(world)
     road.faults = ("virtual_contact",)
     assert [road.advance(POSE), road.advance(POSE)] == [None, None]
-    assert (road.faults, world.asked) == (("virtual_contact", "street_failed"), 1)
+    assert (road.faults, world.asked) == (("virtual_contact", "road_failed"), 1)
     assert "ZeroDivisionError: of ours" in road.traceback
 
 

@@ -120,7 +120,7 @@ def test_engaging_is_told_apart_from_waiting_and_driving():
 
 def test_the_driver_who_has_control_is_no_fault():
     assert phase({"state": "fault", "reasons": ["driver_override"]}) == CONTROL
-    assert phase({"state": "fault", "reasons": ["kit_watchdog"]}) == "fault: press r"
+    assert phase({"state": "fault", "reasons": ["dbw_watchdog"]}) == "fault: press r"
 
 
 def stopping(*reasons: str, **changes):
@@ -168,7 +168,7 @@ def test_a_drive_that_is_over_is_parked_and_nobody_is_blamed_for_its_end():
 
 
 @pytest.mark.parametrize("state", ArmingState)
-def test_a_rehearsal_never_promises_that_a_key_stops_the_car(state):
+def test_shadow_mode_never_promises_that_a_key_stops_the_car(state):
     status = DRIVING | {"state": state.value, "reasons": ["shadow"], "gateway": "heard"}
     text = "\n".join(picture(status)).lower()
     assert "any key stops" not in text
@@ -187,7 +187,7 @@ def test_a_car_that_waits_for_the_drivers_foot_is_not_said_to_drive():
 
 def test_what_was_missing_a_moment_ago_does_not_stand_beside_ready():
     for state, words in (("ready", "READY: E ENGAGES"), ("engaged", "DRIVING: ANY KEY STOPS")):
-        assert transition(DRIVING | {"state": state, "faults": ["street_not_measured"]}).endswith(words)
+        assert transition(DRIVING | {"state": state, "faults": ["road_not_measured"]}).endswith(words)
 
 
 def test_numbers_stand_with_their_reasons():
@@ -324,7 +324,7 @@ def test_a_pipe_that_nobody_reads_or_holds_does_not_hold_the_drive_up():
     with os.fdopen(writing, "w") as stream:
         screen = Screen(stream)
         for k in range(2000):
-            screen.show(DRIVING | {"state": ("engaged", "stopping")[k % 2], "reasons": ["kit_watchdog"] * 3})
+            screen.show(DRIVING | {"state": ("engaged", "stopping")[k % 2], "reasons": ["dbw_watchdog"] * 3})
         os.close(reading)
         screen.show(DRIVING)
         screen.close()

@@ -20,7 +20,7 @@ from tests.live.command_line import own_rig
 from tests.live.patience import until
 from tests.setpoints import setpoint as complete
 from vve_sumo.pose.ncom import Encoder
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.gateway import OperatorCommand
 
@@ -90,8 +90,8 @@ def bait() -> list[bytes]:
         0.0, 2.0, sequence=1 << 40, time=0.0, expires=0.1, x=0.0, y=0.0, heading=0.0, speed=0.0, yaw_rate=0.0
     )  # fmt: skip
     return [
-        link.encode_act(OperatorCommand.ENGAGE),
-        link.encode_act(OperatorCommand.GO),
+        link.encode_operator_command(OperatorCommand.ENGAGE),
+        link.encode_operator_command(OperatorCommand.GO),
         link.encode_setpoint(setpoint),
         b"e",
         b"engage\n",

@@ -8,6 +8,7 @@ import signal
 from pathlib import Path
 
 from tests.live.patience import until
+from tests.record.declared import RESOLVED
 from vve_sumo.live import signals
 from vve_sumo.live.channel import pair
 from vve_sumo.live.spawn import start
@@ -27,15 +28,15 @@ def test_what_ends_or_freezes_a_process_by_default_is_known() -> None:
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
         ended = os.WIFSIGNALED(status) or os.WIFSTOPPED(status)
-        assert ended is (number in signals.ENDING | {signal.SIGKILL, signal.SIGSTOP}), number
+        assert ended is (number in signals.TERMINATING | {signal.SIGKILL, signal.SIGSTOP}), number
 
 
 def test_no_signal_ends_the_recorder(tmp_path: Path) -> None:
     ours, theirs = pair()
-    config = {"folder": str(tmp_path / "r"), "resolved": {}, "epoch": 0.0, "provenance": "{}", "log": None}
+    config = {"folder": str(tmp_path / "r"), "resolved": RESOLVED, "epoch": 0.0, "provenance": "{}", "log": None}
     process = start("recorder", config, {"drive": theirs})
     until(lambda: (tmp_path / "r" / "scenario.json").exists())
-    for number in signals.ENDING:
+    for number in signals.TERMINATING:
         process.send_signal(number)
     ours.close()
     assert process.wait(30.0) == 0

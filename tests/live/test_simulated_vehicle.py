@@ -1,4 +1,4 @@
-"""The hardware-free car as a process: a real pty, real UDP, a real gateway on the other end, real signals."""
+"""The simulated vehicle as a process: a real pty, real UDP, a real gateway on the other end, real signals."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.setpoints import setpoint as complete
 from vve_sumo.bus import Bus
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.live.channel import Channel, pair
-from vve_sumo.live.simulated_vehicle import CarConfig, Node, Truth
+from vve_sumo.live.simulated_vehicle import CarConfig, PythonCanWire, TruthFile
 from vve_sumo.live.spawn import start
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.pose.ncom import Decoder
@@ -134,7 +134,7 @@ def launch(tmp_path) -> Iterator[Callable[..., Running]]:
         ears.bind(("127.0.0.1", 0))
         config = configuration(tmp_path / "truth.csv", ears.getsockname()[1], **changes)
         ours, theirs = pair()
-        car = Running(start("simulated_vehicle", config.told(), {"console": theirs}), ours, ears, config)
+        car = Running(start("simulated_vehicle", config.to_dict(), {"console": theirs}), ours, ears, config)
         running.append(car)
         assert select.select([ours], [], [], 20.0)[0], "the car says that it is ready"
         car.ready = json.loads(ours.receive()[0])
@@ -180,20 +180,20 @@ def test_what_is_told_is_heard(tmp_path):
         3000,
         parameters=parameters,
         bus=("socketcan", "vcan0"),
-        rehearsed=(InjectedFault("pose_jump", 1.0, 2.0, 3.0), InjectedFault("pose_lost", 4.0, math.inf)),
+        faults=(InjectedFault("pose_jump", 1.0, 2.0, 3.0), InjectedFault("pose_lost", 4.0, math.inf)),
     )
-    heard = CarConfig.heard(json.loads(json.dumps(config.told())))
+    heard = CarConfig.from_dict(json.loads(json.dumps(config.to_dict())))
     assert heard.parameters == parameters
     assert (heard.lot.projection, heard.lot.offset) == (LOT.projection, LOT.offset)
-    assert json.dumps(heard.told()) == json.dumps(config.told())
-    assert configuration(None, 3000).told() == CarConfig.heard(configuration(None, 3000).told()).told() | {
+    assert json.dumps(heard.to_dict()) == json.dumps(config.to_dict())
+    assert configuration(None, 3000).to_dict() == CarConfig.from_dict(configuration(None, 3000).to_dict()).to_dict() | {
         "t0": pytest.approx(time.monotonic(), abs=5.0)
     }
 
 
 def test_a_full_disk_ends_the_truth_and_not_the_car():
     with Path("/dev/full").open("wb", buffering=0) as full:
-        truth = Truth(full)
+        truth = TruthFile(full)
         truth.flush()
         truth.flush()
 
@@ -201,7 +201,7 @@ def test_a_full_disk_ends_the_truth_and_not_the_car():
 def test_a_bus_that_is_down_is_a_silent_one():
     with can.Bus(interface="virtual", channel="node") as other:
         bus = Bus("virtual", "node")
-        node = Node(bus)
+        node = PythonCanWire(bus)
         node.send([Frame(0x61, b"\x01"), Frame(0x65, b"")])
         assert [other.recv(1.0).arbitration_id for _ in range(2)] == [0x61, 0x65]
         other.send(can.Message(arbitration_id=0x60, data=b"\x07", is_extended_id=False))
@@ -250,7 +250,7 @@ def assert_fixes_tell_the_truth(car: Running, rows: list[dict[str, str]]) -> Non
 
 @pytest.mark.live
 def test_it_outlives_console_and_gateway_and_comes_to_rest_by_its_own_watchdog(launch):
-    car = launch(rehearsed=(InjectedFault("pose_lost", 0.5, 0.5),))
+    car = launch(faults=(InjectedFault("pose_lost", 0.5, 0.5),))
     with Bus(car.ready["interface"], car.ready["channel"]) as bus:
         car.drive(bus, gateway_of(car), 4.5, engaging(2.0))
         for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
@@ -265,7 +265,7 @@ def test_it_outlives_console_and_gateway_and_comes_to_rest_by_its_own_watchdog(l
     assert max(speeds[-500:]) > 0.0, "and not much later"
     assert rows[-1]["watchdog_braking"] == "1"
     epochs = [fix.time for fix in car.fixes()]
-    assert max(b - a for a, b in pairwise(epochs)) == pytest.approx(0.51, abs=0.005), "the rehearsed gap"
+    assert max(b - a for a, b in pairwise(epochs)) == pytest.approx(0.51, abs=0.005), "the injected gap"
 
 
 @pytest.mark.live

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from tests.live.patience import until
 from vve_sumo.bus import Bus
-from vve_sumo.live.slcan import QUEUE, Adapter, Dialogue, line_of
+from vve_sumo.live.slcan import QUEUE_SIZE, Adapter, SlcanProtocol, encode_frame
 from vve_sumo.values import Frame
 
 FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8))
@@ -34,8 +34,8 @@ def python_can(adapter: Adapter) -> can.BusABC:
     return bus
 
 
-def opened() -> Dialogue:
-    dialogue = Dialogue()
+def opened() -> SlcanProtocol:
+    dialogue = SlcanProtocol()
     dialogue.take(OPENING)
     return dialogue
 
@@ -95,7 +95,7 @@ def test_what_a_frame_cannot_hold_is_acknowledged_and_goes_nowhere(adapter):
 
 
 def test_it_says_who_it_is():
-    dialogue = Dialogue()
+    dialogue = SlcanProtocol()
     assert re.fullmatch(rb"V\d{4}\rv\d{4}\rN\w{4}\rF[0-9A-F]{2}\r", dialogue.take(b"V\rv\rN\rF\r")[1])
 
 
@@ -112,7 +112,7 @@ def test_it_says_who_it_is():
     ],
 )
 def test_it_answers_as_lawicel_says(said, answered):
-    assert Dialogue().take(said) == ([], answered)
+    assert SlcanProtocol().take(said) == ([], answered)
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_a_line_that_is_no_frame_is_refused(line):
 
 @given(st.lists(FRAMES, max_size=20), st.lists(st.integers(1, 40), min_size=1, max_size=40))
 def test_however_the_stream_is_cut_the_frames_are_the_same(frames, cuts):
-    stream, dialogue, taken = OPENING + b"".join(map(line_of, frames)), Dialogue(), []
+    stream, dialogue, taken = OPENING + b"".join(map(encode_frame, frames)), SlcanProtocol(), []
     for number in range(len(stream)):
         size = cuts[number % len(cuts)]
         taken += dialogue.take(stream[:size])[0]
@@ -138,14 +138,14 @@ def test_no_bytes_confuse_it_beyond_the_next_line_end(garbage, frame):
     for piece in garbage:
         dialogue.take(piece)
     dialogue.take(b"\rO\r")
-    assert dialogue.take(line_of(frame)) == ([frame], b"z\r")
+    assert dialogue.take(encode_frame(frame)) == ([frame], b"z\r")
 
 
 def test_nobody_reading_costs_the_oldest_lines_and_never_time(adapter):
     host = os.open(adapter.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     os.write(host, b"O\r")
     adapter.receive()
-    total = 8 * QUEUE
+    total = 8 * QUEUE_SIZE
     for number in range(total):
         adapter.send([Frame(number & 0x7FF, number.to_bytes(4, "big"))])
     said = b""
@@ -158,7 +158,7 @@ def test_nobody_reading_costs_the_oldest_lines_and_never_time(adapter):
     numbers = [int(line[5:], 16) for line in lines]
     assert all(re.fullmatch(rb"t[0-7][0-9A-F]{2}4[0-9A-F]{8}", line) for line in lines), "no line is cut"
     assert numbers == sorted(set(numbers)), "in order"
-    assert numbers[-QUEUE:] == list(range(total - QUEUE, total)), "the newest are there"
+    assert numbers[-QUEUE_SIZE:] == list(range(total - QUEUE_SIZE, total)), "the newest are there"
     assert adapter.dropped == total - len(numbers) > 0
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vve_sumo.drive.virtual_road import standing
+from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.live import start_pose
 from vve_sumo.path import Path
 
@@ -18,11 +18,11 @@ from vve_sumo.path import Path
 PATH = Path.from_points([100.0, 80.0, 58.0, 35.0], [-20.0, -1.0, 14.0, 22.0])
 
 
-def placed(along: float, left: float, turned: float) -> start_pose.Start:
+def placed(along: float, left: float, turned: float) -> start_pose.StartPose:
     """What is found of a car that stands so to the start, by complex numbers."""
     begin = PATH.at(0.0)
     at = complex(begin.x, begin.y) + complex(along, left) * cmath.exp(1j * begin.heading)
-    return start_pose.of(standing(at.real, at.imag, begin.heading + turned), PATH)
+    return start_pose.start_pose_of(pose_at_rest(at.real, at.imag, begin.heading + turned), PATH)
 
 
 @given(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-3.1, 3.1))
@@ -38,14 +38,14 @@ def test_place_and_turn_are_found_and_judged(along: float, left: float, turned: 
 def test_the_wrong_way_round_is_told_with_numbers() -> None:
     found = placed(-0.4, 3.2, math.radians(-178.0))
     assert found.faults() == ("start_position", "start_heading")
-    assert found.place() == "3.2 m left of the path and 0.4 m before its start"
-    assert found.turn() == "turned by 178 deg to the right"
+    assert found.place_text() == "3.2 m left of the path and 0.4 m before its start"
+    assert found.turn_text() == "turned by 178 deg to the right"
     assert placed(0.0, 0.0, math.pi).faults() == ("start_heading",)
 
 
 def test_what_is_no_number_holds_nowhere() -> None:
     begin = PATH.at(0.0)
-    pose = standing(begin.x, begin.y, begin.heading)
-    assert start_pose.of(pose, PATH).faults() == ()
+    pose = pose_at_rest(begin.x, begin.y, begin.heading)
+    assert start_pose.start_pose_of(pose, PATH).faults() == ()
     for name, codes in (("x", "start_position"), ("y", "start_position"), ("heading", "start_heading")):
-        assert codes in start_pose.of(replace(pose, **{name: math.nan}), PATH).faults()
+        assert codes in start_pose.start_pose_of(replace(pose, **{name: math.nan}), PATH).faults()

@@ -1,4 +1,4 @@
-"""The way to rest: a car that follows it by odometry ends near its path."""
+"""The fallback path: a car that follows it by odometry ends near its path."""
 
 from __future__ import annotations
 

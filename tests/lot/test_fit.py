@@ -26,7 +26,7 @@ def turned(points: list[tuple[float, float]], angle: float) -> list[tuple[float,
     return [(c * x - s * y + 300.0, s * x + c * y - 200.0) for x, y in points]
 
 
-def fence(lot: Lot) -> Geofence:
+def geofence(lot: Lot) -> Geofence:
     return Geofence(lot, VEHICLE, Alignment(), gateway=GATEWAY, watchdog=WATCHDOG)
 
 
@@ -41,7 +41,7 @@ def bend(radius: float, before: int, after: int) -> Path:
 
 def proven(found: Fit, lot: Lot, path: Path, speed: float) -> None:
     """What a fit says is so under its own alignment."""
-    first = fence(lot).laid(found.alignment).along(path, speed)
+    first = geofence(lot).aligned(found.alignment).along(path, speed)
     assert (first is None) == found.whole
     if first is not None:
         assert first > found.station
@@ -56,7 +56,7 @@ def proven(found: Fit, lot: Lot, path: Path, speed: float) -> None:
 
 def test_a_straight_path_lies_in_the_middle_of_a_runway() -> None:
     lot = Lot(turned([(0, 0), (140, 0), (140, 20), (0, 20)], 0.5), margin=1.0)
-    found = fit(STRAIGHT, fence(lot), 8.0)
+    found = fit(STRAIGHT, geofence(lot), 8.0)
     proven(found, lot, STRAIGHT, 8.0)
     assert found.whole
     assert found.station >= STRAIGHT.length
@@ -67,7 +67,7 @@ def test_a_straight_path_lies_in_the_middle_of_a_runway() -> None:
 def test_a_pole_in_the_middle_is_kept_clear_of() -> None:
     corners, pole = [(0, 0), (140, 0), (140, 20), (0, 20)], [(70, 9.5), (71, 9.5), (71, 10.5), (70, 10.5)]
     lot = Lot(turned(corners, 1.0), [turned(pole, 1.0)], margin=0.5)
-    found = fit(STRAIGHT, fence(lot), 8.0)
+    found = fit(STRAIGHT, geofence(lot), 8.0)
     proven(found, lot, STRAIGHT, 8.0)
     assert found.whole
     # Beside the pole there are 9.5 m, and 8.5 m less a car's width are shared by both sides.
@@ -78,7 +78,7 @@ def test_a_lot_in_the_shape_of_the_path_leaves_one_place() -> None:
     path = bend(15.0, 40, 30)
     corners = [(0, 0), (80, 0), (80, 75), (64, 75), (64, 16), (0, 16)]
     lot = Lot(turned(corners, -2.0), margin=0.2)
-    found = fit(path, fence(lot), 4.0)
+    found = fit(path, geofence(lot), 4.0)
     proven(found, lot, path, 4.0)
     assert found.whole
     assert math.remainder(found.start[2] + 2.0, math.tau) == pytest.approx(0.0, abs=0.1)
@@ -88,12 +88,12 @@ def test_it_is_as_good_as_brute_force() -> None:
     path, corners = bend(12.0, 12, 8), [(0, 0), (52, -4), (60, 30), (38, 48), (4, 40)]
     pole = [(20, 14), (21, 14), (21, 15), (20, 15)]
     lot, speed = Lot(corners, [pole], margin=0.5), 4.0
-    found = fit(path, fence(lot), speed)
+    found = fit(path, geofence(lot), speed)
     proven(found, lot, path, speed)
     assert found.whole
-    places = fence(lot).driven(path, speed)
+    places = geofence(lot).driven(path, speed)
     swept = shapely.union_all(
-        np.concatenate([shapely.polygons(fence(lot).sweep(p.pose, p.steering, p.profile)) for p in places])
+        np.concatenate([shapely.polygons(geofence(lot).sweep(p.pose, p.steering, p.profile)) for p in places])
     )
     middle = swept.centroid.coords[0]
     allowed = shapely.Polygon(corners, [pole]).buffer(-0.5)
@@ -103,9 +103,9 @@ def test_it_is_as_good_as_brute_force() -> None:
         for x in np.arange(10.0, 50.0, 1.5):
             for y in np.arange(8.0, 40.0, 1.5):
                 move = (c, -s, s, c, x - c * middle[0] + s * middle[1], y - s * middle[0] - c * middle[1])
-                laid = shapely.affinity.affine_transform(swept, move)
-                if allowed.contains(laid):
-                    best = max(best, allowed.boundary.distance(laid))
+                aligned = shapely.affinity.affine_transform(swept, move)
+                if allowed.contains(aligned):
+                    best = max(best, allowed.boundary.distance(aligned))
     assert best > 0.0
     assert found.clearance >= best - 0.05
 
@@ -113,7 +113,7 @@ def test_it_is_as_good_as_brute_force() -> None:
 def test_a_path_too_long_is_cut_where_the_lot_ends() -> None:
     # A lane 8 m wide leaves no way but along it.
     lot = Lot(turned([(0, 0), (70, 0), (70, 8), (0, 8)], 0.3), margin=1.0)
-    found = fit(STRAIGHT, fence(lot), 6.0)
+    found = fit(STRAIGHT, geofence(lot), 6.0)
     proven(found, lot, STRAIGHT, 6.0)
     assert not found.whole
     reserve = max(GATEWAY.distance(6.0), WATCHDOG.distance(6.0))
@@ -125,4 +125,4 @@ def test_a_path_too_long_is_cut_where_the_lot_ends() -> None:
 def test_a_lot_without_room_for_a_start_says_so() -> None:
     lot = Lot([(0, 0), (200, 0), (200, 3.0), (0, 3.0)], margin=1.0)
     with pytest.raises(ConfigError, match="no place for the start"):
-        fit(STRAIGHT, fence(lot), 6.0)
+        fit(STRAIGHT, geofence(lot), 6.0)

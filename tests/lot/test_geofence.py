@@ -1,4 +1,4 @@
-"""The fence: ways to rest against closed forms and against brute force over steering, time and body."""
+"""The fence: fallback paths against closed forms and against brute force over steering, time and body."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests import vehicles
 from vve_sumo.frames import GRAVITY, Alignment
-from vve_sumo.lot.geofence import JERK, LOT_EDGE, Geofence, Stop
+from vve_sumo.lot.geofence import GEOFENCE_BREACH, JERK, Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.path import Path
 from vve_sumo.values import FallbackPath, Point, Pose
@@ -28,7 +28,7 @@ def pose(x: float = 0.0, y: float = 0.0, heading: float = 0.0, speed: float = 8.
     return Pose(0.0, Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, gaining, 0.0)
 
 
-def fence(lot: Lot, alignment: Alignment = Alignment(), downhill: float = 0.0) -> Geofence:  # noqa: B008
+def geofence(lot: Lot, alignment: Alignment = Alignment(), downhill: float = 0.0) -> Geofence:  # noqa: B008
     return Geofence(lot, VEHICLE, alignment, gateway=GATEWAY, watchdog=WATCHDOG, downhill=downhill)
 
 
@@ -75,25 +75,25 @@ def test_no_car_that_does_what_is_declared_goes_farther(
 
 def test_brakes_weaker_than_the_slope_never_stop() -> None:
     assert Stop(1.0, 0.1).distance(5.0, downhill=0.12) == math.inf
-    assert fence(Lot(LANE), downhill=0.3).check(pose(speed=1.0), 0.0, None) == LOT_EDGE
+    assert geofence(Lot(LANE), downhill=0.3).check(pose(speed=1.0), 0.0, None) == GEOFENCE_BREACH
 
 
 def test_a_wall_ahead_is_told_at_the_metre_where_the_car_could_just_stop() -> None:
     lot = Lot(LANE, margin=1.0)
     farthest = max(GATEWAY.distance(8.0), WATCHDOG.distance(8.0)) + VEHICLE.rear_axle_to_bumper
     last = 100.0 - 1.0 - farthest
-    assert fence(lot).check(pose(last - 0.01), 0.0, None) == ()
-    assert fence(lot).check(pose(last + 0.01), 0.0, None) == LOT_EDGE
-    assert fence(lot).check(pose(last - 0.01, gaining=1.0), 0.0, None) == LOT_EDGE
-    assert fence(lot, downhill=0.02).check(pose(last - 0.01), 0.0, None) == LOT_EDGE
+    assert geofence(lot).check(pose(last - 0.01), 0.0, None) == ()
+    assert geofence(lot).check(pose(last + 0.01), 0.0, None) == GEOFENCE_BREACH
+    assert geofence(lot).check(pose(last - 0.01, gaining=1.0), 0.0, None) == GEOFENCE_BREACH
+    assert geofence(lot, downhill=0.02).check(pose(last - 0.01), 0.0, None) == GEOFENCE_BREACH
 
 
 def test_the_lot_lies_where_the_alignment_lays_it() -> None:
     lot, alignment = Lot(LANE), Alignment(2.0, 500.0, -300.0)
     here = alignment.apply(pose(60.0))
-    assert fence(lot, alignment).check(here, 0.0, None) == fence(lot).check(pose(60.0), 0.0, None) == ()
-    assert fence(lot, alignment).check(pose(60.0), 0.0, None) == LOT_EDGE
-    assert fence(lot).laid(alignment).check(here, 0.0, None) == ()
+    assert geofence(lot, alignment).check(here, 0.0, None) == geofence(lot).check(pose(60.0), 0.0, None) == ()
+    assert geofence(lot, alignment).check(pose(60.0), 0.0, None) == GEOFENCE_BREACH
+    assert geofence(lot).aligned(alignment).check(here, 0.0, None) == ()
 
 
 def test_each_way_to_rest_counts() -> None:
@@ -102,22 +102,22 @@ def test_each_way_to_rest_counts() -> None:
     away, into = FallbackPath(1.0, (0.0,) + (-0.05,) * 30), FallbackPath(1.0, (0.0,) + (0.05,) * 30)
 
     def with_pillar(x: float, y: float) -> Geofence:
-        return fence(Lot(LANE, [[(x, y), (x + 0.5, y), (x + 0.5, y + 0.5), (x, y + 0.5)]], margin=0.2))
+        return geofence(Lot(LANE, [[(x, y), (x + 0.5, y), (x + 0.5, y + 0.5), (x, y + 0.5)]], margin=0.2))
 
     left = with_pillar(15.0, 6.0)
     assert left.check(pose(), 0.0, None) == ()
-    assert left.check(pose(), 0.0, into) == LOT_EDGE
+    assert left.check(pose(), 0.0, into) == GEOFENCE_BREACH
     assert left.check(pose(), 0.0, away) == ()
-    assert left.check(pose(), turned, away) == LOT_EDGE
+    assert left.check(pose(), turned, away) == GEOFENCE_BREACH
     ahead = with_pillar(15.0, -0.2)
-    assert ahead.check(pose(), turned, into) == LOT_EDGE
+    assert ahead.check(pose(), turned, into) == GEOFENCE_BREACH
     assert ahead.check(pose(y=10.0), turned, into) == ()
 
 
 def test_a_profile_that_is_too_short_goes_on_as_it_ends() -> None:
     lot = Lot(LANE, [[(15.0, 5.5), (15.5, 5.5), (15.5, 6.0), (15.0, 6.0)]], margin=0.2)
-    assert fence(lot).check(pose(), 0.0, FallbackPath(1.0, (0.0, 0.05))) == LOT_EDGE
-    assert fence(lot).check(pose(), 0.0, FallbackPath(1.0, (0.05, 0.0))) == ()
+    assert geofence(lot).check(pose(), 0.0, FallbackPath(1.0, (0.0, 0.05))) == GEOFENCE_BREACH
+    assert geofence(lot).check(pose(), 0.0, FallbackPath(1.0, (0.05, 0.0))) == ()
 
 
 @pytest.mark.parametrize("field", ["x", "y", "heading", "speed", "acceleration"])
@@ -125,7 +125,7 @@ def test_a_profile_that_is_too_short_goes_on_as_it_ends() -> None:
 def test_a_pose_that_is_not_finite_is_outside(field: str, bad: float) -> None:
     here = replace(pose(), **{field: bad})
     if (field, bad) != ("acceleration", -math.inf):
-        assert fence(Lot(LANE)).check(here, 0.0, None) == LOT_EDGE
+        assert geofence(Lot(LANE)).check(here, 0.0, None) == GEOFENCE_BREACH
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_a_pose_that_is_not_finite_is_outside(field: str, bad: float) -> None:
     ],
 )
 def test_a_way_that_is_none_is_refused_near_an_edge(steering: float, profile: FallbackPath | None) -> None:
-    assert fence(Lot(LANE)).check(pose(60.0, 20.0), steering, profile) == LOT_EDGE
+    assert geofence(Lot(LANE)).check(pose(60.0, 20.0), steering, profile) == GEOFENCE_BREACH
 
 
 def swept(start: Pose, curvature: np.ndarray, distance: float) -> np.ndarray:
@@ -185,7 +185,7 @@ def test_dense_brute_force_finds_no_way_out_that_the_fence_missed(
     ways.append(swept(start, np.interp(s * gateway / 0.7, np.arange(32), knots), gateway))
     bodies = shapely.polygons(np.concatenate(ways))
     ground = shapely.Polygon(outline, [pole])
-    allowed = fence(lot).check(start, steering, profile) == ()
+    allowed = geofence(lot).check(start, steering, profile) == ()
     if not shapely.covers(ground.buffer(-0.5), bodies).all():
         assert not allowed
     elif shapely.covers(ground.buffer(-1.3), bodies).all():
@@ -196,10 +196,10 @@ def test_a_path_is_checked_as_a_whole() -> None:
     lot = Lot([(-10.0, -10.0), (100.0, -10.0), (100.0, 10.0), (-10.0, 10.0)], margin=1.0)
     into_the_wall = Path.from_points(np.arange(0.0, 95.0), np.zeros(95))
     reserve = max(GATEWAY.distance(8.0), WATCHDOG.distance(8.0)) + VEHICLE.rear_axle_to_bumper
-    station = fence(lot).along(into_the_wall, 8.0)
+    station = geofence(lot).along(into_the_wall, 8.0)
     assert station == math.ceil(99.0 - reserve)
-    assert fence(lot).along(Path.from_points(np.arange(0.0, 60.0), np.zeros(60)), 8.0) is None
-    assert fence(lot).along(Path.from_points(np.arange(-9.0, 60.0), np.zeros(69)), 8.0) == 0.0
+    assert geofence(lot).along(Path.from_points(np.arange(0.0, 60.0), np.zeros(60)), 8.0) is None
+    assert geofence(lot).along(Path.from_points(np.arange(-9.0, 60.0), np.zeros(69)), 8.0) == 0.0
 
 
 def test_a_bend_is_checked_at_the_speed_that_it_allows() -> None:
@@ -207,7 +207,7 @@ def test_a_bend_is_checked_at_the_speed_that_it_allows() -> None:
     x = np.concatenate((np.arange(0.0, 40.0), 40.0 + 10.0 * np.sin(angle), np.full(20, 50.0)))
     y = np.concatenate((np.zeros(40), 10.0 - 10.0 * np.cos(angle), np.arange(11.0, 31.0)))
     path = Path.from_points(x, y)
-    places = fence(Lot(LANE)).driven(path, 15.0)
+    places = geofence(Lot(LANE)).driven(path, 15.0)
     fastest = max(place.pose.speed for place in places)
     in_bend = [place.pose.speed for place in places if 42.0 < place.station < 54.0]
     assert max(in_bend) <= math.sqrt(3.0 * 10.0) + 0.5

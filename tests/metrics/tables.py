@@ -11,7 +11,7 @@ from tests.vehicles import FUSION
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path
-from vve_sumo.record.record import SCHEMAS
+from vve_sumo.record.layout import SCHEMAS
 from vve_sumo.values import TickRow
 
 PERIOD = 0.02

@@ -15,7 +15,7 @@ from vve_sumo.path import Path
 
 def test_gap_and_time_to_collision_of_a_car_ahead_are_the_closed_form() -> None:
     """Rear axle at 10 m, 8 m/s; a 4 m car centred at 60 m going 3 m/s: gap 60 - 2 - 10 - (wheelbase + overhang)."""
-    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "s_m": 10.0}])
     actors = actors_of([{"tick": 0, "actor": "lead", "x_m": 60.0, "speed_mps": 3.0}])
     lead = lead_of(ticks, actors)
     gap = 60.0 - 2.0 - 10.0 - CAR.rear_axle_to_bumper
@@ -25,7 +25,7 @@ def test_gap_and_time_to_collision_of_a_car_ahead_are_the_closed_form() -> None:
 
 
 def test_the_nearest_in_the_strip_counts_and_neighbours_do_not() -> None:
-    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "s_m": 10.0}])
     actors = actors_of(
         [
             {"tick": 0, "actor": "far", "x_m": 90.0},
@@ -39,13 +39,13 @@ def test_the_nearest_in_the_strip_counts_and_neighbours_do_not() -> None:
 
 
 def test_a_car_that_pulls_away_has_no_time_to_collision() -> None:
-    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "s_m": 10.0}])
     actors = actors_of([{"tick": 0, "actor": "lead", "x_m": 60.0, "speed_mps": 9.0}])
     assert np.isnan(lead_of(ticks, actors).time_to_collision).all()
 
 
 def test_actors_belong_to_the_tick_of_their_number_where_ticks_were_missed() -> None:
-    ticks = ticks_of([{"tick": number, "true_x_m": 10.0, "station_m": 10.0} for number in (3, 4, 7)])
+    ticks = ticks_of([{"tick": number, "true_x_m": 10.0, "s_m": 10.0} for number in (3, 4, 7)])
     actors = actors_of([{"tick": number, "actor": "lead", "x_m": 50.0 + number} for number in (3, 4, 5, 7)])
     assert index_of_tick(ticks, actors).tolist() == [0, 1, -1, 2]
     gap = lead_of(ticks, actors).gap + CAR.rear_axle_to_bumper
@@ -56,7 +56,7 @@ def test_around_a_bend_the_gap_counts_along_the_path() -> None:
     """On a circle of 50 m, a small box at 90 degrees ahead is a quarter of the circumference away, not the chord."""
     angles = np.linspace(0.0, math.pi, 120)
     path = Path.from_points(50.0 * np.sin(angles), 50.0 - 50.0 * np.cos(angles))
-    ticks = ticks_of([{"true_x_m": 0.0, "true_speed_mps": 8.0, "station_m": 0.0}])
+    ticks = ticks_of([{"true_x_m": 0.0, "true_speed_mps": 8.0, "s_m": 0.0}])
     actors = actors_of(
         [
             {
@@ -80,7 +80,7 @@ def test_on_a_straight_street_the_gap_is_shapelys_distance() -> None:
     random = np.random.default_rng(4)
     for _ in range(200):
         x, heading = random.uniform(30.0, 120.0), random.uniform(-0.3, 0.3)
-        ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+        ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "s_m": 10.0}])
         actors = actors_of([{"tick": 0, "actor": "lead", "x_m": x, "heading_rad": heading}])
         box = shapely.affinity.rotate(shapely.box(x - 2.0, -1.0, x + 2.0, 1.0), math.degrees(heading), "center")
         front = shapely.LineString([(10.0 + CAR.rear_axle_to_bumper, -50.0), (10.0 + CAR.rear_axle_to_bumper, 50.0)])
@@ -90,7 +90,7 @@ def test_on_a_straight_street_the_gap_is_shapelys_distance() -> None:
 
 def test_what_stands_beside_the_bumper_is_not_ahead() -> None:
     """A box whose middle lies between the ego's middle and its bumper is; one behind the ego's middle is not."""
-    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "s_m": 10.0}])
     middle = 10.0 + CAR.rear_axle_to_bumper - CAR.length / 2.0
     for x, names in ((middle + 0.5, ["lead"]), (middle - 0.5, [""])):
         actors = actors_of([{"tick": 0, "actor": "lead", "x_m": x}])
@@ -99,7 +99,7 @@ def test_what_stands_beside_the_bumper_is_not_ahead() -> None:
 
 def test_the_deceleration_needed_is_what_stops_at_the_last_moment() -> None:
     """Braked with it from now on, a follower comes to the leader's speed just where the gap ends: integrated."""
-    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "s_m": 10.0}])
     actors = actors_of([{"tick": 0, "actor": "lead", "x_m": 60.0, "speed_mps": 3.0}])
     lead = lead_of(ticks, actors)
     needed = lead.required_deceleration[0]

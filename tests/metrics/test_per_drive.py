@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.metrics.tables import CAR, actors_of, drive_of, ticks_of
-from vve_sumo.metrics.per_drive import PER_DRIVE, anchor_position_error, emergency_used, impact_speed
+from vve_sumo.metrics.per_drive import PER_DRIVE, ego_sync_position_error, emergency_used, impact_speed
 
 
 def test_nothing_to_measure_is_not_a_number() -> None:
@@ -42,8 +42,8 @@ def test_the_figures_of_a_drive_with_a_leader_are_the_closed_form() -> None:
     gap = 60.0 - 10.0 - CAR.rear_axle_to_bumper
     half = 2.0 * math.cos(math.pi / 3) + 1.0 * math.sin(math.pi / 3)  # of the turned box, along the path
     rows = [
-        {"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0},
-        {"true_x_m": 40.0, "true_speed_mps": 0.0, "station_m": 40.0},
+        {"true_x_m": 10.0, "true_speed_mps": 8.0, "s_m": 10.0},
+        {"true_x_m": 40.0, "true_speed_mps": 0.0, "s_m": 40.0},
     ]
     lead = {"actor": "lead", "x_m": 60.0, "heading_rad": math.pi / 3, "speed_mps": 4.0}
     actors = actors_of([{"tick": 0, **lead}, {"tick": 1, **lead, "speed_mps": 0.0}])
@@ -53,7 +53,7 @@ def test_the_figures_of_a_drive_with_a_leader_are_the_closed_form() -> None:
 
 
 def test_a_drive_that_ends_under_way_has_no_stop_gap() -> None:
-    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "station_m": 10.0}])
+    ticks = ticks_of([{"true_x_m": 10.0, "true_speed_mps": 8.0, "s_m": 10.0}])
     actors = actors_of([{"tick": 0, "actor": "lead", "x_m": 60.0}])
     assert math.isnan(PER_DRIVE.measure(drive_of(ticks, actors))["stop_gap_m"])
 
@@ -61,7 +61,7 @@ def test_a_drive_that_ends_under_way_has_no_stop_gap() -> None:
 def test_least_gap_and_greatest_deceleration_needed_are_those_of_the_whole_drive() -> None:
     """Closing at 5, then 2 m/s, then falling back, then overlapping: only what closes counts, overlap is a gap."""
     gaps, speeds = (20.0, 1.0, 0.5, -0.4), (8.0, 5.0, 2.0, 9.0)
-    rows = [{"true_x_m": 10.0, "true_speed_mps": speed, "station_m": 10.0} for speed in speeds]
+    rows = [{"true_x_m": 10.0, "true_speed_mps": speed, "s_m": 10.0} for speed in speeds]
     at = [10.0 + CAR.rear_axle_to_bumper + gap + 2.0 for gap in gaps]
     boxes = [{"tick": tick, "actor": "lead", "x_m": x, "speed_mps": 3.0} for tick, x in enumerate(at)]
     measured = PER_DRIVE.measure(drive_of(ticks_of(rows), actors_of(boxes)))
@@ -76,8 +76,12 @@ def test_least_gap_and_greatest_deceleration_needed_are_those_of_the_whole_drive
 @pytest.mark.parametrize("heading", [0.0, 2.1])
 def test_impact_speed_is_that_at_the_first_contact_along_the_egos_heading(heading: float) -> None:
     """Against vectors: the street found the contact with what it held for the next tick, and after that others."""
-    asked = {"asked_speed_mps": 7.0, "asked_heading_rad": heading}
-    rows = [asked | {"contacts": ""}, asked | {"contacts": "a+b"}, asked | {"contacts": "c", "asked_speed_mps": 1.0}]
+    asked = {"requested_speed_mps": 7.0, "requested_heading_rad": heading}
+    rows = [
+        asked | {"contacts": ""},
+        asked | {"contacts": "a+b"},
+        asked | {"contacts": "c", "requested_speed_mps": 1.0},
+    ]
     turns = {"a": (math.pi / 2, 4.0), "b": (2.5, 3.0), "c": (0.0, 0.0), "beside": (math.pi, 30.0)}
     boxes = [
         {"tick": tick, "actor": name, "x_m": 0.0, "heading_rad": heading + turn, "speed_mps": speed if tick == 2 else 9}
@@ -105,6 +109,6 @@ def test_the_emergency_layer_counts_only_where_somebody_obeyed() -> None:
 
 
 def test_the_greatest_error_of_sumos_ego_leaves_out_what_is_no_number() -> None:
-    rows = [{"anchor_position_error_m": error} for error in (math.nan, 1.0, 3.0, 2.0)]
-    assert anchor_position_error(drive_of(ticks_of(rows), actors_of([]))) == 3.0
-    assert math.isnan(anchor_position_error(drive_of(ticks_of(rows[:1]), actors_of([]))))
+    rows = [{"ego_sync_position_error_m": error} for error in (math.nan, 1.0, 3.0, 2.0)]
+    assert ego_sync_position_error(drive_of(ticks_of(rows), actors_of([]))) == 3.0
+    assert math.isnan(ego_sync_position_error(drive_of(ticks_of(rows[:1]), actors_of([]))))

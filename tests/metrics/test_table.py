@@ -41,9 +41,8 @@ exec(compile(Path(sys.argv[1]).read_text(encoding="utf-8"), sys.argv[1], "exec")
 import pandas as pd
 from tests.metrics.tables import CAR, actors_of, straight, ticks_of
 from tests.test_docs import GENERATED
-from vve_sumo.drive.summary import judge, summary_of
-from vve_sumo.drive.lockstep import DriveEnd
-from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.summary import unmet_criteria, summary_of
+from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.plotting.grids import distribution
 from vve_sumo.record.sweep_folder import COLUMNS, Plan
 from vve_sumo.report.tables import head_of, named
@@ -108,7 +107,7 @@ def test_criteria_are_the_metrics_that_may_judge_and_the_outcome() -> None:
     [
         ("min_ttc_s", "minimum TTC", "minimum TTC [s]"),
         ("ego.speed_mps", "ego speed", "ego speed [m/s]"),
-        ("actors.0.acts.1.after_s", "acts after", "acts after [s]"),
+        ("actors.0.events.1.after_s", "events after", "events after [s]"),
         ("driver", "driver", "driver [1]"),
     ],
 )

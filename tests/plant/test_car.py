@@ -1,4 +1,4 @@
-"""The whole hardware-free car: frames in, frames and bytes out."""
+"""The whole simulated vehicle: frames in, frames and bytes out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each rehearsed fault does what its words say, as the real decoder, trust gate and codec see it."""
+"""Each injected fault does what its words say, as the real decoder, trust gate and codec see it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vve_sumo.frames import Alignment, Placement
 from vve_sumo.plant.car import STEP, Car
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.fault_injector import FaultInjector
-from vve_sumo.plant.injected_faults import KINDS, STARTED, InjectedFault
+from vve_sumo.plant.injected_faults import KINDS, START_SPEED, InjectedFault
 from vve_sumo.pose.ncom import LENGTH, Decoder, Outcome, checksums_hold
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.values import Fix, FixQuality, Frame, Pose
@@ -48,7 +48,7 @@ def lively(now: float) -> tuple[float, float, float]:
 
 
 class Ride:
-    """A car with rehearsed faults that shifts to drive and pulls away straight, for some seconds."""
+    """A car with injected faults that shifts to drive and pulls away straight, for some seconds."""
 
     def __init__(
         self,
@@ -79,7 +79,7 @@ class Ride:
         sent = commands(step // 4, self._course(now)) if step % 4 == 0 else []
         output = self._whole.step(until, sent)
         truth = self.car.truth()
-        if truth.speed > STARTED:
+        if truth.speed > START_SPEED:
             self.began = min(self.began, until)
         self.truths[round(until, 3)] = truth
         self.packets += output.ncom
@@ -379,13 +379,13 @@ def test_garbage_costs_every_fifth_fix_and_no_other(plain):
 )
 def test_whatever_is_combined_packets_arrive_in_order_and_never_early(kinds, delays):
     faults = [InjectedFault(kind, at, 0.2) for kind, at in zip(kinds, delays, strict=False)]
-    rehearsal = FaultInjector(faults, np.random.SeedSequence(0), DEFAULT)
-    rehearsal.moves(0.0, 1.0)
+    injector = FaultInjector(faults, np.random.SeedSequence(0), DEFAULT)
+    injector.moves(0.0, 1.0)
     arrived: Packets = []
     for step in range(1, 200):
         until = step * STEP
         packets = [(until, step.to_bytes(2, "big"))] if step % 2 == 0 else []
-        new = rehearsal.on_packets(until, packets)
+        new = injector.on_packets(until, packets)
         assert all(time <= until + 1e-9 for time, _ in new)
         arrived += new
     times = [round(time, 9) for time, _ in arrived]
@@ -482,7 +482,7 @@ def test_an_invalid_wheel_speed_is_the_rear_left_one():
 
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_a_module_that_drops_out_is_disabled_and_comes_back(number):
-    ride = Ride(fault("kit_dropout", number))
+    ride = Ride(fault("dbw_dropout", number))
     for time, enabled in ride.enabled:
         if time > 0.5 and abs(time - ride.began - AT) > 0.01 and abs(time - ride.began - AT - DURATION) > 0.01:
             assert enabled == tuple(ride.during(time) is False or each != number for each in (1, 2, 3))
@@ -574,23 +574,23 @@ def test_an_open_throttle_pushes_with_its_share_and_the_report_knows_nothing_of_
     assert ride.said(ThrottleReport) == plain.said(ThrottleReport)
 
 
-# What cannot be rehearsed.
+# What cannot be injected.
 
 
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("earthquake", 1.0, 1.0), r"rehearsal: kind must be one of another_writer, .*; got 'earthquake'"),
-        (("pose_lost", -1.0, 1.0), r"rehearsal pose_lost: at must be 0 s or more"),
-        (("pose_lost", math.nan, 1.0), r"rehearsal pose_lost: at must be"),
-        (("pose_lost", 1.0, 0.0), r"rehearsal pose_lost: .* duration positive"),
-        (("pose_lost", 1.0, math.nan), r"rehearsal pose_lost: .* duration positive"),
-        (("pose_lost", 1.0, 1.0, 3.0), r"rehearsal pose_lost: takes no value, got 3"),
-        (("brakes_weak", 1.0, 1.0, 1.5), r"rehearsal brakes_weak: value must be 0 to 1, got 1.5"),
-        (("brake_override", 1.0, 1.0, 7.0), r"rehearsal brake_override: value must be 0\.15 to 0\.5, got 7"),
+        (("earthquake", 1.0, 1.0), r"fault: kind must be one of another_writer, .*; got 'earthquake'"),
+        (("pose_lost", -1.0, 1.0), r"fault pose_lost: at must be 0 s or more"),
+        (("pose_lost", math.nan, 1.0), r"fault pose_lost: at must be"),
+        (("pose_lost", 1.0, 0.0), r"fault pose_lost: .* duration positive"),
+        (("pose_lost", 1.0, math.nan), r"fault pose_lost: .* duration positive"),
+        (("pose_lost", 1.0, 1.0, 3.0), r"fault pose_lost: takes no value, got 3"),
+        (("brakes_weak", 1.0, 1.0, 1.5), r"fault brakes_weak: value must be 0 to 1, got 1.5"),
+        (("brake_override", 1.0, 1.0, 7.0), r"fault brake_override: value must be 0\.15 to 0\.5, got 7"),
     ],
 )
-def test_a_rehearsal_that_cannot_be_is_one_line(arguments: tuple, text: str):
+def test_a_fault_that_cannot_be_is_one_line(arguments: tuple, text: str):
     with pytest.raises(ConfigError, match=text) as caught:
         InjectedFault(*arguments)
     assert "\n" not in str(caught.value)

@@ -20,7 +20,7 @@ from tests.isolated import isolated
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.path import Path
 from vve_sumo.plotting import birds_eye, drive_page, page
-from vve_sumo.record.record import SCHEMAS
+from vve_sumo.record.layout import SCHEMAS
 from vve_sumo.values import TickRow
 
 CAR = vehicles.FUSION.vehicle
@@ -30,7 +30,7 @@ SPEED, GAP, ACCELERATION, DEVIATION = range(4)
 ESTIMATED = ("x_m", "y_m", "heading_rad", "speed_mps", "acceleration_mps2")
 
 
-def sheet_of(rows: list[dict[str, Any]], actors: list[dict[str, Any]], heading: float = 0.0) -> page.Sheet:
+def page_of(rows: list[dict[str, Any]], actors: list[dict[str, Any]], heading: float = 0.0) -> page.DrivePage:
     """Lay rows on a straight path of 300 m with one lane, running from the map's origin along `heading`."""
     plain = {f.name: PLAIN[str(f.type)] for f in dataclasses.fields(TickRow)}
     table = [plain | {"tick": n, "time_s": 0.02 * n, "state": "engaged"} | row for n, row in enumerate(rows)]
@@ -41,7 +41,7 @@ def sheet_of(rows: list[dict[str, Any]], actors: list[dict[str, Any]], heading: 
     path = Path.from_points(s * math.cos(heading), s * math.sin(heading))
     lane = np.array([[0.0, 0.0], [300.0 * math.cos(heading), 300.0 * math.sin(heading)]])
     lead = DriveData(ticks, others, path, CAR, 0.02).lead
-    return page.Sheet("a title", "a subtitle", ticks, others, lead, path, CAR, [(lane, 3.5)])
+    return page.DrivePage("a title", "a subtitle", ticks, others, lead, path, CAR, [(lane, 3.5)])
 
 
 def driving(count: int, heading: float = 0.0, begin: float = 0.0, **more: Any) -> list[dict[str, Any]]:
@@ -50,13 +50,13 @@ def driving(count: int, heading: float = 0.0, begin: float = 0.0, **more: Any) -
     for way in np.linspace(begin, 200.0, count).tolist():
         at = {"x_m": way * math.cos(heading), "y_m": way * math.sin(heading), "heading_rad": heading}
         motion = at | {"speed_mps": 8.0, "acceleration_mps2": -1.0}
-        rows.append({**motion, **{f"true_{name}": value for name, value in motion.items()}, "station_m": way} | more)
+        rows.append({**motion, **{f"true_{name}": value for name, value in motion.items()}, "s_m": way} | more)
     return rows
 
 
-def painted(sheet: page.Sheet, folder: FilePath) -> Any:
+def painted(content: page.DrivePage, folder: FilePath) -> Any:
     """Return the picture's dots, rows x columns x (red, green, blue), each 0 to 1."""
-    drive_page.draw(sheet, folder / "drive.png")
+    drive_page.draw(content, folder / "drive.png")
     return image.imread(folder / "drive.png")[..., :3]
 
 
@@ -102,8 +102,8 @@ def drive_and_draw(folder: str) -> None:
     from vve_sumo.drive import run as drives
     from vve_sumo.plotting.drive_record import draw_drive
 
-    setting = altered({"duration_s": 3.0})
-    draw_drive(setting, drives.run(setting, FilePath(folder), REPOSITORY))
+    resolved = altered({"duration_s": 3.0})
+    draw_drive(resolved, drives.run(resolved, FilePath(folder), REPOSITORY))
 
 
 def test_a_real_drive_fills_every_panel(tmp_path: FilePath) -> None:
@@ -118,7 +118,7 @@ def test_a_real_drive_fills_every_panel(tmp_path: FilePath) -> None:
     assert not shows(curve(dots, GAP), page.OBSTACLE).any()
 
 
-NO_POSE = dict.fromkeys((*ESTIMATED, *(f"true_{name}" for name in ESTIMATED), "station_m"), math.nan)
+NO_POSE = dict.fromkeys((*ESTIMATED, *(f"true_{name}" for name in ESTIMATED), "s_m"), math.nan)
 NO_TRUTH = {name: math.nan for name in NO_POSE if name.startswith("true_")} | {"lateral_deviation_m": math.nan}
 
 
@@ -139,7 +139,7 @@ NO_TRUTH = {name: math.nan for name in NO_POSE if name.startswith("true_")} | {"
     ],
 )
 def test_a_poor_record_still_makes_a_picture_that_says_so(rows: list[dict[str, Any]], tmp_path: FilePath) -> None:
-    dots = painted(sheet_of(rows, []), tmp_path)
+    dots = painted(page_of(rows, []), tmp_path)
     assert dots.shape == (*PIXELS, 3)
     assert dark(street(dots)) > 50
     for row in range(4):
@@ -149,8 +149,8 @@ def test_a_poor_record_still_makes_a_picture_that_says_so(rows: list[dict[str, A
 def test_the_gap_shows_only_where_something_is_ahead(tmp_path: FilePath) -> None:
     """An actor stands ahead for the first and the last third of the drive; between, the curve breaks."""
     actors = [{"tick": n, "actor": "parked", "x_m": 240.0} for n in range(90) if not 30 <= n < 60]
-    sheet = sheet_of(driving(90, begin=100.0), actors)
-    columns = shows(curve(painted(sheet, tmp_path), GAP), page.OBSTACLE).any(axis=0)
+    content = page_of(driving(90, begin=100.0), actors)
+    columns = shows(curve(painted(content, tmp_path), GAP), page.OBSTACLE).any(axis=0)
     third = len(columns) // 3
     assert columns[third - third // 4 : third - 10].all()
     assert not columns[third + 10 : 2 * third - 10].any()
@@ -160,8 +160,8 @@ def test_the_gap_shows_only_where_something_is_ahead(tmp_path: FilePath) -> None
 def test_the_gap_at_the_end_is_drawn_between_ego_and_obstacle(tmp_path: FilePath) -> None:
     """Bumper at 200 m and the overhang; a 4 m box 12 m ahead. Dots between the cars, and beside them, measure it."""
     x = 200.0 + CAR.rear_axle_to_bumper + 12.0 + 2.0
-    sheet = sheet_of(driving(50), [{"tick": 49, "actor": "parked", "x_m": x}])
-    lower = street(painted(sheet, tmp_path))[-300:]
+    content = page_of(driving(50), [{"tick": 49, "actor": "parked", "x_m": x}])
+    lower = street(painted(content, tmp_path))[-300:]
     ego, obstacle = (np.flatnonzero(shows(lower, colour).sum(axis=0) > 20) for colour in (page.EGO, page.OBSTACLE))
     metre = page.LEFT_WIDTH * page.DOTS_PER_INCH / (12.0 + 2.0 * drive_page.CLOSE_UP)
     assert (obstacle[0] - ego[-1]) / metre == pytest.approx(12.0, abs=0.4)
@@ -173,9 +173,9 @@ def test_the_gap_at_the_end_is_drawn_between_ego_and_obstacle(tmp_path: FilePath
 
 @pytest.mark.parametrize("heading", [0.0, 0.8, math.pi / 2.0, 2.5, -2.0])
 def test_a_straight_street_lies_along_the_page_whatever_its_direction(heading: float, tmp_path: FilePath) -> None:
-    sheet = sheet_of(driving(100, heading), [], heading)
+    content = page_of(driving(100, heading), [], heading)
     height = page.LEFT_WIDTH * drive_page.FLATTEST
-    whole = part(painted(sheet, tmp_path), page.LEFT, page.TOP - height, page.LEFT_WIDTH, height)
+    whole = part(painted(content, tmp_path), page.LEFT, page.TOP - height, page.LEFT_WIDTH, height)
     rows, columns = np.nonzero(shows(whole, page.EGO))
     expected = 200.0 / (200.0 + 2.0 * birds_eye.MARGIN)
     assert np.ptp(columns) / whole.shape[1] == pytest.approx(expected, abs=0.05)
@@ -187,7 +187,7 @@ def test_a_drive_that_nobody_obeyed_shows_what_was_asked(tmp_path: FilePath) -> 
     asked = {"acceleration_setpoint_mps2": -3.0, "granted_acceleration_mps2": 0.0}
     places = []
     for state in ("engaged", "disarmed"):
-        dots = curve(painted(sheet_of(driving(50, **asked, state=state), []), tmp_path), ACCELERATION)
+        dots = curve(painted(page_of(driving(50, **asked, state=state), []), tmp_path), ACCELERATION)
         told, did = (np.nonzero(where)[0].mean() for where in (inked(dots), shows(dots, page.EGO_PALE)))
         places.append(told > did)
     assert places == [False, True]
@@ -196,15 +196,15 @@ def test_a_drive_that_nobody_obeyed_shows_what_was_asked(tmp_path: FilePath) -> 
 def test_the_hold_at_rest_is_not_drawn(tmp_path: FilePath) -> None:
     still = {"true_speed_mps": 0.0, "true_acceleration_mps2": 0.0, "granted_acceleration_mps2": -1.0}
     moving = {"granted_acceleration_mps2": -1.0}
-    sheet = sheet_of([*driving(50, **moving), *driving(50, **still)], [])
-    columns = np.flatnonzero(inked(curve(painted(sheet, tmp_path), ACCELERATION)).any(axis=0))
+    content = page_of([*driving(50, **moving), *driving(50, **still)], [])
+    columns = np.flatnonzero(inked(curve(painted(content, tmp_path), ACCELERATION)).any(axis=0))
     width = page.RIGHT_WIDTH * page.DOTS_PER_INCH
     assert columns[-1] == pytest.approx(width / 2.0, abs=8.0)
 
 
 def test_the_emergency_layer_shades_its_time_in_every_panel(tmp_path: FilePath) -> None:
     rows = [row | {"emergency": 50 <= n < 75} for n, row in enumerate(driving(100))]
-    dots = painted(sheet_of(rows, []), tmp_path)
+    dots = painted(page_of(rows, []), tmp_path)
     for row in range(4):
         panel = curve(dots, row)
         yellow = (panel[..., 0] - panel[..., 2] > 0.2).mean(axis=0)
@@ -214,9 +214,9 @@ def test_the_emergency_layer_shades_its_time_in_every_panel(tmp_path: FilePath) 
 
 
 def test_the_first_contact_is_marked_in_every_panel(tmp_path: FilePath) -> None:
-    plain = painted(sheet_of(driving(100), []), tmp_path)
+    plain = painted(page_of(driving(100), []), tmp_path)
     rows = [row | {"contacts": "parked" if n >= 60 else ""} for n, row in enumerate(driving(100))]
-    marked = painted(sheet_of(rows, []), tmp_path)
+    marked = painted(page_of(rows, []), tmp_path)
     for row in range(4):
         before, after = curve(plain, row), curve(marked, row)
         columns = np.flatnonzero((np.abs(before - after).max(axis=-1) > 0.3).sum(axis=0) > 20)
@@ -244,7 +244,7 @@ def test_a_view_keeps_lengths_and_turns_its_heading_to_the_right(
 @given(st.lists(st.tuples(coordinate, coordinate, angle), min_size=1, max_size=8))
 def test_the_bounds_hold_the_trace_and_the_street_beside_it(poses: list[tuple[float, float, float]]) -> None:
     rows = [{"true_x_m": x, "true_y_m": y, "true_heading_rad": heading} for x, y, heading in poses]
-    left, low, right, high = drive_page.bounds(sheet_of(rows, []).ticks)
+    left, low, right, high = drive_page.bounds(page_of(rows, []).ticks)
     x, y, _ = zip(*poses, strict=True)
     assert left <= min(x) - drive_page.CLOSE_UP / 2.0
     assert right >= max(x) + drive_page.CLOSE_UP / 2.0

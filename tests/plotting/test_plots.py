@@ -72,7 +72,7 @@ def test_a_rig_without_a_budget_has_the_default_one(tmp_path: Path, rig: dict[st
     """So its drive kept to it; the record holds what the rig file says and no more."""
     folder = stopping(tmp_path / "record", rig=rig).folder
     put(folder, "latency", (dataclasses.asdict(timed(tick)) for tick in range(len(TIME))))
-    figure = plotting.latency_ledger(Run(folder))
+    figure = plotting.latency_over_time(Run(folder))
     assert "budget 40 ms" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert "Latency" in write_report(folder).read_text(encoding="utf-8")
 
@@ -182,7 +182,7 @@ def figures(run: Run, live: Run, tmp_path_factory: pytest.TempPathFactory) -> di
     worst = {"highest": "impact_speed_mps", "points": 10}
     rows = rows_of(300)
     return {
-        "sheet": plotting.drive_sheet(run),
+        "overview": plotting.drive_overview(run),
         "safety": plotting.safety_over_time(run),
         "approach": plotting.gap_against_speed(run),
         "gaps": plotting.gap_against_speed(rows),
@@ -192,7 +192,7 @@ def figures(run: Run, live: Run, tmp_path_factory: pytest.TempPathFactory) -> di
         "distribution": plotting.distribution(rows, "stop_gap_m", "delay", (0.5, math.inf)),
         "boundary": plotting.boundary(searched(folder / "b", {"along": "pace", "criterion": "collision"}, BOUNDARY)),
         "worst": plotting.boundary(searched(folder / "w", worst, worst | {"search": "worst", "worst": None})),
-        "ledger": plotting.latency_ledger(live),
+        "latency": plotting.latency_over_time(live),
         "comparison": plotting.comparison(compare(run, stopping(folder / "other", speed=11.0))),
         "cliff": plotting.latency_margin(study.LatencyMargin("t", "s", 11.0, steps, study.edges_of(steps, 11.0), 0.3)),
     }
@@ -230,8 +230,8 @@ def drawn(text: Text, figure: Figure) -> bool:
     return True
 
 
-PLOTS = ("sheet", "safety", "approach", "gaps", "stops", "map", "shares", "distribution", "boundary", "worst")
-PLOTS += ("ledger", "comparison", "cliff")
+PLOTS = ("overview", "safety", "approach", "gaps", "stops", "map", "shares", "distribution", "boundary", "worst")
+PLOTS += ("latency", "comparison", "cliff")
 
 
 @pytest.mark.parametrize("name", PLOTS)
@@ -249,7 +249,7 @@ def test_words_lie_within_the_page_and_not_upon_each_other_and_numbers_have_unit
         high = min(box.y1, beside.y1) - max(box.y0, beside.y0)
         assert wide <= 2.0 or high <= 2.0, (one.get_text(), other.get_text())
     for axes in figures[name].axes:
-        # On a drive's sheet the titles of the panels say it; a list of names (legs, lines) has no unit.
+        # On a drive's page the titles of the panels say it; a list of names (legs, lines) has no unit.
         for axis, said in ((axes.xaxis, axes.get_xlabel()), (axes.yaxis, axes.get_ylabel() + axes.get_title("left"))):
             words = [text.get_text() for text in axis.get_ticklabels() if text.get_visible()]
             numbers = [word for word in words if re.fullmatch(r"[\u2212\-\d.]+", word)]
@@ -307,7 +307,7 @@ def test_stops_lie_beside_the_closed_form_and_broken_bounds_are_marked(figures: 
 
 
 def test_many_points_become_the_quantiles_of_their_portions() -> None:
-    rows = rows_of(4 * crowd.MANY).query("not collision")
+    rows = rows_of(4 * crowd.MAX_POINTS).query("not collision")
     figure = plotting.gap_against_speed(rows)
     x, middle = lines(figure, "gap at rest, median")[0]
     v, gap = rows["ego.speed_mps"].to_numpy(), rows["stop_gap_m"].to_numpy()
@@ -386,8 +386,8 @@ def test_a_search_that_goes_on_shows_its_runs_alone(tmp_path: Path) -> None:
     assert lines(figure, "flip") == []
 
 
-def test_the_ledger_stacks_the_legs_of_the_slowest_ticks(figures: dict[str, Figure]) -> None:
-    figure = figures["ledger"]
+def test_the_latency_plot_stacks_the_legs_of_the_slowest_ticks(figures: dict[str, Figure]) -> None:
+    figure = figures["latency"]
     names = ("wake", "decode", "radar", "control", "hand over", "frame")
     stacked = {one.get_label(): one.get_paths()[0].vertices for one in figure.axes[0].collections}
     at = WORST * PERIOD
@@ -457,7 +457,7 @@ def test_poor_rows_make_a_plot_that_says_so(poor: str) -> None:
         just_draw(figure)
 
 
-NOWHERE = dict.fromkeys(("x_m", "y_m", "true_x_m", "true_y_m", "speed_mps", "true_speed_mps", "station_m"), math.nan)
+NOWHERE = dict.fromkeys(("x_m", "y_m", "true_x_m", "true_y_m", "speed_mps", "true_speed_mps", "s_m"), math.nan)
 STILL = [{"tick": tick, "time_s": tick * PERIOD} for tick in range(30)]
 RECORDS: dict[str, list[dict[str, Any]]] = {
     "one tick": STILL[:1],
@@ -477,11 +477,12 @@ def test_a_poor_record_makes_plots_that_say_so(poor: str, tmp_path: Path) -> Non
     if poor != "at rest":
         put(folder, "actors", [BOX | {"tick": row["tick"], "actor": "parked", "x_m": 12.0} for row in STILL])
     run = Run(folder)
-    for plot in (plotting.drive_sheet, plotting.safety_over_time, plotting.gap_against_speed, plotting.latency_ledger):
+    per_run = plotting.drive_overview, plotting.safety_over_time, plotting.gap_against_speed, plotting.latency_over_time
+    for plot in per_run:
         figure = plot(run)
         just_draw(figure)
         for axes in figure.axes:
-            assert axes.get_ylim()[0] < axes.get_ylim()[1] or plot is plotting.latency_ledger
+            assert axes.get_ylim()[0] < axes.get_ylim()[1] or plot is plotting.latency_over_time
 
 
 def test_a_contact_from_the_side_is_in_the_picture(tmp_path: Path) -> None:
@@ -504,15 +505,15 @@ def test_a_leg_that_did_not_happen_is_not_another_ticks() -> None:
     assert not shown["radar_ms"].notna().any()
 
 
-def test_the_sheet_is_of_the_drives_own_size_and_says_what_came_of_it(tmp_path: Path, run: Run) -> None:
+def test_the_overview_is_of_the_drives_own_size_and_says_what_came_of_it(tmp_path: Path, run: Run) -> None:
     summary = {"outcome": "stopped", "stop_gap_m": 16.0, "seed": 1, "passed": False}
     (tmp_path / "summary.json").write_text("", encoding="utf-8")
     folder = write(tmp_path / "record", STILL, summary)
-    words = [text.get_text() for text in plotting.drive_sheet(Run(folder)).texts]
+    words = [text.get_text() for text in plotting.drive_overview(Run(folder)).texts]
     assert words == ["by hand", "stopped, gap 16.00 m · seed 1 · FAILED"]
-    sheet = plotting.drive_sheet(run)
-    assert sheet.texts[1].get_text() == f"killed: the record ends at {TIME[-1]:.2f} s"
-    assert sheet.get_size_inches().tolist() == list(SIZE)
+    overview = plotting.drive_overview(run)
+    assert overview.texts[1].get_text() == f"killed: the record ends at {TIME[-1]:.2f} s"
+    assert overview.get_size_inches().tolist() == list(SIZE)
 
 
 def test_a_plot_shows_itself_in_a_notebook_in_the_house_style(figures: dict[str, Figure], tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from vve_sumo.pose.receivers.oxts_can import FRAME
 from vve_sumo.pose.receivers.port import PORT, Receiver, load
 from vve_sumo.rig.load import parse, parse_json
 from vve_sumo.rig.resolve import receiver_of
-from vve_sumo.rig.validation import arming_refusal
+from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.values import Frame
 
 TOY = Path(__file__).parent / "toy" / "csv_udp.py"
@@ -246,7 +246,7 @@ def test_a_key_that_somebody_s_own_receiver_lacks_is_one_line() -> None:
 
 
 def test_no_car_is_armed_on_a_recording() -> None:
-    assert "recording" in str(arming_refusal(parse(a_rig(kind="file", file="a.ncom"), Path("mine.toml"))))
+    assert "recording" in str(arming_obstacle(parse(a_rig(kind="file", file="a.ncom"), Path("mine.toml"))))
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -31,29 +32,39 @@ class TestToy(VehicleInterfaceConformance):
     config = TOY
 
 
-def drive_with_the_toy() -> tuple[dict[str, Any], set[int], object]:
-    """Return the summary of the paper's drive over the toy's wire, the identifiers on the bus, and what replay says."""
+def drive_with_the_toy() -> tuple[dict[str, Any], set[int], object, list[list[str]]]:
+    """Drive the paper's drive over the toy's wire.
+
+    Returns the summary, the identifiers on the bus, what replay says, and what is said of the toy's code before and
+    after a byte of it has changed.
+    """
     from vve_sumo import bus
     from vve_sumo.drive import run as drives
-    from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, replay, setting_of
-    from vve_sumo.drive.resolved_scenario import EPOCH
+    from vve_sumo.drive.replay import changed_code, read_car_frames, read_pipeline_inputs, recorded_scenario, replay
+    from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 
-    setting = altered({})
-    setting = dataclasses.replace(setting, model=dataclasses.replace(setting.model, interface=TOY))
+    resolved = altered({})
     with tempfile.TemporaryDirectory() as scratch:
+        file = Path(shutil.copy(TOY_FILE, scratch))
+        toy = dataclasses.replace(TOY, name=f"{file}:make")
+        resolved = dataclasses.replace(resolved, model=dataclasses.replace(resolved.model, interface=toy))
         folder = Path(scratch) / "record"
-        summary = drives.run(setting, folder, REPOSITORY).summary
+        summary = drives.run(resolved, folder, REPOSITORY).summary
         identifiers = {frame.id for _time, _channel, frame in bus.read_log(folder / "can.log")}
-        again = setting_of(folder, REPOSITORY)
-        frames = read_car_frames(folder, EPOCH, again.model.interface)
-        return summary, identifiers, replay(again, read_pipeline_inputs(folder), frames, REPOSITORY)
+        again = recorded_scenario(folder, REPOSITORY)
+        frames = read_car_frames(folder, DEFAULT_EPOCH, again.model.interface)
+        difference = replay(again, read_pipeline_inputs(folder), frames, REPOSITORY)
+        changes = [changed_code(folder, REPOSITORY)]
+        file.write_bytes(file.read_bytes() + b"# changed\n")
+        return summary, identifiers, difference, [*changes, changed_code(folder, REPOSITORY)]
 
 
 def test_the_papers_drive_over_another_wire():
-    summary, identifiers, difference = isolated(drive_with_the_toy)
+    summary, identifiers, difference, changes = isolated(drive_with_the_toy)
     assert (summary["outcome"], summary["collision"]) == ("stopped", False)
     assert identifiers == {0x300, 0x310, 0x311}
     assert difference is None
+    assert changes == [[], ["interface_interface has changed since"]]
 
 
 def test_the_shipped_ones_are_known():

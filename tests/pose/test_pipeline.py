@@ -61,22 +61,22 @@ class _Straight:
 
 
 def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[tuple[str, ...]]]:
-    """Where the chain of a live drive believes the car to be, every 10 ms, while fixes that lie come among the true.
+    """Where the pipeline of a live drive believes the car to be, every 10 ms, while fixes that lie come among the true.
 
     `lies` says by how much one lies that arrives just before the true fix of a number: dated ahead, and 30 m north.
     """
-    setting = altered({})
+    resolved = altered({})
     frame, speed = MapFrame(LOT), 10.0
     placement = Placement(frame, Alignment(), Mounting(0.0, 0.0), EPOCH)
-    chain = Pipeline(
+    pipeline = Pipeline(
         decoder=Decoder(),
         gate=TrustGate(DRIVE, EPOCH),
         placement=placement,
         predictor=Predictor(),
-        sensors=sensors_of(setting),
+        sensors=sensors_of(resolved),
         controller=Guarded(_Straight()),
-        vehicle=setting.vehicle,
-        path=setting.path,
+        vehicle=resolved.vehicle,
+        path=resolved.path,
         desired_speed=speed,
         clock=Clock(EPOCH, 0.01),
         epoch=EPOCH,
@@ -88,11 +88,11 @@ def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[t
         fix = replace(placement.unplace(true), **QUALITY)
         if k in lies:
             wrong = replace(fix, time=fix.time + lies[k], latitude=fix.latitude + 30.0 / 6_371_000.0)
-            chain.receive(time + 0.0095, pack(wrong, 16, bytes(8)))
-        chain.receive(time + 0.01, encoder.encode(fix))
-        chain.see(time + 0.01, Actors(time, (), *(np.empty(0) for _ in range(8))))
-        decided = chain.decide(k, time + 0.01, 0.0)
-        pose = chain.front_bumper_at(time + 0.01)
+            pipeline.receive(time + 0.0095, pack(wrong, 16, bytes(8)))
+        pipeline.receive(time + 0.01, encoder.encode(fix))
+        pipeline.see(time + 0.01, Actors(time, (), *(np.empty(0) for _ in range(8))))
+        decided = pipeline.decide(k, time + 0.01, 0.0)
+        pose = pipeline.front_bumper_at(time + 0.01)
         if pose is not None:
             places.append((pose.x, pose.y))
         refused.append(decided.pose_reasons)

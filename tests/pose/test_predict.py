@@ -70,7 +70,7 @@ def noisy(truth: list[Pose], rate: int, seed: int, scale: float = 1.0) -> Iterat
         )
 
 
-def anchored(truth: list[Pose], measured: Iterator[Pose]) -> list[tuple[Pose, Pose]]:
+def as_ego_sync_gets(truth: list[Pose], measured: Iterator[Pose]) -> list[tuple[Pose, Pose]]:
     """For every tick the true pose at the next one, and what is predicted for it from fixes 20 ms old."""
     predictor, waiting, pairs = Predictor(), list(measured), []
     for tick in range(int(truth[-1].time / TICK) - 1):
@@ -156,7 +156,7 @@ def test_reversing_is_followed():
 
 def test_heading_passes_half_a_turn_without_a_swing():
     truth = motion(6.0, zero, lambda _: 0.6, 8.0)
-    for true, got in anchored(truth, iter(truth[::10]))[10:]:
+    for true, got in as_ego_sync_gets(truth, iter(truth[::10]))[10:]:
         assert abs(wrap_angle(got.heading - true.heading)) < 1e-6
 
 
@@ -166,7 +166,7 @@ def test_heading_passes_half_a_turn_without_a_swing():
 @pytest.mark.parametrize("rate", [50, 100])
 def test_noise_is_smoothed_in_cruise(rate):
     truth = motion(20.0, zero, lambda t: 0.1 * math.sin(t))
-    pairs = anchored(truth, noisy(truth, rate, seed=5))[100:]
+    pairs = as_ego_sync_gets(truth, noisy(truth, rate, seed=5))[100:]
     along, across, speed = errors(pairs)
     assert rms(along) < 0.008  # measured: 2 cm
     assert rms(across) < 0.008
@@ -179,7 +179,7 @@ def test_noise_is_smoothed_in_cruise(rate):
 @pytest.mark.parametrize("level", [-2.0, -6.0])
 def test_braking_hardly_lags(rate, level):
     truth = motion(14.0, braking(5.0, level), zero)
-    along, _, speed = errors(anchored(truth, noisy(truth, rate, seed=6))[200:])
+    along, _, speed = errors(as_ego_sync_gets(truth, noisy(truth, rate, seed=6))[200:])
     assert np.abs(along).max() < 0.02
     assert np.abs(speed).max() < 0.10
     assert abs(along[-100:].mean()) < 0.02
@@ -189,7 +189,7 @@ def test_braking_hardly_lags(rate, level):
 def test_a_biased_accelerometer_is_found_out(bias):
     truth = motion(30.0, zero, zero)
     measured = (replace(p, acceleration=p.acceleration + bias) for p in noisy(truth, 100, seed=7))
-    along, _, speed = errors(anchored(truth, measured)[1000:])
+    along, _, speed = errors(as_ego_sync_gets(truth, measured)[1000:])
     assert abs(speed.mean()) < 0.02
     assert abs(along.mean()) < 0.01
 
@@ -197,7 +197,7 @@ def test_a_biased_accelerometer_is_found_out(bias):
 def test_a_dead_accelerometer_costs_centimetres_not_metres():
     truth = motion(10.0, braking(4.0), zero)
     measured = (replace(p, acceleration=0.0) for p in noisy(truth, 100, seed=8))
-    along, _, _ = errors(anchored(truth, measured))
+    along, _, _ = errors(as_ego_sync_gets(truth, measured))
     assert np.abs(along[100:]).max() < 0.15
 
 
@@ -221,7 +221,7 @@ def stop_and_go() -> list[Pose]:
 @pytest.mark.parametrize("seed", range(4))
 def test_at_rest_nothing_moves(rate, seed):
     truth = stop_and_go()
-    pairs = anchored(truth, noisy(truth, rate, seed))
+    pairs = as_ego_sync_gets(truth, noisy(truth, rate, seed))
     assert all(got.speed >= 0.0 for _, got in pairs)
     held = [got for true, got in pairs if 5.0 < true.time < 12.0]
     assert {(p.x, p.y, p.heading) for p in held} == {(held[0].x, held[0].y, held[0].heading)}
@@ -235,7 +235,7 @@ def test_at_rest_nothing_moves(rate, seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_a_full_stop_does_not_bounce_into_reverse(rate, seed):
     truth = motion(6.0, braking(2.0, -9.0, 60.0), zero, 12.0)
-    pairs = anchored(truth, noisy(truth, rate, seed))
+    pairs = as_ego_sync_gets(truth, noisy(truth, rate, seed))
     assert all(got.speed >= 0.0 for _, got in pairs)
     travelled = [got.x for true, got in pairs if true.time > 4.5]
     assert max(travelled) - min(travelled) < 0.02
@@ -244,7 +244,7 @@ def test_a_full_stop_does_not_bounce_into_reverse(rate, seed):
 @pytest.mark.parametrize("seed", range(4))
 def test_driving_off_is_seen_in_a_quarter_second(seed):
     truth = stop_and_go()
-    pairs = anchored(truth, noisy(truth, 100, seed))
+    pairs = as_ego_sync_gets(truth, noisy(truth, 100, seed))
     along, _, speed = errors([pair for pair in pairs if pair[0].time > 12.0])
     assert np.abs(speed).max() < 0.45
     assert np.abs(speed[15:]).max() < 0.2
@@ -278,7 +278,7 @@ def test_a_jump_or_a_long_gap_starts_anew(later):
 def test_a_short_gap_is_bridged():
     truth = motion(10.0, lambda t: 0.8 * math.sin(t), lambda t: 0.15)
     measured = [p for p in truth[::10] if not 5.0 < p.time < 5.4]
-    along, across, _ = errors(anchored(truth, iter(measured))[50:])
+    along, across, _ = errors(as_ego_sync_gets(truth, iter(measured))[50:])
     assert max(np.abs(along).max(), np.abs(across).max()) < 0.1
 
 

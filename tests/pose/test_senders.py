@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vve_sumo.drive.reasons import DRIVE_REASONS
-from vve_sumo.pose.senders import NAMED, STANDS, Senders
+from vve_sumo.pose.senders import MAX_NAMED, STANDS, Senders
 
 SOURCE = "192.168.25.44"
 ADDRESSES = st.sampled_from([SOURCE, "192.168.25.45", "10.0.0.1", "127.0.0.1", "127.9.9.9"])
@@ -29,7 +29,7 @@ def test_at_most_one_sender_is_ever_taken_and_every_other_datagram_is_counted_an
             assert set(senders.found(now)) <= DRIVE_REASONS.keys()
     assert len(set(taken)) <= 1
     assert all(address == source if source else address.startswith("127.") for address, _port in taken)
-    assert sum(senders.told()["refused"].values()) == len(datagrams) - len(taken)
+    assert sum(senders.sender_report()["refused"].values()) == len(datagrams) - len(taken)
     assert senders.found(now + STANDS + 1e-6) == ()
 
 
@@ -37,7 +37,7 @@ def test_the_receiver_is_taken_after_strangers_spoke():
     senders = Senders(SOURCE)
     assert not senders.accepts(0.0, ("10.0.0.1", 3000))
     assert senders.accepts(0.1, (SOURCE, 3000))
-    assert senders.told() == {"sender": f"{SOURCE}:3000", "refused": {"10.0.0.1:3000": 1}}
+    assert senders.sender_report() == {"sender": f"{SOURCE}:3000", "refused": {"10.0.0.1:3000": 1}}
 
 
 @pytest.mark.parametrize(
@@ -55,6 +55,6 @@ def test_a_flood_from_everywhere_takes_no_more_room_than_a_few_names():
     senders = Senders(SOURCE)
     for number in range(10_000):
         senders.accepts(0.0, (f"10.0.{number // 256}.{number % 256}", 5))
-    refused = senders.told()["refused"]
-    assert len(refused) == NAMED + 1
+    refused = senders.sender_report()["refused"]
+    assert len(refused) == MAX_NAMED + 1
     assert sum(refused.values()) == 10_000

@@ -183,9 +183,9 @@ def test_a_flood_of_strangers_does_not_hold_the_reader_either(free_port):
             stranger.send(b"x")
     time.sleep(0.05)
     assert source.receive() == []
-    assert sum(source.told()["refused"].values()) == PORTIONS
+    assert sum(source.sender_report()["refused"].values()) == PORTIONS
     source.receive()
-    assert sum(source.told()["refused"].values()) == PORTIONS + 10
+    assert sum(source.sender_report()["refused"].values()) == PORTIONS + 10
     source.close()
 
 
@@ -204,7 +204,7 @@ def test_only_the_source_is_heard_and_every_other_sender_is_told(free_port):
         assert [data for _, data in source.receive()] == [b"a", b"c"]
         assert source.found() == ("pose_foreign_sender",)
         names = [f"{address}:{port}" for address, port in (receiver.getsockname(), stranger.getsockname())]
-    assert source.told() == {"sender": names[0], "refused": {names[1]: 2}}
+    assert source.sender_report() == {"sender": names[0], "refused": {names[1]: 2}}
     time.sleep(1.05)
     assert source.found() == (), "a stray datagram is told for a second"
     source.close()
@@ -218,7 +218,7 @@ def test_a_second_program_at_the_source_s_address_is_another_sender(free_port):
         time.sleep(0.05)
         assert [data for _, data in source.receive()] == [b"a", b"c"]
     assert source.found() == ("pose_two_senders",)
-    assert len(source.told()["refused"]) == 2
+    assert len(source.sender_report()["refused"]) == 2
     source.close()
 
 

@@ -16,16 +16,11 @@ import pytest
 from tests.drive.street import drive_once
 from tests.isolated import isolated
 from tests.killed import killed_at
+from tests.record.declared import RESOLVED
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import (
-    TICKS_PER_BATCH,
-    MemoryRecorder,
-    Record,
-    hash_parts,
-    read_pose_chunks,
-    read_table,
-    whole,
-)
+from vve_sumo.record.hashes import hash_parts, whole
+from vve_sumo.record.reader import read_pose_chunks, read_table
+from vve_sumo.record.writer import TICKS_PER_BATCH, MemoryRecorder, Record
 from vve_sumo.values import Actors, Frame, TickRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": ""}
@@ -49,14 +44,14 @@ def fill(record: MemoryRecorder, ticks: int, **changes: object) -> None:
     for tick in range(ticks):
         record.received_pose(0.02 * tick, bytes([tick % 256] * 72))
         record.saw_frames(0.02 * tick, "can0", [Frame(0x060, bytes([tick % 256] * 8))])
-        record.sensed(tick, "radar", detection)
+        record.sensed(tick, "radar", 0.02 * tick, detection)
         record.snapshot(tick, actors(3))
         record.ticked(row(tick, **changes))
 
 
 def closed(folder: Path, ticks: int, **changes: object) -> str:
     """Return the hash of a record of some ticks."""
-    record = Record(folder, {"a": 1}, 1000.0)
+    record = Record(folder, {"a": 1} | RESOLVED, 1000.0)
     fill(record, ticks, **changes)
     parts = record.close()
     assert hash_parts(folder) == parts, "the files say what was hashed while they grew"
@@ -65,7 +60,7 @@ def closed(folder: Path, ticks: int, **changes: object) -> str:
 
 def test_a_finished_record_reads_back_what_was_kept(tmp_path: Path) -> None:
     closed(tmp_path / "r", 25, note="brake", lateral_deviation_m=math.nan)
-    ticks, seen, boxes = (read_table(tmp_path / "r", name) for name in ("ticks", "detections", "actors"))
+    ticks, seen, boxes = (read_table(tmp_path / "r", name) for name in ("ticks", "sensor_radar", "actors"))
     assert ticks["tick"].to_pylist() == list(range(25))
     assert set(ticks["note"].to_pylist()) == {"brake"}
     assert np.isnan(ticks["lateral_deviation_m"].to_numpy()).all()
@@ -77,10 +72,10 @@ def test_a_finished_record_reads_back_what_was_kept(tmp_path: Path) -> None:
 
 
 def test_what_nobody_keeps_has_the_same_hash_and_tables(tmp_path: Path) -> None:
-    kept, unkept = Record(tmp_path / "r", {"a": 1}, 1000.0), MemoryRecorder({"a": 1}, 1000.0)
+    kept, unkept = Record(tmp_path / "r", {"a": 1} | RESOLVED, 1000.0), MemoryRecorder({"a": 1} | RESOLVED, 1000.0)
     for record in (kept, unkept):
         fill(record, 25, note="brake", lateral_deviation_m=math.nan)
-        record.sensed(25, "radar", (*[np.zeros(0)] * 3, np.zeros(0, np.int8), ()))
+        record.sensed(25, "radar", 0.5, (*[np.zeros(0)] * 3, np.zeros(0, np.int8), ()))
     assert unkept.close() == kept.close() == hash_parts(tmp_path / "r")
     for name, table in unkept.tables.items():
         table.validate(full=True)
@@ -106,18 +101,22 @@ def test_the_hash_covers_every_column_and_input(tmp_path: Path) -> None:
         assert closed(tmp_path / field.name, 12, **{field.name: other}) != plain, field.name
 
 
-@pytest.mark.parametrize("part", ["scenario", "pose", "can", "detections", "actors"])
+@pytest.mark.parametrize("part", ["scenario", "pose", "can", "readings", "sensor_radar", "actors"])
 def test_the_hash_covers_every_part(part: str, tmp_path: Path) -> None:
     hashes = []
     for changed in (False, True):
-        record = Record(tmp_path / f"{part}{changed}", {"a": 2 if changed and part == "scenario" else 1}, 1000.0)
+        record = Record(
+            tmp_path / f"{part}{changed}", {"a": 2 if changed and part == "scenario" else 1} | RESOLVED, 1000.0
+        )
         fill(record, 12)
         if changed and part == "pose":
             record.received_pose(1.0, b"x")
         elif changed and part == "can":
             record.saw_frames(1.0, "can0", [Frame(1, b"")])
-        elif changed and part == "detections":
-            record.sensed(13, "radar", (*[np.array([1.0])] * 3, np.array([0], np.int8), ("car1",)))
+        elif changed and part == "readings":
+            record.sensed(13, "radar", 0.2, (*[np.zeros(0)] * 3, np.zeros(0, np.int8), ()))
+        elif changed and part == "sensor_radar":
+            record.sensed(13, "radar", 0.2, (*[np.array([1.0])] * 3, np.array([0], np.int8), ("car1",)))
         elif changed and part == "actors":
             record.snapshot(13, actors(1))
         hashes.append(whole(record.close()))
@@ -125,7 +124,7 @@ def test_the_hash_covers_every_part(part: str, tmp_path: Path) -> None:
 
 
 def test_an_open_record_is_readable_up_to_its_last_batch(tmp_path: Path) -> None:
-    record = Record(tmp_path / "r", {}, 0.0)
+    record = Record(tmp_path / "r", RESOLVED, 0.0)
     fill(record, 3 * TICKS_PER_BATCH + 4)
     ticks = read_table(tmp_path / "r", "ticks")
     assert ticks.num_rows == 3 * TICKS_PER_BATCH
@@ -141,7 +140,7 @@ def test_a_folder_that_is_no_record_is_named(tmp_path: Path) -> None:
 
 
 def test_not_a_number_becomes_null_in_the_summary(tmp_path: Path) -> None:
-    record = Record(tmp_path / "r", {}, 0.0)
+    record = Record(tmp_path / "r", RESOLVED, 0.0)
     record.close()
     record.summarise({"gap": math.nan, "inner": {"x": math.inf}, "ok": 1.5})
     written = json.loads((tmp_path / "r" / "summary.json").read_text(encoding="utf-8"))

@@ -64,7 +64,7 @@ def drive(folder: str) -> None:
     """Drive to a car that is parked near the start; call it through `isolated`."""
     from vve_sumo.drive import run as drives
 
-    drives.run(altered({"obstacles.0.at_m": 60.0, "street.demand": []}), Path(folder), REPOSITORY)
+    drives.run(altered({"obstacles.0.at_m": 60.0, "road.demand": []}), Path(folder), REPOSITORY)
 
 
 def cut_short(record: Path, folder: Path) -> Path:
@@ -72,7 +72,7 @@ def cut_short(record: Path, folder: Path) -> Path:
     folder.mkdir()
     for name in ("scenario.json", "pose.bin", "can.log"):
         shutil.copy(record / name, folder)
-    for name in ("ticks", "detections", "actors"):
+    for name in ("ticks", "readings", "sensor_radar", "actors"):
         table = pq.read_table(record / f"{name}.parquet")
         with pa.OSFile(str(folder / f"{name}.arrows"), "wb") as file, pa.ipc.new_stream(file, table.schema) as stream:
             stream.write_table(table.slice(0, table.num_rows // 2))
@@ -109,7 +109,7 @@ def runs() -> Iterator[tuple[RunSpec, Result]]:
 
 def swept(folder: Path) -> Path:
     table = {"title": CODE, "description": CODE, "criteria": {"stop_gap_m": {"min": 1.0}}}
-    table |= {"street": {"network": "linden"}, "parameters": {"gap": {"sets": ["a.b_m"], "meaning": CODE}}}
+    table |= {"road": {"network": "linden"}, "parameters": {"gap": {"sets": ["a.b_m"], "meaning": CODE}}}
     kinds: dict[str, Any] = {"ego.speed_mps": "float", "gap": "float"}
     spec = {"title": "a sweep", "scenario": "s", "parameters": {"ego.speed_mps": [0.0, 5.0], "gap": [0.0, 5.0]}}
     dataset = Dataset(folder, replace(PLAN, spec=spec, table=table, cells=36, parameters=kinds), resume=True)
@@ -252,7 +252,7 @@ def test_the_same_record_has_the_same_report(folders: Folders) -> None:
     assert said.stdout.endswith("report: killed/report.html\n")
     assert content(folders.killed) == before
     assert [name for name in before if name.endswith(".png")] == sorted(
-        f"report/{name}.png" for name in ("drive_sheet", "gap_against_speed", "safety_over_time")
+        f"report/{name}.png" for name in ("drive_overview", "gap_against_speed", "safety_over_time")
     )
 
 

@@ -16,7 +16,7 @@ from tests.sweep.test_dataset import PLAN
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.termination import Outcome
-from vve_sumo.plotting import drive_sheet
+from vve_sumo.plotting import drive_overview
 from vve_sumo.report import drive, runs, search_results, settings, stops, sweep
 from vve_sumo.report.sources import open_street_map
 from vve_sumo.report.tables import Cell
@@ -105,7 +105,7 @@ def test_a_live_drive_whose_program_was_killed_is_told_from_its_recorders_summar
     """The recorder says how it ended; figures, seed and judgement are not in its summary."""
     run = record(tmp_path / "r", {"outcome": "fault", "reasons": ["pose_stale"], "ticks": TICKS})
     assert verdict(run).line.startswith("not judged: The gateway stopped the car: no trusted fix for too long.")
-    assert drive_sheet(run).texts[1].get_text() == "fault · not judged"
+    assert drive_overview(run).texts[1].get_text() == "fault · not judged"
 
 
 def swept(folder: Path, *results: Result, cells: int | None = None) -> Sweep:
@@ -230,7 +230,7 @@ def test_each_criterion_says_what_it_asks_and_whether_that_was_met() -> None:
 ])  # fmt: skip
 def test_whose_map_it_is_is_said_unless_it_is_known_to_be_ours(network: str, driven: str, named: bool) -> None:
     digest = hashlib.sha256((REPOSITORY / f"networks/{driven}.net.xml").read_bytes()).hexdigest()
-    assert bool(open_street_map({"street": {"network": network}}, [digest])) == named
+    assert bool(open_street_map({"road": {"network": network}}, [digest])) == named
 
 
 def test_a_flip_is_told_the_right_way_round() -> None:

@@ -12,7 +12,7 @@ from tests.conftest import REPOSITORY
 from vve_sumo.errors import ConfigError
 from vve_sumo.rig import edit
 
-TWIN = (REPOSITORY / "rigs" / "twin.toml").read_text(encoding="utf-8")
+SIMULATED = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
 DAY = datetime.date(2026, 5, 1)
 STORED = {
     "kind": "stored",
@@ -29,7 +29,7 @@ STORED = {
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
     file = tmp_path / "mine.toml"
-    file.write_text(TWIN, encoding="utf-8")
+    file.write_text(SIMULATED, encoding="utf-8")
     file.chmod(0o640)
     return file
 
@@ -37,9 +37,9 @@ def rig(tmp_path: Path) -> Path:
 def test_what_is_set_is_set_and_all_else_stays(rig: Path) -> None:
     loaded = edit.put(rig, {("alignment", key): value for key, value in STORED.items()}, emptied=("alignment",))
     text = rig.read_text(encoding="utf-8")
-    assert tomllib.loads(text) == tomllib.loads(TWIN) | {"alignment": STORED}
+    assert tomllib.loads(text) == tomllib.loads(SIMULATED) | {"alignment": STORED}
     assert loaded.alignment.rotation_deg == 171.5
-    kept = [line for line in TWIN.splitlines() if line != 'kind = "matched_start"']
+    kept = [line for line in SIMULATED.splitlines() if line != 'kind = "matched_start"']
     left = text.splitlines()
     assert [line for line in kept if line not in left] == []
     assert rig.stat().st_mode & 0o777 == 0o640
@@ -49,11 +49,11 @@ def test_what_is_set_is_set_and_all_else_stays(rig: Path) -> None:
 def test_a_table_that_is_emptied_loses_what_is_not_set_again(rig: Path) -> None:
     edit.put(rig, {("alignment", key): value for key, value in STORED.items()}, emptied=("alignment",))
     edit.put(rig, {("alignment", "kind"): "matched_start"}, emptied=("alignment",))
-    assert tomllib.loads(rig.read_text(encoding="utf-8")) == tomllib.loads(TWIN)
+    assert tomllib.loads(rig.read_text(encoding="utf-8")) == tomllib.loads(SIMULATED)
 
 
 def test_a_table_that_is_missing_is_made(rig: Path) -> None:
-    rig.write_text(TWIN.replace('[alignment]\nkind = "matched_start"\n', ""), encoding="utf-8")
+    rig.write_text(SIMULATED.replace('[alignment]\nkind = "matched_start"\n', ""), encoding="utf-8")
     edit.put(rig, {("alignment", key): value for key, value in STORED.items()})
     assert tomllib.loads(rig.read_text(encoding="utf-8"))["alignment"] == STORED
 
@@ -62,7 +62,7 @@ def test_a_table_that_is_missing_is_made(rig: Path) -> None:
 def test_what_would_not_load_is_not_written(rig: Path, wrong: dict[str, object]) -> None:
     with pytest.raises(ConfigError, match=r"mine\.toml: alignment"):
         edit.put(rig, {("alignment", key): value for key, value in (STORED | wrong).items() if key != "x_m"})
-    assert rig.read_text(encoding="utf-8") == TWIN
+    assert rig.read_text(encoding="utf-8") == SIMULATED
 
 
 def test_a_folder_that_takes_no_file_is_one_line() -> None:

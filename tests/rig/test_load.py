@@ -15,9 +15,9 @@ from tests.complaints import complaint_of
 from tests.conftest import REPOSITORY
 from vve_sumo.errors import ConfigError
 from vve_sumo.rig.load import load, parse, parse_json
-from vve_sumo.rig.validation import arming_refusal
+from vve_sumo.rig.validation import arming_obstacle
 
-TWIN = REPOSITORY / "rigs" / "twin.toml"
+SIMULATED = REPOSITORY / "rigs" / "simulated.toml"
 EXAMPLE = REPOSITORY / "rigs" / "fusion_example.toml"
 DAY = datetime.date(2026, 5, 1)
 WATCHDOG = {"date": DAY, "armed": True, "deceleration_mps2": 2.5, "delay_s": 0.2}
@@ -29,8 +29,8 @@ CORNER = (40.003, -83.020)
 Change = Callable[[dict[str, Any]], object]
 
 
-def twin() -> dict[str, Any]:
-    return tomllib.loads(TWIN.read_text(encoding="utf-8"))
+def simulated() -> dict[str, Any]:
+    return tomllib.loads(SIMULATED.read_text(encoding="utf-8"))
 
 
 def real() -> dict[str, Any]:
@@ -60,9 +60,9 @@ def put(place: str, value: object) -> Change:
 
 
 def test_the_twin_is_ready_and_commands_nothing_real() -> None:
-    rig = load(TWIN)
-    assert rig.car == "hardware_free"
-    assert arming_refusal(rig) is None
+    rig = load(SIMULATED)
+    assert rig.car == "simulated"
+    assert arming_obstacle(rig) is None
     assert rig.operator.automatic
 
 
@@ -114,27 +114,30 @@ def test_a_port_that_others_reach_names_its_receiver(pose: dict[str, Any], words
 
 def test_a_receiver_on_the_network_is_named_and_one_on_the_loopback_need_not_be() -> None:
     assert parse(real(), EXAMPLE).pose.source == "192.168.25.44"
-    assert parse(twin(), TWIN).pose.source is None
-    assert parse(twin() | {"pose": twin()["pose"] | {"source": "127.0.0.1"}}, TWIN).pose.source == "127.0.0.1"
+    assert parse(simulated(), SIMULATED).pose.source is None
+    assert (
+        parse(simulated() | {"pose": simulated()["pose"] | {"source": "127.0.0.1"}}, SIMULATED).pose.source
+        == "127.0.0.1"
+    )
 
 
 def test_the_example_with_a_survey_may_shadow_but_not_arm() -> None:
-    refusal = arming_refusal(parse(real(), EXAMPLE))
+    refusal = arming_obstacle(parse(real(), EXAMPLE))
     assert refusal is not None
     assert refusal.startswith("watchdog_test is missing")
     table = real() | {"watchdog_test": WATCHDOG}
-    assert arming_refusal(parse(table, EXAMPLE)) is None
+    assert arming_obstacle(parse(table, EXAMPLE)) is None
     table["watchdog_test"] = WATCHDOG | {"armed": False}
-    assert arming_refusal(parse(table, EXAMPLE)) is None, "armed or not, it was tried"
+    assert arming_obstacle(parse(table, EXAMPLE)) is None, "armed or not, it was tried"
     played = real() | {"watchdog_test": WATCHDOG, "pose": {"kind": "file", "file": "a.ncom"}}
-    assert "recording" in str(arming_refusal(parse(played, EXAMPLE)))
+    assert "recording" in str(arming_obstacle(parse(played, EXAMPLE)))
 
 
 def test_a_rig_survives_its_record() -> None:
-    for table in (twin(), real() | {"watchdog_test": WATCHDOG}):
-        rig = parse(table, TWIN)
+    for table in (simulated(), real() | {"watchdog_test": WATCHDOG}):
+        rig = parse(table, SIMULATED)
         kept = json.loads(json.dumps(rig.model_dump(mode="json", exclude_unset=True)))
-        assert parse_json(kept, TWIN) == rig
+        assert parse_json(kept, SIMULATED) == rig
 
 
 @pytest.mark.parametrize(
@@ -157,6 +160,8 @@ def test_a_rig_survives_its_record() -> None:
         (put("limits.speed_mps", "8"), "limits.speed_mps: "),
         (put("limits.stop_deceleration_mps2", -2.4), "limits.stop_deceleration_mps2: "),
         (put("limits.emergency_deceleration_mps2", 3.0), "limits: emergency deceleration must not be below"),
+        (put("rehearse", []), "key 'rehearse' is now 'faults'"),
+        (put("car", "hardware_free"), "car: expected 'real' or 'simulated', got 'hardware_free'"),
         (put("bus.variant", "dbw1_2024"), "key 'bus.variant' is now 'drive_by_wire.settings.variant'"),
         (
             put("drive_by_wire.settings.variant", "dbw2"),
@@ -201,7 +206,7 @@ def test_a_rig_survives_its_record() -> None:
         (lambda t: t.pop("mounting"), "key 'mounting' is missing"),
     ],
 )
-@pytest.mark.parametrize("table", [twin, real])
+@pytest.mark.parametrize("table", [simulated, real])
 def test_wrong_keys_and_values(table: Callable[[], dict[str, Any]], change: Change, words: str) -> None:
     text = said(table(), change)
     assert words in text
@@ -256,8 +261,8 @@ def test_an_outline_may_go_either_way_round() -> None:
         (put("bus.channel", "vcan0"), "bus: no real car is on socketcan:vcan0"),
         (put("bus.channel", "pty"), "bus: no real car is on socketcan:pty"),
         (put("operator.automatic", True), "operator.automatic: a real car is engaged by a person"),
-        (put("car_start", twin()["car_start"]), "car_start: "),
-        (put("rehearse", [{"kind": "pose_lost", "at_s": 1.0}]), "rehearse: faults are not put on with a real car"),
+        (put("car_start", simulated()["car_start"]), "car_start: "),
+        (put("faults", [{"kind": "pose_lost", "at_s": 1.0}]), "faults: none is injected into a real car"),
     ],
 )
 def test_what_no_real_car_is_driven_with(change: Change, words: str) -> None:
@@ -268,8 +273,8 @@ def test_what_no_real_car_is_driven_with(change: Change, words: str) -> None:
     ("change", "words"),
     [
         (lambda t: t.pop("car_start"), "key 'car_start' is missing"),
-        (put("bus.interface", "udp_multicast"), "bus: a hardware-free car is on"),
-        (put("bus.channel", "/dev/ttyUSB0"), "bus: a hardware-free car is on"),
+        (put("bus.interface", "udp_multicast"), "bus: a simulated vehicle is on"),
+        (put("bus.channel", "/dev/ttyUSB0"), "bus: a simulated vehicle is on"),
         (
             put("bus", {"interface": "socketcan", "channel": "can0"}),
             "car_start.channel: 'can0'",
@@ -277,25 +282,25 @@ def test_what_no_real_car_is_driven_with(change: Change, words: str) -> None:
         (put("car_start.channel", "can1"), "car_start.channel: the car makes its own end"),
         (
             put("pose", HEARD_BY_ALL),
-            "pose.address: the hardware-free car is heard on a loopback address only",
+            "pose.address: the simulated vehicle is heard on a loopback address only",
         ),
-        (put("pose", NMEA_UDP), "pose.kind: the hardware-free car speaks 'ncom_udp'"),
+        (put("pose", NMEA_UDP), "pose.kind: the simulated vehicle speaks 'ncom_udp'"),
         (put("car_start.latitude_deg", 40.0036), "car_start: the car does not stand inside the lot"),
         (put("car_start.latitude_deg", 41.0), "car_start: lies 111 km from the lot"),
         (
             lambda t: t["car_start"].update(latitude_deg=-83.0186, longitude_deg=40.0041),
             "(latitude and longitude are swapped)",
         ),
-        (put("rehearse", [{"kind": "earthquake", "at_s": 1.0}]), "rehearse.0: rehearsal: kind must be one of"),
+        (put("faults", [{"kind": "earthquake", "at_s": 1.0}]), "faults.0: fault: kind must be one of"),
         (
-            put("rehearse", [{"kind": "pose_lost", "at_s": 1.0, "value": 3.0}]),
-            "rehearse.0: rehearsal pose_lost: takes no",
+            put("faults", [{"kind": "pose_lost", "at_s": 1.0, "value": 3.0}]),
+            "faults.0: fault pose_lost: takes no",
         ),
-        (put("rehearse", [{"kind": "pose_lost", "at_s": -1.0}]), "rehearse.0.at_s: "),
+        (put("faults", [{"kind": "pose_lost", "at_s": -1.0}]), "faults.0.at_s: "),
     ],
 )
-def test_what_no_hardware_free_car_is_driven_with(change: Change, words: str) -> None:
-    change_and_see = twin()
+def test_what_no_simulated_vehicle_is_driven_with(change: Change, words: str) -> None:
+    change_and_see = simulated()
     change(change_and_see)
     with pytest.raises(ConfigError) as caught:
         parse(change_and_see, Path("mine.toml"))
@@ -304,12 +309,12 @@ def test_what_no_hardware_free_car_is_driven_with(change: Change, words: str) ->
 
 
 @pytest.mark.parametrize("car_end", [None, "vcan1"])
-def test_a_hardware_free_car_may_be_on_vcan_or_on_a_card_of_its_own(car_end: str | None) -> None:
-    table = twin()
+def test_a_simulated_vehicle_may_be_on_vcan_or_on_a_card_of_its_own(car_end: str | None) -> None:
+    table = simulated()
     table["bus"].update(interface="socketcan", channel="vcan0" if car_end is None else "can0")
     if car_end:
         table["car_start"]["channel"] = car_end
-    assert parse(table, TWIN).bus.interface == "socketcan"
+    assert parse(table, SIMULATED).bus.interface == "socketcan"
 
 
 CAN1 = {"interface": "socketcan", "channel": "can1"}

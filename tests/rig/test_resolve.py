@@ -13,7 +13,7 @@ import pytest
 from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.rig import test_edit as edited
-from tests.rig.test_load import DAY, TWIN, real, twin
+from tests.rig.test_load import DAY, SIMULATED, real, simulated
 from vve_sumo.config_file import UNITS
 from vve_sumo.drive.resolved_scenario import resolve_scenario
 from vve_sumo.errors import ConfigError
@@ -169,23 +169,23 @@ def test_surveyed_pairs_give_the_alignment_and_mirrored_ones_are_refused() -> No
 
 def test_the_shipped_lot_holds_the_whole_of_the_papers_drive() -> None:
     file = REPOSITORY / "scenarios" / "parked_car.toml"
-    setting = resolve_scenario("parked_car", load_scenario(file), file, REPOSITORY)
-    shipped = load(TWIN)
+    resolved = resolve_scenario("parked_car", load_scenario(file), file, REPOSITORY)
+    shipped = load(SIMULATED)
     start = shipped.car_start
     assert start is not None
     frame = resolve.frame_of(shipped)
     latitude, longitude = math.radians(start.latitude_deg), math.radians(start.longitude_deg)
     x, y = frame.to_map(latitude, longitude)
     heading = math.radians(90.0 - start.heading_deg) + frame.convergence(latitude, longitude)
-    begin = setting.path.at(0.0)
+    begin = resolved.path.at(0.0)
 
     def at(x: float, y: float, heading: float) -> Pose:
         return Pose(0.0, Point.REAR_AXLE, x, y, heading, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     alignment = Alignment.from_matched_start(at(x, y, heading), at(begin.x, begin.y, begin.heading))
-    fence = resolve.fence_of(shipped, alignment)
-    assert fence.along(setting.path, shipped.limits.speed_mps) is None
-    assert fence.along(setting.path, 40.0) is not None
+    geofence = resolve.geofence_of(shipped, alignment)
+    assert geofence.along(resolved.path, shipped.limits.speed_mps) is None
+    assert geofence.along(resolved.path, 40.0) is not None
     lot = load_scenario(file).ego.lot
     assert (start.latitude_deg, start.longitude_deg, start.heading_deg) == (
         lot.latitude_deg,
@@ -196,10 +196,10 @@ def test_the_shipped_lot_holds_the_whole_of_the_papers_drive() -> None:
 
 def test_the_fence_counts_with_the_slope_and_the_tested_watchdog() -> None:
     def first_refused(**tables: dict[str, Any]) -> float:
-        fence = resolve.fence_of(rig(**tables), Alignment())
-        (low_x, low_y), (high_x, high_y) = fence.lot.outline.min(axis=0), fence.lot.outline.max(axis=0)
+        geofence = resolve.geofence_of(rig(**tables), Alignment())
+        (low_x, low_y), (high_x, high_y) = geofence.lot.outline.min(axis=0), geofence.lot.outline.max(axis=0)
         x, y = 0.5 * (low_x + high_x), 0.5 * (low_y + high_y)
-        while not fence.check(Pose(0.0, Point.REAR_AXLE, x, y, 0.0, 8.0, 0.0, 0.0, 0.0, 0.0), 0.0, None):
+        while not geofence.check(Pose(0.0, Point.REAR_AXLE, x, y, 0.0, 8.0, 0.0, 0.0, 0.0, 0.0), 0.0, None):
             x += 0.1
         return float(high_x - x)
 
@@ -211,8 +211,8 @@ def test_the_fence_counts_with_the_slope_and_the_tested_watchdog() -> None:
     assert steep > strong + 3.0
 
 
-def test_rehearsed_faults_become_what_the_car_knows() -> None:
-    faults = resolve.rehearsed_of(
-        parse(twin() | {"rehearse": [{"kind": "pose_jump", "at_s": 8.0, "for_s": 2.0, "value": 5.0}]}, TWIN)
+def test_faults_become_what_the_car_knows() -> None:
+    faults = resolve.faults_of(
+        parse(simulated() | {"faults": [{"kind": "pose_jump", "at_s": 8.0, "for_s": 2.0, "value": 5.0}]}, SIMULATED)
     )
     assert [(fault.kind, fault.at, fault.duration, fault.value) for fault in faults] == [("pose_jump", 8.0, 2.0, 5.0)]

@@ -57,7 +57,7 @@ def ticks(seconds: float) -> list[float]:
 
 def test_constant_deceleration_is_exact_at_every_tick():
     one = actor(
-        at_m=50.0, speed_mps=15.0, acts=[{"when": {"drive_s": 2.0}, "speed_mps": 0.0, "acceleration_mps2": 4.0}]
+        at_m=50.0, speed_mps=15.0, events=[{"when": {"drive_s": 2.0}, "speed_mps": 0.0, "acceleration_mps2": 4.0}]
     )
     for time, player in zip(ticks(8.0), alone(one, ticks(8.0)), strict=True):
         braking = min(max(time - 2.0, 0.0), 15.0 / 4.0)
@@ -98,7 +98,7 @@ def test_a_sidestep_has_the_least_jerk_form():
 
 
 def test_a_car_that_cuts_in_points_where_it_goes():
-    one = actor(at_m=50.0, offset_m=3.5, speed_mps=12.0, acts=[{"offset_m": 0.0, "over_s": 3.0}])
+    one = actor(at_m=50.0, offset_m=3.5, speed_mps=12.0, events=[{"offset_m": 0.0, "over_s": 3.0}])
     players = alone(one, ticks(5.0))
     for last, now in pairwise(players):
         way = math.hypot(now.x - last.x, now.y - last.y)
@@ -137,8 +137,8 @@ def test_inside_a_bend_that_is_too_tight_for_its_line_it_still_comes_through(tur
 
 @pytest.mark.parametrize("turned", [90.0, -90.0, 30.0, -135.0, 179.0])
 def test_any_other_angle_is_a_straight_line_from_where_it_enters(turned):
-    acts = [{"when": {"drive_s": 2.0}, "offset_m": 1.0}]
-    one = actor(kind="pedestrian", at_m=200.0, offset_m=-6.0, turned_deg=turned, speed_mps=1.4, acts=acts)
+    events = [{"when": {"drive_s": 2.0}, "offset_m": 1.0}]
+    one = actor(kind="pedestrian", at_m=200.0, offset_m=-6.0, turned_deg=turned, speed_mps=1.4, events=events)
     along = math.radians(turned)
     for time, player in zip(ticks(4.0), alone(one, ticks(4.0)), strict=True):
         left = 1.0 if time > 2.0 - 1e-9 else 0.0
@@ -149,7 +149,7 @@ def test_any_other_angle_is_a_straight_line_from_where_it_enters(turned):
 
 def test_a_recorded_speed_is_replayed_exactly_and_its_last_value_holds():
     times, speeds = [100.0, 101.0, 103.5, 104.0], [10.0, 6.0, 8.0, 3.0]
-    one = actor(at_m=20.0, acts=[{"when": {"drive_s": 1.0}, "speeds": "leader"}])
+    one = actor(at_m=20.0, events=[{"when": {"drive_s": 1.0}, "speeds": "leader"}])
     fine = np.linspace(0.0, 6.0, 600001)
     speed = np.interp(fine, np.array(times) - times[0], speeds)
     way = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 1e-5)))
@@ -167,15 +167,15 @@ acts_drawn = st.lists(changes, min_size=1, max_size=4)
 @settings(deadline=None, max_examples=50)
 @given(st.floats(0.0, 40.0), acts_drawn, st.floats(-5.0, 5.0), st.lists(st.integers(1, 40), min_size=5, max_size=60))
 def test_speed_is_never_negative_the_way_is_its_integral_and_steps_do_not_matter(speed, drawn, offset, chunks):
-    """The same acts at the same times: every tick, or now and then as long as no act is skipped over."""
-    acts, begins, begin = [], [], 0
+    """The same events at the same times: every tick, or now and then as long as no event is skipped over."""
+    events, begins, begin = [], [], 0
     for target, rate, build_up, wait in drawn:
         begin += wait
         begins.append(begin)
         when = {"drive_s": begin * TICK}
-        acts.append({"when": when, "speed_mps": target, "acceleration_mps2": rate, "build_up_s": build_up})
-    acts[-1] |= {"offset_m": offset, "over_s": 2.0}
-    one = actor(at_m=0.0, speed_mps=speed, turned_deg=45.0, acts=acts)
+        events.append({"when": when, "speed_mps": target, "acceleration_mps2": rate, "build_up_s": build_up})
+    events[-1] |= {"offset_m": offset, "over_s": 2.0}
+    one = actor(at_m=0.0, speed_mps=speed, turned_deg=45.0, events=events)
     last = begin + 400
     every = dict(enumerate(alone(one, [k * TICK for k in range(last + 1)])))
     speeds = np.array([every[k].speed for k in range(last + 1)])
@@ -196,8 +196,8 @@ def test_at_the_end_of_its_path_it_leaves_for_good():
 
 
 def test_it_can_be_taken_off_and_is_then_gone():
-    acts = [{"when": {"drive_s": 1.0}, "leaves": True}, {"speed_mps": 5.0}]
-    assert len(alone(actor(at_m=20.0, acts=acts), ticks(3.0))) == 50
+    events = [{"when": {"drive_s": 1.0}, "leaves": True}, {"speed_mps": 5.0}]
+    assert len(alone(actor(at_m=20.0, events=events), ticks(3.0))) == 50
 
 
 def test_a_path_of_its_own_is_followed_at_its_own_stations():
@@ -249,7 +249,8 @@ def test_ahead_is_the_clear_distance_to_the_nearest_face_when_it_enters(table, x
 
 
 def test_until_it_enters_it_does_not_exist_and_its_acts_wait():
-    one = actor(at_m=50.0, speed_mps=2.0, enters={"drive_s": 3.0}, acts=[{"when": {"after_s": 1.0}, "speed_mps": 4.0}])
+    events = [{"when": {"after_s": 1.0}, "speed_mps": 4.0}]
+    one = actor(at_m=50.0, speed_mps=2.0, enters={"drive_s": 3.0}, events=events)
     players = alone(one, ticks(5.0))
     assert len(players) == 101
     assert [player.speed for player in players] == [2.0] * 50 + [4.0] * 51
@@ -286,7 +287,7 @@ FIRES = [
 
 @pytest.mark.parametrize(("when", "table", "due"), FIRES)
 def test_a_trigger_fires_at_the_first_tick_at_which_all_that_it_states_holds(when, table, due):
-    played = cast(actor(**table, acts=[{"when": when, "leaves": True}]), path=LONG)
+    played = cast(actor(**table, events=[{"when": when, "leaves": True}]), path=LONG)
     there = [bool(played.step(time, ego(20.0 * time, 20.0))) for time in ticks(20.0)]
     begun = round(table.get("enters", {}).get("drive_s", 0.0) / TICK)
     assert not any(there[:begun])
@@ -308,7 +309,7 @@ ASK_FOR_THE_EGO = [
 @pytest.mark.parametrize("when", ASK_FOR_THE_EGO)
 @pytest.mark.parametrize("spoilt", [None, ego(math.nan), ego(10.0, math.nan), ego(math.inf), ego(10.0, 9.0, math.nan)])
 def test_no_trigger_that_asks_for_the_ego_fires_on_a_pose_that_is_none(when, spoilt):
-    played = cast(actor(**NEAR, speed_mps=1.0, acts=[{"when": when, "leaves": True}]))
+    played = cast(actor(**NEAR, speed_mps=1.0, events=[{"when": when, "leaves": True}]))
     for time in ticks(4.0):
         (player,) = played.step(time, spoilt)
     assert player.x == pytest.approx(204.0)
@@ -316,12 +317,12 @@ def test_no_trigger_that_asks_for_the_ego_fires_on_a_pose_that_is_none(when, spo
 
 
 def test_acts_wait_for_the_one_before_them_and_several_may_begin_at_once():
-    acts = [
+    events = [
         {"when": {"ego_at_m": 40.0}, "speed_mps": 6.0},
         {"when": {"drive_s": 1.0}, "offset_m": 2.0},
         {"when": {"after_s": 0.5}, "speed_mps": 9.0},
     ]
-    played = cast(actor(at_m=100.0, speed_mps=3.0, acts=acts))
+    played = cast(actor(at_m=100.0, speed_mps=3.0, events=events))
     seen = [played.step(time, ego(20.0 * time, 20.0))[0] for time in ticks(4.0)]
     assert [player.speed for player in seen] == [3.0] * 100 + [6.0] * 25 + [9.0] * 76
     assert [player.y for player in seen] == [0.0] * 100 + [2.0] * 101
@@ -330,8 +331,8 @@ def test_acts_wait_for_the_one_before_them_and_several_may_begin_at_once():
 def test_on_a_path_of_its_own_the_ego_is_seen_from_where_it_is():
     """It comes along a side street to x = 100; the gap is measured along the ego's path."""
     north = Path.from_points([100.0, 100.0], [-50.0, 50.0])
-    acts = [{"when": {"ego_within_m": 20.0}, "leaves": True}]
-    played = cast(actor(path="north", at_m=10.0, speed_mps=1.0, acts=acts), lines={"north": north})
+    events = [{"when": {"ego_within_m": 20.0}, "leaves": True}]
+    played = cast(actor(path="north", at_m=10.0, speed_mps=1.0, events=events), lines={"north": north})
     there = [bool(played.step(time, ego(10.0 * time, 10.0))) for time in ticks(9.0)]
     assert there.index(False) * TICK == pytest.approx((100.0 - 0.9 - 20.0) / 10.0, abs=TICK)
 

@@ -50,13 +50,13 @@ def test_so_is_one_with_everything_and_the_documents() -> None:
         (("ego", "speed_mps"), 41.0),
         (("seed",), 1.5),
         (("actors", 0, "kind"), "lorry"),
-        (("actors", 0, "acts", 0, "when", "ttc"), 1.0),
-        (("actors", 0, "acts"), {}),
+        (("actors", 0, "events", 0, "when", "ttc"), 1.0),
+        (("actors", 0, "events"), {}),
         (("parameters", "Gap"), {"sets": ["seed"]}),
         (("parameters", "gap", "sets"), []),
         (("end_trigger", "ttc_s"), None),
         (("controller", "tuning", "gap_m"), [5.0]),
-        (("street",), {}),
+        (("road",), {}),
     ],
 )
 def test_a_wrong_key_or_value_is_not(place: tuple[Any, ...], value: object) -> None:

@@ -67,10 +67,10 @@ def test_every_scenario_but_the_calibration_has_parameters_to_vary() -> None:
 
 def _foreseen() -> dict[str, str | None]:
     from vve_sumo.drive.no_brake_preview import preview_without_braking
-    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.run import resolve_by_name
 
     found = {
-        name: preview_without_braking(choose(name, REPOSITORY)).contact
+        name: preview_without_braking(resolve_by_name(name, REPOSITORY)).contact
         for name in NAMES
         if name not in WITHOUT_CONFLICT
     }
@@ -94,7 +94,7 @@ def _driven(names: list[str]) -> dict[str, dict[str, Any]]:
 
     with tempfile.TemporaryDirectory() as scratch:
         return {
-            name: drives.run(drives.choose(name, REPOSITORY), Path(scratch) / name, REPOSITORY).summary
+            name: drives.run(drives.resolve_by_name(name, REPOSITORY), Path(scratch) / name, REPOSITORY).summary
             for name in names
         }
 

@@ -38,7 +38,7 @@ def test_whole_numbers_are_good_where_a_number_is_asked_for() -> None:
 WRONG = {
     ("ego", "speed_mps"): ["fast", True, 0.0, float("inf"), float("nan"), None],
     ("seed",): [-1, 1.5, "1", 2**31],
-    ("street", "network"): ["", 3],
+    ("road", "network"): ["", 3],
     ("obstacles",): [[{"id": "a"}], [{"id": "a b", "at_m": 1.0}], "none"],
     ("criteria", "stop_gap_m"): [{"min": "4"}, {"least": 4.0}, 5.0],
     ("ego", "lot", "heading_deg"): [360.0, -1.0],
@@ -76,11 +76,11 @@ at_m = 300.0
 id = "lead"
 ahead_m = 30.0
 speed_mps = 8.0
-[[actors.acts]]
+[[actors.events]]
 when = { ego_within_m = 20.0, ttc_s = 3.0 }
 speed_mps = 0.0
 acceleration_mps2 = 6.0
-[[actors.acts]]
+[[actors.events]]
 when = { after_s = 2.0 }
 leaves = true
 [end_trigger]
@@ -101,10 +101,10 @@ def full() -> dict[str, Any]:
 
 
 NEAR_MISSES = [
-    ("actors.0.acts.0.when.ttc", 1.0, "unknown key 'actors.0.acts.0.when.ttc', did you mean 'ttc_s'?"),
-    ("actors.0.acts.0.when.ttc_s", "x", "actors.0.acts.0.when.ttc_s: expected a number, got 'x'"),
-    ("actors.0.acts.0.speed", 1.0, "unknown key 'actors.0.acts.0.speed', did you mean 'speed_mps'?"),
-    ("actors.0.acts.1.when", 3, "actors.0.acts.1.when: expected a table, got 3"),
+    ("actors.0.events.0.when.ttc", 1.0, "unknown key 'actors.0.events.0.when.ttc', did you mean 'ttc_s'?"),
+    ("actors.0.events.0.when.ttc_s", "x", "actors.0.events.0.when.ttc_s: expected a number, got 'x'"),
+    ("actors.0.events.0.speed", 1.0, "unknown key 'actors.0.events.0.speed', did you mean 'speed_mps'?"),
+    ("actors.0.events.1.when", 3, "actors.0.events.1.when: expected a table, got 3"),
     ("actors.0.kind", "lorry", "actors.0.kind: expected 'car', 'van', 'truck', "),
     ("actors.0.at_m", 5.0, "actors.0: actor lead: expected one of at_m and ahead_m"),
     ("actors.0.id", "parked", "id 'parked' stands twice"),
@@ -122,6 +122,8 @@ NEAR_MISSES = [
     ("controller.tuning.a\nb", [1], r"controller.tuning.'a\nb': expected"),
     ("weather.friktion", 0.3, "unknown key 'weather.friktion', did you mean 'friction'?"),
     ("abort", {"contact": True}, "key 'abort' is now 'end_trigger'"),
+    ("street", {"network": "linden"}, "key 'street' is now 'road'"),
+    ("actors.0.acts", [], "key 'actors.0.acts' is now 'events'"),
     ("end_trigger.ttc_ms", 3.0, "unknown key 'end_trigger.ttc_ms', did you mean 'ttc_s'?"),
     ("criteria.min_ttc_s.maxi", 3.0, "unknown key 'criteria.min_ttc_s.maxi', did you mean 'max'?"),
     ("seed", 16**5000, "seed: expected less than or equal to 2147483647, got int beyond all bounds"),
@@ -150,7 +152,7 @@ def test_a_near_miss_deep_inside_is_named_with_what_was_meant(key: str, value: o
         ("ego.speed_mps", True),
         ("seed", True),
         ("actors.0.speed_mps", True),
-        ("actors.lead.acts.1.when.after_s", True),
+        ("actors.lead.events.1.when.after_s", True),
         ("actors.lead.enters.drive_s", True),  # no table of that name in the file
         ("obstacles.parked.at_m", True),
         ("criteria.stop_gap_m.min", True),
@@ -162,8 +164,8 @@ def test_a_near_miss_deep_inside_is_named_with_what_was_meant(key: str, value: o
         ("actors.lead", False),
         ("actors.1.speed_mps", False),
         ("actors.follower.speed_mps", False),
-        ("actors.lead.acts", False),
-        ("actors.lead.acts.2.speed_mps", False),
+        ("actors.lead.events", False),
+        ("actors.lead.events.2.speed_mps", False),
         ("street.demand.9", False),
         ("parameters.gap.min", False),
         ("9" * 5000, False),

@@ -41,7 +41,7 @@ def test_r152_pedestrians(printed):
     other = printed["UN_R152_other"]
     assert other["min_brake_demand_mps2"] == requirements.R152_BRAKING_DEMAND
     assert other["test_speeds_stationary_kmh"] == list(requirements.R152_TEST_SPEEDS)
-    assert other["functional_part_starts_at_TTC_s_min"] == requirements.R152_LEAST_TTC
+    assert other["functional_part_starts_at_TTC_s_min"] == requirements.R152_MIN_TTC
     assert {row[1] for row in other["test_speeds_moving"]} == {requirements.R152_MOVING_TARGET_SPEED}
 
 

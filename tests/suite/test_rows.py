@@ -71,7 +71,7 @@ def test_r152_begins_four_seconds_before_contact():
     for row in [*named("r152"), *named("r152_01"), *named("r152_02")]:
         scenario, actor = scene(row)
         lead = actor.speed_mps if actor.kind == "car" else 0.0
-        assert actor.ahead_m / (scenario.ego.speed_mps - lead) >= requirements.R152_LEAST_TTC
+        assert actor.ahead_m / (scenario.ego.speed_mps - lead) >= requirements.R152_MIN_TTC
         assert row.approach.above == 0.0
         assert row.approach.speed - row.approach.below < scenario.ego.speed_mps < row.approach.speed
         assert scenario.ego.car.mass_factor == LOADS.get(row.id.rsplit("_", 1)[1], 1.0)
@@ -116,19 +116,19 @@ def test_a_pedestrian_of_fmvss_127_would_be_hit_at_the_overlap():
         scenario, actor = scene(row)
         arrives = actor.ahead_m / scenario.ego.speed_mps
         assert arrives == pytest.approx(requirements.FMVSS_127_WALK_START)
-        (act,) = actor.acts
-        assert act.when.after_s > 0.0
+        (event,) = actor.events
+        assert event.when.after_s > 0.0
         way, speed, step = 0.0, 0.0, 1e-4
-        for _ in range(round((arrives - act.when.after_s) / step)):
+        for _ in range(round((arrives - event.when.after_s) / step)):
             way += speed * step
-            speed = min(speed + act.acceleration_mps2 * step, act.speed_mps)
+            speed = min(speed + event.acceleration_mps2 * step, event.speed_mps)
         from_right = actor.offset_m < 0.0
         aside = actor.offset_m + math.copysign(way, -actor.offset_m)
         covered = 0.5 * CAR.width + aside if from_right else 0.5 * CAR.width - aside
         overlap = 25.0 if "_25_" in row.id else 50.0
         assert 100.0 * covered / CAR.width == pytest.approx(overlap, abs=0.1)
         assert actor.turned_deg == (90.0 if from_right else -90.0)
-        assert act.speed_mps == pytest.approx((5.0 if from_right else 8.0) * KMH)
+        assert event.speed_mps == pytest.approx((5.0 if from_right else 8.0) * KMH)
 
 
 def test_a_pedestrian_on_the_way_begins_four_seconds_of_relative_speed_ahead():
@@ -144,7 +144,7 @@ def test_a_hidden_child_is_first_seen_where_the_parked_cars_let_it():
     for row in named("fmvss127_pedestrian", "obstructed"):
         scenario, child = scene(row)
         nearer, farther = scenario.actors[1:]
-        speed, pace = scenario.ego.speed_mps, child.acts[0].speed_mps
+        speed, pace = scenario.ego.speed_mps, child.events[0].speed_mps
         edge = nearer.offset_m + 0.5 * nearer.width_m
         assert edge == farther.offset_m + 0.5 * farther.width_m == pytest.approx(-0.5 * CAR.width - 1.0)
         assert child.ahead_m - nearer.ahead_m - nearer.length_m == pytest.approx(1.0)
@@ -165,12 +165,12 @@ def test_fmvss_127_begins_five_seconds_of_relative_speed_ahead():
     for row in named("fmvss127", "decelerating"):
         scenario, actor = scene(row)
         kmh, headway, share = (part.rstrip("mg") for part in row.id.split("_")[1:])
-        (act,) = actor.acts
+        (event,) = actor.events
         assert scenario.ego.speed_mps == actor.speed_mps == pytest.approx(float(kmh) * KMH)
         assert actor.ahead_m == float(headway)
-        assert act.acceleration_mps2 == pytest.approx(float(share) * 9.80665)
-        assert 0.0 < act.build_up_s <= requirements.FMVSS_127_LEAD_RAMP
-        assert act.speed_mps == 0.0
+        assert event.acceleration_mps2 == pytest.approx(float(share) * 9.80665)
+        assert 0.0 < event.build_up_s <= requirements.FMVSS_127_LEAD_RAMP
+        assert event.speed_mps == 0.0
 
 
 def test_the_two_cars_leave_a_gap_of_four_and_a_half_metres():
@@ -185,10 +185,10 @@ def test_a_cut_in_comes_over_the_edge_of_the_lane_just_before_the_rule_ends():
     """Corner by corner, the heading from differences of places."""
     for row in named("r157", "cut_in"):
         scenario, actor = scene(row)
-        (act,) = actor.acts
+        (event,) = actor.events
         ego, other, half = scenario.ego.speed_mps, actor.speed_mps, (0.5 * actor.length_m, 0.5 * actor.width_m)
 
-        def aside(time, start=act.when.after_s, over=act.over_s):
+        def aside(time, start=event.when.after_s, over=event.over_s):
             share = min(max((time - start) / over, 0.0), 1.0)
             return 4.0 * (1.0 - share**3 * (10.0 - 15.0 * share + 6.0 * share * share))
 

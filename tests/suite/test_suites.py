@@ -19,7 +19,7 @@ from vve_sumo.cli import main
 from vve_sumo.cli.suite import drive
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import read_table
+from vve_sumo.record.reader import read_table
 from vve_sumo.suite import catalogue, table
 from vve_sumo.suite.physics import DETECTION, TICK, Need
 from vve_sumo.suite.query import SuiteQuery, driven_by
@@ -86,9 +86,10 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     row = next(row for row in suite_rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
     outcome = driven("hidden", [row], tmp_path / "records", workers=1)[row.id]
     assert outcome.verdict is Verdict.PASSED
-    told = read_table(outcome.record, "detections").filter(pc.field("actor") == "target")["tick"][0].as_py()
+    told = read_table(outcome.record, "sensor_radar").filter(pc.field("actor") == "target")["tick"][0].as_py()
     ticks = read_table(outcome.record, "ticks")
-    seen = round(ticks.filter(pc.field("tick") == told)["scan_time_s"][0].as_py() / PERIOD)
+    scan = read_table(outcome.record, "readings").filter(pc.field("tick") == told)
+    seen = round(scan["measured_s"][0].as_py() / PERIOD)
     (ego,) = ticks.filter(pc.field("tick") == seen).to_pylist()
     here = (pc.field("tick") == seen) & (pc.field("actor") == "target")
     (child,) = read_table(outcome.record, "actors").filter(here).to_pylist()

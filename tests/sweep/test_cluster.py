@@ -179,8 +179,8 @@ def test_other_versions_and_other_files_are_refused(machines: Machines, tmp_path
         with pytest.raises(ConfigError, match=r"^worker tcp://\S+: the file of \w+ differs from the one here"):
             client.submit(remote.drive, line, site).result()
         elsewhere = seeded("one", 1)
-        elsewhere = dataclasses.replace(elsewhere, table=elsewhere.table | {"street": {"network": "/none.net.xml"}})
-        with pytest.raises(ConfigError, match=r"^worker tcp://\S+: .*street.network: .*must see the files"):
+        elsewhere = dataclasses.replace(elsewhere, table=elsewhere.table | {"road": {"network": "/none.net.xml"}})
+        with pytest.raises(ConfigError, match=r"^worker tcp://\S+: .*road.network: .*must see the files"):
             client.submit(remote.drive, elsewhere.to_json(), site).result()
     machines.join(search=other)
     machines.wait_for(2)

@@ -8,7 +8,7 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import hash_file
+from vve_sumo.record.hashes import hash_file
 from vve_sumo.sweep.plan import query_of
 
 FUSION, MKZ = (hash_file(REPOSITORY / "vehicles" / f"{name}.toml") for name in ("ford_fusion", "lincoln_mkz"))

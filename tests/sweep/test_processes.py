@@ -34,7 +34,7 @@ def table(illness: str = "none", note: Path = Path(os.devnull), **changes: Any) 
     return {
         "title": "straight on",
         "duration_s": 1.0,
-        "street": {"network": "proving_ground"},
+        "road": {"network": "proving_ground"},
         "ego": {
             "path": "proving_ground",
             "speed_mps": 8.0,
@@ -74,8 +74,8 @@ def in_process(one: Job, folder: Path) -> dict[str, Any]:
     from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.scenario.load import parse
 
-    setting = resolve_scenario(one.name, parse(one.table, one.file), one.file, one.working)
-    return drives.run(setting, folder, one.working).summary
+    resolved = resolve_scenario(one.name, parse(one.table, one.file), one.file, one.working)
+    return drives.run(resolved, folder, one.working).summary
 
 
 def eventually(condition: Callable[[], Any]) -> Any:

@@ -129,7 +129,7 @@ def test_a_latin_hypercube_puts_one_point_into_each_slice() -> None:
 
 TABLE: dict[str, Any] = {
     "ego": {"speed_mps": 5.0},
-    "actors": [{"id": "lead", "at_m": 9.0, "acts": [{"speed_mps": 0.0}]}, {"id": "other", "at_m": 1.0}],
+    "actors": [{"id": "lead", "at_m": 9.0, "events": [{"speed_mps": 0.0}]}, {"id": "other", "at_m": 1.0}],
     "parameters": {"both": {"sets": ["actors.lead.at_m", "actors.other.at_m"]}},
 }
 
@@ -137,12 +137,12 @@ TABLE: dict[str, Any] = {
 def test_values_land_where_their_keys_say() -> None:
     before = copy.deepcopy(TABLE)
     changed = apply_overrides(
-        TABLE, {"ego.car.gnss_delay_s": 0.2, "both": 7.0, "actors.lead.acts.0.speed_mps": 3.0, "controller.name": "x"}
+        TABLE, {"ego.car.gnss_delay_s": 0.2, "both": 7.0, "actors.lead.events.0.speed_mps": 3.0, "controller.name": "x"}
     )
     assert before == TABLE
     assert changed["ego"] == {"speed_mps": 5.0, "car": {"gnss_delay_s": 0.2}}
     assert [actor["at_m"] for actor in changed["actors"]] == [7.0, 7.0]
-    assert changed["actors"][0]["acts"] == [{"speed_mps": 3.0}]
+    assert changed["actors"][0]["events"] == [{"speed_mps": 3.0}]
     assert changed["controller"] == {"name": "x"}
 
 
@@ -183,7 +183,7 @@ def _leaves(table: Any, before: str = "") -> dict[str, Any]:
     [
         ("actors.leed.at_m", "no 'leed' in actors, did you mean 'lead'"),
         ("actors.2.at_m", "no '2' in actors, there are lead, other"),
-        ("actors.lead.acts.1.speed_mps", "no '1' in actors.lead.acts, there are 1"),
+        ("actors.lead.events.1.speed_mps", "no '1' in actors.lead.events, there are 1"),
         ("ego.speed_mps.more", "'speed_mps' is a value"),
     ],
 )

@@ -57,4 +57,4 @@ def test_runs_are_grouped_and_faults_stand_beside() -> None:
     assert (first.runs, first.judged, first.passed, first.means["gap"].mean) == (3, 2, 2, 5.5)
     assert (second.runs, second.judged, second.passed, second.means["gap"].count) == (1, 1, 0, 0)
     assert (came.all.runs, came.all.judged, came.all.passed) == (4, 3, 2)
-    assert list(came.told()) == ["1 x timed_out"]
+    assert list(came.lines()) == ["1 x timed_out"]

@@ -53,7 +53,7 @@ def make(vehicle, tuning):
 SCENARIO = """
 title = "A second straight on"
 duration_s = 1.0
-street.network = "proving_ground"
+road.network = "proving_ground"
 ego.path = "proving_ground"
 ego.speed_mps = 5.0
 ego.lot = { latitude_deg = 40.0, longitude_deg = -83.0, heading_deg = 85.0 }

@@ -1,4 +1,4 @@
-"""The whole chain without a street: hardware-free car with its faults, pose chain, path follower, gateway.
+"""The whole pipeline without a street: simulated vehicle with its faults, pose pipeline, path follower, gateway.
 
 As fast as it goes, and nothing in it is simpler than in a drive but the street, which is empty.
 """
@@ -18,16 +18,17 @@ from tests import vehicles
 from vve_sumo.controller import Controller, Guarded
 from vve_sumo.drive.lockstep import ScriptedOperator
 from vve_sumo.drive.pipeline import Pipeline
-from vve_sumo.drive.resolved_scenario import EPOCH, PERIOD
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD
 from vve_sumo.frames import Alignment, Placement, local_frame
 from vve_sumo.path import Path
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
-from vve_sumo.plant.injected_faults import STARTED, InjectedFault
+from vve_sumo.plant.injected_faults import START_SPEED, InjectedFault
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
-from vve_sumo.sensors.radar import Radar, RadarConfig
+from vve_sumo.sensors.guarded import GuardedSensor
+from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.values import Actors, ArmingState, ControlCommand, Frame, GatewayStatus, Observation, Pose
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
@@ -69,7 +70,7 @@ class ClosedLoop:
         seed: int = 1,
         controller: Controller | None = None,
         deviation_limit: float = math.inf,
-        chain: type[Pipeline] = Pipeline,
+        pipeline: type[Pipeline] = Pipeline,
     ) -> None:
         parameters = parameters or vehicles.parameters()
         vehicle, begin = parameters.vehicle, path.at(0.0)
@@ -77,16 +78,16 @@ class ClosedLoop:
         start = begin.x, begin.y, begin.heading
         faults = tuple(faults)
         self.car: Car | FaultInjectedCar = (
-            FaultInjectedCar(parameters, start, LOT, EPOCH, seeds[0], faults, seeds[2])
+            FaultInjectedCar(parameters, start, LOT, DEFAULT_EPOCH, seeds[0], faults, seeds[2])
             if faults
-            else Car(parameters, start, LOT, EPOCH, seeds[0])
+            else Car(parameters, start, LOT, DEFAULT_EPOCH, seeds[0])
         )
-        self.chain = chain(
+        self.pipeline = pipeline(
             decoder=Decoder(),
-            gate=TrustGate(DRIVE, EPOCH),
-            placement=Placement(LOT, Alignment(), parameters.receiver.mounting, EPOCH),
+            gate=TrustGate(DRIVE, DEFAULT_EPOCH),
+            placement=Placement(LOT, Alignment(), parameters.receiver.mounting, DEFAULT_EPOCH),
             predictor=Predictor(),
-            sensors={"radar": Radar(RadarConfig(), vehicle, np.random.default_rng(seeds[1]))},
+            sensors={"radar": GuardedSensor("radar", RadarSettings(), vehicle, np.random.default_rng(seeds[1]))},
             controller=Guarded(controller or follow_and_stop.make(vehicle, {})),
             vehicle=vehicle,
             path=path,
@@ -102,22 +103,22 @@ class ClosedLoop:
         heard = CarOutput([], [])
         for tick in count():
             now = tick * PERIOD
-            ticked, frames = self._tick(tick, now, heard, self._operator.act())
-            self._operator.saw(ticked.verdict)
+            ticked, frames = self._tick(tick, now, heard, self._operator.next_command())
+            self._operator.observe(ticked.verdict)
             heard = self.car.step((tick + 1) * PERIOD, frames)
             yield ticked
 
     def _tick(
         self, tick: int, now: float, heard: CarOutput, act: OperatorCommand | None
     ) -> tuple[Ticked, tuple[Frame, ...]]:
-        chain, gateway = self.chain, self.gateway
+        pipeline, gateway = self.pipeline, self.gateway
         for time, data in heard.ncom:
-            chain.receive(time, data)
+            pipeline.receive(time, data)
         steering = gateway.measured_steering
-        chain.see(now, NOBODY)
-        decided = chain.decide(tick, now, steering)
+        pipeline.see(now, NOBODY)
+        decided = pipeline.decide(tick, now, steering)
         output = gateway.step(now, decided.setpoint, [frame for _time, frame in heard.reports], act)
-        chain.prepare(now + PERIOD, steering)
+        pipeline.prepare(now + PERIOD, steering)
         truth = self.car.truth()
         beside = self._path.project(truth.x, truth.y, self._station)
         self._station = beside.s
@@ -161,7 +162,7 @@ def came_of(loop: ClosedLoop, at: float, seconds: float) -> Came:
     way = farthest = let_go = speed = 0.0
     for ticked in loop.ticks():
         now, state = ticked.now, ticked.verdict.state
-        if begun == math.inf and abs(ticked.truth.speed) > STARTED:
+        if begun == math.inf and abs(ticked.truth.speed) > START_SPEED:
             begun = now + at
         if now < begun - PERIOD / 2:
             assert state is not ArmingState.STOPPING, f"stopped before its fault: {ticked.verdict.reasons}"

@@ -56,7 +56,7 @@ def test_figures():
     assert (brake_monitor.BRAKE_SHARE, brake_monitor.ACCELERATION_MARGIN) == (0.75, 0.25)
     assert (brake_monitor.PUSH_SHARE, brake_monitor.PUSH_MARGIN) == (1.5, 0.3)
     assert (brake_monitor.SPEED_EXCESS, brake_monitor.SATELLITE_EXCESS) == (0.25, 0.1)
-    assert (brake_monitor.ROLLING, brake_monitor.ACCELERATION_LAG) == (0.5, 0.1)
+    assert (brake_monitor.MIN_SPEED, brake_monitor.ACCELERATION_LAG) == (0.5, 0.1)
 
 
 @pytest.mark.parametrize(

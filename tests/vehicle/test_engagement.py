@@ -27,15 +27,15 @@ def reports(enabled: bool = True, gear: Gear = Gear.DRIVE) -> CarReports:
     return said
 
 
-def begun(rehearsal: bool = False) -> Engagement:
-    subject = Engagement(LAG, rehearsal)
+def begun(shadow: bool = False) -> Engagement:
+    subject = Engagement(LAG, shadow)
     subject.begin(BEGUN)
     return subject
 
 
-@pytest.mark.parametrize("rehearsal", [False, True])
-def test_nothing_is_handed_over_before_it_begins(rehearsal):
-    subject = Engagement(LAG, rehearsal)
+@pytest.mark.parametrize("shadow", [False, True])
+def test_nothing_is_handed_over_before_it_begins(shadow):
+    subject = Engagement(LAG, shadow)
     assert (subject.enabled, subject.in_drive, subject.going) == (False, False, False)
     assert not subject.settled(100.0)
     assert subject.dropped_out(reports(enabled=False)) == []
@@ -128,8 +128,8 @@ def test_the_car_goes_only_when_kit_and_gear_are_there(confirmed, gear):
     assert not subject.may_go([])
 
 
-def test_a_rehearsal_awaits_nothing():
-    subject = begun(rehearsal=True)
+def test_shadow_mode_awaits_nothing():
+    subject = begun(shadow=True)
     assert subject.enabled
     assert subject.may_go([])
     idle = reports(enabled=False, gear=Gear.PARK)

@@ -9,7 +9,7 @@ import pytest
 
 from tests.vehicle.car import FUSION
 from vve_sumo.errors import ConfigError
-from vve_sumo.vehicle.limits import COMFORT, EMERGENCY, Envelope, Limiter, Limits, approach
+from vve_sumo.vehicle.limits import COMFORT, EMERGENCY, Envelope, Limiter, Limits, move_towards
 
 STEERING_LIMIT = 0.5
 LONG = 10.0  # every rate is done in it [s]
@@ -144,4 +144,4 @@ def test_an_emergency_brakes_no_less_than_anything_else():
     ],
 )
 def test_zero_is_where_one_pedal_is_let_go_and_the_other_is_pressed(value, target, period, reached):
-    assert approach(value, target, 5.0, 10.0, period) == pytest.approx(reached)
+    assert move_towards(value, target, 5.0, 10.0, period) == pytest.approx(reached)

@@ -1,4 +1,4 @@
-"""The way to rest: odometry and curvature against closed forms, and a blind stop in a bend with the whole car."""
+"""The fallback path: odometry and curvature against closed forms, and a blind stop in a bend with the whole car."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def test_an_event_is_called_in_documents_what_it_is_called_in_the_source():
 def test_the_harder_stop_is_for_a_car_that_does_not_obey_or_is_not_watched():
     brakes = {f"brake_{what}" for what in ("disabled", "fault", "timeout", "not_following")}
     steering = {f"steering_{what}" for what in ("disabled", "fault", "timeout", "not_following", "report_stale")}
-    kit = {"kit_braking", "kit_watchdog", "another_writer", "bus_down"}
+    kit = {"dbw_braking", "dbw_watchdog", "another_writer", "bus_down"}
     car = {"gear_lost", "drive_not_following", "wheel_speeds_stale", "timer_gap"}
     assert brakes | steering | kit | car == CRITICAL
 

@@ -111,7 +111,7 @@ def test_a_go_of_the_drive_before_does_not_count_for_the_next():
         ("gear_not_park_or_drive", {"gear": Gear.REVERSE}, {}),
         ("gear_not_park_or_drive", {"gear": Gear.NEUTRAL}, {}),
         ("driver_not_on_brake", {"gear": Gear.DRIVE}, {}),
-        ("kit_already_enabled", {"enabled": True}, {}),
+        ("dbw_already_enabled", {"enabled": True}, {}),
         ("profile_invalid", {}, {"profile": FallbackPath(0.0, (0.0,))}),
         ("bus_down", {}, {"found": ("bus_down",)}),
         ("a_code_that_nobody_knows", {}, {"found": ("a_code_that_nobody_knows",)}),
@@ -270,10 +270,10 @@ FAULTS = [
         ("brake", ENABLED_BRAKE), ("throttle", ENABLED_THROTTLE), ("steering", ENABLED_STEERING),
     ) for reason, changes in (
         (f"{name}_timeout", {"timeout": True, "enabled": False}), (f"{name}_disabled", {"enabled": False}),
-        ("kit_watchdog", {"fault_watchdog": True}),
+        ("dbw_watchdog", {"fault_watchdog": True}),
     )],
     *[(reason, {"forged": report}, {}) for reason, report in (
-        ("kit_braking", ENABLED_BRAKE._replace(watchdog_braking=True)),
+        ("dbw_braking", ENABLED_BRAKE._replace(watchdog_braking=True)),
         ("report_invalid", ENABLED_STEERING._replace(wheel_angle=math.nan)),
         ("report_invalid", codec.YawRate(0.0, math.nan)),
         ("gear_fault", codec.GearReport(Gear.DRIVE, fault_bus=True)),

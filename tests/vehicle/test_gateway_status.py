@@ -19,7 +19,7 @@ def test_before_the_first_report_nothing_is_known():
     gateway = Gateway(FUSION, CALIBRATION, period=PERIOD)
     assert math.isnan(gateway.wheel_speed)
     assert math.isnan(gateway.measured_steering)
-    assert (gateway.gear, gateway.sequence, gateway.kit_heard) == ("none", -1, -math.inf)
+    assert (gateway.gear, gateway.sequence, gateway.last_dbw_report) == ("none", -1, -math.inf)
     assert gateway.done is False
 
 
@@ -40,10 +40,10 @@ def test_the_kit_was_last_heard_when_its_last_report_came():
     rig = Rig()
     rig.cruise(5.0)
     heard = rig.now
-    assert rig.gateway.kit_heard == pytest.approx(heard)
+    assert rig.gateway.last_dbw_report == pytest.approx(heard)
     rig.car.silent |= {frame.id for frame in rig.car.reports()}
     rig.run(0.5)
-    assert rig.gateway.kit_heard == pytest.approx(heard)
+    assert rig.gateway.last_dbw_report == pytest.approx(heard)
 
 
 def test_in_shadow_every_status_says_so_and_no_other_does():

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests import vehicles
 from vve_sumo.vehicle import identification
 from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY
-from vve_sumo.vehicle.identification import Answer, Log, Series
+from vve_sumo.vehicle.identification import FirstOrderResponse, Log, Series
 
 FUSION, DECLARED = vehicles.FUSION.vehicle, vehicles.FUSION.calibration
 
@@ -218,7 +218,7 @@ def test_the_answer_is_that_of_small_steps(delay, lag, targets, spacing):
     """Also its integral; against Euler steps of half a millisecond."""
     step = 0.0005
     starts = spacing * np.arange(len(targets))
-    answer = Answer(Series(starts, np.array(targets)), delay, lag)
+    answer = FirstOrderResponse(Series(starts, np.array(targets)), delay, lag)
     time = np.arange(0.0, starts[-1] + delay + 1.0, step)
     value, integral, values, integrals = targets[0], 0.0, [], []
     for now in time.tolist():
@@ -236,6 +236,6 @@ def test_the_answer_is_that_of_small_steps(delay, lag, targets, spacing):
 
 def test_commands_are_passed_on_no_faster_than_the_kit_turns():
     commands = Series(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 2.0, -2.0, -2.0]))
-    passed = identification.slewed(commands, 4.0)
+    passed = identification.rate_limited(commands, 4.0)
     assert np.abs(np.diff(passed.value)).max() <= 4.0 * identification.SLEW_STEP + 1e-12
     assert passed.at(np.array([0.9, 1.25, 1.6, 2.5, 2.99])) == pytest.approx([0.0, 1.0, 2.0, 0.0, -1.96], abs=0.03)

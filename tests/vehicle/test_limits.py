@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.vehicle.car import FUSION, PERIOD
 from vve_sumo.errors import ConfigError
-from vve_sumo.vehicle.limits import COMFORT, Limiter, Limits, approach
+from vve_sumo.vehicle.limits import COMFORT, Limiter, Limits, move_towards
 
 STEERING_LIMIT = 0.55
 WISHES = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -2.4, -9.0, 2.0, 0.3])
@@ -163,7 +163,7 @@ def test_approach_is_the_limit_of_many_small_steps(value, target, away, towards,
         rate = towards if fine * target < 0 or abs(target) < abs(fine) else away
         aim = 0.0 if fine * target < 0 else target
         fine += min(max(aim - fine, -rate * period / steps), rate * period / steps)
-    assert approach(value, target, away, towards, period) == pytest.approx(fine, abs=2 * 50 * 2.0 / steps)
+    assert move_towards(value, target, away, towards, period) == pytest.approx(fine, abs=2 * 50 * 2.0 / steps)
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])

@@ -44,7 +44,7 @@ FEEDBACKS = st.builds(
     SHORT,
     st.integers(0, 2**63 - 1),
 )
-DECODERS = (link.decode_setpoint, link.decode_act, link.decode_feedback)
+DECODERS = (link.decode_setpoint, link.decode_operator_command, link.decode_feedback)
 
 
 def bits(value):
@@ -81,7 +81,7 @@ def test_a_feedback_comes_back_bit_for_bit(feedback):
 
 @pytest.mark.parametrize("act", OperatorCommand)
 def test_an_act_comes_back(act):
-    assert link.decode_act(link.encode_act(act)) is act
+    assert link.decode_operator_command(link.encode_operator_command(act)) is act
 
 
 def test_the_layout_on_the_wire():
@@ -94,7 +94,7 @@ def test_the_layout_on_the_wire():
     )  # fmt: skip
     assert link.encode_setpoint(setpoint) == sealed(message)
     assert link.decode_setpoint(sealed(message)) == setpoint
-    assert link.encode_act(OperatorCommand.GO) == sealed(b"VV\x02\x02\x02go")
+    assert link.encode_operator_command(OperatorCommand.GO) == sealed(b"VV\x02\x02\x02go")
 
 
 @given(st.binary(max_size=300))
@@ -133,14 +133,14 @@ def test_a_flipped_bit_is_found(setpoint, draws):
 
 
 def test_what_is_wrong_is_said():
-    right = link.encode_act(OperatorCommand.STOP)
-    assert link.decode_act(right[:7]) == link.Malformed("too_short")
-    assert link.decode_act(right[:-1]) == link.Malformed("wrong_crc")
-    assert link.decode_act(sealed(b"VX\x01\x02\x04stop")) == link.Malformed("wrong_magic")
-    assert link.decode_act(sealed(b"VV\x01\x02\x04stop")) == link.Malformed("wrong_version")
-    assert link.decode_act(sealed(b"VV\x02\x01\x04stop")) == link.Malformed("wrong_kind")
-    assert link.decode_act(sealed(b"VV\x02\x02\x04fly!")) == link.Malformed("wrong_content")
-    assert link.decode_act(sealed(b"VV\x02\x02\x04stop!")) == link.Malformed("wrong_content")
+    right = link.encode_operator_command(OperatorCommand.STOP)
+    assert link.decode_operator_command(right[:7]) == link.Malformed("too_short")
+    assert link.decode_operator_command(right[:-1]) == link.Malformed("wrong_crc")
+    assert link.decode_operator_command(sealed(b"VX\x01\x02\x04stop")) == link.Malformed("wrong_magic")
+    assert link.decode_operator_command(sealed(b"VV\x01\x02\x04stop")) == link.Malformed("wrong_version")
+    assert link.decode_operator_command(sealed(b"VV\x02\x01\x04stop")) == link.Malformed("wrong_kind")
+    assert link.decode_operator_command(sealed(b"VV\x02\x02\x04fly!")) == link.Malformed("wrong_content")
+    assert link.decode_operator_command(sealed(b"VV\x02\x02\x04stop!")) == link.Malformed("wrong_content")
 
 
 def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so():

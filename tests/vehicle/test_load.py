@@ -22,7 +22,7 @@ from vve_sumo.frames import Mounting
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.load import load, parse
-from vve_sumo.vehicle.model import SimulatedNumbers, VehicleModel
+from vve_sumo.vehicle.model import SimulatedParameters, VehicleModel
 from vve_sumo.vehicle.schema import ASSUMED
 
 SHIPPED = sorted((REPOSITORY / "vehicles").glob("*.toml"))
@@ -54,7 +54,7 @@ def test_the_fusion_is_to_the_last_bit_what_was_identified_and_published() -> No
     assert FUSION.calibration == Calibration(
         1690.0, 550.0, 3250.0, 6500.0, 120_000.0, 0.25, 600.0, 2.0, 0.012, 0.62, 0.02
     )
-    assert FUSION.simulated == SimulatedNumbers(2095.0, 1.5824, 0.55, 0.05)
+    assert FUSION.simulated == SimulatedParameters(2095.0, 1.5824, 0.55, 0.05)
     assert FUSION.mounting == Mounting(0.30, 0.20)
 
 

@@ -52,7 +52,7 @@ def test_before_the_first_report_nothing_is_known():
     assert silent.unchanged(5.0) == 0.0
     assert not silent.speed_known(0.0)
     assert not silent.in_park(0.0)
-    assert silent.kit_heard == -math.inf
+    assert silent.last_dbw_report == -math.inf
     assert math.isnan(silent.steering.wheel_angle)
     assert not any((*silent.brake, *silent.throttle, *silent.steering[1:], *silent.gear[1:]))
 
@@ -88,11 +88,11 @@ def test_reports_go_stale_in_their_order():
 def test_any_module_of_the_kit_is_the_kit(message):
     car = CarReports(RADIUS, DataspeedDbw1())
     car.take(1.0, [codec.encode(message)])
-    assert car.kit_heard == 1.0
+    assert car.last_dbw_report == 1.0
     car.take(2.0, [codec.encode(WHEELS), codec.encode(YAW_RATE)])
-    assert car.kit_heard == 1.0, "wheels and gyroscope are the car's own"
+    assert car.last_dbw_report == 1.0, "wheels and gyroscope are the car's own"
     car.take(3.0, [codec.encode(BRAKE)])
-    assert car.kit_heard == 3.0
+    assert car.last_dbw_report == 3.0
 
 
 def test_repeated_bytes_do_not_hide_those_after_them():
@@ -154,8 +154,8 @@ def test_reports_in_one_frame_are_all_taken():
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
-        *((report._replace(fault_watchdog=True), "kit_watchdog") for report in (BRAKE, THROTTLE, STEERING)),
-        (BRAKE._replace(watchdog_braking=True), "kit_braking"),
+        *((report._replace(fault_watchdog=True), "dbw_watchdog") for report in (BRAKE, THROTTLE, STEERING)),
+        (BRAKE._replace(watchdog_braking=True), "dbw_braking"),
         *(
             (report._replace(**{flag: True}), f"{name}_fault")
             for name, report, flags in (

@@ -9,7 +9,7 @@ import pytest
 
 from tests.setpoints import setpoint as complete
 from vve_sumo.values import FallbackPath
-from vve_sumo.vehicle.setpoint_validation import Debounce, Refusal, SetpointValidator
+from vve_sumo.vehicle.setpoint_validation import Debounce, Rejection, SetpointValidator
 
 GOOD = complete(
     steering=0.1, acceleration=-1.0, sequence=5, time=2.0, expires=2.1, x=1.0, y=2.0, heading=0.3, speed=4.0,
@@ -18,7 +18,7 @@ GOOD = complete(
 NUMBERS = ("steering", "acceleration", "x", "y", "heading", "speed", "yaw_rate", "grade")
 
 
-def taken(now: float = 2.05, **changes: object) -> Refusal | None:
+def taken(now: float = 2.05, **changes: object) -> Rejection | None:
     return SetpointValidator().take(now, replace(GOOD, **changes))
 
 
@@ -32,14 +32,14 @@ def test_a_good_one_is_taken_and_kept():
 @pytest.mark.parametrize("name", NUMBERS)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_every_number_must_be_one(name, value):
-    assert taken(**{name: value}) == Refusal("setpoint_not_finite", fatal=True)
+    assert taken(**{name: value}) == Rejection("setpoint_not_finite", fatal=True)
 
 
 @pytest.mark.parametrize(
     "missing", [{"sequence": -1}, {"time": math.nan}, {"expires": math.nan}, {"time": -math.inf}, {"expires": math.inf}]
 )
 def test_one_that_does_not_say_its_place_in_time_is_incomplete(missing):
-    assert taken(**missing) == Refusal("setpoint_incomplete", fatal=True)
+    assert taken(**missing) == Rejection("setpoint_incomplete", fatal=True)
 
 
 def test_a_sequence_begins_with_nought():
@@ -48,7 +48,7 @@ def test_a_sequence_begins_with_nought():
 
 def test_a_way_that_is_none_is_invalid():
     assert taken(profile=FallbackPath(1.0, (0.0,))) is None
-    assert taken(profile=FallbackPath(0.0, (0.0,))) == Refusal("profile_invalid", fatal=True)
+    assert taken(profile=FallbackPath(0.0, (0.0,))) == Rejection("profile_invalid", fatal=True)
 
 
 def test_a_sequence_counts_up_and_a_refused_one_does_not_count():
@@ -56,7 +56,7 @@ def test_a_sequence_counts_up_and_a_refused_one_does_not_count():
     assert admission.take(2.05, GOOD) is None
     for sequence in (4, 5):
         old = admission.take(2.05, replace(GOOD, sequence=sequence))
-        assert old == Refusal("setpoint_out_of_order", fatal=False)
+        assert old == Rejection("setpoint_out_of_order", fatal=False)
     assert admission.take(2.05, replace(GOOD, sequence=100, steering=math.nan)).fatal
     assert admission.take(2.05, replace(GOOD, sequence=6, acceleration=1.0)) is None
     assert admission.setpoint.acceleration == 1.0
@@ -65,13 +65,13 @@ def test_a_sequence_counts_up_and_a_refused_one_does_not_count():
 @pytest.mark.parametrize(("life", "refused"), [(0.1, False), (0.1 + 0.5e-6, False), (0.1 + 2e-6, True)])
 def test_a_setpoint_lives_for_a_tenth_of_a_second_at_most(life, refused):
     answer = taken(time=0.0, expires=life, now=0.0)
-    assert answer == (Refusal("setpoint_lifetime", fatal=False) if refused else None)
+    assert answer == (Rejection("setpoint_lifetime", fatal=False) if refused else None)
 
 
 @pytest.mark.parametrize(("ahead", "refused"), [(0.0, False), (0.5e-6, False), (2e-6, True)])
 def test_none_comes_from_the_future(ahead, refused):
     answer = taken(time=ahead, expires=0.05, now=0.0)
-    assert answer == (Refusal("setpoint_from_future", fatal=False) if refused else None)
+    assert answer == (Rejection("setpoint_from_future", fatal=False) if refused else None)
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,7 @@ def test_a_car_that_rolls_to_rest_for_long_needs_no_driver():
     assert not any("driver_needed" in verdict.reasons for verdict in verdicts)
 
 
-# Steering on the way to rest: of a car whose wheels stay straight, so that holding them is told from following a bend.
+# Steering on the fallback path: the wheels stay straight, so that holding them is told from following a bend.
 
 BEND = FallbackPath(1.0, (0.05,) * 20)
 IN_THE_BEND = math.atan(FUSION.wheelbase * 0.05)

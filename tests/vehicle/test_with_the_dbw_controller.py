@@ -1,4 +1,4 @@
-"""The gateway with the whole hardware-free car, whose kit has a watchdog of its own: it must never have to act."""
+"""The gateway with the whole simulated vehicle, whose kit has a watchdog of its own: it must never have to act."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The gateway in the loop with the whole hardware-free car: its kit with a watchdog, its lags, its driver."""
+"""The gateway in the loop with the whole simulated vehicle: its kit with a watchdog, its lags, its driver."""
 
 from __future__ import annotations
 

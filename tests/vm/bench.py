@@ -1,4 +1,4 @@
-"""Gateway, hardware-free car and sender as processes on a wire; the suite is their operator, recorder and saboteur."""
+"""Gateway, simulated vehicle and sender as processes on a wire; the suite is their operator, recorder and saboteur."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class LiveCar:
             self.truth_file,
         )
         self.console, theirs = pair()
-        self._process = start("simulated_vehicle", config.told(), {"console": theirs})
+        self._process = start("simulated_vehicle", config.to_dict(), {"console": theirs})
         assert select.select([self.console], [], [], 30.0)[0], "the car says that it is ready"
         said = json.loads(self.console.receive()[0])
         assert said["kind"] == "car_ready", said
@@ -113,7 +113,7 @@ class Bench:
 
     def act(self, act: OperatorCommand) -> None:
         """Do what an operator does."""
-        assert self.console.send(link.encode_act(act))
+        assert self.console.send(link.encode_operator_command(act))
 
     def until(self, condition: Callable[[], bool], patience: float = 20.0) -> None:
         """Let time pass until a condition holds."""

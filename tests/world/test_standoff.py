@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, demand, pose, street
 from vve_sumo.geometry import Box
-from vve_sumo.world.standoff import PATIENCE, Standoff
+from vve_sumo.world.standoff import MAX_WAIT, Standoff
 from vve_sumo.world.world import World
 
 EGO = Box(0.0, 0.0, 0.0, 4.9, 1.9)
@@ -22,7 +22,7 @@ def car(x: float, y: float, heading: float) -> Box:
     return Box(x, y, heading, 4.5, 1.8)
 
 
-def over(box: Box, seconds: float = PATIENCE + 1.0, speed: float = 0.0) -> list[str]:
+def over(box: Box, seconds: float = MAX_WAIT + 1.0, speed: float = 0.0) -> list[str]:
     standoff, told = Standoff(), list[str]()
     for second in range(round(seconds) + 1):
         told = standoff.over(float(second), EGO, speed, [("other", box)])
@@ -50,12 +50,12 @@ def test_it_lasts_a_minute_and_begins_anew_when_the_ego_moves_or_the_driver_is_g
     opposed = [("other", car(7.0, 0.0, math.pi))]
     standoff = Standoff()
     assert standoff.over(0.0, EGO, 0.0, opposed) == []
-    assert standoff.over(PATIENCE - 0.02, EGO, 0.0, opposed) == []
-    assert standoff.over(PATIENCE, EGO, 0.0, opposed) == ["other"]
-    assert standoff.over(PATIENCE + 1.0, EGO, 0.3, opposed) == []
-    assert standoff.over(PATIENCE + 2.0, EGO, 0.0, opposed) == []
-    assert standoff.over(2.0 * PATIENCE + 1.0, EGO, 0.0, []) == []
-    assert standoff.over(2.0 * PATIENCE + 2.1, EGO, 0.0, opposed) == []
+    assert standoff.over(MAX_WAIT - 0.02, EGO, 0.0, opposed) == []
+    assert standoff.over(MAX_WAIT, EGO, 0.0, opposed) == ["other"]
+    assert standoff.over(MAX_WAIT + 1.0, EGO, 0.3, opposed) == []
+    assert standoff.over(MAX_WAIT + 2.0, EGO, 0.0, opposed) == []
+    assert standoff.over(2.0 * MAX_WAIT + 1.0, EGO, 0.0, []) == []
+    assert standoff.over(2.0 * MAX_WAIT + 2.1, EGO, 0.0, opposed) == []
 
 
 @given(
@@ -73,7 +73,7 @@ def test_it_is_the_same_wherever_on_the_map_and_whoever_is_called_ego(x, y, head
     def opposed(ego: Box, other: Box) -> bool:
         standoff = Standoff()
         standoff.over(0.0, ego, 0.0, [("other", other)])
-        return standoff.over(PATIENCE, ego, 0.0, [("other", other)]) == ["other"]
+        return standoff.over(MAX_WAIT, ego, 0.0, [("other", other)]) == ["other"]
 
     nearly = any(opposed(EGO, Box(x, y, heading, 4.5 + d, 1.8 + d)) != opposed(EGO, box) for d in (-1e-6, 1e-6))
     if not nearly:
@@ -99,6 +99,6 @@ def test_an_oncoming_driver_who_cannot_go_on_is_taken_off_the_street_after_a_min
 ):
     grown, touched = isolated(_head_on, str(tmp_path))
     assert [names for _, names in grown] == [(), ("on.0",), ("on.0", "on.1")]
-    assert grown[1][0] > PATIENCE
-    assert grown[2][0] - grown[1][0] > PATIENCE
+    assert grown[1][0] > MAX_WAIT
+    assert grown[2][0] - grown[1][0] > MAX_WAIT
     assert touched == set()

@@ -15,7 +15,7 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.stopping import Stop
 from vve_sumo.values import DRIVE_LAG, Floats
 from vve_sumo.vehicle.calibration import AIR_DENSITY
-from vve_sumo.vehicle.identification import LEAST_SAMPLES, MEMORY, Answer, Series, sigmas
+from vve_sumo.vehicle.identification import MIN_SAMPLES, RESIDUAL_CORRELATION_TIME, FirstOrderResponse, Series, sigmas
 
 #: what is assumed of drag, creep and throttle, whatever was calibrated; the fit finds mass, brake gain and grade itself
 DRAG_PER_MASS: Final = 0.62 / 1690.0  #: drag area over mass of a mid-size car [m2/kg]
@@ -24,28 +24,28 @@ THROTTLE_DELAY: Final = 0.05  #: assumed dead time of the throttle [s]; its lag 
 DRAG: Final = 0.5 * AIR_DENSITY * DRAG_PER_MASS  #: deceleration by air over speed squared [1/m]
 
 #: the stretch that is fitted: from so long before the onset to so long after it [s] ...
-BEFORE: Final = 0.5
-AFTER: Final = 3.0
+TIME_BEFORE_ONSET: Final = 0.5
+TIME_AFTER_ONSET: Final = 3.0
 #: ... and not below this speed, where an idling engine pushes [m/s]
-SLOWEST: Final = 1.1 * CREEP_SPEED
+MIN_SPEED: Final = 1.1 * CREEP_SPEED
 #: commands from so long before that stretch still act in it, through the throttle's lag [s]
 LEAD: Final = 1.5
 
 #: mean delay (dead time plus lag) [s], square of the lag's share in it, throttle's lag [s]: limits of the search, and
 #: steps of its slopes
-LOWEST: Final = (1e-3, 1e-4, 0.03)
-HIGHEST: Final = (0.7, 1.0, 1.0)
+LOWER_BOUNDS: Final = (1e-3, 1e-4, 0.03)
+UPPER_BOUNDS: Final = (0.7, 1.0, 1.0)
 STEPS: Final = (2e-3, 3e-2, 1e-2)
 #: of each of these lags [s] the search begins at the best of these mean delays [s], and the best that it finds counts:
 #: a long lag can hide in the throttle's
 LAGS: Final = (0.015, 0.1, 0.25)
 DELAYS: Final = tuple(np.arange(0.04, 0.62, 0.04).tolist())
-MOST_STEPS: Final = 20
+MAX_STEPS: Final = 20
 #: a model that leaves more than this of the speed, root mean square, describes no such brakes [m/s]: a road without
 #: grip, a foot on the pedal
 MISFIT: Final = 0.02
 #: nor do brakes as strong as this over declared: 15 % of mass and 10 % of gain together are 0.78 to 1.29. Where the
-#: tyres slide, or the kit's limit is reached, more torque slows the car no more, and the fit finds a few tenths or less
+#: tyres slide, or the DBW controller limits, more torque slows the car no more, and the fit finds a few tenths or less
 STRENGTH: Final = (0.65, 1.6)
 
 
@@ -79,19 +79,19 @@ def brake_answer(run: Run, stop: Stop) -> BrakeAnswer:
     time, speed = run.motion.time, run.motion.speed
     rows = _stretch(run, stop)
     torque, throttle = _commands(run, time[rows])
-    if len(rows) < LEAST_SAMPLES or not np.isfinite(speed[rows]).all() or not np.any(torque.value > 0.0):
+    if len(rows) < MIN_SAMPLES or not np.isfinite(speed[rows]).all() or not np.any(torque.value > 0.0):
         return UNKNOWN
     declared = run.vehicle.mass * run.vehicle.wheel_radius
     torque = Series(torque.time, torque.value / declared)
-    return _fitted(_Model(time[rows], speed[rows], torque, throttle), round(MEMORY / run.period))
+    return _fitted(_Model(time[rows], speed[rows], torque, throttle), round(RESIDUAL_CORRELATION_TIME / run.period))
 
 
 def _stretch(run: Run, stop: Stop) -> NDArray[np.intp]:
     time, speed = run.motion.time, run.motion.speed
     onset = time[stop.onset]
-    slow = np.flatnonzero(~(speed[stop.onset : stop.rest] > SLOWEST))
+    slow = np.flatnonzero(~(speed[stop.onset : stop.rest] > MIN_SPEED))
     end = stop.onset + int(slow[0]) if len(slow) else stop.rest
-    return np.flatnonzero((time[:end] >= onset - BEFORE) & (time[:end] <= onset + AFTER))
+    return np.flatnonzero((time[:end] >= onset - TIME_BEFORE_ONSET) & (time[:end] <= onset + TIME_AFTER_ONSET))
 
 
 def _commands(run: Run, time: Floats) -> tuple[Series, Series]:
@@ -126,9 +126,9 @@ class _Model:
 
     def _solved(self, guess: Floats) -> tuple[Floats, float]:
         lag = guess[0] * math.sqrt(guess[1])
-        columns = [*self._steady, -Answer(self._torque, guess[0] - lag, lag).integral(self._time)]
+        columns = [*self._steady, -FirstOrderResponse(self._torque, guess[0] - lag, lag).integral(self._time)]
         if self.pushed:
-            columns.append(Answer(self._throttle, THROTTLE_DELAY, guess[2]).integral(self._time))
+            columns.append(FirstOrderResponse(self._throttle, THROTTLE_DELAY, guess[2]).integral(self._time))
         # Integrals from the stretch's beginning, or a large constant would cost their last digits.
         matrix = np.column_stack([columns[0], *(column - column[0] for column in columns[1:])])
         factors = np.linalg.lstsq(matrix, self._speed)[0]
@@ -175,9 +175,9 @@ def _search(model: _Model, lag: float) -> _Found:
         model.residual,
         min(guesses, key=lambda guess: float(np.sum(model.residual(guess) ** 2))),
         jac=model.slopes,
-        bounds=(LOWEST[:many], HIGHEST[:many]),
+        bounds=(LOWER_BOUNDS[:many], UPPER_BOUNDS[:many]),
         x_scale=STEPS[:many],
-        max_nfev=MOST_STEPS,
+        max_nfev=MAX_STEPS,
     )
     return _Found(ended.x, ended.fun, np.asarray(ended.jac))
 

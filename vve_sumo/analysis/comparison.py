@@ -26,16 +26,16 @@ from vve_sumo.values import Floats
 if TYPE_CHECKING:
     import pandas as pd
 
-TIME, STATION = "time_s", "station_m"  #: the two axes
+TIME, STATION = "time_s", "s_m"  #: the two axes
 
 #: the event that both records are laid together at: the car's speed first reaches this [m/s]
 FIRST_MOTION = 0.5
 #: what two records must have in common, from first motion on [s]
-SHORTEST = 1.0
+MIN_OVERLAP = 1.0
 #: between two points along the path [m]
-STATION_STEP = 0.2
+S_STEP = 0.2
 #: a shift is looked for this far on either side, if the common stretch is long enough [s], [m]
-FARTHEST: Final = {TIME: 2.0, STATION: 5.0}
+MAX_SHIFT: Final = {TIME: 2.0, STATION: 5.0}
 
 #: signals in order, and the axis that each is compared over: what the path causes over the path, the rest over time
 AXES: Final = {
@@ -75,7 +75,7 @@ class Comparison:
 
     one: Run
     other: Run
-    true: bool  #: whether both were measured by the truth; else both by the chain's estimate
+    true: bool  #: whether both were measured by the truth; else both by the pipeline's estimate
     begin: tuple[float, float]  #: drive time of first motion in each [s]: time 0 of `series`
     signals: pd.DataFrame  #: a row a signal, with the columns of MEANINGS
     outcomes: pd.DataFrame  #: a row a figure: unit, one, other, difference
@@ -97,9 +97,9 @@ class _Side(NamedTuple):
 def compare(one: Run, other: Run) -> Comparison:
     """Compare two records of drives, laid together at first motion.
 
-    Both are measured by the truth if both have it, else both by the chain's estimate, so that an estimator's error is
-    no difference between the drives. What the path causes is compared over the path. Raises ConfigError where one
-    never moves, or where they have less than SHORTEST [s] in common.
+    Both are measured by the truth if both have it, else both by the pipeline's estimate, so that an estimator's error
+    is no difference between the drives. What the path causes is compared over the path. Raises ConfigError where one
+    never moves, or where they have less than MIN_OVERLAP [s] in common.
     """
     true = one.motion.true and other.motion.true
     first, second = _side(one, true), _side(other, true)
@@ -151,17 +151,17 @@ def _side(run: Run, true: bool) -> _Side:
     begin = first_motion(run.time, signals["speed_mps"])
     if not math.isfinite(begin):
         raise ConfigError(f"{run.folder}: the car never reaches {FIRST_MOTION} m/s: no motion to compare")
-    return _Side(run, data, run.time - begin, ticks["station_m"].to_numpy(), signals, begin)
+    return _Side(run, data, run.time - begin, ticks["s_m"].to_numpy(), signals, begin)
 
 
 def _laid_together(one: _Side, other: _Side) -> dict[str, pd.DataFrame]:
     """Every signal of both over its axis, on points that both reach."""
     step = max(one.run.period, other.run.period)
     end = min(one.time[-1], other.time[-1])
-    if not end >= SHORTEST:
+    if not end >= MIN_OVERLAP:
         raise ConfigError(
             f"{one.run.folder} and {other.run.folder}: from first motion on they have {max(end, 0.0):.2f} s in common, "
-            f"expected {SHORTEST:g} s or more"
+            f"expected {MIN_OVERLAP:g} s or more"
         )
     grids = {TIME: np.arange(0.0, end + 1e-9, step), STATION: _stations(one, other)}
     return {name: _pair(one, other, name, axis, grids[axis]) for name, axis in AXES.items()}
@@ -176,7 +176,7 @@ def _stations(one: _Side, other: _Side) -> Floats:
     if not all(len(station) for station in stations):
         return np.zeros(0)
     begin, end = max(station[0] for station in stations), min(station[-1] for station in stations)
-    return np.arange(begin, end + 1e-9, STATION_STEP)
+    return np.arange(begin, end + 1e-9, S_STEP)
 
 
 def _onward(side: _Side) -> NDArray[np.intp]:
@@ -234,7 +234,7 @@ def _likeness(name: str, table: pd.DataFrame) -> dict[str, Any]:
     points = table.index.to_numpy()
     shift = math.nan
     if len(points) > 2 and name not in UNSHIFTED:
-        shift = shift_of(*whole, float(points[1] - points[0]), FARTHEST[axis])
+        shift = shift_of(*whole, float(points[1] - points[0]), MAX_SHIFT[axis])
     return {
         "unit": unit_of(name),
         "axis": axis,
@@ -295,7 +295,7 @@ def _notes(one: Run, other: Run, true: bool) -> tuple[str, ...]:
         notes.append("the cars differ in what is declared of them")
     if not true:
         blind = " and ".join(str(run.folder) for run in (one, other) if not run.motion.true)
-        notes.append(f"{blind}: no truth in it, so both are measured by the chain's estimate")
+        notes.append(f"{blind}: no truth in it, so both are measured by the pipeline's estimate")
     notes += [
         f"{run.folder}: the drive was broken off, its record ends early" for run in (one, other) if not run.complete
     ]

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationErr
 from vve_sumo.config_file import Finite, Positive, complaint
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.sensors.port import ColumnKind
 from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.values import Vehicle
 
@@ -56,7 +57,7 @@ class _Parameter(JsonModel):
     meaning: Text = ""
 
 
-class _Street(JsonModel):
+class _Road(JsonModel):
     network: Text = ""
 
 
@@ -69,7 +70,7 @@ class _Control(JsonModel):
 
 
 class _Asked(JsonModel):
-    street: _Street | None = None
+    road: _Road | None = None
     ego: _Ego | None = None
     criteria: dict[str, bool | Text | _Band | None] = Field(default={})
     parameters: dict[str, _Parameter] = Field(default={})
@@ -107,6 +108,12 @@ class _Rig(JsonModel):
 _Car: Any = create_model("_Car", __base__=JsonModel, **{field.name: (Finite, ...) for field in fields(Vehicle)})  # type: ignore[call-overload]
 
 
+#: name, kind and meaning of each column of a sensor's table
+_Columns = Annotated[
+    tuple[Annotated[tuple[Text, ColumnKind, Text], Field(strict=False)], ...], Field(strict=False, min_length=1)
+]
+
+
 class Record(JsonModel):
     """What `scenario.json` says of a drive."""
 
@@ -117,6 +124,7 @@ class Record(JsonModel):
     files_sha256: dict[str, Text]
     versions: dict[str, Text]
     settings: _Settings
+    sensors: dict[str, _Columns]
     rig: _Rig | None = None
 
 
@@ -254,9 +262,9 @@ class Worst(JsonModel):
         return self
 
 
-def check(told: object, model: type[JsonModel], file: Path) -> None:
+def check(data: object, model: type[JsonModel], file: Path) -> None:
     """Raise ConfigError in one line, naming the key, where a file's content has not the shape of a model."""
     try:
-        model.model_validate(told)
+        model.model_validate(data)
     except ValidationError as error:
         raise ConfigError(complaint(file, error, model)) from None

@@ -1,6 +1,6 @@
 """Where the time went between a fix and its command frame, leg by leg.
 
-Knows a record's latency table by the ledger's own legs; must not know what made them long.
+Knows a record's latency table by the monitor's own legs; must not know what made them long.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ PERCENTILES: Final = rows(
 def latency_breakdown(run: Run) -> pd.DataFrame:
     """Return a row for each leg of MEANINGS with percentiles and greatest [ms] and the number of ticks.
 
-    Legs, ranks and rounding (to microseconds) are the ledger's, so that its legs' figures are those of `summary.json`.
+    Legs, ranks and rounding (to microseconds) are the monitor's, so that its legs' figures are those of `summary.json`.
     A record without a latency table, as every one of lockstep, has the pose's age alone: the other legs then are NaN
     with n = 0, for a simulated clock takes no time.
     """
@@ -78,7 +78,7 @@ def latency_breakdown(run: Run) -> pd.DataFrame:
 def legs_over_time(run: Run) -> pd.DataFrame:
     """Return every leg of every tick [ms] as `LEG_ms`, by tick, with `time_s`; NaN where it did not happen.
 
-    Beside them `woken_by` and `missed` of the ledger; empty and 0 for a tick that it does not know.
+    Beside them `woken_by` and `missed` of the table; empty and 0 for a tick that it does not know.
     """
     seconds = _seconds(run)
     table = seconds[["time_s", "woken_by", "missed"]].copy()
@@ -89,7 +89,7 @@ def legs_over_time(run: Run) -> pd.DataFrame:
 
 
 def _seconds(run: Run) -> pd.DataFrame:
-    """Every leg [s], by tick: of the ticks, and of those that only the ledger knows, as a killed drive leaves them."""
+    """Every leg [s], by tick, also of ticks that only the latency table knows, as a killed drive leaves them."""
     import pandas as pd
 
     ticks = run.arrow("ticks")
@@ -103,7 +103,7 @@ def _seconds(run: Run) -> pd.DataFrame:
 
 
 def _timed(row: LatencyRow) -> dict[str, float | int | str]:
-    """What a row of the ledger says, leg by leg [s]."""
+    """What a row of the latency table says, leg by leg [s]."""
     epoch = row.epoch_s if math.isfinite(row.epoch_s) else math.nan
     return {
         "due_s": row.due_s,

@@ -1,4 +1,4 @@
-"""The latency and noise cliff: what margin a scenario leaves as delay and noise grow, and where it goes to zero.
+"""The latency margin: what margin a scenario leaves as delay and noise grow, and where it goes to zero.
 
 Reads the rows of a study's sweep. It must not know how they were driven, nor where a design's delay margin comes from.
 """
@@ -78,12 +78,12 @@ class LatencyMargin:
         """Return a sentence for each noise factor, and one on the design's margin."""
         last = float(self.steps["delay_s"].max())
         for edge in self.edges.to_dict("records"):
-            told = "; ".join((_of_margin(edge, last), *_of_the_least(edge), _of_criteria(edge)))
-            yield f"noise x {edge['noise_factor']:g}: {told}"
+            words = "; ".join((_of_margin(edge, last), *_of_the_least(edge), _of_criteria(edge)))
+            yield f"noise x {edge['noise_factor']:g}: {words}"
         if math.isfinite(self.design_margin):
             yield (
                 f"by its design the steering loop bears {_ms(self.design_margin)} at {self.speed:.1f} m/s, of which "
-                "the chain's own way from pose to wheels takes a part"
+                "the pipeline's own way from pose to wheels takes a part"
             )
 
 
@@ -121,7 +121,7 @@ def _ms(time: float) -> str:
 
 
 def latency_margin_of(sweep: Sweep, *, design_margin: float | None = None) -> LatencyMargin:
-    """Return the cliff that a study's dataset shows, finished or not.
+    """Return the latency margins that a study's dataset shows, finished or not.
 
     `design_margin` [s] is laid beside it; left out, it is the one that the study noted beside its rows. Raises
     ConfigError where the sweep varied something else, or the note cannot be read.
@@ -147,14 +147,14 @@ def keep_design_margin(folder: Path, margin: float) -> None:
 def _noted(file: Path) -> float:
     """Return the design's margin that a study's note tells [s]; NaN where it knows none, or there is no note."""
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))["design_delay_margin_s"]
+        margin = json.loads(file.read_text(encoding="utf-8"))["design_delay_margin_s"]
     except FileNotFoundError:
         return math.nan
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{file}: not what a study writes: {error}") from None
-    if not (told is None or isinstance(told, float)):
-        raise ConfigError(f"{file}: design_delay_margin_s: expected a number of seconds or null, got {told!r}")
-    return math.nan if told is None else told
+    if not (margin is None or isinstance(margin, float)):
+        raise ConfigError(f"{file}: design_delay_margin_s: expected a number of seconds or null, got {margin!r}")
+    return math.nan if margin is None else margin
 
 
 def margins(rows: pd.DataFrame) -> Floats:
@@ -177,17 +177,17 @@ def margins(rows: pd.DataFrame) -> Floats:
 def steps_of(rows: pd.DataFrame, speed: float) -> pd.DataFrame:
     """Return the table of STEPS over rows of a study at a speed [m/s]."""
     frame = rows.assign(margin_m=margins(rows)).sort_values([NOISE, DELAY], kind="stable")
-    told = grouped(frame, [NOISE, DELAY], ["margin_m", LATERAL]).rename(
+    steps = grouped(frame, [NOISE, DELAY], ["margin_m", LATERAL]).rename(
         columns={NOISE: "noise_factor", DELAY: "delay_s", "margin_m_count": "margins"}
     )
-    told["lateral_deviation_m"] = told[f"greatest_{LATERAL}"]
-    first = told.groupby("noise_factor")[["delay_s", "mean_margin_m"]].transform("first")
+    steps["lateral_deviation_m"] = steps[f"greatest_{LATERAL}"]
+    first = steps.groupby("noise_factor")[["delay_s", "mean_margin_m"]].transform("first")
     # The first that is there counts: where the least delay has no margin, its own delay must go with it.
-    at = told["delay_s"].where(told["mean_margin_m"].notna()).groupby(told["noise_factor"]).transform("first")
-    told["closed_form_m"] = first["mean_margin_m"] - speed * (told["delay_s"] - at)
+    at = steps["delay_s"].where(steps["mean_margin_m"].notna()).groupby(steps["noise_factor"]).transform("first")
+    steps["closed_form_m"] = first["mean_margin_m"] - speed * (steps["delay_s"] - at)
     groups = [group for _values, group in frame.groupby([NOISE, DELAY], sort=False)]
-    told["missed"], told["stopped_for"] = [*map(_missed, groups)], [*map(_stopped_for, groups)]
-    return described(told[list(STEPS)].reset_index(drop=True), STEPS)
+    steps["missed"], steps["stopped_for"] = [*map(_missed, groups)], [*map(_stopped_for, groups)]
+    return described(steps[list(STEPS)].reset_index(drop=True), STEPS)
 
 
 def _missed(rows: pd.DataFrame) -> str:

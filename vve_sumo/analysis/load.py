@@ -12,7 +12,7 @@ from typing import TypeVar
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import SCHEMAS
+from vve_sumo.record.layout import SCHEMAS
 
 Drive = TypeVar("Drive")
 Drives = TypeVar("Drives")

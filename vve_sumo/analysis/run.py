@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from vve_sumo.analysis import json_models
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
-from vve_sumo.drive.resolved_scenario import refuse_layout
+from vve_sumo.drive.resolved_scenario import check_layout
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_data import DriveData, Motion
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path
-from vve_sumo.record.record import LIVE_SCHEMAS, PROVENANCE, SCHEMAS, read_table
+from vve_sumo.record.layout import LIVE_SCHEMAS, PROVENANCE, SCHEMAS, sensor_schemas, sensor_table
+from vve_sumo.record.reader import read_table
 from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
@@ -87,8 +88,9 @@ class Run:
         return any(self.folder.glob(f"{name}.parquet")) or any(self.folder.glob(f"{name}.arrows"))
 
     def arrow(self, name: str) -> pa.Table:
-        """Return a table of the record, read once: ticks, detections, actors, and of a live drive gateway, latency.
+        """Return a table of the record, read once.
 
+        Tables are ticks, actors, readings, one of each sensor (`sensor_radar`), and of a live drive gateway, latency.
         Raises ConfigError where it is not there or cannot be read.
         """
         known: dict[str, pa.Table] = self.__dict__.setdefault("_tables", {})
@@ -117,10 +119,14 @@ class Run:
         """A row a tick."""
         return self.table("ticks")
 
+    def sensor(self, name: str) -> pd.DataFrame:
+        """Return what a sensor measured: the rows of its readings, at the ticks at which they came out."""
+        return self.table(sensor_table(name))
+
     @cached_property
     def detections(self) -> pd.DataFrame:
         """A row a radar detection."""
-        return self.table("detections")
+        return self.sensor("radar")
 
     @cached_property
     def actors(self) -> pd.DataFrame:
@@ -155,10 +161,11 @@ class Run:
     @cached_property
     def _last(self) -> int:
         """Number of the last tick of a killed drive that every table holds whole."""
-        return _last_whole(*map(self._read, ("ticks", "detections", "actors")))
+        sensors = {name: self._read(sensor_table(name)) for name in self.resolved["sensors"]}
+        return _last_whole(self._read("ticks"), self._read("actors"), self._read("readings"), sensors)
 
     def _read(self, name: str) -> pa.Table:
-        known = SCHEMAS | LIVE_SCHEMAS
+        known = SCHEMAS | sensor_schemas(self.resolved) | LIVE_SCHEMAS
         if name not in known:
             raise ConfigError(f"{self.folder}: no table {name!r} in a record; there are {', '.join(known)}")
         table = read_table(self.folder, name)
@@ -168,16 +175,19 @@ class Run:
         return table
 
 
-def _last_whole(ticks: pa.Table, detections: pa.Table, actors: pa.Table) -> int:
+def _last_whole(ticks: pa.Table, actors: pa.Table, readings: pa.Table, sensors: dict[str, pa.Table]) -> int:
     """Return the last tick up to which no row is missing; -1 for none.
 
-    A kill leaves tables that end at different ticks. A tick's row says how many detections it has, where its radar
-    scanned, and how many actors the tick after it has.
+    A kill leaves tables that end at different ticks. A tick's row says how many readings came out at it, and how many
+    actors the tick after it has; a reading says how many rows it has in its sensor's table.
     """
     number = ticks["tick"].to_numpy()
-    scanned = np.where(ticks["scanned"].to_numpy(), ticks["detections"].to_numpy(), 0)
     looked_at = np.concatenate([[0], ticks["actors"].to_numpy()[:-1]])[: len(number)]
-    whole = (_rows_of(number, detections) >= scanned) & (_rows_of(number, actors) >= looked_at)
+    whole = (_rows_of(number, readings) >= ticks["readings"].to_numpy()) & (_rows_of(number, actors) >= looked_at)
+    for name, table in sensors.items():
+        own = readings.filter(pc.field("sensor") == name)
+        torn = own["tick"].to_numpy()[_rows_of(own["tick"].to_numpy(), table) < own["rows"].to_numpy()]
+        whole &= ~np.isin(number, torn)
     end = len(whole) if whole.all() else int(np.argmin(whole))
     return int(number[end - 1]) if end else -1
 
@@ -192,7 +202,7 @@ def _rows_of(number: NDArray[np.int64], table: pa.Table) -> NDArray[np.int64]:
 def _resolved(folder: FilePath) -> dict[str, Any]:
     file = folder / "scenario.json"
     resolved = read_json(file, "a drive", "settings")
-    refuse_layout(resolved, file)
+    check_layout(resolved, file)
     json_models.check(resolved, json_models.Record, file)
     return resolved
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
@@ -19,7 +20,7 @@ from vve_sumo.metrics.lead_vehicle import CLOSING_FLOOR
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.stopping import AT_REST
 from vve_sumo.metrics.table import rows
-from vve_sumo.record.record import ACTOR_COLUMNS
+from vve_sumo.record.layout import ACTOR_COLUMNS
 from vve_sumo.sensors.echo import antenna_at, echoes
 from vve_sumo.sensors.radar import from_bumper
 from vve_sumo.sensors.radar_settings import RadarSettings
@@ -118,7 +119,7 @@ def radar_statistics(run: Run) -> pd.DataFrame:
     """Return a row for each actor that ever was in the radar's field of view or was detected, the first seen first.
 
     Visible is the nearest point of its box that lies in the field and that no other box hides, from the rear axle's
-    true pose (without a truth: the chain's estimate) and the recorded actors at the tick at which the scan was
+    true pose (without a truth: the pipeline's estimate) and the recorded actors at the tick at which the scan was
     measured; errors are measured against that point. A detection of an actor that is not visible from there has no
     error. The columns' meanings are in `attrs`.
     """
@@ -133,11 +134,11 @@ def radar_statistics(run: Run) -> pd.DataFrame:
 
 
 def _scans(run: Run) -> _Scans:
-    ticks = run.arrow("ticks")
-    at = np.flatnonzero(ticks["scanned"].to_numpy())
+    scans = run.arrow("readings").filter(pc.field("sensor") == "radar")
+    at = np.searchsorted(run.arrow("ticks")["tick"].to_numpy(), scans["tick"].to_numpy())
     # Halfway to the next tick: a time that was written is not looked for by its last bit.
-    measured = np.searchsorted(run.time, ticks["scan_time_s"].to_numpy()[at] - 0.5 * run.period)
-    return _Scans(ticks["tick"].to_numpy()[at], run.time[at], measured)
+    measured = np.searchsorted(run.time, scans["measured_s"].to_numpy() - 0.5 * run.period)
+    return _Scans(scans["tick"].to_numpy(), run.time[at], measured)
 
 
 def braked_for_nothing(run: Run) -> pd.DataFrame:
@@ -272,8 +273,8 @@ def _newest_scan(run: Run) -> list[frozenset[str]]:
     """The names in the newest scan, tick by tick."""
     found = run.detections.groupby("tick")["actor"].agg(frozenset).to_dict()
     newest, names = frozenset[str](), []
-    ticks = run.arrow("ticks")
-    for tick, scanned in zip(ticks["tick"].to_pylist(), ticks["scanned"].to_pylist(), strict=True):
-        newest = found.get(tick, frozenset()) if scanned else newest
+    scanned = set(_scans(run).tick.tolist())
+    for tick in run.arrow("ticks")["tick"].to_pylist():
+        newest = found.get(tick, frozenset()) if tick in scanned else newest
         names.append(newest)
     return names

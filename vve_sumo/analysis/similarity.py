@@ -14,9 +14,9 @@ from vve_sumo.values import Floats
 #: a signal that varies less than this about its mean is flat: the rest is rounding
 FLAT = 1e-9
 #: a shift is looked for no further than this share of the signals' length
-FARTHEST_SHARE = 0.25
+MAX_SHIFT_SHARE = 0.25
 #: two signals whose correlation is below this at every shift are not one signal shifted
-ALIKE = 0.5
+MIN_CORRELATION = 0.5
 
 
 def rms(values: Floats) -> float:
@@ -54,12 +54,12 @@ def shift_of(one: Floats, other: Floats, step: float, farthest: float) -> float:
     parabola through it and its two neighbours. NaN where there is no such summit: it lies at the bound, it is below
     ALIKE, or a signal is flat. Points that are NaN in either take no part.
     """
-    reach = min(round(farthest / step), int(FARTHEST_SHARE * len(one)))
+    reach = min(round(farthest / step), int(MAX_SHIFT_SHARE * len(one)))
     likeness = np.array([_overlapping(one, other, lag) for lag in range(-reach, reach + 1)], np.float64)
     if not np.isfinite(likeness).all() or reach < 1:
         return math.nan
     best = int(np.argmax(likeness))
-    if not (0 < best < len(likeness) - 1 and likeness[best] >= ALIKE):
+    if not (0 < best < len(likeness) - 1 and likeness[best] >= MIN_CORRELATION):
         return math.nan
     left, middle, right = likeness[best - 1 : best + 2]
     bend = left - 2.0 * middle + right

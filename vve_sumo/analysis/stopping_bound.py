@@ -28,7 +28,7 @@ TOLERANCE: Final = 0.10
 #: drives the fit says 15 ms too much at most, at the lower end of its interval and on an estimated speed
 LATE: Final = 0.03
 
-#: columns of a sweep's rows that a certificate takes
+#: columns of a sweep's rows that the check takes
 ROW_COLUMNS: Final = ("stop_distance_m", "stop_bound_m")
 
 MEANINGS: Final = {
@@ -92,7 +92,7 @@ NONE: Final = StoppingBoundCheck(math.nan, math.nan, math.nan, math.nan, math.na
 
 
 def stopping_bound_check(run: Run) -> StoppingBoundCheck:
-    """Return the certificate of a run's last stop.
+    """Return the stopping-bound check of a run's last stop.
 
     The bound is `laws.stopping_distance` of the onset's speed, the demand, the run's own worst latency plus the brakes'
     declared dead time, and their declared lag. Nothing in it was measured on the brakes: a car that answers
@@ -116,7 +116,7 @@ def stopping_bound_check(run: Run) -> StoppingBoundCheck:
 
 
 def stopping_bound_checks(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the certificates of a sweep's rows, a row each, by their index: the columns of MEANINGS.
+    """Return the stopping-bound checks of a sweep's rows, a row each, by their index: the columns of MEANINGS.
 
     A sweep is driven in lockstep, so their bound has no latency in it. They judge the distance alone: rows hold no
     commanded torque to fit. A run without a stop is NaN, and neither held nor broken. Raises ConfigError where the rows
@@ -126,7 +126,7 @@ def stopping_bound_checks(rows: pd.DataFrame) -> pd.DataFrame:
 
     missing = [column for column in ROW_COLUMNS if column not in rows]
     if missing:
-        raise ConfigError(f"certificates: the rows have no column {missing[0]}: another vve-sumo drove them")
+        raise ConfigError(f"stopping-bound check: the rows have no column {missing[0]}: another vve-sumo drove them")
     distance, bound = (rows[column].astype("float64") for column in ROW_COLUMNS)
     excess = distance - bound
     held, broken = excess <= TOLERANCE, excess > TOLERANCE

@@ -7,9 +7,9 @@ from pathlib import Path
 from vve_sumo import progress_bar
 from vve_sumo.api.results import Run
 from vve_sumo.api.scenario import Scenario
-from vve_sumo.drive.run import folder_for
+from vve_sumo.drive.run import new_run_folder
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.record import claim
+from vve_sumo.record.writer import claim
 from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.job import CONFIG, Job, Result
 from vve_sumo.sweep.run import growing
@@ -47,7 +47,7 @@ def drive(
     working = Path.cwd()
     asked = scenario if isinstance(scenario, Scenario) else Scenario(scenario)
     asked = asked.chosen(seed=seed, speed=speed, controller=controller, vehicle=vehicle)
-    folder = folder_for(asked.name, working) if out is None else Path(out)
+    folder = new_run_folder(asked.name, working) if out is None else Path(out)
     claim(folder)
     job = Job(
         key=asked.name,

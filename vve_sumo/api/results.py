@@ -35,10 +35,10 @@ class Run(run.Run):
     """
 
     def plot(self) -> Figure:
-        """Draw the sheet of the drive: path and actors from above; speed, gap and more over time."""
-        from vve_sumo.plotting import drive_sheet
+        """Draw the page of the drive: path and actors from above; speed, gap and more over time."""
+        from vve_sumo.plotting import drive_overview
 
-        return drive_sheet(self)
+        return drive_overview(self)
 
     def __repr__(self) -> str:
         return f"<Run {self.name} in {self.folder}: {self._verdict}>"

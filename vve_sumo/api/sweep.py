@@ -9,7 +9,7 @@ from typing import Any
 from vve_sumo import progress_bar
 from vve_sumo.api.results import Sweep
 from vve_sumo.api.scenario import Scenario, plain
-from vve_sumo.drive.run import folder_for
+from vve_sumo.drive.run import new_run_folder
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep.conclusion import conclude, keep_found
 from vve_sumo.sweep.fill import engine_of, fill
@@ -48,7 +48,7 @@ def sweep(
     """
     working = Path.cwd()
     query = _query(what, vary, seeds, working)
-    folder = folder_for(query.plan.scenario, working) if out is None else Path(out)
+    folder = new_run_folder(query.plan.scenario, working) if out is None else Path(out)
     begun = (folder / "sweep.json").exists()
     again = f"vve.sweep(…, out={str(folder)!r})"
     with progress_bar.of_runs(quiet=not progress) as shown:

@@ -95,12 +95,12 @@ def _draw(site: Site, result: AlignmentResult, file: Path) -> None:
     from vve_sumo.plotting.alignment import PathInLot, draw
 
     shown = PathInLot(
-        path_name=site.setting.scenario.ego.path,
+        path_name=site.resolved.scenario.ego.path,
         lot_name=site.rig_file.stem,
-        path=site.setting.path,
+        path=site.resolved.path,
         speed=site.speed,
-        vehicle=site.setting.vehicle,
-        fence=site.fence,
+        vehicle=site.resolved.vehicle,
+        geofence=site.geofence,
         alignment=result.alignment,
         fit=result.fit,
     )

@@ -21,7 +21,7 @@ Drive the calibration run on a rig (about 270 m straight ahead, 70 s) and fit br
 steering ratio and bias, delays and the receiver's misalignment; each with its uncertainty and a verdict.
 
 examples:
-  vve-sumo calibrate --rig twin                       drive, fit, show
+  vve-sumo calibrate --rig simulated                  drive, fit, show
   vve-sumo calibrate --rig ours --write               and put what was found, dated, into rigs/ours.toml
   vve-sumo calibrate --rig ours --record runs/DIR     fit a record that is there already
 """
@@ -59,10 +59,10 @@ def _drive(rig: str, working: Path, out: Path | None) -> Path:
     from vve_sumo.commissioning import calibration_drive
 
     plan = live_drive.named(calibration_drive.plan(rig, working, out), None, None)
-    speed = plan.setting.scenario.ego.speed_mps
+    speed = plan.resolved.scenario.ego.speed_mps
     notify(
-        f"calibration drive: {plan.setting.path.length:.0f} m straight ahead at up to {speed:g} m/s, braking, coasting "
-        "and steering gently in between; keep your foot over the brake"
+        f"calibration drive: {plan.resolved.path.length:.0f} m straight ahead at up to {speed:g} m/s, braking, "
+        "coasting and steering gently in between; keep your foot over the brake"
     )
     calibration_drive.refuse_cut_short(live_drive.drive(plan), plan.folder)
     return plan.folder

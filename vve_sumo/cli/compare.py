@@ -75,7 +75,7 @@ def _show(compared: Comparison) -> None:
     for name, run, begin in zip(("one", "other"), (compared.one, compared.other), compared.begin, strict=True):
         how = "live" if run.live else "in lockstep"
         console.print(f"{name + ':':<7}{run.folder}: {run.title}, {how}, first motion at {begin:.3f} s")
-    console.print("measured by " + ("the truth" if compared.true else "the chain's estimate"))
+    console.print("measured by " + ("the truth" if compared.true else "the pipeline's estimate"))
     for note in compared.notes:
         console.print(f"note:  {note}")
     _print_signals(console, compared)

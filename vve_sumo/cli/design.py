@@ -23,13 +23,13 @@ def arguments(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the margins of a scenario's preview steering; refuse what the stated latency would make unstable."""
-    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.run import resolve_by_name
     from vve_sumo.drive.steering_margins import steering_margins
 
     latency_ms, working = arguments.latency_ms, Path.cwd()
     if not latency_ms >= 0.0:
         raise ConfigError(f"--latency-ms: expected 0 or more, got {latency_ms:g}")
-    margins = steering_margins(choose(arguments.scenario, working), working)
+    margins = steering_margins(resolve_by_name(arguments.scenario, working), working)
     print(margins.table)
     margins.check(latency_ms / 1000.0)
     print(f"bears the stated {latency_ms:.0f} ms at every speed; the least margin is {1000.0 * margins.delay:.0f} ms")

@@ -58,8 +58,8 @@ COMMANDS = (
 def _parser() -> Parser:
     parser = Parser(
         prog="vve-sumo",
-        description="Vehicle in Virtual Environment testing on SUMO: a real drive-by-wire car, a virtual street.",
-        epilog="Start with `vve-sumo drive`: it drives the hardware-free car towards a parked car in Linden.\n\n"
+        description="Vehicle in Virtual Environment testing on SUMO: a real drive-by-wire car, a virtual road.",
+        epilog="Start with `vve-sumo drive`: it drives the simulated vehicle towards a parked car in Linden.\n\n"
         + EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -14,7 +14,7 @@ from vve_sumo.errors import ConfigError, SimulationError
 
 SUMMARY = "drive a scenario: in lockstep, live on a rig, or with a recorded drive"
 TEXT = """\
-Drive a scenario in lockstep with the hardware-free car: NCOM bytes in, drive-by-wire CAN frames out,
+Drive a scenario in lockstep with the simulated vehicle: NCOM bytes in, drive-by-wire CAN frames out,
 traffic by SUMO. With --rig, drive it live: real time, real buses, a real car. Leaves a record folder with
 summary.json and drive.png.
 
@@ -24,8 +24,8 @@ examples:
   vve-sumo drive --controller mine.py:make      your own controller
   vve-sumo drive --vehicle lincoln_mkz          another car
   vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it
-  vve-sumo drive --pose drive.csv               a recorded drive through the same chain; nothing obeys
-  vve-sumo drive --rig twin                     live, with the hardware-free car as a process of its own
+  vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; nothing obeys
+  vve-sumo drive --rig simulated                live, with the simulated vehicle as a process of its own
   vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off
 
 live keys: e engages, g goes, any other key, Ctrl-C or closing the terminal stops. The emergency stop is the
@@ -44,7 +44,7 @@ def arguments(parser: Parser) -> None:
         "--pose",
         type=Path,
         metavar="FILE",
-        help="send a recorded drive through the chain, laid on the street by matched start: NCOM bytes, or CSV with "
+        help="send a recorded drive through the pipeline, laid on the street by matched start: NCOM bytes, or CSV with "
         "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and logged, nobody obeys",
     )
     parser.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
@@ -76,12 +76,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _lockstep(arguments: argparse.Namespace) -> int:
-    from vve_sumo.drive.progress import reported
-    from vve_sumo.drive.run import choose, folder_for, run
+    from vve_sumo.drive.progress import progress_watch
+    from vve_sumo.drive.run import new_run_folder, resolve_by_name, run
     from vve_sumo.drive.termination import Outcome
 
     working = Path.cwd()
-    resolved = choose(
+    resolved = resolve_by_name(
         arguments.scenario,
         working,
         seed=arguments.seed,
@@ -89,9 +89,9 @@ def _lockstep(arguments: argparse.Namespace) -> int:
         vehicle=arguments.vehicle,
         rig=arguments.rig,
     )
-    folder = arguments.out if arguments.out is not None else folder_for(resolved.name, working)
+    folder = arguments.out if arguments.out is not None else new_run_folder(resolved.name, working)
     with progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
-        done = run(resolved, folder, working, pose=arguments.pose, watch=reported(resolved.path.length, show))
+        done = run(resolved, folder, working, pose=arguments.pose, watch=progress_watch(resolved.path.length, show))
     draw_and_show(resolved, done)
     if done.summary["outcome"] == Outcome.BROKEN:
         complain(f"the simulation broke: {done.summary['text']}")
@@ -118,7 +118,7 @@ def _live(arguments: argparse.Namespace) -> int:
     plan = live_drive.named(plan, arguments.operator, arguments.driver)
     with session.removed_when_empty(plan.folder):
         done = Drive(plan.folder, live_drive.drive(plan))
-    draw_and_show(plan.setting, done)
+    draw_and_show(plan.resolved, done)
     if done.summary["outcome"] == Outcome.BROKEN:
         return SimulationError.exit_code
     return 0 if done.passed else 1

@@ -142,12 +142,12 @@ def _edges_of(path: str | None) -> tuple[str, ...]:
     """The edges that a path's file says it runs along."""
     if path is None:
         return ()
-    from vve_sumo.drive.resolved_scenario import EDGES
+    from vve_sumo.drive.resolved_scenario import EDGES_COMMENT
     from vve_sumo.workspace import find
 
     file = find("path", path, Path.cwd())
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
-    edges = next((tuple(line[len(EDGES) :].split()) for line in lines if line.startswith(EDGES)), ())
+    edges = next((tuple(line[len(EDGES_COMMENT) :].split()) for line in lines if line.startswith(EDGES_COMMENT)), ())
     if not edges:
-        raise ConfigError(f"{file}: no line {EDGES!r} that names the edges of the path")
+        raise ConfigError(f"{file}: no line {EDGES_COMMENT!r} that names the edges of the path")
     return edges

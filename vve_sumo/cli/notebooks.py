@@ -16,7 +16,7 @@ EXIT_CODES = """exit codes:
 SUMMARY = "copy out four Jupyter notebooks to begin an analysis with"
 TEXT = """\
 Copy four notebooks into a folder: the paper's drive, stopping over a sweep of speeds, the latency cliff, a
-recording through the chain. Each makes its own records, under runs/ beside it, and explains what it shows.
+recording through the pipeline. Each makes its own records, under runs/ beside it, and explains what it shows.
 """
 
 

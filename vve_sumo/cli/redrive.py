@@ -11,7 +11,7 @@ from vve_sumo.cli.console import notify
 from vve_sumo.cli.parser import Parser
 
 if TYPE_CHECKING:
-    from vve_sumo.live.review import Redriven
+    from vve_sumo.live.review import RedriveResult
 
 SUMMARY = "ask another controller on a record's inputs, open loop"
 TEXT = """\
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     folder, out = arguments.record, arguments.out
     if out is not None:
-        redrive.writable(out)
+        redrive.require_writable(out)
     for each in review.altered_since(folder) or ():
         notify(f"note: {each}")
     redriven = review.redrive_with(folder, arguments.controller, Path.cwd())
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _show(redriven: Redriven, names: tuple[str, str]) -> None:
+def _show(redriven: RedriveResult, names: tuple[str, str]) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text

@@ -8,12 +8,12 @@ from pathlib import Path
 from vve_sumo.cli.console import notify
 from vve_sumo.cli.parser import Parser
 
-SUMMARY = "run a record through the chain again and find the first difference"
+SUMMARY = "run a record through the pipeline again and find the first difference"
 TEXT = """\
-Feed a record's pose bytes, car reports and actors to the same chain and the same gateway, without SUMO and
+Feed a record's pose bytes, car reports and actors to the same pipeline and the same gateway, without SUMO and
 without a car, and compare every setpoint and every CAN frame, bit for bit. The record is verified before:
-one that was altered is not replayed, nor is a controller run whose code has changed. Exit code 1 names what
-was altered, or the first tick of the drive, or step of the gateway, that differs.
+one that was altered is not replayed, nor one whose controller, sensor, receiver or interface has changed.
+Exit code 1 names what was altered, or the first tick of the drive, or step of the gateway, that differs.
 """
 
 
@@ -25,8 +25,8 @@ def arguments(parser: Parser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Verify a record, then replay it and say where it first differs; return the exit code.
 
-    Nothing of the recorded controller is run before every hash of the record and of the controller's files was found
-    in order.
+    Nothing of the recorded controller, or of another part, is run before every hash of the record and of the parts'
+    files was found in order.
     """
     from vve_sumo.live import review
 
@@ -40,7 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         notify(f"note: {line}")
     if inspected.changed:
         print(*inspected.changed, sep="\n")
-        print(f"not replayed: vve-sumo redrive {folder} --controller NAME asks a controller as it is now")
+        redrive = f": vve-sumo redrive {folder} --controller NAME asks a controller as it is now"
+        print(f"not replayed{redrive if all(line.startswith('controller') for line in inspected.changed) else ''}")
         return 1
     replayed = review.replay(inspected, working)
     for line in replayed.notes:

@@ -94,13 +94,13 @@ def _show(arguments: argparse.Namespace) -> int:
 
 
 def _draw(name: str, file: Path) -> None:
-    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.run import resolve_by_name
 
     if not file.parent.is_dir():
         raise ConfigError(f"--out: there is no folder {file.parent}")
     if file.suffix.lower() != ".png":
         raise ConfigError(f"--out: expected the name of a PNG file, got {file}")
-    resolved = choose(name, Path.cwd())
+    resolved = resolve_by_name(name, Path.cwd())
     # Only now: matplotlib leaves folders of its own behind, also where the name is wrong.
     from vve_sumo.plotting.scenario import draw
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 Found = Mapping[str, Any]
 
 #: combinations that are shown
-SHOWN = 30
+MAX_SHOWN = 30
 
 
 def table_of(found: Found, title: str) -> Table | None:
@@ -57,7 +57,7 @@ def _boundaries(found: Found, title: str) -> Table:
     along = f"{found['along'].rpartition('.')[2]}"
     columns = (*(name.rpartition(".")[2] for name in names), f"{along} meets", "fails", *apart, "why")
     table = _empty(f"{title}: {found['criterion']} along {found['along']}", columns)
-    for line in found["boundaries"][:SHOWN]:
+    for line in found["boundaries"][:MAX_SHOWN]:
         values = [_short(line["values"][name]) for name in names]
         for flip in line["flips"]:
             near = _near(flip, line)

@@ -28,7 +28,7 @@ EXIT_CODES = """exit codes:
   130  interrupted from the keyboard; --resume goes on
 """
 
-PICTURE = "cliff.png"
+PICTURE = "latency_margin.png"
 #: characters of a line where there is no terminal to say
 WIDTH = 120
 
@@ -38,7 +38,7 @@ Drive a scenario again and again while the pose gets later and noisier, step by 
 margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict
 it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is
 what an open-loop brake loses, and the delay that the steering bears by its design. The folder is a sweep's
-dataset with the picture cliff.png.
+dataset with the picture latency_margin.png.
 
 The margin is the gap at rest, the least gap of a drive that goes on, zero or less after a contact. A car
 that its gateway stopped far off (unstable steering, wheels and pose at odds) has none.
@@ -81,7 +81,7 @@ def arguments(parser: Parser) -> None:
 
 
 def _cliff(arguments: argparse.Namespace) -> int:
-    """Drive what is not finished, show the latency cliff and draw it; return the exit code."""
+    """Drive what is not finished, show the latency margin and draw it; return the exit code."""
     from vve_sumo.sweep.fill import engine_of, fill
     from vve_sumo.sweep.study import cliff_study
 
@@ -120,10 +120,10 @@ def _conclude(name: str, out: Path, query: SweepQuery) -> int:
 
 def _design_margin(name: str, working: Path) -> tuple[float, str]:
     """Return the delay that the steering bears by its design [s], or NaN and why nobody knows."""
-    from vve_sumo.drive.run import choose
+    from vve_sumo.drive.run import resolve_by_name
     from vve_sumo.drive.steering_margins import margins_at_speed
 
-    resolved = choose(name, working)
+    resolved = resolve_by_name(name, working)
     try:
         return margins_at_speed(resolved, working).delay, ""
     except ConfigError as error:

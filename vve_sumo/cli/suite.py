@@ -29,7 +29,7 @@ WIDTH = 190
 
 SUMMARY = "drive a standard's tests on the test track: a pass/fail table"
 TEXT = """\
-Drive every row of a standard's table with the hardware-free car on a long straight track, and say which are
+Drive every row of a standard's table with the simulated vehicle on a long straight track, and say which are
 passed, which failed, and whether the brakes could have done it at all. Without a name: list the suites.
 
 examples:

@@ -145,7 +145,7 @@ def _show(out: Path, query: SweepQuery, came: Outcome) -> None:
         share = f" ({_percent(every)} of those drawn)"
     failed = every.judged - every.passed
     console.print(f"{every.runs} runs: {every.passed} passed{share}, {failed} failed, {faults} with a fault")
-    for number, line in enumerate(came.told()):
+    for number, line in enumerate(came.lines()):
         if number == MAX_FAULTS:
             console.print(f"  … and {len(came.faults) - MAX_FAULTS} other faults")
             break

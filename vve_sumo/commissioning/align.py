@@ -1,6 +1,6 @@
 """Where the path shall lie in the lot, by a standing car, by surveyed pairs or by a search; stored in the rig file.
 
-Listens, computes and writes; it sends no frame and moves nothing but the hardware-free car's clock.
+Listens, computes and writes; it sends no frame and moves nothing but the simulated vehicle's clock.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import numpy as np
 from vve_sumo import workspace
 from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.drive.run import choose
-from vve_sumo.drive.virtual_road import standing
+from vve_sumo.drive.run import resolve_by_name
+from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Pair, Placement
 from vve_sumo.live import assembly, start_simulated_vehicle
@@ -46,19 +46,19 @@ DECIMALS: Final = 10  #: of degrees in a path's file: 0.01 mm
 class Site:
     """A path and the lot that it is to lie in."""
 
-    setting: ResolvedScenario
+    resolved: ResolvedScenario
     rig: Rig
     rig_file: FilePath
-    fence: Geofence  #: with the lot's map as the street's
+    geofence: Geofence  #: with the lot's map as the street's
 
     @property
     def speed(self) -> float:
         """What the scenario wants to drive [m/s]."""
-        return self.setting.scenario.ego.speed_mps
+        return self.resolved.scenario.ego.speed_mps
 
     def fits(self, alignment: Alignment) -> Fit | None:
         """Return how the path lies under an alignment; None where not even its start is inside."""
-        return measured(self.setting.path, self.fence, self.speed, alignment)
+        return measured(self.resolved.path, self.geofence, self.speed, alignment)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +80,12 @@ def site_of(scenario: str, rig: str, working: FilePath) -> Site:
     """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot."""
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
-    setting = choose(scenario, working)
+    resolved = resolve_by_name(scenario, working)
     try:
-        setting = assembly.fitted(setting, loaded, working)
+        resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
-    return Site(setting, loaded, rig_file, meaning.fence_of(loaded, Alignment()))
+    return Site(resolved, loaded, rig_file, meaning.geofence_of(loaded, Alignment()))
 
 
 def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> AlignmentResult:
@@ -93,23 +93,24 @@ def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> Al
 
     `notify` takes a line before the fixes are waited for.
     """
-    rig, path, t0 = site.rig, site.setting.path, time.monotonic()
+    rig, path, t0 = site.rig, site.resolved.path, time.monotonic()
     with contextlib.ExitStack() as stack:
         stack.enter_context(held(site.rig_file))
         source = assembly.source_of(rig)
         stack.callback(source.close)
-        if rig.car == "hardware_free":
-            start_simulated_vehicle.start(rig, t0, site.setting.scenario.seed, stack, None)
+        if rig.car == "simulated":
+            start_simulated_vehicle.start(rig, t0, site.resolved.scenario.seed, stack, None)
         notify("waiting for trusted fixes of the standing car")
-        stood = assembly.standing_pose_of(rig, source, t0)
+        standing = assembly.standing_pose_of(rig, source, t0)
     begin = path.at(0.0)
-    start = standing(begin.x, begin.y, begin.heading)
-    alignment = lot_alignment(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, None).alignment
+    start = pose_at_rest(begin.x, begin.y, begin.heading)
+    alignment = lot_alignment(standing, meaning.frame_of(rig), meaning.mounting_of(rig), start, None).alignment
     evidence = (
-        f"{stood.fixes} fixes of the standing car, within {stood.spread:.3f} m and {math.degrees(stood.turn):.3f} deg "
+        f"{standing.fixes} fixes of the standing car, within {standing.spread:.3f} m and "
+        f"{math.degrees(standing.turn):.3f} deg "
         "of their average"
     )
-    return AlignmentResult(alignment, stood.spread, site.fits(alignment), (evidence,))
+    return AlignmentResult(alignment, standing.spread, site.fits(alignment), (evidence,))
 
 
 def paired(site: Site, file: FilePath) -> AlignmentResult:
@@ -150,14 +151,14 @@ def read_pairs(file: FilePath, site: Site) -> tuple[list[Pair], list[Pair]]:
         latitude, longitude, one, other = numbers
         lot.append(frame.to_map(math.radians(latitude), math.radians(longitude)))
         there = (one, other)
-        street.append(there if by_map else site.setting.street.to_map(math.radians(one), math.radians(other)))
+        street.append(there if by_map else site.resolved.map_frame.to_map(math.radians(one), math.radians(other)))
     return lot, street
 
 
 def searched(site: Site) -> AlignmentResult:
     """Look for the place where the path has most room; raises ConfigError where not even its start has any."""
     try:
-        found = fit(site.setting.path, site.fence, site.speed)
+        found = fit(site.resolved.path, site.geofence, site.speed)
     except ConfigError as error:
         raise ConfigError(f"{site.rig_file}: {error}") from None
     turn, shift = math.degrees(found.alignment.rotation), (found.alignment.x, found.alignment.y)
@@ -169,8 +170,8 @@ def searched(site: Site) -> AlignmentResult:
 
 def description(site: Site, result: AlignmentResult) -> Iterator[str]:
     """Return lines: how the path lies in the lot, and where the car has to stand at its start."""
-    length, margin = site.setting.path.length, site.rig.lot.margin_m
-    what = f"{length:.0f} m of {site.setting.scenario.ego.path} at up to {site.speed:.1f} m/s"
+    length, margin = site.resolved.path.length, site.rig.lot.margin_m
+    what = f"{length:.0f} m of {site.resolved.scenario.ego.path} at up to {site.speed:.1f} m/s"
     if result.fit is None:
         yield f"{what}: not even the start lies inside the lot"
         return
@@ -187,7 +188,7 @@ def _start(site: Site, found: Fit) -> str:
     x, y, heading = found.start
     latitude, longitude = frame.to_geodetic(x, y)
     bearing = heading - frame.convergence(latitude, longitude)
-    seen = Placement(frame, Alignment(), meaning.mounting_of(site.rig), 0.0).unplace(standing(x, y, heading))
+    seen = Placement(frame, Alignment(), meaning.mounting_of(site.rig), 0.0).unplace(pose_at_rest(x, y, heading))
     return (
         f"start: rear axle at {_place(latitude, longitude)}, heading {_compass(bearing)} deg; "
         f"the receiver then says {_place(seen.latitude, seen.longitude)}, heading {_compass(seen.heading)} deg"
@@ -206,12 +207,14 @@ def _compass(heading: float) -> str:
 def cut(site: Site, result: AlignmentResult, out: FilePath) -> Path:
     """Write the part of the path that fits as a path of its own into `out`, and return it."""
     assert result.fit is not None  # of a search
-    fence = site.fence.laid(result.alignment)
-    short = shortened(site.setting.path, fence, site.speed, result.fit.station)
-    source = site.setting.files["path"]
+    geofence = site.geofence.aligned(result.alignment)
+    short = shortened(site.resolved.path, geofence, site.speed, result.fit.station)
+    source = site.resolved.files["path"]
     comments = [line for line in source.read_text(encoding="utf-8-sig").splitlines() if line.startswith("#")]
     points = (short.at(s) for s in np.linspace(0.0, short.length, round(short.length) + 1).tolist())
-    rows = [[math.degrees(angle) for angle in site.setting.street.to_geodetic(point.x, point.y)] for point in points]
+    rows = [
+        [math.degrees(angle) for angle in site.resolved.map_frame.to_geodetic(point.x, point.y)] for point in points
+    ]
     lines = [
         *comments,
         f"# The first {short.length:.0f} m of {source.name}, cut by vve-sumo align for {site.rig_file.name}.",
@@ -224,7 +227,7 @@ def cut(site: Site, result: AlignmentResult, out: FilePath) -> Path:
 
 def beyond(site: Site, length: float) -> list[str]:
     """Return a line for everything of the scenario that lies beyond this length of its path [m]."""
-    scenario = site.setting.scenario
+    scenario = site.resolved.scenario
     places = [("obstacle", one.id, one.at_m) for one in scenario.obstacles]
     places += [("actor", one.id, one.at_m) for one in scenario.actors if one.path is None and one.at_m is not None]
     return [
@@ -241,7 +244,7 @@ def store(site: Site, result: AlignmentResult, today: datetime.date) -> None:
         raise ConfigError(f"{site.rig_file} ships with the package: vve-sumo init lays out one of your own")
     values: dict[str, Any] = {
         "kind": "stored",
-        "network": site.setting.scenario.street.network,
+        "network": site.resolved.scenario.road.network,
         "date": today,
         "origin": list(site.rig.alignment.origin or site.rig.lot.outline[0]),
         "rotation_deg": round(math.degrees(result.alignment.rotation), 9),

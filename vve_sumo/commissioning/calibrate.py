@@ -22,7 +22,7 @@ from vve_sumo.drive.resolved_scenario import recorded_model
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
 from vve_sumo.pose.ncom import Decoder
-from vve_sumo.record.record import read_pose_chunks
+from vve_sumo.record.reader import read_pose_chunks
 from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig.resolve import model_of, receiver_of
@@ -283,13 +283,13 @@ def _row(quantity: Quantity, declared: float, estimate: Estimate) -> Row:
     # As many decimals as show the uncertainty's first two digits, within reason.
     decimals = min(max(1 - math.floor(math.log10(sigma)), 0), 5) if 0.0 < sigma < math.inf else 3
 
-    def told(value: float) -> str:
+    def in_digits(value: float) -> str:
         return "" if math.isnan(value) else f"{quantity.factor * value:z.{decimals}f} {quantity.unit}".strip()
 
     verdict = "good" if estimate.good else f"poor: {estimate.trouble}"
     if quantity.optional and not estimate.good:
         verdict = f"left as declared: {estimate.trouble}"
-    return Row(quantity.words, told(declared), told(estimate.value), f"{sigma:.2g}", verdict)
+    return Row(quantity.words, in_digits(declared), in_digits(estimate.value), f"{sigma:.2g}", verdict)
 
 
 def _values(calibrated: Calibrated, leave: Sequence[str]) -> dict[tuple[str, str], float]:

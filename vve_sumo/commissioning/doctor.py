@@ -14,7 +14,7 @@ from vve_sumo import workspace
 from vve_sumo.commissioning import doctor_result, machine_checks, rig_checks
 from vve_sumo.commissioning.findings import Check, Report
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.drive.run import choose
+from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.errors import ConfigError
 from vve_sumo.live import assembly
 from vve_sumo.rig import load as rigs
@@ -39,38 +39,40 @@ def examine(
     report = Report(show)
     report.add(machine_checks.machine(working))
     advice = "correct the scenario, or name another one"
-    setting = report.attempt("scenario", advice, lambda: choose(scenario, working))
-    if setting is not None:
-        report.add([Check("scenario", f"{setting.name}: {setting.path.length:.0f} m of {setting.scenario.ego.path}")])
+    resolved = report.attempt("scenario", advice, lambda: resolve_by_name(scenario, working))
+    if resolved is not None:
+        report.add(
+            [Check("scenario", f"{resolved.name}: {resolved.path.length:.0f} m of {resolved.scenario.ego.path}")]
+        )
     loaded = None
     if rig is not None:
         advice = "correct the rig file, or name another one"
         loaded = report.attempt("rig", advice, lambda: rigs.load(workspace.find("rig", rig, working), working))
     if loaded is not None:
         report.add([Check("rig", f"{loaded.title} ({loaded.car})")])
-    if setting is not None:
-        _examine_scenario(report, setting, loaded, working)
+    if resolved is not None:
+        _examine_scenario(report, resolved, loaded, working)
     if loaded is not None:
         with contextlib.ExitStack() as stack:
             hold = held(workspace.find("rig", str(rig), working))
             advice = "wait for its end; on a serial adapter a second look would close the first one's channel"
             if report.attempt("in use", advice, lambda: stack.enter_context(hold) is None):
-                rig_checks.examine(report, loaded, setting)
+                rig_checks.examine(report, loaded, resolved)
     return report
 
 
-def _examine_scenario(report: Report, setting: ResolvedScenario, rig: Rig | None, working: FilePath) -> None:
+def _examine_scenario(report: Report, resolved: ResolvedScenario, rig: Rig | None, working: FilePath) -> None:
     """Make the checks of a scenario, with the rig's car where there is one."""
     advice = "build it again: vve-sumo network build"
-    report.attempt("network", advice, lambda: report.add(machine_checks.network(setting)))
-    controller = report.attempt("controller", "correct it or its tuning", lambda: setting.controller(working))
+    report.attempt("network", advice, lambda: report.add(machine_checks.network(resolved)))
+    controller = report.attempt("controller", "correct it or its tuning", lambda: resolved.controller(working))
     if controller is not None:
-        report.add([Check("controller", setting.scenario.controller.name)])
+        report.add([Check("controller", resolved.scenario.controller.name)])
     if rig is not None:
         fitted = report.attempt(
-            "speed", "see limits.speed_mps of the rig", lambda: assembly.fitted(setting, rig, working)
+            "speed", "see limits.speed_mps of the rig", lambda: assembly.scenario_with_rig(resolved, rig, working)
         )
         if fitted is not None:
             report.add([Check("speed", f"{fitted.scenario.ego.speed_mps:g} of {rig.limits.speed_mps:g} m/s allowed")])
     advice = "correct the scenario's street, traffic or obstacles"
-    report.attempt("street", advice, lambda: report.add(machine_checks.street(setting)))
+    report.attempt("street", advice, lambda: report.add(machine_checks.street(resolved)))

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.commissioning.findings import Check, Finding
-from vve_sumo.record.record import hash_file
+from vve_sumo.record.hashes import hash_file
 
 #: folder of the verdicts in the folder that the commands are run from; a file a rig
 FOLDER: Final = Path("runs") / "doctor"
 #: a verdict that is older tells of another day's car
-OLD: Final = datetime.timedelta(days=1)
+MAX_AGE: Final = datetime.timedelta(days=1)
 
 
 def file_of(rig_file: Path, working: Path) -> Path:
@@ -28,7 +28,7 @@ def file_of(rig_file: Path, working: Path) -> Path:
 def keep(rig_file: Path, checks: Sequence[Check], scenario: str, working: Path, now: datetime.datetime) -> None:
     """Keep what the doctor found; raises OSError where it cannot be written."""
     against = any(check.finding is Finding.NO_GO for check in checks)
-    told = {
+    data = {
         "verdict": "NO-GO" if against else "GO",
         "date_utc": now.isoformat(timespec="seconds"),
         "scenario": scenario,
@@ -38,7 +38,7 @@ def keep(rig_file: Path, checks: Sequence[Check], scenario: str, working: Path, 
     file = file_of(rig_file, working)
     file.parent.mkdir(parents=True, exist_ok=True)
     half = file.with_suffix(".half")
-    half.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    half.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     half.replace(file)
 
 
@@ -48,13 +48,13 @@ def last(rig_file: Path, working: Path, now: datetime.datetime) -> dict[str, Any
     Its `verdict` is "none" where none was kept, or none that can be read.
     """
     try:
-        told = json.loads(file_of(rig_file, working).read_text(encoding="utf-8"))
-        age = now - datetime.datetime.fromisoformat(told["date_utc"])
-        of_this = told["rig_file_sha256"] == hash_file(rig_file)
-        told["verdict"] = str(told["verdict"])
+        data = json.loads(file_of(rig_file, working).read_text(encoding="utf-8"))
+        age = now - datetime.datetime.fromisoformat(data["date_utc"])
+        of_this = data["rig_file_sha256"] == hash_file(rig_file)
+        data["verdict"] = str(data["verdict"])
     except (OSError, ValueError, KeyError, TypeError):
         return {"verdict": "none", "caveats": []}
     caveats = [] if of_this else ["of another version of the rig file"]
-    caveats += ["older than a day"] if age > OLD else []
+    caveats += ["older than a day"] if age > MAX_AGE else []
     caveats += ["from the future: a clock was set"] if age < datetime.timedelta() else []
-    return {**told, "caveats": caveats}
+    return {**data, "caveats": caveats}

@@ -25,10 +25,10 @@ import numpy as np
 from vve_sumo import bus
 from vve_sumo.commissioning.findings import Check, Finding, judged
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
-from vve_sumo.drive.virtual_road import open_world, scenario_engine, standing
+from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
-from vve_sumo.live.priority import GATEWAY, KEPT
+from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED
 from vve_sumo.scenario.schema import When
 from vve_sumo.values import Point
 from vve_sumo.vehicle.interface import DEFAULT, load, read_dbc
@@ -115,17 +115,19 @@ def _priority() -> Check:
     """Whether the kernel would run the gateway before everything else, keep it in memory, and spare it."""
     scheduled = True
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(GATEWAY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(GATEWAY_PRIORITY))
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     except OSError:
         scheduled = False
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     locked = os.geteuid() == 0 or limit == resource.RLIM_INFINITY or limit >= LOCKED
     words = {True: "permitted", False: "not permitted"}
-    found = f"real-time priority {GATEWAY} {words[scheduled]}, locking memory {words[locked]}, "
-    found += f"oom_score_adj {KEPT} {words[_kept()]}"
-    advice = f"raise this user's limits, rtprio to {GATEWAY} and memlock to unlimited, in /etc/security/limits.d: else "
-    advice += "a busy machine may keep the gateway waiting, which stops the car"
+    found = f"real-time priority {GATEWAY_PRIORITY} {words[scheduled]}, locking memory {words[locked]}, "
+    found += f"oom_score_adj {NEVER_KILLED} {words[_kept()]}"
+    advice = (
+        f"raise this user's limits, rtprio to {GATEWAY_PRIORITY} and memlock to unlimited, in /etc/security/limits.d: "
+    )
+    advice += "else a busy machine may keep the gateway waiting, which stops the car"
     return judged("priority", found, scheduled and locked, advice, otherwise=Finding.NOTE)
 
 
@@ -134,7 +136,7 @@ def _kept() -> bool:
     own = FilePath("/proc/self/oom_score_adj")
     try:
         before = own.read_text(encoding="ascii")
-        own.write_text(f"{KEPT}\n", encoding="ascii")
+        own.write_text(f"{NEVER_KILLED}\n", encoding="ascii")
         own.write_text(before, encoding="ascii")
     except OSError:
         return False
@@ -190,27 +192,29 @@ def _written(folder: FilePath) -> tuple[float, float]:
         return PIECES * WRITTEN / (time.perf_counter() - begun), longest
 
 
-def network(setting: ResolvedScenario) -> Iterator[Check]:
+def network(resolved: ResolvedScenario) -> Iterator[Check]:
     """Project the network's corners and its middle to the Earth and back."""
-    left, low, right, high = setting.network.boundary
+    left, low, right, high = resolved.network.boundary
     places = [(x, y) for x in (left, 0.5 * (left + right), right) for y in (low, 0.5 * (low + high), high)]
-    lost = max(math.dist(place, setting.street.to_map(*setting.street.to_geodetic(*place))) for place in places)
-    found = f"{setting.network.path.name}, {right - left:.0f} by {high - low:.0f} m; there and back within {lost:.1e} m"
+    lost = max(math.dist(place, resolved.map_frame.to_map(*resolved.map_frame.to_geodetic(*place))) for place in places)
+    found = (
+        f"{resolved.network.path.name}, {right - left:.0f} by {high - low:.0f} m; there and back within {lost:.1e} m"
+    )
     yield judged("network", found, lost <= ROUND_TRIP, "its projection has no inverse: build it again from map data")
 
 
-def street(setting: ResolvedScenario) -> Iterator[Check]:
+def street(resolved: ResolvedScenario) -> Iterator[Check]:
     """Step the street with its traffic at the pace of a drive, the ego standing at its start, and time the steps.
 
     The scenario's actors are on it from the first step on, all at once: what they cost shall show here, not under way.
     Raises ConfigError and SimulationError as `World` does.
     """
-    begin, took = setting.path.at(0.0), []
+    begin, took = resolved.path.at(0.0), []
     ego = move_point(
-        standing(begin.x, begin.y, begin.heading), setting.vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER
+        pose_at_rest(begin.x, begin.y, begin.heading), resolved.vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER
     )
-    cast = scenario_engine(_all_at_once(setting))
-    with open_world(setting, time.perf_counter) as world:
+    cast = scenario_engine(_all_at_once(resolved))
+    with open_world(resolved, time.perf_counter) as world:
         begun = time.monotonic()
         for step in range(STEPS):
             before = time.perf_counter()
@@ -221,17 +225,17 @@ def street(setting: ResolvedScenario) -> Iterator[Check]:
             if faults:
                 raise ConfigError(f"the street does not take the ego at the path's start: {', '.join(faults)}")
             time.sleep(max(0.0, begun + (step + 1) * PERIOD - time.monotonic()))
-        headroom = world.headroom
-    assert headroom is not None  # for there is a clock
-    yield _judged_street(took, headroom.fits, headroom.summary)
-    if actors := setting.scenario.actors:
+        budget = world.step_time_budget
+    assert budget is not None  # for there is a clock
+    yield _judged_street(took, budget.fits, budget.summary)
+    if actors := resolved.scenario.actors:
         yield Check("actors", f"{len(actors)}, all at once on the street whose steps were timed")
 
 
-def _all_at_once(setting: ResolvedScenario) -> ResolvedScenario:
-    """The setting with actors that wait for nothing and do nothing but go on."""
-    actors = tuple(one.model_copy(update={"enters": When(), "acts": ()}) for one in setting.scenario.actors)
-    return replace(setting, scenario=setting.scenario.model_copy(update={"actors": actors}))
+def _all_at_once(resolved: ResolvedScenario) -> ResolvedScenario:
+    """The scenario with actors that wait for nothing and do nothing but go on."""
+    actors = tuple(one.model_copy(update={"enters": When(), "events": ()}) for one in resolved.scenario.actors)
+    return replace(resolved, scenario=resolved.scenario.model_copy(update={"actors": actors}))
 
 
 def _judged_street(took: list[float], fits: bool, load: dict[str, float]) -> Check:

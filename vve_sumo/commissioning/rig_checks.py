@@ -1,6 +1,6 @@
 """What the doctor looks at of a rig: its papers, its lot, its receiver and the car's bus, and the path in the lot.
 
-It listens. On a real car's bus it sends nothing at all; the echo test is for a bus that only a hardware-free car is on.
+It listens. On a real car's bus it sends nothing at all; the echo test is for a bus that only a simulated vehicle is on.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from vve_sumo.bus import Bus
 from vve_sumo.commissioning.findings import Check, Finding, Report, judged
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.drive.virtual_road import standing
+from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
-from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average, lot_alignment
+from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average_fixes, lot_alignment
 from vve_sumo.lot.fit import measured
 from vve_sumo.pose.clock import AgeKind, Clock
 from vve_sumo.pose.receivers.port import Receiver
@@ -31,7 +31,7 @@ from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import Trust, TrustGate
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
-from vve_sumo.rig.validation import PTY, arming_refusal
+from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.values import Fix, Frame
 from vve_sumo.vehicle.interface import (
     BrakeState,
@@ -46,12 +46,12 @@ from vve_sumo.vehicle.interface import (
 )
 from vve_sumo.vehicle.reports import CarReports
 
-LISTENED: Final = 3.0  #: to receiver and bus [s]
-LOOK: Final = 0.01  #: between two looks at them [s]
-OLD: Final = 365  #: a test or calibration of more days ago is told
+LISTENING_TIME: Final = 3.0  #: to receiver and bus [s]
+POLL_INTERVAL: Final = 0.01  #: between two looks at them [s]
+MAX_AGE_DAYS: Final = 365  #: a test or calibration of more days ago is told
 RATE_SHARE: Final = 0.9  #: of the fixes that the rig promises
 NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no shipped interface, receiver or radar knows it
-ECHO_PATIENCE: Final = 0.2  #: [s]
+ECHO_TIMEOUT: Final = 0.2  #: [s]
 
 #: reports that the gateway judges the age of
 REPORTS: Final[dict[type, str]] = {
@@ -65,7 +65,7 @@ REPORTS: Final[dict[type, str]] = {
 
 
 @dataclass(slots=True)
-class Heard:
+class Observed:
     """What receiver and bus said while they were listened to."""
 
     epoch: float  #: GNSS second of drive time 0; NaN before the first fix
@@ -90,12 +90,12 @@ class Heard:
         return row[::-1]
 
 
-def examine(report: Report, rig: Rig, setting: ResolvedScenario | None) -> None:
-    """Make every check of a rig that can be made, and with a `setting` those of its path in the lot."""
-    report.add(papers(rig, datetime.date.today()))
+def examine(report: Report, rig: Rig, resolved: ResolvedScenario | None) -> None:
+    """Make every check of a rig that can be made, and with a `resolved` those of its path in the lot."""
+    report.add(documents(rig, datetime.date.today()))
     t0 = time.monotonic()
     with contextlib.ExitStack() as stack:
-        # The receiver first: where another program has its port, the hardware-free car must not speak to that one.
+        # The receiver first: where another program has its port, the simulated vehicle must not speak to that one.
         receiver = meaning.receiver_of(rig)
         source = report.attempt("receiver", receiver.silent_hint, lambda: assembly.source_of(rig))
         if source is not None:
@@ -105,25 +105,25 @@ def examine(report: Report, rig: Rig, setting: ResolvedScenario | None) -> None:
         if source is not None or rig.car == "real":
             advice = "see that the adapter is there and its link up, bus.interface and bus.channel"
             bus = report.attempt("bus", advice, lambda: _bus(report, rig, t0, stack))
-        heard = listen(rig, source, bus, t0)
+        observed = listen(rig, source, bus, t0)
     if bus is not None:
-        report.add([Check("bus", bus.name), *bus_checks(heard)])
+        report.add([Check("bus", bus.name), *bus_checks(observed)])
     if source is not None:
-        report.add(sender_checks(source.told()))
-        report.add(pose_checks(rig, heard))
-    if setting is not None:
+        report.add(sender_checks(source.sender_report()))
+        report.add(pose_checks(rig, observed))
+    if resolved is not None:
         advice = "vve-sumo align stores an alignment for this network"
-        report.attempt("path in the lot", advice, lambda: report.add(path_checks(rig, setting, heard)))
+        report.attempt("path in the lot", advice, lambda: report.add(path_checks(rig, resolved, observed)))
 
 
-def papers(rig: Rig, today: datetime.date) -> Iterator[Check]:
+def documents(rig: Rig, today: datetime.date) -> Iterator[Check]:
     """Look at what the rig file says: may it arm, what was tested and calibrated when, and its lot."""
-    refusal = arming_refusal(rig)
+    problem = arming_obstacle(rig)
     yield (
         Check("arming", "the rig may arm")
-        if refusal is None
+        if problem is None
         else Check(
-            "arming", refusal, Finding.NO_GO, "until then a drive runs with --shadow; docs/live.md tells how to test"
+            "arming", problem, Finding.NO_GO, "until then a drive runs with --shadow; docs/live.md tells how to test"
         )
     )
     yield _watchdog(rig, today)
@@ -141,8 +141,8 @@ def papers(rig: Rig, today: datetime.date) -> Iterator[Check]:
 def _watchdog(rig: Rig, today: datetime.date) -> Check:
     test = rig.watchdog_test
     if test is None:
-        told = Finding.NO_GO if rig.car == "real" else Finding.NOTE
-        return Check("watchdog test", "none", told, "docs/live.md tells how to make it")
+        finding = Finding.NO_GO if rig.car == "real" else Finding.NOTE
+        return Check("watchdog test", "none", finding, "docs/live.md tells how to make it")
     found = f"of {test.date}: {test.deceleration_mps2:g} m/s2 after {test.delay_s:g} s"
     dated = _dated("watchdog test", found, test.date, today)
     if test.armed or dated.finding is Finding.NO_GO:
@@ -158,14 +158,14 @@ def _dated(name: str, found: str, day: datetime.date, today: datetime.date) -> C
     if day > today:
         return Check(name, found, Finding.NO_GO, "that day is still to come: correct the date, or this machine's clock")
     age = (today - day).days
-    told = f"{found}, {age} days ago"
-    return judged(name, told, age <= OLD, "repeat it if anything was changed since", otherwise=Finding.NOTE)
+    text = f"{found}, {age} days ago"
+    return judged(name, text, age <= MAX_AGE_DAYS, "repeat it if anything was changed since", otherwise=Finding.NOTE)
 
 
 def _bus(report: Report, rig: Rig, t0: float, stack: contextlib.ExitStack) -> Bus:
-    """Open the car's bus, after the hardware-free car at its other end was started."""
+    """Open the car's bus, after the simulated vehicle at its other end was started."""
     wire = rig.bus.interface, rig.bus.channel
-    if rig.car == "hardware_free":
+    if rig.car == "simulated":
         report.add(echo(rig))
         car = start_simulated_vehicle.start(rig, t0, 1, stack, None)
         wire = car.bus if rig.bus.channel == PTY else wire
@@ -186,51 +186,52 @@ def echoed(here: Bus, there: Bus) -> Check:
     """Say whether a frame gets from one end of a bus to the other."""
     sent, begun = Frame(NO_COMMAND, time.monotonic_ns().to_bytes(8, "big")), time.monotonic()
     here.send(sent)
-    while (left := begun + ECHO_PATIENCE - time.monotonic()) > 0.0:
-        heard = there.receive(left)
-        if heard is not None and heard[1] == sent:
+    while (left := begun + ECHO_TIMEOUT - time.monotonic()) > 0.0:
+        observed = there.receive(left)
+        if observed is not None and observed[1] == sent:
             return Check("echo", f"a frame from {here.name} is heard on {there.name}")
     found = f"a frame from {here.name} is not heard on {there.name}"
     return Check("echo", found, Finding.NO_GO, "see that both are the same bus, at the same bitrate, and up")
 
 
-def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Heard:
+def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Observed:
     """Listen to both for a while; a bus that breaks off shows as reports that are too old."""
     absolute, delay = assembly.absolute_epoch(rig, t0), assembly.minimum_delay_of(rig)
     interface = load(meaning.interface_of(rig))
     reports = CarReports(meaning.vehicle_of(rig).wheel_radius, interface)
-    heard = Heard(math.nan, assembly.wall_epoch(t0), None, [], Counter(), {}, Counter(), [], reports, interface.facts)
+    epoch = assembly.wall_epoch(t0)
+    observed = Observed(math.nan, epoch, None, [], Counter(), {}, Counter(), [], reports, interface.facts)
     receiver = meaning.receiver_of(rig)
     decoder, gate = receiver.decoder(), None
     last: dict[int, float] = {}
     if source is not None:
         source.receive()  # what came while the rest was opened is not counted
     _drained(bus)
-    end = time.monotonic() + LISTENED
+    end = time.monotonic() + LISTENING_TIME
     while (now := time.monotonic()) < end:
         for stamp, data in source.receive() if source else []:
             for fix in decoder.feed(data, stamp - t0):
-                if heard.clock is None or gate is None:
-                    heard.epoch = fix.time - (stamp - t0 - delay) if absolute is None else absolute
-                    heard.clock = Clock(heard.epoch, delay, absolute=absolute is not None)
-                    gate = TrustGate(receiver.profile, heard.epoch)
-                _take_fix(heard, gate, stamp - t0, fix)
+                if observed.clock is None or gate is None:
+                    observed.epoch = fix.time - (stamp - t0 - delay) if absolute is None else absolute
+                    observed.clock = Clock(observed.epoch, delay, absolute=absolute is not None)
+                    gate = TrustGate(receiver.profile, observed.epoch)
+                _take_fix(observed, gate, stamp - t0, fix)
         frames = _drained(bus)
-        heard.frames.update(frame.id for frame in frames)
+        observed.frames.update(frame.id for frame in frames)
         last |= dict.fromkeys((frame.id for frame in frames), now)
-        heard.troubles.update(reports.take(now, frames))
-        select.select([source] if source and not source.lost else [], [], [], LOOK)
+        observed.troubles.update(reports.take(now, frames))
+        select.select([source] if source and not source.lost else [], [], [], POLL_INTERVAL)
     now = time.monotonic()
-    heard.stale, heard.ages = reports.stale(now), {number: now - then for number, then in last.items()}
-    return heard
+    observed.stale, observed.ages = reports.stale(now), {number: now - then for number, then in last.items()}
+    return observed
 
 
-def _take_fix(heard: Heard, gate: TrustGate, received: float, fix: Fix) -> None:
+def _take_fix(observed: Observed, gate: TrustGate, received: float, fix: Fix) -> None:
     """Date and judge a fix as the drive does."""
-    assert heard.clock is not None
-    made = heard.clock.step(received, fix.time) if fix.locked else heard.clock.at(fix.time)
-    timed = replace(fix, time=heard.epoch + made)
-    heard.fixes.append((timed, gate.step(received, timed)))
+    assert observed.clock is not None
+    made = observed.clock.step(received, fix.time) if fix.locked else observed.clock.at(fix.time)
+    timed = replace(fix, time=observed.epoch + made)
+    observed.fixes.append((timed, gate.step(received, timed)))
 
 
 def _drained(bus: Bus | None) -> list[Frame]:
@@ -240,23 +241,23 @@ def _drained(bus: Bus | None) -> list[Frame]:
         return []
 
 
-def bus_checks(heard: Heard) -> Iterator[Check]:
+def bus_checks(observed: Observed) -> Iterator[Check]:
     """Judge what was heard on the car's bus."""
-    reports, frames = heard.reports, heard.frames
-    carriers = [(name, _carrying(kind, heard.facts)) for kind, name in REPORTS.items()]
-    rates = [f"{name} {sum(frames[number] for number in ids) / LISTENED:.0f}" for name, ids in carriers]
-    ages = [heard.ages[number] for _name, ids in carriers for number in ids if number in heard.ages]
+    reports, frames = observed.reports, observed.frames
+    carriers = [(name, _carrying(kind, observed.facts)) for kind, name in REPORTS.items()]
+    rates = [f"{name} {sum(frames[number] for number in ids) / LISTENING_TIME:.0f}" for name, ids in carriers]
+    ages = [observed.ages[number] for _name, ids in carriers for number in ids if number in observed.ages]
     oldest = max((1e3 * age for age in ages), default=math.nan)
-    found = f"{sum(frames.values()) / LISTENED:.0f} frames/s ({', '.join(rates)}), the oldest {oldest:.0f} ms old"
-    advice = "see ignition, cable, termination and bus.bitrate" if not frames else _in_words(heard.stale)
-    yield judged("reports", found, not heard.stale, advice)
+    found = f"{sum(frames.values()) / LISTENING_TIME:.0f} frames/s ({', '.join(rates)}), the oldest {oldest:.0f} ms old"
+    advice = "see ignition, cable, termination and bus.bitrate" if not frames else _in_words(observed.stale)
+    yield judged("reports", found, not observed.stale, advice)
     if not frames:
         return
-    others = sorted(heard.facts.commands & frames.keys())
-    names = ", ".join(f"0x{number:03X} {frames[number] / LISTENED:.0f}/s" for number in others)
+    others = sorted(observed.facts.commands & frames.keys())
+    names = ", ".join(f"0x{number:03X} {frames[number] / LISTENING_TIME:.0f}/s" for number in others)
     advice = "another program or node commands this car: end it, only one may"
     yield judged("commands", f"heard from others: {names or 'none'}", not others, advice)
-    malformed = heard.troubles["report_malformed"]
+    malformed = observed.troubles["report_malformed"]
     yield judged(
         "understood", f"{malformed} malformed", not malformed, "see drive_by_wire, and who else is on this bus"
     )
@@ -290,104 +291,104 @@ def _in_words(codes: list[str]) -> str:
     return "; ".join(in_words(code) for code in codes)
 
 
-def sender_checks(told: Mapping[str, Any]) -> Iterator[Check]:
+def sender_checks(report: Mapping[str, Any]) -> Iterator[Check]:
     """Judge who spoke to the receiver's port, as its source told; nothing where nobody else can."""
-    if not told:
+    if not report:
         return
-    refused = ", ".join(f"{count} datagrams of {sender}" for sender, count in told["refused"].items())
+    refused = ", ".join(f"{count} datagrams of {sender}" for sender, count in report["refused"].items())
     advice = "end the other sender, or correct pose.source; docs/live.md tells how the receiver gets a link of its own"
-    yield judged("sender", f"{told['sender'] or 'none'}; refused: {refused or 'none'}", not refused, advice)
+    yield judged("sender", f"{report['sender'] or 'none'}; refused: {refused or 'none'}", not refused, advice)
 
 
-def pose_checks(rig: Rig, heard: Heard) -> Iterator[Check]:
+def pose_checks(rig: Rig, observed: Observed) -> Iterator[Check]:
     """Judge what the receiver said."""
-    rate = len(heard.fixes) / LISTENED
+    rate = len(observed.fixes) / LISTENING_TIME
     receiver, found = meaning.receiver_of(rig), f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
-    if not heard.fixes:
-        yield Check("fixes", f"none in {LISTENED:g} s", Finding.NO_GO, receiver.silent_hint)
+    if not observed.fixes:
+        yield Check("fixes", f"none in {LISTENING_TIME:g} s", Finding.NO_GO, receiver.silent_hint)
         return
     advice = "correct pose.rate_hz, or look for what loses packets on the way"
     yield judged("fixes", found, rate >= RATE_SHARE * rig.pose.rate_hz, advice)
-    yield from _quality(receiver, heard)
-    yield _age(rig, heard)
+    yield from _quality(receiver, observed)
+    yield _age(rig, observed)
 
 
-def _quality(receiver: Receiver, heard: Heard) -> Iterator[Check]:
+def _quality(receiver: Receiver, observed: Observed) -> Iterator[Check]:
     """Whether a car could drive on the fixes of the last second, and what speaks against it."""
-    newest = heard.fixes[-1][0]
+    newest = observed.fixes[-1][0]
     found = (
         f"{'locked' if newest.locked else 'not locked'}, {newest.quality}; 1 sigma {newest.position_sigma:.3f} m, "
         f"{newest.velocity_sigma:.3f} m/s, {math.degrees(newest.heading_sigma):.2f} deg; "
         f"corrections {newest.differential_age:.1f} s old"
     )
-    last = [trust for fix, trust in heard.fixes if fix.time > newest.time - 1.0]
+    last = [trust for fix, trust in observed.fixes if fix.time > newest.time - 1.0]
     against = Counter(code for trust in last for code in trust.reasons)
     hints = [receiver.not_fixed_hint] if "not_rtk_fixed" in against else []
     advice = "; ".join([_in_words([code for code, _count in against.most_common(4)]), *hints])
     yield judged("fix", found, not against, advice)
     speed = math.hypot(newest.velocity_north, newest.velocity_east)
-    yield judged("standing", f"{speed:.3f} m/s", bool(heard.standing), "the car has to stand, with fixes to trust")
+    yield judged("standing", f"{speed:.3f} m/s", bool(observed.standing), "the car has to stand, with fixes to trust")
 
 
-def _age(rig: Rig, heard: Heard) -> Check:
+def _age(rig: Rig, observed: Observed) -> Check:
     """How old fixes are when they arrive, and what the clocks are to each other."""
-    assert heard.clock is not None  # there were fixes
-    told = heard.clock.report()
-    ages = [1e3 * (fix.time_received - (fix.time - heard.epoch)) for fix, _trust in heard.fixes]
-    drift = "drift known after 10 s" if math.isnan(told.drift_ppm) else f"drift {told.drift_ppm:.1f} ppm"
-    ahead = heard.wall - (heard.epoch - told.offset)
+    assert observed.clock is not None  # there were fixes
+    report = observed.clock.report()
+    ages = [1e3 * (fix.time_received - (fix.time - observed.epoch)) for fix, _trust in observed.fixes]
+    drift = "drift known after 10 s" if math.isnan(report.drift_ppm) else f"drift {report.drift_ppm:.1f} ppm"
+    ahead = observed.wall - (observed.epoch - report.offset)
     found = (
-        f"{min(ages):.1f} to {max(ages):.1f} ms old ({told.age}), jitter {1e3 * told.jitter_p50:.1f} ms, "
-        f"p99 {1e3 * told.jitter_p99:.1f} ms; this machine's clock {ahead:+.3f} s from GNSS, {drift}"
+        f"{min(ages):.1f} to {max(ages):.1f} ms old ({report.age}), jitter {1e3 * report.jitter_p50:.1f} ms, "
+        f"p99 {1e3 * report.jitter_p99:.1f} ms; this machine's clock {ahead:+.3f} s from GNSS, {drift}"
     )
-    if told.age is AgeKind.DECLARED and rig.pose.minimum_delay_ms == 0.0:
+    if report.age is AgeKind.DECLARED and rig.pose.minimum_delay_ms == 0.0:
         return Check("age", found, Finding.NOTE, "pose.minimum_delay_ms is 0: no fix takes no time at all")
     advice = f"later than latency.deadline_ms, {rig.latency.deadline_ms:g} ms: such ticks run on prediction"
-    in_time = told.jitter_p99 <= rig.latency.deadline_ms / 1000.0
+    in_time = report.jitter_p99 <= rig.latency.deadline_ms / 1000.0
     return judged("age", found, in_time, advice, otherwise=Finding.NOTE)
 
 
-def path_checks(rig: Rig, setting: ResolvedScenario, heard: Heard) -> Iterator[Check]:
+def path_checks(rig: Rig, resolved: ResolvedScenario, observed: Observed) -> Iterator[Check]:
     """Judge how the path lies in the lot, and where on it the car stands.
 
     Raises ConfigError for an alignment that was made for another network.
     """
-    stored, stood = meaning.alignment_of(rig, setting.scenario.street.network), heard.standing
+    stored, standing = meaning.alignment_of(rig, resolved.scenario.road.network), observed.standing
     frame, mounting = meaning.frame_of(rig), meaning.mounting_of(rig)
-    begin = setting.path.at(0.0)
+    begin = resolved.path.at(0.0)
     if stored is None:
-        if not stood or stood[-1].time - stood[0].time < AVERAGING_TIME:
+        if not standing or standing[-1].time - standing[0].time < AVERAGING_TIME:
             advice = (
                 f"where it lies follows from where the car stands: {AVERAGING_TIME:g} s of fixes to trust are needed"
             )
             yield Check("path in the lot", "not known", Finding.NO_GO, advice)
             return
-        place = standing(begin.x, begin.y, begin.heading)
-        stored = lot_alignment(average(heard.epoch, stood), frame, mounting, place, None).alignment
-    elif stood:
-        yield _at_the_start(setting, Placement(frame, stored, mounting, heard.epoch), heard.epoch, stood)
-    yield _in_the_lot(rig, setting, stored)
+        place = pose_at_rest(begin.x, begin.y, begin.heading)
+        stored = lot_alignment(average_fixes(observed.epoch, standing), frame, mounting, place, None).alignment
+    elif standing:
+        yield _at_the_start(resolved, Placement(frame, stored, mounting, observed.epoch), observed.epoch, standing)
+    yield _in_the_lot(rig, resolved, stored)
 
 
-def _in_the_lot(rig: Rig, setting: ResolvedScenario, alignment: Alignment) -> Check:
-    fence = meaning.fence_of(rig, Alignment())
-    found = measured(setting.path, fence, setting.scenario.ego.speed_mps, alignment)
+def _in_the_lot(rig: Rig, resolved: ResolvedScenario, alignment: Alignment) -> Check:
+    geofence = meaning.geofence_of(rig, Alignment())
+    found = measured(resolved.path, geofence, resolved.scenario.ego.speed_mps, alignment)
     advice = "vve-sumo align --fit looks for a place where it fits, or where to cut it short"
     if found is None:
         return Check("path in the lot", "not even its start is inside", Finding.NO_GO, advice)
     if not found.whole:
-        said = f"from {found.station:.0f} m of {setting.path.length:.0f} m on, the car could not stop inside"
+        said = f"from {found.station:.0f} m of {resolved.path.length:.0f} m on, the car could not stop inside"
         return Check("path in the lot", said, Finding.NO_GO, advice)
     return Check("path in the lot", f"fits, {found.clearance:.1f} m clear of every edge beyond the margin")
 
 
-def _at_the_start(setting: ResolvedScenario, placement: Placement, epoch: float, stood: list[Fix]) -> Check:
+def _at_the_start(resolved: ResolvedScenario, placement: Placement, epoch: float, standing: list[Fix]) -> Check:
     """Where the car stands on a path that lies fixed in the lot."""
-    stands = start_pose.of(placement.place(average(epoch, stood).fix), setting.path)
-    found = f"the car stands {stands.place()}, {stands.turn()}"
+    stands = start_pose.start_pose_of(placement.place(average_fixes(epoch, standing).fix), resolved.path)
+    found = f"the car stands {stands.place_text()}, {stands.turn_text()}"
     advice = (
-        f"drive it there, within {start_pose.AWAY:g} m and {math.degrees(start_pose.TURNED):g} deg, "
-        "facing along the path; "
+        f"drive it there, within {start_pose.MAX_START_DISTANCE:g} m and "
+        f"{math.degrees(start_pose.MAX_START_TURN):g} deg, facing along the path; "
         "or, where it is to start here, vve-sumo align"
     )
     return judged("start", found, not stands.faults(), advice)

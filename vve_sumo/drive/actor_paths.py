@@ -19,7 +19,7 @@ from vve_sumo.scenario.schema import Actor
 SPEED_COLUMNS: Final = ("time_s", "speed_mps")
 
 #: No road user is faster; what is, is no recorded speed in metres per second.
-FASTEST: Final = 100.0
+MAX_SPEED: Final = 100.0
 
 #: From a kind of file, a name and the key that names it to the file.
 Find = Callable[[str, str, str], FilePath]
@@ -28,7 +28,7 @@ Speeds = tuple[tuple[float, ...], tuple[float, ...]]  #: times [s], speeds [m/s]
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
+class ActorPaths:
     """What the actors follow, by the names that the scenario uses."""
 
     lines: dict[str, Path]  #: in the street's map
@@ -36,15 +36,15 @@ class Followed:
     files: dict[str, FilePath]  #: what was read, by role
 
 
-def followed(
+def find_actor_paths(
     actors: tuple[Actor, ...], file: FilePath, ego_path: Path, find: Find, read: Callable[[FilePath], Path]
-) -> Followed:
+) -> ActorPaths:
     """Find and read what the actors follow; `read` reads a path's file.
 
     Raises ConfigError naming the scenario's `file` and the key of what is missing or lies beyond its path, or the line
     of what is wrong inside a file.
     """
-    found = Followed({}, {}, {})
+    found = ActorPaths({}, {}, {})
     for actor in actors:
         where = f"actors.{actor.id}"
         if actor.path is not None:
@@ -54,11 +54,11 @@ def followed(
         path = ego_path if actor.path is None else found.lines[actor.path]
         if actor.at_m is not None and actor.at_m > path.length:
             raise ConfigError(f"{file}: {where}: at_m {actor.at_m:g} lies beyond the path's {path.length:.1f} m")
-        for number, act in enumerate(actor.acts):
-            if act.speeds is not None:
-                key = f"{where}.acts.{number}.speeds"
-                found.files[key] = source = find("speeds", act.speeds, key)
-                found.recordings[act.speeds] = read_speeds(source)
+        for number, event in enumerate(actor.events):
+            if event.speeds is not None:
+                key = f"{where}.events.{number}.speeds"
+                found.files[key] = source = find("speeds", event.speeds, key)
+                found.recordings[event.speeds] = read_speeds(source)
     return found
 
 
@@ -71,8 +71,10 @@ def read_speeds(file: FilePath) -> Speeds:
     table = CsvNumbers(file, "speeds")
     times, speeds = [-math.inf], [0.0]
     for where, (time, speed) in table.numbers(SPEED_COLUMNS):
-        if not (math.isfinite(time) and 0.0 <= speed <= FASTEST):
-            raise ConfigError(f"{where}: expected a time and a speed of 0 to {FASTEST:g} m/s, got {time:g}, {speed:g}")
+        if not (math.isfinite(time) and 0.0 <= speed <= MAX_SPEED):
+            raise ConfigError(
+                f"{where}: expected a time and a speed of 0 to {MAX_SPEED:g} m/s, got {time:g}, {speed:g}"
+            )
         if not time > times[-1]:
             raise ConfigError(f"{where}: expected a time after {times[-1]:g} s, got {time:g}")
         times.append(time)

@@ -21,19 +21,19 @@ from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate, TrustProfile
-from vve_sumo.sensors.port import Sensor
-from vve_sumo.sensors.registry import SENSORS
+from vve_sumo.sensors.guarded import GuardedSensor
+from vve_sumo.sensors.port import PORT, SensorSettings
 
 #: Consumers of chance whose streams are numbered, as they were before streams had names.
 _NUMBERED: Final = {"vehicle": 0, "radar": 1}
 #: What the key of any other stream begins with; the name's bytes follow, so that no two names share a stream.
-_NAMED: Final = 2
+_NAMED_STREAM: Final = 2
 
 
 def seed_of(seed: int, consumer: str) -> np.random.SeedSequence:
     """Return a consumer's seeds out of a scenario's seed; one more consumer never shifts another's stream."""
     number = _NUMBERED.get(consumer)
-    key = (_NAMED, *consumer.encode()) if number is None else (number,)
+    key = (_NAMED_STREAM, *consumer.encode()) if number is None else (number,)
     return np.random.SeedSequence(seed, spawn_key=key)
 
 
@@ -55,15 +55,15 @@ class LotAlignment:
         return {
             "epoch_gnss_s": self.epoch,
             "lot_projection": self.projection,
-            "lot_to_street": {"rotation_rad": alignment.rotation, "x_m": alignment.x, "y_m": alignment.y},
+            "lot_to_road": {"rotation_rad": alignment.rotation, "x_m": alignment.x, "y_m": alignment.y},
         }
 
     @classmethod
-    def from_dict(cls, resolved: Mapping[str, Any]) -> LotAlignment:
+    def from_dict(cls, scenario_content: Mapping[str, Any]) -> LotAlignment:
         """Return the alignment that `to_dict` wrote."""
-        turned = resolved["lot_to_street"]
+        turned = scenario_content["lot_to_road"]
         alignment = Alignment(turned["rotation_rad"], turned["x_m"], turned["y_m"])
-        return cls(resolved["lot_projection"], alignment, resolved["epoch_gnss_s"])
+        return cls(scenario_content["lot_projection"], alignment, scenario_content["epoch_gnss_s"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,28 +78,29 @@ class PoseInput:
     geofence: Geofence | None = None  #: None where the car may stop anywhere
 
 
-def sensors_of(setting: ResolvedScenario) -> dict[str, Sensor]:
-    """Return the scenario's sensors by their names, each with a stream of chance of its own."""
-    scenario = setting.scenario
-    return {
-        name: kind.make(getattr(scenario, name), setting.vehicle, np.random.default_rng(seed_of(scenario.seed, name)))
-        for name, kind in SENSORS.items()
-    }
+def sensors_of(resolved: ResolvedScenario) -> dict[str, GuardedSensor]:
+    """Return the scenario's sensors by their names, each with a stream of chance of its own; raises ConfigError."""
+
+    def made(name: str, settings: SensorSettings) -> GuardedSensor:
+        seeds = seed_of(resolved.scenario.seed, name if name == "radar" else f"sensor {name}")
+        return GuardedSensor(name, settings, resolved.vehicle, np.random.default_rng(seeds))
+
+    return {name: PORT.make(name, made, name, settings) for name, settings in resolved.sensors().items()}
 
 
-def build_pipeline(setting: ResolvedScenario, pose: PoseInput, working: FilePath) -> Pipeline:
+def build_pipeline(resolved: ResolvedScenario, pose: PoseInput, working: FilePath) -> Pipeline:
     """Return a scenario's pipeline; raises ConfigError as `ResolvedScenario.controller` does."""
     return Pipeline(
         decoder=pose.decoder,
         gate=TrustGate(pose.profile, pose.epoch),
         placement=pose.placement,
         predictor=Predictor(),
-        sensors=sensors_of(setting),
-        controller=Guarded(setting.controller(working)),
-        vehicle=setting.vehicle,
-        path=setting.path,
-        desired_speed=setting.scenario.ego.speed_mps,
-        deviation_limit=setting.scenario.ego.deviation_limit_m,
+        sensors=sensors_of(resolved),
+        controller=Guarded(resolved.controller(working)),
+        vehicle=resolved.vehicle,
+        path=resolved.path,
+        desired_speed=resolved.scenario.ego.speed_mps,
+        deviation_limit=resolved.scenario.ego.deviation_limit_m,
         clock=pose.clock,
         epoch=pose.epoch,
         geofence=pose.geofence,

@@ -1,4 +1,4 @@
-"""The latency ledger: what each tick of a live drive took, leg by leg, and whether the rig's budget was kept.
+"""The latency monitor: what each tick of a live drive took, leg by leg, and whether the rig's budget was kept.
 
 Takes moments that the shell measured and the gateway's answers; knows no clock, no process and no file.
 """
@@ -17,8 +17,8 @@ from vve_sumo.values import LatencyRow
 if TYPE_CHECKING:
     import pyarrow
 
-PATIENCE: Final = 5  #: ticks that the gateway has to answer a setpoint
-ROLLING: Final = 250  #: ticks that the screen's figures are about
+ANSWER_TIMEOUT_TICKS: Final = 5  #: ticks that the gateway has to answer a setpoint
+WINDOW_TICKS: Final = 250  #: ticks that the screen's figures are about
 
 #: Legs in order, each from the end of the one before; the first begins with the arrival of the fix's bytes or, where
 #: the tick was woken by its deadline, with the tick itself.
@@ -36,10 +36,10 @@ class LatencyMonitor:
         self._open: OrderedDict[int, LatencyRow] = OrderedDict()  # by sequence
         self._done: list[LatencyRow] = []
         self._breaches: deque[float] = deque()
-        self._recent: deque[float] = deque(maxlen=ROLLING)
-        self._tally = Tally()
+        self._recent: deque[float] = deque(maxlen=WINDOW_TICKS)
+        self._tally = LatencyTally()
 
-    def framed(self, sequence: int, sent: float) -> None:
+    def gateway_answered(self, sequence: int, sent: float) -> None:
         """Take the gateway's answer to a setpoint: when its last frame's send returned [s], NaN where it sent none."""
         row = self._open.pop(sequence, None)
         if row is not None:
@@ -51,7 +51,7 @@ class LatencyMonitor:
             self._complete(row, answered=True)
         else:
             self._open[row.sequence] = row
-        for sequence in [s for s, waiting in self._open.items() if waiting.tick <= row.tick - PATIENCE]:
+        for sequence in [s for s, waiting in self._open.items() if waiting.tick <= row.tick - ANSWER_TIMEOUT_TICKS]:
             self._complete(self._open.pop(sequence), answered=False)
         while self._breaches and not self._breaches[0] > row.woken_s - self._window:
             self._breaches.popleft()
@@ -77,7 +77,7 @@ class LatencyMonitor:
         return {"p50": quantile(recent, 0.5), "p99": quantile(recent, 0.99), "missed": self._tally.missed}
 
     def summary(self) -> dict[str, Any]:
-        """Return the drive's figures so far, as `summarize` does from the record's table."""
+        """Return the drive's figures so far, as `latency_summary` does from the record's table."""
         return self._tally.summary() | {"budget_ms": _ms(self._budget)}
 
     def _complete(self, row: LatencyRow, *, answered: bool) -> None:
@@ -91,7 +91,7 @@ class LatencyMonitor:
             self._breaches.append(row.woken_s)
 
 
-class Tally:
+class LatencyTally:
     """Counts and samples of completed rows, in flat arrays: the garbage collector never looks into them."""
 
     def __init__(self) -> None:
@@ -132,14 +132,14 @@ class Tally:
 def legs(row: LatencyRow) -> dict[str, float]:
     """Return what each leg of a tick took [s] and the total; NaN where an end of it did not happen."""
     begin = row.received_s if row.woken_by == DATAGRAM else row.woken_s
-    moments = (begin, row.woken_s, row.decoded_s, row.seen_s, row.decided_s, row.handed_s, row.framed_s)
+    moments = (begin, row.woken_s, row.decoded_s, row.sensed_s, row.decided_s, row.handed_s, row.framed_s)
     took = {name: moments[i + 1] - moments[i] for i, name in enumerate(LEGS)}
     return took | {TOTAL: row.framed_s - begin}
 
 
-def summarize(table: pyarrow.Table) -> dict[str, Any]:
+def latency_summary(table: pyarrow.Table) -> dict[str, Any]:
     """Return the figures of a record's `latency` table (columns: LatencyRow), as `LatencyMonitor.summary` does."""
-    tally = Tally()
+    tally = LatencyTally()
     for row in rows_of(table):
         tally.add(row)
     return tally.summary()

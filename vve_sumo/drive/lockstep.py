@@ -7,19 +7,19 @@ CAN frames, and the gateway answers with CAN frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import count, groupby
 from operator import itemgetter
 from pathlib import Path as FilePath
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.pipeline import Pipeline, TickResult
-from vve_sumo.drive.resolved_scenario import EPOCH, PERIOD, ResolvedScenario
-from vve_sumo.drive.termination import Outcome, TerminationMonitor, end_reason
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD, ResolvedScenario
+from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import DueTick, Tick
-from vve_sumo.drive.virtual_road import VirtualRoad, open_world, scenario_engine, standing
+from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant.car import Car, CarParameters
@@ -27,7 +27,7 @@ from vve_sumo.plant.parameters import perturbed
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
-from vve_sumo.record.record import MemoryRecorder
+from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
@@ -43,28 +43,15 @@ WAITING = "waiting_for_go"
 CAR_BUS = "can0"  #: the car's bus as it is called in the record
 
 
-@dataclass(frozen=True, slots=True)
-class DriveEnd:
-    """How a drive went, beside what its record holds."""
-
-    outcome: Outcome
-    reasons: tuple[str, ...]  #: the gateway's, at the end; before them what the drive was ended for, if it was
-    cleared: tuple[str, ...] = ()  #: vehicles taken off the street where the ego entered it
-    warnings: tuple[str, ...] = ()  #: SUMO's
-    text: str = ""  #: what an exception said, where one ended the drive
-    standoffs: tuple[str, ...] = ()  #: vehicles taken off the street because they and the ego waited for each other
-    extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
-
-
 def drive_end(outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, road: VirtualRoad) -> DriveEnd:
     """Return how a drive went, with what its virtual road and its controller have to say."""
     text = pipeline.failure or road.detail
     return DriveEnd(outcome, reasons, road.cleared, road.warnings, text, road.standoffs)
 
 
-def car_parameters(setting: ResolvedScenario) -> CarParameters:
-    """Return the hardware-free car as the scenario perturbs it."""
-    return perturbed(setting.model, setting.scenario.ego.car, setting.scenario.weather.friction)
+def car_parameters(resolved: ResolvedScenario) -> CarParameters:
+    """Return the simulated vehicle as the scenario perturbs it."""
+    return perturbed(resolved.model, resolved.scenario.ego.car, resolved.scenario.weather.friction)
 
 
 def gateway_of(model: VehicleModel) -> Gateway:
@@ -90,15 +77,15 @@ class LockstepParts:
     start: Pose  #: of the rear axle in the lot
 
 
-def assemble(setting: ResolvedScenario, working: FilePath) -> LockstepParts:
+def assemble(resolved: ResolvedScenario, working: FilePath) -> LockstepParts:
     """Put the parts of a lockstep drive together; whether SUMO runs or a record is replayed makes no difference."""
-    lot = setting.scenario.ego.lot
+    lot = resolved.scenario.ego.lot
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
-    start, begin = standing(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), setting.path.at(0.0)
-    alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
-    placement = Placement(frame, alignment, setting.model.mounting, EPOCH)
-    pipeline = build_pipeline(setting, PoseInput(Decoder(), DRIVE, placement, EPOCH), working)
-    return LockstepParts(pipeline, gateway_of(setting.model), frame, alignment, start)
+    start, begin = pose_at_rest(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), resolved.path.at(0.0)
+    alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
+    placement = Placement(frame, alignment, resolved.model.mounting, DEFAULT_EPOCH)
+    pipeline = build_pipeline(resolved, PoseInput(Decoder(), DRIVE, placement, DEFAULT_EPOCH), working)
+    return LockstepParts(pipeline, gateway_of(resolved.model), frame, alignment, start)
 
 
 class ScriptedOperator:
@@ -111,11 +98,11 @@ class ScriptedOperator:
         self._engaged = False
         self._next: OperatorCommand | None = None
 
-    def act(self) -> OperatorCommand | None:
+    def next_command(self) -> OperatorCommand | None:
         """Return what is done before a tick."""
         return self._next
 
-    def saw(self, verdict: GatewayStatus) -> None:
+    def observe(self, verdict: GatewayStatus) -> None:
         """Take note of what the gateway said at a tick."""
         self._engaged |= verdict.state is ArmingState.ENGAGED
         if verdict.state is ArmingState.READY and not self._engaged:
@@ -142,22 +129,22 @@ class Lockstep:
     """One drive with the simulated vehicle. Making it starts SUMO; `close` it in any case."""
 
     def __init__(
-        self, setting: ResolvedScenario, working: FilePath, alter: Callable[[Fix], Fix | None] = unaltered
+        self, resolved: ResolvedScenario, working: FilePath, alter: Callable[[Fix], Fix | None] = unaltered
     ) -> None:
         """Put everything together; raises ConfigError where something in the scenario is not usable.
 
         `alter` injects faults into the receiver: from a fix to another one, or to None for a lost packet.
         """
-        parts = assemble(setting, working)
+        parts = assemble(resolved, working)
         self._pipeline, self._gateway, self._alignment = parts.pipeline, parts.gateway, parts.alignment
-        self.lot = LotAlignment(parts.frame.projection, parts.alignment, EPOCH)
+        self.lot = LotAlignment(parts.frame.projection, parts.alignment, DEFAULT_EPOCH)
         start = (parts.start.x, parts.start.y, parts.start.heading)
-        vehicle_seed = seed_of(setting.scenario.seed, "vehicle")
-        self._car = Car(car_parameters(setting), start, parts.frame, EPOCH, vehicle_seed, alter)
-        self._setting = setting
-        self._road = VirtualRoad(open_world(setting), scenario_engine(setting))
-        self._termination = TerminationMonitor(setting.path.length, setting.scenario.after_stop_s)
-        self._end_trigger = None if setting.scenario.end_trigger == EndTrigger() else setting.scenario.end_trigger
+        vehicle_seed = seed_of(resolved.scenario.seed, "vehicle")
+        self._car = Car(car_parameters(resolved), start, parts.frame, DEFAULT_EPOCH, vehicle_seed, alter)
+        self._resolved = resolved
+        self._road = VirtualRoad(open_world(resolved), scenario_engine(resolved))
+        self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
+        self._end_trigger = None if resolved.scenario.end_trigger == EndTrigger() else resolved.scenario.end_trigger
         self._operator = ScriptedOperator()
 
     def close(self) -> None:
@@ -167,7 +154,7 @@ class Lockstep:
     def ticks(self, record: MemoryRecorder) -> Generator[LockstepTick]:
         """Tick after tick, for ever; what is left to be recorded is when the iterator is closed."""
         bus = _Bus(self._gateway, self._operator, record)
-        tick = Tick(self._pipeline, self._road, self._setting.path, bus, record)
+        tick = Tick(self._pipeline, self._road, self._resolved.path, bus, record)
         try:
             for number in count():
                 truth = self._alignment.apply(self._car.truth())
@@ -188,7 +175,7 @@ class Lockstep:
             return self._run(ticks, watch)
 
     def _run(self, ticks: Iterator[LockstepTick], watch: Watch) -> DriveEnd:
-        last = round(self._setting.scenario.duration_s / PERIOD) - 1
+        last = round(self._resolved.scenario.duration_s / PERIOD) - 1
         for tick, ticked in enumerate(ticks):
             now, contact = tick * PERIOD, bool(self._road.contacts)
             speed, s, status = ticked.truth.speed, ticked.result.s, ticked.output.verdict
@@ -205,7 +192,7 @@ class Lockstep:
     def _end_reason(self, wanted: EndTrigger, ticked: LockstepTick) -> str:
         """Return why the scenario ends the drive at this tick, by the truth as the metrics see it; empty for not."""
         truth, s = ticked.truth, ticked.result.s
-        path, vehicle = self._setting.path, self._setting.vehicle
+        path, vehicle = self._resolved.path, self._resolved.vehicle
         bumper = deviation = ttc = math.nan
         if math.isfinite(s):
             place = path.project(truth.x, truth.y, s)
@@ -237,7 +224,7 @@ class _Bus:
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Have the gateway step, on the car's newest reports."""
-        self.output = self._gateway.step(now, setpoint, self._reports, self._operator.act())
+        self.output = self._gateway.step(now, setpoint, self._reports, self._operator.next_command())
         self._record.saw_frames(now, CAR_BUS, self.output.frames)
-        self._operator.saw(self.output.verdict)
+        self._operator.observe(self.output.verdict)
         return self.output.verdict

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
-from vve_sumo.drive.virtual_road import scenario_engine, spot_of
+from vve_sumo.drive.virtual_road import obstacle_position, scenario_engine
 from vve_sumo.geometry import Box, behind_bumper, overlap
 from vve_sumo.laws import squared_speed_limits
 from vve_sumo.path import SAMPLE_SPACING, Path
@@ -24,15 +24,15 @@ SPEEDING_UP, SLOWING, LATERAL = 1.5, 1.5, 2.0
 AFTERWARDS = 1.0
 
 
-class Event(NamedTuple):
-    """An actor enters after the start, or begins an act."""
+class TriggeredEvent(NamedTuple):
+    """An actor enters after the start, or begins an event."""
 
     actor: int  #: its number in the scenario
-    act: int  #: the act's number, -1 for entering
+    number: int  #: the event's number, -1 for entering
     time: float  #: since the drive began [s]
     ego: Box  #: where the ego is then
-    station: float  #: of the ego's front bumper [m]
-    player: ActorState  #: where the actor is then
+    s: float  #: of the ego's front bumper [m]
+    actor_state: ActorState  #: where the actor is then
 
 
 class Contact(NamedTuple):
@@ -41,18 +41,18 @@ class Contact(NamedTuple):
     id: str  #: of the obstacle or actor
     time: float  #: since the drive began [s]
     ego: Box
-    station: float  #: of the ego's front bumper [m]
-    player: ActorState | None  #: None for an obstacle
+    s: float  #: of the ego's front bumper [m]
+    actor_state: ActorState | None  #: None for an obstacle
 
 
 class PreviewSample(NamedTuple):
-    """One moment of the foresight."""
+    """One moment of the preview."""
 
     time: float  #: since the drive began [s]
     ego: Box
-    station: float  #: of the ego's front bumper [m]
+    s: float  #: of the ego's front bumper [m]
     speed: float  #: of the ego [m/s]
-    players: tuple[ActorState, ...]
+    actors: tuple[ActorState, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,22 +60,22 @@ class NoBrakePreview:
     """The scenario's course with an ego that never brakes for anybody."""
 
     moments: Sequence[PreviewSample]  #: one every PERIOD
-    events: Sequence[Event]  #: until the contact
+    events: Sequence[TriggeredEvent]  #: until the contact
     contact: Contact | None
 
 
-def preview_without_braking(setting: ResolvedScenario) -> NoBrakePreview:
+def preview_without_braking(resolved: ResolvedScenario) -> NoBrakePreview:
     """Play a scenario without traffic against an ego that keeps its speed; until contact, or until it would end."""
-    engine, begun = scenario_engine(setting), [-1] * len(setting.scenario.actors)
-    boxes = standing_boxes(setting)
+    engine, begun = scenario_engine(resolved), [-1] * len(resolved.scenario.actors)
+    boxes = standing_boxes(resolved)
     moments: list[PreviewSample] = []
-    events: list[Event] = []
+    events: list[TriggeredEvent] = []
     contact: Contact | None = None
-    for time, ego, pose, station in _ego(setting):
-        players = engine.step(time, pose)
-        moments.append(PreviewSample(time, ego, station, pose.speed, players))
+    for time, ego, pose, s in _ego(resolved):
+        actors = engine.step(time, pose)
+        moments.append(PreviewSample(time, ego, s, pose.speed, actors))
         if contact is None:
-            events += _events(setting, begun, engine.begun, moments[-1])
+            events += _events(resolved, begun, engine.begun, moments[-1])
             contact = _contact(moments[-1], boxes)
         begun = list(engine.begun)
         if contact is not None and time > contact.time + AFTERWARDS:
@@ -83,18 +83,18 @@ def preview_without_braking(setting: ResolvedScenario) -> NoBrakePreview:
     return NoBrakePreview(moments, events, contact)
 
 
-def standing_boxes(setting: ResolvedScenario) -> dict[str, Box]:
+def standing_boxes(resolved: ResolvedScenario) -> dict[str, Box]:
     """Return the ground that each of the scenario's obstacles covers."""
     placed = {}
-    for one in setting.scenario.obstacles:
-        at = spot_of(one, setting.path)
+    for one in resolved.scenario.obstacles:
+        at = obstacle_position(one, resolved.path)
         placed[one.id] = Box(at.x, at.y, at.heading, one.length_m, one.width_m)
     return placed
 
 
-def _ego(setting: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]:
-    """Time, box, pose of the front bumper and its station, from the start at rest to the end of the drive."""
-    path, car, scenario = setting.path, setting.vehicle, setting.scenario
+def _ego(resolved: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]:
+    """Time, box, pose of the front bumper and its s, from the start at rest to the end of the drive."""
+    path, car, scenario = resolved.path, resolved.vehicle, resolved.scenario
     limits = _limits(path)
     end = (
         path.length
@@ -107,8 +107,8 @@ def _ego(setting: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]:
         x = at.x + car.rear_axle_to_bumper * math.cos(at.heading)
         y = at.y + car.rear_axle_to_bumper * math.sin(at.heading)
         pose = Pose(tick * PERIOD, Point.FRONT_BUMPER, x, y, at.heading, speed, 0.0, speed * at.curvature, 0.0, 0.0)
-        station = path.project(x, y, s + car.rear_axle_to_bumper).s
-        yield tick * PERIOD, behind_bumper(x, y, at.heading, car.length, car.width), pose, station
+        bumper = path.project(x, y, s + car.rear_axle_to_bumper).s
+        yield tick * PERIOD, behind_bumper(x, y, at.heading, car.length, car.width), pose, bumper
         allowed = min(scenario.ego.speed_mps, limits[min(int(s / SAMPLE_SPACING), len(limits) - 1)])
         speed = min(speed + SPEEDING_UP * PERIOD, allowed)
         s, tick = s + speed * PERIOD, tick + 1
@@ -121,21 +121,21 @@ def _limits(path: Path) -> list[float]:
 
 
 def _events(
-    setting: ResolvedScenario, before: Sequence[int], after: Sequence[int], moment: PreviewSample
-) -> Iterator[Event]:
-    here = {player.id: player for player in moment.players}
-    for number, actor in enumerate(setting.scenario.actors):
-        for act in range(before[number], after[number]):
-            player = here.get(actor.id)
-            if player is not None and (act >= 0 or moment.time > 0.0):
-                yield Event(number, act, moment.time, moment.ego, moment.station, player)
+    resolved: ResolvedScenario, before: Sequence[int], after: Sequence[int], moment: PreviewSample
+) -> Iterator[TriggeredEvent]:
+    here = {state.id: state for state in moment.actors}
+    for number, actor in enumerate(resolved.scenario.actors):
+        for event in range(before[number], after[number]):
+            actor_state = here.get(actor.id)
+            if actor_state is not None and (event >= 0 or moment.time > 0.0):
+                yield TriggeredEvent(number, event, moment.time, moment.ego, moment.s, actor_state)
 
 
 def _contact(moment: PreviewSample, boxes: dict[str, Box]) -> Contact | None:
     for name, box in boxes.items():
         if overlap(moment.ego, box):
-            return Contact(name, moment.time, moment.ego, moment.station, None)
-    for player in moment.players:
-        if overlap(moment.ego, Box(player.x, player.y, player.heading, player.length, player.width)):
-            return Contact(player.id, moment.time, moment.ego, moment.station, player)
+            return Contact(name, moment.time, moment.ego, moment.s, None)
+    for actor in moment.actors:
+        if overlap(moment.ego, Box(actor.x, actor.y, actor.heading, actor.length, actor.width)):
+            return Contact(actor.id, moment.time, moment.ego, moment.s, actor)
     return None

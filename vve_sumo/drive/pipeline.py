@@ -21,7 +21,8 @@ from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate
-from vve_sumo.sensors.port import Reading, Sensor
+from vve_sumo.sensors.guarded import GuardedSensor
+from vve_sumo.sensors.port import Column
 from vve_sumo.values import (
     Actors,
     ControlCommand,
@@ -40,7 +41,10 @@ PREPARED_TOLERANCE = 0.01
 #: how long a setpoint may be acted on [s]; the drive-by-wire controller's own command time-out is the same 100 ms
 SETPOINT_LIFETIME = 0.1
 
-_NO_READINGS: Mapping[str, Reading] = MappingProxyType({})
+#: what came out of the sensors at a tick: the columns of each one's table in the record, by the sensor's name
+Readings = Mapping[str, tuple[Column, ...]]
+
+_NO_READINGS: Readings = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +55,7 @@ class TickResult:
     pose: Pose | None  #: of the rear axle at the tick; None before the first trusted fix
     s: float  #: distance along the path of the pose [m]
     d: float  #: distance of the pose from the path [m], left positive
-    readings: Mapping[str, Reading]  #: what came out of the sensors at this tick, by the sensor's name
+    readings: Readings  #: what came out of the sensors at this tick
     sensors: Mapping[str, SensorOutput]  #: the newest output of every sensor, by the sensor's name
     pose_age: float  #: tick minus epoch of the newest trusted fix [s]
     pose_reasons: tuple[str, ...]  #: why the newest fix was not trusted
@@ -64,7 +68,7 @@ class _Sensed:
     """What a tick knows before its controller is asked."""
 
     pose: Pose | None
-    readings: Mapping[str, Reading]
+    readings: Readings
     faults: tuple[str, ...]
 
 
@@ -81,7 +85,7 @@ class Pipeline:
         gate: TrustGate,
         placement: Placement,
         predictor: Predictor,
-        sensors: Mapping[str, Sensor],
+        sensors: Mapping[str, GuardedSensor],
         controller: Guarded,
         vehicle: Vehicle,
         path: Path,
@@ -154,7 +158,7 @@ class Pipeline:
         pose, readings = self._predictor.at(now), _NO_READINGS
         if pose is not None:
             stepped = {name: sensor.step(now, pose, actors) for name, sensor in self._sensors.items()}
-            faults += ("actors_not_finite",) if any(sensor.refused for sensor in self._sensors.values()) else ()
+            faults += tuple({code: None for sensor in self._sensors.values() for code in sensor.faults})
             readings = {name: reading for name, reading in stepped.items() if reading is not None}
             if readings:
                 self._outputs = self._newest_outputs()
@@ -231,8 +235,8 @@ class Pipeline:
 
     @property
     def failure(self) -> str:
-        """What the controller's last failure said; empty where it never failed."""
-        return self._controller.text
+        """What the last failure of the controller said, or else of a sensor; empty where none ever failed."""
+        return self._controller.text or next((sensor.text for sensor in self._sensors.values() if sensor.text), "")
 
     def _newest_outputs(self) -> Mapping[str, SensorOutput]:
         return MappingProxyType({name: sensor.output for name, sensor in self._sensors.items()})

@@ -12,18 +12,18 @@ from itertools import count
 from pathlib import Path as FilePath
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
-from vve_sumo.drive.lockstep import CAR_BUS, DriveEnd, Watch, drive_end, gateway_of
+from vve_sumo.drive.lockstep import CAR_BUS, Watch, drive_end, gateway_of
 from vve_sumo.drive.prediction_error import PredictionError
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
-from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.tick import DueTick, Tick
-from vve_sumo.drive.virtual_road import VirtualRoad, open_world, scenario_engine, standing
+from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose import recording
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
-from vve_sumo.record.record import MemoryRecorder
+from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.values import Fix, GatewayStatus, Setpoint
 from vve_sumo.vehicle.gateway import Gateway
 
@@ -58,20 +58,20 @@ def _first_usable(file: FilePath) -> tuple[float, Fix]:
 class Playback:
     """One recorded drive. Making it starts SUMO; `close` it in any case."""
 
-    def __init__(self, setting: ResolvedScenario, file: FilePath, working: FilePath) -> None:
+    def __init__(self, resolved: ResolvedScenario, file: FilePath, working: FilePath) -> None:
         """Match the recording's first usable fix with the start of the path; raises ConfigError where that fails."""
         epoch, first = _first_usable(file)
         self._fixes = recording.fixes(file)
         frame = local_frame(first.latitude, first.longitude)
-        begin = setting.path.at(0.0)
+        begin = resolved.path.at(0.0)
         start = Placement(frame, Alignment(), AT_REAR_AXLE, epoch).place(first)
-        alignment = Alignment.from_matched_start(start, standing(begin.x, begin.y, begin.heading))
+        alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
         self.lot = LotAlignment(frame.projection, alignment, epoch)
-        self._setting, self._begin = setting, first.time - epoch
+        self._resolved, self._begin = resolved, first.time - epoch
         placement = Placement(frame, alignment, AT_REAR_AXLE, epoch)
-        self._pipeline = build_pipeline(setting, PoseInput(Decoder(), PLAYBACK, placement, epoch), working)
-        self._gateway = gateway_of(setting.model)
-        self._road = VirtualRoad(open_world(setting), scenario_engine(setting))
+        self._pipeline = build_pipeline(resolved, PoseInput(Decoder(), PLAYBACK, placement, epoch), working)
+        self._gateway = gateway_of(resolved.model)
+        self._road = VirtualRoad(open_world(resolved), scenario_engine(resolved))
         self._prediction_error = PredictionError()
 
     def close(self) -> None:
@@ -80,7 +80,7 @@ class Playback:
 
     def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         """Play to the end of the recording and return how it went; everything else is in the record."""
-        tick = Tick(self._pipeline, self._road, self._setting.path, _Unheard(self._gateway, record), record)
+        tick = Tick(self._pipeline, self._road, self._resolved.path, _Unheard(self._gateway, record), record)
         try:
             reasons = self._play(tick, watch)
         finally:

@@ -12,9 +12,9 @@ from vve_sumo.pose.predict import Predictor
 from vve_sumo.values import Pose
 
 #: staleness that is tried [s]: as long as a setpoint lives
-AGE = 0.1
+MIN_AGE = 0.1
 #: poses that may have come before the prediction is judged [s]: the filter settles first
-SETTLING = 2.0
+SETTLING_TIME = 2.0
 
 
 class PredictionError:
@@ -32,11 +32,11 @@ class PredictionError:
         """Judge the prediction of a trusted pose, and learn from those that are old enough by then."""
         if math.isnan(self._begin):
             self._begin = pose.time
-        while self._waiting and self._waiting[0].time <= pose.time - AGE:
+        while self._waiting and self._waiting[0].time <= pose.time - MIN_AGE:
             self._predictor.update(self._waiting.popleft())
         predicted = self._predictor.at(pose.time)
         self._waiting.append(pose)
-        if predicted is None or pose.time < self._begin + SETTLING:
+        if predicted is None or pose.time < self._begin + SETTLING_TIME:
             return
         error = math.hypot(predicted.x - pose.x, predicted.y - pose.y)
         self._count += 1

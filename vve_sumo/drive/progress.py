@@ -23,7 +23,7 @@ class DriveProgress:
     length: float  #: of the path [m]
 
 
-def reported(length: float, report: Callable[[DriveProgress], None]) -> Watch:
+def progress_watch(length: float, report: Callable[[DriveProgress], None]) -> Watch:
     """Return what watches a drive over a path of a length [m] and reports its progress twice a second of the drive."""
 
     def watch(tick: int, now: float, speed: float, s: float) -> None:

@@ -20,8 +20,9 @@ from typing import Any, Final
 import pyproj
 
 from vve_sumo.config_file import read_json
-from vve_sumo.drive.resolved_scenario import DECISIVE_LIBRARIES, ResolvedScenario, digests, versions
-from vve_sumo.record.record import PROVENANCE
+from vve_sumo.drive.plugged_in import digest
+from vve_sumo.drive.resolved_scenario import DECISIVE_LIBRARIES, ResolvedScenario, versions
+from vve_sumo.record.layout import PROVENANCE
 
 #: the package's own folder, and the folder in it that holds the shipped workspace, whose files are hashed as they are
 #: used
@@ -30,16 +31,16 @@ SHIPPED: Final = "shipped"
 #: endings of the files that decide what the program does: its code, and the car's message layout
 ENDINGS: Final = (".py", ".dbc")
 #: for git to answer [s]
-GIT_PATIENCE: Final = 2.0
+GIT_TIMEOUT: Final = 2.0
 
 
-def provenance(setting: ResolvedScenario, began_utc: str) -> dict[str, Any]:
+def provenance(resolved: ResolvedScenario, began_utc: str) -> dict[str, Any]:
     """Return what is to be known of where a drive comes from; `began_utc` is the wall clock's word for its begin.
 
     A scenario that a program made has no file, and so no hash of one.
     """
-    file = setting.file
-    scenario = digests({"scenario": file})["scenario"] if file.is_file() else None
+    file = resolved.file
+    scenario = digest(file) if file.is_file() else None
     return software() | {"host": host(), "began_utc": began_utc, "scenario_file_sha256": scenario}
 
 
@@ -75,11 +76,11 @@ def code_sha256(package: Path) -> str:
     same hash.
     """
     files = {file.relative_to(package).as_posix(): file for ending in ENDINGS for file in package.rglob(f"*{ending}")}
-    digest = hashlib.sha256()
+    whole = hashlib.sha256()
     for name in sorted(name for name in files if not name.startswith(f"{SHIPPED}/")):
         data = files[name].read_bytes()
-        digest.update(b"%d:%b%d:%b" % (len(name.encode()), name.encode(), len(data), data))
-    return digest.hexdigest()
+        whole.update(b"%d:%b%d:%b" % (len(name.encode()), name.encode(), len(data), data))
+    return whole.hexdigest()
 
 
 def _checkout(package: Path) -> dict[str, Any]:
@@ -100,20 +101,20 @@ def _checkout(package: Path) -> dict[str, Any]:
         ".",
     ]
     try:
-        told = subprocess.run(
+        output = subprocess.run(
             ask,
             cwd=package,
             env=os.environ | {"GIT_OPTIONAL_LOCKS": "0"},
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=GIT_PATIENCE,
+            timeout=GIT_TIMEOUT,
             check=True,
         ).stdout
     except (OSError, ValueError, subprocess.SubprocessError):
         return none
-    commit = re.search(r"^# branch\.oid ([0-9a-f]{40,})$", told, re.MULTILINE)
-    dirty = any(not line.startswith("#") for line in told.splitlines())
+    commit = re.search(r"^# branch\.oid ([0-9a-f]{40,})$", output, re.MULTILINE)
+    dirty = any(not line.startswith("#") for line in output.splitlines())
     return {"git_commit": commit[1], "git_dirty": dirty} if commit else none
 
 
@@ -136,9 +137,9 @@ def _version(name: str) -> str:
         return "none"
 
 
-def text_of(told: dict[str, Any]) -> str:
+def text_of(provenance: dict[str, Any]) -> str:
     """Return the content of the file."""
-    return json.dumps(told, indent=1, allow_nan=False) + "\n"
+    return json.dumps(provenance, indent=1, allow_nan=False) + "\n"
 
 
 def read(folder: Path) -> dict[str, Any]:
@@ -146,18 +147,19 @@ def read(folder: Path) -> dict[str, Any]:
     return read_json(folder / PROVENANCE, "a drive")
 
 
-def same_code(told: dict[str, Any]) -> bool:
+def same_code(provenance: dict[str, Any]) -> bool:
     """Whether a record was driven by the code that is asking."""
-    code = told.get("code")
+    code = provenance.get("code")
     return isinstance(code, dict) and code.get("sha256") == software()["code"]["sha256"]
 
 
-def changed_since(told: dict[str, Any]) -> list[str]:
+def changed_since(provenance: dict[str, Any]) -> list[str]:
     """Return a line for the code and for everything that it is built on, where it is not what a provenance says."""
     mine = software()
-    lines = [] if same_code(told) else ["the code of vve-sumo has changed since"]
-    then = told.get("libraries")
-    parts = {**(then if isinstance(then, dict) else {}), "python": told.get("python"), "proj": told.get("proj")}
+    lines = [] if same_code(provenance) else ["the code of vve-sumo has changed since"]
+    then = provenance.get("libraries")
+    parts = then if isinstance(then, dict) else {}
+    parts = {**parts, "python": provenance.get("python"), "proj": provenance.get("proj")}
     now = {**mine["libraries"], "python": mine["python"], "proj": mine["proj"]}
     told_elsewhere = versions()
     return lines + [

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from vve_sumo.drive.pipeline import TickResult
-from vve_sumo.drive.replay import codes
+from vve_sumo.drive.replay import reason_codes
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import ControlCommand, Floats
 
@@ -80,7 +80,7 @@ def _row(row: dict[str, Any], result: TickResult) -> dict[str, Any]:
     command = result.setpoint or ControlCommand(math.nan, math.nan)
     recorded = (row["steering_setpoint_rad"], row["acceleration_setpoint_mps2"], row["emergency"], row["note"])
     other = (command.steering, command.acceleration, command.emergency, command.note)
-    answers = (_answer(recorded, codes(row["faults"])), _answer(other, result.faults))
+    answers = (_answer(recorded, reason_codes(row["faults"])), _answer(other, result.faults))
     spelt = {f"{whose}_{name}": answer[name] for whose, answer in zip(_WHOSE, answers, strict=True) for name in _ANSWER}
     return {"tick": row["tick"], "time_s": row["time_s"]} | spelt
 
@@ -91,10 +91,12 @@ def _answer(answer: tuple[float, float, bool, str], faults: Iterable[str]) -> di
     return dict(zip(_ANSWER, (math.nan, math.nan, False, "", failure) if failure else (*answer, ""), strict=True))
 
 
-def compared(table: pa.Table) -> Comparison:
+def comparison_of(table: pa.Table) -> Comparison:
     """Return what a table of `side_by_side` comes to."""
     tick = table["tick"].to_numpy()
-    difference = {name: numbers(table, f"other_{name}") - numbers(table, f"recorded_{name}") for name in _NUMBERS}
+    difference = {
+        name: numeric_column(table, f"other_{name}") - numeric_column(table, f"recorded_{name}") for name in _NUMBERS
+    }
     both = np.logical_and.reduce([np.isfinite(values) for values in difference.values()])
     differs = np.logical_or.reduce([values != 0.0 for values in difference.values()]) & both
     for name in ("emergency", "note"):
@@ -112,7 +114,7 @@ def compared(table: pa.Table) -> Comparison:
 
 
 def _answers(table: pa.Table, whose: str) -> Answers:
-    time, acceleration = numbers(table, "time_s"), numbers(table, f"{whose}_acceleration_mps2")
+    time, acceleration = numeric_column(table, "time_s"), numeric_column(table, f"{whose}_acceleration_mps2")
     asked = table[f"{whose}_emergency"].to_numpy(zero_copy_only=False)
     brakes, emergency = _first(time, acceleration < -BRAKES), _first(time, asked)
     return Answers(
@@ -129,13 +131,13 @@ def _first(values: NDArray[Any], where: Any) -> Any:
     return values[at[0]].item() if len(at) else None
 
 
-def numbers(table: pa.Table, name: str) -> Floats:
+def numeric_column(table: pa.Table, name: str) -> Floats:
     """Return a numeric column."""
     values: Floats = table[name].to_numpy()
     return values
 
 
-def writable(file: Path) -> None:
+def require_writable(file: Path) -> None:
     """Raise ConfigError for a place that `write` could not write a table to."""
     if file.suffix not in ENDINGS:
         raise ConfigError(f"{file}: expected a name that ends in {' or '.join(ENDINGS)}")

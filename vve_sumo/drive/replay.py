@@ -18,15 +18,12 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo import bus
-from vve_sumo.drive import provenance
+from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.lockstep import ScriptedOperator, assemble
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import (
-    CONTROLLER,
     PERIOD,
     ResolvedScenario,
-    changed_code,
-    digests,
     read_resolved,
     recorded_model,
     resolve_scenario,
@@ -34,13 +31,14 @@ from vve_sumo.drive.resolved_scenario import (
 )
 from vve_sumo.drive.tick_rows import result_columns, status_columns
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import ACTOR_COLUMNS, LIVE_SCHEMAS, SCHEMAS, read_pose_chunks, read_table
+from vve_sumo.record.layout import ACTOR_COLUMNS, LIVE_SCHEMAS, SCHEMAS, sensor_table
+from vve_sumo.record.reader import read_pose_chunks, read_table, sensor_tables
 from vve_sumo.scenario.load import parse
 from vve_sumo.values import Actors, Frame
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig, load
 
 #: a candump log has microseconds; what happens lies milliseconds apart [s]
-SLACK = 1e-5
+TIME_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,17 +51,14 @@ class Difference:
     replayed: str
 
 
-class Detection(NamedTuple):
-    """A row of the detections, as the record spells it."""
+class RecordedReading(NamedTuple):
+    """What came out of a sensor at a tick, as the record spells it."""
 
-    range_m: float
-    azimuth_rad: float
-    range_rate_mps: float
-    mode: int
-    actor: str
+    measured: float  #: drive time [s]
+    rows: list[tuple[Any, ...]]  #: of the sensor's table, without the tick
 
 
-NOTHING = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
+NO_ACTORS = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +67,7 @@ class PipelineInputs:
 
     pose: list[tuple[float, bytes]]  #: in the order taken in
     actors: dict[int, Actors]  #: by tick
-    scans: dict[int, list[Detection]]  #: of the radar, by tick
+    readings: dict[int, dict[str, RecordedReading]]  #: by tick and sensor, as far as all their rows are there
     ticks: list[dict[str, Any]]  #: rows of the record, as far as all that went into them is there
     torn: int  #: rows after those: their inputs did not come to the disk any more
 
@@ -85,46 +80,60 @@ class CarFrames:
     commands: dict[int, list[Frame]]
 
 
-def setting_of(folder: FilePath, working: FilePath) -> ResolvedScenario:
-    """Return the setting that a record was driven in; nothing of its controller is run.
+def recorded_scenario(folder: FilePath, working: FilePath) -> ResolvedScenario:
+    """Return the resolved scenario that a record was driven in; nothing of its controller is run.
 
     Raises ConfigError where the record is none of a lockstep drive, or a file that it names is gone.
     """
-    file, resolved = folder / "scenario.json", read_resolved(folder)
+    file, scenario_content = folder / "scenario.json", read_resolved(folder)
     try:
-        settings, name, hashes = resolved["settings"], resolved["scenario"], resolved["files_sha256"]
+        settings, name, hashes = (
+            scenario_content["settings"],
+            scenario_content["scenario"],
+            scenario_content["files_sha256"],
+        )
     except KeyError as error:
         raise ConfigError(f"{folder}: no record of a drive: scenario.json: {error}") from None
     if "pose" in hashes:
-        raise ConfigError(f"{folder}: a playback, expected a drive with the hardware-free car")
-    setting = resolve_scenario(name, parse(settings, file), file, working)
-    return replace(setting, model=recorded_model(resolved))
+        raise ConfigError(f"{folder}: a playback, expected a drive with the simulated vehicle")
+    resolved = resolve_scenario(name, parse(settings, file), file, working)
+    return replace(resolved, model=recorded_model(scenario_content))
 
 
-def changed_since(folder: FilePath, setting: ResolvedScenario) -> list[str]:
-    """Return a line for every file and every version that is not what a record says of it, but for the controller's."""
-    resolved = read_resolved(folder)
-    then, now = resolved["files_sha256"], digests(setting.files)
-    roles = sorted(role for role in now | then if not role.startswith(CONTROLLER))
+def changed_since(folder: FilePath, resolved: ResolvedScenario) -> list[str]:
+    """Return a line for every file and every version that is not what a record says, but for parts that plug in."""
+    scenario_content = read_resolved(folder)
+    then, now = scenario_content["files_sha256"], plugged_in.digests(resolved.files)
+    roles = sorted(role for role in now | then if not role.startswith(plugged_in.PREFIXES))
     changed = [f"{role} has changed since" for role in roles if then.get(role) != now.get(role)]
-    mine, told = versions(), resolved["versions"]
-    changed += [f"{part} was {told.get(part)}, is {mine[part]}" for part in mine if told.get(part) != mine[part]]
+    mine, then = versions(), scenario_content["versions"]
+    changed += [f"{part} was {then.get(part)}, is {mine[part]}" for part in mine if then.get(part) != mine[part]]
     return changed + provenance.changed_since(provenance.read(folder))
 
 
-def changed_controller(folder: FilePath, setting: ResolvedScenario, working: FilePath) -> list[str]:
-    """Return a line for every file of the recorded controller's code that is not as it was; none of it is run.
+def changed_code(folder: FilePath, working: FilePath, *, controller: bool = True) -> list[str]:
+    """Return a line for every file of the recorded parts' code that is not as it was; none of it is run.
 
-    Raises ConfigError where there is no such controller any more.
+    The parts are sensors, drive-by-wire interface, of a live drive the receiver, and the controller unless another one
+    is asked. Raises ConfigError where there is no such part any more.
     """
-    recorded = {role: [str(digest)] for role, digest in read_resolved(folder)["files_sha256"].items()}
-    return changed_code(setting.scenario.controller.name, recorded, working)
+    file, resolved = folder / "scenario.json", read_resolved(folder)
+    try:
+        recorded = {role: [str(digest)] for role, digest in resolved["files_sha256"].items()}
+        parts = [*plugged_in.of_scenario(parse(resolved["settings"], file), working)]
+        parts.append(plugged_in.vehicle_interface(resolved["vehicle_model"]["interface"]["name"]))
+        if "rig" in resolved:
+            parts.append(plugged_in.receiver(resolved["rig"]["pose"]["kind"]))
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ConfigError(f"{file}: it does not say what plugged in: {error!r}") from None
+    asked = (part for part in parts if controller or part.role != plugged_in.CONTROLLER)
+    return [line for part in asked for line in part.changed(recorded)]
 
 
 def read_rows(folder: FilePath, name: str) -> pa.Table:
     """Read a table of a record with all columns that a replay needs; raises ConfigError where one is missing."""
     table = read_table(folder, name)
-    wanted = (SCHEMAS | LIVE_SCHEMAS)[name]
+    wanted = (SCHEMAS | LIVE_SCHEMAS).get(name) or sensor_tables(folder)[name]
     if (missing := next((column for column in wanted.names if column not in table.column_names), None)) is not None:
         raise ConfigError(f"{folder}: {name} has no column {missing}: written by another version of vve-sumo")
     return table
@@ -135,9 +144,9 @@ def read_pipeline_inputs(folder: FilePath) -> PipelineInputs:
 
     Raises ConfigError where one of the record's files is missing or unreadable.
     """
-    ticks, actors, scans = (read_rows(folder, name) for name in ("ticks", "actors", "detections"))
+    ticks, actors = (read_rows(folder, name) for name in ("ticks", "actors"))
     pose = read_pose_chunks(folder / "pose.bin")
-    inputs = PipelineInputs(pose, _snapshots(actors), _scans(scans), ticks.to_pylist(), 0)
+    inputs = PipelineInputs(pose, _snapshots(actors), _readings(folder), ticks.to_pylist(), 0)
     whole = _whole_ticks(inputs)
     return replace(inputs, ticks=inputs.ticks[:whole], torn=len(inputs.ticks) - whole)
 
@@ -148,9 +157,9 @@ def _whole_ticks(inputs: PipelineInputs) -> int:
     for number, row in enumerate(inputs.ticks):
         tick = row["tick"]
         heard = row["datagrams"] <= len(inputs.pose)
-        seen = len(inputs.actors.get(tick, NOTHING).ids) == expected
-        scanned = not row["scanned"] or len(inputs.scans.get(tick, ())) == row["detections"]
-        if not (heard and seen and scanned):
+        seen = len(inputs.actors.get(tick, NO_ACTORS).ids) == expected
+        sensed = len(inputs.readings.get(tick, ())) == row["readings"]
+        if not (heard and seen and sensed):
             return number
         expected = row["actors"]
     return len(inputs.ticks)
@@ -164,7 +173,7 @@ def read_car_frames(folder: FilePath, epoch: float, interface: InterfaceConfig =
         if frame.id in sent:
             frames.commands[round((time - epoch) / PERIOD)].append(frame)
         else:
-            frames.reports[math.ceil((time - epoch - SLACK) / PERIOD)].append(frame)
+            frames.reports[math.ceil((time - epoch - TIME_TOLERANCE) / PERIOD)].append(frame)
     return frames
 
 
@@ -180,15 +189,25 @@ def _snapshots(table: pa.Table) -> dict[int, Actors]:
     return found
 
 
-def _scans(table: pa.Table) -> dict[int, list[Detection]]:
-    found: dict[int, list[Detection]] = defaultdict(list)
-    columns = (table[name].to_pylist() for name in Detection._fields)
-    for tick, *detection in zip(table["tick"].to_pylist(), *columns, strict=True):
-        found[tick].append(Detection(*detection))
+def _readings(folder: FilePath) -> dict[int, dict[str, RecordedReading]]:
+    rows = {name: _rows(read_rows(folder, name)) for name in sensor_tables(folder)}
+    found: dict[int, dict[str, RecordedReading]] = defaultdict(dict)
+    columns = (column.to_pylist() for column in read_rows(folder, "readings").select(SCHEMAS["readings"].names))
+    for tick, sensor, measured, count in zip(*columns, strict=True):
+        own = rows.get(sensor_table(sensor), {}).get(tick, [])
+        if len(own) == count:
+            found[tick][sensor] = RecordedReading(measured, own)
     return found
 
 
-def answers(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple[dict[str, Any], TickResult]]:
+def _rows(table: pa.Table) -> dict[int, list[tuple[Any, ...]]]:
+    found: dict[int, list[tuple[Any, ...]]] = defaultdict(list)
+    for tick, *row in zip(*(column.to_pylist() for column in table), strict=True):
+        found[tick].append(tuple(row))
+    return found
+
+
+def replayed_ticks(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple[dict[str, Any], TickResult]]:
     """Ask the pipeline again, tick by tick: each recorded row with what comes out now."""
     taken = 0
     for row in inputs.ticks:
@@ -196,26 +215,26 @@ def answers(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple[dict[s
         for time, data in inputs.pose[taken : row["datagrams"]]:
             pipeline.receive(time, data)
         taken = row["datagrams"]
-        pipeline.see(now, inputs.actors.get(tick, NOTHING))
-        yield row, pipeline.decide(tick, now, steering, codes(row["found"]))
+        pipeline.see(now, inputs.actors.get(tick, NO_ACTORS))
+        yield row, pipeline.decide(tick, now, steering, reason_codes(row["shell_faults"]))
         pipeline.prepare(now + PERIOD, steering)
 
 
-def codes(joined: str) -> tuple[str, ...]:
+def reason_codes(joined: str) -> tuple[str, ...]:
     """Return the reason codes in a record's column."""
     return tuple(code for code in joined.split("+") if code)
 
 
 def replay(
-    setting: ResolvedScenario, inputs: PipelineInputs, frames: CarFrames, working: FilePath
+    resolved: ResolvedScenario, inputs: PipelineInputs, frames: CarFrames, working: FilePath
 ) -> Difference | None:
     """Run a lockstep record through pipeline and gateway; return the first difference, None where all is the same."""
-    parts, operator = assemble(setting, working), ScriptedOperator()
-    for row, result in answers(parts.pipeline, inputs):
+    parts, operator = assemble(resolved, working), ScriptedOperator()
+    for row, result in replayed_ticks(parts.pipeline, inputs):
         tick = int(row["tick"])
         reports, commands = frames.reports.get(tick, []), frames.commands.get(tick, [])
-        output = parts.gateway.step(row["time_s"], result.setpoint, reports, operator.act())
-        operator.saw(output.verdict)
+        output = parts.gateway.step(row["time_s"], result.setpoint, reports, operator.next_command())
+        operator.observe(output.verdict)
         difference = (
             compare_result(inputs, row, result)
             or compare(tick, row, status_columns(output.verdict))
@@ -236,17 +255,21 @@ def compare(number: int, row: dict[str, Any], mine: Mapping[str, Any]) -> Differ
 
 
 def compare_result(inputs: PipelineInputs, row: dict[str, Any], result: TickResult) -> Difference | None:
-    """Return what the pipeline computed otherwise than its row and its scan say."""
+    """Return what the pipeline computed otherwise than its row and the readings of its sensors say."""
     tick = int(row["tick"])
-    difference = compare(tick, row, result_columns(result))
-    scan = result.readings.get("radar")
-    if difference is not None or scan is None:
+    if (difference := compare(tick, row, result_columns(result))) is not None:
         return difference
-    columns = (column.tolist() if isinstance(column, np.ndarray) else column for column in scan.columns())
-    mine = [Detection(*values) for values in zip(*columns, strict=True)]
-    for number, (then, now) in enumerate(zip_longest(inputs.scans.get(tick, []), mine)):
-        if then != now:
-            return Difference(tick, f"detection {number}", repr(then), repr(now))
+    recorded = inputs.readings.get(tick, {})
+    for sensor, columns in result.readings.items():
+        values = (column.tolist() if isinstance(column, np.ndarray) else column for column in columns)
+        mine = RecordedReading(result.sensors[sensor].time, list(zip(*values, strict=True)))
+        if (then := recorded.get(sensor)) is None:
+            return Difference(tick, f"sensor {sensor}", "no reading", "a reading")
+        if then.measured != mine.measured:
+            return Difference(tick, f"sensor {sensor}: measured_s", repr(then.measured), repr(mine.measured))
+        for number, (one, other) in enumerate(zip_longest(then.rows, mine.rows)):
+            if one != other:
+                return Difference(tick, f"sensor {sensor}: row {number}", repr(one), repr(other))
     return None
 
 

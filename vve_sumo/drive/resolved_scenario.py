@@ -1,13 +1,12 @@
-"""From a scenario's names to everything a drive needs: files found and hashed, the path laid into the street's map.
+"""From a scenario's names to everything a drive needs: files found and hashed, the path laid into the network's map.
 
 Reads files, opens nothing for good; starts neither SUMO nor a car.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
@@ -20,13 +19,15 @@ from scipy.spatial import KDTree
 
 from vve_sumo import workspace
 from vve_sumo.config_file import read_json
-from vve_sumo.controller import Controller, load, origin, sources
+from vve_sumo.controller import Controller, load
 from vve_sumo.csv_numbers import CsvNumbers
-from vve_sumo.drive.actor_paths import Speeds, followed
+from vve_sumo.drive import plugged_in
+from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
 from vve_sumo.scenario.schema import Scenario
+from vve_sumo.sensors.port import SensorSettings, configured
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
@@ -39,22 +40,20 @@ if TYPE_CHECKING:
 #: Of what a record holds; the first had neither path nor car, the second no provenance.json and no seal, the third
 #: neither the speed of actors across their heading nor the time at which a scan was measured, the fourth, of a live
 #: drive, not the actors as SUMO's last step left them, which stand under the tick after the last; the fifth had no
-#: vehicle model.
-LAYOUT = 6
+#: vehicle model, and the sixth one table for the radar alone, and no hash of the code of an interface or a receiver.
+LAYOUT = 7
 PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
 #: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
-EPOCH = 1_451_260_818.0
-#: how the role of a file of the controller's code begins; the name of its module follows
-CONTROLLER = "controller_"
+DEFAULT_EPOCH = 1_451_260_818.0
 #: libraries whose version is recorded beside our own: another one may drive differently
 DECISIVE_LIBRARIES = ("libsumo", "numpy", "scipy", "pyproj")
 PATH_COLUMNS = ("latitude_deg", "longitude_deg")
 #: a point of the path that is farther from every lane is a mistake in its coordinates [m]
 MAX_DISTANCE_FROM_LANES = 50.0
 #: of the lanes' points that the path is compared with [m]
-SPACING = 10.0
+LANE_POINT_SPACING = 10.0
 #: comment in a path's file that names the edges it runs along
-EDGES = "# edges:"
+EDGES_COMMENT = "# edges:"
 
 
 ReadNetwork = Callable[[FilePath], Network]
@@ -69,12 +68,12 @@ class ResolvedScenario:
     scenario: Scenario
     network: Network
     demand: tuple[FilePath, ...]
-    street: MapFrame  #: of the network
-    path: Path  #: of the rear axle, in the street's map
+    map_frame: MapFrame  #: of the network
+    path: Path  #: of the rear axle, on the virtual road's map
     route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
     model: VehicleModel  #: that drives
     files: dict[str, FilePath]  #: what was read, by role
-    lines: dict[str, Path]  #: paths of actors, by the names that they use, in the street's map
+    actor_paths: dict[str, Path]  #: paths of actors, by the names that they use, on the virtual road's map
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
     file: FilePath  #: the scenario's own
 
@@ -83,13 +82,15 @@ class ResolvedScenario:
         """The vehicle as declared."""
         return self.model.vehicle
 
-    def resolved(self, working: FilePath) -> dict[str, Any]:
+    def to_dict(self, working: FilePath) -> dict[str, Any]:
         """Return what the record keeps: scenario, path and car, the content of files as hashes, and the versions.
 
-        The controller's files are those of the one that `controller` made last.
+        The code of each part that plugs in is that of the one that was made last. Raises ConfigError as `sensors` does.
         """
-        code = sources(self.scenario.controller.name, workspace.controller_folders(working))
-        files = self.files | {f"{CONTROLLER}{module}": file for module, file in code.items()}
+        sensors = {name: [*map(list, settings.columns)] for name, settings in self.sensors().items()}
+        parts = [*plugged_in.of_scenario(self.scenario, working)]
+        parts.append(plugged_in.vehicle_interface(self.model.interface.name))
+        files = self.files | {role: file for part in parts for role, file in part.files().items()}
         model = self.model.to_dict()
         return {
             "layout": LAYOUT,
@@ -99,7 +100,8 @@ class ResolvedScenario:
             "path_m": [f"{x} {y}" for x, y in self.path.points],
             "vehicle": model.pop("vehicle"),
             "vehicle_model": model,
-            "files_sha256": digests(files),
+            "sensors": sensors,
+            "files_sha256": plugged_in.digests(files),
             "versions": versions(),
         }
 
@@ -108,8 +110,21 @@ class ResolvedScenario:
         control = self.scenario.controller
         return load(control.name, self.vehicle, dict(control.tuning), workspace.controller_folders(working))
 
+    def sensors(self) -> dict[str, SensorSettings]:
+        """Return the settings of every sensor by its name, the radar first.
+
+        Raises ConfigError, naming the sensor, for a kind that is not found and for a key that it does not have.
+        """
+        made: dict[str, SensorSettings] = {"radar": self.scenario.radar}
+        for sensor in self.scenario.sensors:
+            try:
+                made[sensor.name] = configured(sensor.kind, sensor.settings)
+            except ConfigError as error:
+                raise ConfigError(f"{self.file}: sensors.{sensor.name}: {error}") from None
+        return made
+
     def driven_by(self, name: str) -> ResolvedScenario:
-        """Return the same setting with another controller, and without its tuning, which would be no other's."""
+        """Return the same scenario with another controller, and without its tuning, which would be no other's."""
         control = self.scenario.controller
         if name == control.name:
             return self
@@ -117,7 +132,7 @@ class ResolvedScenario:
         return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
 
     def with_rig(self, rig: Rig, working: FilePath) -> ResolvedScenario:
-        """Return the same setting with a rig's car; raises ConfigError where its vehicle model is gone."""
+        """Return the same scenario with a rig's car; raises ConfigError where its vehicle model is gone."""
         from vve_sumo.rig.resolve import model_of  # and with it the lot's geometry, which no other drive needs
 
         file = workspace.find("vehicle", rig.vehicle.model, working)
@@ -132,33 +147,11 @@ def versions() -> dict[str, str]:
     return {"vve-sumo": __version__} | {name: version(name) for name in DECISIVE_LIBRARIES}
 
 
-def digests(files: Mapping[str, FilePath]) -> dict[str, str]:
-    """Return the hash of every file (hexadecimal SHA-256), by role, sorted."""
-    return {role: _digest(file) for role, file in sorted(files.items())}
-
-
-def changed_code(name: str, recorded: Mapping[str, Collection[str]], working: FilePath) -> list[str]:
-    """Return a line for every file of a controller's code that is not as it was recorded; none of that code is run.
-
-    `recorded` holds the hashes that each role had. Raises ConfigError where there is no such controller any more.
-    """
-    place = origin(name, workspace.controller_folders(working))
-    roles = [role for role in sorted(recorded) if role.startswith(CONTROLLER)]
-    if f"{CONTROLLER}{place.main}" not in roles:
-        return [f"controller {name}: there is no hash of its code"]
-    files = {role: place.file(role.removeprefix(CONTROLLER)) for role in roles}
-    return [
-        f"{role} has changed since" if file is not None else f"{role} is gone"
-        for role, file in files.items()
-        if file is None or _digest(file) not in recorded[role]
-    ]
-
-
 def read_resolved(folder: FilePath) -> dict[str, Any]:
     """Return the content of a record's `scenario.json`; raises ConfigError where there is none of this layout."""
     file = folder / "scenario.json"
     resolved = read_json(file, "a drive")
-    refuse_layout(resolved, file)
+    check_layout(resolved, file)
     return resolved
 
 
@@ -170,15 +163,11 @@ def recorded_model(resolved: Mapping[str, Any]) -> VehicleModel:
         raise ConfigError(f"scenario.json: no vehicle model of this version: {error!r}") from None
 
 
-def refuse_layout(resolved: Mapping[str, Any], file: FilePath) -> None:
+def check_layout(resolved: Mapping[str, Any], file: FilePath) -> None:
     """Raise ConfigError for a record of another layout than this version writes; `file` is its `scenario.json`."""
     layout = resolved.get("layout", 1)
     if layout != LAYOUT:
         raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")
-
-
-def _digest(file: FilePath) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def resolve_scenario(
@@ -202,15 +191,15 @@ def resolve_scenario(
         except ConfigError as error:
             raise ConfigError(f"{file}: {key}: {error}") from None
 
-    network = (network_in or read_network)(find("network", scenario.street.network, "street.network"))
-    demand = tuple(find("demand", wanted, "street.demand") for wanted in scenario.street.demand)
+    network = (network_in or read_network)(find("network", scenario.road.network, "road.network"))
+    demand = tuple(find("demand", wanted, "road.demand") for wanted in scenario.road.demand)
     path_file = find("path", scenario.ego.path, "ego.path")
     vehicle_file = find("vehicle", scenario.ego.vehicle, "ego.vehicle")
     try:
-        street = network.frame()
+        map_frame = network.frame()
     except ConfigError as error:
         raise ConfigError(f"{network.path}: {error}") from None
-    path, route = (path_in or read_path)(path_file, street, network)
+    path, route = (path_in or read_path)(path_file, map_frame, network)
     for obstacle in scenario.obstacles:
         if obstacle.at_m > path.length:
             raise ConfigError(
@@ -218,50 +207,52 @@ def resolve_scenario(
             )
 
     def read(of: FilePath) -> Path:
-        return (path_in or read_path)(of, street, network)[0]
+        return (path_in or read_path)(of, map_frame, network)[0]
 
-    cast = followed(scenario.actors, file, path, find, read)
-    files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **cast.files}
+    followed = find_actor_paths(scenario.actors, file, path, find, read)
+    files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
     return ResolvedScenario(
         name=name,
         scenario=scenario,
         network=network,
         demand=demand,
-        street=street,
+        map_frame=map_frame,
         path=path,
         route=route,
         model=load_vehicle(vehicle_file),
         files=files,
-        lines=cast.lines,
-        recordings=cast.recordings,
+        actor_paths=followed.lines,
+        recordings=followed.recordings,
         file=file,
     )
 
 
-def read_path(file: FilePath, street: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
-    """Return the path in a CSV file, laid into the street's map, and the edges that the file says it runs along.
+def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
+    """Return the path in a CSV file, laid into the network's map, and the edges that the file says it runs along.
 
     Raises ConfigError naming file and line for what is no coordinate, and for a point outside the network.
     """
     table = CsvNumbers(file, "path")
-    edges = next((tuple(line[len(EDGES) :].split()) for line in table.comments if line.startswith(EDGES)), ())
+    edges = next(
+        (tuple(line[len(EDGES_COMMENT) :].split()) for line in table.comments if line.startswith(EDGES_COMMENT)), ()
+    )
     places, placed = [], []
     for where, (latitude, longitude) in table.numbers(PATH_COLUMNS):
         if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
             raise ConfigError(f"{where}: {latitude}, {longitude} is no place on Earth, in degrees")
         places.append(where)
-        placed.append(street.to_map(math.radians(latitude), math.radians(longitude)))
+        placed.append(map_frame.to_map(math.radians(latitude), math.radians(longitude)))
     for where, (x, y) in zip(places, placed, strict=True):
         _inside(where, x, y, network)
-    _on_the_streets(places, placed, network)
+    _on_the_roads(places, placed, network)
     try:
         return Path.from_points([x for x, _y in placed], [y for _x, y in placed]), edges
     except ConfigError as error:
         raise ConfigError(f"{table.name}: {error}") from None
 
 
-def _on_the_streets(places: list[str], placed: list[tuple[float, float]], network: Network) -> None:
+def _on_the_roads(places: list[str], placed: list[tuple[float, float]], network: Network) -> None:
     """Raise ConfigError at the first point that is far from every lane: another town, or other coordinates."""
     points = np.array(placed).reshape(-1, 2)
     if len(points) == 0:
@@ -283,7 +274,7 @@ def _dense(line: Floats) -> Floats:
     """Return points of a polyline, none farther than SPACING from the next."""
     pieces = []
     for start, end in pairwise(line):
-        count = max(2, math.ceil(math.dist(start, end) / SPACING) + 1)
+        count = max(2, math.ceil(math.dist(start, end) / LANE_POINT_SPACING) + 1)
         pieces.append(start + (end - start) * np.linspace(0.0, 1.0, count)[:, None])
     return np.vstack(pieces) if pieces else line
 

@@ -16,13 +16,15 @@ from vve_sumo import workspace
 from vve_sumo.config_file import read
 from vve_sumo.drive import provenance
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.lockstep import DriveEnd, Lockstep, Watch
+from vve_sumo.drive.lockstep import Lockstep, Watch
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.drive.summary import summary_of
-from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.record import PROVENANCE, MemoryRecorder, Record, claim, hash_files
+from vve_sumo.record.hashes import hash_files
+from vve_sumo.record.layout import PROVENANCE
+from vve_sumo.record.writer import MemoryRecorder, Record, claim
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
 
@@ -54,7 +56,7 @@ class Drive:
         return self.summary["passed"] is not False
 
 
-def choose(
+def resolve_by_name(
     name: str,
     working: FilePath,
     *,
@@ -102,13 +104,13 @@ def run(
     try:
         if pose is not None:
             resolved = replace(resolved, files={**resolved.files, "pose": pose})
-        settings = resolved.resolved(working) | shell.lot.to_dict()
+        settings = resolved.to_dict(working) | shell.lot.to_dict()
         record = Record(folder, settings, shell.lot.epoch) if kept else MemoryRecorder(settings, shell.lot.epoch)
         if kept:
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             record.attach(PROVENANCE, provenance.text_of(provenance.provenance(resolved, now)))
         try:
-            done = guarded(shell, record, watch)
+            done = run_guarded(shell, record, watch)
         except ConfigError:
             record.discard()
             raise
@@ -122,7 +124,7 @@ def run(
     return Drive(folder, summary)
 
 
-def guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
+def run_guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
     """Drive to the end; whatever breaks under way is how the drive ended, but for a wrong input."""
     broken = DriveEnd(Outcome.BROKEN, ())
     try:
@@ -139,7 +141,7 @@ def guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         return replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
 
 
-def folder_for(name: str, working: FilePath) -> FilePath:
+def new_run_folder(name: str, working: FilePath) -> FilePath:
     """Return a folder under `runs/` that is not there yet, named by the time and the scenario or sweep."""
     stem = f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"
     names = (stem if number == 1 else f"{stem}_{number}" for number in range(1, 1000))

@@ -11,13 +11,13 @@ from typing import Any, Protocol
 
 import pyarrow as pa
 
-from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.resolved_scenario import PERIOD, versions
-from vve_sumo.drive.termination import Outcome
+from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.path import Path
-from vve_sumo.record.record import hash_files, read_table, whole
+from vve_sumo.record.hashes import hash_files, whole
+from vve_sumo.record.reader import read_table
 from vve_sumo.scenario.schema import Band, Criteria, Scenario
 from vve_sumo.values import Vehicle
 
@@ -71,13 +71,13 @@ def summary_of(
         "text": done.text,
         "versions": versions(),
     }
-    failed = judge(driven.scenario.criteria, summary)
+    failed = unmet_criteria(driven.scenario.criteria, summary)
     passed = None if done.outcome is Outcome.PLAYED else not failed
     hashes = {"record_sha256": whole(parts), "record_parts_sha256": parts}
     return summary | {"passed": passed, "failed": failed} | hashes
 
 
-def judge(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
+def unmet_criteria(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
     """Return a line for every criterion that a drive's summary does not meet."""
     if summary["outcome"] == Outcome.PLAYED:
         return []

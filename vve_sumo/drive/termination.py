@@ -6,19 +6,20 @@ Sees one tick after the other; knows neither SUMO nor the record.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import ArmingState
 
 #: below this speed the car counts as standing [m/s]
-STANDING = 0.05
+STANDSTILL_SPEED = 0.05
 #: the car has been under way once it was faster than this [m/s]
-UNDER_WAY = 0.5
+MOVING_SPEED = 0.5
 #: nearer to the end of the path than this, a stop is an arrival [m]
-ARRIVAL = 10.0
+ARRIVAL_DISTANCE = 10.0
 #: a drive that has not begun to move by then never will [s]
-START_LIMIT = 30.0
+START_TIMEOUT = 30.0
 
 
 class Outcome(enum.StrEnum):
@@ -26,7 +27,7 @@ class Outcome(enum.StrEnum):
 
     STOPPED = "stopped"  #: at rest before the end of the path
     ARRIVED = "arrived"  #: at rest at the end of the path
-    CONTACT = "contact"  #: touched something on the virtual street, then stopped
+    CONTACT = "contact"  #: touched something on the virtual road, then stopped
     DRIVER = "driver_has_control"  #: the driver took over
     FAULT = "fault"  #: the gateway stopped the car for another reason
     TIMEOUT = "timeout"  #: the scenario's time ran out
@@ -34,6 +35,19 @@ class Outcome(enum.StrEnum):
     PLAYED = "played"  #: a recorded drive ran to its end
     INTERRUPTED = "interrupted"  #: ended from the keyboard
     BROKEN = "broken"  #: the simulation broke
+
+
+@dataclass(frozen=True, slots=True)
+class DriveEnd:
+    """How a drive went, beside what its record holds."""
+
+    outcome: Outcome
+    reasons: tuple[str, ...]  #: the gateway's, at the end; before them what the drive was ended for, if it was
+    cleared: tuple[str, ...] = ()  #: vehicles taken off the street where the ego entered it
+    warnings: tuple[str, ...] = ()  #: SUMO's
+    text: str = ""  #: what an exception said, where one ended the drive
+    standoffs: tuple[str, ...] = ()  #: vehicles taken off the street because they and the ego waited for each other
+    extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
 
 
 def end_reason(wanted: EndTrigger, contact: bool, bumper: float, deviation: float, ttc: float) -> str:
@@ -67,8 +81,8 @@ class TerminationMonitor:
         `speed` [m/s] and `station` [m] are the rear axle's; NaN before there is a pose.
         """
         self.collided |= contact
-        self._moved |= speed > UNDER_WAY
-        if not abs(speed) < STANDING:
+        self._moved |= speed > MOVING_SPEED
+        if not abs(speed) < STANDSTILL_SPEED:
             self._standing_since = None
             return None
         if self._standing_since is None:
@@ -80,7 +94,7 @@ class TerminationMonitor:
 
     def _never_started(self, time: float, state: ArmingState) -> Outcome | None:
         """A car that may drive and stands all the same has a reason to: its controller stopped it before it began."""
-        if state is not ArmingState.FAULT and time <= START_LIMIT:
+        if state is not ArmingState.FAULT and time <= START_TIMEOUT:
             return None
         return Outcome.STOPPED if state is ArmingState.ENGAGED else Outcome.FAULT
 
@@ -89,4 +103,4 @@ class TerminationMonitor:
             return Outcome.CONTACT
         if state is not ArmingState.ENGAGED:
             return Outcome.FAULT
-        return Outcome.ARRIVED if self.path_length - station < ARRIVAL else Outcome.STOPPED
+        return Outcome.ARRIVED if self.path_length - station < ARRIVAL_DISTANCE else Outcome.STOPPED

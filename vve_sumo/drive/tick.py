@@ -58,8 +58,8 @@ class TickRecorder(Protocol):
         """Keep pose bytes as they came, with their receive time."""
         ...
 
-    def sensed(self, tick: int, sensor: str, columns: tuple[Column, ...]) -> None:
-        """Keep what came out of the sensor of that name at a tick, as the columns of its table."""
+    def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
+        """Keep what came out of a sensor at a tick: drive time at which it was measured [s], columns of its table."""
         ...
 
     def snapshot(self, tick: int, actors: Actors) -> None:
@@ -136,8 +136,8 @@ class Tick:
 
     def _record_looks(self, number: int, result: TickResult, actors: Actors) -> None:
         """Record what the tick looked at, the actors and what the sensors made of them."""
-        for name, reading in result.readings.items():
-            self._record.sensed(number, name, reading.columns())
+        for name, columns in result.readings.items():
+            self._record.sensed(number, name, result.sensors[name].time, columns)
         self._record.snapshot(number, actors)
         self._looked_at = actors
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.virtual_road import VirtualRoad
 from vve_sumo.path import Path
-from vve_sumo.values import GatewayStatus, Pose, TickRow, newest_scan
+from vve_sumo.values import GatewayStatus, Pose, TickRow
 from vve_sumo.world.ego_sync import EgoSyncReport
 
 _NAN = math.nan
@@ -28,7 +28,7 @@ class RecordedTick(NamedTuple):
 
 def result_columns(result: TickResult) -> dict[str, Any]:
     """Return what the pipeline computed, by the record's columns."""
-    pose, setpoint, scan = result.pose, result.setpoint, newest_scan(result.sensors)
+    pose, setpoint = result.pose, result.setpoint
     return {
         "x_m": pose.x if pose else _NAN,
         "y_m": pose.y if pose else _NAN,
@@ -36,13 +36,11 @@ def result_columns(result: TickResult) -> dict[str, Any]:
         "speed_mps": pose.speed if pose else _NAN,
         "acceleration_mps2": pose.acceleration if pose else _NAN,
         "yaw_rate_radps": pose.yaw_rate if pose else _NAN,
-        "station_m": result.s,
+        "s_m": result.s,
         "estimated_deviation_m": result.d,
         "pose_age_s": result.pose_age,
         "pose_reasons": "+".join(result.pose_reasons),
-        "scanned": "radar" in result.readings,
-        "scan_time_s": scan.time if math.isfinite(scan.time) else _NAN,
-        "detections": len(scan.range),
+        "readings": len(result.readings),
         "steering_setpoint_rad": setpoint.steering if setpoint else _NAN,
         "acceleration_setpoint_mps2": setpoint.acceleration if setpoint else _NAN,
         "emergency": setpoint is not None and setpoint.emergency,
@@ -80,15 +78,15 @@ def tick_row(
         true_speed_mps=truth.speed if truth else _NAN,
         true_acceleration_mps2=truth.acceleration if truth else _NAN,
         lateral_deviation_m=_NAN if truth is None else _beside(truth, result.s, path),
-        found="+".join(result.shell_faults),
+        shell_faults="+".join(result.shell_faults),
         measured_steering_rad=recorded.steering,
-        asked_x_m=asked.x if asked else _NAN,
-        asked_y_m=asked.y if asked else _NAN,
-        asked_heading_rad=asked.heading if asked else _NAN,
-        asked_speed_mps=asked.speed if asked else _NAN,
-        anchor_position_error_m=report.position_error if report else _NAN,
-        anchor_speed_error_mps=report.speed_error if report else _NAN,
-        anchor_faults="+".join(report.faults) if report else "",
+        requested_x_m=asked.x if asked else _NAN,
+        requested_y_m=asked.y if asked else _NAN,
+        requested_heading_rad=asked.heading if asked else _NAN,
+        requested_speed_mps=asked.speed if asked else _NAN,
+        ego_sync_position_error_m=report.position_error if report else _NAN,
+        ego_sync_speed_error_mps=report.speed_error if report else _NAN,
+        ego_sync_faults="+".join(report.faults) if report else "",
         lane=report.lane if report else "",
         actors=len(road.actors.ids),
         contacts="+".join(road.contacts),

@@ -26,19 +26,19 @@ OVERRUN_WINDOW: Final = 10
 
 SLEW: Final = 1e-3  #: how fast nominal times follow the stream [s/s]; ten times the drift of a poor clock (100 ppm)
 ACQUIRING_SLEW: Final = 0.1  #: the same just after the lock was found [s/s]
-ACQUIRING: Final = 1.0  #: how long that is [s]
+ACQUIRING_TIME: Final = 1.0  #: how long that is [s]
 GAIN: Final = 0.1  #: share of an epoch's error that one fix takes away
-LOST: Final = 2.0  #: after so long without a fix near a nominal epoch the lock is sought anew [s]
+LOST_TIME: Final = 2.0  #: after so long without a fix near a nominal epoch the lock is sought anew [s]
 
 #: Fixes that arrive earlier or later after their epoch than this are not followed [s]: a clock is wrong somewhere.
-EARLIEST: Final = -0.1
-LATEST: Final = 0.5
+MIN_FIX_AGE: Final = -0.1
+MAX_FIX_AGE: Final = 0.5
 
 #: The latency of a punctual fix: this quantile of the last ones. Low, so that it stays the latency of the punctual ones
 #: even where most fixes come in bursts and wait for the last of their burst.
-PUNCTUAL: Final = 0.2
-LATENCIES: Final = 50
-INTERVALS: Final = 9  #: between fixes, whose median is the stream's
+PUNCTUAL_QUANTILE: Final = 0.2
+LATENCIES_KEPT: Final = 50
+INTERVALS_KEPT: Final = 9  #: between fixes, whose median is the stream's
 
 
 class ScheduledTick(NamedTuple):
@@ -70,8 +70,8 @@ class TickScheduler:
         self._received = -math.inf  # its arrival
         self._near = -math.inf  # arrival of the last fix near a nominal epoch
         self._locked_at = -math.inf
-        self._latencies: deque[float] = deque(maxlen=LATENCIES)
-        self._intervals: deque[float] = deque(maxlen=INTERVALS)
+        self._latencies: deque[float] = deque(maxlen=LATENCIES_KEPT)
+        self._intervals: deque[float] = deque(maxlen=INTERVALS_KEPT)
         self._interval = period
         self._late: deque[bool] = deque(maxlen=OVERRUN_WINDOW)
         self.missed = 0  #: ticks skipped so far
@@ -86,18 +86,18 @@ class TickScheduler:
         """Nominal time of the next tick, as far as is known now [s]: where the ego is to be placed for."""
         return self._epoch + self._latency
 
-    def arrived(self, received: float, epoch: float) -> None:
+    def fix_arrived(self, received: float, epoch: float) -> None:
         """Take note of a fix: when its bytes arrived and its epoch, both on the drive's clock.
 
         One that is not newer than another before, or whose times cannot be, changes nothing.
         """
         latency = received - epoch
-        if not (epoch > self._newest and EARLIEST <= latency <= LATEST):
+        if not (epoch > self._newest and MIN_FIX_AGE <= latency <= MAX_FIX_AGE):
             return
-        elapsed = min(received - self._received, LOST)
+        elapsed = min(received - self._received, LOST_TIME)
         self._intervals.append(epoch - self._newest)
         self._newest, self._received = epoch, received
-        if not received - self._near <= LOST:
+        if not received - self._near <= LOST_TIME:
             self._lock(received, epoch, latency)
         elif elapsed > 0.0:
             self._follow(received, epoch, elapsed)
@@ -139,10 +139,10 @@ class TickScheduler:
         """Move nominal epoch and latency a little towards what the stream shows."""
         self._interval = median(self._intervals)
         comb = min(self._interval, self._period)
-        slew = (ACQUIRING_SLEW if received - self._locked_at < ACQUIRING else SLEW) * elapsed
+        slew = (ACQUIRING_SLEW if received - self._locked_at < ACQUIRING_TIME else SLEW) * elapsed
         error = math.remainder(epoch - self._epoch, comb)
         if abs(error) <= 0.25 * self._period:
             self._near = received
             self._epoch += max(-slew, min(slew, GAIN * error))
-        punctual = sorted(self._latencies)[int(PUNCTUAL * len(self._latencies))]
+        punctual = sorted(self._latencies)[int(PUNCTUAL_QUANTILE * len(self._latencies))]
         self._latency += max(-slew, min(slew, punctual - self._latency))

@@ -17,36 +17,23 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.drive import provenance
-from vve_sumo.drive.latency_monitor import summarize
-from vve_sumo.drive.lockstep import DriveEnd
+from vve_sumo.drive.latency_monitor import latency_summary
 from vve_sumo.drive.resolved_scenario import PERIOD, read_resolved
 from vve_sumo.drive.summary import summary_of
-from vve_sumo.drive.termination import UNDER_WAY, Outcome, TerminationMonitor
+from vve_sumo.drive.termination import MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
-from vve_sumo.record.record import (
-    CLOSED_ENDING,
-    HASHED_FILES,
-    LIVE_SCHEMAS,
-    PROVENANCE,
-    RAW_PARTS,
-    SCHEMAS,
-    SEAL,
-    UNHASHED,
-    hash_file,
-    hash_part,
-    hash_parts,
-    read_table,
-    sealed,
-    whole,
-)
+from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
+from vve_sumo.record.layout import CLOSED_ENDING, LIVE_SCHEMAS, PROVENANCE, RAW_PARTS, SCHEMAS, UNHASHED
+from vve_sumo.record.reader import read_table, sensor_tables
+from vve_sumo.record.summary import SUMMARY_HASH_KEY, sealed
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import EndTrigger, Scenario
 from vve_sumo.values import ArmingState, Vehicle
 
 SUMMARY: Final = "summary.json"
 #: two figures that are nearer than this share of them, or this, are the same: another processor rounds otherwise
-SAME: Final = 1e-9
+RELATIVE_TOLERANCE: Final = 1e-9
 #: outcomes of a lockstep drive that something else than the car's motion ended
 ENDED_OTHERWISE: Final = frozenset({Outcome.COMPLETED, Outcome.INTERRUPTED, Outcome.BROKEN})
 #: reason codes of a live drive's summary that no row of the gateway has: whose process was lost
@@ -66,8 +53,8 @@ class Alteration:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """What a record says of the setting that it was driven in; nothing that it names is read."""
+class RecordedDrive:
+    """What a record says of the scenario that it was driven in; nothing that it names is read."""
 
     name: str
     scenario: Scenario
@@ -98,7 +85,7 @@ def alterations(folder: FilePath) -> list[Alteration] | None:
         return [Alteration(SUMMARY, f"it cannot be read: {error}")]
     if not isinstance(summary, dict):
         return [Alteration(SUMMARY, "expected a table of keys")]
-    found = [] if whole_seal else [Alteration(SUMMARY, f"{SEAL} is not the hash of it")]
+    found = [] if whole_seal else [Alteration(SUMMARY, f"{SUMMARY_HASH_KEY} is not the hash of it")]
     if not summary.get("record_parts_sha256") and not _hashable(folder):
         return found or None
     found += [*_parts(folder, summary), *_files(folder, summary)]
@@ -116,24 +103,26 @@ def _hashable(folder: FilePath) -> bool:
 
 def _parts(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
     """Compare the hash of every part that a record of its kind has."""
-    told = _table(summary, "record_parts_sha256")
+    digests = _table(summary, "record_parts_sha256")
     gateway = [name for name in LIVE_SCHEMAS if name not in UNHASHED and _is_live(folder, summary)]
-    for name in (*RAW_PARTS, *SCHEMAS, *gateway):
-        if name not in told:
+    for name in (*RAW_PARTS, *SCHEMAS, *_sensor_tables(folder), *gateway):
+        if name not in digests:
             yield Alteration(name, f"{SUMMARY} has no hash of it")
-        elif not _is(told[name], hash_part, folder, name):
+        elif not _is(digests[name], hash_part, folder, name):
             yield Alteration(name, f"its hash differs from {SUMMARY}'s")
-    if summary.get("record_sha256") != whole({name: str(digest) for name, digest in told.items()}):
+    if summary.get("record_sha256") != whole({name: str(digest) for name, digest in digests.items()}):
         yield Alteration(SUMMARY, "record_sha256 is not that of the parts")
 
 
 def _files(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
     """Compare the hash of every file whose bytes say more than its rows."""
     told, broken = _table(summary, "record_files_sha256"), summary.get("record_broken") or ()
-    for name in HASHED_FILES:
+    always = (*SCHEMAS, *_sensor_tables(folder))
+    tables = [f"{name}{CLOSED_ENDING}" for name in (*always, *LIVE_SCHEMAS)]
+    for name in dict.fromkeys((*tables, PROVENANCE, *(file.name for file in hashed_files(folder)))):
         part = name.removesuffix(CLOSED_ENDING)
         missing = not (folder / name).exists()
-        needed = part in (*SCHEMAS, PROVENANCE) or _is_live(folder, summary)
+        needed = part in (*always, PROVENANCE) or _is_live(folder, summary)
         if name in told:
             if not _is(told[name], hash_file, folder / name):
                 yield Alteration(part, f"its file's hash differs from {SUMMARY}'s")
@@ -141,6 +130,14 @@ def _files(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
             yield Alteration(part, f"{SUMMARY} has no hash of its file")
         elif needed and part not in broken and not (folder / f"{part}.arrows").exists():
             yield Alteration(part, "it is gone")
+
+
+def _sensor_tables(folder: FilePath) -> tuple[str, ...]:
+    """Return the names of the sensors' tables; none where `scenario.json`, whose own hash shows it, does not say it."""
+    try:
+        return tuple(sensor_tables(folder))
+    except ConfigError:
+        return ()
 
 
 def _is_live(folder: FilePath, summary: dict[str, Any]) -> bool:
@@ -153,8 +150,8 @@ def _is_live(folder: FilePath, summary: dict[str, Any]) -> bool:
 
 
 def _table(summary: dict[str, Any], key: str) -> dict[str, Any]:
-    told = summary.get(key)
-    return told if isinstance(told, dict) else {}
+    table = summary.get(key)
+    return table if isinstance(table, dict) else {}
 
 
 def _is(then: object, hashed: Callable[..., str], *of: Any) -> bool:
@@ -177,15 +174,16 @@ def _contradictions(folder: FilePath, summary: dict[str, Any]) -> list[str]:
         if not provenance.same_code(provenance.read(folder)):
             return []
         resolved = read_resolved(folder)
-        told = _told(resolved, folder / "scenario.json")
-        return [*_figures(folder, told, summary), *_names(resolved, summary), *_ending(folder, resolved, told, summary)]
+        recorded = _recorded_drive(resolved, folder / "scenario.json")
+        figures, names = _figures(folder, recorded, summary), _names(resolved, summary)
+        return [*figures, *names, *_ending(folder, resolved, recorded, summary)]
     except (ConfigError, KeyError, TypeError, ValueError) as error:
         return [f"it does not fit to the record: {error!r}"]
 
 
-def _told(resolved: dict[str, Any], file: FilePath) -> Told:
+def _recorded_drive(resolved: dict[str, Any], file: FilePath) -> RecordedDrive:
     points = np.array([point.split() for point in resolved["path_m"]], np.float64)
-    return Told(
+    return RecordedDrive(
         name=resolved["scenario"],
         scenario=parse(resolved["settings"], file),
         path=Path.from_points(points[:, 0], points[:, 1]),
@@ -193,7 +191,7 @@ def _told(resolved: dict[str, Any], file: FilePath) -> Told:
     )
 
 
-def _figures(folder: FilePath, told: Told, summary: dict[str, Any]) -> Iterator[str]:
+def _figures(folder: FilePath, recorded: RecordedDrive, summary: dict[str, Any]) -> Iterator[str]:
     """Reckon every figure and the verdict again from the tables."""
     done = DriveEnd(
         Outcome(summary["outcome"]),
@@ -204,12 +202,12 @@ def _figures(folder: FilePath, told: Told, summary: dict[str, Any]) -> Iterator[
         tuple(summary["removed_after_standoff"]),
     )
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
-    again = summary_of(told, done, ticks, actors, summary["record_parts_sha256"])
+    again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"])
     again |= {"versions": read_resolved(folder)["versions"]}
     if _is_live(folder, summary):
         again |= {"gateway_steps": read_table(folder, "gateway").num_rows}
         latency = read_table(folder, "latency")
-        again |= {"latency": summarize(latency) if latency.num_rows else {}}
+        again |= {"latency": latency_summary(latency) if latency.num_rows else {}}
     for key, value in again.items():
         if not _same(summary.get(key), value):
             yield f"{key} is {summary.get(key)!r}, the tables come to {value!r}"
@@ -219,7 +217,7 @@ def _same(said: object, again: object) -> bool:
     if isinstance(again, float) and not math.isfinite(again):
         return said is None
     if isinstance(again, float) and isinstance(said, (int, float)):
-        return math.isclose(said, again, rel_tol=SAME, abs_tol=SAME)
+        return math.isclose(said, again, rel_tol=RELATIVE_TOLERANCE, abs_tol=RELATIVE_TOLERANCE)
     return said == again
 
 
@@ -232,7 +230,9 @@ def _names(resolved: dict[str, Any], summary: dict[str, Any]) -> Iterator[str]:
             yield f"{key} is {summary.get(key)!r}, scenario.json says {value!r}"
 
 
-def _ending(folder: FilePath, resolved: dict[str, Any], told: Told, summary: dict[str, Any]) -> Iterator[str]:
+def _ending(
+    folder: FilePath, resolved: dict[str, Any], recorded: RecordedDrive, summary: dict[str, Any]
+) -> Iterator[str]:
     """Compare outcome and reasons with the rows."""
     outcome, reasons = Outcome(summary["outcome"]), summary["reasons"]
     ticks = read_table(folder, "ticks")
@@ -244,15 +244,15 @@ def _ending(folder: FilePath, resolved: dict[str, Any], told: Told, summary: dic
         if outcome not in (Outcome.PLAYED, Outcome.INTERRUPTED, Outcome.BROKEN):
             yield f"outcome is {outcome}, of a playback"
     else:
-        yield from _lockstep_ending(outcome, reasons, ticks, told)
+        yield from _lockstep_ending(outcome, reasons, ticks, recorded)
 
 
-def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, told: Told) -> Iterator[str]:
-    ended = _ended(ticks, told)
+def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, recorded: RecordedDrive) -> Iterator[str]:
+    ended = _ended(ticks, recorded)
     if outcome in ENDED_OTHERWISE:
         if ended is not None and outcome is not Outcome.COMPLETED:
             yield f"outcome is {outcome}, the ticks come to {ended}"
-        if outcome is Outcome.COMPLETED and (told.scenario.end_trigger == EndTrigger() or not reasons[:1]):
+        if outcome is Outcome.COMPLETED and (recorded.scenario.end_trigger == EndTrigger() or not reasons[:1]):
             yield f"outcome is {outcome}, and the scenario has no [end_trigger] that says so"
     elif outcome is not ended:
         yield f"outcome is {outcome}, the ticks come to {ended or 'no end'}"
@@ -262,11 +262,11 @@ def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, told
         yield f"reasons are {said}, the last tick's are {last}"
 
 
-def _ended(ticks: pa.Table, told: Told) -> Outcome | None:
+def _ended(ticks: pa.Table, recorded: RecordedDrive) -> Outcome | None:
     """Return how a lockstep drive ended by its rows: what the first of them shows that shows an end; None for none."""
-    ending = TerminationMonitor(told.path.length, told.scenario.after_stop_s)
-    last = round(told.scenario.duration_s / PERIOD) - 1
-    names = ("tick", "time_s", "true_speed_mps", "station_m", "state", "contacts")
+    ending = TerminationMonitor(recorded.path.length, recorded.scenario.after_stop_s)
+    last = round(recorded.scenario.duration_s / PERIOD) - 1
+    names = ("tick", "time_s", "true_speed_mps", "s_m", "state", "contacts")
     for tick, time, speed, station, state, contacts in zip(*(ticks[name].to_pylist() for name in names), strict=True):
         outcome = ending.step(time, speed, station, ArmingState(state), bool(contacts))
         if outcome is None and tick >= last:
@@ -283,7 +283,7 @@ def _live_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, gateway:
         yield f"outcome is {outcome}, and nothing was touched"
     # What is touched at rest, before the drive or after it, is no outcome.
     under_way = [
-        speed > UNDER_WAY and state == ArmingState.ENGAGED for speed, state in zip(speeds, states, strict=True)
+        speed > MOVING_SPEED and state == ArmingState.ENGAGED for speed, state in zip(speeds, states, strict=True)
     ]
     if outcome in (Outcome.STOPPED, Outcome.ARRIVED) and any(map(all, zip(contacts, under_way, strict=True))):
         yield f"outcome is {outcome}, and something was touched"

@@ -20,47 +20,47 @@ from vve_sumo.world.surroundings import table
 from vve_sumo.world.world import World
 
 #: A car that is faster has been driven off [m/s].
-MOVING = 0.5
+MOVING_SPEED = 0.5
 
 
-def obstacles_of(setting: ResolvedScenario) -> tuple[Obstacle, ...]:
+def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
     """Return the scenario's obstacles where they stand beside the path."""
-    wanted = setting.scenario.obstacles
-    return tuple(Obstacle(one.id, spot_of(one, setting.path), one.length_m, one.width_m) for one in wanted)
+    wanted = resolved.scenario.obstacles
+    return tuple(Obstacle(one.id, obstacle_position(one, resolved.path), one.length_m, one.width_m) for one in wanted)
 
 
-def spot_of(wanted: schema.Obstacle, path: Path) -> MapSpot:
+def obstacle_position(wanted: schema.Obstacle, path: Path) -> MapSpot:
     """Return where the middle of an obstacle lies that the scenario places beside a path."""
     at = path.at(wanted.at_m)
     x, y = at.x - wanted.offset_m * math.sin(at.heading), at.y + wanted.offset_m * math.cos(at.heading)
     return MapSpot(x, y, at.heading + math.radians(wanted.turned_deg))
 
 
-def scenario_engine(setting: ResolvedScenario) -> ScenarioEngine:
+def scenario_engine(resolved: ResolvedScenario) -> ScenarioEngine:
     """Return the scenario's actors, none of them on the street yet."""
-    scenario = setting.scenario
-    return ScenarioEngine(scenario.actors, setting.path, setting.lines, setting.recordings, setting.vehicle)
+    scenario = resolved.scenario
+    return ScenarioEngine(scenario.actors, resolved.path, resolved.actor_paths, resolved.recordings, resolved.vehicle)
 
 
-def standing(x: float, y: float, heading: float) -> Pose:
+def pose_at_rest(x: float, y: float, heading: float) -> Pose:
     """Return the pose of a rear axle at rest."""
     return Pose(0.0, Point.REAR_AXLE, x, y, heading, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def open_world(setting: ResolvedScenario, clock: Callable[[], float] | None = None) -> World:
+def open_world(resolved: ResolvedScenario, clock: Callable[[], float] | None = None) -> World:
     """Start SUMO with the scenario's network, traffic and obstacles; raises ConfigError as World does.
 
     With a `clock` [s] the traffic is held within what a live tick has room for.
     """
     return World(
-        setting.network.path,
-        demand=setting.demand,
-        seed=setting.scenario.seed,
+        resolved.network.path,
+        demand=resolved.demand,
+        seed=resolved.scenario.seed,
         period=PERIOD,
-        vehicle=setting.vehicle,
-        obstacles=obstacles_of(setting),
-        warm_up=setting.scenario.street.warm_up_s,
-        route=setting.route,
+        vehicle=resolved.vehicle,
+        obstacles=obstacles_of(resolved),
+        warm_up=resolved.scenario.road.warm_up_s,
+        route=resolved.route,
         clock=clock,
     )
 
@@ -96,22 +96,22 @@ class VirtualRoad:
         return self._world.warnings
 
     @property
-    def fits(self) -> bool:
+    def step_time_fits(self) -> bool:
         """Whether SUMO's steps were measured and leave a live tick its time; true where nobody measures."""
-        headroom = self._world.headroom
-        return headroom is None or headroom.fits
+        budget = self._world.step_time_budget
+        return budget is None or budget.fits
 
     @property
-    def load(self) -> dict[str, Any]:
+    def step_time_summary(self) -> dict[str, Any]:
         """What SUMO's steps took and what was done about it, for the summary; empty where nobody measures."""
-        headroom = self._world.headroom
-        return {} if headroom is None else headroom.summary
+        budget = self._world.step_time_budget
+        return {} if budget is None else budget.summary
 
     def close(self) -> None:
         """End the simulation."""
         self._world.close()
 
-    def go(self) -> None:
+    def operator_says_go(self) -> None:
         """Take note that the operator said go."""
         self._waits = False
 
@@ -120,7 +120,7 @@ class VirtualRoad:
         if asked is None:
             return None
         self._world.place(asked)
-        if self._began is None and (not self._waits or asked.speed > MOVING):
+        if self._began is None and (not self._waits or asked.speed > MOVING_SPEED):
             self._began = asked.time
         if self._began is not None:
             self._world.play(self._engine.step(asked.time - self._began, asked))

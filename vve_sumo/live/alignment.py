@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.virtual_road import standing
+from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.pose.clock import Clock
@@ -64,7 +64,7 @@ def standing_pose(
     timing: Clock | None = None
     gate: TrustGate | None = None
     epoch = math.nan
-    stood: list[Fix] = []
+    standing: list[Fix] = []
     lacks: Counter[str] = Counter()
     while time.monotonic() - begun < TIMEOUT:
         select.select([source], [], [], POLL_INTERVAL)
@@ -81,17 +81,17 @@ def standing_pose(
                 moves = not math.hypot(fix.velocity_north, fix.velocity_east) < MAX_STANDSTILL_SPEED
                 lacks.update(("car_moves",) if moves else ())
                 if moves or not trust.trusted:
-                    stood.clear()
+                    standing.clear()
                 else:
-                    stood.append(fix)
-        if stood and stood[-1].time - stood[0].time >= AVERAGING_TIME:
-            return average(epoch, stood)
-    heard = "no fix at all" if timing is None else ", ".join(code for code, _count in lacks.most_common(4))
-    raise RigError(f"pose: {TIMEOUT:.0f} s without {AVERAGING_TIME} s of trusted fixes at standstill: {heard}")
+                    standing.append(fix)
+        if standing and standing[-1].time - standing[0].time >= AVERAGING_TIME:
+            return average_fixes(epoch, standing)
+    lacking = "no fix at all" if timing is None else ", ".join(code for code, _count in lacks.most_common(4))
+    raise RigError(f"pose: {TIMEOUT:.0f} s without {AVERAGING_TIME} s of trusted fixes at standstill: {lacking}")
 
 
 def lot_alignment(
-    stood: StandingPose, frame: MapFrame, mounting: Mounting, begin: Pose, stored: Alignment | None
+    standing: StandingPose, frame: MapFrame, mounting: Mounting, begin: Pose, stored: Alignment | None
 ) -> LotAlignment:
     """Return how the lot, with its map `frame`, lies on the street.
 
@@ -99,14 +99,14 @@ def lot_alignment(
     start of its path.
     """
     if stored is not None:
-        return LotAlignment(frame.projection, stored, stood.epoch)
-    there = Placement(frame, Alignment(), mounting, stood.epoch).place(stood.fix)
-    here = standing(there.x, there.y, there.heading)
-    alignment = Alignment.from_matched_start(here, standing(begin.x, begin.y, begin.heading))
-    return LotAlignment(frame.projection, alignment, stood.epoch)
+        return LotAlignment(frame.projection, stored, standing.epoch)
+    there = Placement(frame, Alignment(), mounting, standing.epoch).place(standing.fix)
+    here = pose_at_rest(there.x, there.y, there.heading)
+    alignment = Alignment.from_matched_start(here, pose_at_rest(begin.x, begin.y, begin.heading))
+    return LotAlignment(frame.projection, alignment, standing.epoch)
 
 
-def average(epoch: float, fixes: Sequence[Fix]) -> StandingPose:
+def average_fixes(epoch: float, fixes: Sequence[Fix]) -> StandingPose:
     """Return what the fixes of a standing car say together; `epoch` is the GNSS second of drive time 0."""
     count = len(fixes)
     latitude = sum(fix.latitude for fix in fixes) / count

@@ -29,7 +29,7 @@ from vve_sumo.scenario.load import parse
 GNSS_OF_UNIX: Final = -315_964_800.0 + 18.0
 
 
-def to_dict(setting: ResolvedScenario, scenario_file: FilePath, rig_name: str, rig: Rig) -> dict[str, Any]:
+def to_dict(resolved: ResolvedScenario, scenario_file: FilePath, rig_name: str, rig: Rig) -> dict[str, Any]:
     """Return what `from_dict` needs beside the record's own keys, as plain JSON."""
     return {
         "scenario_file": str(scenario_file),
@@ -39,26 +39,26 @@ def to_dict(setting: ResolvedScenario, scenario_file: FilePath, rig_name: str, r
     }
 
 
-def from_dict(resolved: Mapping[str, Any], working: FilePath) -> tuple[ResolvedScenario, Rig]:
+def from_dict(scenario_content: Mapping[str, Any], working: FilePath) -> tuple[ResolvedScenario, Rig]:
     """Return the resolved scenario and the rig of a live drive from what its record says.
 
     Raises ConfigError where something that it names is not there any more.
     """
-    file = FilePath(resolved["scenario_file"])
-    setting = resolve_scenario(resolved["scenario"], parse(resolved["settings"], file), file, working)
-    rig = rigs.parse_json(resolved["rig"], FilePath(resolved["rig_name"]))
-    return fitted(setting, rig, working), rig
+    file = FilePath(scenario_content["scenario_file"])
+    resolved = resolve_scenario(scenario_content["scenario"], parse(scenario_content["settings"], file), file, working)
+    rig = rigs.parse_json(scenario_content["rig"], FilePath(scenario_content["rig_name"]))
+    return scenario_with_rig(resolved, rig, working), rig
 
 
-def fitted(setting: ResolvedScenario, rig: Rig, working: FilePath) -> ResolvedScenario:
-    """Return a scenario's setting with the rig's car; raises ConfigError for a speed that the lot does not allow."""
-    wanted, allowed = setting.scenario.ego.speed_mps, rig.limits.speed_mps
+def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: FilePath) -> ResolvedScenario:
+    """Return a resolved scenario with the rig's car; raises ConfigError for a speed that the lot does not allow."""
+    wanted, allowed = resolved.scenario.ego.speed_mps, rig.limits.speed_mps
     if wanted > allowed:
         raise ConfigError(
             f"ego.speed_mps: {wanted:g} m/s is more than the rig's limits.speed_mps, {allowed:g} m/s; "
             "lower the scenario's speed or take a larger lot"
         )
-    return setting.with_rig(rig, working)
+    return resolved.with_rig(rig, working)
 
 
 def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
@@ -75,7 +75,7 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
     }
 
 
-def pipeline_of(setting: ResolvedScenario, rig: Rig, lot: LotAlignment, working: FilePath) -> Pipeline:
+def pipeline_of(resolved: ResolvedScenario, rig: Rig, lot: LotAlignment, working: FilePath) -> Pipeline:
     """Return the pipeline of a live drive; raises ConfigError as `build_pipeline` does, and for another lot."""
     frame, receiver = meaning.frame_of(rig), meaning.receiver_of(rig)
     if frame.projection != lot.projection:
@@ -86,9 +86,9 @@ def pipeline_of(setting: ResolvedScenario, rig: Rig, lot: LotAlignment, working:
         placement=Placement(frame, lot.alignment, meaning.mounting_of(rig), lot.epoch),
         epoch=lot.epoch,
         clock=Clock(lot.epoch, minimum_delay_of(rig), absolute=rig.pose.clock == "absolute"),
-        geofence=meaning.fence_of(rig, lot.alignment),
+        geofence=meaning.geofence_of(rig, lot.alignment),
     )
-    return build_pipeline(setting, pose, working)
+    return build_pipeline(resolved, pose, working)
 
 
 def minimum_delay_of(rig: Rig) -> float:
@@ -117,6 +117,6 @@ def standing_pose_of(rig: Rig, source: Source, t0: float) -> StandingPose:
     try:
         return standing_pose(source, receiver.decoder(), receiver.profile, delay, t0, absolute_epoch(rig, t0))
     except RigError as error:
-        if refused := source.told().get("refused"):
+        if refused := source.sender_report().get("refused"):
             raise RigError(f"{error}; refused were datagrams of {', '.join(refused)}: see pose.source") from None
         raise

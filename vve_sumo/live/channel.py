@@ -11,13 +11,13 @@ from typing import Final
 
 #: asked of the kernel for every queue [bytes]: what Linux allows everybody, and counts twice; so that whoever stops
 #: listening is found out equally soon on every machine
-QUEUE: Final = 212_992
+QUEUE_SIZE: Final = 212_992
 #: datagrams taken at once, so that a flood cannot keep its reader from everything else
-MOST: Final = 500
+MAX_DATAGRAMS: Final = 500
 #: what a process says that has nothing to say but that it runs
 ALIVE: Final = b"alive"
 #: longest datagram [bytes]
-LONGEST: Final = 400_000
+MAX_DATAGRAM_SIZE: Final = 400_000
 
 
 class Channel:
@@ -26,13 +26,13 @@ class Channel:
     def __init__(self, end: socket.socket) -> None:
         end.setblocking(False)
         for queue in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-            end.setsockopt(socket.SOL_SOCKET, queue, QUEUE)
+            end.setsockopt(socket.SOL_SOCKET, queue, QUEUE_SIZE)
         self._socket = end
         self.closed = False  #: the other end is gone, as far as sending or receiving has shown
 
     def send(self, data: bytes) -> bool:
         """Hand over a datagram, not empty; False where the other end is gone or the queue has no room for it."""
-        if len(data) > LONGEST:
+        if len(data) > MAX_DATAGRAM_SIZE:
             return False
         try:
             self._socket.send(data, socket.MSG_NOSIGNAL)
@@ -45,11 +45,11 @@ class Channel:
         return True
 
     def receive(self) -> list[bytes]:
-        """Return the datagrams that wait now, at most MOST, in order; what came before the other end went comes too."""
+        """Return the waiting datagrams in order, at most MAX_DATAGRAMS, also those that a closed other end had sent."""
         waiting: list[bytes] = []
-        while len(waiting) < MOST:
+        while len(waiting) < MAX_DATAGRAMS:
             try:
-                data = self._socket.recv(LONGEST)
+                data = self._socket.recv(MAX_DATAGRAM_SIZE)
             except (BlockingIOError, InterruptedError):
                 return waiting
             except ConnectionResetError:

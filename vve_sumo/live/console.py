@@ -1,4 +1,4 @@
-"""The operator's side of a live drive: wishes become acts, what gateway and drive tell becomes words and bells.
+"""The operator's side of a live drive: keys become operator commands, status messages become words and bells.
 
 The gateway hears its acts directly, so a drive that hangs can still be stopped. Nothing here computes anything that
 moves the car, and nothing is done by itself but where the rig says that no person is there.
@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from vve_sumo.drive.lockstep import WAITING, ScriptedOperator
 from vve_sumo.live.channel import ALIVE, Channel
-from vve_sumo.live.keys import KeyCommand, Keys
+from vve_sumo.live.keys import KeyCommand, OperatorInput
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.wording import Guard, answer, why
 from vve_sumo.values import ArmingState
@@ -26,14 +26,14 @@ from vve_sumo.vehicle.arming import COMMANDING, ENDING
 from vve_sumo.vehicle.gateway import OperatorCommand
 
 #: between two looks at everything [s]
-LOOK: Final = 0.05
+POLL_INTERVAL: Final = 0.05
 #: a gateway that has told nothing for so long is not run [s]: it tells something every 0.1 s, give or take a step; with
 #: one look more this is on the screen within 0.3 s
 SILENT: Final = 0.2
 #: a gateway that ended while the car was its own is cried out for so long [s]
-OUTCRY: Final = 3.0
+ALARM_TIME: Final = 3.0
 #: for a drive that hangs: its last words to the recorder take 5 s at most, and its street is to be closed [s]
-DRIVE_PATIENCE: Final = 8.0
+DRIVE_TIMEOUT: Final = 8.0
 #: a rig that drives by itself and is not ready by then never will be [s]
 READY_LIMIT: Final = 60.0
 
@@ -42,7 +42,7 @@ _ACTS: Final = {
     KeyCommand.GO: OperatorCommand.GO,
     KeyCommand.RESET: OperatorCommand.DISARM,
 }
-#: wishes that count only while the gateway waits for them, and their keys
+#: commands that count only while the gateway waits for them, and their keys
 _KEYS: Final = {KeyCommand.ENGAGE: "e", KeyCommand.GO: "g"}
 #: the gateway's word for a go that it did not take
 TOO_EARLY: Final = "go_too_early"
@@ -55,12 +55,12 @@ class ProcessGroup:
     gateway: subprocess.Popen[bytes]
     drive: subprocess.Popen[bytes]
     recorder: subprocess.Popen[bytes]
-    car: subprocess.Popen[bytes] | None  #: the hardware-free one
+    car: subprocess.Popen[bytes] | None  #: the simulated one
     to_gateway: Channel
     to_drive: Channel
     to_car: Channel | None
 
-    def dismiss(self, patience: float) -> None:
+    def shutdown(self, timeout: float) -> None:
         """Let every process end as it means to, drive before recorder before car; kill what hangs after the gateway.
 
         The gateway is never killed: as long as it runs it holds the car, or still tries to.
@@ -68,16 +68,16 @@ class ProcessGroup:
         self.to_gateway.close()
         self.to_drive.close()
         self.gateway.wait()
-        _end(self.drive, min(patience, DRIVE_PATIENCE))
-        _end(self.recorder, patience)
+        _end(self.drive, min(timeout, DRIVE_TIMEOUT))
+        _end(self.recorder, timeout)
         if self.car is not None and self.to_car is not None:
             self.to_car.close()
-            _end(self.car, patience)
+            _end(self.car, timeout)
 
 
-def _end(process: subprocess.Popen[bytes], patience: float) -> None:
+def _end(process: subprocess.Popen[bytes], timeout: float) -> None:
     try:
-        process.wait(patience)
+        process.wait(timeout)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
@@ -86,9 +86,9 @@ def _end(process: subprocess.Popen[bytes], patience: float) -> None:
 class Console:
     """Runs until the gateway has let go of the car."""
 
-    def __init__(self, crew: ProcessGroup, keys: Keys, screen: Screen, automatic: bool) -> None:
-        """Have wishes come from `keys`, and with `automatic` from the rig itself."""
-        self._crew, self._keys, self._screen = crew, keys, screen
+    def __init__(self, processes: ProcessGroup, keys: OperatorInput, screen: Screen, automatic: bool) -> None:
+        """Take commands from `keys`, and with `automatic` from the rig itself."""
+        self._processes, self._keys, self._screen = processes, keys, screen
         self._operator = ScriptedOperator() if automatic else None
         self._state = ArmingState.DISARMED
         self._engaged = self._over = self._stops = self._ends = self._left = False
@@ -96,16 +96,16 @@ class Console:
         self._begun = time.monotonic()
         self._status: dict[str, Any] = {"went": False}  # a go has been sent, and was not refused
         self.why: tuple[str, ...] = ()  #: the gateway's last reasons for stopping the car, or for letting go of it
-        self.refusal: tuple[str, int] | None = None  #: why the drive never began, and the exit code for that
+        self.refused: tuple[str, int] | None = None  #: why the drive never began, and the exit code for that
 
     def run(self) -> None:
         """Look after the drive to its end."""
-        crew = self._crew
-        while crew.gateway.poll() is None:
-            watched = [*self._keys.filenos(), *self._alive(crew.to_gateway), *self._alive(crew.to_drive)]
-            select.select(watched, [], [], LOOK)
-            for wish in self._keys.wishes():
-                self._obey(wish)
+        processes = self._processes
+        while processes.gateway.poll() is None:
+            watched = [*self._keys.filenos(), *self._alive(processes.to_gateway), *self._alive(processes.to_drive)]
+            select.select(watched, [], [], POLL_INTERVAL)
+            for command in self._keys.commands():
+                self._obey(command)
             self._hear_drive()
             # Before listening: a console that was not run itself finds what it has missed, and takes it for no silence.
             begun = time.monotonic()
@@ -122,7 +122,7 @@ class Console:
             self._show(Guard.ENDED)
 
     def _show(self, guard: Guard) -> None:
-        if self._left or (self._crew.to_gateway.closed and guard is Guard.SILENT):
+        if self._left or (self._processes.to_gateway.closed and guard is Guard.SILENT):
             # One that has let go of its channel is on its way out: it tells nothing because it is done.
             guard = Guard.LEFT if self._left else Guard.HEARD
         self._status |= {"gateway": guard.value, "engaged": self._engaged}
@@ -130,77 +130,78 @@ class Console:
 
     def _cry_out(self) -> None:
         """Tell for a while that nobody commands a car that was commanded."""
-        until = time.monotonic() + OUTCRY
+        until = time.monotonic() + ALARM_TIME
         while not self._left and time.monotonic() < until:
             self._show(Guard.GONE)
-            time.sleep(LOOK)
+            time.sleep(POLL_INTERVAL)
         self._show(Guard.GONE)
 
     @staticmethod
     def _alive(channel: Channel) -> list[int]:
         return [] if channel.closed else [channel.fileno()]
 
-    def _obey(self, wish: KeyCommand) -> None:
-        if wish is KeyCommand.GONE:
+    def _obey(self, command: KeyCommand) -> None:
+        if command is KeyCommand.GONE:
             # The gateway finds nobody at the controls, and brings the car to rest for that.
             self._leave()
             return
-        waited_for = self._waited_for(wish)
-        if wish in _KEYS and not waited_for and self._is_early(wish):
-            self._screen.say(answer(_KEYS[wish], self._status))
+        waited_for = self._waited_for(command)
+        if command in _KEYS and not waited_for and self._is_early(command):
+            self._screen.say(answer(_KEYS[command], self._status))
         if self._engaged and not waited_for:
-            wish = KeyCommand.STOP
-        if wish is KeyCommand.STOP:
+            command = KeyCommand.STOP
+        if command is KeyCommand.STOP:
             self._stops = True
             if not self._engaged:
                 # Nothing moves yet: to stop is not to begin.
                 self._leave()
-        elif wish is KeyCommand.RESET or waited_for:
-            self._act(_ACTS[wish])
+        elif command is KeyCommand.RESET or waited_for:
+            self._act(_ACTS[command])
 
-    def _waited_for(self, wish: KeyCommand) -> bool:
+    def _waited_for(self, command: KeyCommand) -> bool:
         """Whether the gateway waits for this now."""
-        if wish is KeyCommand.GO:
+        if command is KeyCommand.GO:
             return self._state is ArmingState.ENGAGED and WAITING in self._status.get("reasons", ())
-        return wish is KeyCommand.ENGAGE and self._state is ArmingState.READY
+        return command is KeyCommand.ENGAGE and self._state is ArmingState.READY
 
-    def _is_early(self, wish: KeyCommand) -> bool:
+    def _is_early(self, command: KeyCommand) -> bool:
         """Whether somebody is to be told that the time for this has not come; once the car goes, every key stops."""
         if not self._engaged:
             return not self._over
-        return wish is KeyCommand.GO and self._state is ArmingState.ENGAGED and not self._status["went"]
+        return command is KeyCommand.GO and self._state is ArmingState.ENGAGED and not self._status["went"]
 
     def _act(self, act: OperatorCommand) -> None:
-        self._crew.to_gateway.send(link.encode_act(act))
+        self._processes.to_gateway.send(link.encode_operator_command(act))
         if act is OperatorCommand.GO:
             self._status["went"] = True
 
     def _speak(self) -> None:
         """Show the gateway that somebody is there, and say stop until it is heard."""
-        if self._crew.to_gateway.closed:
+        if self._processes.to_gateway.closed:
             return
-        self._crew.to_gateway.send(ALIVE)
+        self._processes.to_gateway.send(ALIVE)
         if (self._stops or self._ends) and self._state in (ArmingState.READY, ArmingState.ENGAGED):
-            self._crew.to_gateway.send(link.encode_act(OperatorCommand.STOP if self._stops else OperatorCommand.END))
+            command = OperatorCommand.STOP if self._stops else OperatorCommand.END
+            self._processes.to_gateway.send(link.encode_operator_command(command))
 
     def _leave(self) -> None:
         self._over = self._left = True
-        self._crew.to_gateway.close()
+        self._processes.to_gateway.close()
 
     def _hear_drive(self) -> None:
-        if self._crew.to_drive.closed:
+        if self._processes.to_drive.closed:
             return
-        for data in self._crew.to_drive.receive():
-            told = json.loads(data)
-            if "refused" in told:
-                self.refusal = (told["refused"], told["exit_code"])
+        for data in self._processes.to_drive.receive():
+            message = json.loads(data)
+            if "refused" in message:
+                self.refused = (message["refused"], message["exit_code"])
             else:
-                self._status |= told
+                self._status |= message
 
     def _hear_gateway(self) -> None:
-        if self._crew.to_gateway.closed:
+        if self._processes.to_gateway.closed:
             return
-        for data in self._crew.to_gateway.receive():
+        for data in self._processes.to_gateway.receive():
             feedback = link.decode_feedback(data)
             if not isinstance(feedback, link.Feedback):
                 self._hear_refusal(data)
@@ -221,16 +222,16 @@ class Console:
                 "gear": feedback.gear,
             }
             if self._operator is not None and not self._over:
-                self._operator.saw(verdict)
-                act = self._operator.act()
+                self._operator.observe(verdict)
+                act = self._operator.next_command()
                 if act is not None:
                     self._act(act)
 
     def _hear_refusal(self, data: bytes) -> None:
         """Take what a gateway says whose bus cannot be opened."""
         with contextlib.suppress(ValueError):
-            told = json.loads(data)
-            self.refusal = (told["refused"], told["exit_code"])
+            message = json.loads(data)
+            self.refused = (message["refused"], message["exit_code"])
 
     def _judge(self) -> None:
         """End what has come to its end, and what never begins."""
@@ -238,9 +239,9 @@ class Console:
             return
         if self._status.get("outcome") is not None and self._state is ArmingState.ENGAGED:
             self._over = self._ends = True
-        elif not self._engaged and self._crew.drive.poll() is not None:
+        elif not self._engaged and self._processes.drive.poll() is not None:
             self._refuse("the drive's process ended before anything moved", 4)
-        elif not self._engaged and self._crew.recorder.poll() is not None:
+        elif not self._engaged and self._processes.recorder.poll() is not None:
             self._refuse("the recorder's process ended before anything moved", 3)
         elif self._operator is not None and not self._engaged and time.monotonic() - self._begun > READY_LIMIT:
             missing = "; ".join(why(self._status)) or "the gateway does not answer"
@@ -248,5 +249,5 @@ class Console:
 
     def _refuse(self, why: str, exit_code: int) -> None:
         self._hear_drive()
-        self.refusal = self.refusal or (why, exit_code)
+        self.refused = self.refused or (why, exit_code)
         self._leave()

@@ -31,7 +31,7 @@ from vve_sumo.errors import VveError
 from vve_sumo.live import signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import DRIVE, TAKEN_NEXT, prefer, when_memory_ends
+from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
 from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
@@ -45,7 +45,7 @@ HOUSEKEEPING_TICKS: Final = 100
 #: on the sockets [s]
 MAX_WAIT: Final = 0.1
 #: what the last messages to the recorder may take [s]
-LAST_TIMEOUT: Final = 5.0
+RECORDER_TIMEOUT: Final = 5.0
 
 _NO_STATUS: Final = GatewayStatus(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
 
@@ -59,15 +59,15 @@ class LiveDrive:
         self._gateway, self._console = channels["gateway"], channels["console"]
         self._recorder = RecorderClient(channels["recorder"])
         working = FilePath(config["working"])
-        self._setting, rig = from_dict(config["resolved"], working)
-        self._pipeline = pipeline_of(self._setting, rig, LotAlignment.from_dict(config["resolved"]), working)
+        self._resolved, rig = from_dict(config["resolved"], working)
+        self._pipeline = pipeline_of(self._resolved, rig, LotAlignment.from_dict(config["resolved"]), working)
         self._not_ready: tuple[str, ...] = tuple(config["not_ready"])
-        self._road = LiveRoad(open_world(self._setting, time.perf_counter), scenario_engine(self._setting))
-        self._tick = Tick(self._pipeline, self._road, self._setting.path, self, self._recorder, self._clock)
+        self._road = LiveRoad(open_world(self._resolved, time.perf_counter), scenario_engine(self._resolved))
+        self._tick = Tick(self._pipeline, self._road, self._resolved.path, self, self._recorder, self._clock)
         self._source = source_of(rig)
         self._latency = LatencyMonitor(rig.latency.budget_ms / 1000.0, rig.latency.breaches)
         self._scheduler = TickScheduler(self._clock(), PERIOD, rig.latency.deadline_ms / 1000.0)
-        self._termination = TerminationMonitor(self._setting.path.length, self._setting.scenario.after_stop_s)
+        self._termination = TerminationMonitor(self._resolved.path.length, self._resolved.scenario.after_stop_s)
         self._feedback: link.Feedback | None = None
         self._scheduled_faults: tuple[str, ...] = ()  # of the tick under way
         self._latency_faults: tuple[str, ...] = ()  # of the tick before
@@ -86,7 +86,7 @@ class LiveDrive:
         gc.freeze()
         gc.disable()
         # Not before: to load a network takes a second, in which nobody else would get this core.
-        prefer(DRIVE)
+        raise_priority(DRIVE_NICE)
         while not self._gateway.closed:
             self._wait()
             self._step()
@@ -117,13 +117,13 @@ class LiveDrive:
             received = stamp - self._t0
             self._tick.receive(received, data)
             self._received = received
-            self._scheduler.arrived(received, self._pipeline.newest_epoch)
+            self._scheduler.fix_arrived(received, self._pipeline.newest_epoch)
         for data in self._gateway.receive():
             feedback = link.decode_feedback(data)
             if isinstance(feedback, link.Feedback):
                 self._feedback = feedback
                 self._has_engaged |= feedback.verdict.state in COMMANDING
-                self._latency.framed(feedback.sequence, feedback.sent)
+                self._latency.gateway_answered(feedback.sequence, feedback.sent)
         self._console.receive()
         for end, gone in ((self._source, self._source.lost), (self._console, self._console.closed)):
             if gone and end in self._inputs:
@@ -157,9 +157,9 @@ class LiveDrive:
         """Reason codes of what has to hold until the car is engaged, and then no more; to be asked after the pose."""
         if self._has_engaged:
             return ()
-        waits = () if self._road.fits else ("street_not_measured",)
+        waits = () if self._road.step_time_fits else ("road_not_measured",)
         pose = self._pipeline.pose
-        return waits if pose is None else waits + start_pose.of(pose, self._setting.path).faults()
+        return waits if pose is None else waits + start_pose.start_pose_of(pose, self._resolved.path).faults()
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Send a setpoint to the gateway, whose newest status is of a step before it.
@@ -181,7 +181,7 @@ class LiveDrive:
             received_s=self._received,
             woken_s=self._woken,
             decoded_s=decoded,
-            seen_s=done.seen,
+            sensed_s=done.seen,
             decided_s=done.decided,
             handed_s=self._handed,
             framed_s=math.nan,
@@ -197,8 +197,12 @@ class LiveDrive:
         """Return the numbers behind reason codes of this tick, in words."""
         if result.pose is None:
             return {}
-        start = start_pose.of(result.pose, self._setting.path)
-        numbers = {"start_position": start.place(), "start_heading": start.turn(), "off_path": f"{abs(result.d):.1f} m"}
+        start = start_pose.start_pose_of(result.pose, self._resolved.path)
+        numbers = {
+            "start_position": start.place_text(),
+            "start_heading": start.turn_text(),
+            "off_path": f"{abs(result.d):.1f} m",
+        }
         return {code: words for code, words in numbers.items() if code in result.faults}
 
     @property
@@ -217,11 +221,11 @@ class LiveDrive:
             if status.state is ArmingState.FAULT:
                 return
             self._went_at = now
-            self._road.go()
+            self._road.operator_says_go()
         pose, contact = result.pose, bool(self._road.contacts)
         speed, driven = pose.speed if pose else math.nan, now - self._went_at
         outcome = self._termination.step(driven, speed, result.s, status.state, contact)
-        if outcome is None and driven > self._setting.scenario.duration_s:
+        if outcome is None and driven > self._resolved.scenario.duration_s:
             outcome = Outcome.TIMEOUT
         if outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.TIMEOUT):
             self._close(outcome, status.reasons)
@@ -257,8 +261,8 @@ class LiveDrive:
             "warnings": list(road.warnings),
             "text": self._pipeline.failure or road.traceback or road.detail,
             "clock": self._pipeline.clock_report(),
-            "receiver": self._source.told(),
-            "headroom": road.load,
+            "receiver": self._source.sender_report(),
+            "step_time": road.step_time_summary,
         }
 
     def _send_status(self, begun: ScheduledTick, result: TickResult) -> None:
@@ -275,7 +279,7 @@ class LiveDrive:
             "details": self._details(result),
             "pose_reasons": list(result.pose_reasons),
             "speed_mps": pose.speed if pose else None,
-            "to_go_m": self._setting.path.length - result.s if pose else None,
+            "to_go_m": self._resolved.path.length - result.s if pose else None,
             "deviation_m": result.d if pose else None,
             "range_m": float(ranges.min()) if len(ranges) else None,
             "note": result.setpoint.note if result.setpoint else "",
@@ -294,7 +298,7 @@ class LiveDrive:
         for row in self._latency.close():
             self._recorder.timed(row)
         self._tick.finish()
-        self._recorder.finish(LAST_TIMEOUT)
+        self._recorder.finish(RECORDER_TIMEOUT)
         self._source.close()
         self._road.close()
 
@@ -303,8 +307,8 @@ def main() -> int:
     """Run the process; its exit code tells the console who is to blame."""
     # This process ends with the gateway: while the car moves it needs fallback paths.
     signals.ignore()
-    when_memory_ends(TAKEN_NEXT)
-    config, channels = spawn.begin()
+    set_oom_score(KILLED_SECOND)
+    config, channels = spawn.receive_config()
     folder = FilePath(config["folder"])
     try:
         LiveDrive(config, channels).run()

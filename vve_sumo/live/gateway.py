@@ -21,9 +21,9 @@ from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError, VveError
 from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE, Channel
-from vve_sumo.live.priority import GATEWAY, KEPT, prefer, when_memory_ends
+from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
-from vve_sumo.live.spawn import begin
+from vve_sumo.live.spawn import receive_config
 from vve_sumo.values import ArmingState, Frame, GatewayRow, GatewayStatus, Setpoint, Vehicle
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING
@@ -33,40 +33,40 @@ from vve_sumo.vehicle.interface import InterfaceConfig, load
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
 CAR_BUS: Final = "can0"  #: the car's bus as it is called in the record
-# Of a period. A setpoint comes once a period, give or take what the drive's loop and the scheduler do to it: one that
-# comes early waits, so that the kit never gets two commands at once; one that comes late is waited for a little.
-SOONEST: Final = 0.5
-LATEST: Final = 1.5
-ALONE: Final = 1.0  # once none came for the last step either: the core counts in periods, and this is its only clock
-#: between two looks at a bus whose driver has no file descriptor to wait on [s]
-LOOK: Final = 0.001
-#: between two words to the console while nothing changes [s]
-TELL_PERIOD: Final = 0.1
+# Between two steps, in periods. A setpoint that comes early waits, so that the DBW controller never gets two commands
+# at once; one that comes late is waited for. Where the last step had none either, the gateway keeps the period.
+MIN_STEP_INTERVAL: Final = 0.5
+MAX_STEP_INTERVAL: Final = 1.5
+LONE_STEP_INTERVAL: Final = 1.0
+#: between two polls of a bus whose driver has no file descriptor to wait on [s]
+POLL_INTERVAL: Final = 0.001
+#: between two status messages to the console while nothing changes [s]
+STATUS_INTERVAL: Final = 0.1
 #: what the last words to the recorder may take [s]
-PATIENCE: Final = 2.0
+RECORDER_TIMEOUT: Final = 2.0
 #: a console that has shown itself alive and is silent for so long is as good as gone [s]
 SILENCE: Final = 1.0
-#: a kit of which nothing is understood for so long is gone for good [s]: it has stopped the car, or nobody can
-GONE: Final = 60.0
+#: a DBW controller none of whose reports is understood for so long is gone for good [s]; the car has stopped or cannot
+DBW_SILENCE_LIMIT: Final = 60.0
 
 
-def due(last: float, fresh: bool, alone: bool, period: float) -> float:
+def next_step_time(last: float, fresh: bool, alone: bool, period: float) -> float:
     """When the step after the one at `last` is due; no step makes up for another.
 
     `fresh`: a setpoint waits. `alone`: the last step had none.
     """
-    return last + (SOONEST if fresh else ALONE if alone else LATEST) * period
+    return last + (MIN_STEP_INTERVAL if fresh else LONE_STEP_INTERVAL if alone else MAX_STEP_INTERVAL) * period
 
 
-def kit_is_gone(now: float, heard: float) -> bool:
-    """Whether there is nobody who could be commanded; `heard` is when the kit was last understood.
+def dbw_is_gone(now: float, received: float) -> bool:
+    """Whether there is nobody who could be commanded; `received` is when the DBW controller was last understood.
 
-    Frames that are no report of the kit do not count, however many there are: a bus that babbles stops no car.
+    Other frames do not count, however many there are: a device that floods the bus stops no car.
     """
-    return now - heard > GONE
+    return now - received > DBW_SILENCE_LIMIT
 
 
-class Taken(NamedTuple):
+class StepInputs(NamedTuple):
     """What goes into one step from the channels."""
 
     setpoint: Setpoint | None
@@ -102,44 +102,44 @@ class Inbox:
                 # It is passed over for a newer one; what it said is wrong is not.
                 self._wrong += self._setpoint.faults
             self._setpoint, self._datagram = setpoint, datagram
-        elif isinstance(link.decode_act(datagram), OperatorCommand):
+        elif isinstance(link.decode_operator_command(datagram), OperatorCommand):
             self.refused += 1
         else:
             self._wrong.append("setpoint_corrupt")
 
     def take_from_console(self, datagram: bytes) -> None:
         """Take in what the operator did; what can't be understood is taken for the act that is always right."""
-        act = link.decode_act(datagram)
+        act = link.decode_operator_command(datagram)
         if act is OperatorCommand.STOP or not isinstance(act, OperatorCommand):
             self._acts.clear()
             act = OperatorCommand.STOP
         if OperatorCommand.STOP not in self._acts:
             self._acts.append(act)
 
-    def empty(self) -> Taken:
+    def take(self) -> StepInputs:
         """Return what goes into the next step, which is then taken."""
         act = self._acts.popleft() if self._acts else None
         self._stopped |= act is OperatorCommand.STOP
-        taken = Taken(self._setpoint, self._datagram, act, tuple(self._wrong))
+        taken = StepInputs(self._setpoint, self._datagram, act, tuple(self._wrong))
         self._setpoint, self._datagram, self._wrong = None, b"", []
         return taken
 
 
-class Process:
+class GatewayProcess:
     """The loop around a gateway, from its first step to the car at rest and let go."""
 
     def __init__(self, config: Mapping[str, Any], channels: Mapping[str, Channel], bus: Bus) -> None:
-        self._gateway = gateway_of(config)
+        self._gateway = build_gateway(config)
         self._period: float = config["period"]
         self._t0: float = config["t0"]
         self._stop_id: int | None = config["stop_can_id"]
         self._drive, self._console = channels["drive"], channels["console"]
         self._recorder = channels["recorder"]
-        self._tap = RecorderClient(self._recorder)
+        self._recorder_client = RecorderClient(self._recorder)
         self._bus = bus
         self._bus_number = bus.fileno()
         self._inbox = Inbox()
-        self._heard: list[Frame] = []
+        self._received: list[Frame] = []
         self._shown = math.inf  # when the console last showed itself alive; never yet
         self._unsaid = False  # telling or keeping a step went wrong
         self._deaf = self._dumb = False  # what the bus said when it was last asked to receive, to send
@@ -158,12 +158,12 @@ class Process:
             self._has_engaged |= verdict.state in COMMANDING
             if self._gateway.done or (self._console.closed and not self._has_engaged):
                 break
-            if self._has_engaged and kit_is_gone(self._last, self._gateway.kit_heard):
-                _say(f"nothing understood of the kit for {GONE:.0f} s: nobody is there who could be commanded")
+            if self._has_engaged and dbw_is_gone(self._last, self._gateway.last_dbw_report):
+                _say(f"no report of the DBW controller for {DBW_SILENCE_LIMIT:.0f} s: there is nothing to command")
                 break
         # From here on silence is no sign of trouble.
         self._console.close()
-        self._tap.finish(PATIENCE)
+        self._recorder_client.finish(RECORDER_TIMEOUT)
 
     def report(self) -> str:
         """What is worth a line in the log."""
@@ -176,9 +176,11 @@ class Process:
     # Between two steps.
 
     def _wait(self) -> None:
-        while (left := due(self._last, self._inbox.fresh, self._alone, self._period) - self._clock()) > 0.0:
+        while (left := next_step_time(self._last, self._inbox.fresh, self._alone, self._period) - self._clock()) > 0.0:
             # select, not poll: a millisecond of rounding is a lot here.
-            ready, _, _ = select.select(self._ears(), [], [], left if self._bus_number is not None else min(left, LOOK))
+            ready, _, _ = select.select(
+                self._descriptors(), [], [], left if self._bus_number is not None else min(left, POLL_INTERVAL)
+            )
             for ear in ready:
                 if ear is self._drive:
                     self._hear_drive()
@@ -187,12 +189,12 @@ class Process:
             if self._bus_number is None or self._bus_number in ready:
                 self._hear_bus()
 
-    def _ears(self) -> list[Channel | int]:
+    def _descriptors(self) -> list[Channel | int]:
         # What is gone or broken is always ready, and would make this loop a busy one.
-        ears: list[Channel | int] = [channel for channel in (self._drive, self._console) if not channel.closed]
+        descriptors: list[Channel | int] = [channel for channel in (self._drive, self._console) if not channel.closed]
         if self._bus_number is not None and not self._deaf:
-            ears.append(self._bus_number)
-        return ears
+            descriptors.append(self._bus_number)
+        return descriptors
 
     def _hear_drive(self) -> None:
         for datagram in self._drive.receive():
@@ -213,8 +215,8 @@ class Process:
             return
         self._deaf = False
         if frames:
-            self._tap.saw_frames(self._clock(), CAR_BUS, frames)
-            self._heard += frames
+            self._recorder_client.saw_frames(self._clock(), CAR_BUS, frames)
+            self._received += frames
 
     # A step.
 
@@ -222,37 +224,37 @@ class Process:
         self._hear_bus()
         self._hear_drive()
         self._hear_console()
-        taken = self._inbox.empty()
-        heard, self._heard = self._heard, []
-        found = tuple(dict.fromkeys([*taken.wrong, *self._find(heard)]))
+        taken = self._inbox.take()
+        received, self._received = self._received, []
+        found = tuple(dict.fromkeys([*taken.wrong, *self._find(received)]))
         now = self._clock()
-        output = self._gateway.step(now, taken.setpoint, heard, taken.act, found)
+        output = self._gateway.step(now, taken.setpoint, received, taken.act, found)
         count = self._send(output.frames)
         sent = self._clock() if count else math.nan
         self._last, self._alone = now, taken.setpoint is None
         self._steps += 1
         try:
             self._tell(now, sent, output)
-            self._keep(now, taken, found, len(heard), count, output)
+            self._keep(now, taken, found, len(received), count, output)
         except Exception as error:
             # A mistake of ours beside what stops the car must not be what keeps it from being stopped.
             self._unsaid = True
             _say(f"a step could not be told or kept: {type(error).__name__}: {error}")
         return output.verdict
 
-    def _find(self, heard: list[Frame]) -> list[str]:
+    def _find(self, received: list[Frame]) -> list[str]:
         """Reason codes of what is wrong around the core at this moment."""
         found = []
         if self._deaf or self._dumb:
             found.append("bus_down")
-        if self._stop_id is not None and any(frame.id == self._stop_id for frame in heard):
+        if self._stop_id is not None and any(frame.id == self._stop_id for frame in received):
             found.append("stop_input")
         if self._drive.closed:
             found.append("drive_gone")
         if self._console.closed or self._clock() - self._shown > SILENCE:
             found.append("operator_gone")
-        if self._tap.failure or self._unsaid:
-            found.append(self._tap.failure or "record_lost")
+        if self._recorder_client.failure or self._unsaid:
+            found.append(self._recorder_client.failure or "record_lost")
         return found
 
     def _send(self, frames: tuple[Frame, ...]) -> int:
@@ -286,25 +288,25 @@ class Process:
         )
         self._drive.send(word)
         news = (output.verdict.state, output.verdict.reasons)
-        if news != self._told or now - self._told_at >= TELL_PERIOD:
+        if news != self._told or now - self._told_at >= STATUS_INTERVAL:
             self._told, self._told_at = news, now
             self._console.send(word)
 
     def _keep(
-        self, now: float, taken: Taken, found: tuple[str, ...], heard: int, sent: int, output: GatewayOutput
+        self, now: float, taken: StepInputs, found: tuple[str, ...], received: int, sent: int, output: GatewayOutput
     ) -> None:  # fmt: skip
         """Hand the step to the recorder."""
         gateway, verdict = self._gateway, output.verdict
-        self._tap.saw_frames(now, CAR_BUS, output.frames[:sent])
-        self._tap.stepped(
+        self._recorder_client.saw_frames(now, CAR_BUS, output.frames[:sent])
+        self._recorder_client.stepped(
             GatewayRow(
                 step=self._steps - 1,
                 time_s=now,
                 setpoint=taken.datagram,
-                act="" if taken.act is None else taken.act.value,
-                found="+".join(found),
-                heard=heard,
-                sent=sent,
+                operator_command="" if taken.act is None else taken.act.value,
+                process_faults="+".join(found),
+                frames_received=received,
+                frames_sent=sent,
                 sequence=gateway.sequence,
                 state=verdict.state.value,
                 reasons="+".join(verdict.reasons),
@@ -318,10 +320,10 @@ class Process:
                 gear=gateway.gear,
             )
         )
-        self._tap.flush()
+        self._recorder_client.flush()
 
 
-def gateway_of(config: Mapping[str, Any]) -> Gateway:
+def build_gateway(config: Mapping[str, Any]) -> Gateway:
     """Return the core that a configuration describes; raises ConfigError where its interface can't be made."""
     limits = config["limits"]
     nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
@@ -346,10 +348,10 @@ def main() -> int:
     """Guard one drive; the exit code is the rig's where its bus cannot be opened."""
     # This process ends by itself when the car is at rest and let go, or when its console goes before it was engaged.
     signals.ignore()
-    config, channels = begin()
+    config, channels = receive_config()
     bus_config = config["bus"]
-    _say(when_memory_ends(KEPT))
-    _say(prefer(GATEWAY))  # before the bus is opened, whose thread shall come before others too
+    _say(set_oom_score(NEVER_KILLED))
+    _say(raise_priority(GATEWAY_PRIORITY))  # before the bus is opened, whose thread shall come before others too
     try:
         bus = Bus(bus_config["interface"], bus_config["channel"], bus_config["bitrate"])
     except VveError as error:
@@ -357,7 +359,7 @@ def main() -> int:
         channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
         return error.exit_code
     with bus:
-        process = Process(config, channels, bus)
+        process = GatewayProcess(config, channels, bus)
         # A collection takes milliseconds, and nothing here makes cycles by the step.
         gc.collect()
         gc.freeze()

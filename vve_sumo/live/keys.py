@@ -1,6 +1,6 @@
 """What the operator wants: single keys on a terminal, words on a pipe, and the signals that all mean stop.
 
-Reads and names wishes; what follows from one is the console's business.
+Reads commands and names them; what follows from one is the console's business.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import termios
 import tty
 from typing import Any, Final, Self
 
-from vve_sumo.live.signals import ASKING
+from vve_sumo.live.signals import STOP_REQUESTS
 
 
 class KeyCommand(enum.StrEnum):
@@ -34,11 +34,11 @@ KEYS: Final = {"e": KeyCommand.ENGAGE, "g": KeyCommand.GO, "r": KeyCommand.RESET
 ENTER: Final = frozenset("\r\n")
 
 
-class Keys:
-    """Standard input and the signals as wishes; a with block, at whose end the terminal is as it was.
+class OperatorInput:
+    """Standard input and the signals as operator commands; a with block, at whose end the terminal is as it was.
 
-    `listen=False` takes no wishes from standard input but on a terminal: a rig that drives by itself. Where nothing can
-    be asked for by standard input, whoever started this program is who looks after it.
+    `listen=False` takes no commands from standard input but on a terminal: a rig that drives by itself. Where
+    nothing can be asked for by standard input, whoever started this program is who looks after it.
     """
 
     def __init__(self, listen: bool) -> None:
@@ -52,7 +52,7 @@ class Keys:
         self._wake, self._woken = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
 
     def __enter__(self) -> Self:
-        for number in ASKING:
+        for number in STOP_REQUESTS:
             self._handlers[number] = signal.signal(number, self._note)
         if self._terminal:
             with contextlib.suppress(termios.error):
@@ -81,7 +81,7 @@ class Keys:
         """What to wait on."""
         return [self._wake, sys.stdin.fileno()] if self._open else [self._wake]
 
-    def wishes(self) -> list[KeyCommand]:
+    def commands(self) -> list[KeyCommand]:
         """Return what was asked for since the last call, in order; never blocks."""
         found: list[KeyCommand] = []
         with contextlib.suppress(BlockingIOError):

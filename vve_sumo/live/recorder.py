@@ -14,16 +14,18 @@ from typing import Any, Final
 
 from vve_sumo.live import signals
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import TAKEN_FIRST, stand_back, when_memory_ends
-from vve_sumo.live.spawn import begin
+from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
+from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.summary import summarise
-from vve_sumo.record.record import PROVENANCE, LiveRecord, write_summary
+from vve_sumo.record.layout import PROVENANCE
+from vve_sumo.record.summary import write_summary
+from vve_sumo.record.writer import LiveRecord
 
 #: between two writes [s]; a kill, with what is still on its way, may cost at most 0.2 s
-FLUSH: Final = 0.1
+FLUSH_INTERVAL: Final = 0.1
 
 #: what a tap may ask for: the record's verbs
-VERBS: Final = frozenset({"received_pose", "saw_frames", "sensed", "snapshot", "ticked", "stepped", "timed"})
+METHODS: Final = frozenset({"received_pose", "saw_frames", "sensed", "snapshot", "ticked", "stepped", "timed"})
 
 #: what a summary is made from: the record's folder, and how the drive says that it ended (None where it never did)
 Summarise = Callable[[Path, dict[str, Any] | None], dict[str, Any]]
@@ -43,7 +45,7 @@ class Recorder:
         poll = select.poll()
         for descriptor in self._channels:
             poll.register(descriptor, select.POLLIN)
-        due = time.monotonic() + FLUSH
+        due = time.monotonic() + FLUSH_INTERVAL
         while self._channels:
             for descriptor, _event in poll.poll(max(1000.0 * (due - time.monotonic()), 0.0)):
                 self._take(self._channels[descriptor])
@@ -52,7 +54,7 @@ class Recorder:
                     del self._channels[descriptor]
             if time.monotonic() >= due:
                 self._flush()
-                due = time.monotonic() + FLUSH
+                due = time.monotonic() + FLUSH_INTERVAL
 
     def _take(self, channel: Channel) -> None:
         for datagram in channel.receive():
@@ -60,7 +62,7 @@ class Recorder:
             for verb, arguments in pickle.loads(datagram):
                 if verb == "ended":
                     (self.ended,) = arguments
-                elif verb in VERBS:
+                elif verb in METHODS:
                     getattr(self._record, verb)(*arguments)
 
     def _flush(self) -> None:
@@ -80,9 +82,9 @@ def finish(record: LiveRecord, ended: dict[str, Any] | None, summarise: Summaris
 def main() -> None:
     """Record one drive."""
     signals.ignore()
-    when_memory_ends(TAKEN_FIRST)
-    stand_back()
-    config, channels = begin()
+    set_oom_score(KILLED_FIRST)
+    lower_priority()
+    config, channels = receive_config()
     record = LiveRecord(Path(config["folder"]), config["resolved"], config["epoch"])
     record.attach(PROVENANCE, config["provenance"])
     recorder = Recorder(record, list(channels.values()))

@@ -16,9 +16,9 @@ from vve_sumo.sensors.port import Column
 from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
 
 #: datagrams kept here while the recorder's queue is full; with one in 20 ms, the recorder may be 2 s behind its queue
-BACKLOG: Final = 100
+MAX_BACKLOG: Final = 100
 #: between two tries of the last words [s]
-RETRY: Final = 0.01
+RETRY_INTERVAL: Final = 0.01
 
 
 class RecorderClient:
@@ -42,9 +42,9 @@ class RecorderClient:
         """Keep CAN frames heard or sent at one drive time."""
         self._calls.append(("saw_frames", (time, channel, [tuple(frame) for frame in frames])))
 
-    def sensed(self, tick: int, sensor: str, columns: tuple[Column, ...]) -> None:
-        """Keep what came out of the sensor of that name at a tick, as the columns of its table."""
-        self._calls.append(("sensed", (tick, sensor, columns)))
+    def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
+        """Keep what came out of a sensor at a tick: drive time at which it was measured [s], columns of its table."""
+        self._calls.append(("sensed", (tick, sensor, measured, columns)))
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Keep the actors that tick `tick` looks at."""
@@ -59,7 +59,7 @@ class RecorderClient:
         self._calls.append(("stepped", (row,)))
 
     def timed(self, row: LatencyRow) -> None:
-        """Keep a line of the latency ledger."""
+        """Keep the latencies of one tick."""
         self._calls.append(("timed", (row,)))
 
     def ended(self, how: dict[str, Any]) -> None:
@@ -69,7 +69,7 @@ class RecorderClient:
     def flush(self) -> None:
         """Send what was gathered since the last time; once a tick or step, after everything that is urgent."""
         if self._calls:
-            if len(self._backlog) < BACKLOG:
+            if len(self._backlog) < MAX_BACKLOG:
                 self._backlog.append(pickle.dumps(self._calls, pickle.HIGHEST_PROTOCOL))
             else:
                 self._fail("record_full")
@@ -86,7 +86,7 @@ class RecorderClient:
         deadline = time.monotonic() + patience
         self.flush()
         while self._backlog and not self._channel.closed and time.monotonic() < deadline:
-            time.sleep(RETRY)
+            time.sleep(RETRY_INTERVAL)
             self.flush()
 
     def _fail(self, reason: str) -> None:

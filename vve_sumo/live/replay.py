@@ -18,19 +18,19 @@ from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
     PipelineInputs,
-    answers,
-    codes,
     compare,
     compare_frames,
     compare_result,
     read_pipeline_inputs,
     read_rows,
+    reason_codes,
+    replayed_ticks,
 )
 from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.tick_rows import status_columns
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.assembly import from_dict, pipeline_of
-from vve_sumo.live.gateway import gateway_of
+from vve_sumo.live.gateway import build_gateway
 from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -38,7 +38,7 @@ from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 #: what scenario.json must say for a live drive to be put together again
 KEYS: Final = frozenset(
     {"scenario", "scenario_file", "settings", "rig", "rig_name", "gateway", "files_sha256", "versions"}
-    | {"epoch_gnss_s", "lot_projection", "lot_to_street"}
+    | {"epoch_gnss_s", "lot_projection", "lot_to_road"}
 )
 
 
@@ -46,7 +46,7 @@ KEYS: Final = frozenset(
 class LiveInputs:
     """What went into a live drive, as far as its record reaches."""
 
-    resolved: dict[str, Any]  #: scenario.json
+    scenario_content: dict[str, Any]  #: scenario.json
     pipeline: PipelineInputs
     steps: list[dict[str, Any]]  #: rows of the gateway's table, as far as none is missing and its frames are there
     torn: int  #: rows after those
@@ -58,44 +58,44 @@ def is_live(folder: FilePath) -> bool:
     return "rig" in read_resolved(folder)
 
 
-def resolved_of(folder: FilePath) -> dict[str, Any]:
+def read_live_scenario_content(folder: FilePath) -> dict[str, Any]:
     """Return what a live record's `scenario.json` says; raises ConfigError where it lacks what a live drive writes."""
-    resolved = read_resolved(folder)
-    if missing := sorted(KEYS - resolved.keys()):
+    scenario_content = read_resolved(folder)
+    if missing := sorted(KEYS - scenario_content.keys()):
         raise ConfigError(f"{folder / 'scenario.json'}: key {missing[0]!r} is missing, a live drive writes it")
-    return resolved
+    return scenario_content
 
 
 def read_live_inputs(folder: FilePath) -> LiveInputs:
     """Read a live record, finished or cut off; raises ConfigError where a part of it is missing or unreadable."""
-    resolved, pipeline = resolved_of(folder), read_pipeline_inputs(folder)
+    scenario_content, pipeline = read_live_scenario_content(folder), read_pipeline_inputs(folder)
     steps = read_rows(folder, "gateway").to_pylist()
     frames = [frame for _time, _channel, frame in bus.read_log(folder / "can.log")]
     whole = _whole_steps(steps, len(frames))
-    return LiveInputs(resolved, pipeline, steps[:whole], len(steps) - whole, frames)
+    return LiveInputs(scenario_content, pipeline, steps[:whole], len(steps) - whole, frames)
 
 
 def _whole_steps(steps: list[dict[str, Any]], frames: int) -> int:
-    reach = accumulate(row["heard"] + row["sent"] for row in steps)
+    reach = accumulate(row["frames_received"] + row["frames_sent"] for row in steps)
     torn = (n for n, (row, needed) in enumerate(zip(steps, reach, strict=True)) if row["step"] != n or needed > frames)
     return next(torn, len(steps))
 
 
-def rebuilt_pipeline(resolved: dict[str, Any], working: FilePath, controller: str | None = None) -> Pipeline:
+def rebuilt_pipeline(scenario_content: dict[str, Any], working: FilePath, controller: str | None = None) -> Pipeline:
     """Build the pipeline of a live drive again, with another `controller` if one is named.
 
     Raises ConfigError where something that the record names is not there any more.
     """
-    setting, rig = from_dict(resolved, working)
+    resolved, rig = from_dict(scenario_content, working)
     if controller is not None:
-        setting = setting.driven_by(controller)
-    return pipeline_of(setting, rig, LotAlignment.from_dict(resolved), working)
+        resolved = resolved.driven_by(controller)
+    return pipeline_of(resolved, rig, LotAlignment.from_dict(scenario_content), working)
 
 
 def replay_drive(inputs: LiveInputs, working: FilePath) -> Difference | None:
     """Return the first tick at which the drive's part differs: in what it saw, decided, or sent to the gateway."""
     sent = _setpoints(inputs.steps)
-    for row, result in answers(rebuilt_pipeline(inputs.resolved, working), inputs.pipeline):
+    for row, result in replayed_ticks(rebuilt_pipeline(inputs.scenario_content, working), inputs.pipeline):
         if (difference := compare_result(inputs.pipeline, row, result)) is not None:
             return difference
         setpoint = result.setpoint
@@ -118,18 +118,18 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
     Raises ConfigError where the record says of the gateway what this version does not understand.
     """
     try:
-        gateway, frames = gateway_of(inputs.resolved["gateway"]), iter(inputs.frames)
+        gateway, frames = build_gateway(inputs.scenario_content["gateway"]), iter(inputs.frames)
     except (KeyError, TypeError) as error:
         raise ConfigError(f"scenario.json: gateway: {error}: written by another version of vve-sumo") from None
     for step, row in enumerate(inputs.steps):
-        heard, sent = list(islice(frames, row["heard"])), list(islice(frames, row["sent"]))
+        received, sent = list(islice(frames, row["frames_received"])), list(islice(frames, row["frames_sent"]))
         setpoint = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
         if isinstance(setpoint, link.Malformed):
             return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
-        act = OperatorCommand(row["act"]) if row["act"] else None
-        output = gateway.step(row["time_s"], setpoint, heard, act, codes(row["found"]))
+        act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
+        output = gateway.step(row["time_s"], setpoint, received, act, reason_codes(row["process_faults"]))
         difference = compare(step, row, _gateway_columns(step, gateway, output.verdict)) or compare_frames(
-            step, sent, output.frames[: row["sent"]]
+            step, sent, output.frames[: row["frames_sent"]]
         )
         if difference is not None:
             return difference

@@ -18,13 +18,14 @@ from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
     PipelineInputs,
-    answers,
-    changed_controller,
+    changed_code,
     changed_since,
     read_pipeline_inputs,
+    replayed_ticks,
 )
-from vve_sumo.drive.resolved_scenario import EPOCH, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.verify import Alteration, alterations
+from vve_sumo.errors import ConfigError
 from vve_sumo.live import replay as live
 from vve_sumo.live.assembly import from_dict
 
@@ -36,12 +37,12 @@ class Inspection:
     folder: FilePath
     altered: list[Alteration]  #: what is not as the drive left it
     notes: list[str]  #: what else differs from then, and does not stand against a replay
-    changed: list[str]  #: why the recorded controller must not be run as it is now
-    resolved: ResolvedScenario | None  #: None where the record was altered
+    changed: list[str]  #: why controller, sensors, interface and receiver must not be run as they are now
+    resolved: ResolvedScenario | None  #: None where the record was altered, or a part has changed
 
 
 @dataclass(frozen=True, slots=True)
-class Replayed:
+class ReplayResult:
     """What came of a replay."""
 
     what: str  #: was replayed
@@ -50,7 +51,7 @@ class Replayed:
 
 
 @dataclass(frozen=True, slots=True)
-class Redriven:
+class RedriveResult:
     """What another controller answers to a record's inputs, beside what the recorded one did."""
 
     resolved: ResolvedScenario  #: of the record
@@ -69,38 +70,39 @@ def altered_since(folder: FilePath) -> list[Alteration] | None:
 
 
 def inspect(folder: FilePath, working: FilePath) -> Inspection:
-    """Verify a record: every hash of it, and of the files of the controller that it names.
+    """Verify a record: every hash of it, and of the code of the parts that it names, of which none is run before.
 
     Raises ConfigError for a folder that holds no record.
     """
     altered = altered_since(folder)
     if altered:
         return Inspection(folder, altered, [], [], None)
-    if live.is_live(folder):
-        resolved, _rig = from_dict(live.resolved_of(folder), working)
-    else:
-        resolved = lockstep.setting_of(folder, working)
     notes = ["no hashes: the drive was never finished, so the replay alone can tell"] if altered is None else []
-    notes += changed_since(folder, resolved)
-    return Inspection(folder, [], notes, changed_controller(folder, resolved, working), resolved)
+    if changed := changed_code(folder, working):
+        return Inspection(folder, [], notes, changed, None)
+    if live.is_live(folder):
+        resolved, _rig = from_dict(live.read_live_scenario_content(folder), working)
+    else:
+        resolved = lockstep.recorded_scenario(folder, working)
+    return Inspection(folder, [], notes + changed_since(folder, resolved), [], resolved)
 
 
-def replay(inspected: Inspection, working: FilePath) -> Replayed:
+def replay(inspected: Inspection, working: FilePath) -> ReplayResult:
     """Run a record that was found unaltered through the pipeline and the gateway again; say where it first differs."""
-    assert inspected.resolved is not None  # only an altered record has none
+    assert inspected.resolved is not None  # of a record that was altered, or a part that has changed, nothing is run
     if live.is_live(inspected.folder):
         return _live(inspected.folder, working)
     return _lockstep(inspected.folder, inspected.resolved, working)
 
 
-def _lockstep(folder: FilePath, resolved: ResolvedScenario, working: FilePath) -> Replayed:
+def _lockstep(folder: FilePath, resolved: ResolvedScenario, working: FilePath) -> ReplayResult:
     inputs = read_pipeline_inputs(folder)
-    frames = lockstep.read_car_frames(folder, EPOCH, resolved.model.interface)
+    frames = lockstep.read_car_frames(folder, DEFAULT_EPOCH, resolved.model.interface)
     difference = lockstep.replay(resolved, inputs, frames, working)
-    return Replayed(f"{len(inputs.ticks)} ticks", _torn(inputs), _described("tick", inputs.ticks, difference))
+    return ReplayResult(f"{len(inputs.ticks)} ticks", _torn(inputs), _described("tick", inputs.ticks, difference))
 
 
-def _live(folder: FilePath, working: FilePath) -> Replayed:
+def _live(folder: FilePath, working: FilePath) -> ReplayResult:
     inputs = live.read_live_inputs(folder)
     ticks, steps = inputs.pipeline.ticks, inputs.steps
     notes = _torn(inputs.pipeline)
@@ -108,13 +110,13 @@ def _live(folder: FilePath, working: FilePath) -> Replayed:
         notes.append(f"the last {inputs.torn} steps of the gateway come after a gap in gateway or can.log")
     differences = _described("tick", ticks, live.replay_drive(inputs, working))
     differences += _described("step", steps, live.replay_gateway(inputs))
-    return Replayed(f"{len(ticks)} ticks and {len(steps)} steps of the gateway", notes, differences)
+    return ReplayResult(f"{len(ticks)} ticks and {len(steps)} steps of the gateway", notes, differences)
 
 
 def _torn(inputs: PipelineInputs) -> list[str]:
     if not inputs.torn:
         return []
-    return [f"the last {inputs.torn} ticks come after a gap in pose.bin, actors or detections"]
+    return [f"the last {inputs.torn} ticks come after a gap in pose.bin, actors or the sensors' readings"]
 
 
 def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | None) -> list[str]:
@@ -130,19 +132,24 @@ def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | N
     ]
 
 
-def redrive_with(folder: FilePath, controller: str, working: FilePath) -> Redriven:
-    """Ask another controller on a record's inputs, open loop: the car does what the recorded one said."""
+def redrive_with(folder: FilePath, controller: str, working: FilePath) -> RedriveResult:
+    """Ask another controller on a record's inputs, open loop: the car does what the recorded one said.
+
+    Raises ConfigError where a sensor, the drive-by-wire interface or the receiver is not as it was recorded.
+    """
+    if changed := changed_code(folder, working, controller=False):
+        raise ConfigError(f"{folder}: {changed[0]}: not run")
     resolved, inputs, pipeline = _with(folder, controller, working)
-    table = redrive.side_by_side(answers(pipeline, inputs))
-    return Redriven(resolved, table, redrive.compared(table), pipeline.failure)
+    table = redrive.side_by_side(replayed_ticks(pipeline, inputs))
+    return RedriveResult(resolved, table, redrive.comparison_of(table), pipeline.failure)
 
 
 def _with(folder: FilePath, controller: str, working: FilePath) -> tuple[ResolvedScenario, PipelineInputs, Pipeline]:
     """Return a record's scenario and inputs, and its pipeline with another controller in it."""
     if live.is_live(folder):
         inputs = live.read_live_inputs(folder)
-        resolved, _rig = from_dict(inputs.resolved, working)
-        return resolved, inputs.pipeline, live.rebuilt_pipeline(inputs.resolved, working, controller)
-    resolved = lockstep.setting_of(folder, working)
+        resolved, _rig = from_dict(inputs.scenario_content, working)
+        return resolved, inputs.pipeline, live.rebuilt_pipeline(inputs.scenario_content, working, controller)
+    resolved = lockstep.recorded_scenario(folder, working)
     other = resolved.driven_by(controller)
     return resolved, read_pipeline_inputs(folder), assemble(other, working).pipeline

@@ -38,5 +38,5 @@ class LiveRoad(VirtualRoad):
             raise
         except Exception:
             self.traceback = traceback.format_exc()
-            self.faults += ("street_failed",)
+            self.faults += ("road_failed",)
             return None

@@ -21,8 +21,8 @@ from vve_sumo.live.wording import ALARMS, phase, picture, rings, transition
 PICTURE_PERIOD: Final = 0.1
 RING_PERIOD: Final = 0.3
 #: what a pipe takes in one piece [bytes]; transitions that wait for a terminal
-PIECE: Final = 4096
-MOST_LINES: Final = 100
+CHUNK_SIZE: Final = 4096
+MAX_LINES: Final = 100
 
 
 class Screen:
@@ -38,7 +38,7 @@ class Screen:
                 self._number = os.open(os.ttyname(stream.fileno()), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
                 self._own = True
         self._phase = ""
-        self._lines: deque[str] = deque(maxlen=MOST_LINES)
+        self._lines: deque[str] = deque(maxlen=MAX_LINES)
         self._rest = b""  # what the terminal has not taken yet
         self._painted = 0  # lines of the picture that stand on the terminal
         self._drawn_at = self._rung_at = -math.inf
@@ -110,7 +110,7 @@ class Screen:
             if not ready:
                 return False
             try:
-                self._rest = self._rest[os.write(self._number, self._rest[:PIECE]) :]
+                self._rest = self._rest[os.write(self._number, self._rest[:CHUNK_SIZE]) :]
             except BlockingIOError:
                 return False
             except OSError:

@@ -15,34 +15,36 @@ from pathlib import Path as FilePath
 from typing import Any, Final, TextIO
 
 from vve_sumo import workspace
-from vve_sumo.drive import provenance
-from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.lockstep import DriveEnd
+from vve_sumo.drive import plugged_in, provenance
+from vve_sumo.drive.assembly import LotAlignment, sensors_of
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.drive.run import choose, folder_for
+from vve_sumo.drive.run import new_run_folder, resolve_by_name
 from vve_sumo.drive.summary import summarise as summarise_drive
-from vve_sumo.drive.termination import Outcome
-from vve_sumo.drive.virtual_road import standing
+from vve_sumo.drive.termination import DriveEnd, Outcome
+from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.live import assembly, spawn, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
 from vve_sumo.live.channel import pair
 from vve_sumo.live.console import Console, ProcessGroup
-from vve_sumo.live.keys import Keys
-from vve_sumo.live.priority import stand_back
+from vve_sumo.live.keys import OperatorInput
+from vve_sumo.live.priority import lower_priority
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.pose.sources import Source
-from vve_sumo.record.record import SEAL, claim, hash_file, read_table, write_summary
+from vve_sumo.record.hashes import hash_file
+from vve_sumo.record.reader import read_table
+from vve_sumo.record.summary import SUMMARY_HASH_KEY, write_summary
+from vve_sumo.record.writer import claim
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import held
 from vve_sumo.rig.schema import Rig
-from vve_sumo.rig.validation import PTY, arming_refusal
+from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.scenario.schema import EndTrigger
 
 #: for a process to end by itself once all is over [s]; the recorder writes its tables in this time
-LAST_PATIENCE: Final = 60.0
+EXIT_TIMEOUT: Final = 60.0
 #: characters of a person's name, at most
 MAX_NAME_LENGTH: Final = 100
 
@@ -54,7 +56,7 @@ Notify = Callable[[str], None]
 class Plan:
     """A live drive before anything of it runs."""
 
-    setting: ResolvedScenario
+    resolved: ResolvedScenario
     scenario_file: FilePath
     rig: Rig
     rig_file: FilePath
@@ -86,14 +88,14 @@ def plan(
     """
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
-    if not shadow and (reason := arming_refusal(loaded)) is not None:
+    if not shadow and (reason := arming_obstacle(loaded)) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
-    resolved = choose(scenario, working, seed=seed, controller=controller)
+    resolved = resolve_by_name(scenario, working, seed=seed, controller=controller)
     try:
-        resolved = assembly.fitted(resolved, loaded, working)
+        resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
-    folder = (out if out is not None else folder_for(resolved.name, working)).absolute()
+    folder = (out if out is not None else new_run_folder(resolved.name, working)).absolute()
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
     return Plan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic())
@@ -117,7 +119,7 @@ def person_name(role: str, typed: str) -> str:
 def _provenance(plan: Plan, doctor: Mapping[str, Any]) -> str:
     """Return what the record keeps of where the drive comes from, as the file holds it."""
     now = datetime.datetime.now(datetime.UTC)
-    document = provenance.provenance(plan.setting, now.isoformat(timespec="seconds"))
+    document = provenance.provenance(plan.resolved, now.isoformat(timespec="seconds"))
     document |= {"rig_file_sha256": hash_file(plan.rig_file), "operator": plan.operator, "driver": plan.driver}
     return provenance.text_of(document | {"doctor": dict(doctor)})
 
@@ -128,35 +130,42 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
     `doctor` is the doctor's last result on the rig, for the record. The console draws on `terminal` while the drive
     goes on; messages before and after it go to `notify`.
     """
-    plan.setting.controller(plan.working)  # refuses what is wrong before anything is started
-    if plan.setting.scenario.end_trigger != EndTrigger():
+    # Refuses what is wrong before anything is started.
+    plan.resolved.controller(plan.working)
+    sensors_of(plan.resolved)
+    if plan.resolved.scenario.end_trigger != EndTrigger():
         notify("the scenario's [end_trigger] does not apply to a live drive: nothing lets go of a moving car")
-    with held(plan.rig_file), contextlib.ExitStack() as stack, Keys(listen=not plan.rig.operator.automatic) as keys:
+    with (
+        held(plan.rig_file),
+        contextlib.ExitStack() as stack,
+        OperatorInput(listen=not plan.rig.operator.automatic) as keys,
+    ):
         # Before anything else: where another program has the receiver's port, no car of ours shall speak to it.
         source = stack.enter_context(contextlib.closing(assembly.source_of(plan.rig)))
         plan.folder.mkdir(parents=True, exist_ok=True)
         car = None
-        if plan.rig.car == "hardware_free":
-            scenario = plan.setting.scenario
+        if plan.rig.car == "simulated":
+            scenario = plan.resolved.scenario
             friction = scenario.weather.friction
             car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
         ground = _ground(plan, source, notify)
-        resolved = plan.setting.resolved(plan.working) | ground.to_dict()
-        resolved |= assembly.to_dict(plan.setting, plan.scenario_file, plan.rig_file.stem, plan.rig)
-        resolved["gateway"]["shadow"] = plan.shadow
-        crew = _crew(plan, resolved, _provenance(plan, doctor), ground, car, notify)
+        scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
+        scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
+        scenario_content["gateway"]["shadow"] = plan.shadow
+        scenario_content["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
+        processes = _processes(plan, scenario_content, _provenance(plan, doctor), ground, car, notify)
         screen = Screen(terminal)
-        console = Console(crew, keys, screen, plan.rig.operator.automatic)
+        console = Console(processes, keys, screen, plan.rig.operator.automatic)
         try:
-            stand_back()
-            _note_processes(plan, crew)
+            lower_priority()
+            _note_processes(plan, processes)
             console.run()
         finally:
             screen.close()
-            crew.dismiss(LAST_PATIENCE)
+            processes.shutdown(EXIT_TIMEOUT)
             stack.pop_all()
-    if console.refusal is not None and not _drove(plan.folder):
-        text, exit_code = console.refusal
+    if console.refused is not None and not _drove(plan.folder):
+        text, exit_code = console.refused
         raise _ERRORS.get(exit_code, VveError)(text)
     return _summary(plan, console.why, notify)
 
@@ -166,22 +175,22 @@ _ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
 
 def _ground(plan: Plan, source: Source, notify: Notify) -> LotAlignment:
     """Find where the lot lies on the street, and GNSS time, while the car stands; the drive is to open the receiver."""
-    rig, setting = plan.rig, plan.setting
+    rig, resolved = plan.rig, plan.resolved
     notify("waiting for trusted fixes of the standing car")
     try:
-        stood = assembly.standing_pose_of(rig, source, plan.t0)
+        standing = assembly.standing_pose_of(rig, source, plan.t0)
     finally:
         source.close()
-    begin = setting.path.at(0.0)
-    stored = meaning.alignment_of(rig, setting.scenario.street.network)
-    start = standing(begin.x, begin.y, begin.heading)
-    return lot_alignment(stood, meaning.frame_of(rig), meaning.mounting_of(rig), start, stored)
+    begin = resolved.path.at(0.0)
+    stored = meaning.alignment_of(rig, resolved.scenario.road.network)
+    start = pose_at_rest(begin.x, begin.y, begin.heading)
+    return lot_alignment(standing, meaning.frame_of(rig), meaning.mounting_of(rig), start, stored)
 
 
 def _not_ready(plan: Plan, ground: LotAlignment, notify: Notify) -> tuple[str, ...]:
     """Reason codes of what stands against this drive from its beginning to its end."""
-    fence = meaning.fence_of(plan.rig, ground.alignment)
-    leaves = fence.along(plan.setting.path, plan.setting.scenario.ego.speed_mps)
+    geofence = meaning.geofence_of(plan.rig, ground.alignment)
+    leaves = geofence.along(plan.resolved.path, plan.resolved.scenario.ego.speed_mps)
     if leaves is None:
         return ()
     notify(
@@ -191,9 +200,9 @@ def _not_ready(plan: Plan, ground: LotAlignment, notify: Notify) -> tuple[str, .
     return ("path_leaves_lot",)
 
 
-def _crew(
+def _processes(
     plan: Plan,
-    resolved: dict[str, Any],
+    scenario_content: dict[str, Any],
     provenance_text: str,
     ground: LotAlignment,
     car: start_simulated_vehicle.SimulatedVehicleProcess | None,
@@ -209,7 +218,7 @@ def _crew(
     common = {"folder": str(folder), "t0": plan.t0, "epoch": ground.epoch}
     recorder = spawn.start(
         "recorder",
-        common | {"resolved": resolved, "provenance": provenance_text, "log": str(folder / "recorder.log")},
+        common | {"resolved": scenario_content, "provenance": provenance_text, "log": str(folder / "recorder.log")},
         {"drive": recorder_drive, "gateway": recorder_gateway},
         own_session=True,
     )
@@ -217,7 +226,7 @@ def _crew(
     bus = {"interface": interface, "channel": channel, "bitrate": rig.bus.bitrate}
     gateway = spawn.start(
         "gateway",
-        common | resolved["gateway"] | {"bus": bus, "log": str(folder / "gateway.log")},
+        common | scenario_content["gateway"] | {"bus": bus, "log": str(folder / "gateway.log")},
         {"drive": gateway_drive, "console": gateway_console, "recorder": gateway_recorder},
         own_session=True,
     )
@@ -225,7 +234,7 @@ def _crew(
         "drive",
         common
         | {
-            "resolved": resolved,
+            "resolved": scenario_content,
             "working": str(plan.working),
             "not_ready": _not_ready(plan, ground, notify),
             "log": str(folder / "drive.log"),
@@ -237,10 +246,14 @@ def _crew(
     return ProcessGroup(gateway, drive, recorder, process, console_gateway, console_drive, to_car)
 
 
-def _note_processes(plan: Plan, crew: ProcessGroup) -> None:
+def _note_processes(plan: Plan, processes: ProcessGroup) -> None:
     """Write down who is who and when it began, for whoever has to look after a process by hand."""
-    numbers: dict[str, float] = {"gateway": crew.gateway.pid, "drive": crew.drive.pid, "recorder": crew.recorder.pid}
-    numbers |= {"car": crew.car.pid} if crew.car is not None else {}
+    numbers: dict[str, float] = {
+        "gateway": processes.gateway.pid,
+        "drive": processes.drive.pid,
+        "recorder": processes.recorder.pid,
+    }
+    numbers |= {"car": processes.car.pid} if processes.car is not None else {}
     numbers["t0_monotonic_s"] = plan.t0
     (plan.folder / "processes.json").write_text(json.dumps(numbers) + "\n", encoding="utf-8")
 
@@ -257,21 +270,23 @@ def _drove(folder: FilePath) -> bool:
 def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]:
     """Complete the recorder's summary by what the scenario asks for; `why` is what the gateway told the console."""
     try:
-        told = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
+        summary = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         # The recorder died, or found no room: this is what is left of the drive.
-        told = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": [*why, "record_lost"]})
+        summary = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": [*why, "record_lost"]})
     done = DriveEnd(
-        Outcome(told["outcome"]),
-        tuple(told["reasons"]),
-        tuple(told.get("cleared", ())),
-        tuple(told.get("warnings", ())),
-        told.get("text", ""),
-        tuple(told.get("standoffs", ())),
+        Outcome(summary["outcome"]),
+        tuple(summary["reasons"]),
+        tuple(summary.get("cleared", ())),
+        tuple(summary.get("warnings", ())),
+        summary.get("text", ""),
+        tuple(summary.get("standoffs", ())),
     )
-    full = summarise_drive(plan.setting, done, plan.folder, told.get("record_parts_sha256", {}))
+    full = summarise_drive(plan.resolved, done, plan.folder, summary.get("record_parts_sha256", {}))
     extra = {
-        key: told[key] for key in told if key not in full and key not in ("cleared", "standoffs", "warnings", SEAL)
+        key: summary[key]
+        for key in summary
+        if key not in full and key not in ("cleared", "standoffs", "warnings", SUMMARY_HASH_KEY)
     }
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow}
     try:

@@ -25,12 +25,12 @@ _FAULTS: Final = {
 _WRITES: Final = {signal.SIGPIPE, signal.SIGXFSZ}
 
 #: every signal that would end or freeze a process and can be ignored
-ENDING: Final = frozenset(signal.valid_signals() - _OTHERS)
+TERMINATING: Final = frozenset(signal.valid_signals() - _OTHERS)
 #: those of them that somebody sends to have the process end
-ASKING: Final = ENDING - _FAULTS - _WRITES
+STOP_REQUESTS: Final = TERMINATING - _FAULTS - _WRITES
 
 
 def ignore() -> None:
     """Ignore them for good: this process ends by itself, when its part in the drive is over."""
-    for number in ENDING:
+    for number in TERMINATING:
         signal.signal(number, signal.SIG_IGN)

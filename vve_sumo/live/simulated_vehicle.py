@@ -1,4 +1,4 @@
-"""The hardware-free car as a process of its own: in real time, NCOM over UDP, CAN over a bus that others can open.
+"""The simulated vehicle as a process of its own: in real time, NCOM over UDP, CAN over a bus that others can open.
 
 `python -m vve_sumo.live.simulated_vehicle`, started by `spawn`. It knows what a real car knows: commands on its bus,
 its own motion and the sky; no street, no gateway, no controller. Beside the car it is the injected faults and a file of
@@ -26,10 +26,10 @@ import numpy as np
 from vve_sumo.errors import RigError, VveError
 from vve_sumo.frames import MapFrame
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import CAR, prefer
+from vve_sumo.live.priority import VEHICLE_PRIORITY, raise_priority
 from vve_sumo.live.slcan import Adapter
-from vve_sumo.live.spawn import begin
-from vve_sumo.plant.car import FAST, STEPS_A_SECOND, Car, CarParameters
+from vve_sumo.live.spawn import receive_config
+from vve_sumo.plant.car import FAST, STEPS_PER_SECOND, Car, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.values import Frame, Pose
@@ -38,10 +38,10 @@ from vve_sumo.vehicle.model import rebuilt
 if TYPE_CHECKING:
     from vve_sumo.bus import Bus
 
-STALE: Final = 0.100  # what should have been said so long ago is not said any more [s]
-LOOK: Final = 20  # steps between looks at the console and flushes of the truth: 0.1 s
+MAX_LAG: Final = 0.100  # what should have been said so long ago is not said any more [s]
+STEPS_PER_POLL: Final = 20  # steps between looks at the console and flushes of the truth: 0.1 s
 REST_TIME: Final = 1.0  # standing so long, and told nothing, is rest [s]
-PATIENCE: Final = 60.0  # from being asked to end to ending in any case [s]
+END_TIMEOUT: Final = 60.0  # from being asked to end to ending in any case [s]
 
 TRUTH_COLUMNS: Final = (
     "time_s", "x_m", "y_m", "heading_rad", "speed_mps", "brake_torque_nm", "gear", "wheel_angle_rad",
@@ -62,7 +62,7 @@ class Wire(Protocol):
         """Let go of the bus."""
 
 
-class Node:
+class PythonCanWire:
     """A bus that python-can opens, as a `Wire`: a bus that is down is a silent one, as it is for a real car."""
 
     def __init__(self, bus: Bus) -> None:
@@ -88,7 +88,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class CarConfig:
-    """What the process is told, and how it is told it: `told` is plain JSON, `heard` its inverse."""
+    """What the process is told, and how it is told it: `to_dict` gives plain JSON, `from_dict` reads it."""
 
     parameters: CarParameters
     lot: MapFrame  #: the plane map of the lot that the truth is written in
@@ -100,10 +100,10 @@ class CarConfig:
     seed: int  #: of the scenario
     target: tuple[str, int]  #: where NCOM goes, address and UDP port
     bus: tuple[str, str] | None = None  #: python-can's interface and channel; None is a pty of the car's own
-    rehearsed: tuple[InjectedFault, ...] = ()
+    faults: tuple[InjectedFault, ...] = ()
     truth: Path | None = None  #: file that the truth is written to
 
-    def told(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the configuration as `spawn.start` takes it."""
         return {
             "parameters": asdict(self.parameters),
@@ -114,29 +114,29 @@ class CarConfig:
             "seed": self.seed,
             "target": self.target,
             "bus": self.bus,
-            "rehearsed": [asdict(fault) for fault in self.rehearsed],
+            "faults": [asdict(fault) for fault in self.faults],
             "truth": None if self.truth is None else str(self.truth),
         }
 
     @classmethod
-    def heard(cls, told: dict[str, Any]) -> CarConfig:
-        """Return the configuration that was told."""
-        latitude, longitude, heading = told["start"]
-        host, port = told["target"]
-        interface, channel = told["bus"] or ("", "")
+    def from_dict(cls, data: dict[str, Any]) -> CarConfig:
+        """Return the configuration that `to_dict` gave."""
+        latitude, longitude, heading = data["start"]
+        host, port = data["target"]
+        interface, channel = data["bus"] or ("", "")
         return cls(
-            parameters=rebuilt(CarParameters, told["parameters"]),
-            lot=MapFrame(told["lot"]["projection"], tuple(told["lot"]["offset"])),
+            parameters=rebuilt(CarParameters, data["parameters"]),
+            lot=MapFrame(data["lot"]["projection"], tuple(data["lot"]["offset"])),
             latitude_deg=latitude,
             longitude_deg=longitude,
             heading_deg=heading,
-            epoch=told["epoch"],
-            t0=told["t0"],
-            seed=told["seed"],
+            epoch=data["epoch"],
+            t0=data["t0"],
+            seed=data["seed"],
             target=(host, port),
-            bus=(interface, channel) if told["bus"] else None,
-            rehearsed=tuple(InjectedFault(**fault) for fault in told["rehearsed"]),
-            truth=None if told["truth"] is None else Path(told["truth"]),
+            bus=(interface, channel) if data["bus"] else None,
+            faults=tuple(InjectedFault(**fault) for fault in data["faults"]),
+            truth=None if data["truth"] is None else Path(data["truth"]),
         )
 
     def start(self) -> tuple[float, float, float]:
@@ -146,7 +146,7 @@ class CarConfig:
         return x, y, math.radians(90.0 - self.heading_deg) + self.lot.convergence(latitude, longitude)
 
 
-class Truth:
+class TruthFile:
     """The file of where the car really was; a disk that is full ends the file, not the car."""
 
     def __init__(self, file: FileIO | None) -> None:
@@ -175,12 +175,12 @@ class Truth:
 class SimulatedVehicle:
     """The car on the monotonic clock; it computes each step ahead, so that what is due at its end goes out on time."""
 
-    def __init__(self, config: CarConfig, wire: Wire, truth: Truth) -> None:
+    def __init__(self, config: CarConfig, wire: Wire, truth: TruthFile) -> None:
         # The radar's noise is the second child of a scenario's seed.
-        car_seeds, _, rehearsal_seeds = np.random.SeedSequence(config.seed).spawn(3)
-        start, rehearsed = config.start(), config.rehearsed
+        car_seeds, _, fault_seeds = np.random.SeedSequence(config.seed).spawn(3)
+        start, faults = config.start(), config.faults
         self._car = FaultInjectedCar(
-            config.parameters, start, config.lot, config.epoch, car_seeds, rehearsed, rehearsal_seeds
+            config.parameters, start, config.lot, config.epoch, car_seeds, faults, fault_seeds
         )  # fmt: skip
         self._wire = wire
         self._truth = truth
@@ -196,7 +196,7 @@ class SimulatedVehicle:
     @property
     def time(self) -> float:
         """Drive time up to which the car has moved [s]."""
-        return self._steps / STEPS_A_SECOND
+        return self._steps / STEPS_PER_SECOND
 
     @property
     def at_rest(self) -> bool:
@@ -205,11 +205,11 @@ class SimulatedVehicle:
 
     def step(self) -> None:
         """Advance by one step, saying everything when it is due; returns when the step is over on the real clock."""
-        told = self._wire.receive()
+        data = self._wire.receive()
         self._steps += 1
         until = self.time
-        output, truth = self._car.step(until, told), self._car.truth()
-        if truth.speed != 0.0 or told:
+        output, truth = self._car.step(until, data), self._car.truth()
+        if truth.speed != 0.0 or data:
             self._rests_since = until
         if self._steps % FAST == 0:
             self._truth.add(truth, self._car.car)
@@ -228,10 +228,10 @@ class SimulatedVehicle:
 
     def _say(self, packets: Sequence[tuple[float, bytes]], reports: Sequence[tuple[float, Frame]]) -> None:
         for arrival, packet in packets:
-            if self._wait(arrival) <= STALE:
+            if self._wait(arrival) <= MAX_LAG:
                 with contextlib.suppress(OSError):
                     self._socket.sendto(packet, self._target)
-        if reports and self._wait(reports[-1][0]) <= STALE:
+        if reports and self._wait(reports[-1][0]) <= MAX_LAG:
             self._wire.send([frame for _, frame in reports])
 
     def _wait(self, until: float) -> float:
@@ -243,7 +243,7 @@ class SimulatedVehicle:
         return 0.0
 
 
-class Ending:
+class EndCondition:
     """When the process ends: asked to and at rest, or after long enough."""
 
     def __init__(self, console: Channel) -> None:
@@ -259,7 +259,7 @@ class Ending:
         self._console.receive()
         if self._asked or self._console.closed:
             self._since = min(self._since, now)
-        return now - self._since >= PATIENCE or (at_rest and self._since < math.inf)
+        return now - self._since >= END_TIMEOUT or (at_rest and self._since < math.inf)
 
     def _ask(self, *_: object) -> None:
         self._asked = True
@@ -267,11 +267,11 @@ class Ending:
 
 def main() -> int:
     """Run the process; returns its exit code."""
-    told, channels = begin()
+    data, channels = receive_config()
     console = channels["console"]
-    ending = Ending(console)
+    ending = EndCondition(console)
     try:
-        config = CarConfig.heard(told)
+        config = CarConfig.from_dict(data)
         with contextlib.ExitStack() as stack:
             run(config, console, ending, stack)
     except VveError as error:
@@ -280,18 +280,18 @@ def main() -> int:
     return 0
 
 
-def run(config: CarConfig, console: Channel, ending: Ending, stack: contextlib.ExitStack) -> None:
+def run(config: CarConfig, console: Channel, ending: EndCondition, stack: contextlib.ExitStack) -> None:
     """Be the car until it is time to end; says `car_ready` to the console, with the bus that others can open."""
     wire, bus = _wire(config.bus)
     file = None if config.truth is None else stack.enter_context(config.truth.open("wb", buffering=0))
-    car = SimulatedVehicle(config, wire, Truth(file))
+    car = SimulatedVehicle(config, wire, TruthFile(file))
     stack.callback(car.close)
     gc.collect()
     gc.freeze()
-    prefer(CAR)
+    raise_priority(VEHICLE_PRIORITY)
     console.send(json.dumps({"kind": "car_ready", "interface": bus[0], "channel": bus[1]}).encode())
     while not ending.due(car.time, car.at_rest):
-        for _ in range(LOOK):
+        for _ in range(STEPS_PER_POLL):
             car.step()
         car.flush()
 
@@ -302,7 +302,7 @@ def _wire(bus: tuple[str, str] | None) -> tuple[Wire, tuple[str, str]]:
         return adapter, ("slcan", adapter.name)
     from vve_sumo.bus import Bus
 
-    return Node(Bus(*bus)), bus
+    return PythonCanWire(Bus(*bus)), bus
 
 
 if __name__ == "__main__":

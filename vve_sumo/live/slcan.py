@@ -19,18 +19,18 @@ from vve_sumo.values import Frame
 # Commands and answers: LAWICEL, "CANUSB manual" and "CAN232 manual" (version 3), chapters on the available commands.
 OK: Final = b"\r"
 ERROR: Final = b"\a"
-LONGEST_LINE: Final = 32  # bytes; an extended frame with eight bytes takes 27
-QUEUE: Final = 512  # lines that wait for a slow reader; about a second of a car's reports
+MAX_LINE_LENGTH: Final = 32  # bytes; an extended frame with eight bytes takes 27
+QUEUE_SIZE: Final = 512  # lines that wait for a slow reader; about a second of a car's reports
 CHUNK: Final = 4096  # bytes; what the kernel keeps for a terminal
 
 _HEX = rb"[0-9A-Fa-f]"
 _FRAME: Final = re.compile(rb"(?:[tr]([0-7]HH)|[TR]([01]H{7}))([0-8])((?:HH){0,8})".replace(b"H", _HEX))
 #: Settings that mean nothing without a wire; time stamps (Z1) are not among them: they would lengthen every line.
 _SETTING: Final = re.compile(rb"S[0-9]|sH{4}|Z0|[Mm]H{8}|[WXUQ][0-9]".replace(b"H", _HEX))
-_SAYINGS: Final = {b"": OK, b"V": b"V1013\r", b"v": b"v1013\r", b"N": b"NVVE0\r", b"F": b"F00\r"}
+_REPLIES: Final = {b"": OK, b"V": b"V1013\r", b"v": b"v1013\r", b"N": b"NVVE0\r", b"F": b"F00\r"}
 
 
-class Dialogue:
+class SlcanProtocol:
     """What an adapter answers to what it is told; no terminal, no time."""
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Dialogue:
         Remote and extended frames are acknowledged and go nowhere: a `Frame` cannot hold them.
         """
         *lines, rest = (self._line + data).split(b"\r")
-        self._line = rest[: LONGEST_LINE + 1]  # one too long still is an error when its end comes
+        self._line = rest[: MAX_LINE_LENGTH + 1]  # one too long still is an error when its end comes
         frames: list[Frame] = []
         answers = b"".join([self._obey(line, frames) for line in lines])
         return frames, answers
@@ -56,7 +56,7 @@ class Dialogue:
             return self._switch(line == b"O")
         if _SETTING.fullmatch(line):
             return OK
-        return _SAYINGS.get(line, ERROR)
+        return _REPLIES.get(line, ERROR)
 
     def _switch(self, on: bool) -> bytes:
         if on is self.open:
@@ -76,7 +76,7 @@ class Dialogue:
         return b"z\r" if short else b"Z\r"
 
 
-def line_of(frame: Frame) -> bytes:
+def encode_frame(frame: Frame) -> bytes:
     """Return the line that says `frame`."""
     return b"t%03X%d%s\r" % (frame.id, len(frame.data), frame.data.hex().upper().encode())
 
@@ -93,7 +93,7 @@ class Adapter:
         os.set_blocking(self._ours, False)
         self.name: Final = os.ttyname(self._theirs)  #: what a host opens as its serial port
         self.dropped = 0  #: lines that nobody read in time
-        self._dialogue = Dialogue()
+        self._dialogue = SlcanProtocol()
         self._lines: deque[bytes] = deque()
         self._begun = b""  # the rest of a line that is half written and has to be finished first
 
@@ -121,7 +121,7 @@ class Adapter:
         """Pass frames to the host, as soon as it reads; they go nowhere while the host has not opened the channel."""
         if self._dialogue.open:
             for frame in frames:
-                self._put(line_of(frame))
+                self._put(encode_frame(frame))
         self._write()
 
     def close(self) -> None:
@@ -138,7 +138,7 @@ class Adapter:
     def _put(self, line: bytes) -> None:
         if not line:
             return
-        if len(self._lines) >= QUEUE:
+        if len(self._lines) >= QUEUE_SIZE:
             self._lines.popleft()
             self.dropped += 1
         self._lines.append(line)

@@ -43,7 +43,7 @@ def start(
     return process
 
 
-def begin() -> tuple[dict[str, Any], dict[str, Channel]]:
+def receive_config() -> tuple[dict[str, Any], dict[str, Channel]]:
     """Return what `start` handed to this process; to be called once, before anything else."""
     handed = json.load(sys.stdin.buffer)
     return handed["config"], {name: adopt(descriptor) for name, descriptor in handed["channels"].items()}
@@ -52,8 +52,8 @@ def begin() -> tuple[dict[str, Any], dict[str, Channel]]:
 def _tell(process: subprocess.Popen[bytes], text: bytes) -> None:
     """Write to a process's standard input and close it; one that died already is found dead by its closed channels."""
     assert process.stdin is not None
-    with contextlib.suppress(BrokenPipeError), process.stdin as ears:
-        ears.write(text)
+    with contextlib.suppress(BrokenPipeError), process.stdin as stdin:
+        stdin.write(text)
 
 
 def _search_path() -> str:

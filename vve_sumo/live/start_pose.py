@@ -15,13 +15,13 @@ from vve_sumo.values import Pose
 #: The rear axle may stand so far from the path's start, in any direction [m]. A driver who parks by a mark on the
 #: ground comes nearer than that, and it is a quarter of the deviation at which a car under way is stopped by default:
 #: a car that stands farther off stands at another start, or in another lot.
-AWAY: Final = 1.0
+MAX_START_DISTANCE: Final = 1.0
 #: The car may be turned so much against its path [rad]. A driver who parks along a line is nearer than that, and over
 #: 11 m it takes a car 1 m to the side.
-TURNED: Final = math.radians(5.0)
+MAX_START_TURN: Final = math.radians(5.0)
 
 
-class Start(NamedTuple):
+class StartPose(NamedTuple):
     """How a car stands to the start of its path; NaN is no number that holds."""
 
     along: float  #: past the start, in the path's direction [m]
@@ -30,23 +30,23 @@ class Start(NamedTuple):
 
     def faults(self) -> tuple[str, ...]:
         """Return reason codes of what keeps the car from being engaged here."""
-        away = () if math.hypot(self.along, self.left) <= AWAY else ("start_position",)
-        turned = () if abs(self.turned) <= TURNED else ("start_heading",)
+        away = () if math.hypot(self.along, self.left) <= MAX_START_DISTANCE else ("start_position",)
+        turned = () if abs(self.turned) <= MAX_START_TURN else ("start_heading",)
         return away + turned
 
-    def place(self) -> str:
+    def place_text(self) -> str:
         """Return the place in words."""
         side, end = "left" if self.left >= 0.0 else "right", "past" if self.along >= 0.0 else "before"
         return f"{abs(self.left):.1f} m {side} of the path and {abs(self.along):.1f} m {end} its start"
 
-    def turn(self) -> str:
+    def turn_text(self) -> str:
         """Return the turn in words."""
         return f"turned by {math.degrees(abs(self.turned)):.0f} deg to the {'left' if self.turned >= 0.0 else 'right'}"
 
 
-def of(pose: Pose, path: Path) -> Start:
+def start_pose_of(pose: Pose, path: Path) -> StartPose:
     """Return how a pose of the rear axle stands to the start of a path."""
     begin = path.at(0.0)
     x, y = pose.x - begin.x, pose.y - begin.y
     cosine, sine = math.cos(begin.heading), math.sin(begin.heading)
-    return Start(x * cosine + y * sine, y * cosine - x * sine, wrap_angle(pose.heading - begin.heading))
+    return StartPose(x * cosine + y * sine, y * cosine - x * sine, wrap_angle(pose.heading - begin.heading))

@@ -1,4 +1,4 @@
-"""Starting the hardware-free car of a rig, for a drive and for everything that only looks at the rig.
+"""Starting the simulated vehicle of a rig, for a drive and for everything that only looks at the rig.
 
 Knows the rig's tables and the car's process; no scenario, no gateway. Nothing is commanded here.
 """
@@ -26,12 +26,12 @@ from vve_sumo.rig.validation import PTY
 from vve_sumo.vehicle.model import VehicleModel
 
 #: for the car to say that it is there [s]
-PATIENCE: Final = 30.0
+START_TIMEOUT: Final = 30.0
 
 
 @dataclass(slots=True)
 class SimulatedVehicleProcess:
-    """The hardware-free car's process as it waits for the rest; it ends when `channel` is closed and it stands."""
+    """The simulated vehicle's process as it waits for the rest; it ends when `channel` is closed and it stands."""
 
     process: subprocess.Popen[bytes]
     channel: Channel
@@ -46,22 +46,22 @@ def start(
     `t0` is the monotonic second of drive time 0, `seed` and `friction` are the scenario's. Truth and log go into
     `folder`, where there is one. Raises RigError with the car's words where it does not come up.
     """
-    told = _config(rig, t0, seed, folder, friction).told()
+    config = _config(rig, t0, seed, folder, friction).to_dict()
     ours, theirs = pair()
     log = {} if folder is None else {"log": str(folder / "car.log")}
-    process = spawn.start("simulated_vehicle", told | log, {"console": theirs}, own_session=True)
+    process = spawn.start("simulated_vehicle", config | log, {"console": theirs}, own_session=True)
     stack.callback(_end, process)
     stack.callback(ours.close)
     said = _first_word(ours)
     if said.get("kind") != "car_ready":
-        raise RigError(f"the hardware-free car: {said.get('text', said)}")
+        raise RigError(f"the simulated vehicle: {said.get('text', said)}")
     return SimulatedVehicleProcess(process, ours, (said["interface"], said["channel"]))
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     """Wait for a car whose channel was closed; one that hangs is killed."""
     try:
-        process.wait(PATIENCE)
+        process.wait(START_TIMEOUT)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
@@ -83,7 +83,7 @@ def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: f
         seed=seed,
         target=(pose.address, pose.port),
         bus=None if rig.bus.channel == PTY else wire,
-        rehearsed=meaning.rehearsed_of(rig),
+        faults=meaning.faults_of(rig),
         truth=None if folder is None else folder / "truth.csv",
     )
 
@@ -94,10 +94,10 @@ def _uncalibrated(model: VehicleModel) -> VehicleModel:
 
 
 def _first_word(channel: Channel) -> dict[str, Any]:
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + START_TIMEOUT
     while (left := deadline - time.monotonic()) > 0.0 and not channel.closed:
         select.select([channel], [], [], left)
         for data in channel.receive():
             said: dict[str, Any] = json.loads(data)
             return said
-    raise RigError(f"the hardware-free car did not come up within {PATIENCE:.0f} s")
+    raise RigError(f"the simulated vehicle did not come up within {START_TIMEOUT:.0f} s")

@@ -11,10 +11,11 @@ from typing import Any
 
 import pyarrow as pa
 
-from vve_sumo.drive.latency_monitor import summarize
+from vve_sumo.drive.latency_monitor import latency_summary
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.record import hash_files, hash_parts, read_table, whole
+from vve_sumo.record.hashes import hash_files, hash_parts, whole
+from vve_sumo.record.reader import read_table
 from vve_sumo.vehicle.arming import ENDING
 
 
@@ -54,4 +55,4 @@ def _last_reasons(gateway: pa.Table | None) -> list[str]:
 
 
 def _latency(table: pa.Table | None) -> dict[str, Any]:
-    return {} if table is None or table.num_rows == 0 else summarize(table)
+    return {} if table is None or table.num_rows == 0 else latency_summary(table)

@@ -17,8 +17,8 @@ from vve_sumo.values import ArmingState
 #: a drive that has told nothing for so long is said to be silent [s]
 SILENCE: Final = 0.5
 #: reasons that are written out in a picture, and in the line of a transition
-MOST_REASONS: Final = 8
-MOST_IN_A_LINE: Final = 4
+MAX_REASONS: Final = 8
+MAX_REASONS_IN_A_LINE: Final = 4
 
 
 class Guard(enum.StrEnum):
@@ -43,9 +43,9 @@ NEVER: Final = "drive over: nothing was engaged"
 LEFT: Final = "nobody is at the controls: the gateway stops the car"
 HELD: Final = "engaged and held: the driver lets go of the pedals"
 DRIVING: Final = "driving: any key stops"
-REHEARSED: Final = "rehearsal over: the gateway is gone"
-REHEARSAL_HELD: Final = "rehearsal: g begins, any other key ends it"
-REHEARSING: Final = "rehearsal: the driver drives, any key ends it"
+SHADOW_GONE: Final = "shadow drive over: the gateway is gone"
+SHADOW_HELD: Final = "shadow mode: g begins, any other key ends it"
+SHADOW_DRIVING: Final = "shadow mode: the driver drives, any key ends it"
 
 _PHASES: Final = {
     ArmingState.DISARMED: "not ready",
@@ -56,16 +56,16 @@ _PHASES: Final = {
     ArmingState.FAULT: "fault: press r",
 }
 #: the same while every enable bit is off: what this program does moves and stops nothing
-_REHEARSAL: Final = {
+_SHADOW_PHASES: Final = {
     ArmingState.DISARMED: "not ready",
-    ArmingState.READY: "ready for a rehearsal: e engages",
-    ArmingState.ENGAGED: REHEARSING,
-    ArmingState.STOPPING: "rehearsal over: the driver brakes",
-    ArmingState.STOPPED: "rehearsal over: shift to P",
+    ArmingState.READY: "ready for a shadow drive: e engages",
+    ArmingState.ENGAGED: SHADOW_DRIVING,
+    ArmingState.STOPPING: "shadow drive over: the driver brakes",
+    ArmingState.STOPPED: "shadow drive over: shift to P",
     ArmingState.FAULT: "fault: press r",
 }
 _ENGAGED_PHASES: Final = {
-    "engaging": "engaging: the kit is being enabled",
+    "engaging": "engaging: the DBW controller is being enabled",
     "shifting": "engaging: the car shifts to drive",
     WAITING: "engaged and held: g goes, any other key stops",
 }
@@ -86,36 +86,36 @@ _UNHEARD: Final = frozenset({"bus_down", "brake_report_stale", "gear_report_stal
 #: the bell rings at every picture of these until the phase is another
 ALARMS: Final = frozenset({SILENT, GONE, BRAKES})
 
-_KIT_BRAKES: Final = "no command goes out any more; the kit's watchdog brakes only where it is armed: the driver brakes"
+_DBW_BRAKES: Final = "nothing is commanded any more; the DBW watchdog brakes only where it is armed: the driver brakes"
 _ADVICE: Final = {
-    SILENT: f"{_KIT_BRAKES}, shifts to P",
-    GONE: f"{_KIT_BRAKES}, shifts to P",
+    SILENT: f"{_DBW_BRAKES}, shifts to P",
+    GONE: f"{_DBW_BRAKES}, shifts to P",
     BRAKES: "the driver brakes with the pedal, and with the parking brake; the gateway goes on asking for its brakes",
     NEEDED: "the gateway is not sure that the car stands, or is in P: the driver holds it",
     CONTROL: "nothing is commanded; drive, or brake to rest: the gateway ends by itself",
     HELD: "then g goes",
     _ENGAGED_PHASES["engaging"]: "the driver lets go of the pedals",
     _ENGAGED_PHASES["shifting"]: "the driver lets go of the pedals",
-    _REHEARSAL[ArmingState.READY]: "nothing will be enabled: the driver drives, and brakes",
-    REHEARSAL_HELD: "the kit is not enabled: the driver holds the car",
-    REHEARSING: "no key stops the car: the driver does",
+    _SHADOW_PHASES[ArmingState.READY]: "nothing will be enabled: the driver drives, and brakes",
+    SHADOW_HELD: "the DBW controller is not enabled: the driver holds the car",
+    SHADOW_DRIVING: "no key stops the car: the driver does",
     _PHASES[ArmingState.STOPPING]: "wait; the driver's brake takes over at once, and ends it",
     _PHASES[ArmingState.STOPPED]: "the gateway ends once P is reported, or the driver's brake has taken over",
-    _REHEARSAL[ArmingState.STOPPING]: "it ends once the car stands in P",
-    _REHEARSAL[ArmingState.STOPPED]: "it ends once P is reported",
+    _SHADOW_PHASES[ArmingState.STOPPING]: "it ends once the car stands in P",
+    _SHADOW_PHASES[ArmingState.STOPPED]: "it ends once P is reported",
     _PHASES[ArmingState.FAULT]: "nothing was engaged; r asks again",
 }
-_NOBODY_HEARS: Final = "the car is not heard: brake, shift to P; the gateway ends 60 s after the kit's last word"
+_NOBODY_HEARS: Final = "the car is not heard: brake, shift to P; the gateway ends 60 s after its last report"
 
 
 def phase(status: Mapping[str, Any]) -> str:
     """Return where the drive stands, in words; a change of it is a transition."""
     engaged = bool(status.get("engaged"))
     match status.get("gateway"):
-        case Guard.SILENT if not rehearsal(status):
+        case Guard.SILENT if not in_shadow(status):
             return SILENT
         case Guard.GONE:
-            return REHEARSED if rehearsal(status) else GONE
+            return SHADOW_GONE if in_shadow(status) else GONE
         case Guard.LEFT:
             return LEFT if engaged else NEVER
         case Guard.ENDED if not engaged:
@@ -135,12 +135,12 @@ def _by_state(status: Mapping[str, Any], engaged: bool) -> str:
         return NEEDED
     if state is ArmingState.ENGAGED:
         return _engaged(status, reasons)
-    return (_REHEARSAL if rehearsal(status) else _PHASES)[state]
+    return (_SHADOW_PHASES if in_shadow(status) else _PHASES)[state]
 
 
 def _engaged(status: Mapping[str, Any], reasons: Collection[str]) -> str:
-    if rehearsal(status):
-        return REHEARSAL_HELD if WAITING in reasons else REHEARSING
+    if in_shadow(status):
+        return SHADOW_HELD if WAITING in reasons else SHADOW_DRIVING
     for code, words in _ENGAGED_PHASES.items():
         if code in reasons:
             return words
@@ -148,7 +148,7 @@ def _engaged(status: Mapping[str, Any], reasons: Collection[str]) -> str:
     return DRIVING if status.get("went", True) or _DRIVER.isdisjoint(reasons) else HELD
 
 
-def rehearsal(status: Mapping[str, Any]) -> bool:
+def in_shadow(status: Mapping[str, Any]) -> bool:
     """Whether every enable bit is off."""
     return "shadow" in status.get("reasons", ())
 
@@ -171,8 +171,8 @@ def advice(status: Mapping[str, Any]) -> str:
 def transition(status: Mapping[str, Any]) -> str:
     """Return the line that tells of a transition, with its reasons."""
     time_s, words = status.get("time_s"), why(status)
-    if len(words) > MOST_IN_A_LINE:
-        words = [*words[:MOST_IN_A_LINE], f"and {len(words) - MOST_IN_A_LINE} more"]
+    if len(words) > MAX_REASONS_IN_A_LINE:
+        words = [*words[:MAX_REASONS_IN_A_LINE], f"and {len(words) - MAX_REASONS_IN_A_LINE} more"]
     line = f"{_number(time_s, '8.2f')} s  {phase(status).upper()}"
     return f"{line}: {'; '.join(words)}" if words else line
 
@@ -197,31 +197,31 @@ def answer(key: str, status: Mapping[str, Any]) -> str:
 
 def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     """Return the lines of the picture; `silent` is how long the drive has told nothing [s]."""
-    told = silent < SILENCE
-    lines = [_motion(status, told)]
+    fresh = silent < SILENCE
+    lines = [_motion(status, fresh)]
     if todo := advice(status):
         lines.append(f"  > {todo}")
     lines.append(_health(status))
     if status.get("gateway") == Guard.SILENT:
         lines.append("  ! the gateway's process tells nothing: it is not run")
-    if not told and "tick" not in status:
+    if not fresh and "tick" not in status:
         lines.append(f"  the drive's process loads the street: {_number(silent, '.0f')} s")
-    elif not told and status.get("gateway") not in (Guard.ENDED, Guard.GONE):
+    elif not fresh and status.get("gateway") not in (Guard.ENDED, Guard.GONE):
         lines.append(f"  ! the drive's process has told nothing for {_number(silent, '.1f')} s")
     words = why(status)
     words += [f"fix: {in_words(code)}" for code in status.get("pose_reasons", ())]
-    lines += [f"  - {word}" for word in words[:MOST_REASONS]]
-    if len(words) > MOST_REASONS:
-        lines.append(f"  - and {len(words) - MOST_REASONS} more")
+    lines += [f"  - {word}" for word in words[:MAX_REASONS]]
+    if len(words) > MAX_REASONS:
+        lines.append(f"  - and {len(words) - MAX_REASONS} more")
     return lines
 
 
-def _motion(status: Mapping[str, Any], told: bool) -> str:
+def _motion(status: Mapping[str, Any], fresh: bool) -> str:
     """Say how the car moves; of a drive that is silent what it said last is not shown for what is."""
-    speed = status.get("speed_mps") if told else status.get("wheel_speed_mps")
+    speed = status.get("speed_mps") if fresh else status.get("wheel_speed_mps")
     parts = [phase(status).upper(), f"{_number(_times(3.6, speed), '.1f')} km/h"]
-    parts.append(f"{_number(status.get('to_go_m') if told else None, '.0f')} m to go")
-    parts.append(f"ahead {_number(status.get('range_m') if told else None, '.1f')} m")
+    parts.append(f"{_number(status.get('to_go_m') if fresh else None, '.0f')} m to go")
+    parts.append(f"ahead {_number(status.get('range_m') if fresh else None, '.1f')} m")
     if status.get("note"):
         parts.append(str(status["note"]))
     return "  ".join(parts)

@@ -1,4 +1,4 @@
-"""The way to rest: which curvature brings the car from where it is back onto its path while it brakes.
+"""The fallback path: which curvature brings the car from where it is back onto its path while it brakes.
 
 A forward simulation of a rear axle that follows the path; knows no lot and no brakes, and asks nobody.
 """
@@ -12,19 +12,19 @@ from vve_sumo.laws import clamp
 from vve_sumo.path import Path
 from vve_sumo.values import FallbackPath, Pose, Vehicle
 
-INTERVALS: Final = 31  #: between the knots of a way, at most
-FINEST: Final = 0.25  #: between knots [m]
+MAX_INTERVALS: Final = 31  #: between the knots of a way, at most
+MIN_KNOT_SPACING: Final = 0.25  #: between knots [m]
 DECELERATION: Final = 1.5  #: a way long enough for this one is long enough for any stop on a slope of a tenth [m/s2]
 DELAY: Final = 0.5  #: before it sets in [s]
 RESERVE: Final = 1.0  #: beyond rest [m]
 LATERAL_ACCELERATION: Final = 3.0  #: most on the way [m/s2], ISO 11270
 LATERAL_JERK: Final = 5.0  #: most on the way [m/s3], ISO 11270
 RETURN_TIME: Final = 0.8  #: the offset falls by about a factor e in the way of this time [s]
-LEAST_RETURN: Final = 3.0  #: or in this way, where the car is slow [m]
-FARTHEST: Final = 5.0  #: from a deviation beyond this there is no smooth way back [m]
-MOST_TURNED: Final = 1.0  #: nor from a heading that is off by more [rad]
-LEAST_SPEED: Final = 0.5  #: slower counts as this where a rate in time becomes one along the way [m/s]
-SQUARE_OF_LEAST_SPEED: Final = LEAST_SPEED * LEAST_SPEED
+MIN_RETURN_DISTANCE: Final = 3.0  #: or in this way, where the car is slow [m]
+MAX_DEVIATION: Final = 5.0  #: from a deviation beyond this there is no smooth way back [m]
+MAX_HEADING_ERROR: Final = 1.0  #: nor from a heading that is off by more [rad]
+MIN_SPEED: Final = 0.5  #: slower counts as this where a rate in time becomes one along the way [m/s]
+MIN_SPEED_SQUARED: Final = MIN_SPEED * MIN_SPEED
 
 
 def fallback_path(
@@ -44,7 +44,7 @@ def fallback_path(
         distance = speed * DELAY + speed * speed / (2.0 * DECELERATION) + RESERVE
     if not math.isfinite(pose.x + pose.y + pose.heading + speed + steering + station + distance):
         return None
-    spacing = max(distance / INTERVALS, FINEST)
+    spacing = max(distance / MAX_INTERVALS, MIN_KNOT_SPACING)
     knots = _follow(pose, speed, steering, path, station, vehicle, spacing, math.ceil(distance / spacing - 1e-9))
     return None if knots is None else FallbackPath(spacing, knots)
 
@@ -63,25 +63,25 @@ def _follow(
     bend = clamp(bend, -tightest, tightest)
     knots = [bend]
     for _ in range(count):
-        v = sqrt(square) if square > SQUARE_OF_LEAST_SPEED else LEAST_SPEED
+        v = sqrt(square) if square > MIN_SPEED_SQUARED else MIN_SPEED
         # Where the present curvature leads, and what would be right there.
         ahead = heading + 0.5 * bend * spacing
         s, offset, turned, path_bend = frenet_near(
             s + spacing, x + spacing * cos(ahead), y + spacing * sin(ahead), heading + bend * spacing
         )
-        if not (-FARTHEST < offset < FARTHEST and -MOST_TURNED < turned < MOST_TURNED):
+        if not (-MAX_DEVIATION < offset < MAX_DEVIATION and -MAX_HEADING_ERROR < turned < MAX_HEADING_ERROR):
             return None
-        length = max(RETURN_TIME * v, LEAST_RETURN)
+        length = max(RETURN_TIME * v, MIN_RETURN_DISTANCE)
         cosine = cos(turned)
-        wish = path_bend * cosine / (1.0 - path_bend * offset)
-        wish -= (2.0 * sin(turned) / length + offset / (length * length)) / cosine
+        bend_wanted = path_bend * cosine / (1.0 - path_bend * offset)
+        bend_wanted -= (2.0 * sin(turned) / length + offset / (length * length)) / cosine
         most = min(tightest, LATERAL_ACCELERATION / (v * v))
         change = spacing * min(answer / v, LATERAL_JERK / (v * v * v))
-        wish = clamp(clamp(wish, -most, most), bend - change, bend + change)
-        ahead = heading + 0.25 * (bend + wish) * spacing
+        bend_wanted = clamp(clamp(bend_wanted, -most, most), bend - change, bend + change)
+        ahead = heading + 0.25 * (bend + bend_wanted) * spacing
         x, y = x + spacing * cos(ahead), y + spacing * sin(ahead)
-        heading += 0.5 * (bend + wish) * spacing
-        bend = wish
+        heading += 0.5 * (bend + bend_wanted) * spacing
+        bend = bend_wanted
         knots.append(bend)
         square = square - loss if square > loss else 0.0
     return tuple(knots)

@@ -19,16 +19,16 @@ from vve_sumo.lot.polygon import Raster
 from vve_sumo.path import Path
 from vve_sumo.values import Floats
 
-EVERY: Final = 3  #: stations from one swept place to the next, in the search [m]
+SWEPT_SPACING: Final = 3  #: stations from one swept place to the next, in the search [m]
 COARSE_ROWS, FINE_ROWS = 120, 1600  #: of the lot's tables of clearances
-COARSEST_TURN: Final = math.radians(5.0)  #: between neighbouring rotations
+MAX_ROTATION_STEP: Final = math.radians(5.0)  #: between neighbouring rotations
 SLACK: Final = 3  #: cells by which a coarse placement may stick out
 CANDIDATES: Final = 10  #: coarse placements that are refined
 POINTS: Final = 400  #: the most pressed points, which decide where to move
 ROUNDS: Final = 40  #: of a refinement, at most
 STILL: Final = 0.01  #: a refinement that moves less is done [m]
-CUT_TO: Final = 2.0  #: the cut of a path that doesn't fit is found to this [m]
-SHORTEST: Final = 5.0  #: a path that is cut shorter is none [m]
+CUT_RESOLUTION: Final = 2.0  #: the cut of a path that doesn't fit is found to this [m]
+MIN_PATH_LENGTH: Final = 5.0  #: a path that is cut shorter is none [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,62 +69,62 @@ class _Ground:
         return Alignment(wrap_angle(placement.rotation), *shift).inverse()
 
 
-def fit(path: Path, fence: Geofence, speed: float) -> Fit:
+def fit(path: Path, geofence: Geofence, speed: float) -> Fit:
     """Return the alignment under which a drive of the path at `speed` [m/s] has most room in the fence's lot.
 
-    Where no placement takes the whole path, the one that takes most of it, to about `CUT_TO`. Raises ConfigError where
-    not even the start fits.
+    Where no placement takes the whole path, the one that takes most of it, to about `CUT_RESOLUTION`. Raises
+    ConfigError where not even the start fits.
     """
-    drive = fence.driven(path, speed)
-    ground = _ground(fence, drive)
-    tables = fence.lot.raster(COARSE_ROWS), fence.lot.raster(FINE_ROWS)
+    drive = geofence.driven(path, speed)
+    ground = _ground(geofence, drive)
+    tables = geofence.lot.raster(COARSE_ROWS), geofence.lot.raster(FINE_ROWS)
 
     def tried(station: float) -> Fit | None:
         placement = _best(ground.until(station), *tables)
-        return None if placement is None else _measured(fence, drive, ground.alignment(placement))
+        return None if placement is None else _measured(geofence, drive, ground.alignment(placement))
 
     whole = drive[-1].station
     best = tried(whole)
     if best is not None and best.whole:
         return best
     low, high = best.station if best else 0.0, whole
-    while high - low > CUT_TO:
+    while high - low > CUT_RESOLUTION:
         middle = 0.5 * (low + high)
         found = tried(middle)
         if found is not None and (best is None or found.station > best.station):
             best = found
         low, high = (max(middle, found.station), high) if found and found.station >= middle else (low, middle)
     if best is None:
-        raise ConfigError("the lot has no place for the start of the path and the way to rest from there")
+        raise ConfigError("the lot has no place for the start of the path and the fallback path from there")
     return best
 
 
-def measured(path: Path, fence: Geofence, speed: float, alignment: Alignment) -> Fit | None:
+def measured(path: Path, geofence: Geofence, speed: float, alignment: Alignment) -> Fit | None:
     """Return how a drive of the path at `speed` [m/s] lies in the lot under an alignment; None for an unfit start."""
-    return _measured(fence, fence.driven(path, speed), alignment)
+    return _measured(geofence, geofence.driven(path, speed), alignment)
 
 
-def shortened(path: Path, fence: Geofence, speed: float, station: float) -> Path:
+def shortened(path: Path, geofence: Geofence, speed: float, station: float) -> Path:
     """Return the path up to about a station [m], such that a drive of it at `speed` [m/s] can always stop in the lot.
 
     Beyond its new end the car is taken to go straight on, which may ask for a place to end a little sooner. Raises
-    ConfigError where less than `SHORTEST` is left.
+    ConfigError where less than `MIN_PATH_LENGTH` is left.
     """
-    while station >= SHORTEST:
+    while station >= MIN_PATH_LENGTH:
         points = [path.at(s) for s in np.linspace(0.0, station, round(station) + 1).tolist()]
         cut = Path.from_points([point.x for point in points], [point.y for point in points])
-        leaves = fence.along(cut, speed)
+        leaves = geofence.along(cut, speed)
         if leaves is None:
             return cut
         station = min(leaves, station) - 1.0
-    raise ConfigError(f"the lot takes less than {SHORTEST:g} m of the path")
+    raise ConfigError(f"the lot takes less than {MIN_PATH_LENGTH:g} m of the path")
 
 
-def _ground(fence: Geofence, drive: list[Driven]) -> _Ground:
+def _ground(geofence: Geofence, drive: list[Driven]) -> _Ground:
     """Fill what the drive may cover with points: corners, edges and middles of the rectangles that it sweeps."""
     points, stations = [], []
-    for place in [*drive[::EVERY], drive[-1]]:
-        shapes = fence.sweep(place.pose, place.steering, place.profile)
+    for place in [*drive[::SWEPT_SPACING], drive[-1]]:
+        shapes = geofence.sweep(place.pose, place.steering, place.profile)
         if shapes is None:
             raise ConfigError(
                 "the car does not come to rest: its lowest deceleration is less than the lot's slope takes"
@@ -160,7 +160,7 @@ def _candidates(points: Floats, table: Raster) -> list[_Placement]:
     cell = table.cell
     some = _thinned(points, cell)
     radius = float(np.sqrt((some * some).sum(axis=1)).max())
-    count = math.ceil(math.tau / min(cell / radius, COARSEST_TURN))
+    count = math.ceil(math.tau / min(cell / radius, MAX_ROTATION_STEP))
     scored = []
     for rotation in math.tau / count * np.arange(count):
         room = _coarse(_turned(some, rotation), table)
@@ -242,16 +242,16 @@ def _turned(points: Floats, angle: float) -> Floats:
     return np.asarray(points @ np.array([[cosine, sine], [-sine, cosine]]), dtype=np.float64)
 
 
-def _measured(fence: Geofence, drive: list[Driven], alignment: Alignment) -> Fit | None:
+def _measured(geofence: Geofence, drive: list[Driven], alignment: Alignment) -> Fit | None:
     """Follow the drive under an alignment, without tables; None where not even its start fits."""
-    laid, to_lot = fence.laid(alignment), alignment.inverse()
+    aligned, to_lot = geofence.aligned(alignment), alignment.inverse()
     room, last = math.inf, None
     for place in drive:
-        if laid.check(place.pose, place.steering, place.profile):
+        if aligned.check(place.pose, place.steering, place.profile):
             break
-        shapes = fence.sweep(to_lot.apply(place.pose), place.steering, place.profile)
+        shapes = geofence.sweep(to_lot.apply(place.pose), place.steering, place.profile)
         assert shapes is not None
-        room, last = min(room, fence.lot.clearance(shapes)), place.station
+        room, last = min(room, geofence.lot.clearance(shapes)), place.station
     if last is None:
         return None
     start = to_lot.apply(drive[0].pose)

@@ -1,6 +1,6 @@
 """Would the car, wherever it is left alone now, come to rest inside the lot?
 
-Three ways to rest are swept and must all stay inside. Geometry and arithmetic only: it commands nothing, knows no
+Three fallback paths are swept and must all stay inside. Geometry and arithmetic only: it commands nothing, knows no
 gateway and no bus, and its only answer is a reason code.
 """
 
@@ -20,13 +20,13 @@ from vve_sumo.lot.swept_area import Body, Complexes, as_pairs, fan, relaxing, tr
 from vve_sumo.path import EXTENSION, SAMPLE_SPACING, Path
 from vve_sumo.values import FallbackPath, Floats, Point, Pose, Vehicle
 
-LOT_EDGE: Final = ("geofence_breach",)
-#: a way to rest with more knots on the way is none [-]; the gateway takes no more than 64
-MOST_KNOTS: Final = 200
+GEOFENCE_BREACH: Final = ("geofence_breach",)
+#: a fallback path with more knots is refused [-]; the gateway takes no more than 64
+MAX_KNOTS: Final = 200
 #: what a setpoint may ask beyond the present acceleration grows with this until it expires [m/s3]; ISO 15622's comfort
 JERK: Final = 5.0
 #: a shorter rise is none [s]: its jerk is no number to compute with
-SHORTEST_RISE: Final = 1e-6
+MIN_RISE_TIME: Final = 1e-6
 #: how a controller is taken to drive a path: lateral acceleration in bends, slowing down ahead of them, speeding up
 LATERAL, SLOWING, SPEEDING_UP = 3.0, 1.5, 2.0  # [m/s2]
 
@@ -41,7 +41,7 @@ class Stop:
     drive_lag: float = 0.0  #: with which the drive force fades once the throttle is closed [s]
 
     def distance(self, speed: float, acceleration: float = 0.0, downhill: float = 0.0) -> float:
-        """Return the way to rest [m] from `speed` [m/s, not negative], `downhill` being the slope; inf for never.
+        """Return the stopping distance [m] from `speed` [m/s, not negative], `downhill` being the slope; inf for never.
 
         Until the brakes set in the car gains what it is gaining now, what `JERK` lets a setpoint add, and the slope's
         share b. Then v t + b t^2 / 2 - j t^3 / 6 while the deceleration rises to a, and v^2 / (2 (a - b)).
@@ -51,7 +51,7 @@ class Stop:
         start = speed + gained + pull * self.delay
         if not self.deceleration > pull:
             return math.inf
-        rise = self.rise if self.rise > SHORTEST_RISE else 0.0
+        rise = self.rise if self.rise > MIN_RISE_TIME else 0.0
         time, after = rise, start + (pull - 0.5 * self.deceleration) * rise
         if after < 0.0:
             # At rest before the deceleration has risen.
@@ -72,10 +72,10 @@ class Driven(NamedTuple):
 
 
 class Geofence:
-    """Keeps every way to rest inside the lot.
+    """Keeps every fallback path inside the lot.
 
-    `alignment` lays the lot's map onto the street's, as `Placement` has it. `gateway` follows the stop profile, or
-    holds the wheel angle; `watchdog` is the kit's own and its wheel may be anywhere between held and straight.
+    `alignment` lays the lot's map onto the street's, as `Placement` has it. `gateway` follows the fallback path, or
+    holds the wheel angle; `watchdog` is the DBW controller's, whose wheel may be anywhere between held and straight.
     `downhill` is the lot's worst slope, positive.
     """
 
@@ -92,18 +92,18 @@ class Geofence:
         """Return ("geofence_breach",) unless the car comes to rest inside the lot from this pose, whoever stops it.
 
         `pose` is the rear axle's in the street's map, `steering` the road-wheel angle that the car reports [rad, left
-        positive], `profile` the way to rest that the setpoint carries, None for none. What is not finite is no place
+        positive], `profile` the fallback path that the setpoint carries, None for none. What is not finite is no place
         to be.
         """
         distances = self._distances(pose, steering)
         if distances is None:
-            return LOT_EDGE
+            return GEOFENCE_BREACH
         placed = self._to_lot.apply(pose)
         if self.lot.holds_disc(placed.x, placed.y, max(map(abs, distances)) + self._body.reach):
             return ()
         shapes = self._shapes(pose.speed, distances, steering, profile)
         if shapes is None or not self.lot.holds(as_pairs(shapes, placed.x, placed.y, placed.heading)):
-            return LOT_EDGE
+            return GEOFENCE_BREACH
         return ()
 
     def sweep(self, pose: Pose, steering: float, profile: FallbackPath | None) -> Floats | None:
@@ -112,7 +112,7 @@ class Geofence:
         shapes = None if distances is None else self._shapes(pose.speed, distances, steering, profile)
         return None if shapes is None else as_pairs(shapes, pose.x, pose.y, pose.heading)
 
-    def laid(self, alignment: Alignment) -> Geofence:
+    def aligned(self, alignment: Alignment) -> Geofence:
         """Return the same fence for another alignment."""
         other = copy(self)
         other._to_lot = alignment.inverse()
@@ -161,7 +161,7 @@ class Geofence:
     def _shapes(
         self, speed: float, distances: tuple[float, float], steering: float, profile: FallbackPath | None
     ) -> Complexes | None:
-        """What the body covers on all ways to rest, in the rear axle's frame; None where a way has no end."""
+        """What the body covers on all fallback paths, in the rear axle's frame; None where a way has no end."""
         by_gateway, by_watchdog = distances
         # A held wheel angle turns the car tighter the slower it gets.
         tight = math.tan(steering) / self._wheelbase
@@ -180,9 +180,9 @@ class Geofence:
 
 def _knots(profile: FallbackPath, distance: float) -> Floats | None:
     """The profile's curvature up to `distance` [m], its last one held beyond its end; None where it is no way."""
-    if not (profile.spacing > 0.0 and profile.curvature and distance <= MOST_KNOTS * profile.spacing):
+    if not (profile.spacing > 0.0 and profile.curvature and distance <= MAX_KNOTS * profile.spacing):
         return None
-    knots = np.array(profile.curvature[: MOST_KNOTS + 2], dtype=np.float64)
+    knots = np.array(profile.curvature[: MAX_KNOTS + 2], dtype=np.float64)
     wanted = math.ceil(distance / profile.spacing) + 1
     held = np.concatenate((knots[:wanted], np.full(max(wanted - len(knots), 0), knots[-1])))
     return held if np.isfinite(held).all() else None

@@ -18,11 +18,11 @@ from vve_sumo.values import Floats
 
 Pair = tuple[float, float]
 
-LEAST_AREA: Final = 200.0  #: a lot that holds a car and the way to rest from walking pace is larger [m2]
-GREATEST_AREA: Final = 25e6  #: of the largest proving grounds, and then some [m2]
+MIN_AREA: Final = 200.0  #: a lot that holds a car and its stopping distance from walking pace is larger [m2]
+MAX_AREA: Final = 25e6  #: of the largest proving grounds, and then some [m2]
 ARC_STEPS: Final = 16  #: chords of a quarter circle where the margin rounds a corner
-FINEST: Final = 0.25  #: cell of a table of clearances [m]
-AROUND: Final = 4  #: cells of such a table beyond the lot
+MIN_CELL_SIZE: Final = 0.25  #: cell of a table of clearances [m]
+BORDER_CELLS: Final = 4  #: cells of such a table beyond the lot
 
 
 class Lot:
@@ -36,8 +36,8 @@ class Lot:
         if not (math.isfinite(margin) and margin >= 0.0):
             raise ConfigError(f"margin: expected 0 m or more, got {margin!r}")
         whole = _ring(outline, "outline")
-        if not LEAST_AREA <= whole.area <= GREATEST_AREA:
-            raise ConfigError(f"outline: encloses {whole.area:.1f} m2, expected {LEAST_AREA:g} to {GREATEST_AREA:g} m2")
+        if not MIN_AREA <= whole.area <= MAX_AREA:
+            raise ConfigError(f"outline: encloses {whole.area:.1f} m2, expected {MIN_AREA:g} to {MAX_AREA:g} m2")
         cut = [_ring(hole, f"holes[{number}]") for number, hole in enumerate(holes)]
         for number, hole in enumerate(cut):
             if not whole.contains_properly(hole):
@@ -84,8 +84,8 @@ class Lot:
         from scipy.ndimage import distance_transform_edt
 
         span = self.outline.max(axis=0) - self.outline.min(axis=0)
-        cell = max(FINEST, float(span.max()) / rows)
-        low, span = self.outline.min(axis=0) - AROUND * cell, span + 2 * AROUND * cell
+        cell = max(MIN_CELL_SIZE, float(span.max()) / rows)
+        low, span = self.outline.min(axis=0) - BORDER_CELLS * cell, span + 2 * BORDER_CELLS * cell
         columns, rows = (int(length) for length in np.ceil(span / cell) + 1)
         x, y = low[0] + cell * np.arange(columns), low[1] + cell * np.arange(rows)
         inside = shapely.contains_xy(self._inner, *np.meshgrid(x, y))

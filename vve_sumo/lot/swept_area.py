@@ -18,10 +18,10 @@ from vve_sumo.values import Floats, Vehicle
 Complexes = NDArray[np.complex128]
 
 SLICES: Final = 24  #: of a way of constant curvature
-APART: Final = 0.8  #: neighbouring ways of a fan end about this far from each other [m]
+FAN_SPACING: Final = 0.8  #: neighbouring ways of a fan end about this far from each other [m]
 FARTHER: Final = 1.0 / 80.0  #: by which a bent way reaches beyond a circle's end, over the square of its turn [1/rad2]
 SWING: Final = 0.25  #: by which a corner swings out then, over that turn [m/rad]; about a quarter of the width
-MOST_GAPS: Final = 10  #: between the ways of a fan
+MAX_FAN_GAPS: Final = 10  #: between the ways of a fan
 PANELS: Final = 2  #: of the integration, for each interval of a curvature's table
 
 
@@ -45,7 +45,7 @@ def fan(body: Body, low: float, high: float, distance: float) -> Complexes:
 
     A negative distance goes backwards.
     """
-    gaps = min(1 + int(abs(high - low) * distance * distance / (2.0 * APART)), MOST_GAPS)
+    gaps = min(1 + int(abs(high - low) * distance * distance / (2.0 * FAN_SPACING)), MAX_FAN_GAPS)
     bends = np.linspace(low, high, gaps + 1)[:, None]
     s = np.linspace(0.0, distance, SLICES + 1)
     turned = bends * s

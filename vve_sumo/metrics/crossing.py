@@ -18,7 +18,7 @@ Indices = NDArray[np.int64]
 #: instants of one that are held against all of the other's at a time: bounds the memory
 CHUNK = 256
 #: a box further than this from all that the other covers is not looked at [m]; none goes so far in an instant
-FAR = 5.0
+MAX_DISTANCE = 5.0
 
 
 class Encroachment(NamedTuple):
@@ -90,7 +90,7 @@ def time_to_collision_zone(one: Boxes, other: Boxes) -> Passages:
 
 def _near(one: Boxes, other: Boxes) -> Indices:
     """Return the instants of `one` at which it is not far from the rectangle around all the places of `other`."""
-    radius = 0.5 * np.hypot(one.length, one.width) + FAR
+    radius = 0.5 * np.hypot(one.length, one.width) + MAX_DISTANCE
     near = np.ones(len(one.x), np.bool_)
     for mine, theirs in ((one.x, other.x), (one.y, other.y)):
         low = np.fmin.reduce(theirs - 0.5 * np.hypot(other.length, other.width), initial=np.inf)

@@ -98,7 +98,7 @@ class DriveData:
     def tracking(self) -> Tracking:
         """How well the ego kept to its path, tick by tick."""
         motion = self.motion
-        return track(self.path, motion.x, motion.y, motion.heading, self.column("station_m"))
+        return track(self.path, motion.x, motion.y, motion.heading, self.column("s_m"))
 
     @cached_property
     def actor_rows(self) -> ActorRows:
@@ -131,7 +131,7 @@ class DriveData:
 
     def _path_heading(self, at: Indices, boxes: Boxes) -> Floats:
         """Return the path's heading [rad] at boxes that are ahead of the ego at these ticks."""
-        own = self.column("station_m")[at]
+        own = self.column("s_m")[at]
         _, _, heading = self.path.project_many(boxes.x, boxes.y, own + 0.5 * HORIZON, 0.5 * HORIZON + 3.0 * WINDOW)
         return heading
 

@@ -69,7 +69,7 @@ def lead_vehicle(
     The strip follows the path; the gap counts along it from the ego's front bumper to the nearest corner of the box.
     x, y [m] and speed [m/s] are the ego's rear axle's, an entry a tick.
     """
-    station = ticks["station_m"].to_numpy()
+    station = ticks["s_m"].to_numpy()
     own = np.full(ticks.num_rows, np.nan)
     placed = np.flatnonzero(np.isfinite(x) & np.isfinite(station))
     own[placed], _, _ = path.project_many(x[placed], y[placed], station[placed], WINDOW)

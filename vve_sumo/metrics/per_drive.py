@@ -90,8 +90,8 @@ def impact_speed(drive: DriveData) -> float:
     rows = np.flatnonzero(tick == later.min()) if len(later) else np.zeros(0, np.int64)
     touched = np.isin(actors["actor"].take(rows).to_pylist(), contacts[first].split("+"))
     heading, speed = (actors[name].to_numpy()[rows[touched]] for name in ("heading_rad", "speed_mps"))
-    relative = ticks["asked_speed_mps"][first].as_py() - speed * np.cos(
-        heading - ticks["asked_heading_rad"][first].as_py()
+    relative = ticks["requested_speed_mps"][first].as_py() - speed * np.cos(
+        heading - ticks["requested_heading_rad"][first].as_py()
     )
     return greatest(np.abs(relative))
 
@@ -229,24 +229,24 @@ metric(
 )
 
 
-def anchor_position_error(drive: DriveData) -> float:
+def ego_sync_position_error(drive: DriveData) -> float:
     """Greatest error of the ego's place in SUMO."""
-    return float(np.fmax.reduce(drive.column("anchor_position_error_m"), initial=np.nan))
+    return float(np.fmax.reduce(drive.column("ego_sync_position_error_m"), initial=np.nan))
 
 
 metric(
-    "anchor_position_error_m",
+    "ego_sync_position_error_m",
     "position error of SUMO's ego",
     "largest distance of SUMO's ego from what was asked of it",
-    anchor_position_error,
+    ego_sync_position_error,
     worse="higher",
     criterion=False,
 )
 metric(
-    "anchor_speed_error_mps",
+    "ego_sync_speed_error_mps",
     "speed error of SUMO's ego",
     "largest difference of SUMO's ego from the speed that was asked of it",
-    lambda drive: float(np.fmax.reduce(drive.column("anchor_speed_error_mps"), initial=np.nan)),
+    lambda drive: float(np.fmax.reduce(drive.column("ego_sync_speed_error_mps"), initial=np.nan)),
     worse="higher",
     criterion=False,
 )

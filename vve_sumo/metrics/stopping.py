@@ -31,7 +31,7 @@ RELEASED: Final = 0.1
 #: a demand that grows more slowly is trim, not the set-in of a braking [m/s3]
 RISING: Final = 0.5
 #: so long a release ends a braking: the next one is another [s]
-PAUSE: Final = 1.0
+MIN_RELEASE_TIME: Final = 1.0
 #: shares of the rise of deceleration that a straight line is laid through
 LOW, HIGH = 0.1, 0.9
 #: over so many ticks the deceleration before the braking is averaged
@@ -137,15 +137,15 @@ def _slowing(speed: Floats) -> tuple[int, int] | None:
 def _begun(time: Floats, course: Floats) -> int | None:
     """Return the index at which the last braking of a course of decelerations begins; None where there is none.
 
-    It goes on through any release shorter than PAUSE. What was asked for before it first exceeded PRESSED (or half of
-    the most that a gentle stop asks for) is trim, but for the rise that led there.
+    It goes on through any release shorter than MIN_RELEASE_TIME. What was asked for before it first exceeded PRESSED
+    (or half of the most that a gentle stop asks for) is trim, but for the rise that led there.
     """
     most = float(course.max())
     if not most >= RELEASED:
         return None
     pressed = np.flatnonzero(course >= min(PRESSED, 0.5 * most))
     held = np.flatnonzero(course[: pressed[-1] + 1] >= min(RELEASED, 0.5 * most))
-    pauses = np.flatnonzero(np.diff(time[held]) > PAUSE)
+    pauses = np.flatnonzero(np.diff(time[held]) > MIN_RELEASE_TIME)
     since = held[pauses[-1] + 1] if len(pauses) else 0
     first = int(pressed[np.searchsorted(pressed, since)])
     slowly = RISING * np.diff(time[: first + 1], prepend=time[0])

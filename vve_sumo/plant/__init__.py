@@ -1,1 +1,1 @@
-"""The hardware-free car: what stands in for the real one, down to its bytes."""
+"""The simulated vehicle: what stands in for the real one, down to its bytes."""

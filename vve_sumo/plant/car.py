@@ -1,4 +1,4 @@
-"""The hardware-free car: takes command frames, gives back reports and NCOM bytes, as the real one does.
+"""The simulated vehicle: takes command frames, gives back reports and NCOM bytes, as the real one does.
 
 One object for everything between the bus and the sky; it knows no street, no gateway and no controller.
 """
@@ -22,7 +22,7 @@ from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs, Gear, InterfaceConfig, SimulatedInterface, load
 
 STEP = 0.005  # of the integration and of the drive-by-wire controller [s]
-STEPS_A_SECOND = round(1.0 / STEP)
+STEPS_PER_SECOND = round(1.0 / STEP)
 FAST = 2  # steps between measurements: 100 Hz; reports and fixes come with them
 _DRIVE_SIGNS = {Gear.DRIVE: 1.0, Gear.LOW: 1.0, Gear.REVERSE: -1.0}
 
@@ -166,7 +166,7 @@ class Car:
     @property
     def _time(self) -> float:
         # A quotient of whole numbers, so that a tick's time is the very number that the drive computes.
-        return self._steps / STEPS_A_SECOND
+        return self._steps / STEPS_PER_SECOND
 
     def _advance(self, driver: DriverInputs) -> None:
         motion, interface = self._motion, self._interface

@@ -1,4 +1,4 @@
-"""The hardware-free car with a drive's rehearsed faults put on: what is heard of it, and what it hears.
+"""The simulated vehicle with a drive's faults injected: what is heard of it, and what it hears.
 
 The same in lockstep and in real time; it knows no clock and no I/O.
 """
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from vve_sumo.frames import MapFrame
-from vve_sumo.plant.car import STEPS_A_SECOND, Car, CarOutput, CarParameters
+from vve_sumo.plant.car import STEPS_PER_SECOND, Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injector import FaultInjector
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.values import Frame, Pose
@@ -26,16 +26,16 @@ class FaultInjectedCar:
         lot: MapFrame,
         epoch: float,
         seeds: np.random.SeedSequence,
-        rehearsed: Iterable[InjectedFault],
-        rehearsal_seeds: np.random.SeedSequence,
+        faults: Iterable[InjectedFault],
+        fault_seeds: np.random.SeedSequence,
     ) -> None:
-        self._rehearsal = FaultInjector(rehearsed, rehearsal_seeds, parameters.interface)
-        self.car = Car(parameters, start, lot, epoch, seeds, self._rehearsal.on_fix)
+        self._injector = FaultInjector(faults, fault_seeds, parameters.interface)
+        self.car = Car(parameters, start, lot, epoch, seeds, self._injector.on_fix)
         self._steps = 0
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:
         """Hear `frames`, advance to drive time `until` [s], a multiple of 5 ms; what reached the outside meanwhile."""
-        output, last = CarOutput([], []), round(until * STEPS_A_SECOND)
+        output, last = CarOutput([], []), round(until * STEPS_PER_SECOND)
         while self._steps < last:
             said = self._step(frames)
             output.reports.extend(said.reports)
@@ -48,13 +48,13 @@ class FaultInjectedCar:
         return self.car.truth()
 
     def _step(self, frames: Sequence[Frame]) -> CarOutput:
-        rehearsal, car, now = self._rehearsal, self.car, self._steps / STEPS_A_SECOND
-        commands = rehearsal.on_commands(now, frames)
-        rehearsal.on_car(now, car)
+        injector, car, now = self._injector, self.car, self._steps / STEPS_PER_SECOND
+        commands = injector.on_commands(now, frames)
+        injector.on_car(now, car)
         self._steps += 1
-        until = self._steps / STEPS_A_SECOND
-        output = car.step(until, commands, rehearsal.driver(now))
-        rehearsal.moves(until, car.truth().speed)
+        until = self._steps / STEPS_PER_SECOND
+        output = car.step(until, commands, injector.driver(now))
+        injector.moves(until, car.truth().speed)
         return CarOutput(
-            rehearsal.on_reports(until, output.reports, car.interface), rehearsal.on_packets(until, output.ncom)
+            injector.on_reports(until, output.reports, car.interface), injector.on_packets(until, output.ncom)
         )

@@ -1,6 +1,6 @@
 """Faults on purpose, at a stated time after the car first moves: what a drive must survive, tried before it happens.
 
-It stands between the hardware-free car and the world and alters what passes; it knows no gateway, no clock and no I/O.
+It stands between the simulated vehicle and the world and alters what passes; it knows no gateway, no clock and no I/O.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from vve_sumo.vehicle.interface import (
 )
 
 ROUNDING: Final = 1e-9  # of times that are sums [s]
-LONGEST_GARBAGE: Final = 150  # bytes; about two packets
+MAX_GARBAGE_LENGTH: Final = 150  # bytes; about two packets
 
 
 class FaultInjector:
@@ -39,9 +39,9 @@ class FaultInjector:
     """
 
     def __init__(
-        self, rehearsed: Iterable[InjectedFault], seeds: np.random.SeedSequence, interface: InterfaceConfig
+        self, faults: Iterable[InjectedFault], seeds: np.random.SeedSequence, interface: InterfaceConfig
     ) -> None:
-        self._due = due = Due(rehearsed)
+        self._due = due = Due(faults)
         self._random = np.random.Generator(np.random.PCG64(seeds))
         self._fixes, self._minute, self._forger = ReceiverFaults(due), WrongMinute(due), Forger(due)
         self._writer = load(interface)  # the other writer's
@@ -50,10 +50,10 @@ class FaultInjector:
         self._packets = 0
         self._kept: bytes | None = None  # waits for its successor to go first
         self._held: deque[tuple[float, bytes]] = deque()  # moment of release and packet
-        self._foreign: list[Frame] = []  # what the other writer has said and the kit not yet heard
+        self._foreign: list[Frame] = []  # what the other writer has said and the DBW controller not yet heard
 
     def moves(self, time: float, speed: float) -> None:
-        """Take note of the car's speed [m/s]; what is rehearsed is counted from when it first moves."""
+        """Take note of the car's speed [m/s]; the faults' times count from when it first moves."""
         self._due.moves(time, speed)
 
     def on_fix(self, fix: Fix) -> Fix | None:
@@ -92,7 +92,7 @@ class FaultInjector:
         return heard
 
     def on_commands(self, now: float, commands: Sequence[Frame]) -> list[Frame]:
-        """Return what the kit hears at `now`, of the `commands` on the bus."""
+        """Return what the DBW controller hears at `now`, of the `commands` on the bus."""
         foreign, self._foreign = self._foreign, []
         return [] if self._due.value("bus_silent", now) is not None else [*commands, *foreign]
 
@@ -110,7 +110,7 @@ class FaultInjector:
 
     def on_car(self, now: float, car: Car) -> None:
         """Break the car's modules, brakes and throttle, and mend them."""
-        broken = self._due.value("kit_dropout", now)
+        broken = self._due.value("dbw_dropout", now)
         car.interface.drop_out(None if broken is None else int(broken))
         brakes, throttle = self._due.value("brakes_weak", now), self._due.value("drive_unasked", now)
         car.brake_share = 1.0 if brakes is None else brakes
@@ -134,7 +134,7 @@ class FaultInjector:
         return pieces
 
     def _garbage(self) -> bytes:
-        return self._random.bytes(int(self._random.integers(1, LONGEST_GARBAGE + 1)))
+        return self._random.bytes(int(self._random.integers(1, MAX_GARBAGE_LENGTH + 1)))
 
     def _holding(self, time: float) -> bool:
         return self._due.value("pose_late", time) is not None or self._due.value("pose_bursts", time) is not None

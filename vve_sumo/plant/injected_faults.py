@@ -1,4 +1,4 @@
-"""What can be rehearsed: the kinds of faults, one fault, and which of them are due at a time.
+"""What can be injected: the kinds of faults, one fault, and which of them are due at a time.
 
 It alters nothing itself, and knows neither car nor clock.
 """
@@ -57,7 +57,7 @@ KINDS: Final[dict[str, str]] = {
     "throttle_report_frozen": "the throttle module's report stays what it was, to the last bit",
     "brakes_weak": "the brakes give value times the torque that they are told and believe; a driver's foot gets all",
     "drive_unasked": "the throttle is stuck open by value, and nobody asked",
-    "kit_dropout": "a module works no more, whatever it is told: 1 brake, 2 throttle, 3 steering, as value says",
+    "dbw_dropout": "a module works no more, whatever it is told: 1 brake, 2 throttle, 3 steering, as value says",
 }
 
 #: What `value` is where none is given, and the range that it must lie in; the other kinds take none.
@@ -82,11 +82,11 @@ VALUES: Final[dict[str, tuple[float, float, float]]] = {
     "throttle_override": (0.35, 0.15, 0.8),
     "steering_override": (5.0, -7.9, 7.9),
     "driver_touch": (0.20, 0.15, 0.22),
-    "kit_dropout": (3.0, 1.0, 3.0),
+    "dbw_dropout": (3.0, 1.0, 3.0),
 }
 NO_VALUE: Final = (math.nan, math.nan, math.nan)
 
-STARTED: Final = 0.5  # the speed that starts the rehearsal's time [m/s]
+START_SPEED: Final = 0.5  # the speed from which the faults' times count [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,15 +99,15 @@ class InjectedFault:
     value: float = math.nan  #: see `KINDS`; NaN is the kind's own
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be rehearsed."""
+        """Refuse what cannot be injected."""
         if self.kind not in KINDS:
-            raise ConfigError(f"rehearsal: kind must be one of {', '.join(sorted(KINDS))}; got {self.kind!r}")
+            raise ConfigError(f"fault: kind must be one of {', '.join(sorted(KINDS))}; got {self.kind!r}")
         if not (0.0 <= self.at < math.inf and self.duration > 0.0):
-            raise ConfigError(f"rehearsal {self.kind}: at must be 0 s or more and duration positive, got {self}")
+            raise ConfigError(f"fault {self.kind}: at must be 0 s or more and duration positive, got {self}")
         _usual, least, most = VALUES.get(self.kind, NO_VALUE)
         if not (least <= self.value <= most or math.isnan(self.value)):
             wanted = f"value must be {least:g} to {most:g}" if self.kind in VALUES else "takes no value"
-            raise ConfigError(f"rehearsal {self.kind}: {wanted}, got {self.value:g}")
+            raise ConfigError(f"fault {self.kind}: {wanted}, got {self.value:g}")
 
 
 class Share(NamedTuple):
@@ -120,18 +120,18 @@ class Share(NamedTuple):
 class Due:
     """The faults of one drive against time; times are drive times [s], none negative."""
 
-    def __init__(self, rehearsed: Iterable[InjectedFault]) -> None:
-        self._rehearsed = tuple(rehearsed)
-        self._kinds = frozenset(fault.kind for fault in self._rehearsed)
-        self.moved = math.inf  #: when the car first did, and what is rehearsed is counted from
+    def __init__(self, faults: Iterable[InjectedFault]) -> None:
+        self._faults = tuple(faults)
+        self._kinds = frozenset(fault.kind for fault in self._faults)
+        self.moved = math.inf  #: when the car first did, which the faults' times count from
 
     def moves(self, time: float, speed: float) -> None:
         """Take note of the car's speed [m/s]."""
-        if abs(speed) > STARTED:
+        if abs(speed) > START_SPEED:
             self.moved = min(self.moved, time)
 
     def ever(self, kind: str) -> bool:
-        """Whether the `kind` is rehearsed at all."""
+        """Whether the `kind` is injected at all."""
         return kind in self._kinds
 
     def share(self, kind: str, time: float) -> Share | None:
@@ -139,7 +139,7 @@ class Due:
         if kind not in self._kinds:
             return None
         since = time - self.moved
-        for fault in self._rehearsed:
+        for fault in self._faults:
             if fault.kind == kind and fault.at <= since < fault.at + fault.duration:
                 usual = VALUES.get(kind, NO_VALUE)[0]
                 return Share(usual if math.isnan(fault.value) else fault.value, since - fault.at)

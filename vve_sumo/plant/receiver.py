@@ -1,4 +1,4 @@
-"""The hardware-free car's GNSS receiver: the true motion in, NCOM bytes out, with the errors of a good RTK fix.
+"""The simulated vehicle's GNSS receiver: the true motion in, NCOM bytes out, with the errors of a good RTK fix.
 
 It knows where the lot lies on the earth and how the receiver is mounted; it knows nothing of the street.
 """

@@ -15,8 +15,8 @@ from vve_sumo.pose.ncom import Decoder, Encoder
 from vve_sumo.values import Fix, FixQuality
 
 EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only turns metres into angles
-STEP_EVERY: Final = 1.0  # between steps of the position [s]
-AHEAD: Final = 12.0  # of a fix that is dated wrongly [s]
+STEP_INTERVAL: Final = 1.0  # between steps of the position [s]
+DATE_ERROR: Final = 12.0  # of a fix that is dated wrongly [s]
 MINUTES_WRONG: Final = 5
 CHANNEL, MINUTES, CHECKSUM = 62, slice(63, 67), 71  # bytes of an NCOM packet: status channel, its minute, the last sum
 
@@ -61,7 +61,7 @@ class ReceiverFaults:
         if (drift := self._due.share("pose_drift_along", time)) is not None:
             fix = _carried_off(fix, drift.value, 0.0, drift.since)
         if (steps := self._due.share("pose_steps", time)) is not None:
-            fix = _beside(fix, steps.value * (1 + math.floor(steps.since / STEP_EVERY)))
+            fix = _beside(fix, steps.value * (1 + math.floor(steps.since / STEP_INTERVAL)))
         if (drift := self._due.share("pose_heading_drift", time)) is not None:
             heading = math.remainder(fix.heading + drift.value * drift.since, math.tau)
             fix = replace(fix, heading=heading, yaw_rate=fix.yaw_rate + drift.value)
@@ -72,7 +72,7 @@ class ReceiverFaults:
             self._dated = False
         elif not self._dated:
             self._dated = True
-            return replace(fix, time=fix.time + AHEAD)
+            return replace(fix, time=fix.time + DATE_ERROR)
         return fix
 
 

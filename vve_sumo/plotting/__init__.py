@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from vve_sumo.plotting.comparisons import comparison
-from vve_sumo.plotting.drives import drive_sheet, safety_over_time
+from vve_sumo.plotting.drives import drive_overview, safety_over_time
 from vve_sumo.plotting.grids import distribution, heat_map
-from vve_sumo.plotting.latencies import latency_ledger
+from vve_sumo.plotting.latencies import latency_over_time
 from vve_sumo.plotting.latency_margins import latency_margin
 from vve_sumo.plotting.searches import boundary
 from vve_sumo.plotting.stops import gap_against_speed, stopping_distance
@@ -15,11 +15,11 @@ __all__ = [
     "boundary",
     "comparison",
     "distribution",
-    "drive_sheet",
+    "drive_overview",
     "gap_against_speed",
     "heat_map",
-    "latency_ledger",
     "latency_margin",
+    "latency_over_time",
     "safety_over_time",
     "save",
     "stopping_distance",

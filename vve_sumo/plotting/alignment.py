@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from vve_sumo.drive.virtual_road import standing
+from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.frames import Alignment
 from vve_sumo.lot.fit import Fit
 from vve_sumo.lot.geofence import Geofence
@@ -41,7 +41,7 @@ class PathInLot:
     path: Path  #: in the virtual road's map
     speed: float  #: wanted on it [m/s]
     vehicle: Vehicle
-    fence: Geofence  #: with the lot's map as the road's
+    geofence: Geofence  #: with the lot's map as the road's
     alignment: Alignment
     fit: Fit | None  #: None where not even the start lies inside
 
@@ -52,7 +52,7 @@ def draw(shown: PathInLot, file: FilePath) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    lot = shown.fence.lot
+    lot = shown.geofence.lot
     wide, high = np.ptp(lot.outline, axis=0)
     height = min(max(0.91 * WIDTH * float(high / wide), FLATTEST), TALLEST) + BELOW + ABOVE
     with mpl.rc_context(STYLE):
@@ -82,7 +82,7 @@ def _subtitle(shown: PathInLot) -> str:
 
 
 def _lot(axes: Axes, shown: PathInLot) -> None:
-    lot = shown.fence.lot
+    lot = shown.geofence.lot
     axes.fill(*lot.outline.T, facecolor=ROAD, edgecolor=INK, linewidth=1.6, label="lot")
     for hole in lot.holes:
         axes.fill(*hole.T, facecolor=PAPER, edgecolor=INK, linewidth=1.6)
@@ -100,11 +100,11 @@ def _path(axes: Axes, shown: PathInLot) -> None:
     inside: list[Floats] = []
     outside: list[Floats] = []
     line = []
-    for place in shown.fence.driven(shown.path, shown.speed):
+    for place in shown.geofence.driven(shown.path, shown.speed):
         pose = to_lot.apply(place.pose)
         line.append((pose.x, pose.y))
         if int(place.station) % EVERY == 0:
-            shapes = shown.fence.sweep(pose, place.steering, place.profile)
+            shapes = shown.geofence.sweep(pose, place.steering, place.profile)
             if shapes is not None:
                 (inside if place.station <= end else outside).append(shapes)
     for swept, colour, name in ((inside, EGO_PALE, "swept, stops included"), (outside, ALARM, "no stop inside")):
@@ -117,7 +117,7 @@ def _path(axes: Axes, shown: PathInLot) -> None:
 def _start(axes: Axes, shown: PathInLot, wide: float) -> None:
     """The car as it stands at the start, with an arrow of where it looks."""
     begin = shown.path.at(0.0)
-    pose = shown.alignment.inverse().apply(standing(begin.x, begin.y, begin.heading))
+    pose = shown.alignment.inverse().apply(pose_at_rest(begin.x, begin.y, begin.heading))
     x, y, heading = pose.x, pose.y, pose.heading
     body = as_pairs(fan(Body.of(shown.vehicle), 0.0, 0.0, 0.0), x, y, heading)[0]
     axes.fill(*body.T, facecolor=INK, label="start")

@@ -21,7 +21,7 @@ from vve_sumo.plotting.page import (
     PAPER,
     POINTS_PER_INCH,
     ROAD,
-    Sheet,
+    DrivePage,
     contact,
     prefix,
     trace,
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: of the middle of scale and needle over a window's upper edge [inch]
-ABOVE = 0.14
+SCALE_HEIGHT = 0.14
 
 #: street shown around the ego's trace [m]
 MARGIN = 25.0
 #: a longer gap at the end is not shown in the closer view [m]
-LONGEST_GAP = 40.0
+MAX_GAP_SHOWN = 40.0
 #: parts of the way at which an arrow says where the car drives to
 ARROWS = (0.2, 0.5, 0.8)
 #: side of the mark that stands for a car too small to see [point]
@@ -83,16 +83,16 @@ def rotated(x: Floats, y: Floats, angle: float) -> Floats:
     return np.column_stack((x * cos - y * sin, x * sin + y * cos))
 
 
-def _ego(sheet: Sheet) -> DrawnCar:
-    x, y, heading = (column[-1:] for column in trace(sheet.ticks))
-    boxes = vehicle_boxes(x, y, heading, np.zeros_like(x), sheet.vehicle)
+def _ego(page: DrivePage) -> DrawnCar:
+    x, y, heading = (column[-1:] for column in trace(page.ticks))
+    boxes = vehicle_boxes(x, y, heading, np.zeros_like(x), page.vehicle)
     return DrawnCar(Box(*(float(column[0]) for column in boxes[:5])), EGO, "ego at the end")
 
 
-def _actors(sheet: Sheet) -> list[DrawnCar]:
+def _actors(page: DrivePage) -> list[DrawnCar]:
     """Return the actors at the last tick; last among them what the ego stands before or has touched."""
-    last = sheet.actors.filter(np.equal(sheet.actors["tick"].to_numpy(), sheet.ticks["tick"][-1].as_py()))
-    met = {sheet.lead.actor[-1], *"+".join(sheet.ticks["contacts"].to_pylist()).split("+")}
+    last = page.actors.filter(np.equal(page.actors["tick"].to_numpy(), page.ticks["tick"][-1].as_py()))
+    met = {page.lead.actor[-1], *"+".join(page.ticks["contacts"].to_pylist()).split("+")}
     columns = (last[name].to_pylist() for name in ("actor", "x_m", "y_m", "heading_rad", "length_m", "width_m"))
     cars = [
         DrawnCar(Box(*place), *((OBSTACLE, "obstacle") if actor in met else (PAPER, "other traffic")))
@@ -101,15 +101,15 @@ def _actors(sheet: Sheet) -> list[DrawnCar]:
     return sorted(cars, key=lambda car: car.name, reverse=True)
 
 
-def _map(axes: Axes, sheet: Sheet, view: View, edge: str) -> None:
+def _map(axes: Axes, page: DrivePage, view: View, edge: str) -> None:
     """Draw lanes, path and trace in a turned window; `edge` is the colour between two lanes."""
     from matplotlib.collections import PolyCollection
 
-    roads = [view.place(*ribbon(line, width).T) for line, width in sheet.lanes if len(line) > 1]
+    roads = [view.place(*ribbon(line, width).T) for line, width in page.lanes if len(line) > 1]
     axes.add_collection(PolyCollection(roads, facecolor=ROAD, edgecolor=edge, linewidth=0.7, zorder=1))
-    points = np.array([sheet.path.at(float(s))[:2] for s in np.arange(0.0, sheet.path.length, 2.0)])
+    points = np.array([page.path.at(float(s))[:2] for s in np.arange(0.0, page.path.length, 2.0)])
     axes.plot(*view.place(*points.T).T, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=2, label="path")
-    x, y, _ = trace(sheet.ticks)
+    x, y, _ = trace(page.ticks)
     axes.plot(*view.place(x, y).T, color=EGO, linewidth=2.2, zorder=3, label="ego, rear axle")
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
     axes.set(xticks=(), yticks=())
@@ -133,7 +133,7 @@ def _scale(width: float) -> float:
 
 def compass(axes: Axes, view: View, wide: float) -> None:
     """Write scale and north into the line above a window that is so `wide` on the page [inch]: they cover nothing."""
-    across, above = axes.get_xaxis_transform(), 1.0 + ABOVE / (wide * view.height / view.width)
+    across, above = axes.get_xaxis_transform(), 1.0 + SCALE_HEIGHT / (wide * view.height / view.width)
     scale, end, north = _scale(view.width), 0.43 * view.width, 0.488 * view.width
     axes.plot((end - scale, end), (above, above), "|-", color=INK, linewidth=1.4, transform=across, clip_on=False)
     needle = rotated(np.array([-0.4, 0.0, 0.4, 0.0]), np.array([-1.0, 1.0, -1.0, -0.6]), -view.heading)
@@ -148,19 +148,19 @@ def draw_car(axes: Axes, view: View, box: Box, colour: str) -> None:
     axes.fill(*placed.T, facecolor=colour, edgecolor=INK, linewidth=0.8, zorder=6)
 
 
-def draw_overview(axes: Axes, sheet: Sheet, view: View) -> None:
+def draw_overview(axes: Axes, page: DrivePage, view: View) -> None:
     """Draw where the drive went, and who stood where when it ended."""
-    _map(axes, sheet, view, ROAD)
-    _directions(axes, sheet, view)
-    _cars(axes, sheet, view)
-    x, y, _ = trace(sheet.ticks)
+    _map(axes, page, view, ROAD)
+    _directions(axes, page, view)
+    _cars(axes, page, view)
+    x, y, _ = trace(page.ticks)
     mark: dict[str, Any] = {"markersize": 8.0, "markerfacecolor": PAPER, "markeredgecolor": EGO, "markeredgewidth": 2.0}
     axes.plot(*view.place(x[:1], y[:1]).T, "o", zorder=7, label="start", **mark)
-    _cross(axes, sheet, view)
+    _cross(axes, page, view)
 
 
-def _cars(axes: Axes, sheet: Sheet, view: View) -> None:
-    for car in (*_actors(sheet), _ego(sheet)):
+def _cars(axes: Axes, page: DrivePage, view: View) -> None:
+    for car in (*_actors(page), _ego(page)):
         if view.holds(car.box.x, car.box.y):
             _mark(axes, view, car)
 
@@ -176,8 +176,8 @@ def _mark(axes: Axes, view: View, car: DrawnCar) -> None:
     axes.plot(x, y, "s", color=car.colour, label=car.name, **style)
 
 
-def _directions(axes: Axes, sheet: Sheet, view: View) -> None:
-    x, y, heading = trace(sheet.ticks)
+def _directions(axes: Axes, page: DrivePage, view: View) -> None:
+    x, y, heading = trace(page.ticks)
     way = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
     for row in np.searchsorted(way, way[-1] * np.array(ARROWS)) if way[-1] > 2.0 * MARGIN else ():
         ((right, up),) = view.place(x[row : row + 1], y[row : row + 1])
@@ -185,27 +185,27 @@ def _directions(axes: Axes, sheet: Sheet, view: View) -> None:
         axes.plot(right, up, marker=(3, 0, turn), markersize=13.0, color=EGO, markeredgecolor=PAPER, zorder=4)
 
 
-def _cross(axes: Axes, sheet: Sheet, view: View) -> None:
+def _cross(axes: Axes, page: DrivePage, view: View) -> None:
     """Mark where the ego's bumper was at the first contact."""
-    row = contact(sheet.ticks)
+    row = contact(page.ticks)
     if row is None:
         return
-    x, y, heading = (sheet.ticks[f"{prefix(sheet.ticks)}{name}"][row].as_py() for name in ("x_m", "y_m", "heading_rad"))
-    ahead = sheet.vehicle.rear_axle_to_bumper
+    x, y, heading = (page.ticks[f"{prefix(page.ticks)}{name}"][row].as_py() for name in ("x_m", "y_m", "heading_rad"))
+    ahead = page.vehicle.rear_axle_to_bumper
     place = view.place(np.array([x + ahead * math.cos(heading)]), np.array([y + ahead * math.sin(heading)]))
-    label = f"contact at {sheet.ticks['time_s'][row].as_py():.2f} s"
+    label = f"contact at {page.ticks['time_s'][row].as_py():.2f} s"
     axes.plot(*place.T, "x", color=INK, markersize=10.0, markeredgewidth=2.4, zorder=8, label=label)
 
 
-def draw_close_up(axes: Axes, sheet: Sheet, view: View) -> None:
+def draw_close_up(axes: Axes, page: DrivePage, view: View) -> None:
     """Draw where the ego stood at the end, and how far from what."""
-    _map(axes, sheet, view, PAPER)
-    _cars(axes, sheet, view)
-    _cross(axes, sheet, view)
-    gap, station = float(sheet.lead.gap[-1]), sheet.ticks["station_m"][-1].as_py()
-    if 0.0 < gap <= LONGEST_GAP and math.isfinite(station):
-        bumper = station + sheet.vehicle.rear_axle_to_bumper
-        _dimension(axes, view, sheet.path, bumper, gap, sheet.vehicle.width / 2.0 + 0.7)
+    _map(axes, page, view, PAPER)
+    _cars(axes, page, view)
+    _cross(axes, page, view)
+    gap, station = float(page.lead.gap[-1]), page.ticks["s_m"][-1].as_py()
+    if 0.0 < gap <= MAX_GAP_SHOWN and math.isfinite(station):
+        bumper = station + page.vehicle.rear_axle_to_bumper
+        _dimension(axes, view, page.path, bumper, gap, page.vehicle.width / 2.0 + 0.7)
 
 
 def _dimension(axes: Axes, view: View, path: Path, begin: float, gap: float, aside: float) -> None:

@@ -16,7 +16,7 @@ from vve_sumo.plotting.style import Look, finite
 from vve_sumo.values import Floats
 
 #: points; more of them become bands
-MANY: Final = 1500
+MAX_POINTS: Final = 1500
 #: values of x that are taken as they are; of more, this many portions of equal width
 PORTIONS: Final = 50
 #: that a band shows: from all over 90 % to the middle
@@ -60,8 +60,8 @@ def crowd(axes: Axes, x: Floats, y: Floats, look: Look, word: str) -> None:
     known = finite(x, y)
     x, y = x[known], y[known]
     count = f"{len(x):,} run{'s' * (len(x) != 1)}"
-    if len(x) <= MANY:
-        size = 5.0 if len(x) <= MANY // 10 else 3.0
+    if len(x) <= MAX_POINTS:
+        size = 5.0 if len(x) <= MAX_POINTS // 10 else 3.0
         style: dict[str, Any] = {"color": look.colour, "marker": look.mark, "markersize": size, "alpha": 0.75}
         axes.plot(x, y, linestyle="", markeredgewidth=0.0, label=f"{word} ({count})", **style)
         return

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 
-from vve_sumo.plotting.birds_eye import LONGEST_GAP, MARGIN, View, draw_close_up, draw_overview, rotated
+from vve_sumo.plotting.birds_eye import MARGIN, MAX_GAP_SHOWN, View, draw_close_up, draw_overview, rotated
 from vve_sumo.plotting.page import (
     BETWEEN,
     BOTTOM,
@@ -23,7 +23,7 @@ from vve_sumo.plotting.page import (
     SIZE,
     STYLE,
     TOP,
-    Sheet,
+    DrivePage,
     panel,
     say,
     trace,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: the overview shows at least this much of the street [m]
-LEAST_OVERVIEW = 120.0
+MIN_OVERVIEW = 120.0
 #: height over width of the overview at least and at most; the closer view takes what it leaves
 FLATTEST, TALLEST = 0.36, 0.5
 #: street shown in the closer view before and behind the gap [m]
@@ -43,7 +43,7 @@ CLOSE_UP = 20.0
 #: a trace shorter than this has no direction of its own [m]
 HAS_DIRECTION = 5.0
 #: the overview is turned by the look of at most about this many points of the trace
-ENOUGH_POINTS = 2000
+MAX_POINTS = 2000
 
 
 def bounds(ticks: pa.Table) -> tuple[float, float, float, float]:
@@ -51,7 +51,7 @@ def bounds(ticks: pa.Table) -> tuple[float, float, float, float]:
     if len(trace(ticks)[0]) == 0:
         return (0.0, 0.0, 1.0, 1.0)
     whole = _overview(ticks)
-    corners = np.vstack((whole.corners(), _close_up(ticks, 0.0, LONGEST_GAP, _left_over(whole)).corners()))
+    corners = np.vstack((whole.corners(), _close_up(ticks, 0.0, MAX_GAP_SHOWN, _left_over(whole)).corners()))
     (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
     return (float(left), float(low), float(right), float(high))
 
@@ -61,7 +61,7 @@ def long_axis(x: Floats, y: Floats, heading: float) -> float:
 
     Points that hardly spread have no such direction; then it is `heading`.
     """
-    every = 1 + len(x) // ENOUGH_POINTS
+    every = 1 + len(x) // MAX_POINTS
     angles: list[float] = np.radians(np.arange(-89.0, 91.0)).tolist()
     sides = [np.ptp(rotated(x[::every], y[::every], -angle), axis=0) for angle in angles]
     if max(side[0] for side in sides) < HAS_DIRECTION:
@@ -77,7 +77,7 @@ def _overview(ticks: pa.Table) -> View:
     turned = rotated(x, y, -angle)
     least, greatest = turned.min(axis=0), turned.max(axis=0)
     width, height = greatest - least + 2.0 * MARGIN
-    width = max(float(width), float(height) / TALLEST, LEAST_OVERVIEW)
+    width = max(float(width), float(height) / TALLEST, MIN_OVERVIEW)
     ((right, up),) = (least + greatest)[None] / 2.0
     x, y = rotated(right, up, angle)[0]
     return View(float(x), float(y), angle, width, max(float(height), FLATTEST * width))
@@ -91,27 +91,27 @@ def _left_over(whole: View) -> float:
 def _close_up(ticks: pa.Table, bumper: float, gap: float, shape: float) -> View:
     """Return the window on the end: the ego drives to the right, the gap [m] before its bumper in the middle."""
     x, y, heading = (float(column[-1]) for column in trace(ticks))
-    shown = gap if 0.0 <= gap <= LONGEST_GAP else 0.0
+    shown = gap if 0.0 <= gap <= MAX_GAP_SHOWN else 0.0
     ahead = bumper + shown / 2.0
     width = shown + 2.0 * CLOSE_UP
     return View(x + ahead * math.cos(heading), y + ahead * math.sin(heading), heading, width, shape * width)
 
 
-def _from_above(figure: Figure, sheet: Sheet) -> None:
+def _from_above(figure: Figure, page: DrivePage) -> None:
     """Draw the two windows on the street; their heights follow from the shape of the trace."""
-    if len(trace(sheet.ticks)[0]) == 0:
+    if len(trace(page.ticks)[0]) == 0:
         axes = panel(figure, LEFT, BOTTOM, LEFT_WIDTH, TOP - BOTTOM)
         axes.set_xticks(())
         say(axes, "no pose, no place on the street")
         return
-    view = _overview(sheet.ticks)
+    view = _overview(page.ticks)
     height = LEFT_WIDTH * view.height / view.width
     whole = panel(figure, LEFT, TOP - height, LEFT_WIDTH, height)
-    draw_overview(whole, sheet, view)
+    draw_overview(whole, page, view)
     whole.set_title("the street from above", loc="left", pad=5)
     close = panel(figure, LEFT, BOTTOM, LEFT_WIDTH, TOP - BOTTOM - BETWEEN - height)
-    bumper = sheet.vehicle.rear_axle_to_bumper
-    draw_close_up(close, sheet, _close_up(sheet.ticks, bumper, float(sheet.lead.gap[-1]), _left_over(view)))
+    bumper = page.vehicle.rear_axle_to_bumper
+    draw_close_up(close, page, _close_up(page.ticks, bumper, float(page.lead.gap[-1]), _left_over(view)))
     close.set_title("where it ended, driving to the right", loc="left", pad=5)
     named = {
         name: mark for axes in (close, whole) for mark, name in zip(*axes.get_legend_handles_labels(), strict=True)
@@ -119,16 +119,16 @@ def _from_above(figure: Figure, sheet: Sheet) -> None:
     close.legend([*named.values()], [*named], loc="upper left", bbox_to_anchor=(0.0, -0.01), ncols=4, borderaxespad=0.2)
 
 
-def paint(figure: Figure, sheet: Sheet) -> None:
+def paint(figure: Figure, page: DrivePage) -> None:
     """Draw a drive of at least one tick into an empty figure of the page's size, in the page's style."""
-    _from_above(figure, sheet)
-    over_time(figure, sheet)
-    title = textwrap.shorten(sheet.title, 110, placeholder=" …")
+    _from_above(figure, page)
+    over_time(figure, page)
+    title = textwrap.shorten(page.title, 110, placeholder=" …")
     figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
-    figure.text(LEFT / SIZE[0], 0.92, sheet.subtitle, fontsize=12)
+    figure.text(LEFT / SIZE[0], 0.92, page.subtitle, fontsize=12)
 
 
-def draw(sheet: Sheet, file: FilePath) -> None:
+def draw(page: DrivePage, file: FilePath) -> None:
     """Write the picture of a drive of at least one tick as a PNG file."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -137,5 +137,5 @@ def draw(sheet: Sheet, file: FilePath) -> None:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)
         FigureCanvasAgg(figure)
-        paint(figure, sheet)
+        paint(figure, page)
         figure.savefig(file)

@@ -11,8 +11,8 @@ from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
 from vve_sumo.drive.run import Drive
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.plotting.drive_page import bounds, draw
-from vve_sumo.plotting.page import Sheet, said
-from vve_sumo.record.record import read_table
+from vve_sumo.plotting.page import DrivePage, said
+from vve_sumo.record.reader import read_table
 from vve_sumo.world.network import lane_shapes
 
 PICTURE = "drive.png"
@@ -21,7 +21,7 @@ PICTURE = "drive.png"
 def draw_drive(resolved: ResolvedScenario, drive: Drive) -> FilePath:
     """Write `drive.png` into the record of a drive and return its place."""
     ticks, actors = read_table(drive.folder, "ticks"), read_table(drive.folder, "actors")
-    sheet = Sheet(
+    page = DrivePage(
         title=resolved.scenario.title,
         subtitle=said(drive.summary),
         ticks=ticks,
@@ -32,5 +32,5 @@ def draw_drive(resolved: ResolvedScenario, drive: Drive) -> FilePath:
         lanes=lane_shapes(resolved.network.path, bounds(ticks)),
     )
     file = drive.folder / PICTURE
-    draw(sheet, file)
+    draw(page, file)
     return file

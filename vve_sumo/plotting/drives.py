@@ -1,4 +1,4 @@
-"""One drive: its sheet, and how safe it was over time.
+"""One drive: its page, and how safe it was over time.
 
 Draws what a record and the measures say; computes nothing that is not drawn.
 """
@@ -19,7 +19,7 @@ from vve_sumo.metrics.following import TTC_THRESHOLD
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting import drive_page
-from vve_sumo.plotting.page import INK, OBSTACLE, QUIET, SIZE, Sheet, contact, said
+from vve_sumo.plotting.page import INK, OBSTACLE, QUIET, SIZE, DrivePage, contact, said
 from vve_sumo.plotting.style import FIRST, LIMIT, OVER, SECOND, THIRD, UNDER, WIDTH, Look, explain, name, page, plain
 from vve_sumo.values import Floats
 
@@ -27,23 +27,23 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: a longer time to collision or headway is no matter of safety, and would flatten what is [s]
-LONGEST: Final = 10.0
+MAX_TIME_SHOWN: Final = 10.0
 #: a greater deceleration, over what the car can do, is shown as out of the panel
-GREATEST: Final = 1.5
+MAX_DECELERATION_SHARE: Final = 1.5
 #: so many times the safe gap and more is no matter of safety
-ENOUGH: Final = 2.0
+MAX_SAFE_RATIO: Final = 2.0
 #: drive time shown before and after something was ahead [s]
-AROUND: Final = 1.0
+TIME_MARGIN: Final = 1.0
 #: curves of a panel: column, how it is drawn, what it is called
 Curves = tuple[tuple[str, Look, str], ...]
 
 
-def drive_sheet(run: Run) -> Figure:
-    """Draw the sheet of a drive from its record alone: path, trace and actors from above, and curves over time.
+def drive_overview(run: Run) -> Figure:
+    """Draw the page of a drive from its record alone: path, trace and actors from above, and curves over time.
 
     The record holds no lanes, so the street is bare. A drive that was killed is drawn up to its last tick.
     """
-    sheet = Sheet(
+    content = DrivePage(
         title=run.title,
         subtitle=f"killed: the record ends at {run.time[-1]:.2f} s" if run.summary is None else said(run.summary),
         ticks=run.arrow("ticks"),
@@ -54,7 +54,7 @@ def drive_sheet(run: Run) -> Figure:
         lanes=(),
     )
     with page(*SIZE, arranged=False) as figure:
-        drive_page.paint(figure, sheet)
+        drive_page.paint(figure, content)
         return figure
 
 
@@ -85,7 +85,9 @@ def _while_ahead(frame: pd.DataFrame, touched: int | None) -> tuple[float, float
     seen = time[np.isfinite(frame["gap_m"].to_numpy())]
     seen = seen if touched is None else np.sort(np.append(seen, time[touched]))
     first, last = (time[0], time[-1]) if not len(seen) else (seen[0], seen[-1])
-    return max(float(time[0]), float(first) - AROUND) - 1e-3, min(float(time[-1]), float(last) + AROUND) + 1e-3
+    return max(float(time[0]), float(first) - TIME_MARGIN) - 1e-3, min(
+        float(time[-1]), float(last) + TIME_MARGIN
+    ) + 1e-3
 
 
 def _curves(axes: Axes, frame: pd.DataFrame, curves: Curves, unit: str, why: str) -> bool:
@@ -119,7 +121,9 @@ def _gap(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
     axes.fill_between(frame["time_s"], gap, safe, where=gap < safe, **style)
     least, most = float(np.nanmin(gap)), float(np.nanmax(gap))
     # The nearest that it came is in the panel however far that was.
-    axes.set_ylim(min(0.0, least), 1.05 * max(1.0, min(most, max(ENOUGH * _most(safe), ENOUGH * least))))
+    axes.set_ylim(
+        min(0.0, least), 1.05 * max(1.0, min(most, max(MAX_SAFE_RATIO * _most(safe), MAX_SAFE_RATIO * least)))
+    )
 
 
 def _most(values: Floats) -> float:
@@ -133,7 +137,7 @@ def _times(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
     if _curves(axes, frame, curves, axis_of("ttc_s"), "nothing closed in"):
         _limit(axes, TTC_THRESHOLD, f"{TTC_THRESHOLD:g} s: exposure")
         _asked(axes, run, "min_ttc_s")
-        axes.set_ylim(0.0, LONGEST)
+        axes.set_ylim(0.0, MAX_TIME_SHOWN)
 
 
 def _decelerations(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
@@ -143,13 +147,13 @@ def _decelerations(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
     able = run.vehicle.deceleration_limit
     _limit(axes, able, f"declared {able:g} m/s²")
     _asked(axes, run, "max_drac_mps2")
-    axes.set_ylim(0.0, GREATEST * able)
+    axes.set_ylim(0.0, MAX_DECELERATION_SHARE * able)
 
 
 def _headway(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
     curves = (("headway_s", FIRST, "bumper to bumper"), ("headway_front_s", SECOND, "front to front"))
     if _curves(axes, frame, curves, axis_of("headway_s"), "nothing was ahead while it moved"):
-        axes.set_ylim(0.0, LONGEST)
+        axes.set_ylim(0.0, MAX_TIME_SHOWN)
 
 
 def _limit(axes: Axes, value: float, word: str) -> None:

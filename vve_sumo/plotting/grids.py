@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from vve_sumo.metrics.table import axis_of, label_of
 from vve_sumo.plotting.columns import is_truth, numbers
 from vve_sumo.plotting.page import INK, PAPER, QUIET
-from vve_sumo.plotting.style import LIMIT, LOOKS, WIDTH, blank, explain, name, page, plain
+from vve_sumo.plotting.style import LIMIT, LINE_STYLES, WIDTH, blank, explain, name, page, plain
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ CELLS: Final = 24
 #: cells, and cells in a line; in more, numbers could not be read
 NUMBERED, IN_A_LINE = 120, 12
 #: letters along an axis that do not run into each other; of more cells only some are named
-NAMED: Final = 60
+MAX_LABEL_LETTERS: Final = 60
 #: steps of a curve over the share of runs
 STEPS: Final = 1000
 
@@ -100,7 +100,7 @@ def heat_map(rows: pd.DataFrame, x: str, y: str, figure: str, zero: str | None =
         units = rows.attrs.get("units")
         for axis, column, names in ((axes.xaxis, x, means.x), (axes.yaxis, y, means.y)):
             longest = max(map(len, names)) + 2 if column == x else 4
-            every = 1 + len(names) * longest // NAMED
+            every = 1 + len(names) * longest // MAX_LABEL_LETTERS
             axis.set_ticks(range(0, len(names), every), names[::every])
             axis.set_label_text(axis_of(column, units))
         return drawn
@@ -156,7 +156,7 @@ def distribution(
         if not np.isfinite(values).any():
             blank(axes, f"no run has a {label_of(figure)}")
             return drawn
-        for look, (word, chosen) in zip(LOOKS, _portioned(rows, by), strict=False):
+        for look, (word, chosen) in zip(LINE_STYLES, _portioned(rows, by), strict=False):
             part = np.sort(values[chosen & np.isfinite(values)])
             if len(part):
                 _curve(axes, part, {"color": look.colour, "linestyle": look.stroke, "label": word})
@@ -172,7 +172,7 @@ def _portioned(rows: pd.DataFrame, by: str | None) -> list[tuple[str, Any]]:
     if by is None:
         return [("all runs", np.ones(len(rows), bool))]
     place, names = _cells(rows[by])
-    shown = sorted({round(n) for n in np.linspace(0, len(names) - 1, min(len(LOOKS), len(names)))})
+    shown = sorted({round(n) for n in np.linspace(0, len(names) - 1, min(len(LINE_STYLES), len(names)))})
     unit = axis_of(by, rows.attrs.get("units")).removeprefix(label_of(by)).strip(" []")
     return [(f"{label_of(by)} {names[n]} {unit}".removesuffix(" 1"), place == n) for n in shown]
 

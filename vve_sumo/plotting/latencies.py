@@ -1,4 +1,4 @@
-"""The latency ledger of a live drive: what every part of the way from a fix to its frames took.
+"""The latencies of a live drive: what every part of the way from a fix to its frames took.
 
 Knows the legs by their table; it must not know how they were measured.
 """
@@ -16,7 +16,7 @@ from vve_sumo.analysis.latency import latency_breakdown, legs_over_time
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.latency_monitor import LEGS, TOTAL
 from vve_sumo.plotting.page import ACTOR, ALARM, EGO, EGO_PALE, INK, OBSTACLE, QUIET, ROAD
-from vve_sumo.plotting.style import LIMIT, LOOKS, WIDTH, blank, explain, name, page, plain
+from vve_sumo.plotting.style import LIMIT, LINE_STYLES, WIDTH, blank, explain, name, page, plain
 from vve_sumo.rig.schema import Latency
 from vve_sumo.values import Floats
 
@@ -37,7 +37,7 @@ MARKS: Final = (
 )
 
 
-def latency_ledger(run: Run) -> Figure:
+def latency_over_time(run: Run) -> Figure:
     """Draw the legs of the slowest ticks over drive time with the budget and missed ticks, and each leg's percentiles.
 
     Each column stands for a portion of the drive time and shows its slowest tick. A drive on a simulated clock has the
@@ -45,7 +45,7 @@ def latency_ledger(run: Run) -> Figure:
     """
     with page(WIDTH, 6.4) as figure:
         upper, lower = figure.subplots(2, 1, height_ratios=(1.0, 1.1))
-        name(figure, f"Latency ledger · {run.title}")
+        name(figure, f"Latency · {run.title}")
         plain(upper)
         plain(lower)
         table = legs_over_time(run)
@@ -125,7 +125,7 @@ def _percentiles(axes: Axes, breakdown: pd.DataFrame, budget: float) -> None:
         return
     places = np.arange(len(shown))
     axes.hlines(places, shown["p50_ms"], shown["max_ms"], color=QUIET, linewidth=1.2)
-    for (column, mark, word), look in zip(MARKS, LOOKS, strict=False):
+    for (column, mark, word), look in zip(MARKS, LINE_STYLES, strict=False):
         axes.plot(shown[column], places, mark, color=look.colour, markersize=6.0, label=word)
     if np.isfinite(budget):
         axes.axvline(budget, **LIMIT)

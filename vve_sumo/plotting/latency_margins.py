@@ -1,4 +1,4 @@
-"""The latency and noise cliff: what margin is left over hidden delay, and where nothing is.
+"""The latency margin: what margin is left over hidden delay, and where nothing is.
 
 Draws what a study came to; computes nothing that is not drawn.
 """
@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vve_sumo.plotting.page import INK, PAPER, QUIET
-from vve_sumo.plotting.style import LIMIT, LOOKS, OVER, WIDTH, Look, blank, explain, name, page, plain
+from vve_sumo.plotting.style import LIMIT, LINE_STYLES, OVER, WIDTH, Look, blank, explain, name, page, plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +42,7 @@ def latency_margin(study: LatencyMargin) -> Figure:
             blank(upper, "no run has a margin")
         upper.axhline(0.0, color=INK, linewidth=1.0)
         edges = study.edges.iloc[_spread(len(study.edges))]
-        for look, factor, zero in zip(LOOKS, edges["noise_factor"], edges["zero_s"], strict=False):
+        for look, factor, zero in zip(LINE_STYLES, edges["noise_factor"], edges["zero_s"], strict=False):
             steps = study.steps[study.steps["noise_factor"] == factor]
             _factor(upper, lower, steps, look, float(zero))
             _lateral(middle, steps, look)
@@ -62,7 +62,7 @@ def latency_margin(study: LatencyMargin) -> Figure:
 
 def _spread(count: int) -> list[int]:
     """Return which of a number of things are drawn, each in a look of its own."""
-    return sorted({round(place) for place in np.linspace(0, count - 1, min(count, len(LOOKS)))})
+    return sorted({round(place) for place in np.linspace(0, count - 1, min(count, len(LINE_STYLES)))})
 
 
 def _factor(upper: Axes, lower: Axes, steps: pd.DataFrame, look: Look, zero: float) -> None:

@@ -46,7 +46,7 @@ BOTTOM, TOP, BETWEEN = 0.75, 6.95, 0.42
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
+class DrivePage:
     """Everything that the picture shows."""
 
     title: str

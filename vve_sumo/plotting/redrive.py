@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from vve_sumo.drive.redrive import Comparison, numbers
+from vve_sumo.drive.redrive import Comparison, numeric_column
 from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.page import ALARM, DOTS_PER_INCH, EGO_PALE, INK, QUIET, SIZE, STYLE, say
 
@@ -58,8 +58,8 @@ def draw(table: pa.Table, comparison: Comparison, title: str, names: tuple[str, 
 
 
 def _paint(axes: Axes, table: pa.Table, comparison: Comparison, name: str, names: tuple[str, str]) -> None:
-    panel, time = PANELS[name], numbers(table, "time_s")
-    recorded, other = (panel.factor * numbers(table, f"{whose}_{name}") for whose in ("recorded", "other"))
+    panel, time = PANELS[name], numeric_column(table, "time_s")
+    recorded, other = (panel.factor * numeric_column(table, f"{whose}_{name}") for whose in ("recorded", "other"))
     axes.set_title(f"{panel.title} [{panel.unit.strip()}]", loc="left", pad=5)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.35, linewidth=0.6)
@@ -78,7 +78,7 @@ def _paint(axes: Axes, table: pa.Table, comparison: Comparison, name: str, names
 
 def _emergency(axes: Axes, table: pa.Table) -> None:
     """Shade when either asked for the emergency envelope, each in its half of the panel."""
-    time, across = numbers(table, "time_s"), axes.get_xaxis_transform()
+    time, across = numeric_column(table, "time_s"), axes.get_xaxis_transform()
     label = "emergency envelope asked (lower half: as recorded)"
     for whose, low in (("recorded", 0.0), ("other", 0.5)):
         asked = table[f"{whose}_emergency"].to_numpy(zero_copy_only=False)

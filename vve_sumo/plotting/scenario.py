@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vve_sumo.drive.no_brake_preview import Event, NoBrakePreview, preview_without_braking, standing_boxes
+from vve_sumo.drive.no_brake_preview import NoBrakePreview, TriggeredEvent, preview_without_braking, standing_boxes
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box
@@ -54,9 +54,9 @@ CURVES, CURVES_WIDTH, WAY, WAY_WIDTH, WORDS, LOW_HEIGHT = 0.95, 4.3, 5.55, 2.55,
 #: street shown around what happens, and the least and the most of it across the page [m]
 MARGIN, LEAST, MOST = 7.0, 45.0, 190.0
 #: what lies farther from the contact than this is not what the window is chosen by [m]
-NEAR = 95.0
+MAX_CONTACT_DISTANCE = 95.0
 #: of the ego before what it meets first, where no actor has a trigger [m]
-BEFORE = 45.0
+LEAD_IN_DISTANCE = 45.0
 #: a body smaller than this is drawn as a square of this size [point]
 MARK = 7.0
 #: time shown before the first event and after the contact [s]
@@ -66,7 +66,7 @@ APPROACH = 8.0
 #: characters in a line of the list of events
 COLUMN = 52
 #: lines of that list that the page has room for
-ROOM = 15
+MAX_LINES = 15
 #: an actor on a way that differs from the ego's by less than this goes along it [deg]
 ALONG = 30.0
 #: steps from the ground's colour to that of a line on it, in the written file
@@ -87,7 +87,7 @@ NUMBERED: dict[str, Any] = {"boxstyle": "circle,pad=0.18", "facecolor": PAPER, "
 class Page:
     """Everything that the picture shows."""
 
-    setting: ResolvedScenario
+    resolved: ResolvedScenario
     seen: NoBrakePreview
     boxes: dict[str, Box]  #: of the obstacles
     lanes: Sequence[tuple[Floats, float]]
@@ -106,22 +106,22 @@ class Page:
         return self.seen.events[-1].time if self.seen.events else self.seen.moments[-1].time
 
 
-def draw(setting: ResolvedScenario, file: FilePath) -> None:
+def draw(resolved: ResolvedScenario, file: FilePath) -> None:
     """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there."""
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
-        _save(picture(setting), file)
+        _save(picture(resolved), file)
 
 
-def picture(setting: ResolvedScenario) -> Figure:
+def picture(resolved: ResolvedScenario) -> Figure:
     """Return the picture of a scenario."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     from vve_sumo.plotting.style import Picture
 
-    page = _page(setting)
+    page = _page(resolved)
     with mpl.rc_context(STYLE):
         figure = Picture(figsize=SIZE, dpi=DOTS_PER_INCH)
         FigureCanvasAgg(figure)
@@ -129,7 +129,7 @@ def picture(setting: ResolvedScenario) -> Figure:
         _over_time(panel(figure, CURVES, BOTTOM, CURVES_WIDTH, LOW_HEIGHT), page)
         _whole_way(panel(figure, WAY, BOTTOM, WAY_WIDTH, LOW_HEIGHT), page)
         _list(figure, page)
-        _head(figure, setting)
+        _head(figure, resolved)
         return figure
 
 
@@ -160,25 +160,25 @@ def _colours() -> list[tuple[int, int, int]]:
     return found
 
 
-def _page(setting: ResolvedScenario) -> Page:
-    seen, boxes = preview_without_braking(setting), standing_boxes(setting)
-    view = _view(setting, seen, boxes)
-    points = np.vstack((_path_points(setting), view.corners()))
+def _page(resolved: ResolvedScenario) -> Page:
+    seen, boxes = preview_without_braking(resolved), standing_boxes(resolved)
+    view = _view(resolved, seen, boxes)
+    points = np.vstack((_path_points(resolved), view.corners()))
     (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
-    lanes = lane_shapes(setting.network.path, (float(left), float(low), float(right), float(high)))
-    return Page(setting, seen, boxes, lanes, view)
+    lanes = lane_shapes(resolved.network.path, (float(left), float(low), float(right), float(high)))
+    return Page(resolved, seen, boxes, lanes, view)
 
 
-def _path_points(setting: ResolvedScenario) -> Floats:
-    return np.array([setting.path.at(float(s))[:2] for s in np.arange(0.0, setting.path.length, 2.0)])
+def _path_points(resolved: ResolvedScenario) -> Floats:
+    return np.array([resolved.path.at(float(s))[:2] for s in np.arange(0.0, resolved.path.length, 2.0)])
 
 
-def _view(setting: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Box]) -> View:
+def _view(resolved: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Box]) -> View:
     """Return the window on what happens, the ego driving to the right; on the whole way where nothing does."""
     shown = _shown(seen, boxes)
     shape = HIGH / WIDE
     if not shown:
-        x, y = _path_points(setting).T
+        x, y = _path_points(resolved).T
         angle, margin, most = long_axis(x, y, 0.0), 4.0 * MARGIN, math.inf
         points = np.column_stack((x, y))
     else:
@@ -199,31 +199,35 @@ def _shown(seen: NoBrakePreview, boxes: dict[str, Box]) -> list[Box]:
     if contact is None and not events:
         return []
     ego = events[-1].ego if contact is None else contact.ego
-    before = [moment.ego for moment in seen.moments if math.dist((moment.ego.x, moment.ego.y), (ego.x, ego.y)) < BEFORE]
-    others = [*(event.ego for event in events), *(_box(event.player) for event in events), *boxes.values()]
-    others += [] if contact is None or contact.player is None else [_box(contact.player)]
-    near = [box for box in others if math.dist((box.x, box.y), (ego.x, ego.y)) < NEAR]
+    before = [
+        moment.ego
+        for moment in seen.moments
+        if math.dist((moment.ego.x, moment.ego.y), (ego.x, ego.y)) < LEAD_IN_DISTANCE
+    ]
+    others = [*(event.ego for event in events), *(_box(event.actor_state) for event in events), *boxes.values()]
+    others += [] if contact is None or contact.actor_state is None else [_box(contact.actor_state)]
+    near = [box for box in others if math.dist((box.x, box.y), (ego.x, ego.y)) < MAX_CONTACT_DISTANCE]
     return [ego, before[0], *near] if not events else [ego, *near]
 
 
-def _box(player: ActorState) -> Box:
-    return Box(player.x, player.y, player.heading, player.length, player.width)
+def _box(actor_state: ActorState) -> Box:
+    return Box(actor_state.x, actor_state.y, actor_state.heading, actor_state.length, actor_state.width)
 
 
 def _street(axes: Axes, page: Page) -> None:
     view = page.view
     _lanes(axes, page, view, PAPER if page.staged else ROAD)
-    placed = view.place(*_path_points(page.setting).T)
+    placed = view.place(*_path_points(page.resolved).T)
     axes.plot(*placed.T, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=2)
     for box in page.boxes.values():
         _body(axes, view, box, OBSTACLE)
     _lines_of_motion(axes, page)
     for number, event in enumerate(page.seen.events, 1):
         _body(axes, view, event.ego, PAPER, EGO)
-        _body(axes, view, _box(event.player), PAPER, ACTOR)
+        _body(axes, view, _box(event.actor_state), PAPER, ACTOR)
         _number(axes, view, event.ego, number, EGO, (0.0, -1.0))
-        crosses = _crosses(page.setting.scenario.actors[event.actor].turned_deg)
-        _number(axes, view, _box(event.player), number, ACTOR, (1.0, 0.0) if crosses else (0.0, 1.0))
+        crosses = _crosses(page.resolved.scenario.actors[event.actor].turned_deg)
+        _number(axes, view, _box(event.actor_state), number, ACTOR, (1.0, 0.0) if crosses else (0.0, 1.0))
     _meeting(axes, page)
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
     axes.set(xticks=(), yticks=())
@@ -243,8 +247,8 @@ def _lanes(axes: Axes, page: Page, view: View, edge: str) -> None:
 def _lines_of_motion(axes: Axes, page: Page) -> None:
     """Draw each actor's way from its first moment to a little after the contact, with an arrow at its end."""
     until = page.end + LEAD_OUT
-    for actor in page.setting.scenario.actors:
-        moved = [p for m in page.seen.moments if m.time <= until for p in m.players if p.id == actor.id]
+    for actor in page.resolved.scenario.actors:
+        moved = [p for m in page.seen.moments if m.time <= until for p in m.actors if p.id == actor.id]
         if not moved:
             continue
         line = page.view.place(np.array([p.x for p in moved]), np.array([p.y for p in moved]))
@@ -285,8 +289,8 @@ def _meeting(axes: Axes, page: Page) -> None:
     if contact is None:
         return
     _body(axes, page.view, contact.ego, EGO)
-    if contact.player is not None:
-        _body(axes, page.view, _box(contact.player), ACTOR)
+    if contact.actor_state is not None:
+        _body(axes, page.view, _box(contact.actor_state), ACTOR)
     ((x, y),) = page.view.place(np.array([contact.ego.x]), np.array([contact.ego.y]))
     x += 0.5 * contact.ego.length
     axes.plot(x, y, **CONTACT, zorder=10)
@@ -301,7 +305,7 @@ def _legend(axes: Axes, page: Page) -> None:
     rows: list[tuple[Any, str]] = [(Line2D([], [], color=INK, linewidth=1.0, linestyle=(0, (4, 3))), "ego's path")]
     if page.seen.contact is not None:
         rows.append((square(EGO), "ego then"))
-    if page.setting.scenario.actors:
+    if page.resolved.scenario.actors:
         rows.append((Line2D([], [], color=ACTOR, marker=">", markersize=7.0), "actor and its way"))
         rows.append((square(PAPER, QUIET), "where both are at a trigger"))
     if page.boxes:
@@ -322,7 +326,7 @@ def _legend(axes: Axes, page: Page) -> None:
 
 def _over_time(axes: Axes, page: Page) -> None:
     """Draw the way along the path over time, or across it where somebody crosses."""
-    crossing = [one.id for one in page.setting.scenario.actors if _crosses(one.turned_deg)]
+    crossing = [one.id for one in page.resolved.scenario.actors if _crosses(one.turned_deg)]
     first = min((event.time for event in page.seen.events), default=page.end - APPROACH if page.staged else 0.0)
     axes.set_xlim(max(first - LEAD_IN, 0.0), page.end + LEAD_OUT)
     axes.set_xlabel("drive time if the ego never braked [s]")
@@ -349,31 +353,33 @@ def _within(axes: Axes, page: Page) -> list[Any]:
 def _along(axes: Axes, page: Page) -> None:
     """Draw the ego's front and every other's nearest face along the path."""
     moments = _within(axes, page)
-    axes.plot([m.time for m in moments], [m.station for m in moments], color=EGO, label="ego's front")
-    path = page.setting.path
-    for actor in page.setting.scenario.actors:
-        seen = [(m.time, player) for m in moments for player in m.players if player.id == actor.id]
+    axes.plot([m.time for m in moments], [m.s for m in moments], color=EGO, label="ego's front")
+    path = page.resolved.path
+    for actor in page.resolved.scenario.actors:
+        seen = [(m.time, actor_state) for m in moments for actor_state in m.actors if actor_state.id == actor.id]
         # Against the path its front is the nearest face, along it its rear: both lie half a length towards the ego.
-        places = [path.project(player.x, player.y).s - player.length / 2.0 for _time, player in seen]
-        axes.plot([time for time, _player in seen], places, color=ACTOR, label=f"{actor.id}, nearest face")
-    for one in page.setting.scenario.obstacles:
+        places = [
+            path.project(actor_state.x, actor_state.y).s - actor_state.length / 2.0 for _time, actor_state in seen
+        ]
+        axes.plot([time for time, _state in seen], places, color=ACTOR, label=f"{actor.id}, nearest face")
+    for one in page.resolved.scenario.obstacles:
         axes.axhline(one.at_m - one.length_m / 2.0, color=OBSTACLE, linewidth=1.2, label=f"{one.id}, nearest face")
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.4 * (high - low))
     axes.set_ylabel("along the path [m]")
-    if page.setting.scenario.actors or page.setting.scenario.obstacles:
+    if page.resolved.scenario.actors or page.resolved.scenario.obstacles:
         axes.legend(loc="upper left", fontsize=9, borderaxespad=0.1)
 
 
 def _across(axes: Axes, page: Page) -> None:
     """Draw how far beside the path every actor is, the strip that the ego covers, and when the ego would be there."""
-    moments, path = _within(axes, page), page.setting.path
-    half = page.setting.vehicle.width / 2.0
+    moments, path = _within(axes, page), page.resolved.path
+    half = page.resolved.vehicle.width / 2.0
     axes.axhspan(-half, half, color=EGO, alpha=0.18, linewidth=0.0, label="strip that the ego covers")
-    for actor in page.setting.scenario.actors:
-        seen = [(m.time, player) for m in moments for player in m.players if player.id == actor.id]
-        offsets = [path.project(player.x, player.y).offset for _time, player in seen]
-        axes.plot([time for time, _player in seen], offsets, color=ACTOR, label=f"{actor.id}, middle")
+    for actor in page.resolved.scenario.actors:
+        seen = [(m.time, actor_state) for m in moments for actor_state in m.actors if actor_state.id == actor.id]
+        offsets = [path.project(actor_state.x, actor_state.y).offset for _time, actor_state in seen]
+        axes.plot([time for time, _state in seen], offsets, color=ACTOR, label=f"{actor.id}, middle")
     if page.seen.contact is not None:
         axes.axvline(page.seen.contact.time, color=EGO, linewidth=1.6, label="the ego would be there")
     axes.set_ylabel("beside the path,\nleft positive [m]")
@@ -384,7 +390,7 @@ def _across(axes: Axes, page: Page) -> None:
 
 def _whole_way(axes: Axes, page: Page) -> None:
     """Draw the whole path, north up, its start, and what of it the window shows."""
-    points = _path_points(page.setting)
+    points = _path_points(page.resolved)
     least, greatest = points.min(axis=0), points.max(axis=0)
     middle = (least + greatest) / 2.0
     size = np.maximum(greatest - least, 20.0) * 1.25
@@ -402,12 +408,12 @@ def _whole_way(axes: Axes, page: Page) -> None:
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
     axes.set(xticks=(), yticks=())
     axes.set_title("the whole way, north up", loc="left", pad=4)
-    axes.set_xlabel(f"{page.setting.path.length:.0f} m from the circle on", labelpad=3)
+    axes.set_xlabel(f"{page.resolved.path.length:.0f} m from the circle on", labelpad=3)
 
 
 def _list(figure: Figure, page: Page) -> None:
     """Write what happens, numbered as in the street, and what makes the drive pass."""
-    actors = page.setting.scenario.actors
+    actors = page.resolved.scenario.actors
     lines = [
         line for actor in actors if not _enters_later(page, actor.id) for line in _wrapped(_entering(page, actor), "-")
     ]
@@ -417,20 +423,21 @@ def _list(figure: Figure, page: Page) -> None:
     if page.seen.contact is not None:
         contact = page.seen.contact
         lines += _wrapped(f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o")
-    lines += ["", *_wrapped(f"passes if: {descriptions.passes(page.setting.scenario.criteria)}", "")]
-    if len(lines) > ROOM:
-        lines = [*lines[: ROOM - 1], "…"]
+    lines += ["", *_wrapped(f"passes if: {descriptions.passes(page.resolved.scenario.criteria)}", "")]
+    if len(lines) > MAX_LINES:
+        lines = [*lines[: MAX_LINES - 1], "…"]
     place: dict[str, Any] = {"va": "top", "linespacing": 1.25, "fontsize": 10}
     figure.text(WORDS / SIZE[0], (BOTTOM + LOW_HEIGHT + 0.1) / SIZE[1], "\n".join(lines), **place)
 
 
 def _still_to_come(page: Page) -> list[str]:
-    """Return the acts that no ego which never braked would see."""
-    begun = {(event.actor, event.act) for event in page.seen.events}
+    """Return the events that no ego which never braked would see."""
+    begun = {(event.actor, event.number) for event in page.seen.events}
     return [
-        f"then {descriptions.name(actor)}, {descriptions.condition(act.when) or 'at once'}, {descriptions.deed(act)}"
-        for number, actor in enumerate(page.setting.scenario.actors)
-        for order, act in enumerate(actor.acts)
+        f"then {descriptions.name(actor)}, {descriptions.condition(event.when) or 'at once'}, "
+        f"{descriptions.action(event)}"
+        for number, actor in enumerate(page.resolved.scenario.actors)
+        for order, event in enumerate(actor.events)
         if (number, order) not in begun
     ]
 
@@ -438,19 +445,19 @@ def _still_to_come(page: Page) -> list[str]:
 def _entering(page: Page, actor: Actor) -> str:
     """Return how an actor enters that is there from the start, or that an ego which never braked would not see."""
     enters = f"{descriptions.name(actor)} {descriptions.entrance(actor)}"
-    seen = any(player.id == actor.id for moment in page.seen.moments for player in moment.players)
+    seen = any(actor_state.id == actor.id for moment in page.seen.moments for actor_state in moment.actors)
     return enters if seen else f"later, if at all: {descriptions.condition(actor.enters)}; {enters}"
 
 
 def _enters_later(page: Page, actor: str) -> bool:
-    scenario = page.setting.scenario
-    return any(event.act < 0 and scenario.actors[event.actor].id == actor for event in page.seen.events)
+    scenario = page.resolved.scenario
+    return any(event.number < 0 and scenario.actors[event.actor].id == actor for event in page.seen.events)
 
 
-def _happening(page: Page, event: Event) -> str:
-    actor = page.setting.scenario.actors[event.actor]
-    when = descriptions.condition(actor.enters if event.act < 0 else actor.acts[event.act].when)
-    does = descriptions.entrance(actor) if event.act < 0 else descriptions.deed(actor.acts[event.act])
+def _happening(page: Page, event: TriggeredEvent) -> str:
+    actor = page.resolved.scenario.actors[event.actor]
+    when = descriptions.condition(actor.enters if event.number < 0 else actor.events[event.number].when)
+    does = descriptions.entrance(actor) if event.number < 0 else descriptions.action(actor.events[event.number])
     return f"{event.time:.1f} s: " + (f"{when}; " if when else "") + f"{descriptions.name(actor)} {does}"
 
 
@@ -459,10 +466,10 @@ def _wrapped(text: str, mark: str) -> list[str]:
     return [f"{mark}  {first}".strip(), *(f"     {line}" if mark else line for line in rest)]
 
 
-def _head(figure: Figure, setting: ResolvedScenario) -> None:
-    scenario = setting.scenario
-    title = textwrap.shorten(f"{setting.name}: {scenario.title}", 110, placeholder=" …")
+def _head(figure: Figure, resolved: ResolvedScenario) -> None:
+    scenario = resolved.scenario
+    title = textwrap.shorten(f"{resolved.name}: {scenario.title}", 110, placeholder=" …")
     figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
-    traffic = ", ".join(scenario.street.demand) or "no other traffic"
-    below = f"{scenario.street.network}, {scenario.ego.path} · ego at {scenario.ego.speed_mps:g} m/s · {traffic}"
+    traffic = ", ".join(scenario.road.demand) or "no other traffic"
+    below = f"{scenario.road.network}, {scenario.ego.path} · ego at {scenario.ego.speed_mps:g} m/s · {traffic}"
     figure.text(LEFT / SIZE[0], 0.92, below, fontsize=12)

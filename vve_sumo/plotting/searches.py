@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vve_sumo.analysis.dataset import Sweep
 
 #: lines of a boundary plot that are named, and that say in numbers where they flip
-NAMED: Final = 24
+MAX_LABELLED_LINES: Final = 24
 Found = Mapping[str, Any]
 
 
@@ -74,7 +74,7 @@ def _boundary(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
         _runs(axes, rows, along, criterion, lines, others, seeds)
         flips = {tuple(line["values"].get(other) for other in others): line for line in found["boundaries"]}
         for place, values in enumerate(lines):
-            _flips(axes, place, flips.get(values), said=len(lines) <= NAMED)
+            _flips(axes, place, flips.get(values), said=len(lines) <= MAX_LABELLED_LINES)
         _name_lines(axes, lines, others, rows.attrs["units"])
         axes.set_xlabel(axis_of(along, rows.attrs["units"]))
         explain(axes)
@@ -129,9 +129,9 @@ def _flips(axes: Axes, place: int, line: Found | None, *, said: bool) -> None:
         axes.fill_betweenx(high, ends[0], ends[1], color=INK, alpha=0.3, linewidth=0.0, zorder=2)
         axes.plot([sum(ends) / 2.0] * 2, high, color=INK, linewidth=1.4, zorder=2, label="flip")
         if said:
-            told = f"{flip['meets']:g} met, {flip['fails']:g} not"
+            words = f"{flip['meets']:g} met, {flip['fails']:g} not"
             at: dict[str, Any] = {"xytext": (0, 1), "textcoords": "offset points", "ha": "center", "va": "bottom"}
-            axes.annotate(told, (sum(ends) / 2.0, place - 0.38), fontsize=9, zorder=4, **at)
+            axes.annotate(words, (sum(ends) / 2.0, place - 0.38), fontsize=9, zorder=4, **at)
     if len(line["flips"]) == 1 and len(spread) > 1:
         axes.plot((spread[0], spread[-1]), (place, place), color=INK, linewidth=1.0, zorder=2, label="over the seeds")
 
@@ -145,7 +145,7 @@ def _name_lines(axes: Axes, lines: list[tuple[Any, ...]], others: list[str], uni
         axes.set_yticks(())
         axes.spines["left"].set_visible(False)
         return
-    every = 1 + (len(lines) - 1) // NAMED
+    every = 1 + (len(lines) - 1) // MAX_LABELLED_LINES
     shown = range(0, len(lines), every)
     axes.set_yticks(list(shown), [", ".join(map(_short, lines[place])) for place in shown])
     axes.set_ylabel("\n".join(axis_of(other, units) for other in others))

@@ -17,7 +17,7 @@ from vve_sumo.analysis.stopping_bound import TOLERANCE, stopping_bound_checks
 from vve_sumo.laws import stopping_distance as closed_form
 from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.columns import faults, holds, numbers, runs
-from vve_sumo.plotting.crowd import MANY, bands, crowd, thinned
+from vve_sumo.plotting.crowd import MAX_POINTS, bands, crowd, thinned
 from vve_sumo.plotting.page import INK, PAPER, QUIET, contact
 from vve_sumo.plotting.style import BAD, FIRST, LIMIT, SECOND, blank, explain, finite, name, page, plain, widened
 from vve_sumo.values import Floats
@@ -139,7 +139,7 @@ def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats) -> None
     deep = hit & ~gone
     if deep.any():
         at, depth = speed[deep], gap[deep]
-        if len(at) > MANY:
+        if len(at) > MAX_POINTS:
             at, depth = bands(at[np.isfinite(at)], depth[np.isfinite(at)]).middle()
         axes.plot(at, depth, label=f"collision ({runs(deep)})", zorder=4, clip_on=False, **BAD)
     across = axes.get_xaxis_transform()
@@ -161,7 +161,7 @@ def stopping_distance(rows: pd.DataFrame) -> Figure:
 
     The curve is v tau + v^2 / 2 a with the median demand a and the median reaction tau of the runs; the band goes from
     the 5th to the 95th percentile of the demand. The bound is the run's own: its speed and demand, the declared delay.
-    Runs that broke their certificate are marked.
+    Runs that stopped beyond their bound are marked.
     """
     columns = ("stop_onset_speed_mps", "stop_distance_m", "stop_bound_m", "stop_demand_mps2", "stop_reaction_s")
     with page(height=5.6) as figure:

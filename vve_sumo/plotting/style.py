@@ -41,7 +41,7 @@ class Look(NamedTuple):
 
 
 #: first to last; in grey, strokes and marks still differ
-LOOKS: Final = (
+LINE_STYLES: Final = (
     Look(EGO, "-", "o"),
     Look(OBSTACLE, (0, (5, 2)), "s"),
     Look(ACTOR, (0, (6, 2, 1.5, 2)), "^"),
@@ -49,7 +49,7 @@ LOOKS: Final = (
     Look(ALARM, (0, (6, 2, 1.5, 2, 1.5, 2)), "v"),
     Look(EGO_PALE, (0, (9, 3)), "P"),
 )
-FIRST, SECOND, THIRD = LOOKS[:3]
+FIRST, SECOND, THIRD = LINE_STYLES[:3]
 #: widths of lines that lie upon each other: the first shows on both sides of the next
 UNDER, OVER = 2.8, 1.4
 #: of what is not to be crossed: limits, thresholds, budgets

@@ -1,6 +1,6 @@
 """Draws the drive over time: speed, gap, acceleration and deviation, one panel each, with their legends.
 
-Knows the sheet; it must not know the street from above, SUMO, or how the drive was run.
+Knows the page; it must not know the street from above, SUMO, or how the drive was run.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from vve_sumo.plotting.page import (
     RIGHT,
     RIGHT_WIDTH,
     TOP,
-    Sheet,
+    DrivePage,
     contact,
     panel,
     prefix,
@@ -46,13 +46,15 @@ DEVIATION_GUIDE = 0.15
 GUIDE_READABLE = 10.0
 
 
-def _curves(axes: Axes, title: str, sheet: Sheet, curves: Iterable[tuple[Floats, dict[str, Any]]], none: str) -> bool:
+def _curves(
+    axes: Axes, title: str, page: DrivePage, curves: Iterable[tuple[Floats, dict[str, Any]]], none: str
+) -> bool:
     """Draw values over time under a title, or say what is missing; return whether there was anything."""
     axes.set_title(title, loc="left", pad=5)
     known = [(values, style) for values, style in curves if np.isfinite(values).any()]
     for values, style in known:
         lonely = "o" if np.isfinite(values).sum() == 1 else ""
-        axes.plot(sheet.ticks["time_s"].to_numpy(), values, marker=lonely, **style)
+        axes.plot(page.ticks["time_s"].to_numpy(), values, marker=lonely, **style)
     if not known:
         say(axes, none)
     return bool(known)
@@ -71,53 +73,53 @@ def _from_zero(axes: Axes, values: Floats, high: float) -> None:
         axes.set_ylim(bottom=0.0)
 
 
-def _speed(axes: Axes, sheet: Sheet) -> None:
-    speed = sheet.ticks[f"{prefix(sheet.ticks)}speed_mps"].to_numpy()
-    title = f"{'true' if prefix(sheet.ticks) else 'estimated'} speed [m/s]"
-    if _curves(axes, title, sheet, [(speed, {"color": EGO})], "no pose"):
+def _speed(axes: Axes, page: DrivePage) -> None:
+    speed = page.ticks[f"{prefix(page.ticks)}speed_mps"].to_numpy()
+    title = f"{'true' if prefix(page.ticks) else 'estimated'} speed [m/s]"
+    if _curves(axes, title, page, [(speed, {"color": EGO})], "no pose"):
         _from_zero(axes, speed, 1.0)
 
 
-def _gap(axes: Axes, sheet: Sheet) -> None:
+def _gap(axes: Axes, page: DrivePage) -> None:
     """Draw the gap; the curve breaks where nothing is ahead and where something else becomes the nearest."""
-    gap = sheet.lead.gap.copy()
-    changed = [other not in (one, "") for one, other in pairwise(sheet.lead.actor)]
+    gap = page.lead.gap.copy()
+    changed = [other not in (one, "") for one, other in pairwise(page.lead.actor)]
     gap[:-1][np.array(changed, bool)] = np.nan
-    if not _curves(axes, axis_of("gap_m"), sheet, [(gap, {"color": OBSTACLE})], "nothing ahead"):
+    if not _curves(axes, axis_of("gap_m"), page, [(gap, {"color": OBSTACLE})], "nothing ahead"):
         return
     _from_zero(axes, gap, 1.0)
     if math.isfinite(gap[-1]):
-        axes.plot(sheet.ticks["time_s"][-1].as_py(), gap[-1], "o", color=OBSTACLE, markersize=5.0, clip_on=False)
+        axes.plot(page.ticks["time_s"][-1].as_py(), gap[-1], "o", color=OBSTACLE, markersize=5.0, clip_on=False)
         axes.set_title(f"{gap[-1]:.2f} m at the end", loc="right", pad=5)
 
 
-def _acceleration(axes: Axes, sheet: Sheet) -> None:
+def _acceleration(axes: Axes, page: DrivePage) -> None:
     """Draw what the car did, wide and pale, and what it was told, thin and dark.
 
     Told is what the gateway granted, without the brake's hold at rest, which no car answers; in a drive that never
     engaged it is what the controller asked for.
     """
-    ticks = sheet.ticks
+    ticks = page.ticks
     did = ticks[f"{prefix(ticks)}acceleration_mps2"].to_numpy()
-    told, word = ticks["acceleration_setpoint_mps2"].to_numpy(), "asked by the controller"
+    asked, word = ticks["acceleration_setpoint_mps2"].to_numpy(), "asked by the controller"
     if _engaged(ticks).any():
         granted, speed = ticks["granted_acceleration_mps2"].to_numpy(), ticks[f"{prefix(ticks)}speed_mps"].to_numpy()
         held = (np.abs(speed) < AT_REST) & (granted < 0.0)
-        told, word = np.where(held, np.nan, granted), "granted, hold left out"
+        asked, word = np.where(held, np.nan, granted), "granted, hold left out"
     curves: list[tuple[Floats, dict[str, Any]]] = [
         (did, {"color": EGO_PALE, "linewidth": 3.6, "label": "car"}),
-        (told, {"color": INK, "linewidth": 1.0, "label": word}),
+        (asked, {"color": INK, "linewidth": 1.0, "label": word}),
     ]
-    if _curves(axes, axis_of("acceleration_mps2"), sheet, curves, "no pose"):
+    if _curves(axes, axis_of("acceleration_mps2"), page, curves, "no pose"):
         _include(axes, -0.5, 0.5)
 
 
-def _deviation(axes: Axes, sheet: Sheet) -> None:
-    deviation, word = sheet.ticks["lateral_deviation_m"].to_numpy(), "true"
+def _deviation(axes: Axes, page: DrivePage) -> None:
+    deviation, word = page.ticks["lateral_deviation_m"].to_numpy(), "true"
     if not np.isfinite(deviation).any():
-        deviation, word = sheet.ticks["estimated_deviation_m"].to_numpy(), "estimated"
+        deviation, word = page.ticks["estimated_deviation_m"].to_numpy(), "estimated"
     title = f"{word} lateral deviation [m], left positive"
-    if not _curves(axes, title, sheet, [(deviation, {"color": EGO})], "no pose on the path"):
+    if not _curves(axes, title, page, [(deviation, {"color": EGO})], "no pose on the path"):
         return
     _include(axes, -1.3 * DEVIATION_GUIDE, 1.3 * DEVIATION_GUIDE)
     if np.nanmax(np.abs(deviation)) > GUIDE_READABLE * DEVIATION_GUIDE:
@@ -131,9 +133,9 @@ def _engaged(ticks: pa.Table) -> NDArray[np.bool_]:
     return np.array([state == ArmingState.ENGAGED.value for state in ticks["state"].to_pylist()], bool)
 
 
-def _events(axes: Axes, sheet: Sheet) -> None:
+def _events(axes: Axes, page: DrivePage) -> None:
     """Shade when the emergency layer braked (or asked, where nobody ever obeyed) and mark the first contact."""
-    ticks, time = sheet.ticks, sheet.ticks["time_s"].to_numpy()
+    ticks, time = page.ticks, page.ticks["time_s"].to_numpy()
     engaged, asked = _engaged(ticks), ticks["emergency"].to_numpy(zero_copy_only=False)
     band, word = (asked & engaged, "emergency layer") if engaged.any() else (asked, "emergency asked")
     if band.any():
@@ -144,11 +146,11 @@ def _events(axes: Axes, sheet: Sheet) -> None:
         axes.axvline(time[row], color=INK, linewidth=1.2, linestyle=(0, (1, 1.5)), label="contact")
 
 
-def over_time(figure: Figure, sheet: Sheet) -> None:
+def over_time(figure: Figure, page: DrivePage) -> None:
     """Draw the column of curves over one time axis; legends stand in the titles' lines, where no curve can be."""
     panels = (_speed, _gap, _acceleration, _deviation)
     pitch = (TOP - BOTTOM + BETWEEN) / len(panels)
-    time = sheet.ticks["time_s"].to_numpy()
+    time = page.ticks["time_s"].to_numpy()
     limits = (time[0], time[-1]) if len(time) > 1 else (time[0] - 1.0, time[0] + 1.0)
     for row, paint in enumerate(panels):
         axes = panel(figure, RIGHT, TOP - row * pitch - (pitch - BETWEEN), RIGHT_WIDTH, pitch - BETWEEN)
@@ -156,8 +158,8 @@ def over_time(figure: Figure, sheet: Sheet) -> None:
         axes.locator_params(axis="y", nbins=5, steps=(1, 2, 5, 10))
         axes.set_xlim(*limits)
         axes.grid(alpha=0.35, linewidth=0.6)
-        paint(axes, sheet)
-        _events(axes, sheet)
+        paint(axes, page)
+        _events(axes, page)
         axes.tick_params(labelbottom=row == len(panels) - 1)
         _legend_above(axes, events=paint is _speed)
     axes.set_xlabel(axis_of("time_s"), labelpad=2)

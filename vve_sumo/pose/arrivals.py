@@ -14,15 +14,15 @@ from dataclasses import dataclass
 from typing import Final
 
 DRIFT: Final = 100e-6  #: the most that two clocks drift apart; twice that of a common quartz
-SHARE: Final = 0.4  #: of the interval between messages, by which one may be earlier than the fastest so far
-MOST: Final = 0.02  #: however long the interval is [s]
-YOUNG: Final = 0.1  #: after the first and fastest of all, the next may be faster yet by what the user allows [s]
+EARLINESS_SHARE: Final = 0.4  #: of the interval between messages: how much earlier than the fastest one may be
+MAX_EARLINESS: Final = 0.02  #: the same, however long the interval is [s]
+SETTLING_TIME: Final = 0.1  #: after the fastest so far the next may be earlier by what the user allows [s]
 
-RUN: Final = 3  #: so many messages in a row that agree with each other and with none before are believed, if they last:
-SMALL: Final = 0.05  #: up to here the path became faster [s], and the run has to last an interval
-LASTING: Final = 0.5  #: beyond, the sender's clock was changed, and the run has to last so long [s]: a gap to the gate
+RUN_LENGTH: Final = 3  #: messages in a row that agree with each other alone are believed, if they last:
+SMALL_JUMP: Final = 0.05  #: up to here the path became faster [s], and the run has to last an interval
+RUN_TIME: Final = 0.5  #: beyond, the sender's clock was changed, and the run has to last so long [s]: a gap to the gate
 AGREEMENT: Final = 0.1  #: between the messages of a run [s]: bursts and jitter
-KNOWN: Final = 10  #: of what agreed with a minute or a day, so many count; as many more in a row must speak against it
+AGREEING_KEPT: Final = 10  #: counted of what agrees with a minute or a day; as many more in a row must disagree
 
 
 class Judged(enum.Enum):
@@ -47,9 +47,9 @@ class _Run:
 class Arrivals:
     """Judges times one by one; a time that is not NEWER or CHANGED leaves nothing behind but the count of its run.
 
-    `least` is the smallest earliness that is told [s]. For `YOUNG` after one that was faster than all before, it is
-    `at_once` [s]: the next of the same burst may be faster yet, and where all arrivals say the same moment, as those of
-    a file do, they tell nothing finer.
+    `least` is the smallest earliness that counts [s]. For `SETTLING_TIME` after one that was faster than all before, it
+    is `at_once` [s]: the next of the same burst may be faster yet, and where all arrivals have the same moment, as
+    those of a file do, nothing finer can be seen.
     """
 
     def __init__(self, least: float, at_once: float) -> None:
@@ -87,10 +87,14 @@ class Arrivals:
         return self._lead + DRIFT * max(received - self._led_at, 0.0)
 
     def _young(self, received: float) -> bool:
-        return not received - self._faster_at > YOUNG
+        return not received - self._faster_at > SETTLING_TIME
 
     def _tolerance(self, received: float) -> float:
-        return self._at_once if self._young(received) else max(self._least, min(SHARE * self._interval, MOST))
+        return (
+            self._at_once
+            if self._young(received)
+            else max(self._least, min(EARLINESS_SHARE * self._interval, MAX_EARLINESS))
+        )
 
     def _go_on(self, received: float, time: float, lead: float, ahead: float) -> Judged:
         """Take a time that is ahead into the run; say whether the run is to be believed now."""
@@ -101,10 +105,10 @@ class Arrivals:
             self._run = _Run(received, time, lead)
             return Judged.AHEAD
         run.newest, run.lead, run.count = time, lead, run.count + 1
-        lasting = min(self._interval, LASTING) if ahead <= SMALL else LASTING
-        if run.count < RUN or not (self._young(received) or received - run.since >= lasting):
+        lasting = min(self._interval, RUN_TIME) if ahead <= SMALL_JUMP else RUN_TIME
+        if run.count < RUN_LENGTH or not (self._young(received) or received - run.since >= lasting):
             return Judged.AHEAD
-        return Judged.NEWER if ahead <= SMALL else Judged.CHANGED
+        return Judged.NEWER if ahead <= SMALL_JUMP else Judged.CHANGED
 
     def _believe(self, received: float, time: float, lead: float) -> None:
         self._run = None
@@ -121,7 +125,7 @@ class Arrivals:
 class Repeated:
     """A minute or a day that is said again and again: when is another one believed than the one known?
 
-    Where more in a row agree on it than have said the known one: `RUN` against one, `KNOWN` + 2 at most.
+    Where more in a row agree on it than have said the known one: `RUN_LENGTH` against one, `AGREEING_KEPT` + 2 at most.
     """
 
     def __init__(self) -> None:
@@ -131,11 +135,11 @@ class Repeated:
     def believe(self, off: int) -> bool:
         """Whether to believe what lies `off` from the one known; from then on that is the known one."""
         if off == 0:
-            self._agreed, self._other = min(self._agreed + 1, KNOWN), (0, 0)
+            self._agreed, self._other = min(self._agreed + 1, AGREEING_KEPT), (0, 0)
             return True
         before, count = self._other
         self._other = (off, count + 1 if off == before else 1)
-        if self._other[1] < self._agreed - 1 + RUN:
+        if self._other[1] < self._agreed - 1 + RUN_LENGTH:
             return False
         self._agreed, self._other = 1, (0, 0)
         return True

@@ -15,7 +15,7 @@ from itertools import combinations
 from statistics import median
 from typing import Final
 
-from vve_sumo.pose.arrivals import SMALL, Arrivals, Judged
+from vve_sumo.pose.arrivals import SMALL_JUMP, Arrivals, Judged
 
 LEAK: Final = 100e-6  #: how fast a larger delay is believed; twice the drift of a common quartz
 LEARNING: Final = 2.0  #: at first, a smaller delay is believed at once [s]
@@ -62,7 +62,7 @@ class Clock:
         self._epoch, self._minimum_delay, self._absolute = epoch, minimum_delay, absolute
         self._offset = 0.0 if absolute else math.nan
         self._first = -math.inf
-        self._arrivals = Arrivals(SMALL, SMALL)
+        self._arrivals = Arrivals(SMALL_JUMP, SMALL_JUMP)
         self._excess: deque[float] = deque(maxlen=SPREAD_ARRIVALS)
         self._seconds: deque[tuple[int, float]] = deque(maxlen=DRIFT_SECONDS)
 

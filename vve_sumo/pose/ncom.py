@@ -27,11 +27,9 @@ STRUCTURE_B: Final = 11  #: another layout under the same sync byte
 MINUTE: Final = 60_000  #: [ms]
 MINUTES_SET: Final = 1_000  #: a smaller channel-0 value means that the unit does not know the time yet (NComRxC)
 CLOCK_HOLD: Final = 30.0  #: silence after which the minute is unknown again [s]: half the range of the packet's clock
-EARLIEST: Final = (
-    0.002  #: by so much a packet may be earlier than the fastest before it [s]; the packet's clock has 1 ms
-)
-AT_ONCE: Final = 1.0  #: what is fed with one arrival, as a file is, may jump so far from packet to packet [s]
-CHANNEL_LIFE: Final = 5_000  #: a status channel silent for longer says nothing [ms]; a cycle takes about 2 s
+MIN_EARLINESS: Final = 0.002  #: a packet earlier than the fastest by less is as fast [s]; its clock has 1 ms
+MAX_JUMP: Final = 1.0  #: from packet to packet of one arrival, as a file is [s]
+CHANNEL_LIFETIME: Final = 5_000  #: a status channel silent for longer says nothing [ms]; a cycle takes about 2 s
 AGE_LIMIT: Final = 150  #: an accuracy with this age counter or more is stale (NComRxC)
 
 ACCELERATION: Final = 1e-4  #: [m/s2]
@@ -39,7 +37,7 @@ RATE: Final = 1e-5  #: [rad/s]
 VELOCITY: Final = 1e-4  #: [m/s]
 ANGLE: Final = 1e-6  #: [rad]
 INVALID: Final = -0x800000  #: of a 24-bit field
-LARGEST: Final = 0x7FFFFF  #: of a 24-bit field, either sign
+MAX_RAW: Final = 0x7FFFFF  #: of a 24-bit field, either sign
 
 _POSITION = struct.Struct("<ddf")
 _CHANNEL_0 = struct.Struct("<iBBBB")
@@ -156,7 +154,7 @@ class StatusChannels:
     def value(self, channel: int, clock: int) -> float:
         """Return what the channel said last, NaN if it said nothing lately."""
         heard, value = self._heard.get(channel, (0, math.nan))
-        return value if abs(clock - heard) <= CHANNEL_LIFE else math.nan
+        return value if abs(clock - heard) <= CHANNEL_LIFETIME else math.nan
 
 
 class Decoder:
@@ -172,7 +170,7 @@ class Decoder:
     more of them in a row agree on it than have said the known one (`arrivals.Repeated`); then the unit's clock
     is taken as set, back or forth. A packet dated ahead of
     what arrivals allow (`arrivals.Arrivals`) counts for nothing until a run of them lasts. What is fed with one and the
-    same arrival, as files are, may jump by `AT_ONCE`; beyond a longer gap the first two packets are lost.
+    same arrival, as files are, may jump by `MAX_JUMP`; beyond a longer gap the first two packets are lost.
 
     Emitted fixes have strictly increasing times, except where the unit's minute was set back (a unit whose clock goes
     back by less needs a new decoder). All else is counted in `counts` by `Outcome`, bytes that belong to no packet in
@@ -188,7 +186,7 @@ class Decoder:
         self._buffer = b""
         self._clock: int | None = None  #: of the newest packet that was believed [ms since 1980-01-06 GPS]
         self._dated_at = -math.inf  #: its arrival [s]
-        self._arrivals = Arrivals(EARLIEST, AT_ONCE)
+        self._arrivals = Arrivals(MIN_EARLINESS, MAX_JUMP)
         self._minute = Repeated()
         self._channels = StatusChannels()
 
@@ -266,7 +264,7 @@ class Decoder:
         """Whether to believe a status channel 0 that says a minute `off` from where it should be."""
         believed = self._minute.believe(off)
         if believed and off != 0:
-            self._arrivals, self._channels = Arrivals(EARLIEST, AT_ONCE), StatusChannels()
+            self._arrivals, self._channels = Arrivals(MIN_EARLINESS, MAX_JUMP), StatusChannels()
         return believed
 
     def _fix(
@@ -301,10 +299,10 @@ class Decoder:
 def _field(value: float, scale: float) -> bytes:
     """24-bit field: NaN is sent as invalid, what does not fit saturates."""
     count = value / scale
-    if not -LARGEST <= count <= LARGEST:
+    if not -MAX_RAW <= count <= MAX_RAW:
         if math.isnan(count):
             return b"\x00\x00\x80"
-        count = math.copysign(LARGEST, count)
+        count = math.copysign(MAX_RAW, count)
     return (round(count) & 0xFFFFFF).to_bytes(3, "little")
 
 

@@ -29,11 +29,11 @@ GPS_EPOCH: Final = datetime.date(1980, 1, 6)
 DAY: Final = 86_400_000  #: [ms]
 SENTENCE: Final = re.compile(rb"\$([^$*\r\n]{1,250})\*([0-9A-Fa-f]{2})")
 BEGUN: Final = re.compile(rb"\$[^$*\r\n]{0,250}(?:\*[0-9A-Fa-f]?)?")  #: what may become a sentence yet
-SLOW_LIFE: Final = 2_500  #: accuracies are often sent once a second; one may be lost [ms]
-EARLIEST: Final = 0.01  #: by so much an epoch may be earlier than the fastest before it [s]; many say it in hundredths
-AT_ONCE: Final = 1.5  #: what is fed with one arrival, as a file is, may jump so far from epoch to epoch [s]
+SLOW_LIFETIME: Final = 2_500  #: accuracies are often sent once a second; one may be lost [ms]
+MIN_EARLINESS: Final = 0.01  #: an epoch earlier than the fastest by less is as fast [s]; many say hundredths
+MAX_JUMP: Final = 1.5  #: from epoch to epoch of one arrival, as a file is [s]
 DATED: Final = 2_000  #: a date counts whose time of day is so near to the epoch's [ms]
-LATEST: Final = 0.7  #: share of a period after which a sentence without a time is not of the open epoch any more
+MAX_PERIOD_SHARE: Final = 0.7  #: of a period; a later sentence without a time is not of the open epoch any more
 RATE_WINDOW: Final = 100  #: over which yaw rate and acceleration are differenced [ms]
 RATE_GAP: Final = 500  #: fixes further apart give no rate [ms]
 COURSE_LOST: Final = 0.2  #: receivers leave the course empty when slower than about this [m/s]
@@ -176,8 +176,9 @@ class Decoder:
     date on another day than the one known count for nothing until a run of them lasts (`arrivals.Repeated`).
 
     HDT and VTG carry no time. They belong to the epoch that the last sentence with a new time opened (GGA, RMC, PASHR
-    or GST), if they arrive within `LATEST` of a period: so the receiver must send one of those first. One that sends
-    HDT first gives no fix at all rather than headings of the wrong epoch; `counts` then shows INCOMPLETE and STRAY.
+    or GST), if they arrive within `MAX_PERIOD_SHARE` of a period: so the receiver must send one of those first. One
+    that sends HDT first gives no fix at all rather than headings of the wrong epoch; `counts` then shows INCOMPLETE
+    and STRAY.
 
     What NMEA does not say: yaw rate and acceleration are differences of heading and of speed along it over the last
     `RATE_WINDOW` (late by half of it, and blind where both are wrong together), NaN for the first fix and after a gap,
@@ -192,7 +193,7 @@ class Decoder:
         self._velocity_sigma, self._heading_sigma = velocity_sigma, heading_sigma
         self._buffer = b""
         self._epoch: _Epoch | None = None
-        self._arrivals = Arrivals(EARLIEST, AT_ONCE)
+        self._arrivals = Arrivals(MIN_EARLINESS, MAX_JUMP)
         self._begun = 0  #: time of day of the epoch, counted on beyond midnight [ms]
         self._day = Repeated()
         self._period = 0.0  #: from epoch to epoch [s]
@@ -272,7 +273,7 @@ class Decoder:
     def _current(self, received: float) -> _Epoch | None:
         """The epoch of a sentence without a time that arrived at `received`."""
         epoch = self._epoch
-        if epoch is None or not epoch.open or not received - epoch.received <= LATEST * self._period:
+        if epoch is None or not epoch.open or not received - epoch.received <= MAX_PERIOD_SHARE * self._period:
             return None
         return epoch
 
@@ -321,7 +322,7 @@ class Decoder:
         time_of_day = _time_of_day(sentence)
         north, east = _number(sentence.std_dev_latitude), _number(sentence.std_dev_longitude)
         self._enter(time_of_day, received)
-        if self._epoch is None or (self._epoch.time_of_day - time_of_day) % DAY > SLOW_LIFE:
+        if self._epoch is None or (self._epoch.time_of_day - time_of_day) % DAY > SLOW_LIFETIME:
             return False
         self._accuracy = (time_of_day, max(north, east) if math.isfinite(north + east) else math.nan)
         return True
@@ -396,7 +397,7 @@ class Decoder:
             # NMEA has no navigation status: a receiver that says one of these qualities is in real time.
             locked=quality is not FixQuality.UNKNOWN,
             quality=quality,
-            position_sigma=position_sigma if (time_of_day - heard) % DAY <= SLOW_LIFE else math.nan,
+            position_sigma=position_sigma if (time_of_day - heard) % DAY <= SLOW_LIFETIME else math.nan,
             velocity_sigma=self._velocity_sigma,
             heading_sigma=_worse(self._heading_sigma, attitude.heading_sigma),
             differential_age=position.differential_age,

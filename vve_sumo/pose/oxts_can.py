@@ -45,12 +45,12 @@ RANGES: Final = {"h": (-0x7FFF, 0x7FFF), "H": (0, 0xFFFF), "i": (-0x7FFFFFFF, 0x
 TIME_BYTES: Final = 7
 TIME_SET: Final = 60_000_000  #: an earlier time means that the unit does not know it [ms]; as NCOM's first 1000 minutes
 TIME_LIMIT: Final = 1 << 43  #: year 2258 [ms]
-BREAK: Final = 1_000  #: cycles further apart start anew [ms]
+MAX_CYCLE_GAP: Final = 1_000  #: cycles further apart start anew [ms]
 BACK: Final = (
     3  #: time frames in a row that are not newer say that the unit's clock went back, and anew is what follows
 )
-EARLIEST: Final = 0.002  #: by so much a time frame may be earlier than the fastest before it [s]; its clock has 1 ms
-AT_ONCE: Final = 1.0  #: what is fed with one arrival may jump so far from cycle to cycle [s]
+MIN_EARLINESS: Final = 0.002  #: a time frame earlier than the fastest by less is as fast [s]; it has 1 ms
+MAX_JUMP: Final = 1.0  #: from cycle to cycle of one arrival, as a file is [s]
 LOCKING: Final = 12_000  #: a second of initialising and ten of catching up, and a little [ms]
 UTC_OFFSET: Final = -18  #: leap seconds since 2017-01-01 [s]
 
@@ -92,10 +92,10 @@ class Decoder:
         self._cycle: dict[int, tuple[int, ...]] = {}
         self._status: dict[int, bytes] = {}  #: channels of the open cycle
         self._channels = StatusChannels()
-        self._arrivals = Arrivals(EARLIEST, AT_ONCE)
+        self._arrivals = Arrivals(MIN_EARLINESS, MAX_JUMP)
         self._clock = 0  #: of the newest time frame [ms since 1980-01-06 GPS]
         self._behind = 0  #: time frames since then that were not newer
-        self._period = BREAK  #: least step of the time so far [ms]
+        self._period = MAX_CYCLE_GAP  #: least step of the time so far [ms]
         self._since = 0  #: first time frame without a break up to now [ms]
         self._emitted = 0  #: time of the newest fix [ms]
 
@@ -145,7 +145,7 @@ class Decoder:
             self._behind += 1
             return Outcome.NOT_INCREASING, None
         step, self._clock = clock - self._clock, clock
-        if step > BREAK or self._behind >= BACK:
+        if step > MAX_CYCLE_GAP or self._behind >= BACK:
             self._since = clock
         self._behind = 0
         self._hear(clock)

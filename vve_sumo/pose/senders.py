@@ -13,7 +13,7 @@ from typing import Any, Final
 #: a fault stands for so long after the last datagram of another sender [s]
 STANDS: Final = 1.0
 #: other senders that are counted by name; a flood may come from as many as it likes
-NAMED: Final = 8
+MAX_NAMED: Final = 8
 REST: Final = "others"
 
 
@@ -40,14 +40,14 @@ class Senders:
             return True
         self._last["pose_two_senders" if ours else "pose_foreign_sender"] = now
         name = f"{sender[0]}:{sender[1]}"
-        self._refused[name if name in self._refused or len(self._refused) < NAMED else REST] += 1
+        self._refused[name if name in self._refused or len(self._refused) < MAX_NAMED else REST] += 1
         return False
 
     def found(self, now: float) -> tuple[str, ...]:
         """Return reason codes of the other senders that spoke lately."""
         return tuple(code for code, last in self._last.items() if now - last <= STANDS)
 
-    def told(self) -> dict[str, Any]:
+    def sender_report(self) -> dict[str, Any]:
         """Return who is listened to and how many datagrams of whom were refused, as plain JSON."""
         sender = None if self._first is None else f"{self._first[0]}:{self._first[1]}"
         return {"sender": sender, "refused": dict(self._refused)}

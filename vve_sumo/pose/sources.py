@@ -30,7 +30,7 @@ PORTION: Final = 4096  #: the most bytes taken as one portion; no pose message i
 PORTIONS: Final = 256  #: the most portions taken at once, refused ones counted, so that a flood cannot hold the caller
 BYTES: Final = 16_384  #: no more is taken once there are so many, for the same reason: 2 s of NCOM at 100 Hz
 RECEIVE_BUFFER: Final = 1 << 20  #: asked of the kernel [bytes]; it grants less where its own limit is lower
-CONNECT_PATIENCE: Final = 3.0  #: [s]
+CONNECT_TIMEOUT: Final = 3.0  #: [s]
 SO_TIMESTAMPNS: Final = 35  #: Linux, asm-generic/socket.h
 STAMP: Final = struct.Struct("@qq")
 
@@ -71,7 +71,7 @@ class Source(Protocol):
     def found(self) -> tuple[str, ...]:
         """Return reason codes of others that speak in the receiver's place now."""
 
-    def told(self) -> dict[str, Any]:
+    def sender_report(self) -> dict[str, Any]:
         """Return who is listened to and who was refused how often, as plain JSON; empty where nobody else can speak."""
 
     def close(self) -> None:
@@ -84,7 +84,7 @@ class _Alone:
     def found(self) -> tuple[str, ...]:
         return ()
 
-    def told(self) -> dict[str, Any]:
+    def sender_report(self) -> dict[str, Any]:
         return {}
 
 
@@ -113,8 +113,8 @@ class _Socket:
     def found(self) -> tuple[str, ...]:
         return () if self._senders is None else self._senders.found(time.monotonic())
 
-    def told(self) -> dict[str, Any]:
-        return {} if self._senders is None else self._senders.told()
+    def sender_report(self) -> dict[str, Any]:
+        return {} if self._senders is None else self._senders.sender_report()
 
     def close(self) -> None:
         self._socket.close()
@@ -236,7 +236,7 @@ def open_udp(address: str, port: int, source: str | None = None, where: str = "p
 def open_tcp(address: str, port: int, where: str = "pose") -> Source:
     """Connect to a server of pose bytes; a connection that it closes is `lost`. Raises RigError naming the key."""
     try:
-        opened = socket.create_connection((address, port), CONNECT_PATIENCE)
+        opened = socket.create_connection((address, port), CONNECT_TIMEOUT)
     except OSError as error:
         key, reached = (
             ("address", repr(address)) if isinstance(error, socket.gaierror) else ("port", f"{address}:{port}")

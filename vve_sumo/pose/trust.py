@@ -23,13 +23,13 @@ DRIFT_WINDOW: Final = 0.5  #: over which position and velocity are compared as a
 VELOCITY_NOISE: Final = 0.5  #: what two velocities may differ by besides acceleration [m/s]
 FROZEN_SPEED: Final = 0.2  #: above it two fixes cannot have the same position to the last bit [m/s]
 ABSURD_ACCELERATION: Final = 20.0  #: specific force that only a crash or a broken sensor shows [m/s2]
-ACCELERATION_LIMIT: Final = 12.0  #: no car accelerates more [m/s2]: bounds the way it can leave a straight line
-LOWEST: Final = -600.0  #: no road lies lower [m]: the Dead Sea's shore, and what ellipsoid and sea level differ by
-HIGHEST: Final = 7000.0  #: nor higher [m]
+ACCELERATION_LIMIT: Final = 12.0  #: of any car [m/s2]: bounds how far it can leave a straight line
+MIN_ALTITUDE: Final = -600.0  #: of any road [m]: the Dead Sea's shore, less what ellipsoid and sea level differ by
+MAX_ALTITUDE: Final = 7000.0  #: of any road [m]
 TILT_LIMIT: Final = 0.7  #: pitched or rolled farther no car stands on its wheels [rad]
 TILT_RATE: Final = 1.0  #: a car pitches and rolls no faster over what it may drive over [rad/s]
 TILT_NOISE: Final = 0.01  #: what two pitches or rolls may differ by besides [rad]
-STEEPEST: Final = 0.5  #: climb over way, where the receiver says no vertical velocity
+MAX_SLOPE: Final = 0.5  #: climb over way, where the receiver says no vertical velocity
 YAW_ACCELERATION_LIMIT: Final = 10.0  #: no car begins to turn faster [rad/s2]
 
 REASONS: Final[dict[str, str]] = {
@@ -95,7 +95,7 @@ class TrustProfile:
             raise ConfigError(f"trust profile {self.name}: one that does not judge live quality may never arm")
 
 
-#: A car may drive on it. 0.10 m and 100 ms are the figures the rest of the chain is built on (a setpoint lives 100 ms);
+#: A car may drive on it. 0.10 m and 100 ms are what the rest of the pipeline is built on (a setpoint lives 100 ms);
 #: 0.01 rad puts a point 10 m ahead 0.1 m off; 0.25 m is ten sigma of RTK noise and less than a lane margin, and heights
 #: are half as good. A gyroscope in a shaken car may be 0.1 rad/s off for a moment. An acceleration may go all at once,
 #: as it does where full brakes have brought the car to rest.
@@ -179,7 +179,7 @@ def _of_the_fix(fix: Fix, profile: TrustProfile) -> list[str]:
         reasons.append("not_finite")
     if abs(fix.yaw_rate) > YAW_RATE_LIMIT or abs(fix.acceleration) > ABSURD_ACCELERATION:
         reasons.append("motion_absurd")
-    if fix.altitude < LOWEST or fix.altitude > HIGHEST:
+    if fix.altitude < MIN_ALTITUDE or fix.altitude > MAX_ALTITUDE:
         reasons.append("altitude_absurd")
     if abs(fix.pitch) > TILT_LIMIT or abs(fix.roll) > TILT_LIMIT:
         reasons.append("tilt_absurd")
@@ -250,7 +250,7 @@ def _off_the_climb(last: Fix, fix: Fix) -> float:
     if math.isfinite(down):
         return abs(climbed + 0.5 * step * down)
     fast = math.hypot(fix.velocity_north, fix.velocity_east) + math.hypot(last.velocity_north, last.velocity_east)
-    return abs(climbed) - STEEPEST * 0.5 * step * fast
+    return abs(climbed) - MAX_SLOPE * 0.5 * step * fast
 
 
 def _of_the_rest(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:

@@ -81,23 +81,23 @@ class Plan:
         """Return the plan of a sweep's folder; raises ConfigError where there is none, or one of another layout."""
         file = folder / "sweep.json"
         try:
-            told = json.loads(file.read_text(encoding="utf-8"))
-            version = told["version"]
+            data = json.loads(file.read_text(encoding="utf-8"))
+            version = data["version"]
         except OSError:
             raise ConfigError(f"{folder}: no sweep.json: not a sweep's folder") from None
         except (ValueError, KeyError, TypeError) as error:
             raise ConfigError(f"{file}: not what a sweep writes: {error!r}") from None
         if version != VERSION:
-            other = f"layout {version} of a dataset, expected {VERSION}: another vve-sumo wrote it{_who(told)}"
+            other = f"layout {version} of a dataset, expected {VERSION}: another vve-sumo wrote it{_who(data)}"
             raise ConfigError(f"{file}: {other}; a sweep into another folder makes it anew")
-        wrong = _wrong({name: value for name, value in told.items() if name != "version"}, cls)
+        wrong = _wrong({name: value for name, value in data.items() if name != "version"}, cls)
         if wrong:
             raise ConfigError(f"{file}: not what a sweep writes: {wrong}")
-        return cls(**{field.name: told[field.name] for field in fields(cls)})
+        return cls(**{field.name: data[field.name] for field in fields(cls)})
 
 
-def _who(told: Mapping[str, Any]) -> str:
-    versions = told.get("versions")
+def _who(data: Mapping[str, Any]) -> str:
+    versions = data.get("versions")
     version = versions.get("vve-sumo") if isinstance(versions, dict) else None
     return f", version {version}" if isinstance(version, str) else ""
 
@@ -105,13 +105,13 @@ def _who(told: Mapping[str, Any]) -> str:
 _PLAIN = {"str": str, "int": int, "dict": dict, "list": list}
 
 
-def _wrong(told: Mapping[str, Any], plan: type[Plan]) -> str:
+def _wrong(data: Mapping[str, Any], plan: type[Plan]) -> str:
     """Return what is wrong with the content of `sweep.json`; empty where it is all right."""
     for field in fields(plan):
-        if type(told.get(field.name)) is not _PLAIN[str(field.type).partition("[")[0]]:
+        if type(data.get(field.name)) is not _PLAIN[str(field.type).partition("[")[0]]:
             return f"expected a {str(field.type).partition('[')[0]} as its {field.name}"
-    unknown = [name for name in told if name not in {field.name for field in fields(plan)}]
-    kinds = [f"{name}: {kind}" for name, kind in told["parameters"].items() if kind not in get_args(Kind)]
+    unknown = [name for name in data if name not in {field.name for field in fields(plan)}]
+    kinds = [f"{name}: {kind}" for name, kind in data["parameters"].items() if kind not in get_args(Kind)]
     return "".join(f"got {name}" for name in (unknown + kinds)[:1])
 
 
@@ -148,8 +148,8 @@ def _part(file: Path, schema: pa.Schema) -> Part:
         pairs = zip_longest(schema, there)
         name = next((one or other).name for one, other in pairs if one is None or other is None or one != other)
         raise ConfigError(f"{file}: its columns are not those of sweep.json, from {name} on: not a part of this sweep")
-    told = [span for span in spans if span is not None and span.has_min_max]
-    first, last = (min((int(span.min) for span in told), default=-1), max((int(span.max) for span in told), default=-1))
+    data = [span for span in spans if span is not None and span.has_min_max]
+    first, last = (min((int(span.min) for span in data), default=-1), max((int(span.max) for span in data), default=-1))
     if first < 0 or last - first + 1 != footer.num_rows:
         raise ConfigError(f"{file}: its runs do not follow each other: not a part that a sweep writes")
     return Part(file, first, int(footer.num_rows))

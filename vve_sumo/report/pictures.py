@@ -57,7 +57,7 @@ def of_drive(run: Run) -> tuple[Picture, ...]:
     """Return the plots of a drive."""
     from vve_sumo import plotting
 
-    pictures = [picture_of(plotting.drive_sheet(run), "drive_sheet", "the drive from above and over time", DRIVE)]
+    pictures = [picture_of(plotting.drive_overview(run), "drive_overview", "the drive from above and over time", DRIVE)]
     if np.isfinite(run.lead.gap).any():  # else there is nothing to be seen in them
         pictures.append(
             picture_of(plotting.safety_over_time(run), "safety_over_time", "safety over drive time", SAFETY)
@@ -65,7 +65,7 @@ def of_drive(run: Run) -> tuple[Picture, ...]:
         pictures.append(picture_of(plotting.gap_against_speed(run), "gap_against_speed", "gap over speed", APPROACH))
     if run.holds("latency"):
         pictures.append(
-            picture_of(plotting.latency_ledger(run), "latency_ledger", "latency of the legs over drive time", LATENCY)
+            picture_of(plotting.latency_over_time(run), "latency_over_time", "latencies over drive time", LATENCY)
         )
     return tuple(pictures)
 

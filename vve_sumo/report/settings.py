@@ -19,8 +19,8 @@ from vve_sumo.report.tables import Cell, Column, Table
 MAIN: dict[str, str] = {
     "ego.speed_mps": "set speed of the car",
     "ego.path": "path",
-    "street.network": "road network",
-    "street.demand": "traffic",
+    "road.network": "road network",
+    "road.demand": "traffic",
     "controller.name": "controller",
     "weather.friction": "tyre-road friction coefficient",
     "ego.car.gnss_delay_s": "delay of the receiver",

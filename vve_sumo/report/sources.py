@@ -26,7 +26,7 @@ def open_street_map(scenario: Mapping[str, Any], digests: Collection[str]) -> tu
 
     A network that cannot be read, or is not one of those, is taken to hold data of OpenStreetMap.
     """
-    name = str((scenario.get("street") or {}).get("network", ""))
+    name = str((scenario.get("road") or {}).get("network", ""))
     try:
         content = workspace.find("network", name, Path.cwd()).read_bytes()
         without_osm = b"OpenStreetMap" not in content[:HEAD_SIZE] and hashlib.sha256(content).hexdigest() in digests

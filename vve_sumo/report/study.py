@@ -45,4 +45,4 @@ def picture(margin: LatencyMargin) -> Picture:
     """Return the plot of a latency margin."""
     from vve_sumo import plotting
 
-    return picture_of(plotting.latency_margin(margin), "cliff", "margin over hidden delay", CAPTION)
+    return picture_of(plotting.latency_margin(margin), "latency_margin", "margin over hidden delay", CAPTION)

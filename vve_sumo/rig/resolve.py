@@ -147,7 +147,7 @@ def _surveyed(rig: Rig) -> Alignment:
         raise ConfigError(f"alignment: {error}") from None
 
 
-def fence_of(rig: Rig, alignment: Alignment) -> Geofence:
+def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
     """Return the fence around the lot, which `alignment` lays onto the street.
 
     Where the watchdog was never tried (then the car cannot be armed), the gateway's own stop stands for it.
@@ -165,15 +165,15 @@ def fence_of(rig: Rig, alignment: Alignment) -> Geofence:
     return Geofence(lot_of(rig), vehicle, alignment, gateway=gateway, watchdog=watchdog, downhill=downhill)
 
 
-def rehearsed_of(rig: Rig) -> tuple[InjectedFault, ...]:
-    """Return the faults that the hardware-free car puts on."""
+def faults_of(rig: Rig) -> tuple[InjectedFault, ...]:
+    """Return the faults that are injected into the simulated vehicle."""
     from vve_sumo.plant.injected_faults import InjectedFault
 
     faults = []
-    for number, wanted in enumerate(rig.rehearse):
+    for number, wanted in enumerate(rig.faults):
         value = math.nan if wanted.value is None else wanted.value
         try:
             faults.append(InjectedFault(wanted.kind, wanted.at_s, wanted.for_s, value))
         except ConfigError as error:
-            raise ConfigError(f"rehearse.{number}: {error}") from None
+            raise ConfigError(f"faults.{number}: {error}") from None
     return tuple(faults)

@@ -65,7 +65,7 @@ class Bus(Table):
     """The bus that the car is commanded over."""
 
     interface: Name = Field(description="python-can's: `socketcan`, `pcan`, `kvaser`, `slcan`, …")
-    channel: Name = Field(description="python-can's: `can0`, …; `pty` is made by the hardware-free car")
+    channel: Name = Field(description="python-can's: `can0`, …; `pty` is made by the simulated vehicle")
     bitrate: Bitrate = Field(default=500_000, description="bit/s")
 
     FORMER: ClassVar[Mapping[str, str]] = {"variant": "drive_by_wire.settings.variant"}
@@ -114,7 +114,7 @@ class Limits(Table):
     lateral_acceleration_mps2: Positive | None = Field(default=None, description="largest that steering may cause")
     stop_deceleration_mps2: Strength | None = Field(default=None, description="of the gateway's own stop")
     stop_jerk_mps3: Positive | None = Field(default=None, description="with which it sets in")
-    stop_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering along the way to rest")
+    stop_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering along the fallback path")
     critical_deceleration_mps2: Strength | None = Field(
         default=None, description="of the gateway's own stop after a critical fault"
     )
@@ -136,7 +136,7 @@ class Lot(Table):
 
 
 class Alignment(Table):
-    """How the lot lies on the virtual street."""
+    """How the lot lies on the virtual road."""
 
     kind: Literal["matched_start", "stored", "surveyed_pairs"] = Field(
         default="matched_start",
@@ -170,12 +170,12 @@ class Alignment(Table):
 
 
 class WatchdogTest(Table):
-    """What the kit's own watchdog did when the frames stopped, tried on this car."""
+    """What the DBW controller's own watchdog did when the frames stopped, tried on this car."""
 
     date: Date = Field(description="day of the test")
-    armed: bool = Field(description="whether the kit's watchdog is armed: it braked by itself")
+    armed: bool = Field(description="whether the DBW controller's watchdog is armed: it braked by itself")
     deceleration_mps2: Strength = Field(
-        description="lowest measured, on the level; of a kit that did not brake, that of rolling"
+        description="lowest measured, on the level; of a DBW controller that did not brake, that of rolling"
     )
     delay_s: Short = Field(description="from the last frame to the full deceleration")
 
@@ -197,7 +197,7 @@ class Latency(Table):
 class Operator(Table):
     """Who engages and stops."""
 
-    automatic: bool = Field(default=False, description="engages and goes by itself; hardware-free cars only")
+    automatic: bool = Field(default=False, description="engages and goes by itself; simulated vehicles only")
     stop_can_id: Annotated[int, Field(ge=0, le=0x7FF)] | None = Field(
         default=None, description="a frame with this identifier on the car's bus asks for a stop"
     )
@@ -214,15 +214,15 @@ class Other(Table):
 
 
 class CarStart(Start, TrueCar):
-    """The hardware-free car: where it stands and how it differs from what the rig declares."""
+    """The simulated vehicle: where it stands and how it differs from what the rig declares."""
 
     channel: Name | None = Field(
         default=None, description="SocketCAN channel of the car's own end, where it is not the rig's (two cards)"
     )
 
 
-class Rehearse(Table):
-    """A fault that the hardware-free car puts on."""
+class InjectedFault(Table):
+    """A fault that is injected into the simulated vehicle."""
 
     kind: Name = Field(description="see the fault matrix")
     at_s: NotNegative = Field(description="after the car first moves")
@@ -233,8 +233,10 @@ class Rehearse(Table):
 class Rig(Table):
     """One car with its receiver, its bus and its lot."""
 
+    FORMER: ClassVar[Mapping[str, str]] = {"rehearse": "faults"}
+
     title: Name
-    car: Literal["real", "hardware_free"] = Field(description="`real` or `hardware_free`")
+    car: Literal["real", "simulated"] = Field(description="`real` or `simulated`")
     pose: ReceiverTable
     mounting: Mounting
     bus: Bus
@@ -250,7 +252,7 @@ class Rig(Table):
     operator: Operator = Operator()
     others: tuple[Other, ...] = Field(default=(), strict=False)
     car_start: CarStart | None = None
-    rehearse: tuple[Rehearse, ...] = Field(default=(), strict=False)
+    faults: tuple[InjectedFault, ...] = Field(default=(), strict=False)
 
 
 @functools.cache

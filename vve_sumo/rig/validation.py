@@ -18,12 +18,12 @@ from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.rig.resolve import (
     alignment_of,
     calibration_of,
+    faults_of,
     frame_of,
     interface_of,
     limits_of,
     lot_of,
     receiver_of,
-    rehearsed_of,
     vehicle_of,
 )
 from vve_sumo.rig.schema import Corner, Rig
@@ -31,8 +31,8 @@ from vve_sumo.vehicle.interface import VehicleInterface, load
 
 #: interfaces of python-can that anyone on the network can send into
 OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
-PTY: Final = "pty"  #: channel that the hardware-free car's process makes
-FARTHEST: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
+PTY: Final = "pty"  #: channel that the simulated vehicle's process makes
+MAX_LOT_EXTENT: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
 EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only to tell near from far
 
 #: Identifiers on a CAN bus, by who sends or hears them: OXTS's default map (RT3000 manual: messages and one 0x500 + n
@@ -57,12 +57,12 @@ def refuse(rig: Rig) -> None:
         raise ConfigError(complaint)
 
 
-def arming_refusal(rig: Rig) -> str | None:
+def arming_obstacle(rig: Rig) -> str | None:
     """Say why this rig may not command a car, though it may drive along with nothing enabled; None where it may."""
     test = rig.watchdog_test
     if not receiver_of(rig).profile.may_arm:
         return "pose.kind: a recording says nothing about where a car is now"
-    if rig.car == "hardware_free":
+    if rig.car == "simulated":
         return None
     if test is None:
         return (
@@ -73,10 +73,10 @@ def arming_refusal(rig: Rig) -> str | None:
 
 
 def _complaints(rig: Rig) -> Iterator[str]:
-    yield from _of_a_real_car(rig) if rig.car == "real" else _of_a_hardware_free_car(rig)
+    yield from _of_a_real_car(rig) if rig.car == "real" else _of_a_simulated_vehicle(rig)
     yield from _collisions(rig)
     yield from _far_corners(rig)
-    for resolve in (vehicle_of, calibration_of, limits_of, rehearsed_of, lot_of):
+    for resolve in (vehicle_of, calibration_of, limits_of, faults_of, lot_of):
         resolve(rig)
     alignment_of(rig, rig.alignment.network or "")
     if rig.car_start is not None:
@@ -92,30 +92,30 @@ def _of_a_real_car(rig: Rig) -> Iterator[str]:
     if rig.operator.automatic:
         yield "operator.automatic: a real car is engaged by a person"
     if rig.car_start is not None:
-        yield "car_start: a real car stands where it stands, this is for car = 'hardware_free'"
-    if rig.rehearse:
-        yield "rehearse: faults are not put on with a real car, this is for car = 'hardware_free'"
+        yield "car_start: a real car stands where it stands, this is for car = 'simulated'"
+    if rig.faults:
+        yield "faults: none is injected into a real car, this is for car = 'simulated'"
 
 
-def _of_a_hardware_free_car(rig: Rig) -> Iterator[str]:
+def _of_a_simulated_vehicle(rig: Rig) -> Iterator[str]:
     start, bus, pose = rig.car_start, rig.bus, rig.pose
     if start is None:
-        yield "key 'car_start' is missing: where the hardware-free car stands"
+        yield "key 'car_start' is missing: where the simulated vehicle stands"
         return
     if not isinstance(pose, NcomUdp):
-        yield f"pose.kind: the hardware-free car speaks 'ncom_udp', got {pose.kind!r}"
+        yield f"pose.kind: the simulated vehicle speaks 'ncom_udp', got {pose.kind!r}"
     elif not ipaddress.ip_address(pose.address).is_loopback:
-        yield f"pose.address: the hardware-free car is heard on a loopback address only, got {pose.address!r}"
+        yield f"pose.address: the simulated vehicle is heard on a loopback address only, got {pose.address!r}"
     if (bus.interface, bus.channel) == ("slcan", PTY):
         if start.channel is not None:
             yield "car_start.channel: the car makes its own end of a pty"
     elif bus.interface != "socketcan":
         yield (
-            f"bus: a hardware-free car is on interface 'slcan', channel '{PTY}', or on 'socketcan', "
+            f"bus: a simulated vehicle is on interface 'slcan', channel '{PTY}', or on 'socketcan', "
             f"got {bus.interface}:{bus.channel}"
         )
     elif not bus.channel.startswith("vcan") and start.channel in (None, bus.channel):
-        yield f"car_start.channel: {bus.channel!r} is no vcan; name the card at the hardware-free car's end of the bus"
+        yield f"car_start.channel: {bus.channel!r} is no vcan; name the card at the simulated vehicle's end of the bus"
 
 
 def _collisions(rig: Rig) -> Iterator[str]:
@@ -153,17 +153,17 @@ def _far_corners(rig: Rig) -> Iterator[str]:
     places += [("alignment.origin", (rig.alignment.origin,))] if rig.alignment.origin else []
     for key, corners in places:
         for number, corner in enumerate(corners):
-            if not _distance(corner, first) <= FARTHEST:
+            if not _distance(corner, first) <= MAX_LOT_EXTENT:
                 where = f"{_distance(corner, first) / 1000.0:.0f} km from the lot's first corner"
                 yield f"{key}.{number}: lies {where}{_swapped(corner, first)}"
 
 
 def _outside(rig: Rig) -> Iterator[str]:
-    """A hardware-free car that does not stand in its lot."""
+    """A simulated vehicle that does not stand in its lot."""
     start = rig.car_start
     assert start is not None
     place, first = (start.latitude_deg, start.longitude_deg), rig.lot.outline[0]
-    if not _distance(place, first) <= FARTHEST:
+    if not _distance(place, first) <= MAX_LOT_EXTENT:
         where = f"{_distance(place, first) / 1000.0:.0f} km from the lot"
         yield f"car_start: lies {where}{_swapped(place, first)}"
         return
@@ -177,7 +177,7 @@ def _outside(rig: Rig) -> Iterator[str]:
 
 def _swapped(place: Corner, near: Corner) -> str:
     latitude, longitude = place
-    return " (latitude and longitude are swapped)" if _distance((longitude, latitude), near) <= FARTHEST else ""
+    return " (latitude and longitude are swapped)" if _distance((longitude, latitude), near) <= MAX_LOT_EXTENT else ""
 
 
 def _distance(one: Corner, other: Corner) -> float:

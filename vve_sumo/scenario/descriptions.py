@@ -36,18 +36,18 @@ def entrance(actor: Actor) -> str:
     return f"enters {place}{beside}" + (f", {actor.speed_mps:g} m/s" if actor.speed_mps else ", stands")
 
 
-def deed(act: Event) -> str:
-    """Return what an actor does in an act."""
+def action(event: Event) -> str:
+    """Return what an actor does in an event."""
     said = []
-    if act.speed_mps is not None:
-        rate = "" if act.acceleration_mps2 is None else f" at {act.acceleration_mps2:g} m/s²"
-        said.append(f"changes its speed to {act.speed_mps:g} m/s{rate}")
-    if act.speeds is not None:
-        said.append(f"drives as recorded in {act.speeds}")
-    if act.offset_m is not None:
-        over = "" if act.over_s is None else f" in {act.over_s:g} s"
-        said.append(f"goes over to {_beside(act.offset_m)}{over}")
-    if act.leaves:
+    if event.speed_mps is not None:
+        rate = "" if event.acceleration_mps2 is None else f" at {event.acceleration_mps2:g} m/s²"
+        said.append(f"changes its speed to {event.speed_mps:g} m/s{rate}")
+    if event.speeds is not None:
+        said.append(f"drives as recorded in {event.speeds}")
+    if event.offset_m is not None:
+        over = "" if event.over_s is None else f" in {event.over_s:g} s"
+        said.append(f"goes over to {_beside(event.offset_m)}{over}")
+    if event.leaves:
         said.append("leaves")
     return ", ".join(said) or "goes on"
 
@@ -79,5 +79,5 @@ def others(scenario: Scenario) -> str:
     """Return who else is on the street: actors by kind, obstacles, traffic."""
     said = [name(actor) for actor in scenario.actors]
     said += [f"standing {one.id!r}" for one in scenario.obstacles]
-    said += [f"traffic {name}" for name in scenario.street.demand]
+    said += [f"traffic {name}" for name in scenario.road.demand]
     return ", ".join(said) or "nobody"

@@ -46,7 +46,7 @@ PLAY: Final = 1e-6
 TURNING_SPEED: Final = 2.0
 
 #: On the inside of a bend a line beside a path is shorter than the path, but never by more than this factor.
-SHORTEST: Final = 0.2
+MIN_LENGTH_RATIO: Final = 0.2
 ROUNDS: Final = 8  #: of Newton's method for the station of a place on a line beside a path
 NEAR_ENOUGH: Final = 1e-10  #: [m]
 
@@ -190,13 +190,13 @@ class AlongPath:
         if distance == 0.0:
             return
         wanted, from_heading = self._sense * distance, self._here.heading
-        low, high = sorted((0.0, wanted / SHORTEST))
+        low, high = sorted((0.0, wanted / MIN_LENGTH_RATIO))
         gone, there = wanted, self._path.at(self.station + wanted)
         for _ in range(ROUNDS):
             missing = wanted - gone + offset * math.remainder(there.heading - from_heading, math.tau)
             if not abs(missing) > NEAR_ENOUGH:
                 break
-            gone = clamp(gone + missing / max(1.0 - offset * there.curvature, SHORTEST), low, high)
+            gone = clamp(gone + missing / max(1.0 - offset * there.curvature, MIN_LENGTH_RATIO), low, high)
             there = self._path.at(self.station + gone)
         self.station += gone
         self._here = there
@@ -280,10 +280,10 @@ def _near(when: When, ego: Ego, between: Between) -> bool:
 
 
 class ActorController:
-    """One actor: waits, enters, acts, leaves."""
+    """One actor: it waits, enters, goes through its events, and leaves."""
 
     def __init__(self, actor: Actor, ego_path: Path, path: Path, recordings: Mapping[str, Recording]) -> None:
-        """`path` is the actor's own, or the ego's again; `recordings` are found by the names that its acts use."""
+        """`path` is the actor's own, or the ego's again; `recordings` are found by the names that its events use."""
         self._actor, self._ego_path, self._path, self._recordings = actor, ego_path, path, recordings
         size = SIZES[actor.kind]
         self._length = size.length if actor.length_m is None else actor.length_m
@@ -295,14 +295,14 @@ class ActorController:
         self._course: Course = SpeedChange(actor.speed_mps, actor.speed_mps)
         self._side = Sidestep(0.0, 0.0)
         self._course_began = self._side_began = self._begun = self._covered = 0.0
-        self._waiting: list[Event] = list(reversed(actor.acts))
+        self._waiting: list[Event] = list(reversed(actor.events))
         self._looked = (0.0, -math.inf)  # station on the ego's path, and when
         self.gone = False  #: whether it left for good
 
     @property
     def begun(self) -> int:
-        """How many of its acts it has begun; -1 before it entered."""
-        return -1 if self._line is None else len(self._actor.acts) - len(self._waiting)
+        """How many of its events it has begun; -1 before it entered."""
+        return -1 if self._line is None else len(self._actor.events) - len(self._waiting)
 
     def step(self, now: float, ego: Ego | None) -> ActorState | None:
         """Advance to a time [s] of the drive and return the actor; None while it is not on the street."""
@@ -313,11 +313,11 @@ class ActorController:
         if self._line is None or self.gone:
             return None
         while self._waiting and self._due(self._waiting[-1].when, now, self._begun, ego, self._line):
-            act = self._waiting.pop()
-            if act.leaves:
+            event = self._waiting.pop()
+            if event.leaves:
                 self.gone = True
                 return None
-            self._begin(act, now)
+            self._begin(event, now)
         return self._player(self._line)
 
     def _enter(self, now: float, ego: Ego | None) -> None:
@@ -357,15 +357,15 @@ class ActorController:
         self._covered = covered
         self.gone = line.over
 
-    def _begin(self, act: Event, now: float) -> None:
+    def _begin(self, event: Event, now: float) -> None:
         self._begun = now
-        if act.speed_mps is not None:
-            rate = math.inf if act.acceleration_mps2 is None else act.acceleration_mps2
-            self._take(SpeedChange(self._speed, act.speed_mps, rate, act.build_up_s), now)
-        if act.speeds is not None:
-            self._take(self._recordings[act.speeds], now)
-        if act.offset_m is not None:
-            self._side, self._side_began = Sidestep(self._offset, act.offset_m, act.over_s or 0.0), now
+        if event.speed_mps is not None:
+            rate = math.inf if event.acceleration_mps2 is None else event.acceleration_mps2
+            self._take(SpeedChange(self._speed, event.speed_mps, rate, event.build_up_s), now)
+        if event.speeds is not None:
+            self._take(self._recordings[event.speeds], now)
+        if event.offset_m is not None:
+            self._side, self._side_began = Sidestep(self._offset, event.offset_m, event.over_s or 0.0), now
             self._offset, self._rate = self._side.at(0.0)
 
     def _take(self, course: Course, now: float) -> None:
@@ -431,7 +431,7 @@ class ScenarioEngine:
 
     @property
     def begun(self) -> tuple[int, ...]:
-        """How many of its acts each actor has begun, in the scenario's order; -1 before it entered."""
+        """How many of its events each actor has begun, in the scenario's order; -1 before it entered."""
         return tuple(part.begun for part in self._parts)
 
     def step(self, now: float, pose: Pose | None) -> tuple[ActorState, ...]:

@@ -32,7 +32,7 @@ def row_of(name: str, scenario: Scenario) -> Row:
     return (
         name,
         scenario.title,
-        scenario.street.network,
+        scenario.road.network,
         descriptions.others(scenario),
         descriptions.passes(scenario.criteria),
     )

@@ -23,6 +23,11 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
     if twice is not None:
         where = "obstacles" if twice in (one.id for one in scenario.obstacles) else "actors"
         raise ConfigError(f"{file}: {where}: id {twice!r} stands twice, expected each once")
+    sensors = ["radar", *(sensor.name for sensor in scenario.sensors)]
+    if len({*sensors}) < len(sensors):
+        twice = next(name for name in sensors if sensors.count(name) > 1)
+        whose = ", that of the table [radar]" if twice == "radar" else ""
+        raise ConfigError(f"{file}: sensors: name {twice!r} stands twice{whose}, expected each once")
     for name, parameter in scenario.parameters.items():
         for place in parameter.sets:
             if not _takes_a_value(scenario, place):
@@ -31,13 +36,15 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
 
 
 def _takes_a_value(scenario: Scenario, place: str) -> bool:
-    """Whether a dotted key, in which tables of an array go by their id or number, leads to one value of a scenario."""
+    """Whether a dotted key leads to one value of a scenario; tables of an array go by their id, name or number."""
     kinds: list[Any] = [] if place.startswith("parameters.") else [Scenario]
     here: Any = scenario
     for part in place.split("."):
         key: int | str = part
         if isinstance(here, tuple):
-            names = [getattr(one, "id", None) for one in here] + [str(number) for number in range(len(here))]
+            names = [getattr(one, "id", getattr(one, "name", None)) for one in here] + [
+                str(number) for number in range(len(here))
+            ]
             if part not in names:
                 return False
             key = names.index(part) % len(here)

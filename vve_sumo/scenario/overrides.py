@@ -60,8 +60,8 @@ def choose(
 def apply_overrides(table: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return a scenario's table with values laid in; the table handed in stays as it is.
 
-    A part of a dotted key names a table's key, the `id` of a table in a list, or its number there from 0. Tables that
-    the file does not state are made. Raises ConfigError, naming the key, where a part leads nowhere.
+    A part of a dotted key names a table's key, the `id` or `name` of a table in a list, or its number there from 0.
+    Tables that the file does not state are made. Raises ConfigError, naming the key, where a part leads nowhere.
     """
     changed: dict[str, Any] = copy.deepcopy(dict(table))
     for name, value in values.items():
@@ -105,8 +105,8 @@ def _within(table: Any, part: str, place: str) -> Any:
 
 
 def _number(rows: Sequence[Any], part: str, place: str, before: str) -> int:
-    """Return where in a list a part of a key points to: by id, else by number."""
-    ids = [row.get("id", "") if isinstance(row, dict) else "" for row in rows]
+    """Return where in a list a part of a key points to: by id or name, else by number."""
+    ids = [row.get("id", row.get("name", "")) if isinstance(row, dict) else "" for row in rows]
     if part in ids:
         return ids.index(part)
     if part.isdecimal() and int(part) < len(rows):

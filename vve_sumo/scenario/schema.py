@@ -20,8 +20,8 @@ DEFAULT_VEHICLE = "ford_fusion"
 RoadSpeed = Annotated[float, Field(ge=0.0, le=100.0)]
 
 
-class Street(Table):
-    """The virtual street and its traffic."""
+class Road(Table):
+    """The virtual road and its traffic."""
 
     network: Name = Field(description="SUMO network: a name under networks/ or a file")
     demand: tuple[Name, ...] = Field(default=(), strict=False, description="traffic: names under routes/ or files")
@@ -39,7 +39,7 @@ class Lot(Table):
 
 
 class Car(Table):
-    """How the hardware-free car differs from the car that is declared."""
+    """How the simulated vehicle differs from the car that is declared."""
 
     noise: bool = Field(default=True, description="RTK and gyro noise on or off")
     noise_factor: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
@@ -57,10 +57,10 @@ class Car(Table):
         default=0.0, description="receiver's heading minus the car's, clockwise positive"
     )
     gnss_delay_s: Annotated[float, Field(ge=0.0, le=0.5)] = Field(
-        default=0.01, description="from the epoch of a fix to the arrival of its bytes; the chain predicts it away"
+        default=0.01, description="from the epoch of a fix to the arrival of its bytes; the pipeline predicts it away"
     )
     gnss_hidden_delay_s: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
-        default=0.0, description="by which a fix is older than its epoch says; nothing in the chain can know of it"
+        default=0.0, description="by which a fix is older than its epoch says; nothing in the pipeline can know of it"
     )
 
 
@@ -112,7 +112,7 @@ class When(Table):
     )
     after_s: NotNegative | None = Field(
         default=None,
-        description="so long after the act before this one began, or after the actor entered; of `enters`: as drive_s",
+        description="so long after the previous event began, or after the actor entered; of `enters`: as drive_s",
     )
     ego_at_m: NotNegative | None = Field(default=None, description="the ego's front bumper has come so far on its path")
     ego_within_m: NotNegative | None = Field(default=None, description="the gap from the ego to the actor is no longer")
@@ -126,7 +126,7 @@ class When(Table):
 
 
 class Event(Table):
-    """What an actor does once its trigger fires; acts follow one another, each waits for the one before it to begin."""
+    """What an actor does once its trigger fires. Events are in order: each waits for the one before it to begin."""
 
     when: When = When()
     speed_mps: RoadSpeed | None = Field(default=None, description="changes its speed to this")
@@ -164,6 +164,8 @@ Kind = Literal["car", "van", "truck", "bus", "motorcycle", "bicycle", "pedestria
 class Actor(Table):
     """A road user that moves as the scenario says; SUMO's traffic sees it and reacts to it."""
 
+    FORMER: ClassVar[Mapping[str, str]] = {"acts": "events"}
+
     id: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
     kind: Kind = Field(default="car", description="decides its size, how radar sees it and what SUMO takes it for")
     length_m: Annotated[float, Field(gt=0.1, le=25.0)] | None = Field(default=None, description="instead of its kind's")
@@ -187,7 +189,7 @@ class Actor(Table):
     )
     speed_mps: RoadSpeed = Field(default=0.0, description="at which it enters")
     enters: When = Field(default=When(), description="it is on the street from then on; left out: from the start")
-    acts: tuple[Event, ...] = Field(default=(), strict=False)
+    events: tuple[Event, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")
     def _placed_once(self) -> Self:
@@ -250,6 +252,18 @@ class EndTrigger(Table):
     ttc_s: Positive | None = Field(default=None, description="the time to collision has fallen below this")
 
 
+class Sensor(Table):
+    """A virtual sensor beside the radar of `[radar]`."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")] = Field(
+        description="its name in `observation.sensors` and in the record, each once; `radar` is that of `[radar]`"
+    )
+    kind: Name = Field(description="`radar`, `file.py:make`, or an installed package's entry point")
+    settings: dict[str, bool | Finite | int | str] = Field(
+        default={}, description="the keys of its kind; of `radar` those of `[radar]`"
+    )
+
+
 class Weather(Table):
     """What of the weather changes how the car drives."""
 
@@ -277,7 +291,7 @@ class Parameter(Table):
 class Scenario(Table):
     """One drive: where, who, what is in the way, and when it counts as passed."""
 
-    FORMER: ClassVar[Mapping[str, str]] = {"abort": "end_trigger"}
+    FORMER: ClassVar[Mapping[str, str]] = {"abort": "end_trigger", "street": "road"}
 
     title: Name
     description: str = ""
@@ -288,9 +302,10 @@ class Scenario(Table):
     after_stop_s: Annotated[float, Field(ge=0.0, le=600.0)] = Field(
         default=2.0, description="the drive is over when the car has been at rest this long"
     )
-    street: Street
+    road: Road
     ego: Ego
     radar: RadarSettings = RadarSettings()
+    sensors: tuple[Sensor, ...] = Field(default=(), strict=False)
     controller: Control = Control()
     weather: Weather = Weather()
     obstacles: tuple[Obstacle, ...] = Field(default=(), strict=False)

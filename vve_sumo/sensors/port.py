@@ -1,26 +1,37 @@
-"""What a virtual sensor is to a drive: looks at the actors once a tick, and now and then has a reading.
+"""The port of sensors: what a drive asks of a kind of virtual sensor, and how a kind is found by its name.
 
-Knows neither SUMO nor the controller, and none of the sensors. What a sensor measured goes to the controller as its
-`output`; a reading's rows, which hold the truth behind it too, go to the record's table of that sensor.
+A kind is one class: the keys that a scenario may set, the columns of its table in the record, the observation that the
+controller is handed, and how a sensor is made from all this. Knows neither SUMO nor the controller, and names no
+sensor but in the table of shipped kinds. `tests/ports/sensor.py` tests any kind.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Final, Literal, NamedTuple, Protocol, get_args
 
+import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
-from vve_sumo.values import Actors, Pose, SensorOutput
+from vve_sumo.config_file import Table, complaint
+from vve_sumo.errors import ConfigError
+from vve_sumo.ports import Port
+from vve_sumo.values import Actors, Pose, SensorOutput, Vehicle
+
+#: Every kind is found by a name of this table, as `file.py:function` or by entry point; `make()` returns its class.
+PORT: Final = Port("sensor", "vve_sumo.sensors", "()", {"radar": "vve_sumo.sensors.radar_settings"})
 
 Column = Sequence[Any] | NDArray[Any]
+ColumnKind = Literal["float", "int", "int8", "bool", "str"]
 
 
-class SensorTable(NamedTuple):
-    """The table of the record that keeps a sensor's readings."""
+class SensorColumn(NamedTuple):
+    """A column of a sensor's table in the record."""
 
-    name: str
-    columns: tuple[tuple[str, str, str], ...]  #: name, kind ("float", "int8" or "str") and meaning, after `tick`
+    name: str  #: with the unit at its end, such as `range_m`
+    kind: ColumnKind  #: of its values
+    meaning: str  #: in words, for whoever reads the record
 
 
 class Reading(Protocol):
@@ -47,3 +58,62 @@ class Sensor(Protocol):
     def step(self, time: float, pose: Pose, actors: Actors) -> Reading | None:
         """Look at drive time `time` [s] from the rear axle's pose; return the reading that comes out, if any."""
         ...
+
+
+class SensorSettings(Table):
+    """What a scenario says of a sensor: a kind's class adds its keys."""
+
+    #: of the sensor's table in the record, after `tick`
+    columns: ClassVar[tuple[SensorColumn, ...]]
+    #: class of `Sensor.output`: a frozen dataclass of its date, numbers and arrays of numbers, all finite
+    observation: ClassVar[type]
+
+    def max_age(self) -> float:
+        """Return how old the output may be at a tick [s]; with an older one the drive is stopped."""
+        raise NotImplementedError
+
+    def sensor(self, vehicle: Vehicle, generator: np.random.Generator, /) -> Sensor:
+        """Return a sensor on a vehicle, which draws from this generator alone; raises ConfigError."""
+        raise NotImplementedError
+
+
+def load(kind: str) -> type[SensorSettings]:
+    """Return the class of a kind of sensor; raises ConfigError, which begins with the kind."""
+    made = PORT.make(kind, PORT.find(kind))
+    if not (isinstance(made, type) and issubclass(made, SensorSettings)):
+        raise ConfigError(f"sensor {kind}: make returned {made!r}, expected a class derived from SensorSettings")
+    if wrong := _wrong(made):
+        raise ConfigError(f"sensor {kind}: {made.__name__}: {wrong}")
+    return made
+
+
+def configured(kind: str, settings: Mapping[str, Any]) -> SensorSettings:
+    """Return the settings of a sensor of a kind; raises ConfigError naming the kind and the key that is wrong."""
+    model = load(kind)
+    try:
+        return model.model_validate(dict(settings))
+    except ValidationError as error:
+        raise ConfigError(complaint(f"sensor {kind}", error, model)) from None
+
+
+def _wrong(kind: type[SensorSettings]) -> str:
+    """Return what of a kind's class is not as the port wants it; empty where all is."""
+    declared = ("columns", "observation")
+    own = ("max_age", "sensor")
+    missing = [name for name in declared if not hasattr(kind, name)]
+    missing += [name for name in own if getattr(kind, name) is getattr(SensorSettings, name)]
+    if missing:
+        return f"lacks {', '.join(missing)}"
+    try:
+        columns = [SensorColumn(*column) for column in kind.columns]
+    except TypeError:
+        return "columns: expected a tuple of name, kind and meaning each"
+    names = [column.name for column in columns]
+    if not columns or len({*names, "tick"}) <= len(names):
+        return "columns: expected one or more, each name once and none of them 'tick'"
+    if strange := [column for column in columns if not all(isinstance(part, str) for part in column)]:
+        return f"columns: expected texts, got {strange[0]!r}"
+    kinds = get_args(ColumnKind)
+    if strange := [column for column in columns if column.kind not in kinds]:
+        return f"column {strange[0].name!r} is of kind {strange[0].kind!r}, expected {', '.join(kinds)}"
+    return ""

@@ -19,7 +19,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.sensors.chance import Luck, stream
 from vve_sumo.sensors.echo import Echo, Mount, antenna_at, echoes
 from vve_sumo.sensors.falsealarm import false_alarms
-from vve_sumo.sensors.port import Column, SensorTable
+from vve_sumo.sensors.port import Column, SensorColumn
 from vve_sumo.sensors.visibility import Sector
 from vve_sumo.values import Actors, Detections, Pose, Vehicle
 
@@ -30,15 +30,12 @@ REFERENCE_CROSS_SECTION = 10.0
 #: Name of what stands behind a false alarm: no actor has it.
 NOBODY = ""
 #: What the record keeps of a scan, a row a detection.
-TABLE = SensorTable(
-    "detections",
-    (
-        ("range_m", "float", "from the middle of the front bumper to the seen point"),
-        ("azimuth_rad", "float", "direction of the seen point from the front bumper, left positive"),
-        ("range_rate_mps", "float", "radial velocity at the antenna, opening positive"),
-        ("mode", "int8", "0 long range, 1 medium range"),
-        ("actor", "str", "what was seen: truth that no controller is told"),
-    ),
+COLUMNS = (
+    SensorColumn("range_m", "float", "from the middle of the front bumper to the seen point"),
+    SensorColumn("azimuth_rad", "float", "direction of the seen point from the front bumper, left positive"),
+    SensorColumn("range_rate_mps", "float", "radial velocity at the antenna, opening positive"),
+    SensorColumn("mode", "int8", "0 long range, 1 medium range"),
+    SensorColumn("actor", "str", "what was seen: truth that no controller is told"),
 )
 #: Dated before every drive, and empty: what a controller holds until the first scan.
 BEFORE_FIRST_SCAN = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))

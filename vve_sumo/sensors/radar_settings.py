@@ -1,18 +1,25 @@
-"""What a scenario file may say of the radar, and the radar that it means."""
+"""The radar as a kind of sensor: what a scenario may say of it, and the radar that it means."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar, Final
 
-from pydantic import BaseModel, ConfigDict, Field
+import numpy as np
+from pydantic import Field
 
-from vve_sumo.sensors.radar import RadarConfig, RadarMode
+from vve_sumo.sensors.port import Sensor, SensorColumn, SensorSettings
+from vve_sumo.sensors.radar import COLUMNS, Radar, RadarConfig, RadarMode
+from vve_sumo.values import Detections, Vehicle
+
+#: silence beyond the latency after which the radar counts as late [s]: four of its cycles
+SILENCE: Final = 0.2
 
 
-class RadarSettings(BaseModel):
+class RadarSettings(SensorSettings):
     """The virtual radar, where it differs from the Delphi ESR defaults."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    columns: ClassVar[tuple[SensorColumn, ...]] = COLUMNS
+    observation: ClassVar[type] = Detections
 
     ideal: bool = Field(
         default=False, description="no latency, noise, quanta or false alarms, every visible target detected"
@@ -43,3 +50,16 @@ class RadarSettings(BaseModel):
             false_alarms=self.false_alarms,
         )
         return config.ideal() if self.ideal else config
+
+    def max_age(self) -> float:
+        """Return how old the newest scan may be at a tick [s]."""
+        return self.latency_s + SILENCE
+
+    def sensor(self, vehicle: Vehicle, generator: np.random.Generator, /) -> Sensor:
+        """Return a radar on a vehicle."""
+        return Radar(self.config(), vehicle, generator)
+
+
+def make() -> type[SensorSettings]:
+    """Return the kind's class."""
+    return RadarSettings

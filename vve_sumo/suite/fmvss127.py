@@ -112,13 +112,13 @@ def _decelerating(
 
 def braking_lead(title: str, speed: float, headway: float, deceleration: float, last: float) -> Scenario:
     """Return the scenario of a car ahead that brakes down to a `last` speed; SI units."""
-    act = {"when": {"after_s": STEADY}, "speed_mps": last, "acceleration_mps2": deceleration, "build_up_s": RAMP}
+    event = {"when": {"after_s": STEADY}, "speed_mps": last, "acceleration_mps2": deceleration, "build_up_s": RAMP}
     return scenario(
         title,
         speed,
         lasts=STEADY + speed / deceleration + headway / speed + time_to_brake(speed),
         controller={"tuning": AEB},
-        actors=[target(speed, headway, speed_mps=speed, acts=[act])],
+        actors=[target(speed, headway, speed_mps=speed, events=[event])],
         criteria=impact_at_most(0.0),
         end_trigger={"contact": True},
     )

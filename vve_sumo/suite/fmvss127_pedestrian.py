@@ -53,7 +53,7 @@ def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> Row:
         kind="child" if walk.obstructed else "pedestrian",
         offset_m=side * kerb.aside,
         turned_deg=-90.0 * side,
-        acts=[sets_out],
+        events=[sets_out],
     )
     parked = _parked(car, speed, ahead) if walk.obstructed else []
     # There is something to brake for when he sets out, or comes in sight.

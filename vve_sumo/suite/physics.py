@@ -67,7 +67,7 @@ class Need(NamedTuple):
 def reaction_time(vehicle: Vehicle, detection: float = DETECTION) -> float:
     """Return the time from where there is something to brake for to the first brake torque [s].
 
-    Every delay of the chain that no controller can shorten is a term of this sum, and of no other.
+    Every delay of the pipeline that no controller can shorten is a term of this sum, and of no other.
     """
     return detection + TICK + vehicle.brake_delay
 

@@ -60,7 +60,7 @@ def rows_02(car: VehicleModel) -> Iterator[Row]:
 
 
 def _car(car: VehicleModel, entry: requirements.Impact, load: str, target_kmh: float) -> Iterator[Row]:
-    ahead = requirements.R152_LEAST_TTC * entry.speed * KMH
+    ahead = requirements.R152_MIN_TTC * entry.speed * KMH
     actor = {"speed_mps": target_kmh * KMH}
     kind, what = "stationary", f"car stationary, {entry.speed:g} km/h"
     if target_kmh:
@@ -69,7 +69,7 @@ def _car(car: VehicleModel, entry: requirements.Impact, load: str, target_kmh: f
 
 
 def _crossing(car: VehicleModel, kind: str, kmh: float, entry: requirements.Impact, load: str) -> Iterator[Row]:
-    time, pace = requirements.R152_LEAST_TTC, kmh * KMH
+    time, pace = requirements.R152_MIN_TTC, kmh * KMH
     ahead = time * entry.speed * KMH
     # From the right; it would be in the middle of the car's way when the car comes by.
     actor = {"kind": kind, "speed_mps": pace, "offset_m": -time * pace, "turned_deg": 90.0}
@@ -82,7 +82,7 @@ def _false_reaction() -> Iterator[Row]:
     required = "no emergency braking"
     for kmh in requirements.R152_TEST_SPEEDS:
         speed = kmh * KMH
-        ahead = requirements.R152_LEAST_TTC * speed
+        ahead = requirements.R152_MIN_TTC * speed
         what = f"between two cars {requirements.FMVSS_127_PASS_GAP:g} m apart, {kmh:g} km/h"
         yield Row(
             id=f"between_two_cars_{kmh:g}",
@@ -91,7 +91,7 @@ def _false_reaction() -> Iterator[Row]:
             scenario=scenario(
                 f"R152: {what}",
                 speed - BELOW * KMH,
-                lasts=requirements.R152_LEAST_TTC + time_to_brake(speed),
+                lasts=requirements.R152_MIN_TTC + time_to_brake(speed),
                 controller={"tuning": AEB},
                 actors=gate(speed - BELOW * KMH, ahead, requirements.FMVSS_127_PASS_GAP),
                 criteria={"emergency_used": False},

@@ -33,7 +33,7 @@ def cut_in_rows(car: VehicleModel) -> Iterator[Row]:
         speed, ttc = relative + other, requirements.cut_in_time(relative) + EARLIER
         changing, reach = intrusion(other)
         ahead = relative * (ttc + BESIDE + changing) + reach - 0.5 * LENGTH
-        act = {"when": {"after_s": BESIDE}, "offset_m": 0.0, "over_s": OVER}
+        event = {"when": {"after_s": BESIDE}, "offset_m": 0.0, "over_s": OVER}
         size = {"length_m": LENGTH, "width_m": WIDTH}
         what = f"cut-in, {kmh:g} km/h slower, {ttc:.2f} s before"
         yield Row(
@@ -44,7 +44,7 @@ def cut_in_rows(car: VehicleModel) -> Iterator[Row]:
                 f"R157: {what}",
                 speed,
                 lasts=BESIDE + OVER + ttc + time_to_brake(speed),
-                actors=[target(speed, ahead, speed_mps=other, offset_m=ASIDE, acts=[act], **size)],
+                actors=[target(speed, ahead, speed_mps=other, offset_m=ASIDE, events=[event], **size)],
                 criteria=impact_at_most(0.0),
                 end_trigger={"contact": True},
             ),

@@ -52,7 +52,7 @@ R152_BICYCLE_SPEED: Final = 15.0  #: [km/h]
 R152_BRAKING_DEMAND: Final = 5.0  #: of the service brakes in an emergency braking, at least [m/s2]
 R152_TEST_SPEEDS: Final = (20.0, 42.0, 60.0)  #: against a stationary car [km/h]
 R152_MOVING_TARGET_SPEED: Final = 20.0  #: [km/h]
-R152_LEAST_TTC: Final = 4.0  #: at the start of the functional part [s]
+R152_MIN_TTC: Final = 4.0  #: at the start of the functional part [s]
 R152_SPEED_TOLERANCE: Final = (2.0, 0.0)  #: below and above [km/h]
 
 

@@ -49,7 +49,7 @@ def scenario(title: str, speed: float, *, lasts: float, **tables: Any) -> Scenar
         "title": title,
         "duration_s": run_up + lasts,
         "after_stop_s": AT_REST,
-        "street": {"network": "test_track"},
+        "road": {"network": "test_track"},
         "ego": ego,
     }
     return Scenario.model_validate(table | tables)

@@ -21,7 +21,7 @@ STEPS, BETWEEN = ("from", "to", "step", "count"), ("min", "max", "log")
 
 EXPECTED = "expected a list, { from, to, step }, { from, to, count } or { min, max }"
 
-_LARGEST = 2**63
+_MAX_INTEGER = 2**63
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +145,7 @@ def _choice(key: str, said: list[Any]) -> Choice:
 def _good(key: str, value: Value) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError(f"{key}: expected finite numbers, got {value!r}")
-    if isinstance(value, int) and not -_LARGEST <= value < _LARGEST:
+    if isinstance(value, int) and not -_MAX_INTEGER <= value < _MAX_INTEGER:
         raise ValueError(f"{key}: {value} is too great a number")
 
 

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 CONNECT = 10.0  #: for the scheduler to answer [s]
 JOIN = 60.0  #: for a first worker [s]
-ASK = 10.0  #: for all workers to say something; one that is stuck keeps nobody longer [s]
-LOOK = 5.0  #: between two looks how many workers there are [s]
-AHEAD = 2  #: jobs that a thread of a worker holds, so that it never waits for its next
+QUERY_TIMEOUT = 10.0  #: for all workers to say something; one that is stuck keeps nobody longer [s]
+POLL_INTERVAL = 5.0  #: between two looks how many workers there are [s]
+PREFETCHED_JOBS = 2  #: jobs that a thread of a worker holds, so that it never waits for its next
 DIED = "killed: worker died"  #: fault of a run under which as many workers died as the scheduler allows
 
 
@@ -85,7 +85,7 @@ class Cluster:
                 raise ConfigError(f"cluster {self._address}: no worker has joined it within {JOIN:.0f} s") from None
             yield client
         finally:
-            _within(ASK, client.close)
+            _within(QUERY_TIMEOUT, client.close)
 
 
 class _Shift:
@@ -96,7 +96,7 @@ class _Shift:
         self._token, self._begun = uuid.uuid4().hex, 0
         self._under_way: dict[object, tuple[Job, Future[remote.Came]]] = {}
         self._finished: SimpleQueue[Future[remote.Came]] = SimpleQueue()
-        self._places, self._counted = 0, -LOOK
+        self._places, self._counted = 0, -POLL_INTERVAL
 
     def drive(self, jobs: Iterator[Job | None], done: Done) -> None:
         """Drive every job."""
@@ -112,13 +112,13 @@ class _Shift:
     def end(self) -> None:
         """Have the workers drop what is not finished, and end the servers that they keep."""
         futures = [future for _job, future in self._under_way.values()]
-        _within(ASK, lambda: self._client.cancel(futures))
+        _within(QUERY_TIMEOUT, lambda: self._client.cancel(futures))
         _everyone(self._client, remote.dismiss)
 
     def _ended(self) -> list[Future[remote.Came]]:
         """Return the next task that came to an end; none where that takes so long that workers are to be counted."""
         try:
-            return [self._finished.get(timeout=LOOK)]
+            return [self._finished.get(timeout=POLL_INTERVAL)]
         except Empty:
             return []
 
@@ -132,13 +132,13 @@ class _Shift:
                 done(job, refused(job, error))
 
     def _count(self) -> None:
-        if time.monotonic() - self._counted >= LOOK:
+        if time.monotonic() - self._counted >= POLL_INTERVAL:
             # While there is no worker at all one job waits for the next to come.
             try:
                 threads = sum(self._client.nthreads().values())
             except OSError:
                 raise _lost(self._address) from None
-            self._places = max(1, AHEAD * threads)
+            self._places = max(1, PREFETCHED_JOBS * threads)
             self._counted = time.monotonic()
 
     def _begin(self, job: Job) -> None:
@@ -203,7 +203,7 @@ def _texts(value: Any) -> Any:
 def _everyone(client: Client, call: Callable[[], Any]) -> dict[str, Any]:
     """Have every worker make a call; return their answers, or the error, without those of workers that are stuck."""
     answers: dict[str, Any] = {}
-    _within(ASK, lambda: answers.update(client.run(call, on_error="return")))
+    _within(QUERY_TIMEOUT, lambda: answers.update(client.run(call, on_error="return")))
     return answers
 
 

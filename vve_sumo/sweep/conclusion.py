@@ -10,7 +10,7 @@ from typing import Any
 
 from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.sweep_folder import read_tables
-from vve_sumo.sweep.plan import MANY, SweepQuery
+from vve_sumo.sweep.plan import MAX_RUNS, SweepQuery
 from vve_sumo.sweep.statistics import Outcome, outcome
 
 COMBINATIONS, FOUND = "combinations.csv", "search.json"
@@ -18,7 +18,7 @@ COMBINATIONS, FOUND = "combinations.csv", "search.json"
 
 def conclude(folder: Path, query: SweepQuery) -> Outcome:
     """Return what a finished sweep came to; write `combinations.csv` beside its rows, unless it has very many."""
-    parameters = list(query.plan.parameters) if query.cells.points < MANY else []
+    parameters = list(query.plan.parameters) if query.cells.points < MAX_RUNS else []
     columns = [*parameters, "passed", "fault", *NUMBERS]
     rows = (row for table in read_tables(folder) for row in table.select(columns).to_pylist())
     came = outcome(rows, parameters, NUMBERS)

@@ -44,18 +44,18 @@ class Local:
 
     def run(self, jobs: Iterable[Job | None], done: Done) -> None:
         """Drive every job; see `Engine.run`."""
-        crew = [Worker(self._report) for _ in range(self._workers)]
+        workers = [Worker(self._report) for _ in range(self._workers)]
         try:
-            self._drive(crew, iter(jobs), done)
+            self._drive(workers, iter(jobs), done)
         finally:
-            for worker in crew:
+            for worker in workers:
                 worker.dismiss()
-            for worker in crew:
+            for worker in workers:
                 worker.kill()
 
-    def _drive(self, crew: list[Worker], jobs: Iterator[Job | None], done: Done) -> None:
+    def _drive(self, workers: list[Worker], jobs: Iterator[Job | None], done: Done) -> None:
         driven: dict[Worker, Job] = {}
-        for worker in crew:
+        for worker in workers:
             _give(worker, driven, jobs, done)
         while driven:
             for worker in _spoken(driven):
@@ -66,7 +66,7 @@ class Local:
                 job = driven.pop(worker)
                 _give(worker, driven, jobs, done)
                 done(job, result)
-            for worker in crew:
+            for worker in workers:
                 if worker not in driven:
                     _give(worker, driven, jobs, done)
 

@@ -64,9 +64,7 @@ def _stamp(file: FilePath) -> _Stamp:
     return _Stamp(file, state.st_mtime_ns, state.st_size)
 
 
-def setting_of(job: Job, readings: InputCache) -> ResolvedScenario:
-    """Return the setting of a job; raises ConfigError for whatever in it is missing or wrong."""
+def resolve_job(job: Job, cache: InputCache) -> ResolvedScenario:
+    """Return the resolved scenario of a job; raises ConfigError for whatever in it is missing or wrong."""
     scenario = parse(job.table, job.file)
-    return resolve_scenario(
-        job.name, scenario, job.file, job.working, network_in=readings.network, path_in=readings.path
-    )
+    return resolve_scenario(job.name, scenario, job.file, job.working, network_in=cache.network, path_in=cache.path)

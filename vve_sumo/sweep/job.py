@@ -25,7 +25,7 @@ CHUNK = 65536  #: what is read from a pipe at once [bytes]
 CONFIG = "config: "
 #: how a fault begins that every further run would meet as well
 DISK_FULL = "disk_full"
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT)  #: what a full disk and a full quota say
+DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT)  #: what a full disk and a full quota say
 
 Figure = float | int | str | bool | None
 
@@ -126,18 +126,18 @@ def _place(value: object) -> str:
 def _known(line: str, kind: str, fields: dict[str, tuple[type, ...]]) -> dict[str, Any]:
     """Return the fields in a line; raises ConfigError unless they are the ones wanted, each of its type."""
     try:
-        told: Any = json.loads(line, parse_constant=_refuse)
+        data: Any = json.loads(line, parse_constant=_refuse)
     except ValueError as error:
         raise ConfigError(f"{kind}: expected a line of JSON, {error}: {line[:80]!r}") from None
-    version = told.pop("version", None) if isinstance(told, dict) else None
+    version = data.pop("version", None) if isinstance(data, dict) else None
     if version != VERSION:
         raise ConfigError(f"{kind}: expected version {VERSION}, got {version!r}: another vve-sumo wrote it")
-    if told.keys() != fields.keys():
-        raise ConfigError(f"{kind}: expected the keys {', '.join(fields)}, got {', '.join(told)}")
+    if data.keys() != fields.keys():
+        raise ConfigError(f"{kind}: expected the keys {', '.join(fields)}, got {', '.join(data)}")
     for name, types in fields.items():
-        if type(told[name]) not in types:
-            raise ConfigError(f"{kind}: {name}: expected a {types[0].__name__}, got {told[name]!r}")
-    return dict(told)
+        if type(data[name]) not in types:
+            raise ConfigError(f"{kind}: {name}: expected a {types[0].__name__}, got {data[name]!r}")
+    return dict(data)
 
 
 def _refuse(constant: str) -> None:

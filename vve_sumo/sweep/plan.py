@@ -28,7 +28,7 @@ from vve_sumo.sweep.search import least_runs
 from vve_sumo.sweep.spec import Boundary, Spec, Worst, fit, parse_spec
 
 #: runs that nobody starts by mistake
-MANY = 100_000
+MAX_RUNS = 100_000
 #: rows of a list that are tried before it is driven
 TRIED = 32
 
@@ -78,7 +78,7 @@ def planned(
     fit(spec, file, table, frozenset(COLUMNS) | {f"meets_{name}" for name in Criteria.model_fields})
     cells = cells_of(spec, scenario_file.name.removesuffix(".toml"), settings)
     count, criteria = least_runs(cells), _criteria(spec, settings, table)
-    if count >= MANY and not yes:
+    if count >= MAX_RUNS and not yes:
         raise ConfigError(f"{file}: {count:,} runs; --yes drives that many")
     _sought(spec.search, criteria, file)
     plan = Plan(

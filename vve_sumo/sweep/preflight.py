@@ -15,11 +15,11 @@ from collections.abc import Iterator, Sequence
 from typing import IO, NamedTuple
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.sweep.input_cache import InputCache, setting_of
+from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import CHUNK, Job
 from vve_sumo.sweep.worker import search_path
 
-PATIENCE = 60.0  #: for one run to be looked at [s]
+TIMEOUT = 60.0  #: for one run to be looked at [s]
 
 
 class Look(NamedTuple):
@@ -34,7 +34,7 @@ def look(jobs: Sequence[Job]) -> list[Look]:
 
     There are fewer where a controller ended the process, or hung: what it then does to a drive is the row's to say.
     """
-    told = "".join(f"{job.to_json()}\n" for job in jobs)
+    chunk = "".join(f"{job.to_json()}\n" for job in jobs)
     # Not of multiprocessing, which starts nothing from within a worker of a cluster.
     child = subprocess.Popen(
         [sys.executable, "-P", "-m", "vve_sumo.sweep.preflight"],
@@ -46,7 +46,7 @@ def look(jobs: Sequence[Job]) -> list[Look]:
     assert child.stdout is not None
     try:
         with contextlib.suppress(BrokenPipeError), child.stdin:
-            child.stdin.write(told.encode())
+            child.stdin.write(chunk.encode())
         return [Look(*json.loads(line)) for line in _lines(child.stdout, len(jobs))]
     finally:
         child.kill()
@@ -62,8 +62,8 @@ def _lines(pipe: IO[bytes], count: int) -> Iterator[bytes]:
         if end:
             heard, count = rest, count - 1
             yield line
-        elif select.select([pipe], [], [], PATIENCE)[0] and (told := os.read(pipe.fileno(), CHUNK)):
-            heard += told
+        elif select.select([pipe], [], [], TIMEOUT)[0] and (chunk := os.read(pipe.fileno(), CHUNK)):
+            heard += chunk
         else:
             return
 
@@ -72,13 +72,13 @@ def main() -> None:
     """Look at a job a line on stdin; say on stdout, a line each, what is known of it."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what a controller prints must not come between
-    readings = InputCache()
+    cache = InputCache()
     for line in sys.stdin.read().splitlines():
         job = Job.from_json(line)
         try:
-            setting = setting_of(job, readings)
-            setting.controller(job.working)
-            seen = Look("", setting.resolved(job.working)["files_sha256"])
+            resolved = resolve_job(job, cache)
+            resolved.controller(job.working)
+            seen = Look("", resolved.to_dict(job.working)["files_sha256"])
         except ConfigError as error:
             seen = Look(str(error), {})
         answers.write(f"{json.dumps(seen)}\n")

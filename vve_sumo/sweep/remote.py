@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.sweep.job import DISK_FULL, NO_ROOM, Job, Result
+from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Job, Result
 from vve_sumo.sweep.preflight import look
 from vve_sumo.sweep.worker import Worker
 
 if TYPE_CHECKING:
     import distributed
 
-LOOK = 0.2  #: between two looks whether a run is still wanted [s]
+POLL_INTERVAL = 0.2  #: between two looks whether a run is still wanted [s]
 #: states of a Dask worker in which it can still hand in a result
 ALIVE = frozenset({"running", "paused", "closing_gracefully"})
 
@@ -66,7 +66,7 @@ def drive(line: str, site: Site) -> Came:
     except SimulationError as error:
         raise SimulationError(f"worker {me.address}: {error}") from None
     except OSError as error:
-        if error.errno not in NO_ROOM:
+        if error.errno not in DISK_FULL_ERRNOS:
             raise SimulationError(f"worker {me.address}: {error}") from None
         result = Result(job.key, fault=f"{DISK_FULL}: {tempfile.gettempdir()}")
     if result.fault.startswith(DISK_FULL):
@@ -85,7 +85,7 @@ def _driven(job: Job, me: distributed.Worker) -> Result:
     try:
         worker.submit(job)
         while (result := worker.result()) is None:
-            select.select([worker], [], [], LOOK)
+            select.select([worker], [], [], POLL_INTERVAL)
             if not _wanted(me, key):
                 raise distributed.Reschedule
     except BaseException:

@@ -8,16 +8,17 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from vve_sumo.drive.resolved_scenario import ResolvedScenario, changed_code, versions
+from vve_sumo.drive import plugged_in
+from vve_sumo.drive.resolved_scenario import ResolvedScenario, versions
 from vve_sumo.drive.run import Drive
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.table import NUMBERS
-from vve_sumo.record.record import claim
 from vve_sumo.record.sweep_folder import Plan, Row, read_tables
+from vve_sumo.record.writer import claim
 from vve_sumo.scenario.load import parse
 from vve_sumo.sweep.dataset import refuse_mixed
 from vve_sumo.sweep.engine import run_one
-from vve_sumo.sweep.input_cache import InputCache, setting_of
+from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import Job, Result
 from vve_sumo.sweep.plan import job_of
 from vve_sumo.sweep.preflight import look
@@ -62,15 +63,15 @@ class Rerun:
 
     def resolved(self) -> ResolvedScenario:
         """Return the scenario that was driven."""
-        return setting_of(self.job, InputCache())
+        return resolve_job(self.job, InputCache())
 
 
 def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None]) -> Rerun:
     """Drive one run of a dataset again and keep its record in `out`, or with the dataset.
 
     `warn` takes a line for every file that has changed since the sweep began, before the run is driven. Raises
-    ConfigError where there is no such run, for other versions, for a controller whose code is not the sweep's, and for
-    a record that is there already.
+    ConfigError where there is no such run, for other versions, for a controller or a sensor whose code is not
+    the sweep's, and for a record that is there already.
     """
     plan = Plan.of(folder)
     refuse_mixed(folder, plan, versions())
@@ -84,9 +85,9 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
         raise ConfigError(f"{error}; name another with --out DIR") from None
     run = RunSpec(row["number"], key, {name: row[name] for name in plan.parameters}, row["seed"])
     job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), run, record)
-    controller = parse(job.table, job.file).controller.name
-    if changed := changed_code(controller, plan.files_sha256, job.working):
-        advice = "a sweep into another folder drives the controller as it is now"
+    parts = plugged_in.of_scenario(parse(job.table, job.file), job.working)
+    if changed := [line for part in parts for line in part.changed(plan.files_sha256)]:
+        advice = "a sweep into another folder drives it as it is now"
         raise ConfigError(f"{folder}: {changed[0]}: not run; {advice}")
     for role in _changed_files(plan, job):
         warn(f"the file of {role} has changed since the sweep began")

@@ -13,26 +13,26 @@ from pathlib import Path as FilePath
 from typing import Any
 
 from vve_sumo.drive import run as drives
-from vve_sumo.drive.progress import DriveProgress, reported
-from vve_sumo.drive.summary import judge
+from vve_sumo.drive.progress import DriveProgress, progress_watch
+from vve_sumo.drive.summary import unmet_criteria
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
-from vve_sumo.record import record
+from vve_sumo.record.writer import claim as claim_folder
 from vve_sumo.scenario.schema import Criteria, Scenario
-from vve_sumo.sweep.input_cache import InputCache, setting_of
-from vve_sumo.sweep.job import DISK_FULL, NO_ROOM, Figure, Job, Result, finite, refused
+from vve_sumo.sweep.input_cache import InputCache, resolve_job
+from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Figure, Job, Result, finite, refused
 
 #: of a summary, what says which drive it was, not how it went, or differs with the place where it was driven
 NOT_FIGURES = frozenset(
     {"scenario", "title", "seed", "controller", "versions", "record_parts_sha256", "record_files_sha256"}
 )
-LONGEST_TEXT = 500  #: characters of what went wrong, in its own words
+MAX_TEXT_LENGTH = 500  #: characters of what went wrong, in its own words
 #: an object's place in memory, which is another in every process
 ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
 
 
 def run_job(
-    job: Job, scratch: FilePath, readings: InputCache, report: Callable[[DriveProgress], None] = lambda progress: None
+    job: Job, scratch: FilePath, cache: InputCache, report: Callable[[DriveProgress], None] = lambda progress: None
 ) -> Result:
     """Drive a job in this process, which SUMO allows once, and return its figures, or the fault that kept it from any.
 
@@ -40,11 +40,11 @@ def run_job(
     `report` is called now and then with how far the drive has come.
     """
     try:
-        setting = setting_of(job, readings)
+        resolved = resolve_job(job, cache)
         claim(job)
         folder, kept = growing(job, scratch), job.keep is not None
-        watch = reported(setting.path.length, report)
-        summary = drives.run(setting, folder, job.working, pose=job.pose, kept=kept, watch=watch).summary
+        watch = progress_watch(resolved.path.length, report)
+        summary = drives.run(resolved, folder, job.working, pose=job.pose, kept=kept, watch=watch).summary
     except ConfigError as error:
         return refused(job, error)
     except Exception as error:
@@ -54,11 +54,11 @@ def run_job(
         return _broken(job, scratch, text)
     if summary["outcome"] == Outcome.INTERRUPTED:
         return Result(job.key, fault="interrupted")
-    return Result(job.key, figures_of(setting.scenario, summary | {"text": text}))
+    return Result(job.key, figures_of(resolved.scenario, summary | {"text": text}))
 
 
 def _broken(job: Job, scratch: FilePath, text: str) -> Result:
-    if any(f"[Errno {number}]" in text for number in NO_ROOM):
+    if any(f"[Errno {number}]" in text for number in DISK_FULL_ERRNOS):
         return Result(job.key, fault=f"{DISK_FULL}: {scratch.parent if job.keep is None else job.keep.parent}")
     return Result(job.key, fault=f"broken: {_told(text, scratch)}")
 
@@ -82,13 +82,14 @@ def meets(criteria: Criteria, summary: dict[str, Any]) -> dict[str, bool]:
     none = dict.fromkeys(Criteria.model_fields)
     stated = {name: wanted for name, wanted in criteria if wanted is not None}
     return {
-        name: not judge(Criteria.model_construct(**none | {name: wanted}), summary) for name, wanted in stated.items()
+        name: not unmet_criteria(Criteria.model_construct(**none | {name: wanted}), summary)
+        for name, wanted in stated.items()
     }
 
 
 def _told(text: str, scratch: FilePath) -> str:
     """Return what a drive said as one line that does not depend on where it was driven."""
-    return ADDRESS.sub("0x...", " ".join(text.split()).replace(str(scratch), "record"))[:LONGEST_TEXT]
+    return ADDRESS.sub("0x...", " ".join(text.split()).replace(str(scratch), "record"))[:MAX_TEXT_LENGTH]
 
 
 def growing(job: Job, scratch: FilePath) -> FilePath:
@@ -99,7 +100,7 @@ def growing(job: Job, scratch: FilePath) -> FilePath:
 def claim(job: Job) -> None:
     """Raise ConfigError where something that is no record lies in the way of the one to keep."""
     if job.keep is not None and job.keep.exists() and not (job.keep / "scenario.json").is_file():
-        record.claim(job.keep)
+        claim_folder(job.keep)
 
 
 def tidy(job: Job, scratch: FilePath, *, keep: bool) -> None:

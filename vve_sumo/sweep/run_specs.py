@@ -20,7 +20,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.overrides import Value
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sweep.axes import Axis, Between
-from vve_sumo.sweep.spec import GREATEST_SEED, SAMPLED, Spec, Worst
+from vve_sumo.sweep.spec import MAX_SEED, SAMPLED, Spec, Worst
 
 #: points that are drawn at a time; a power of two, for Sobol's sequence
 CHUNK = 4096
@@ -135,6 +135,6 @@ def cells_of(spec: Spec, name: str, scenario: Scenario) -> RunSpecs:
     """Return the runs of a sweep over the scenario `name`; raises ConfigError where they need seeds beyond the last."""
     if not isinstance(spec.seeds, int):
         return RunSpecs(spec, name, spec.seeds)
-    if scenario.seed + spec.seeds - 1 > GREATEST_SEED:
-        raise ConfigError(f"seeds: {spec.seeds} seeds from the scenario's {scenario.seed} go beyond {GREATEST_SEED}")
+    if scenario.seed + spec.seeds - 1 > MAX_SEED:
+        raise ConfigError(f"seeds: {spec.seeds} seeds from the scenario's {scenario.seed} go beyond {MAX_SEED}")
     return RunSpecs(spec, name, range(scenario.seed, scenario.seed + spec.seeds))

@@ -32,15 +32,15 @@ from vve_sumo.drive.provenance import software
 from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep import process_tree
-from vve_sumo.sweep.input_cache import InputCache, setting_of
+from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import CHUNK, READY, Job, Result, progress_line
 from vve_sumo.sweep.run import run_job, tidy
 
-LOOK = 0.05  #: between two looks at a run's time and memory [s], in which a run may take some 100 MB more
-LOOK_AROUND = 1.0  #: between two looks at what a run has started, which costs a millisecond or more [s]
-IDLE = 1.0  #: between two looks whether the parent is still there, while there is nothing to do [s]
-KEPT = 8192  #: bytes of what a run prints last that are kept while it runs
-TOLD = 2000  #: characters of them that are told of a run with a fault
+POLL_INTERVAL = 0.05  #: between two looks at a run's time and memory [s], in which a run may take some 100 MB more
+PROCESS_POLL_INTERVAL = 1.0  #: between two looks at what a run has started, which costs a millisecond or more [s]
+IDLE_POLL_INTERVAL = 1.0  #: between two looks whether the parent is still there, while there is nothing to do [s]
+MAX_OUTPUT_BYTES = 8192  #: bytes of what a run prints last that are kept while it runs
+MAX_OUTPUT_CHARACTERS = 2000  #: characters of them that are told of a run with a fault
 
 #: signals by which a process says that it broke; by any other it was ended from outside
 OWN_FAULT = frozenset({"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGSYS", "SIGTRAP"})
@@ -60,18 +60,18 @@ class Child:
     voice: int  #: pipe on which its prints come
     begun: float  #: monotonic [s]
     looked_around: float  #: when what it has started was last looked for, monotonic [s]
-    told: bytes = b""  #: of its result
+    received: bytes = b""  #: of its result
     said: bytes = b""  #: the last of its prints
     others_mb: float = 0.0  #: memory of what it has started, at the last look around [10^6 bytes]
 
     def listen(self) -> None:
         """Take in what the pipes hold, without waiting for more."""
-        self.told += _drain(self.answer)
-        self.said = (self.said + _drain(self.voice))[-KEPT:]
+        self.received += _drain(self.answer)
+        self.said = (self.said + _drain(self.voice))[-MAX_OUTPUT_BYTES:]
 
     def lines(self) -> list[bytes]:
         """Return the whole lines of what was told, which a result is not, and forget them."""
-        *lines, self.told = self.told.split(b"\n")
+        *lines, self.received = self.received.split(b"\n")
         return lines
 
     def close(self) -> None:
@@ -95,7 +95,7 @@ class Server:
         self._parent, self._scratch = parent, scratch
         self._jobs, self._results = jobs, results
         self._waiting = b""  #: of the jobs' pipe, what was read but not yet done
-        self._readings = InputCache()
+        self._cache = InputCache()
         self._warmed: tuple[object, ...] = ()
 
     def serve(self) -> None:
@@ -137,7 +137,7 @@ class Server:
         if pid == 0:
             os.close(self._jobs)
             os.close(self._results)
-            drive = partial(run_job, job, self._scratch, self._readings)
+            drive = partial(run_job, job, self._scratch, self._cache)
             if job.progress:
                 drive = partial(drive, report=partial(_report, answers))
             _live(drive, server, answers, voices)
@@ -153,7 +153,7 @@ class Server:
         for descriptor in (child.handle, child.voice, child.answer, self._jobs):
             poll.register(descriptor, select.POLLIN)
         while True:
-            events = dict(poll.poll(1000.0 * LOOK))
+            events = dict(poll.poll(1000.0 * POLL_INTERVAL))
             child.listen()
             for line in child.lines():
                 self._say(line.decode())
@@ -173,16 +173,16 @@ class Server:
     def _warm(self, job: Job) -> None:
         """Read a job's files for those that come; its own run came to an end with them, so they are fit to be read."""
         actors = [actor.get("path") for actor in job.table.get("actors", ())]
-        files = (job.file, job.working, job.table["street"], job.table["ego"]["path"], actors)
+        files = (job.file, job.working, job.table["road"], job.table["ego"]["path"], actors)
         if files != self._warmed:
             self._warmed = files
             with contextlib.suppress(Exception):
-                setting_of(job, self._readings)
+                resolve_job(job, self._cache)
 
     def _next(self) -> str:
         """Return the next job's line."""
         while b"\n" not in self._waiting:
-            if select.select([self._jobs], [], [], IDLE)[0]:
+            if select.select([self._jobs], [], [], IDLE_POLL_INTERVAL)[0]:
                 self._hear()
             self._look_up()
         line, _newline, self._waiting = self._waiting.partition(b"\n")
@@ -210,7 +210,7 @@ class Server:
 def _held(child: Child) -> float:
     """Return the memory of a run and of what it has started [10^6 bytes]."""
     now = time.monotonic()
-    if now - child.looked_around >= LOOK_AROUND:
+    if now - child.looked_around >= PROCESS_POLL_INTERVAL:
         child.looked_around = now
         others = (one for one in process_tree.descendants(os.getpid()) if one != child.pid)
         child.others_mb = sum(map(process_tree.resident, others)) / 1e6
@@ -226,7 +226,7 @@ def _result(job: Job, child: Child, status: int, limit: str) -> Result:
         fault = f"{'crashed' if name in OWN_FAULT else 'killed'}: {name}"
     else:
         with contextlib.suppress(ConfigError, UnicodeDecodeError):
-            result = Result.from_json(child.told.decode())
+            result = Result.from_json(child.received.decode())
             return result if not result.fault else replace(result, said=_text(child.said))
         fault = f"exited: {os.WEXITSTATUS(status)}"
     return Result(job.key, fault=fault, said=_text(child.said))
@@ -242,7 +242,7 @@ def _signal_name(number: int) -> str:
 def _text(said: bytes) -> str:
     # A crash ends with the names of a hundred extension modules, which tell nobody where it happened.
     text = re.sub(r"(?m)^Extension modules: .*$", "", said.decode(errors="replace"))
-    return text.strip()[-TOLD:]
+    return text.strip()[-MAX_OUTPUT_CHARACTERS:]
 
 
 def _report(answers: int, progress: DriveProgress) -> None:

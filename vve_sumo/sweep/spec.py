@@ -22,19 +22,19 @@ from vve_sumo.sweep.axes import Axis, Between, Choice, Steps, axes
 #: designs that draw `samples` points, and those that take every value that is listed
 SAMPLED, LISTED = ("latin_hypercube", "sobol", "random"), ("grid", "list")
 
-GREATEST_SEED = 2**31 - 1
+MAX_SEED = 2**31 - 1
 KEY = re.compile("[0-9a-f]{16}")
 
 Keep = Literal["none", "failed", "all"] | tuple[str, ...]
 
 
 def _seeds(said: object) -> int | tuple[int, ...]:
-    if isinstance(said, int) and not isinstance(said, bool) and 1 <= said <= GREATEST_SEED:
+    if isinstance(said, int) and not isinstance(said, bool) and 1 <= said <= MAX_SEED:
         return said
     if not isinstance(said, (list, tuple)) or not said:
         raise ValueError("expected how many, 1 or more, or a list of seeds")
-    if not all(type(seed) is int and 0 <= seed <= GREATEST_SEED for seed in said):
-        raise ValueError(f"expected seeds from 0 to {GREATEST_SEED}")
+    if not all(type(seed) is int and 0 <= seed <= MAX_SEED for seed in said):
+        raise ValueError(f"expected seeds from 0 to {MAX_SEED}")
     if len(set(said)) < len(said):
         raise ValueError("expected each seed once")
     return tuple(said)

@@ -48,7 +48,7 @@ class Outcome:
     groups: dict[tuple[Any, ...], Group] = field(default_factory=dict)  #: by the parameters' values, in cell order
     faults: Counter[str] = field(default_factory=Counter)  #: how often each, of the runs without figures
 
-    def told(self) -> Iterator[str]:
+    def lines(self) -> Iterator[str]:
         """Return a line for every kind of fault, the most frequent first."""
         return (f"{count} x {fault}" for fault, count in self.faults.most_common())
 

@@ -16,7 +16,7 @@ from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sweep.plan import SweepQuery, planned
 
-#: what is varied: a delay that nothing in the chain can know of, and the size of the receiver's noise
+#: what is varied: a delay that nothing in the pipeline can know of, and the size of the receiver's noise
 DELAY, NOISE = "ego.car.gnss_hidden_delay_s", "ego.car.noise_factor"
 #: steps where nothing else is said [ms]: to half a second, beyond what the shipped steering bears
 DELAYS_MS: Final = tuple(float(delay) for delay in range(0, 501, 50))
@@ -45,7 +45,7 @@ def cliff_study(
     scenario = load(workspace.find("scenario", name, working))
     delays = _rising("--delays-ms", DELAYS_MS if delays_ms is None else delays_ms, GREATEST_MS)
     said: dict[str, Any] = {
-        "title": f"Latency and noise cliff of {name}",
+        "title": f"Latency margin of {name}",
         "scenario": name,
         "seeds": _seeds(scenario) if seeds is None else _whole(seeds),
         "parameters": {DELAY: [delay / 1000.0 for delay in delays], NOISE: _factors(name, scenario, factors)},
@@ -63,7 +63,7 @@ def _factors(name: str, scenario: Scenario, factors: Sequence[float] | None) -> 
 
 
 def _seeds(scenario: Scenario) -> int:
-    certain = not scenario.ego.car.noise and scenario.radar.ideal and not scenario.street.demand
+    certain = not scenario.ego.car.noise and scenario.radar.ideal and not scenario.road.demand
     return 1 if certain else SEEDS
 
 

@@ -24,8 +24,8 @@ from vve_sumo.errors import SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.job import CHUNK, READY, Job, Result, progress_of
 
-TRIES = 2  #: how often a job is begun: a server that is killed from outside is not the run's fault
-PATIENCE = 5.0  #: for a server to tidy up after its stdin was closed, before it is killed [s]
+MAX_ATTEMPTS = 2  #: how often a job is begun: a server that is killed from outside is not the run's fault
+SHUTDOWN_TIMEOUT = 5.0  #: for a server to tidy up after its stdin was closed, before it is killed [s]
 
 #: One thread, or forking would not be safe; and the same order of a set's texts in every process.
 SINGLE = {
@@ -58,7 +58,7 @@ class _Server:
         """End it and all that it started, leave no file."""
         self.jobs.close()
         try:
-            self.process.wait(PATIENCE)
+            self.process.wait(SHUTDOWN_TIMEOUT)
         except subprocess.TimeoutExpired:
             pass
         finally:
@@ -145,12 +145,12 @@ class Worker:
         A server that died is started anew with the same job, once. Raises SimulationError where it can't be started.
         """
         server = self.start()
-        told: bytes | None = server.results.read(CHUNK)
-        if told is None:
+        data: bytes | None = server.results.read(CHUNK)
+        if data is None:
             return None
-        if told == b"":
+        if data == b"":
             return self._died(server)
-        server.heard += told
+        server.heard += data
         while b"\n" in server.heard:
             line, _newline, server.heard = server.heard.partition(b"\n")
             if line.decode() == READY:
@@ -181,7 +181,7 @@ class Worker:
             raise SimulationError(f"sweep: the process that forks runs ended at its start with code {code}: {word}")
         if job is None:
             return None
-        if self._tries < TRIES:
+        if self._tries < MAX_ATTEMPTS:
             self._job = job
             self._tell(job.to_json())
             return None

@@ -17,9 +17,9 @@ from vve_sumo.vehicle.calibration import GRAVITY, Calibration
 INTEGRAL_GAIN: Final = 3.0
 CORRECTION_LIMIT: Final = 1.5  # largest correction [m/s2]: 15 % mass, 10 % brake gain and 3 % grade at 3.5 m/s2
 PEDAL_BAND: Final = 0.10  # a change of pedals needs this much force beyond zero, over mass [m/s2]; 1 % of grade
-START: Final = 0.10  # leaving standstill needs a wish above this [m/s2]
-REST: Final = 0.05  # slower than this is standing [m/s]; wheel-speed sensors resolve 3 mm/s
-ROLL_BACK: Final = 0.10  # faster backwards than this is rolling away [m/s]
+START_ACCELERATION: Final = 0.10  # leaving standstill needs a request above this [m/s2]
+REST_SPEED: Final = 0.05  # slower than this is standing [m/s]; wheel-speed sensors resolve 3 mm/s
+ROLL_BACK_SPEED: Final = 0.10  # faster backwards than this is rolling away [m/s]
 HOLD_GRADE: Final = 0.10  # standing is held on any grade up to this, whatever the grade is believed to be
 HOLD_MARGIN: Final = 1.3  # covers 15 % mass and 10 % brake gain
 HOLD_RATE: Final = 3000.0  # of the holding torque, both ways [N m/s]; full hold within a third of a second
@@ -43,7 +43,7 @@ class Actuation:
         self._calibration = calibration
         self._brake_delay, self._brake_lag = brake_delay, brake_lag
         self._time = 0.0  # its own, by the steps' lengths [s]
-        self._delayed: deque[tuple[float, float]] = deque()  # time and wish
+        self._delayed: deque[tuple[float, float]] = deque()  # time and requested acceleration
         creep = calibration.creep_force / calibration.mass
         hold_torque = HOLD_MARGIN * calibration.brake_gain * (creep + GRAVITY * HOLD_GRADE)
         self._hold_torque = min(hold_torque, calibration.brake_torque_limit)
@@ -67,9 +67,9 @@ class Actuation:
         """
         if self._stands(acceleration, speed):
             return self._hold(speed, elapsed)
-        wish = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, speed, elapsed)
+        requested = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, speed, elapsed)
         slope = min(max(math.sin(grade), -HOLD_GRADE), HOLD_GRADE)
-        force = self._calibration.mass * (wish + GRAVITY * slope)
+        force = self._calibration.mass * (requested + GRAVITY * slope)
         force += self._calibration.drag(speed) - self._calibration.creep(speed)
         return self._pedals(force, speed, brakes_only)
 
@@ -81,10 +81,10 @@ class Actuation:
 
     def _stands(self, acceleration: float, speed: float) -> bool:
         if self._holding:
-            if acceleration > START and speed > -ROLL_BACK:
+            if acceleration > START_ACCELERATION and speed > -ROLL_BACK_SPEED:
                 self._holding = False
                 self._restart()
-        elif (acceleration <= 0.0 and speed < REST) or speed < -ROLL_BACK:
+        elif (acceleration <= 0.0 and speed < REST_SPEED) or speed < -ROLL_BACK_SPEED:
             self._holding = True
             self._hold_target = self._hold_torque
         return self._holding
@@ -98,7 +98,7 @@ class Actuation:
         self._last_speed = math.nan
 
     def _hold(self, speed: float, elapsed: float) -> Pedals:
-        if abs(speed) >= REST and self._torque >= self._hold_target:
+        if abs(speed) >= REST_SPEED and self._torque >= self._hold_target:
             # It rolls although it is held: a steeper grade than any it was built for. All there is, and for good.
             self._hold_target = self._calibration.brake_torque_limit
         change = HOLD_RATE * elapsed
@@ -110,8 +110,8 @@ class Actuation:
         """Reference speed minus measured speed, bounded, and frozen against a pedal that gives no more."""
         lag = self._calibration.drive_lag if self._driving else self._brake_lag
         blend = elapsed / (lag + elapsed) if elapsed > 0.0 else 0.0
-        wished = self._wished(acceleration, elapsed)
-        self._reference_acceleration += blend * (wished - self._reference_acceleration)
+        reference = self._reference_target(acceleration, elapsed)
+        self._reference_acceleration += blend * (reference - self._reference_acceleration)
         change = self._reference_acceleration * elapsed - (speed - self._last_speed)
         self._last_speed = speed
         if change != change or change * self._saturation > 0.0:
@@ -120,8 +120,8 @@ class Actuation:
         self._error = min(max(self._error + change, -bound), bound)
         return self._error
 
-    def _wished(self, acceleration: float, elapsed: float) -> float:
-        """The wish that the speed of this step answers to: a step ago and the brakes' delay, to half a step."""
+    def _reference_target(self, acceleration: float, elapsed: float) -> float:
+        """The request that this step's speed answers to: a step and the brakes' delay ago, to half a step."""
         self._time += elapsed
         delayed = self._delayed
         delayed.append((self._time, acceleration))

@@ -23,7 +23,7 @@ PUSH_SHARE: Final = 1.5
 PUSH_MARGIN: Final = 0.3  # [m/s2]
 SPEED_EXCESS: Final = 0.25  # faster than the weakest car that is still sound by this is a fault [m/s]
 SATELLITE_EXCESS: Final = 0.10  # and by the receiver's speed this much at least, where it is known [m/s]
-ROLLING: Final = 0.5  # slower than this nothing is judged: creep, holding and the grade are not known well [m/s]
+MIN_SPEED: Final = 0.5  # slower than this nothing is judged: creep, holding and the grade are not known well [m/s]
 ACCELERATION_LAG: Final = 0.1  # of the measured acceleration [s]
 
 
@@ -50,12 +50,12 @@ class BrakeMonitor:
         self._excess = self._satellite_excess = 0.0
 
     def step(
-        self, elapsed: float, told: Pedals, wheels: float, satellite: float, grade: float
+        self, elapsed: float, pedals: Pedals, wheels: float, satellite: float, grade: float
     ) -> list[str]:  # fmt: skip
         """Reason codes at speeds `wheels` and `satellite` [m/s], NaN where one is not known, on `grade` [rad]."""
         before, self._speeds = self._speeds, (wheels, satellite)
-        self._follow(elapsed, told)
-        if before is None or elapsed <= 0.0 or not wheels > ROLLING:
+        self._follow(elapsed, pedals)
+        if before is None or elapsed <= 0.0 or not wheels > MIN_SPEED:
             self._excess = self._satellite_excess = 0.0
             return []
         gained, satellite_gained = wheels - before[0], satellite - before[1]
@@ -71,16 +71,16 @@ class BrakeMonitor:
             return []
         return ["brake_not_following" if self._torque > 0.0 else "drive_not_following"]
 
-    def _follow(self, elapsed: float, told: Pedals) -> None:
+    def _follow(self, elapsed: float, pedals: Pedals) -> None:
         """Let brakes and engine answer to what they were told."""
         self._time += elapsed
         queue = self._told
-        queue.append((self._time, told.brake_torque))
+        queue.append((self._time, pedals.brake_torque))
         while len(queue) > 1 and queue[1][0] <= self._time - self._delay:
             queue.popleft()
         if elapsed > 0.0:
             self._torque += (queue[0][1] - self._torque) * elapsed / (self._lag + elapsed)
-        if told.throttle > 0.0:
+        if pedals.throttle > 0.0:
             self._push = math.inf
             return
         if self._push == math.inf:

@@ -1,6 +1,6 @@
 """What a car does with a brake torque and a throttle opening: its calibration, and the maps both ways.
 
-Forces along the car, from numbers measured on that car; the hardware-free car is built from the same ones.
+Forces along the car, from numbers measured on that car; the simulated vehicle is built from the same ones.
 It knows no controller, no frame and no time.
 """
 
@@ -24,7 +24,7 @@ class Calibration:
 
     mass: float  #: with occupants [kg]
     brake_gain: float  #: brake torque of all wheels for each m/s2 of deceleration [kg m]
-    brake_torque_limit: float  #: largest torque that the kit grants, all wheels together [N m]
+    brake_torque_limit: float  #: largest torque that the DBW controller grants, all wheels together [N m]
     drive_force_limit: float  #: at full throttle and low speed [N]
     drive_power_limit: float  #: at full throttle and high speed [W]
     drive_lag: float  #: first-order time constant from throttle to drive force [s]

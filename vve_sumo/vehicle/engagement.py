@@ -1,4 +1,4 @@
-"""How far the car has been handed over: the kit's confirmation, the gear, the operator's go.
+"""How far the car has been handed over: the DBW controller's confirmation, the gear, the operator's go.
 
 It follows what the car reports after the act of engaging; what a step that does not come about leads to is the
 gateway's business.
@@ -23,17 +23,17 @@ STEERING_DIFFERENCE_TIME: Final = 0.5  # [s]
 class Engagement:
     """From the act of engaging to a car that moves as it is told.
 
-    The steering may differ from its command by `steering_lag` [rad] more than a steering at rest may. A `rehearsal`
+    The steering may differ from its command by `steering_lag` [rad] more than a steering at rest may. `shadow` mode
     awaits nothing of a car that is told nothing.
     """
 
-    def __init__(self, steering_lag: float, rehearsal: bool) -> None:
+    def __init__(self, steering_lag: float, shadow: bool) -> None:
         self._steering_tolerance = STEERING_DIFFERENCE + steering_lag
-        self._rehearsal = rehearsal
+        self._shadow = shadow
         self._begun = 0.0
         self._shifting_since = 0.0
         self._steering_differs = Debounce(STEERING_DIFFERENCE_TIME)
-        self.enabled = False  #: the kit has confirmed
+        self.enabled = False  #: the DBW controller has confirmed
         self.in_drive = False  #: the gear has been confirmed
         self.going = False  #: the operator has said go
 
@@ -41,16 +41,16 @@ class Engagement:
         """Start anew: the operator has engaged."""
         self._begun = now
         self._steering_differs.reset()
-        self.enabled = self.in_drive = self._rehearsal
+        self.enabled = self.in_drive = self._shadow
         self.going = False
 
     def settled(self, now: float) -> bool:
-        """Whether the kit has confirmed, and the time that it had for that is over."""
+        """Whether the DBW controller has confirmed, and the time that it had for that is over."""
         return self.enabled and now - self._begun > HANDSHAKE_TIME + TOLERANCE
 
     def follow(self, now: float, reports: CarReports, steering_error: float) -> list[str]:
         """Reason codes of what does not come about; `steering_error` is command less measured wheel angle [rad]."""
-        if self._rehearsal:
+        if self._shadow:
             return []
         if not self.enabled:
             self.enabled = reports.all_enabled()
@@ -70,7 +70,7 @@ class Engagement:
 
     def dropped_out(self, reports: CarReports) -> list[str]:
         """Reason codes of modules that have worked and don't any more."""
-        return reports.dropped_out() if self.enabled and not self._rehearsal else []
+        return reports.dropped_out() if self.enabled and not self._shadow else []
 
     def may_go(self, driver: list[str]) -> bool:
         """Whether the car may be let go; `driver` names the pedals that the driver touches."""

@@ -1,4 +1,4 @@
-"""Where on its way to rest the car is, by its wheels alone, and which wheel angle that way asks for.
+"""Where on its fallback path the car is, by its wheels alone, and which wheel angle that way asks for.
 
 It knows the newest way and the distance driven along it; no pose, no map, and no reason to stop.
 """
@@ -10,11 +10,11 @@ from typing import Final
 
 from vve_sumo.values import FallbackPath, Vehicle
 
-MAX_KNOTS: Final = 64  # of a way to rest: 64 m at a metre each is twice the way to rest from 10 m/s at 2.4 m/s2
+MAX_KNOTS: Final = 64  # of a fallback path: 64 m at a metre each is twice the stopping distance from 10 m/s at 2.4 m/s2
 MAX_CURVATURE: Final = (
     1.0  # [1/m]; no car turns tighter than 0.3, so that whatever is beyond says "as tight as it goes"
 )
-# A kit that hears nothing for 100 ms lets go of the steering wheel: after a longer gap nobody knows where the car went.
+# After 100 ms without commands the DBW controller releases the steering: after a longer gap the car may be anywhere.
 MAX_GAP: Final = 0.100  # [s]
 _ROUNDING: Final = 1e-6  # [s]
 
@@ -29,7 +29,7 @@ def well_formed(profile: FallbackPath) -> bool:
 
 
 class FallbackTracker:
-    """Follows the newest way to rest by odometry.
+    """Follows the newest fallback path by odometry.
 
     The wheel angle is that of the single-track model on a steady circle: atan(L k) + K k v^2 (Rajamani, Vehicle
     Dynamics and Control, 3.3), for the curvature k that will be under the rear axle once the steering has answered.

@@ -21,13 +21,13 @@ from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.engagement import Engagement
 from vve_sumo.vehicle.fallback import FallbackTracker
 from vve_sumo.vehicle.interface import DEFAULT, ActuationCommand, Gear, VehicleInterface, load
-from vve_sumo.vehicle.limits import Limiter, Limits, approach
+from vve_sumo.vehicle.limits import Limiter, Limits, move_towards
 from vve_sumo.vehicle.plausibility import CarMotion, Plausibility
 from vve_sumo.vehicle.reports import TOLERANCE, CarReports
 from vve_sumo.vehicle.setpoint_validation import Debounce, SetpointValidator
 from vve_sumo.vehicle.standstill import WHEEL_REST, Evidence, Standstill
 
-LONGEST_STEP: Final = 2.0  # periods; a longer one is a fault, and rates count no more than this
+MAX_STEP: Final = 2.0  # periods; a longer one is a fault, and rates count no more than this
 # A car whose standstill is uncertain for so long needs its driver [s].
 UNCERTAIN_TIME: Final = 3.0
 # The driver has control, and nothing has said for so long that the car moves: the gateway is not needed any more [s].
@@ -130,7 +130,7 @@ class Gateway:
         self._plausibility = Plausibility(vehicle, calibration)
         self._response = BrakeMonitor(vehicle, calibration)
         self._handover = Engagement(
-            vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), rehearsal=shadow
+            vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), shadow=shadow
         )
         self._parked_long = Debounce(PARK_TIME)
         self._uncertain_long = Debounce(UNCERTAIN_TIME)
@@ -152,7 +152,7 @@ class Gateway:
         self._stop_deceleration = 0.0
         self._stop_jerk = 0.0
         self._followed: Setpoint | None = None  # the last setpoint that the car was given
-        self._held_steering: float | None = None  # where the wheels are held on the way to rest, having no way
+        self._held_steering: float | None = None  # where the wheels are held on the fallback path, having no way
 
     def step(
         self,
@@ -203,9 +203,9 @@ class Gateway:
         return -1 if self._admission.setpoint is None else self._admission.setpoint.sequence
 
     @property
-    def kit_heard(self) -> float:
-        """Drive time at which a report of the kit was last understood [s]; -inf before the first."""
-        return self._reports.kit_heard
+    def last_dbw_report(self) -> float:
+        """Drive time at which a report of the DBW controller was last understood [s]; -inf before the first."""
+        return self._reports.last_dbw_report
 
     @property
     def done(self) -> bool:
@@ -213,7 +213,7 @@ class Gateway:
 
         Where the evidence of that disagrees, it is over once nothing has said for DRIVER_TIME that the car moves. Until
         it stands frames without enable bits go on, with their counter counting: a counter that stops under way
-        could make the kit's watchdog brake against the driver.
+        could make the DBW controller's watchdog brake against the driver.
         """
         if not self._has_been_engaged or self._state in COMMANDING:
             return False
@@ -227,10 +227,10 @@ class Gateway:
         faults = reports.take(now, frames)
         gap = now - self._last_now
         # Also when time stands still or runs backwards; the very first step has no gap, and NaN passes no comparison.
-        if gap <= 0.0 or gap > LONGEST_STEP * self._period + TOLERANCE or not math.isfinite(now):
+        if gap <= 0.0 or gap > MAX_STEP * self._period + TOLERANCE or not math.isfinite(now):
             faults.append("timer_gap")
         self._last_now = now
-        self._elapsed = min(gap, LONGEST_STEP * self._period) if gap > 0.0 else 0.0
+        self._elapsed = min(gap, MAX_STEP * self._period) if gap > 0.0 else 0.0
         self._driver = [] if self._shadow else reports.driver()
         faults += reports.stale(now)
         faults += reports.faults()
@@ -279,13 +279,13 @@ class Gateway:
         return faults
 
     def _take(self, now: float, setpoint: Setpoint) -> list[str]:
-        """Take in a setpoint, and its way to rest; reason codes of what makes it useless for good."""
-        refusal = self._admission.take(now, setpoint)
-        if refusal is not None:
+        """Take in a setpoint, and its fallback path; reason codes of what makes it useless for good."""
+        rejection = self._admission.take(now, setpoint)
+        if rejection is not None:
             # Refused as a command; what it says is wrong counts all the same.
-            if refusal.fatal:
-                return [refusal.reason, *setpoint.faults]
-            self._notes.append(refusal.reason)
+            if rejection.fatal:
+                return [rejection.reason, *setpoint.faults]
+            self._notes.append(rejection.reason)
             return list(setpoint.faults)
         # One that came too late to be acted on begins nobody knows where. And a drive in trouble may know of no way:
         # the one that it gave before is still better than none.
@@ -304,7 +304,7 @@ class Gateway:
         if reports.gear.gear not in (Gear.PARK, Gear.DRIVE):
             missing.append("gear_not_park_or_drive")
         if reports.any_enabled():
-            missing.append("kit_already_enabled")
+            missing.append("dbw_already_enabled")
         if reports.throttle.driver:
             missing.append("driver_on_throttle")
         if reports.gear.gear is Gear.DRIVE and not reports.brake.driver:
@@ -333,7 +333,7 @@ class Gateway:
     def _judge_commanded(self, now: float, faults: list[str]) -> None:
         overrides: frozenset[str] = frozenset() if self._shadow else self._reports.overrides()
         # An override that was latched before engaging counts for nothing until the CLEAR of the act has reached it. One
-        # that is there when the kit has long been enabled is no old one, whatever it looks like.
+        # that is there when the DBW controller has long been enabled is no old one, whatever it looks like.
         self._old_overrides = frozenset() if self._handover.settled(now) else self._old_overrides & overrides
         if overrides - self._old_overrides:
             self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
@@ -369,7 +369,7 @@ class Gateway:
             case OperatorCommand.END:
                 self._happen(now, Event.STOP, ["drive_over"])
             case OperatorCommand.DISARM if self._state is ArmingState.STOPPED:
-                # Without brakes a car in drive creeps away, and the kit's watchdog brakes when EN drops in gear.
+                # Without brakes a car in drive creeps away, and the DBW watchdog brakes when EN drops in gear.
                 self._notes.append("not_in_park")
             case OperatorCommand.DISARM:
                 self._happen(now, Event.DISARM, ["disarm_asked"])
@@ -470,19 +470,19 @@ class Gateway:
 
     def _follow(self, setpoint: Setpoint) -> _Command:
         self._followed = setpoint
-        speed, limiter, wish = self._reports.speed, self._limiter, setpoint.acceleration
+        speed, limiter, requested = self._reports.speed, self._limiter, setpoint.acceleration
         driver = bool(self._driver)
         if driver:
             # No throttle while the driver is at the pedals, and none made up for afterwards.
             self._notes += self._driver
-            wish, limiter.acceleration = min(wish, 0.0), min(limiter.acceleration, 0.0)
-        granted = limiter.step(wish, setpoint.steering, speed, setpoint.emergency, self._elapsed)
+            requested, limiter.acceleration = min(requested, 0.0), min(limiter.acceleration, 0.0)
+        granted = limiter.step(requested, setpoint.steering, speed, setpoint.emergency, self._elapsed)
         pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade, self._elapsed, brakes_only=driver)
-        limited = granted.limited if wish == setpoint.acceleration else (*granted.limited, "driver")
+        limited = granted.limited if requested == setpoint.acceleration else (*granted.limited, "driver")
         return _Command(pedals, granted.acceleration, granted.steering, limited)
 
     def _wait(self) -> _Command:
-        """Stand on the brakes until kit and gear are there, the driver has let go and the operator has said go."""
+        """Hold the brakes until DBW controller and gear are there, the driver lets go and the operator says go."""
         pedals = self._actuation.step(0.0, self._reports.speed, self._grade(), self._elapsed)
         return _Command(pedals, 0.0, self._limiter.steering)
 
@@ -493,10 +493,10 @@ class Gateway:
         weak = "brake_not_following" in self._causes
         critical = not CRITICAL.isdisjoint(self._causes)
         jerk = max(self._stop_jerk, limits.critical_jerk if critical else 0.0)
-        wish = max(self._stop_deceleration, limits.critical_deceleration if critical else 0.0)
+        requested = max(self._stop_deceleration, limits.critical_deceleration if critical else 0.0)
         if weak:
-            jerk, wish = limits.emergency.jerk, limits.emergency.deceleration
-        limiter.acceleration = approach(limiter.acceleration, -wish, jerk, jerk, self._elapsed)
+            jerk, requested = limits.emergency.jerk, limits.emergency.deceleration
+        limiter.acceleration = move_towards(limiter.acceleration, -requested, jerk, jerk, self._elapsed)
         if self._standstill.certain or self._speed_believed(now):
             pedals = self._actuation.step(
                 limiter.acceleration, self._reports.speed, self._grade(), self._elapsed, brakes_only=True
@@ -515,7 +515,7 @@ class Gateway:
         return moving and _SPEED_UNKNOWN.isdisjoint(self._causes)
 
     def _steer_to_rest(self) -> tuple[str, ...]:
-        """Steer along the way to rest while there is one; names of the limits that changed it."""
+        """Steer along the fallback path while there is one; names of the limits that changed it."""
         angle = None
         if self._state is ArmingState.STOPPING and not self._standstill.certain and _ASTRAY.isdisjoint(self._causes):
             angle = self._way.steering()
@@ -524,7 +524,7 @@ class Gateway:
             return self._limiter.steer(angle, self._reports.speed, self._elapsed)
         if self._held_steering is None:
             # The angle that the wheels have is the best guess of where the road goes, better than zero and better than
-            # a wish not reached. At rest it leaves the wheels where they are. The limits hold on the way there: a
+            # a request not reached. At rest it leaves the wheels where they are. The limits hold on the way there: a
             # report that lies must not turn the wheels at once.
             self._held_steering = self._measured_steering()
         return self._limiter.steer(self._held_steering, self._reports.speed, self._elapsed)

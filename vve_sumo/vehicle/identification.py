@@ -20,22 +20,22 @@ from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY, Calibration
 Mask = NDArray[np.bool_]
 Bounds = tuple[float, float]
 
-ROLLING = 0.15  #: slower than this, static friction has a say [m/s]
-LEAST_SPEED = 1.0  #: of fits whose noise divides by the speed [m/s]
+ROLLING_SPEED = 0.15  #: slower than this, static friction has a say [m/s]
+MIN_SPEED = 1.0  #: of fits whose noise divides by the speed [m/s]
 COURSE_SPEED = 3.0  #: from here on the direction of motion is one [m/s]
-GENTLE = 0.1  #: road-wheel angle up to which a car is a single track: angle, tangent and links agree [rad]
-STRAIGHT = 0.02  #: the car goes straight below this yaw rate [rad/s]
-LEAST_SAMPLES = 50  #: fewer teach nothing
-MEMORY = 1.0  #: residuals farther apart than this count as independent [s]
-BASE = 0.1  #: over which a wheel's acceleration is taken [s]
-SLEW_STEP = 0.005  #: of a command on its way at the kit's largest rate [s]
-AIR_KNOWN = 0.25  #: air drag known worse than to this share is left as declared
-MOST_STEPS = 20  #: of a fit; a good drive takes 7 at most, one that holds nothing would go on for long
-SHORTEST_LAG = 1e-3  #: an exponential needs one [s]
+MAX_LINEAR_STEERING = 0.1  #: road-wheel angle up to which a car is a single track: angle, tangent and links agree [rad]
+MAX_STRAIGHT_YAW_RATE = 0.02  #: the car goes straight below this yaw rate [rad/s]
+MIN_SAMPLES = 50  #: fewer teach nothing
+RESIDUAL_CORRELATION_TIME = 1.0  #: residuals farther apart than this count as independent [s]
+DIFFERENCE_BASE = 0.1  #: over which a wheel's acceleration is taken [s]
+SLEW_STEP = 0.005  #: of a command on its way at the DBW controller's largest rate [s]
+MAX_DRAG_UNCERTAINTY = 0.25  #: air drag known worse than to this share is left as declared
+MAX_STEPS = 20  #: of a fit; a good drive takes 7 at most, one that holds nothing would go on for long
+MIN_LAG = 1e-3  #: an exponential needs one [s]
 
 UNBOUND: Final[Bounds] = (-math.inf, math.inf)
 DELAYS: Final[Bounds] = (-0.1, 0.5)  # negative where two clocks differ [s]
-LAGS: Final[Bounds] = (SHORTEST_LAG, 1.5)  # [s]
+LAGS: Final[Bounds] = (MIN_LAG, 1.5)  # [s]
 
 
 class Series(NamedTuple):
@@ -111,7 +111,7 @@ class Identified:
 
 
 #: how well a number must be known (standard deviation) to be used: absolute, and as a share of its value
-WANTED: Final[dict[str, tuple[float, float]]] = {
+REQUIRED_PRECISION: Final[dict[str, tuple[float, float]]] = {
     "wheel_radius": (0.0, 0.005),  # [m]
     "heading_misalignment": (math.radians(0.05), 0.0),  # receiver's heading minus the car's [rad], counter-clockwise
     "acceleration_bias": (0.02, 0.0),  # [m/s2]
@@ -128,14 +128,14 @@ WANTED: Final[dict[str, tuple[float, float]]] = {
     "creep_force": (0.0, 0.1),  # for the declared mass [N]
     "creep_speed": (0.2, 0.0),  # [m/s]
     "rolling_resistance": (0.002, 0.0),
-    "drag_area": (0.0, AIR_KNOWN),  # for the declared mass [m2]
+    "drag_area": (0.0, MAX_DRAG_UNCERTAINTY),  # for the declared mass [m2]
 }
 
 #: what may be below zero
 SIGNED: Final = frozenset({"heading_misalignment", "acceleration_bias", "steering_wheel_bias"})
 
 #: what each model may leave of its data, root mean square, before nothing is believed that it says
-TOLERATED: Final[dict[str, float]] = {
+MAX_RESIDUAL: Final[dict[str, float]] = {
     "wheel_radius": 0.15,  # [m/s]
     "heading_misalignment": math.radians(2.0),  # [rad]
     "acceleration": 0.5,  # [m/s2]
@@ -151,7 +151,7 @@ def identify(log: Log, vehicle: Vehicle, calibration: Calibration) -> Identified
     effective = radius.value if radius.good else vehicle.wheel_radius
     misaligned, course = heading_misalignment(log, vehicle, effective)
     bias, felt = acceleration_bias(log, effective)
-    answer, wheel = steering_answer(log, vehicle)
+    answer, wheel = steering_response(log, vehicle)
     geometry, turned = steering_geometry(log, vehicle, effective)
     forces, driven = pedals(log, vehicle, calibration, effective)
     found = {"wheel_radius": radius, "heading_misalignment": misaligned, "acceleration_bias": bias}
@@ -166,7 +166,7 @@ def identify(log: Log, vehicle: Vehicle, calibration: Calibration) -> Identified
     return Identified(found | answer | geometry | forces, curves)
 
 
-class Answer:
+class FirstOrderResponse:
     """The exact response of dead time and first-order lag to commands that each hold until the next.
 
     Exact, so that a fit sees a smooth function of delay and lag, whatever the commands' period.
@@ -174,7 +174,7 @@ class Answer:
 
     def __init__(self, commands: Series, delay: float, lag: float) -> None:
         """`delay` and `lag` in [s]; up to its first command the actuator rests there."""
-        self._lag = max(lag, SHORTEST_LAG)
+        self._lag = max(lag, MIN_LAG)
         self._starts = commands.time + delay
         self._targets = commands.value
         spans = np.diff(self._starts)
@@ -203,8 +203,8 @@ class Answer:
         return row, np.maximum(time - self._starts[row], 0.0)
 
 
-def slewed(commands: Series, rate: float) -> Series:
-    """Commands as the kit passes them on: towards each at `rate` [1/s] at most, every `SLEW_STEP`."""
+def rate_limited(commands: Series, rate: float) -> Series:
+    """Commands as the DBW controller passes them on: towards each at `rate` [1/s] at most, every `SLEW_STEP`."""
     time = np.arange(commands.time[0], commands.time[-1], SLEW_STEP)
     wanted = commands.value[np.searchsorted(commands.time, time + 1e-9, side="right") - 1]
     change, value, passed = rate * SLEW_STEP, float(wanted[0]), []
@@ -232,7 +232,7 @@ def _fit(model: Model, measured: Series, start: Sequence[float], limits: Sequenc
     from scipy.optimize import least_squares
 
     low, high = (np.array(side) for side in zip(*limits, strict=True))
-    if len(measured.time) < LEAST_SAMPLES:
+    if len(measured.time) < MIN_SAMPLES:
         nothing, empty = [math.nan] * len(start), np.zeros(0)
         return _Fit(nothing, nothing, Curve(empty, empty, empty), [False] * len(start))
 
@@ -245,9 +245,9 @@ def _fit(model: Model, measured: Series, start: Sequence[float], limits: Sequenc
         bounds=(low, high),
         x_scale="jac",
         jac="3-point",
-        max_nfev=MOST_STEPS,
+        max_nfev=MAX_STEPS,
     )
-    memory = round(MEMORY / float(np.median(np.diff(measured.time))))
+    memory = round(RESIDUAL_CORRELATION_TIME / float(np.median(np.diff(measured.time))))
     curve = Curve(measured.time, measured.value, found.fun + measured.value)
     return _Fit(
         found.x.tolist(),
@@ -279,13 +279,13 @@ def sigmas(jacobian: Floats, residual: Floats, memory: int) -> Floats:
 
 def _judged(name: str, model: str, value: float, sigma: float, fit: _Fit, edge: bool = False) -> Estimate:
     """The estimate with its verdict; `model` names its line in `TOLERATED`. NaN fails every comparison."""
-    absolute, share = WANTED[name]
+    absolute, share = REQUIRED_PRECISION[name]
     wanted = absolute + share * abs(value)
     trouble = ""
     if not math.isfinite(value + sigma):
         trouble = "nothing in this drive to learn it from"
-    elif not fit.curve.misfit <= TOLERATED[model]:
-        trouble = f"its model leaves {fit.curve.misfit / TOLERATED[model]:.1f} times what is tolerated"
+    elif not fit.curve.misfit <= MAX_RESIDUAL[model]:
+        trouble = f"its model leaves {fit.curve.misfit / MAX_RESIDUAL[model]:.1f} times what is tolerated"
     elif not sigma <= wanted:
         trouble = f"uncertain by {sigma / wanted:.1f} times what is wanted"
     elif edge:
@@ -297,7 +297,7 @@ def _judged(name: str, model: str, value: float, sigma: float, fit: _Fit, edge: 
 
 def wheel_radius(log: Log, declared: float) -> tuple[Estimate, Curve]:
     """Rolling radius [m]: GNSS speed over that of the rear wheels; what the two clocks differ is fitted and dropped."""
-    measured = log.speed.where(log.obedient(log.speed.time, declared, LEAST_SPEED))
+    measured = log.speed.where(log.obedient(log.speed.time, declared, MIN_SPEED))
     fit = _fit(
         lambda guess: guess[0] * log.wheels.at(measured.time - guess[1]),
         measured,
@@ -314,7 +314,7 @@ def heading_misalignment(log: Log, vehicle: Vehicle, radius: float) -> tuple[Est
     """
     slip = log.slip
     speed, yaw_rate = radius * log.wheels.at(slip.time), log.yaw_rate.at(slip.time)
-    straight = log.obedient(slip.time, radius, COURSE_SPEED) & (np.abs(yaw_rate) < STRAIGHT)
+    straight = log.obedient(slip.time, radius, COURSE_SPEED) & (np.abs(yaw_rate) < MAX_STRAIGHT_YAW_RATE)
     needed = -_rear_compliance(vehicle) * speed * yaw_rate
     # As a lateral speed, whose noise does not depend on the speed.
     measured, speed = Series(slip.time, (needed - slip.value) * speed).where(straight), speed[straight]
@@ -336,17 +336,21 @@ def _rear_compliance(vehicle: Vehicle) -> float:
 def acceleration_bias(log: Log, radius: float) -> tuple[Estimate, Curve]:
     """What the receiver's acceleration says too much [m/s2], against the wheels; its pitch's error is part of it."""
     time = log.acceleration.time
-    gained = radius * (log.wheels.at(time + 0.5 * BASE) - log.wheels.at(time - 0.5 * BASE)) / BASE
+    gained = (
+        radius
+        * (log.wheels.at(time + 0.5 * DIFFERENCE_BASE) - log.wheels.at(time - 0.5 * DIFFERENCE_BASE))
+        / DIFFERENCE_BASE
+    )
     fit = _fit(lambda guess: gained + guess[0], log.acceleration, (0.0,), (UNBOUND,))
     return _judged("acceleration_bias", "acceleration", fit.values[0], fit.sigmas[0], fit), fit.curve
 
 
-def steering_answer(log: Log, vehicle: Vehicle) -> tuple[dict[str, Estimate], Curve]:
+def steering_response(log: Log, vehicle: Vehicle) -> tuple[dict[str, Estimate], Curve]:
     """Dead time and lag [s] from a commanded steering-wheel angle to the reported one, beyond the declared rate."""
     measured = log.wheel_angle.where(log.obedient(log.wheel_angle.time))
-    passed = slewed(log.wheel_command, vehicle.steering_rate_limit * vehicle.steering_ratio)
+    passed = rate_limited(log.wheel_command, vehicle.steering_rate_limit * vehicle.steering_ratio)
     fit = _fit(
-        lambda guess: Answer(passed, guess[0], guess[1]).at(measured.time) + guess[2],
+        lambda guess: FirstOrderResponse(passed, guess[0], guess[1]).at(measured.time) + guess[2],
         measured,
         (vehicle.steering_delay, vehicle.steering_lag, 0.0),
         (DELAYS, LAGS, UNBOUND),
@@ -366,13 +370,13 @@ def steering_geometry(log: Log, vehicle: Vehicle, radius: float) -> tuple[dict[s
     """
     time = log.yaw_rate.time
     angle, speed = log.wheel_angle.at(time), radius * log.wheels.at(time)
-    gentle = np.abs(angle) < GENTLE * vehicle.steering_ratio
-    measured = log.yaw_rate.where(gentle & log.obedient(time, radius, LEAST_SPEED))
+    gentle = np.abs(angle) < MAX_LINEAR_STEERING * vehicle.steering_ratio
+    measured = log.yaw_rate.where(gentle & log.obedient(time, radius, MIN_SPEED))
     length = vehicle.wheelbase + vehicle.understeer_gradient * speed * speed
 
     def model(guess: Floats) -> Floats:
         turn = speed * (angle - guess[1]) / (guess[0] * length)
-        return Answer(Series(time, turn), guess[2], guess[3]).at(measured.time)
+        return FirstOrderResponse(Series(time, turn), guess[2], guess[3]).at(measured.time)
 
     fit = _fit(model, measured, (vehicle.steering_ratio, 0.0, 0.0, 0.05), ((5.0, 50.0), UNBOUND, DELAYS, LAGS))
     return {
@@ -398,7 +402,7 @@ class _Forces:
         time, speed = log.wheels.time, radius * log.wheels.value
         top = calibration.drive_power_limit / calibration.drive_force_limit
         self._log, self._time, self._speed = log, time, speed
-        self._keep = log.obedient(time, radius, ROLLING) & (speed < top)
+        self._keep = log.obedient(time, radius, ROLLING_SPEED) & (speed < top)
         self.measured = Series(time, speed).where(self._keep)
         rows = np.flatnonzero(self._keep)
         self._piece = np.cumsum(np.diff(rows, prepend=rows[:1]) > 1)
@@ -410,8 +414,12 @@ class _Forces:
     def speed_of(self, guess: Floats, air: float | None = None) -> Floats:
         """The model: `guess` holds the parameters, then a speed for the start of each piece; `air` replaces its own."""
         log, time = self._log, self.measured.time
-        gained = guess[_THROTTLE] * Answer(log.throttle, guess[_DRIVE_DELAY], guess[_DRIVE_LAG]).integral(time)
-        gained -= guess[_BRAKE] * Answer(log.brake_torque, guess[_BRAKE_DELAY], guess[_BRAKE_LAG]).integral(time)
+        gained = guess[_THROTTLE] * FirstOrderResponse(log.throttle, guess[_DRIVE_DELAY], guess[_DRIVE_LAG]).integral(
+            time
+        )
+        gained -= guess[_BRAKE] * FirstOrderResponse(log.brake_torque, guess[_BRAKE_DELAY], guess[_BRAKE_LAG]).integral(
+            time
+        )
         gained += guess[_CREEP] * self._integrated(np.maximum(1.0 - self._speed / guess[_CREEP_SPEED], 0.0))
         gained -= guess[_ROLL] * time + (guess[_AIR] if air is None else air) * self._square + self._climbed
         starts: Floats = guess[len(_FORCE_LIMITS) :] - gained[self._begins]
@@ -454,7 +462,7 @@ def pedals(log: Log, vehicle: Vehicle, calibration: Calibration, radius: float) 
     ]  # fmt: skip
     start, limits = forces.start(declared), (*_FORCE_LIMITS, *(UNBOUND,) * len(forces.starts))
     fit = free = _fit(forces.speed_of, forces.measured, start, limits)
-    if not free.sigmas[_AIR] <= AIR_KNOWN * abs(free.values[_AIR]):
+    if not free.sigmas[_AIR] <= MAX_DRAG_UNCERTAINTY * abs(free.values[_AIR]):
         fit = _fit(lambda guess: forces.speed_of(guess, air), forces.measured, start, limits)
     return _force_estimates(fit, free, mass), fit.curve
 

@@ -1,6 +1,6 @@
 """What the car may be asked for at most: two envelopes known apart, and the limiter that keeps to them.
 
-The limiter knows the car's geometry and its speed; it knows no reason for a wish and no way to actuate it.
+The limiter knows the car's geometry and its speed; it knows no reason for a request and no way to actuate it.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Limits:
     lateral_acceleration: float = 3.0  #: largest [m/s2], ISO 11270
     stop_deceleration: float = 2.4  #: of the gateway's own stop [m/s2], as Autoware's vehicle_cmd_gate
     stop_jerk: float = 5.0  #: with which it sets in [m/s3]
-    stop_lateral_jerk: float = 10.0  #: from steering along the way to rest [m/s3], twice the comfort one
+    stop_lateral_jerk: float = 10.0  #: from steering along the fallback path [m/s3], twice the comfort one
     critical_deceleration: float = 4.0  #: of the gateway's own stop after a critical fault [m/s2]
     critical_jerk: float = 15.0  #: with which it sets in [m/s3]
 
@@ -81,8 +81,8 @@ class Limits:
             )
 
 
-class Granted(NamedTuple):
-    """What is left of a wish."""
+class LimitedMotion(NamedTuple):
+    """What is left of a request."""
 
     acceleration: float  #: [m/s2]
     steering: float  #: road-wheel angle [rad], left positive
@@ -110,19 +110,21 @@ class Limiter:
         self.acceleration = acceleration
         self.steering = steering
 
-    def step(self, acceleration: float, steering: float, speed: float, emergency: bool, elapsed: float) -> Granted:
+    def step(
+        self, acceleration: float, steering: float, speed: float, emergency: bool, elapsed: float
+    ) -> LimitedMotion:
         """What of the wished `acceleration` [m/s2] and `steering` [rad] is granted at `speed` [m/s].
 
         `elapsed` is the time since the last grant [s]. An `emergency` loosens braking only: acceleration, the release
-        of the brakes and steering keep to the comfort envelope. A wish that is not finite changes nothing and is named
-        "not_finite".
+        of the brakes and steering keep to the comfort envelope. A request that is not finite changes nothing and is
+        named "not_finite".
         """
         if not (math.isfinite(acceleration) and math.isfinite(steering) and math.isfinite(speed + elapsed)):
-            return Granted(self.acceleration, self.steering, ("not_finite",))
+            return LimitedMotion(self.acceleration, self.steering, ("not_finite",))
         limited: list[str] = []
         self.acceleration = self._limit_acceleration(acceleration, emergency, elapsed, limited)
         self.steering = self._limit_steering(steering, speed, self._limits.comfort.lateral_jerk, elapsed, limited)
-        return Granted(self.acceleration, self.steering, tuple(limited))
+        return LimitedMotion(self.acceleration, self.steering, tuple(limited))
 
     def steer(self, steering: float, speed: float, elapsed: float) -> tuple[str, ...]:
         """Move towards road-wheel angle `steering` [rad] alone; names of the limits that changed it.
@@ -151,25 +153,25 @@ class Limiter:
             return self._steering_rate
         return lateral_jerk * self._wheelbase / square
 
-    def _limit_acceleration(self, wish: float, emergency: bool, elapsed: float, limited: list[str]) -> float:
+    def _limit_acceleration(self, requested: float, emergency: bool, elapsed: float, limited: list[str]) -> float:
         comfort, braking = self._limits.comfort, self._limits.emergency
-        target = min(max(wish, -(braking if emergency else comfort).deceleration), comfort.acceleration)
-        if target != wish:
+        target = min(max(requested, -(braking if emergency else comfort).deceleration), comfort.acceleration)
+        if target != requested:
             limited.append("acceleration")
         away, towards = comfort.jerk, comfort.release_jerk
         if emergency and target < self.acceleration:
             away = towards = braking.jerk
-        granted = approach(self.acceleration, target, away, towards, elapsed)
+        granted = move_towards(self.acceleration, target, away, towards, elapsed)
         if granted != target:
             limited.append("jerk")
         return granted
 
     def _limit_steering(
-        self, wish: float, speed: float, lateral_jerk: float, elapsed: float, limited: list[str]
+        self, requested: float, speed: float, lateral_jerk: float, elapsed: float, limited: list[str]
     ) -> float:  # fmt: skip
         bound = self.steering_bound(speed)
-        target = min(max(wish, -bound), bound)
-        if target != wish:
+        target = min(max(requested, -bound), bound)
+        if target != requested:
             limited.append("steering_angle" if bound == self._steering_limit else "lateral_acceleration")
         change = self.steering_rate_bound(speed, lateral_jerk) * elapsed
         granted = min(max(target, self.steering - change), self.steering + change)
@@ -178,7 +180,7 @@ class Limiter:
         return granted
 
 
-def approach(value: float, target: float, away: float, towards: float, period: float) -> float:
+def move_towards(value: float, target: float, away: float, towards: float, period: float) -> float:
     """`value` nearer to `target` by what `period` [s] allows.
 
     It moves at rate `towards` where it nears 0 and at rate `away` where it leaves.
@@ -187,6 +189,6 @@ def approach(value: float, target: float, away: float, towards: float, period: f
         to_zero = abs(value) / towards
         if to_zero >= period:
             return value - math.copysign(towards * period, value)
-        return approach(0.0, target, away, towards, period - to_zero)
+        return move_towards(0.0, target, away, towards, period - to_zero)
     change = period * (away if abs(target) > abs(value) else towards)
     return min(max(target, value - change), value + change)

@@ -31,7 +31,7 @@ _VERDICT: Final = struct.Struct("<dddd")
 _KIND_SETPOINT, _KIND_ACT, _KIND_FEEDBACK = 1, 2, 3
 # One knot more than a way may have still goes over, so that the gateway refuses what was too long.
 _KNOTS_SENT: Final = MAX_KNOTS + 1
-_LARGEST: Final = (1 << 63) - 1
+_MAX_INTEGER: Final = (1 << 63) - 1
 
 _Message = TypeVar("_Message")
 
@@ -87,12 +87,12 @@ def _setpoint(reader: _Reader) -> Setpoint:
     )
 
 
-def encode_act(act: OperatorCommand) -> bytes:
+def encode_operator_command(act: OperatorCommand) -> bytes:
     """Return the datagram of an act."""
     return _sealed(_KIND_ACT, _text(act))
 
 
-def decode_act(data: bytes) -> OperatorCommand | Malformed:
+def decode_operator_command(data: bytes) -> OperatorCommand | Malformed:
     """Return the act in a datagram."""
     return _decoded(_KIND_ACT, data, lambda reader: OperatorCommand(reader.text()))
 
@@ -155,7 +155,7 @@ def _decoded(kind: int, data: bytes, read: Callable[[_Reader], _Message]) -> _Me
 
 
 def _whole(number: int) -> int:
-    return min(max(number, -_LARGEST), _LARGEST)
+    return min(max(number, -_MAX_INTEGER), _MAX_INTEGER)
 
 
 def _text(text: str) -> bytes:

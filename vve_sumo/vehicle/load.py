@@ -12,12 +12,12 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.model import SimulatedNumbers, VehicleModel
+from vve_sumo.vehicle.model import SimulatedParameters, VehicleModel
 from vve_sumo.vehicle.schema import Calibration as CalibrationTable
 from vve_sumo.vehicle.schema import Declared, Simulated, VehicleFile
 
 #: a declared deceleration may be so much more than what torque limit and brake gain give: both are rounded
-ROUNDING = 1.02
+MASS_TOLERANCE = 1.02
 
 
 def declared(table: Declared) -> Vehicle:
@@ -39,9 +39,9 @@ def calibrated(table: CalibrationTable, vehicle: Vehicle) -> Calibration:
     return Calibration(mass=vehicle.mass, brake_torque_limit=vehicle.brake_torque_limit, **said)
 
 
-def simulated(table: Simulated) -> SimulatedNumbers:
+def simulated(table: Simulated) -> SimulatedParameters:
     """Return what the simulated vehicle has besides."""
-    return SimulatedNumbers(**in_si(table, "sources", "receiver_forward_m", "receiver_left_m"))
+    return SimulatedParameters(**in_si(table, "sources", "receiver_forward_m", "receiver_left_m"))
 
 
 def parse(table: dict[str, Any], file: Path) -> VehicleModel:
@@ -60,7 +60,7 @@ def _resolved(name: str, said: VehicleFile) -> VehicleModel:
     vehicle = declared(said.vehicle)
     calibration = calibrated(said.calibration, vehicle)
     most = vehicle.brake_torque_limit / calibration.brake_gain
-    if not vehicle.deceleration_limit <= ROUNDING * most:
+    if not vehicle.deceleration_limit <= MASS_TOLERANCE * most:
         raise ConfigError(
             f"vehicle.deceleration_limit_mps2: expected {most:.2f} or less, which brake_torque_limit_nm and "
             f"calibration.brake_gain_kgm give, got {vehicle.deceleration_limit:g}"

@@ -19,7 +19,7 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedNumbers:
+class SimulatedParameters:
     """What the simulated vehicle has besides, which nobody declares of a real one."""
 
     laden_mass: float  #: largest permitted, with which suites drive it laden [kg]
@@ -35,7 +35,7 @@ class VehicleModel:
     name: str  #: of the vehicle's file, without its ending
     vehicle: Vehicle
     calibration: Calibration
-    simulated: SimulatedNumbers
+    simulated: SimulatedParameters
     mounting: Mounting  #: of the GNSS receiver, as declared
     limits: Limits = field(default_factory=Limits)  #: that the gateway keeps to
     interface: InterfaceConfig = DEFAULT  #: of the drive-by-wire controller
@@ -52,13 +52,13 @@ class VehicleModel:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> Self:
-        """Return the vehicle that `to_dict` told; raises KeyError, TypeError or ConfigError where it is none."""
-        return rebuilt(cls, told)
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Return the vehicle that `to_dict` gave; raises KeyError, TypeError or ConfigError where it is none."""
+        return rebuilt(cls, data)
 
 
-def rebuilt(kind: type[Value], told: Mapping[str, Any]) -> Value:
-    """Return the dataclass of which `asdict` told, with those within it; raises KeyError or TypeError for another's."""
+def rebuilt(kind: type[Value], data: Mapping[str, Any]) -> Value:
+    """Return the dataclass that `asdict` gave as `data`, nested ones too; raises KeyError or TypeError otherwise."""
     kinds = get_type_hints(kind)
-    nested = {name: rebuilt(kinds[name], value) for name, value in told.items() if is_dataclass(kinds[name])}
-    return kind(**{**told, **nested})
+    nested = {name: rebuilt(kinds[name], value) for name, value in data.items() if is_dataclass(kinds[name])}
+    return kind(**{**data, **nested})

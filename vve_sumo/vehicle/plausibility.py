@@ -23,7 +23,7 @@ SPEED_DIFFERENCE: Final = 0.30  # [m/s]
 ACCELERATION_LAG: Final = 0.1  # of that acceleration [s]
 DIFFERENCE_TIME: Final = 0.5  # a difference that lasts so long is a fault [s]
 # A difference so many times larger than is allowed is no slip and no delay, and is a fault after the shorter time.
-GROSS: Final = 3.0
+GROSS_FACTOR: Final = 3.0
 GROSS_TIME: Final = 0.1  # [s]
 # A gyroscope's bias is of the order of 0.01 rad/s; a wrong sign or axis shows as twice the yaw rate.
 YAW_RATE_DIFFERENCE: Final = 0.10  # [rad/s]
@@ -40,8 +40,8 @@ TURN_SHARE: Final = 0.02  # of the turned angle: the gyroscope's scale
 BIAS_LEARNT: Final = 0.001  # what a bias that was averaged at standstill may be wrong by [rad/s]
 BIAS_UNKNOWN: Final = 0.012  # what it may be otherwise [rad/s]
 BIAS_TIME: Final = 10.0  # over which it is averaged at standstill [s]
-BIAS_LEAST_TIME: Final = 0.4  # from when on it is believed [s]
-LARGEST_BIAS: Final = 0.05  # what turns faster at standstill is no bias [rad/s]
+BIAS_MIN_TIME: Final = 0.4  # from when on it is believed [s]
+MAX_BIAS: Final = 0.05  # what turns faster at standstill is no bias [rad/s]
 
 # The steering report against the gyroscope: single-track model on a steady circle.
 STEERING_DIFFERENCE: Final = 0.06  # [rad/s]
@@ -162,7 +162,7 @@ class Plausibility:
         # The lesser of two: neither wheels nor a receiver that jump allow themselves more.
         allowed += DELAY * min(abs(self._acceleration), abs(self._satellite_acceleration))
         difference = abs(setpoint.speed - car.speed)
-        gross = self._speed_gross.step(now, not difference <= GROSS * allowed)
+        gross = self._speed_gross.step(now, not difference <= GROSS_FACTOR * allowed)
         if self._speed_differs.step(now, not difference <= allowed) or gross:
             reasons.append("speed_mismatch")
         if self._yaw_rate_differs.step(now, not abs(setpoint.yaw_rate - car.yaw_rate) <= YAW_RATE_DIFFERENCE):
@@ -216,7 +216,7 @@ class Plausibility:
         self._turned += abs(turn)
 
     def _learn(self, elapsed: float, yaw_rate: float) -> None:
-        if not abs(yaw_rate) < LARGEST_BIAS:
+        if not abs(yaw_rate) < MAX_BIAS:
             return
         self._bias_time = min(self._bias_time + elapsed, BIAS_TIME)
         if self._bias_time > 0.0:
@@ -261,7 +261,7 @@ class Plausibility:
     def _compared(self, then: _Place, now: _Place) -> list[str]:
         """Reason codes of how the pose moved otherwise than dead reckoning between two places."""
         turned, distance = now.turned - then.turned, now.distance - then.distance
-        bias = BIAS_LEARNT if self._bias_time >= BIAS_LEAST_TIME else BIAS_UNKNOWN
+        bias = BIAS_LEARNT if self._bias_time >= BIAS_MIN_TIME else BIAS_UNKNOWN
         uncertain = bias * (now.time - then.time) + TURN_SHARE * turned
         off = now.heading - then.heading - now.own_heading + then.own_heading
         # Two finite headings may be infinitely far apart, and have no remainder then.

@@ -54,7 +54,7 @@ class CarReports:
         self.wheel_angle = math.nan  #: last valid angle of the steering wheel [rad], left positive
 
     @property
-    def kit_heard(self) -> float:
+    def last_dbw_report(self) -> float:
         """When one of the interface's subsystems was last understood; -inf before the first time.
 
         Wheel speeds and the gyroscope do not count: they are the car's own, and say nothing of who could be commanded.
@@ -101,9 +101,9 @@ class CarReports:
         brake, throttle, steering = self.brake, self.throttle, self.steering
         reasons: list[str] = []
         if brake.watchdog or throttle.watchdog or steering.watchdog:
-            reasons.append("kit_watchdog")
+            reasons.append("dbw_watchdog")
         if brake.watchdog_braking:
-            reasons.append("kit_braking")
+            reasons.append("dbw_braking")
         if brake.fault:
             reasons.append("brake_fault")
         if throttle.fault:

@@ -13,7 +13,7 @@ from vve_sumo.values import Setpoint
 from vve_sumo.vehicle.fallback import well_formed
 from vve_sumo.vehicle.reports import TOLERANCE
 
-MAX_LIFETIME: Final = 0.100  # of a setpoint [s]: the kit's own timeout for commands
+MAX_LIFETIME: Final = 0.100  # of a setpoint [s]: the DBW controller's own timeout for commands
 
 
 class Debounce:
@@ -37,7 +37,7 @@ class Debounce:
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class Rejection:
     """Why a setpoint isn't acted on."""
 
     reason: str  #: reason code
@@ -51,13 +51,13 @@ class SetpointValidator:
         self.setpoint: Setpoint | None = None
         self._sequence = -1
 
-    def take(self, now: float, setpoint: Setpoint) -> Refusal | None:
+    def take(self, now: float, setpoint: Setpoint) -> Rejection | None:
         """Keep `setpoint`, or say why not."""
-        refusal = self._check(now, setpoint)
-        if refusal is None:
+        rejection = self._check(now, setpoint)
+        if rejection is None:
             self.setpoint = setpoint
             self._sequence = setpoint.sequence
-        return refusal
+        return rejection
 
     def valid(self, now: float) -> bool:
         """Whether the newest setpoint may still be acted on."""
@@ -67,18 +67,18 @@ class SetpointValidator:
         """Reason codes that the newest setpoint brings; one that has expired tells nothing."""
         return list(self.setpoint.faults) if self.setpoint is not None and self.valid(now) else []
 
-    def _check(self, now: float, setpoint: Setpoint) -> Refusal | None:
+    def _check(self, now: float, setpoint: Setpoint) -> Rejection | None:
         motion = setpoint.speed + setpoint.yaw_rate + setpoint.grade + setpoint.x + setpoint.y + setpoint.heading
         if not math.isfinite(setpoint.steering + setpoint.acceleration + motion):
-            return Refusal("setpoint_not_finite", fatal=True)
+            return Rejection("setpoint_not_finite", fatal=True)
         if setpoint.sequence < 0 or not math.isfinite(setpoint.time + setpoint.expires):
-            return Refusal("setpoint_incomplete", fatal=True)
+            return Rejection("setpoint_incomplete", fatal=True)
         if setpoint.profile is not None and not well_formed(setpoint.profile):
-            return Refusal("profile_invalid", fatal=True)
+            return Rejection("profile_invalid", fatal=True)
         if setpoint.sequence <= self._sequence:
-            return Refusal("setpoint_out_of_order", fatal=False)
+            return Rejection("setpoint_out_of_order", fatal=False)
         if setpoint.expires - setpoint.time > MAX_LIFETIME + TOLERANCE:
-            return Refusal("setpoint_lifetime", fatal=False)
+            return Rejection("setpoint_lifetime", fatal=False)
         if setpoint.time > now + TOLERANCE:
-            return Refusal("setpoint_from_future", fatal=False)
+            return Rejection("setpoint_from_future", fatal=False)
         return None

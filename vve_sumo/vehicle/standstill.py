@@ -17,12 +17,12 @@ REST_TIME: Final = 0.3  # standing this long is rest [s]
 # The receiver alone, against wheels that are silent or say that they turn, is believed after so long [s].
 SATELLITE_REST_TIME: Final = 3.0
 # No car brakes harder, so wheels whose speed falls faster do not tell the car's speed [m/s2].
-HARDEST_BRAKING: Final = 12.0
+MAX_BRAKING: Final = 12.0
 QUANTUM: Final = 0.02  # of wheel speeds, several times what they resolve [m/s]
 # Wheels that fell too fast and say zero are believed, where no receiver confirms them, once a car with half the brakes
 # could stand.
 BRAKING_SHARE: Final = 0.5
-LEAST_BRAKING: Final = 0.3  # of a car that rolls out [m/s2]
+MIN_BRAKING: Final = 0.3  # of a car that rolls out [m/s2]
 
 
 class Evidence(NamedTuple):
@@ -56,11 +56,11 @@ class Standstill:
         wheels, satellite = evidence
         satellite_stands = satellite is not None and satellite < SATELLITE_REST
         wheels_stand = wheels is not None and wheels < WHEEL_REST
-        if wheels is not None and wheels >= self._possible - HARDEST_BRAKING * elapsed - QUANTUM:
+        if wheels is not None and wheels >= self._possible - MAX_BRAKING * elapsed - QUANTUM:
             self._possible = wheels
         else:
             sure = satellite_stands or braking is None
-            fall = HARDEST_BRAKING if sure else max(BRAKING_SHARE * (braking or 0.0), LEAST_BRAKING)
+            fall = MAX_BRAKING if sure else max(BRAKING_SHARE * (braking or 0.0), MIN_BRAKING)
             self._possible = max(self._possible - fall * elapsed, 0.0)
         satellite_moves = satellite is not None and not satellite_stands
         self.moves = satellite_moves or (wheels is not None and not wheels_stand)

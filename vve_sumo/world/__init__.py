@@ -1,4 +1,4 @@
-"""The street: SUMO's network, traffic, obstacles, and the ego's anchor in it; the only room that imports libsumo."""
+"""The street: SUMO's network, traffic, obstacles, and the ego in it; the only room that imports libsumo."""
 
 import os
 

@@ -31,11 +31,11 @@ THROUGH_SHARE = 0.7
 #: 7 000 to 27 000, collectors 1 100 to 6 300, local streets 80 to 700 vehicles a day).
 THROUGH_WEIGHTS = {"primary": 15.0, "secondary": 8.0, "tertiary": 4.0, "unclassified": 0.4, "residential": 0.2}
 KERB_CLASSES = ("residential", "unclassified")  #: the freeway is in neither list: it can't be seen from the streets
-LONGEST_TRIP = 3.0  #: no trip takes more times the mean than this
+MAX_TRIP_FACTOR = 3.0  #: no trip takes more times the mean than this
 SAMPLES = 250  #: drawn to know the mean
-LEAST_TRIP = 400.0  #: shorter trips are walked [m]
+MIN_TRIP_LENGTH = 400.0  #: shorter trips are walked [m]
 DELAY = 1.25  #: travel time over the time at the speed limit, measured in SUMO with the vehicle types below
-TRIES = 1000  #: of drawing two ends that a way joins
+MAX_DRAWS = 1000  #: of drawing two ends that a way joins
 
 
 class VehicleType(NamedTuple):
@@ -122,7 +122,7 @@ def write_demand(
     places = _Places(roads, frozenset(clear))
     samples = [places.trip(drawn) for _ in range(SAMPLES)]
     mean = sum(_travel_time(edges) for edges, _kerb in samples) / len(samples)
-    trips = list(_trips(places, drawn, mean / LEVELS[level], LONGEST_TRIP * mean, duration))
+    trips = list(_trips(places, drawn, mean / LEVELS[level], MAX_TRIP_FACTOR * mean, duration))
     spares = ", nobody with right of way over the ego's path" if unhindered else ""
     return _write(out, trips, f"{level} traffic, seed {seed}{spares}", frozenset(clear), mean)
 
@@ -154,15 +154,17 @@ class _Places:
 
     def trip(self, drawn: random.Random) -> tuple[tuple[Any, ...], float | None]:
         """Return the edges of a random way and where on the first one the vehicle leaves the kerb."""
-        for _ in range(TRIES):
+        for _ in range(MAX_DRAWS):
             through = drawn.random() < THROUGH_SHARE
             start = (self.entries if through else self.kerbs).draw(drawn)
             end = (self.exits if drawn.random() < THROUGH_SHARE else self.kerbs).draw(drawn)
             kerb = None if through else round(drawn.uniform(0.2, 0.8) * start.getLength(), 2)
             edges = self._way(start, end)
-            if sum(edge.getLength() for edge in edges) >= LEAST_TRIP:
+            if sum(edge.getLength() for edge in edges) >= MIN_TRIP_LENGTH:
                 return edges, kerb
-        raise ConfigError(f"{self.roads.network.path}: found no two streets {LEAST_TRIP:.0f} m apart that a way joins")
+        raise ConfigError(
+            f"{self.roads.network.path}: found no two streets {MIN_TRIP_LENGTH:.0f} m apart that a way joins"
+        )
 
     def _way(self, start: Any, end: Any) -> tuple[Any, ...]:
         back = end.getFromNode() is start.getToNode() and end.getToNode() is start.getFromNode()

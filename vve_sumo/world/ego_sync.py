@@ -33,7 +33,7 @@ INVALID = -1073741824.0
 TOLERANCE = 1e-6
 
 #: No road car is faster [m/s]; a larger speed is a broken pose.
-FASTEST = 100.0
+MAX_SPEED = 100.0
 
 #: How far outside the network's bounding box a pose may lie [m].
 SURROUNDINGS = 1000.0
@@ -81,7 +81,7 @@ class Bounds:
         if not all(map(math.isfinite, (pose.x, pose.y, pose.heading, pose.speed))):
             return "pose_not_finite"
         inside = self.x_min <= pose.x <= self.x_max and self.y_min <= pose.y <= self.y_max
-        if not inside or abs(pose.speed) > FASTEST:
+        if not inside or abs(pose.speed) > MAX_SPEED:
             return "pose_out_of_bounds"
         return ""
 
@@ -113,12 +113,12 @@ def make_type(name: str, length: float, width: float) -> None:
     types.setEmergencyDecel(name, NO_WARNING_BELOW)
     types.setSpeedDeviation(name, 0.0)
     # Neither warns about nor clips a speed that the real car really has.
-    types.setMaxSpeed(name, FASTEST)
+    types.setMaxSpeed(name, MAX_SPEED)
     types.setSpeedFactor(name, SPEED_FACTOR)
 
 
 class EgoSync:
-    """The ego's anchor: `place`, let SUMO step, `check`."""
+    """Holds the ego: `place`, let SUMO step, `check`."""
 
     def __init__(self, lanes: Lanes, vehicle: Vehicle, route: Sequence[str] = ()) -> None:
         """Prepare the ego; it enters the street at the first pose.
@@ -180,7 +180,7 @@ class EgoSync:
         except SUMO_ERRORS as problem:
             error = error or str(problem)
             self._known, self._lane = False, ""
-        names = ("anchor_position", "anchor_heading", "anchor_speed")
+        names = ("ego_sync_position", "ego_sync_heading", "ego_sync_speed")
         if math.isnan(errors[0]):
             faults.append("ego_lost" if self._target else "ego_absent")
         else:

@@ -28,10 +28,10 @@ ONWARD_EDGES = 6
 ONWARD_DISTANCE = 400.0
 
 #: The pieces of lanes near the box are looked up anew after it moved so far [m].
-NEARBY_MOVE = 10.0
+NEARBY_REFRESH_DISTANCE = 10.0
 
 #: The few pieces close to a body are chosen anew after a corner of it may have moved so far [m].
-CLOSE_MOVE = 2.0
+CLOSE_REFRESH_DISTANCE = 2.0
 
 #: A corner may lie so far before or past a piece [m] and still count as in its lane: lanes of one road are not
 #: drawn gapless.
@@ -127,7 +127,7 @@ class Lanes:
 
     def nearby(self, reach: float) -> Nearby:
         """Return what to ask about boxes of one more body, of a radius up to `reach` [m]."""
-        return Nearby(self, reach + 2.0 * CLOSE_MOVE)
+        return Nearby(self, reach + 2.0 * CLOSE_REFRESH_DISTANCE)
 
     def around(self, x: float, y: float, distance: float) -> NDArray[np.intp]:
         """Return the pieces whose ground begins within a distance [m] of a point, in the order of the network."""
@@ -249,15 +249,15 @@ class Nearby:
         last = self._box
         if last is not None:
             turned = abs(math.remainder(box.heading - last.heading, math.tau)) * self._reach
-            if abs(box.x - last.x) + abs(box.y - last.y) + turned < CLOSE_MOVE:
+            if abs(box.x - last.x) + abs(box.y - last.y) + turned < CLOSE_REFRESH_DISTANCE:
                 return self._close
-        self._box, self._close = box, self.touched(box.grown(CLOSE_MOVE))
+        self._box, self._close = box, self.touched(box.grown(CLOSE_REFRESH_DISTANCE))
         return self._close
 
     def _look_around(self, x: float, y: float) -> None:
-        if not abs(x - self._centre[0]) + abs(y - self._centre[1]) <= NEARBY_MOVE:
+        if not abs(x - self._centre[0]) + abs(y - self._centre[1]) <= NEARBY_REFRESH_DISTANCE:
             self._centre = (x, y)
-            self._near = self._lanes.around(x, y, NEARBY_MOVE + self._reach)
+            self._near = self._lanes.around(x, y, NEARBY_REFRESH_DISTANCE + self._reach)
             self._table = self._lanes.rows(self._near)
 
     def _touched(self, box: Box) -> list[tuple[Lane, int]]:

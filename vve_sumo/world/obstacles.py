@@ -18,13 +18,13 @@ from vve_sumo.geometry import Box
 from vve_sumo.world.lanes import Cut, Lanes
 from vve_sumo.world.proxies import KEEP_ROUTE_GHOST, MATCH_THRESHOLD
 
-STAND_IN_TYPE = "obstacle_stand_in"
+OBSTACLE_PROXY_TYPE = "obstacle_stand_in"
 
 #: A lane is blocked when it is cut deeper than this [m].
 CUT_DEPTH = 0.05
 
 #: An obstacle farther from every lane is a mistake in its coordinates [m].
-FARTHEST = 50.0
+MAX_DISTANCE_FROM_LANES = 50.0
 
 #: A stop that outlasts every drive [s].
 FOREVER = 1e9
@@ -73,7 +73,7 @@ def body(obstacle: Obstacle, lanes: Lanes) -> Box:
     at = obstacle.at
     box = _on_lane(obstacle, at, lanes) if isinstance(at, LaneSpot) else _on_map(obstacle, at)
     lane, distance = lanes.nearest(box.x, box.y)
-    if distance > FARTHEST:
+    if distance > MAX_DISTANCE_FROM_LANES:
         raise ConfigError(
             f"obstacle {obstacle.id}: at ({box.x:.1f}, {box.y:.1f}) it is off the network, "
             f"{distance:.0f} m from the nearest lane {lane.id}"
@@ -118,7 +118,7 @@ class Obstacles:
         """Put the stand-ins on the still empty street; they hold from the coming step on."""
         names: list[str] = []
         for cut in self._blocked():
-            names.append(f"{STAND_IN_TYPE}.{len(names)}")
+            names.append(f"{OBSTACLE_PROXY_TYPE}.{len(names)}")
             self._stand(names[-1], cut)
         self.stand_ins = frozenset(names)
 
@@ -137,7 +137,7 @@ class Obstacles:
 
     def _stand(self, name: str, cut: Cut) -> None:
         x, y, heading = cut.lane.at(cut.end)
-        libsumo.vehicle.add(name, self._lanes.route(cut.lane.id), STAND_IN_TYPE, departSpeed="0")
+        libsumo.vehicle.add(name, self._lanes.route(cut.lane.id), OBSTACLE_PROXY_TYPE, departSpeed="0")
         libsumo.vehicle.setLength(name, cut.end - cut.start)
         angle = math.degrees(0.5 * math.pi - heading) % 360.0
         libsumo.vehicle.moveToXY(name, cut.lane.edge, cut.lane.index, x, y, angle, KEEP_ROUTE_GHOST, MATCH_THRESHOLD)

@@ -17,14 +17,14 @@ import libsumo
 from vve_sumo.geometry import Box, Corners
 from vve_sumo.world.lanes import Cut, Lane, Lanes, holds, in_line
 
-GHOST_TYPE = "ego_ghost"
+EGO_PROXY_TYPE = "ego_ghost"
 
 #: A lane gets its ghost when it is cut deeper than this [m], and loses it when it is not cut at all: centimetres of
 #: GNSS noise beside a lane line shall not make a ghost come and go.
 CUT_DEPTH = 0.05
 
 #: SUMO wants vehicles to have a length [m].
-SHORTEST = 0.1
+MIN_LENGTH = 0.1
 
 #: Smallest change of length that is passed on [m].
 LENGTH_STEP = 0.01
@@ -40,7 +40,7 @@ MATCH_THRESHOLD = 5.0
 class ProxyVehicles:
     """The ghosts of one body; empty while an ego lies within its own line of lanes."""
 
-    def __init__(self, lanes: Lanes, name: str = GHOST_TYPE) -> None:
+    def __init__(self, lanes: Lanes, name: str = EGO_PROXY_TYPE) -> None:
         """Ghosts are named after `name`, unlike any other body's."""
         self._lanes, self._name = lanes, name
         self._line: deque[Lane] = deque(maxlen=LANES_BEHIND)
@@ -114,7 +114,7 @@ class ProxyVehicles:
         x, y, along = lane.at(cut.end)
         seen_speed = max(0.0, speed * math.cos(heading - along))
         ghost = self._by_lane.get(lane.id) or self._add(lane, seen_speed)
-        length = max(cut.end - cut.start, SHORTEST)
+        length = max(cut.end - cut.start, MIN_LENGTH)
         if abs(length - self._lengths[ghost]) > LENGTH_STEP:
             libsumo.vehicle.setLength(ghost, length)
             self._lengths[ghost] = length
@@ -125,7 +125,7 @@ class ProxyVehicles:
     def _add(self, lane: Lane, speed: float) -> str:
         ghost = f"{self._name}.{self._born}"
         self._born += 1
-        libsumo.vehicle.add(ghost, self._lanes.route(lane.id), GHOST_TYPE, departSpeed=f"{speed}")
+        libsumo.vehicle.add(ghost, self._lanes.route(lane.id), EGO_PROXY_TYPE, departSpeed=f"{speed}")
         libsumo.vehicle.setSpeedMode(ghost, 32)
         libsumo.vehicle.setLaneChangeMode(ghost, 0)
         self._by_lane[lane.id], self._lengths[ghost] = ghost, 0.0

@@ -1,6 +1,6 @@
 """Starts, steps and closes the one SUMO simulation of this process, with the options that an external car needs.
 
-Must not know the ego, its anchor or any obstacle; the rest of the room talks to `libsumo` through this module.
+Must not know the ego, its synchronisation or any obstacle; the rest of the room talks to `libsumo` through this module.
 """
 
 from __future__ import annotations

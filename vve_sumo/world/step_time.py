@@ -16,16 +16,16 @@ from typing import Any, Final
 import libsumo
 
 LIMIT: Final = 0.012  #: what a step may take of a tick's 20 ms [s]: the rest is the tick itself and the machine's whims
-ROOM: Final = 0.6  #: below this share of the limit there is room for more traffic
+RELAX_SHARE: Final = 0.6  #: below this share of the limit there is room for more traffic
 
 #: The third longest of so many steps is judged: two hiccups of the machine are not the traffic's, while what comes back
 #: once a second (drivers who all act in the same step) is.
 WINDOW: Final = 150
 RANK: Final = 3
 
-SETTLING: Final = 50  #: steps between two measures: time for the one before to show
-NEAR: Final = 250.0  #: around the ego nothing is taken off the street [m]; the radar reaches less far
-LEAST_SHARE: Final = 0.1  #: of the vehicles, taken off at a time
+SETTLING_STEPS: Final = 50  #: steps between two measures: time for the one before to show
+PROTECTED_RADIUS: Final = 250.0  #: around the ego nothing is taken off the street [m]; the radar reaches less far
+MIN_REMOVED_SHARE: Final = 0.1  #: of the vehicles, taken off at a time
 
 
 class Measure(enum.Enum):
@@ -73,7 +73,7 @@ class StepTimeJudge:
         summary.steps += 1
         summary.longest_s = max(summary.longest_s, self._times[-1])
         summary.worst_s = max(summary.worst_s, judged)
-        full = len(self._times) >= SETTLING
+        full = len(self._times) >= SETTLING_STEPS
         summary.now_s = judged if full else math.nan
         summary.fits = full and judged <= summary.limit_s
         return self._measure(judged)
@@ -83,9 +83,9 @@ class StepTimeJudge:
         return longest[0] if len(longest) == RANK else 0.0
 
     def _measure(self, judged: float) -> Measure:
-        if not judged <= self.summary.limit_s and (self._since >= SETTLING or not self.closed):
+        if not judged <= self.summary.limit_s and (self._since >= SETTLING_STEPS or not self.closed):
             return self._hold_back(judged)
-        if self.closed and self._since >= self._patience and judged < ROOM * self.summary.limit_s:
+        if self.closed and self._since >= self._patience and judged < RELAX_SHARE * self.summary.limit_s:
             self.closed, self._since = False, 0
             self._patience *= 2
             return Measure.ADMIT
@@ -99,7 +99,7 @@ class StepTimeJudge:
         self.summary.refusals += not self.closed
         self.closed, self._since = True, 0
         # The time is about in proportion to the traffic.
-        self.share = max(LEAST_SHARE, 1.0 - self.summary.limit_s / judged)
+        self.share = max(MIN_REMOVED_SHARE, 1.0 - self.summary.limit_s / judged)
         # What was slow before the measure must not be held against the traffic that is left.
         self._times.clear()
         return measure
@@ -166,13 +166,13 @@ def _spread(names: list[str]) -> dict[int, list[tuple[str, float]]]:
 
 
 def _far(names: tuple[str, ...], x: float, y: float, keep: Set[str]) -> list[str]:
-    """Return the vehicles beyond NEAR of the ego that are traffic, farthest first."""
+    """Return the vehicles beyond PROTECTED_RADIUS of the ego that are traffic, farthest first."""
     distances = []
     for name in names:
         if name not in keep:
             at_x, at_y = libsumo.vehicle.getPosition(name)
             distances.append((math.hypot(at_x - x, at_y - y), name))
-    return [name for distance, name in sorted(distances, reverse=True) if distance > NEAR]
+    return [name for distance, name in sorted(distances, reverse=True) if distance > PROTECTED_RADIUS]
 
 
 def _remove(names: list[str]) -> int:

@@ -43,7 +43,7 @@ RADAR_CROSS_SECTIONS = {
 OTHER_CROSS_SECTION = 10.0
 
 #: SUMO measures to the front bumper; no road vehicle's centre is farther behind it [m].
-LONGEST_HALF = 15.0
+MAX_CENTRE_DISTANCE = 15.0
 
 #: Whose centre is farther off than this along an axis of the map is in nobody's way [m].
 CLOSE = 30.0
@@ -51,7 +51,7 @@ CLOSE = 30.0
 VARIABLES = (libsumo.VAR_POSITION, libsumo.VAR_SPEED, libsumo.VAR_ANGLE)
 
 #: Bodies of vehicles that left are forgotten when so many more are known than seen.
-FORGET_ABOVE = 256
+MAX_FORGOTTEN = 256
 
 
 NO_COLUMNS = (np.empty(0),) * 8
@@ -59,11 +59,11 @@ NO_COLUMNS = (np.empty(0),) * 8
 #: A vehicle that is faster across its heading [m/s] only went over a kink in how the lanes are drawn: a car on a dry
 #: road does not slip more. SUMO turns a body into a lane change, and its centre is at most half as fast across as
 #: the change is (0.5 m/s for 3.2 m in 3 s).
-LARGEST_LATERAL = 1.5
+MAX_LATERAL_SPEED = 1.5
 
 #: A body's tail swings around its front no faster [m/s]: where a lane change begins in a junction, SUMO turns a body by
 #: up to 0.3 rad in one step. A car at 10 m/s in a turn of 6 m radius swings it at 8 m/s.
-FASTEST_SWING = 15.0
+MAX_TAIL_SWING = 15.0
 
 
 class Body(NamedTuple):
@@ -99,7 +99,7 @@ class Surroundings:
 
     def watch(self) -> None:
         """Have SUMO gather the vehicles near the ego in every step; to be called whenever the ego entered."""
-        reach = self._reach + LONGEST_HALF
+        reach = self._reach + MAX_CENTRE_DISTANCE
         libsumo.vehicle.subscribeContext(EGO, libsumo.CMD_GET_VEHICLE_VARIABLE, reach, VARIABLES)
 
     def snapshot(
@@ -134,7 +134,7 @@ class Surroundings:
 
     def _vehicles(self, time: float, hidden: Set[str]) -> Iterator[Row]:
         seen = libsumo.vehicle.getContextSubscriptionResults(EGO)
-        if len(self._bodies) > len(seen) + FORGET_ABOVE:
+        if len(self._bodies) > len(seen) + MAX_FORGOTTEN:
             self._bodies = {name: body for name, body in self._bodies.items() if name in seen}
         period, before, self._before = time - self._time, self._before, {}
         self._time = time
@@ -144,7 +144,7 @@ class Surroundings:
             body = self._bodies.get(name) or self._learn(name)
             heading, last, lateral = heading_of(values[libsumo.VAR_ANGLE]), before.get(name), 0.0
             if last is not None:
-                heading = followed(last[2], heading, FASTEST_SWING * period / body.length)
+                heading = followed(last[2], heading, MAX_TAIL_SWING * period / body.length)
             front_x, front_y = values[libsumo.VAR_POSITION]
             x, y, heading = place = _centre(front_x, front_y, heading, body)
             if last is not None:
@@ -190,7 +190,7 @@ def _lateral(before: Place, now: Place, period: float) -> float:
         return 0.0
     heading = before[2] + 0.5 * math.remainder(now[2] - before[2], math.tau)
     lateral = ((now[1] - before[1]) * math.cos(heading) - (now[0] - before[0]) * math.sin(heading)) / period
-    return lateral if abs(lateral) <= LARGEST_LATERAL else 0.0
+    return lateral if abs(lateral) <= MAX_LATERAL_SPEED else 0.0
 
 
 def table(time: float, rows: Sequence[Row]) -> Actors:
@@ -200,4 +200,7 @@ def table(time: float, rows: Sequence[Row]) -> Actors:
     names, x, y, heading, speed, bodies, lateral = zip(*rows, strict=True)
     length, width, section = zip(*bodies, strict=True)
     columns = (x, y, heading, speed, length, width, section, lateral)
-    return Actors(time, names, *(np.array(column) for column in columns))
+    arrays = [np.array(column) for column in columns]
+    for array in arrays:
+        array.setflags(write=False)  # every sensor looks at them, and the record keeps them
+    return Actors(time, names, *arrays)

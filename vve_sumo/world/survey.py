@@ -1,4 +1,4 @@
-"""Records a path in the virtual street: a SUMO car drives along given edges, its track becomes a file of positions.
+"""Records a path in the virtual road: a SUMO car drives along given edges, its track becomes a file of positions.
 
 The track is the car's front bumper, which SUMO keeps on the lanes' centre lines; smoothed, it is where the ego's rear
 axle shall go. Knows nothing of the ego or of traffic.
@@ -22,8 +22,8 @@ from vve_sumo.world.network import Network, Roads
 Floats = NDArray[np.float64]
 
 PERIOD = 0.1  #: between two samples of the track [s]
-PACE = 5.0  #: of the car that records [m/s]; half a metre a sample
-LONGEST_DRIVE = 7200.0  #: a car that has not arrived by then never will [s]
+SPEED = 5.0  #: of the car that records [m/s]; half a metre a sample
+MAX_DURATION = 7200.0  #: a car that has not arrived by then never will [s]
 SPACING = 1.0  #: between two points of the file [m]
 FINE = 0.5  #: between two points of the track as it is smoothed [m]
 STANDING = 0.05  #: samples nearer than this to the last one were taken at a stop [m]
@@ -95,13 +95,13 @@ def _drive(network: File, edges: tuple[str, ...], start: float, stop: float) -> 
     try:
         libsumo.route.add("way", edges)
         libsumo.vehicle.add("surveyor", "way", departPos=str(start), arrivalPos=str(stop), departLane="best")
-        libsumo.vehicle.setMaxSpeed("surveyor", PACE)
+        libsumo.vehicle.setMaxSpeed("surveyor", SPEED)
         while libsumo.simulation.getMinExpectedNumber():
             libsumo.simulationStep()
             if "surveyor" in libsumo.vehicle.getIDList():
                 track.append(libsumo.vehicle.getPosition("surveyor"))
-            if libsumo.simulation.getTime() > LONGEST_DRIVE:
-                raise ConfigError(f"{network}: the recording car did not reach {edges[-1]!r} in {LONGEST_DRIVE:.0f} s")
+            if libsumo.simulation.getTime() > MAX_DURATION:
+                raise ConfigError(f"{network}: the recording car did not reach {edges[-1]!r} in {MAX_DURATION:.0f} s")
     finally:
         libsumo.close()
     return _moved(np.array(track).reshape(-1, 2))
@@ -170,7 +170,7 @@ def _write(out: File, network: Network, points: Floats, edges: tuple[str, ...]) 
     rows = [[f"{math.degrees(angle):.{DECIMALS}f}" for angle in frame.to_geodetic(x, y)] for x, y in points.tolist()]
     lines = [
         "# Path for the middle of the ego's rear axle, WGS84, in driving order, a point about every metre.",
-        f"# Recorded in the virtual street {network.path.name}: a SUMO car drove the edges below at {PACE:.0f} m/s,",
+        f"# Recorded in the virtual road {network.path.name}: a SUMO car drove the edges below at {SPEED:.0f} m/s,",
         f"# sampled every {PERIOD} s at its front bumper, which SUMO keeps on the lane's centre line; then smoothed.",
         f"# {ATTRIBUTION}",
         f"# edges: {' '.join(edges)}",

@@ -16,8 +16,8 @@ from vve_sumo.geometry import Box, behind_bumper, overlap
 from vve_sumo.values import Actors, ActorState, Pose, Vehicle
 from vve_sumo.world.ego_sync import DECELERATION, EGO, EgoSync, EgoSyncReport, heading_of, make_type
 from vve_sumo.world.lanes import Lanes, read_lanes
-from vve_sumo.world.obstacles import STAND_IN_TYPE, Obstacle, Obstacles
-from vve_sumo.world.proxies import GHOST_TYPE, ProxyVehicles
+from vve_sumo.world.obstacles import OBSTACLE_PROXY_TYPE, Obstacle, Obstacles
+from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
 from vve_sumo.world.scenario_actors import ScenarioActors, box_of
 from vve_sumo.world.simulation import SUMO_ERRORS, Simulation
 from vve_sumo.world.standoff import STANDING, Standoff
@@ -59,7 +59,7 @@ class World:
         if not (math.isfinite(warm_up) and warm_up >= 0.0):
             raise ConfigError(f"warm_up: 0 s or more expected, got {warm_up}")
         self._vehicle, self._period = vehicle, period
-        self._clock, self._headroom = clock, StepTimeBudget() if clock else None
+        self._clock, self._step_time_budget = clock, StepTimeBudget() if clock else None
         self._simulation = Simulation(network, demand, seed, period)
         try:
             self._furnish(network, vehicle, obstacles, route, range_of_interest)
@@ -81,7 +81,7 @@ class World:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What SUMO complained about so far, a line each, without the ghosts' overlaps: they are meant to overlap."""
-        return tuple(line for line in self._simulation.warnings if GHOST_TYPE not in line)
+        return tuple(line for line in self._simulation.warnings if EGO_PROXY_TYPE not in line)
 
     @property
     def cleared(self) -> tuple[str, ...]:
@@ -96,12 +96,12 @@ class World:
     @property
     def ghost_lanes(self) -> tuple[str, ...]:
         """Lanes whose traffic sees the ego through a ghost now, because its body left its own line of lanes."""
-        return self._ghosts.lanes
+        return self._proxies.lanes
 
     @property
-    def headroom(self) -> StepTimeBudget | None:
+    def step_time_budget(self) -> StepTimeBudget | None:
         """What the steps took and what was done about it; None without a clock."""
-        return self._headroom
+        return self._step_time_budget
 
     def place(self, pose: Pose) -> None:
         """Have the ego's front bumper at `pose`, the pose it has at the next tick.
@@ -109,7 +109,7 @@ class World:
         A pose that is not finite, out of bounds or not the front bumper's becomes a fault of the coming report
         and the ego stands where it was. Raises ConfigError where the first pose lies in an obstacle.
         """
-        if not self._anchor.place(pose):
+        if not self._ego_sync.place(pose):
             return
         self._body = behind_bumper(pose.x, pose.y, pose.heading, self._vehicle.length, self._vehicle.width)
         if self._pose is None:
@@ -135,16 +135,16 @@ class World:
         Never raises: whatever SUMO says is a fault of the report.
         """
         begun = self._clock() if self._clock else 0.0
-        moving = self._anchor.ready()
+        moving = self._ego_sync.ready()
         error = ""
         try:
             if self._body is not None and self._pose is not None:
-                self._ghosts.place(self._body, self._pose.speed if moving else 0.0, self._anchor.lane)
+                self._proxies.place(self._body, self._pose.speed if moving else 0.0, self._ego_sync.lane)
             for entered in self._players.place(self._playing):
                 self._cleared += _clear(box_of(entered), entered.speed, self._hidden())
             self._players.show()
             self._end_standoffs()
-            if self._anchor.entered():
+            if self._ego_sync.entered():
                 self._surroundings.watch()
             self._simulation.step()
         except (SimulationError, *SUMO_ERRORS) as problem:
@@ -152,12 +152,12 @@ class World:
         self._steps += 1
         try:
             self._snapshot = self._look()
-            if self._clock and self._headroom and self._pose:
-                self._headroom.step(self._clock() - begun, self._pose.x, self._pose.y, self._hidden())
+            if self._clock and self._step_time_budget and self._pose:
+                self._step_time_budget.step(self._clock() - begun, self._pose.x, self._pose.y, self._hidden())
         except SUMO_ERRORS as problem:
             # What was seen last is better than an empty street; the fault stops the car.
             error = error or str(problem)
-        return self._anchor.check(self._time(), error)
+        return self._ego_sync.check(self._time(), error)
 
     def actors(self) -> Actors:
         """Return everything with a body near the ego, without the ego; the same table until the next step.
@@ -205,10 +205,10 @@ class World:
         lanes = Lanes(read_lanes(), 0.5 * max(boxes))
         if problem := lanes.gap(route):
             raise ConfigError(f"{network}: {problem}")
-        make_type(GHOST_TYPE, vehicle.length, vehicle.width)
-        make_type(STAND_IN_TYPE, vehicle.length, vehicle.width)
-        self._anchor = EgoSync(lanes, vehicle, route)
-        self._ghosts = ProxyVehicles(lanes)
+        make_type(EGO_PROXY_TYPE, vehicle.length, vehicle.width)
+        make_type(OBSTACLE_PROXY_TYPE, vehicle.length, vehicle.width)
+        self._ego_sync = EgoSync(lanes, vehicle, route)
+        self._proxies = ProxyVehicles(lanes)
         self._obstacles = Obstacles(obstacles, lanes)
         self._players = ScenarioActors(lanes)
         self._surroundings = Surroundings(reach, self._obstacles.declared)
@@ -239,7 +239,7 @@ class World:
                 self._standoffs += (name,)
 
     def _hidden(self) -> frozenset[str]:
-        return self._ghosts.ids | self._players.ids | self._obstacles.stand_ins | {EGO}
+        return self._proxies.ids | self._players.ids | self._obstacles.stand_ins | {EGO}
 
     def _time(self) -> float:
         return self._start + (self._steps - 1) * self._period

@@ -84,7 +84,7 @@ class FrameSource:
         """Return nothing: a frame does not say who sent it."""
         return ()
 
-    def told(self) -> dict[str, Any]:
+    def sender_report(self) -> dict[str, Any]:
         """Return nothing: a frame does not say who sent it."""
         return {}
 

@@ -1,6 +1,6 @@
-"""Codec of a Dataspeed DBW1 drive-by-wire kit: values in, CAN frame out, and back.
+"""Codec of a Dataspeed DBW1 drive-by-wire controller: values in, CAN frame out, and back.
 
-Both directions of both kinds: the gateway encodes commands and decodes reports, the hardware-free car does the reverse.
+Both directions of both kinds: the gateway encodes commands and decodes reports, the simulated vehicle does the reverse.
 It knows bits, scales and ranges, and nothing about when or why anything is sent. `dbw1.dbc` states the same layout.
 """
 
@@ -77,7 +77,7 @@ _BRAKE_INFO = struct.Struct("<HHHH")
 
 
 class Variant(enum.Enum):
-    """Generation of the kit's firmware; the two disagree on a few fields, so a rig must verify which one it has."""
+    """Generation of the firmware; the two disagree on a few fields, so a rig must verify which one it has."""
 
     DBW1_2018 = enum.auto()
     #: The default: steering at the wrong generation's rate then means half the rate, not twice the rate.
@@ -186,7 +186,7 @@ def _flags(command: BrakeCommand | ThrottleCommand | SteeringCommand) -> int:
 
 def _command_frame(identifier: int, layout: struct.Struct, first: int, a: int, b: int, counter: int | None) -> Frame:
     if counter is None:
-        # With all eight bytes the kit would see a counter that does not counter, and its watchdog would brake.
+        # With all eight bytes the DBW controller would see a counter that does not count, and its watchdog would brake.
         return Frame(identifier, layout.pack(first, a, b, 0)[:4])
     return Frame(identifier, layout.pack(first, a, b, counter))
 
@@ -216,7 +216,7 @@ def _encode_steering_command(command: SteeringCommand, variant: Variant) -> Fram
     angle = _counts(command.wheel_angle, -limit, limit, 1.0 / TENTH_DEGREE, "steering-wheel angle")
     if not 0.0 <= command.wheel_rate <= WHEEL_RATE_LIMIT[variant]:
         raise ValueError(f"steering-wheel rate must be 0 to {WHEEL_RATE_LIMIT[variant]:g}, got {command.wheel_rate:g}")
-    # Rounded down, but never to zero: zero asks for the kit's largest rate.
+    # Rounded down, but never to zero: zero asks for the DBW controller's largest rate.
     rate = max(1, int(command.wheel_rate / step + 1e-9)) if command.wheel_rate > 0.0 else 0
     return _command_frame(STEERING_COMMAND, _STEERING_COMMAND, angle, _flags(command), rate, command.counter)
 

@@ -1,4 +1,4 @@
-"""What a Dataspeed DBW1 kit does with commands: enabling, timeouts, driver overrides, watchdog, shifting.
+"""What a Dataspeed DBW1 controller does with commands: enabling, timeouts, driver overrides, watchdog, shifting.
 
 It turns command frames and the driver's limbs into requests to the actuators, and knows neither dynamics nor reports.
 Behaviour as public in Dataspeed's `dbw_mkz_can` and `dbw_ford_can` sources, WatchdogCounter.msg and its FAQ.
@@ -33,13 +33,13 @@ THROTTLE_TRAVEL_END = 0.80  # pedal sensor of a floored pedal, fraction of its r
 BRAKE_OVERRIDE, THROTTLE_OVERRIDE = 0.22, 0.30  # pedal sensor
 PEDAL_ACTIVITY = 0.18  # pedal sensor
 STEERING_OVERRIDE, STEERING_ACTIVITY = 3.0, 1.5  # driver's torque on the wheel [N m]; not public, assumptions
-REST = 0.05  # slower counts as standing [m/s]
+REST_SPEED = 0.05  # slower counts as standing [m/s]
 SHIFT_BRAKE = 200.0  # torque that the shifter takes for a pressed pedal [N m]; an assumption
 
 # Brake pedal sensor and the torque it asks for [N m] (pedal_lut.h).
 _PEDALS = (0.175, 0.246, 0.283, 0.323, 0.330)
 _TORQUES = (0.0, 816.0, 1832.0, 3316.0, 3412.0)
-# The kit moves the pedal at most 0.4 in 20 ms; as torque, by the table's mean slope [N m/s].
+# The DBW controller moves the pedal at most 0.4 in 20 ms; as torque, by the table's mean slope [N m/s].
 BRAKE_RAMP = 0.4 / 0.020 * _TORQUES[-1] / (_PEDALS[-1] - _PEDALS[0])
 
 
@@ -71,7 +71,7 @@ def pedal_to_throttle(pedal: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class DbwControllerParameters:
-    """How one kit is configured."""
+    """How one DBW controller is configured."""
 
     variant: codec.Variant = codec.Variant.DBW1_2024
     watchdog: bool = True  #: the optional watchdog is there; counting commands arm it
@@ -122,7 +122,7 @@ class Module:
 
 
 class DbwController:
-    """The kit's modules, stepped together every `duration` seconds."""
+    """The DBW controller's modules, stepped together every `duration` seconds."""
 
     def __init__(self, parameters: DbwControllerParameters, duration: float) -> None:
         self.parameters = parameters
@@ -193,7 +193,7 @@ class DbwController:
         if self.fault:
             self._watch_fault()
         elif not (self.brake.override or self.throttle.override or self.steering.override):
-            parked = self.gear is Gear.PARK and abs(speed) < REST
+            parked = self.gear is Gear.PARK and abs(speed) < REST_SPEED
             for index, module in enumerate(self.modules):
                 if module.counting and (cause := self._cause(module, parked)) is not None:
                     self._latch(index, cause)
@@ -285,4 +285,4 @@ class DbwController:
             return GearReject.UNSUPPORTED
         if self._shift_ends is not None:
             return GearReject.SHIFT_IN_PROGRESS
-        return GearReject.NONE if abs(speed) < REST and brake_torque >= SHIFT_BRAKE else GearReject.VEHICLE
+        return GearReject.NONE if abs(speed) < REST_SPEED and brake_torque >= SHIFT_BRAKE else GearReject.VEHICLE

@@ -62,7 +62,7 @@ class ParkingBrake(enum.IntEnum):
 
 
 class WatchdogSource(enum.IntEnum):
-    """What made the kit's watchdog latch."""
+    """What made the DBW controller's watchdog latch."""
 
     NONE = 0
     OTHER_BRAKE = 1
@@ -88,7 +88,7 @@ class BrakeCommand(NamedTuple):
 
     kind: BrakeKind  #: meaning of the value
     value: float  #: fraction, [N m] or [m/s2]
-    enable: bool  #: the kit may act on it
+    enable: bool  #: the DBW controller may act on it
     counter: int | None  #: watchdog counter 0 to 255; None only for CLEAR alone, which goes out with four bytes
     clear: bool = False  #: forget a latched override
 
@@ -98,7 +98,7 @@ class ThrottleCommand(NamedTuple):
 
     kind: ThrottleKind  #: meaning of the value
     value: float  #: fraction
-    enable: bool  #: the kit may act on it
+    enable: bool  #: the DBW controller may act on it
     counter: int | None  #: watchdog counter 0 to 255; None only for CLEAR alone
     clear: bool = False  #: forget a latched override
 
@@ -107,8 +107,8 @@ class SteeringCommand(NamedTuple):
     """Where the steering wheel shall be."""
 
     wheel_angle: float  #: of the steering wheel [rad], left positive
-    wheel_rate: float  #: largest rate of the steering wheel [rad/s], rounded down; 0 is the kit's own largest
-    enable: bool  #: the kit may act on it
+    wheel_rate: float  #: largest rate of the steering wheel [rad/s], rounded down; 0 is the controller's own
+    enable: bool  #: the DBW controller may act on it
     counter: int | None  #: watchdog counter 0 to 255; None only for CLEAR alone
     clear: bool = False  #: forget a latched override
 
@@ -132,7 +132,7 @@ class BrakeReport(NamedTuple):
     override: bool = False  #: the driver took over; latched until CLEAR
     driver: bool = False  #: the driver is on the pedal
     timeout: bool = False  #: no command for 100 ms
-    watchdog_braking: bool = False  #: the kit brakes because of its watchdog
+    watchdog_braking: bool = False  #: the DBW controller brakes because of its watchdog
     watchdog_source: WatchdogSource = WatchdogSource.NONE
     fault_watchdog: bool = False
     fault_channel_1: bool = False

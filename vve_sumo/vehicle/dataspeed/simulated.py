@@ -11,7 +11,7 @@ from typing import Final
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.controller import (
-    REST,
+    REST_SPEED,
     THROTTLE_TRAVEL_END,
     DbwController,
     pedal_to_torque,
@@ -93,7 +93,7 @@ class SimulatedDbw1:
             info = BrakeInfo(
                 torque_requested=self.controller.request.brake_torque,
                 torque_actual=measured.brake_torque,
-                stationary=abs(measured.speed) < REST,
+                stationary=abs(measured.speed) < REST_SPEED,
                 acceleration_over_ground=measured.acceleration,
             )
             frames += [

@@ -1,4 +1,4 @@
-"""The anchor's contract, driven against the real SUMO."""
+"""The contract of the ego in SUMO, driven against the real SUMO."""
 
 from __future__ import annotations
 

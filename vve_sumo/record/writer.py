@@ -1,4 +1,4 @@
-"""The record of a drive: one folder, appended as the drive goes, hashed over what was simulated.
+"""Writes the record of a drive: one folder, appended as the drive goes, hashed over what was simulated.
 
 Knows rows and bytes; neither SUMO nor the wall clock. Tables grow as Arrow streams in batches of a few ticks, so a
 killed process leaves everything but the last batch readable; a finished drive holds Parquet files instead. A live
@@ -7,15 +7,13 @@ drive's record is the same with two tables more; one that nobody keeps is the sa
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import operator
-import struct
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 import pyarrow as pa
@@ -24,8 +22,21 @@ from numpy.typing import NDArray
 
 from vve_sumo.bus import candump_lines
 from vve_sumo.errors import ConfigError
-from vve_sumo.sensors.port import Column, SensorTable
-from vve_sumo.sensors.registry import SENSORS
+from vve_sumo.record.hashes import ColumnHashes, hash_parts
+from vve_sumo.record.layout import (
+    CHUNK_HEAD,
+    CLOSED_ENDING,
+    LIVE_SCHEMAS,
+    NUMPY_KINDS,
+    OPEN_ENDING,
+    RAW_PARTS,
+    SCHEMAS,
+    UNHASHED,
+    sensor_schemas,
+    sensor_table,
+)
+from vve_sumo.record.summary import write_summary
+from vve_sumo.sensors.port import Column
 from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
 
 #: ticks between two writes; 10 ticks of 20 ms are 0.2 s, the most that a kill may lose
@@ -33,190 +44,6 @@ TICKS_PER_BATCH = 10
 
 #: of a record that nobody keeps there is nothing to lose, and longer batches are quicker
 UNKEPT_TICKS_PER_BATCH = 250
-
-#: numpy's kind of each numeric column
-_NUMPY = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
-_ARROW: dict[str, pa.DataType] = {
-    "int": pa.int64(), "int8": pa.int8(), "float": pa.float64(),
-    "bool": pa.bool_(), "str": pa.string(), "bytes": pa.binary(),
-}  # fmt: skip
-
-
-def _row_schema(row: type[TickRow | GatewayRow | LatencyRow]) -> pa.Schema:
-    return pa.schema(
-        [
-            pa.field(f.name, _ARROW[str(f.type)], metadata={"meaning": f.metadata["meaning"]})
-            for f in dataclasses.fields(row)
-        ]
-    )
-
-
-def _schema(columns: Sequence[tuple[str, pa.DataType, str]]) -> pa.Schema:
-    return pa.schema([pa.field(name, kind, metadata={"meaning": meaning}) for name, kind, meaning in columns])
-
-
-_TICK = ("tick", pa.int64(), "number of the tick")
-
-
-def _sensor_schema(table: SensorTable) -> pa.Schema:
-    return _schema([_TICK, *((name, _ARROW[kind], meaning) for name, kind, meaning in table.columns)])
-
-
-SCHEMAS: dict[str, pa.Schema] = {
-    "ticks": _row_schema(TickRow),
-    **{kind.table.name: _sensor_schema(kind.table) for kind in SENSORS.values()},
-    "actors": _schema(
-        [
-            ("tick", pa.int64(), "number of the tick that looks at this snapshot, or would have after the last"),
-            ("actor", pa.string(), "name in SUMO"),
-            ("x_m", pa.float64(), "centre of the box, map"),
-            ("y_m", pa.float64(), "centre of the box, map"),
-            ("heading_rad", pa.float64(), "counter-clockwise from the map's +x"),
-            ("speed_mps", pa.float64(), "along the heading"),
-            ("length_m", pa.float64(), "of the box, along the heading"),
-            ("width_m", pa.float64(), "of the box"),
-            ("radar_cross_section_m2", pa.float64(), "at 77 GHz, by the kind of actor: an assumption"),
-            ("lateral_speed_mps", pa.float64(), "of the centre across the heading, left positive"),
-        ]
-    ),
-}
-#: Columns of the actors' table that hold numbers, as `Actors` orders them.
-ACTOR_COLUMNS: Final = tuple(SCHEMAS["actors"].names[2:])
-
-#: tables that only a live drive has
-LIVE_SCHEMAS: dict[str, pa.Schema] = {"gateway": _row_schema(GatewayRow), "latency": _row_schema(LatencyRow)}
-
-#: tables that the hash leaves out: they tell how long things took, and no two drives take equally long
-UNHASHED = frozenset({"latency"})
-
-#: parts of a record that are hashed as they stand in their files
-RAW_PARTS = ("scenario.json", "pose.bin", "can.log")
-
-#: what an open table is called in the folder, and a finished one
-OPEN_ENDING, CLOSED_ENDING = ".arrows", ".parquet"
-
-#: key of a summary's hash of itself
-SEAL = "summary_sha256"
-#: file of a record that says where the drive comes from; no part of its hash
-PROVENANCE = "provenance.json"
-
-#: files whose bytes have hashes of their own beside that of the record
-HASHED_FILES = (*(f"{name}{CLOSED_ENDING}" for name in SCHEMAS | LIVE_SCHEMAS), PROVENANCE)
-
-_CHUNK_HEAD = struct.Struct("<dI")
-
-
-def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
-    """Return (receive time [s], bytes) of every complete chunk in a `pose.bin`; a torn last one is left out."""
-    try:
-        raw = file.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
-    chunks, at = [], 0
-    while at + _CHUNK_HEAD.size <= len(raw):
-        time, size = _CHUNK_HEAD.unpack_from(raw, at)
-        at += _CHUNK_HEAD.size
-        if at + size > len(raw):
-            break
-        chunks.append((time, raw[at : at + size]))
-        at += size
-    return chunks
-
-
-def read_table(folder: Path, name: str) -> pa.Table:
-    """Return one of the record's tables, finished or left open by a killed drive (up to its last whole batch).
-
-    Raises ConfigError where the folder holds neither form of it, or one that can't be read.
-    """
-    closed, still_open = folder / f"{name}{CLOSED_ENDING}", folder / f"{name}{OPEN_ENDING}"
-    if not closed.is_file() and not still_open.is_file():
-        raise ConfigError(f"{folder}: no {name}{CLOSED_ENDING} and no {name}{OPEN_ENDING}: not a drive's record")
-    file = closed if closed.is_file() else still_open
-    try:
-        table = pq.read_table(closed) if closed.is_file() else _read_open(still_open, (SCHEMAS | LIVE_SCHEMAS)[name])
-        table.validate(full=True)
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise ConfigError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
-    return table
-
-
-def _read_open(file: Path, schema: pa.Schema) -> pa.Table:
-    """Return what a stream holds up to its last whole batch."""
-    batches: list[pa.RecordBatch] = []
-    try:
-        with pa.ipc.open_stream(file) as stream:
-            batches.extend(iter(stream.read_next_batch, None))
-    except (StopIteration, pa.ArrowException, OSError):
-        pass
-    return pa.Table.from_batches(batches, schema=schema)
-
-
-class _ColumnHashes:
-    """The hash of a table, column by column, so that it doesn't matter in which portions the rows came."""
-
-    def __init__(self, schema: pa.Schema) -> None:
-        self._hashes = [hashlib.sha256(name.encode()) for name in schema.names]
-
-    def add_bytes(self, column: int, pieces: Iterable[bytes]) -> None:
-        """Take in further byte strings of a column; each with its length, so that no two such columns look the same."""
-        self._hashes[column].update(b"".join([b"%d:%b" % (len(piece), piece) for piece in pieces]))
-
-    def add_numbers(self, column: int, numbers: NDArray[Any]) -> None:
-        """Take in further numbers of a column, of the column's own kind."""
-        self._hashes[column].update(np.ascontiguousarray(numbers).data)
-
-    def hexdigest(self) -> str:
-        """Return the hash of the table so far (hexadecimal)."""
-        return hashlib.sha256(b"".join(part.digest() for part in self._hashes)).hexdigest()
-
-
-def hash_table(table: pa.Table) -> str:
-    """Return the hash of a finished table, the same as it had while it grew."""
-    hashes = _ColumnHashes(table.schema)
-    for number, column in enumerate(table.columns):
-        numeric = _NUMPY.get(column.type)
-        if numeric is None:
-            hashes.add_bytes(number, column.cast(pa.binary()).to_pylist())
-        else:
-            hashes.add_numbers(number, column.to_numpy().astype(numeric, copy=False))
-    return hashes.hexdigest()
-
-
-def hash_parts(folder: Path) -> dict[str, str]:
-    """Return the hash of every part of a record, from its files (hexadecimal SHA-256); whether finished or left open.
-
-    Raises ConfigError where a part is missing or unreadable.
-    """
-    live = [name for name in LIVE_SCHEMAS if name not in UNHASHED and any(folder.glob(f"{name}.*"))]
-    return {name: hash_part(folder, name) for name in (*RAW_PARTS, *SCHEMAS, *live)}
-
-
-def hash_part(folder: Path, name: str) -> str:
-    """Return the hash of one part of a record; raises ConfigError as `hash_parts` does."""
-    return hash_file(folder / name) if name in RAW_PARTS else hash_table(read_table(folder, name))
-
-
-def hash_file(file: Path) -> str:
-    """Return the hash of a file's bytes (hexadecimal SHA-256); raises ConfigError where it can't be read."""
-    try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
-
-
-def hash_files(folder: Path) -> dict[str, str]:
-    """Return the hash of the bytes of every finished table's file, and of the record's provenance.
-
-    A byte of a table's file may say nothing of what the table holds; so the hash of a record, which is to be the same
-    whoever writes the files, does not see it. This one does.
-    """
-    files = [folder / name for name in HASHED_FILES]
-    return {file.name: hash_file(file) for file in files if file.is_file()}
-
-
-def whole(parts: dict[str, str]) -> str:
-    """Return the hash of a record out of the hashes of its parts."""
-    return hashlib.sha256("".join(f"{name} {parts[name]}\n" for name in sorted(parts)).encode()).hexdigest()
 
 
 class _Bytes:
@@ -278,8 +105,8 @@ class _Table:
 
     def __init__(self, schema: pa.Schema) -> None:
         self.schema = schema
-        self.hashes = _ColumnHashes(schema)
-        self._kinds = [(kind, _NUMPY.get(kind)) for kind in schema.types]
+        self.hashes = ColumnHashes(schema)
+        self._kinds = [(kind, NUMPY_KINDS.get(kind)) for kind in schema.types]
         self._rows: list[tuple[Any, ...]] = []
         self._portions: list[tuple[Column, ...]] = []
         self._batches: list[pa.RecordBatch] = []
@@ -381,11 +208,14 @@ class MemoryRecorder:
     recorded column; never a wall-clock time and never the bytes of a table's file.
     """
 
-    schemas: ClassVar[Mapping[str, pa.Schema]] = SCHEMAS  #: of its tables
+    schemas: ClassVar[Mapping[str, pa.Schema]] = SCHEMAS  #: of its tables, but for those of sensors
     ticks_per_batch: ClassVar[int] = UNKEPT_TICKS_PER_BATCH
 
     def __init__(self, resolved: dict[str, Any], epoch: float) -> None:
-        """Begin with the scenario as it was resolved; `epoch` is the GNSS second of drive time 0."""
+        """Begin with the scenario as it was resolved, which declares the tables of its sensors.
+
+        `epoch` is the GNSS second of drive time 0.
+        """
         self._epoch = epoch
         self.tables: dict[str, pa.Table] = {}  #: once it is closed
         text = (json.dumps(resolved, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
@@ -393,23 +223,25 @@ class MemoryRecorder:
         self._raw["scenario.json"].append(text)
         self._raw["scenario.json"].flush()
         self._pose, self._can = self._raw["pose.bin"], self._raw["can.log"]
-        self._tables = {name: self._table(name, schema) for name, schema in self.schemas.items()}
+        schemas = {**self.schemas, **sensor_schemas(resolved)}
+        self._tables = {name: self._table(name, schema) for name, schema in schemas.items()}
         self._parts: dict[str, _Bytes | _Table] = {**self._raw, **self._tables}
         self._ticks = 0
 
     def received_pose(self, time: float, data: bytes) -> None:
         """Keep pose bytes as they came, with their receive time."""
-        self._pose.append(_CHUNK_HEAD.pack(time, len(data)) + data)
+        self._pose.append(CHUNK_HEAD.pack(time, len(data)) + data)
 
     def saw_frames(self, time: float, channel: str, frames: Iterable[Frame]) -> None:
         """Keep CAN frames heard or sent at one time, in candump form; `time` is drive time, written as GNSS time."""
         self._can.append(candump_lines(self._epoch + time, channel, frames).encode())
 
-    def sensed(self, tick: int, sensor: str, columns: tuple[Column, ...]) -> None:
-        """Keep what came out of the sensor of that name at a tick, as the columns of its table."""
+    def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
+        """Keep what came out of a sensor at a tick: drive time at which it was measured [s], columns of its table."""
         rows = len(columns[0])
+        self._tables["readings"].append((tick, sensor, measured, rows))
         if rows:
-            self._tables[SENSORS[sensor].table.name].extend((np.full(rows, tick), *columns))
+            self._tables[sensor_table(sensor)].extend((np.full(rows, tick), *columns))
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Keep the actors that tick `tick` looks at."""
@@ -527,7 +359,7 @@ class LiveRecord(Record):
         self._tables["gateway"].append(_gateway_tuple(row))
 
     def timed(self, row: LatencyRow) -> None:
-        """Keep a line of the latency ledger."""
+        """Keep the latencies of one tick."""
         self._tables["latency"].append(_latency_tuple(row))
 
     def flush(self) -> None:
@@ -552,38 +384,12 @@ class LiveRecord(Record):
         return hash_parts(self.folder)
 
 
-def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write a record's `summary.json`, sealed by a hash of itself; not-a-number and infinity become null."""
-    half = folder / "summary.half"
-    half.write_text(sealed(_finite(summary)), encoding="utf-8")
-    half.replace(folder / "summary.json")
-
-
-def sealed(summary: dict[str, Any]) -> str:
-    """Return a summary as its file holds it, with the hash of all that it says but that hash."""
-    said = {key: value for key, value in summary.items() if key != SEAL}
-    seal = hashlib.sha256(_spelt(said).encode()).hexdigest()
-    return _spelt(said | {SEAL: seal})
-
-
-def _spelt(summary: dict[str, Any]) -> str:
-    return json.dumps(summary, indent=1, allow_nan=False) + "\n"
-
-
 def claim(folder: Path) -> None:
     """Raise ConfigError unless a record can be opened in `folder`: it is absent, or an empty folder."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{folder} is a file, expected a folder for the record")
     if folder.is_dir() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty, expected an empty or absent folder for the record")
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, float) and not (-float("inf") < value < float("inf")):
-        return None
-    return value
 
 
 #: A tick's row as the tuple of its fields, in their order.

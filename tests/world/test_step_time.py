@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, demand, grid, pose, trips
 from vve_sumo.world.obstacles import LaneSpot, Obstacle
-from vve_sumo.world.step_time import LIMIT, NEAR, RANK, SETTLING, WINDOW, Measure, StepTimeJudge
+from vve_sumo.world.step_time import LIMIT, PROTECTED_RADIUS, RANK, SETTLING_STEPS, WINDOW, Measure, StepTimeJudge
 from vve_sumo.world.world import World
 
 QUICK, SLOW = 0.5 * LIMIT, 2.0 * LIMIT
@@ -26,7 +26,7 @@ def fed(budget: StepTimeJudge, took: float, steps: int) -> list[Measure]:
 
 def test_quick_steps_fit_once_enough_of_them_were_measured():
     budget = StepTimeJudge()
-    assert set(fed(budget, QUICK, SETTLING - 1)) == {Measure.NOTHING}
+    assert set(fed(budget, QUICK, SETTLING_STEPS - 1)) == {Measure.NOTHING}
     assert not budget.summary.fits
     budget.step(QUICK)
     assert budget.summary.fits
@@ -46,9 +46,12 @@ def test_two_hiccups_are_the_machines_and_three_the_traffics():
 @pytest.mark.parametrize("took", [SLOW, math.nan, math.inf, -1.0])
 def test_the_street_is_closed_first_and_thinned_where_that_is_not_enough(took):
     budget = StepTimeJudge()
-    said = fed(budget, took, 2 * SETTLING + RANK)
+    said = fed(budget, took, 2 * SETTLING_STEPS + RANK)
     assert said.index(Measure.REFUSE) == RANK - 1
-    assert [i for i, one in enumerate(said) if one is Measure.THIN] == [RANK - 1 + SETTLING, RANK - 1 + 2 * SETTLING]
+    assert [i for i, one in enumerate(said) if one is Measure.THIN] == [
+        RANK - 1 + SETTLING_STEPS,
+        RANK - 1 + 2 * SETTLING_STEPS,
+    ]
     assert budget.closed
     assert not budget.summary.fits
     assert budget.summary.refusals == 1
@@ -88,7 +91,7 @@ def test_measures_come_in_order_and_with_time_between(times):
         if measure is Measure.NOTHING:
             continue
         assert closed == (measure is not Measure.REFUSE)
-        assert i - last >= (RANK if measure is Measure.REFUSE else SETTLING)
+        assert i - last >= (RANK if measure is Measure.REFUSE else SETTLING_STEPS)
         closed, last = measure is not Measure.ADMIT, i
         assert budget.closed == closed
 
@@ -138,11 +141,11 @@ def _crowded(folder: str, each: float, steps: int) -> dict[str, object]:
             vehicle = libsumo.vehicle
             arriving = {name for name in here if vehicle.getRouteIndex(name) == len(vehicle.getRoute(name)) - 1}
             counts.append(len(here))
-        assert world.headroom is not None
+        assert world.step_time_budget is not None
         kept = [name for name in here if name.startswith(("ego", "obstacle_stand_in"))]
         return {
-            "summary": world.headroom.summary,
-            "fits": world.headroom.fits,
+            "summary": world.step_time_budget.summary,
+            "fits": world.step_time_budget.fits,
             "gone": gone,
             "counts": counts,
             "kept": sorted(kept),
@@ -160,7 +163,7 @@ def test_far_traffic_is_taken_off_until_the_steps_fit(tmp_path):
     assert counts[-1] > 0.5 * LIMIT / 0.0002  # no more than needed
     assert summary["removed"] > 0
     assert summary["before_s"] > LIMIT >= summary["now_s"]
-    assert min(found["gone"]) > NEAR - 1.0
+    assert min(found["gone"]) > PROTECTED_RADIUS - 1.0
     assert len(found["gone"]) > 0.5 * summary["removed"]
     assert "ego" in found["kept"]
     assert found["ghosts"] > 0

@@ -1,0 +1,114 @@
+"""What a record consists of: its files, the columns of its tables, and those that its sensors declare.
+
+Knows rows; no file is read or written here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.sensors.port import SensorColumn
+from vve_sumo.values import GatewayRow, LatencyRow, TickRow
+
+#: numpy's kind of each numeric column
+NUMPY_KINDS = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
+_ARROW: dict[str, pa.DataType] = {
+    "int": pa.int64(), "int8": pa.int8(), "float": pa.float64(),
+    "bool": pa.bool_(), "str": pa.string(), "bytes": pa.binary(),
+}  # fmt: skip
+
+
+def _row_schema(row: type[TickRow | GatewayRow | LatencyRow]) -> pa.Schema:
+    return pa.schema(
+        [
+            pa.field(f.name, _ARROW[str(f.type)], metadata={"meaning": f.metadata["meaning"]})
+            for f in dataclasses.fields(row)
+        ]
+    )
+
+
+def _schema(columns: Sequence[tuple[str, pa.DataType, str]]) -> pa.Schema:
+    return pa.schema([pa.field(name, kind, metadata={"meaning": meaning}) for name, kind, meaning in columns])
+
+
+_TICK = ("tick", pa.int64(), "number of the tick")
+
+
+def _sensor_schema(columns: Sequence[SensorColumn]) -> pa.Schema:
+    return _schema([_TICK, *((column.name, _ARROW[column.kind], column.meaning) for column in columns)])
+
+
+#: tables that every record has
+SCHEMAS: dict[str, pa.Schema] = {
+    "ticks": _row_schema(TickRow),
+    "readings": _schema(
+        [
+            ("tick", pa.int64(), "number of the tick at which the reading came out"),
+            ("sensor", pa.string(), "name of the sensor"),
+            ("measured_s", pa.float64(), "drive time at which it was measured"),
+            ("rows", pa.int64(), "rows that it has in the sensor's own table"),
+        ]
+    ),
+    "actors": _schema(
+        [
+            ("tick", pa.int64(), "number of the tick that looks at this snapshot, or would have after the last"),
+            ("actor", pa.string(), "name in SUMO"),
+            ("x_m", pa.float64(), "centre of the box, map"),
+            ("y_m", pa.float64(), "centre of the box, map"),
+            ("heading_rad", pa.float64(), "counter-clockwise from the map's +x"),
+            ("speed_mps", pa.float64(), "along the heading"),
+            ("length_m", pa.float64(), "of the box, along the heading"),
+            ("width_m", pa.float64(), "of the box"),
+            ("radar_cross_section_m2", pa.float64(), "at 77 GHz, by the kind of actor: an assumption"),
+            ("lateral_speed_mps", pa.float64(), "of the centre across the heading, left positive"),
+        ]
+    ),
+}
+#: Columns of the actors' table that hold numbers, as `Actors` orders them.
+ACTOR_COLUMNS: Final = tuple(SCHEMAS["actors"].names[2:])
+
+#: tables that only a live drive has
+LIVE_SCHEMAS: dict[str, pa.Schema] = {"gateway": _row_schema(GatewayRow), "latency": _row_schema(LatencyRow)}
+
+#: tables that the hash leaves out: they tell how long things took, and no two drives take equally long
+UNHASHED = frozenset({"latency"})
+
+#: parts of a record that are hashed as they stand in their files
+RAW_PARTS = ("scenario.json", "pose.bin", "can.log")
+
+#: what an open table is called in the folder, and a finished one
+OPEN_ENDING, CLOSED_ENDING = ".arrows", ".parquet"
+#: file of a record that says where the drive comes from; no part of its hash
+PROVENANCE = "provenance.json"
+
+#: how the name of a sensor's table begins; the name of the sensor follows
+SENSOR_TABLE: Final = "sensor_"
+
+#: of a chunk in `pose.bin`: receive time [s] and number of bytes
+CHUNK_HEAD = struct.Struct("<dI")
+
+
+def sensor_table(sensor: str) -> str:
+    """Return the name of a sensor's table."""
+    return f"{SENSOR_TABLE}{sensor}"
+
+
+def sensor_schemas(resolved: Mapping[str, Any]) -> dict[str, pa.Schema]:
+    """Return the table of each sensor that a record's `scenario.json` declares, by the table's name.
+
+    Raises ConfigError where it declares none that this version understands.
+    """
+    try:
+        declared = {
+            name: [SensorColumn(*column) for column in columns] for name, columns in resolved["sensors"].items()
+        }
+        return {sensor_table(name): _sensor_schema(columns) for name, columns in declared.items()}
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ConfigError(f"scenario.json: sensors: no columns of this version: {error!r}") from None

@@ -1,0 +1,77 @@
+"""Reads what a record holds, finished or left open by a kill; ConfigError for what can't be read.
+
+Knows the layout; nothing of what the rows mean.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vve_sumo.config_file import read_json
+from vve_sumo.errors import ConfigError
+from vve_sumo.record.layout import CHUNK_HEAD, CLOSED_ENDING, LIVE_SCHEMAS, OPEN_ENDING, SCHEMAS, sensor_schemas
+
+
+def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
+    """Return (receive time [s], bytes) of every complete chunk in a `pose.bin`; a torn last one is left out."""
+    try:
+        raw = file.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
+    chunks, at = [], 0
+    while at + CHUNK_HEAD.size <= len(raw):
+        time, size = CHUNK_HEAD.unpack_from(raw, at)
+        at += CHUNK_HEAD.size
+        if at + size > len(raw):
+            break
+        chunks.append((time, raw[at : at + size]))
+        at += size
+    return chunks
+
+
+def read_table(folder: Path, name: str) -> pa.Table:
+    """Return one of the record's tables, finished or left open by a killed drive (up to its last whole batch).
+
+    Raises ConfigError where the folder holds neither form of it, or one that can't be read.
+    """
+    closed, still_open = folder / f"{name}{CLOSED_ENDING}", folder / f"{name}{OPEN_ENDING}"
+    if not closed.is_file() and not still_open.is_file():
+        raise ConfigError(f"{folder}: no {name}{CLOSED_ENDING} and no {name}{OPEN_ENDING}: not a drive's record")
+    file = closed if closed.is_file() else still_open
+    try:
+        table = pq.read_table(closed) if closed.is_file() else _read_open(still_open, _schema_of(folder, name))
+        table.validate(full=True)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise ConfigError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
+    return table
+
+
+def sensor_tables(folder: Path) -> dict[str, pa.Schema]:
+    """Return the table of each sensor, by the table's name; raises ConfigError where the record does not say it."""
+    resolved = read_json(folder / "scenario.json", "a drive", "sensors")
+    try:
+        return sensor_schemas(resolved)
+    except ConfigError as error:
+        raise ConfigError(f"{folder}: {error}") from None
+
+
+def _schema_of(folder: Path, name: str) -> pa.Schema:
+    known = SCHEMAS | LIVE_SCHEMAS
+    schema = known.get(name) or sensor_tables(folder).get(name)
+    if schema is None:
+        raise ConfigError(f"{folder}: scenario.json declares no table {name}")
+    return schema
+
+
+def _read_open(file: Path, schema: pa.Schema) -> pa.Table:
+    """Return what a stream holds up to its last whole batch."""
+    batches: list[pa.RecordBatch] = []
+    try:
+        with pa.ipc.open_stream(file) as stream:
+            batches.extend(iter(stream.read_next_batch, None))
+    except (StopIteration, pa.ArrowException, OSError):
+        pass
+    return pa.Table.from_batches(batches, schema=schema)

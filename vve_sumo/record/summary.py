@@ -1,0 +1,37 @@
+"""A record's `summary.json`: how it is spelt, and the hash of itself that seals it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+#: key of a summary's hash of itself
+SUMMARY_HASH_KEY = "summary_sha256"
+
+
+def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    """Write a record's `summary.json`, sealed by a hash of itself; not-a-number and infinity become null."""
+    half = folder / "summary.half"
+    half.write_text(sealed(_finite(summary)), encoding="utf-8")
+    half.replace(folder / "summary.json")
+
+
+def sealed(summary: dict[str, Any]) -> str:
+    """Return a summary as its file holds it, with the hash of all that it says but that hash."""
+    said = {key: value for key, value in summary.items() if key != SUMMARY_HASH_KEY}
+    seal = hashlib.sha256(_spelt(said).encode()).hexdigest()
+    return _spelt(said | {SUMMARY_HASH_KEY: seal})
+
+
+def _spelt(summary: dict[str, Any]) -> str:
+    return json.dumps(summary, indent=1, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, float) and not (-float("inf") < value < float("inf")):
+        return None
+    return value

@@ -1,0 +1,145 @@
+"""A sensor whose failures are values: what can be neither shown to a controller nor recorded is a reason code.
+
+Knows the port and no sensor. What a guarded sensor gives is finite, of the kinds that the sensor's class declares, and
+can't be written to.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vve_sumo.ports import error_text
+from vve_sumo.sensors.port import Column, Sensor, SensorColumn, SensorSettings
+from vve_sumo.values import Actors, Pose, SensorOutput, Vehicle
+
+_NUMBERS: Final[dict[str, type[np.generic]]] = {
+    "float": np.float64, "int": np.int64, "int8": np.int8, "bool": np.bool_
+}  # fmt: skip
+
+_KINDS: Final = {np.dtype(number): kind for kind, number in _NUMBERS.items()}
+
+
+class NotFiniteError(Exception):
+    """A value of a sensor's is NaN or infinite."""
+
+
+class WrongTypeError(Exception):
+    """What came is not what the sensor's class declares."""
+
+
+class GuardedSensor:
+    """Steps a sensor and answers for it.
+
+    Codes: sensor_raised, sensor_wrong_type, sensor_not_finite, sensor_late, actors_not_finite.
+    """
+
+    def __init__(self, name: str, settings: SensorSettings, vehicle: Vehicle, generator: np.random.Generator) -> None:
+        """Make the sensor; raises what its class raises, and TypeError where it has no fit output."""
+        self._name = name
+        self._sensor: Sensor = settings.sensor(vehicle, generator)
+        self._columns, self._max_age = settings.columns, float(settings.max_age())
+        self._observation = settings.observation
+        self._fields = tuple(field.name for field in dataclasses.fields(settings.observation) if field.name != "time")
+        self._first = math.nan
+        self.output: SensorOutput = self._sensor.output  #: the newest that a controller may see
+        self.faults: tuple[str, ...] = ()  #: reason codes of the last step
+        self.text = ""  #: what the last failure said, for the record
+        if not self._max_age > 0.0:
+            raise ValueError(f"max_age returned {self._max_age}, expected a positive time [s]")
+        if self.output.time != -math.inf:
+            raise ValueError(f"its output is dated {self.output.time} before the first reading, expected -inf")
+        self._check(self.output)
+
+    def step(self, time: float, pose: Pose, actors: Actors) -> tuple[Column, ...] | None:
+        """Look at drive time `time` [s]; return the columns of the reading that comes out, None where none does."""
+        self.faults = ()
+        columns = None
+        try:
+            reading = self._sensor.step(time, pose, actors)
+            if self._sensor.refused:
+                self.faults = ("actors_not_finite",)
+            if reading is not None:
+                columns = self._taken(reading.columns(), self._sensor.output, time)
+        except KeyboardInterrupt:
+            raise
+        except NotFiniteError as error:
+            self._fail("sensor_not_finite", str(error))
+        except WrongTypeError as error:
+            self._fail("sensor_wrong_type", str(error))
+        except BaseException as error:
+            self._fail("sensor_raised", error_text(error, __file__))
+        if not self._first <= time:
+            self._first = time
+        if not time - max(self.output.time, self._first) <= self._max_age:
+            self._fail("sensor_late", f"its newest output is older than {self._max_age:g} s")
+        return columns
+
+    def _taken(self, columns: tuple[Column, ...], output: SensorOutput, now: float) -> tuple[Column, ...]:
+        """Return a reading's columns as the record takes them, and take its output; raises for what is not fit."""
+        if len(columns) != len(self._columns):
+            raise WrongTypeError(f"{len(columns)} columns, expected {len(self._columns)}")
+        sound = self._check(output)
+        # What the controller is handed most often stands in the record too, and is looked at once.
+        fit = tuple(
+            column if sound.get(id(column)) == declared.kind else _column(column, declared)
+            for column, declared in zip(columns, self._columns, strict=True)
+        )
+        if len({len(column) for column in fit}) != 1:
+            raise WrongTypeError("its columns have different lengths")
+        if not self.output.time < output.time <= now:
+            raise WrongTypeError(f"dated {output.time} at {now} after one of {self.output.time}")
+        self.output = output
+        return fit
+
+    def _check(self, output: object) -> dict[int, str]:
+        """Raise unless an output is of the kind declared and every number in it finite; lock its arrays.
+
+        Returns the kind of each array that a column of the record could be, by its `id`.
+        """
+        if not isinstance(output, self._observation):
+            raise WrongTypeError(f"output is a {type(output).__name__}, expected a {self._observation.__name__}")
+        sound = {}
+        for name in self._fields:
+            value: Any = getattr(output, name)
+            if isinstance(value, np.ndarray):
+                if value.dtype.kind == "f" and not _finite(value):
+                    raise NotFiniteError(f"{name} of its output")
+                value.setflags(write=False)
+                if value.ndim == 1 and (kind := _KINDS.get(value.dtype)) is not None:
+                    sound[id(value)] = kind
+            elif isinstance(value, float) and not math.isfinite(value):
+                raise NotFiniteError(f"{name} of its output is {value}")
+        return sound
+
+    def _fail(self, code: str, text: str) -> None:
+        self.faults += (code,)
+        self.text = f"sensor {self._name}: {text}"
+
+
+def _column(column: Column, declared: SensorColumn) -> Column:
+    """Return a column as values of the kind declared, which nobody can write to."""
+    wanted = _NUMBERS.get(declared.kind)
+    if wanted is None:
+        if not all(isinstance(text, str) for text in column):
+            raise WrongTypeError(f"{declared.name} holds what is no text")
+        return tuple(column)
+    values = np.asarray(column)
+    if values.ndim != 1 or (len(values) and not np.can_cast(values.dtype, wanted, "same_kind")):
+        raise WrongTypeError(f"{declared.name} is a {values.dtype} of {values.ndim} dimensions, not {declared.kind}")
+    fit = values.astype(wanted, copy=False)
+    if wanted is np.float64 and not _finite(fit):
+        raise NotFiniteError(declared.name)
+    if fit.dtype != values.dtype and not (fit == values).all():
+        raise WrongTypeError(f"{declared.name} holds more than {declared.kind} can")
+    fit.setflags(write=False)
+    return fit
+
+
+def _finite(values: NDArray[Any]) -> bool:
+    # A sum takes half as long as a look at each, and is finite only where all are.
+    return math.isfinite(values.sum()) or bool(np.isfinite(values).all())
