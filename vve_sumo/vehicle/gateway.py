@@ -137,9 +137,8 @@ class Gateway:
         self._let_go_long = Debounce(DRIVER_TIME)
 
         self._state = ArmingState.DISARMED
-        self._causes: dict[
-            str, None
-        ] = {}  # why the car is stopped or commanded no more, each once, the first one first
+        # Why the car is being stopped or commanded no more: each once, first cause first.
+        self._causes: dict[str, None] = {}
         self._notes: list[str] = []  # what an operator should know of this step only
         self._last_now = math.nan
         self._elapsed = 0.0  # since the last step, bounded [s]
