@@ -37,7 +37,15 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "brake_monitor": _vehicle("brake_monitor", "brake_monitor.py", "figures.py"),
     "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),
     "gateway": _vehicle(
-        "gateway", "evidence.py", "gateway.py", "fallback.py", "waiting.py", "other_cars.py", "gateway_status.py"
+        "gateway",
+        "evidence.py",
+        "gateway.py",
+        "fallback.py",
+        "waiting.py",
+        "other_cars.py",
+        "gateway_status.py",
+        "not_commanded.py",
+        "stopping.py",
     ),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
 }

@@ -10,7 +10,7 @@ import math
 import pytest
 
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig
-from vve_sumo.values import ArmingState
+from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.gateway import OperatorCommand
@@ -338,3 +338,99 @@ def test_setpoints_twice_as_often_change_the_car_no_faster():
     assert after.acceleration - before.acceleration <= 5.0 * 0.10 + 1e-9
     rate = min(FUSION.steering_rate_limit, 5.0 * FUSION.wheelbase / car.speed**2)
     assert after.steering - before.steering == pytest.approx(rate * 0.10, rel=0.01)
+
+
+def test_a_receiver_that_says_that_the_car_rolls_backwards_keeps_it_from_being_engaged():
+    verdict = Rig().step(act=OperatorCommand.ENGAGE, speed=-1.0)
+    assert verdict.state is S.DISARMED
+    assert "not_standing" in verdict.reasons
+
+
+def test_a_steering_report_that_stays_the_same_while_the_command_moves_is_frozen():
+    """At walking pace the gyroscope tells nothing of the steering, and a tenth of a radian may the steering be off."""
+    rig = Rig()
+    rig.cruise(1.0)
+    rig.run(1.0, steering=0.02)
+    rig.car.forged = {frame.id: frame for frame in rig.car.reports() if frame.id == codec.STEERING_REPORT}
+    begun = rig.now
+    verdict = rig.step(steering=0.08)
+    while verdict.state is S.ENGAGED:
+        verdict = rig.step(steering=0.08)
+        assert rig.now - begun < 1.0
+    assert verdict.reasons == ("steering_report_frozen",)
+
+
+class Deaf(Car):
+    """A kit that hears no command."""
+
+    def hear(self, frames: tuple[Frame, ...]) -> None:
+        self._brake_pipe.append(0.0)
+        self._throttle_wish = 0.0
+
+
+def test_brakes_of_a_kit_that_never_confirmed_are_not_blamed():
+    """The driver lets a car go that nobody brakes, and it rolls downhill: all that is known is that no kit answers."""
+    rig = Rig(Deaf(gear=Gear.DRIVE, driver_brake=True, grade=-0.03))
+    rig.step(act=OperatorCommand.ENGAGE)
+    rig.car.driver_brake = False
+    verdicts = rig.run(3.0)
+    assert rig.car.speed > 1.0
+    assert (verdicts[-1].state, verdicts[-1].reasons) == (S.STOPPING, ("handshake_timeout",))
+
+
+def test_a_steering_that_a_driver_turns_before_the_kit_confirms_is_not_frozen():
+    rig = Rig(Deaf())
+    rig.step(act=OperatorCommand.ENGAGE)
+    rig.car.wheel_angle = rig.car._angle_wish = 0.1 * FUSION.steering_ratio
+    verdicts = rig.run(1.3)
+    assert verdicts[-1].state is S.STOPPED
+    assert verdicts[-1].reasons == ("handshake_timeout",)
+
+
+def test_wheels_that_stay_the_same_while_the_receiver_slows_down_are_no_brakes_that_fail():
+    rig = Rig()
+    rig.cruise(8.0)
+    rig.car.forged = wheels(rig.car.speed)
+    verdicts = rig.run(1.5, -2.0)
+    assert verdicts[-1].state is S.STOPPING
+    assert not any("brake_not_following" in verdict.reasons for verdict in verdicts)
+
+
+def time_to_notice(rig: Rig) -> float:
+    """Engage a car in park whose brakes are dead, on a slope that nobody knows of; until that is noticed [s]."""
+    rig.car.brake_gain, rig.car.grade, rig.car.shift_time = 0.0, -0.1, 0.0
+    begun = rig.now
+    rig.step(act=OperatorCommand.ENGAGE, grade=0.0)
+    while "brake_not_following" not in rig.step(grade=0.0).reasons:
+        assert rig.now - begun < 3.0
+    return rig.now - begun
+
+
+def test_whoever_engages_again_is_watched_as_the_first_time():
+    """The drive before ended at full throttle, by the driver."""
+    again = Rig()
+    again.engage()
+    again.run(2.0, 2.0)
+    again.car.override = True
+    again.step()
+    again.car = Car(x=again.car.x, y=again.car.y, heading=again.car.heading)
+    again.step(act=OperatorCommand.DISARM)
+    assert again.run(0.5)[-1].state is S.READY
+    first = Rig()
+    first.run(1.0)
+    assert time_to_notice(again) == pytest.approx(time_to_notice(first), abs=1e-6)
+
+
+def test_a_slope_that_is_known_of_is_no_failing_brake():
+    """Eight percent downhill: 0.78 m/s2 that the brakes take beside the half that is asked for."""
+    rig = Rig(Car(grade=-0.08))
+    rig.cruise(6.0)
+    assert {verdict.reasons for verdict in rig.run(3.0, -0.5)} == {()}
+
+
+def test_a_kit_that_has_not_confirmed_is_asked_for_no_gear():
+    rig = Rig(Deaf())
+    rig.step(act=OperatorCommand.ENGAGE)
+    for _ in range(15):
+        assert rig.commands()[3].gear is Gear.NONE
+        assert rig.step().state is S.ENGAGED

@@ -196,6 +196,14 @@ def test_a_drive_in_trouble_that_knows_no_way_does_not_take_back_the_one_before(
     assert max(verdict.steering for verdict in verdicts) > 0.1
 
 
+def test_a_drive_in_trouble_that_knows_a_way_is_believed():
+    rig = Rig()
+    rig.cruise(6.0)
+    rig.step(0.0, profile=FallbackPath(1.0, (0.0,)))
+    rig.step(0.0, profile=bend(), faults=("off_path",))
+    assert max(verdict.steering for verdict in rig.run(3.0, None)) > 0.1
+
+
 def test_a_way_that_comes_too_late_to_be_acted_on_is_not_taken():
     rig = Rig()
     rig.cruise(6.0)

@@ -138,3 +138,13 @@ def test_the_default_step_is_twenty_milliseconds():
 
 def test_what_an_operator_does_has_the_words_that_a_record_keeps():
     assert [command.value for command in OperatorCommand] == ["engage", "go", "stop", "end", "disarm"]
+
+
+def test_a_steering_wheel_that_is_mounted_askew_points_straight_where_it_was_calibrated_to():
+    """Two radians of it, counted the wrong way, would be 0.27 rad of the wheels and a steering that is stuck."""
+    rig = rig_of(wheel_bias=2.0)
+    rig.car.wheel_angle = rig.car._angle_wish = 2.0
+    rig.engage()
+    verdicts = rig.run(1.0)
+    assert {(verdict.state, verdict.reasons) for verdict in verdicts} == {(S.ENGAGED, ())}
+    assert verdicts[-1].steering == pytest.approx(0.0, abs=1e-3)

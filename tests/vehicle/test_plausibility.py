@@ -412,6 +412,25 @@ def test_the_acceleration_is_measured_with_a_lag_of_a_tenth_of_a_second():
     assert drive.subject._acceleration == pytest.approx(2.0 * STEP / (0.1 + STEP))
 
 
+def test_the_receivers_acceleration_is_measured_with_the_same_lag():
+    """Two steps at 2 m/s2, each of which closes the same share of what is left."""
+    drive, share = Drive(5.0), STEP / (0.1 + STEP)
+    for expected in (2.0 * share, 2.0 * (1.0 - (1.0 - share) ** 2)):
+        drive.speed += 2.0 * STEP
+        drive.step()
+        assert drive.subject._satellite_acceleration == pytest.approx(expected)
+
+
+def test_wheels_that_accelerate_alone_allow_themselves_no_delay():
+    """Wheels at 5 + 2 t m/s, a receiver at 5: after 0.26 s they are 0.3 m/s and twice two percent apart."""
+    drive = Drive(5.0)
+    for number in range(60):
+        wheels = 2.0 * STEP * number
+        if "speed_mismatch" in drive.step(car={"speed": wheels}):
+            break
+    assert number * STEP == pytest.approx(0.26 + 0.5, abs=1.5 * STEP)
+
+
 def test_a_wrong_steering_report_is_named_beside_whatever_the_receiver_says():
     assert Drive().until(car={"steering": 0.1})[1] == ["steering_mismatch"]
 

@@ -12,6 +12,7 @@ import pytest
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig
 from tests.vehicle.test_evidence import wheels
 from vve_sumo.values import ArmingState, FallbackPath
+from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.gateway import OperatorCommand
 
 S = ArmingState
@@ -138,6 +139,16 @@ def stopping_in_a_bend() -> Rig:
     return rig
 
 
+def test_wheels_that_say_zero_of_a_moving_car_do_not_tell_where_on_its_path_it_is():
+    rig = Rig()
+    rig.cruise(8.0)
+    rig.run(0.2, profile=BEND)
+    rig.car.steering_stuck, rig.car.wheel_angle = True, 0.0
+    rig.car.forged = wheels(0.0)
+    verdicts = rig.run(1.0, None)
+    assert (verdicts[-1].state, {verdict.steering for verdict in verdicts}) == (S.STOPPING, {0.0})
+
+
 def test_a_car_that_stands_turns_no_wheel():
     rig = stopping_in_a_bend()
     assert rig.step(None).state is S.STOPPING
@@ -194,6 +205,17 @@ def test_whoever_engages_again_finds_the_brakes_as_the_first_one_did():
     assert torques[0][0] < torques[0][-1]
 
 
+def test_after_parking_the_next_controller_may_count_from_zero():
+    rig = Rig()
+    rig.engage()
+    rig.step(act=OperatorCommand.STOP)
+    while rig.step(None).state is not S.DISARMED:
+        pass
+    rig.sequence = -1
+    assert rig.step().state is S.READY
+    assert rig.gateway.sequence == 0
+
+
 def test_a_fault_before_the_next_drive_says_nothing_of_the_last_one():
     rig = driven_and_parked()
     rig.tick += 10
@@ -212,6 +234,55 @@ def test_a_fault_that_is_acknowledged_is_forgotten():
     assert "timer_gap" in rig.step().reasons
     rig.step(act=OperatorCommand.DISARM)
     assert "timer_gap" not in rig.step().reasons
+
+
+def test_an_emergency_of_the_drive_before_is_none_of_the_next():
+    rig = Rig()
+    rig.cruise(3.0)
+    rig.run(0.1, -9.0, emergency=True)
+    rig.step(act=OperatorCommand.STOP)
+    while rig.step().state is not S.READY:
+        pass
+    rig.stand_by()
+    rig.step(act=OperatorCommand.STOP)
+    assert rig.run(1.0)[-1].acceleration == -2.4
+
+
+def test_park_is_waited_for_again_in_the_next_drive():
+    """A bus that fails at once: the car stands in park, and is held until a shift on its way would have come out."""
+    rig = driven_and_parked()
+    assert rig.step().reasons == ("stop_asked",)
+    assert rig.step(act=OperatorCommand.ENGAGE).reasons == ("engaging",)
+    held = [rig.step(found=("bus_down",))]
+    assert held[0].state is S.STOPPED
+    while held[-1].state is S.STOPPED:
+        held.append(rig.step())
+    assert len(held) * PERIOD == pytest.approx(1.0, abs=STEPS)
+
+
+def test_the_next_drive_begins_with_no_acceleration_and_the_angle_that_the_wheels_have():
+    rig = Rig()
+    rig.cruise(3.0)
+    rig.run(1.0, 1.0, steering=-0.1)
+    rig.car.override = True
+    rig.step()
+    rig.car = Car(x=rig.car.x, y=rig.car.y, heading=rig.car.heading, wheel_angle=0.2 * FUSION.steering_ratio)
+    rig.car._angle_wish = rig.car.wheel_angle
+    rig.step(act=OperatorCommand.DISARM)
+    rig.run(0.5)
+    rig.stand_by()
+    assert rig.step(2.0, 0.2).steering == pytest.approx(0.2, abs=1e-3)
+    assert rig.step(2.0, 0.2, act=OperatorCommand.GO).acceleration == pytest.approx(5.0 * PERIOD)
+
+
+def test_a_gear_that_did_not_come_is_not_asked_for_after_the_drive():
+    rig = Rig(Car(shift_time=math.inf))
+    rig.step(act=OperatorCommand.ENGAGE)
+    while rig.step().state in (S.ENGAGED, S.STOPPED):
+        pass
+    for _ in range(10):
+        assert rig.step().state is S.READY
+        assert rig.commands()[3].gear is Gear.NONE
 
 
 # What is said of a driver at the pedals.

@@ -114,7 +114,6 @@ class Gateway:
         if not period <= wire.command_timeout:
             raise ConfigError(f"{wire.title}: lets go after {wire.command_timeout:g} s, but a step takes {period:g} s")
         self._shadow = shadow
-        self._vehicle = vehicle
         self._ratio, self._wheel_bias = vehicle.steering_ratio, wheel_bias
         steering_limit = min(vehicle.steering_limit, wire.wheel_angle_limit / vehicle.steering_ratio)
         self._steering_limit = steering_limit
@@ -138,7 +137,8 @@ class Gateway:
         self._let_go_long = Debounce(DRIVER_TIME)
 
         self._state = ArmingState.DISARMED
-        self._causes: list[str] = []  # why the car is being stopped or commanded no more, first cause first
+        # Why the car is being stopped or commanded no more: each once, first cause first.
+        self._causes: dict[str, None] = {}
         self._notes: list[str] = []  # what an operator should know of this step only
         self._last_now = math.nan
         self._elapsed = 0.0  # since the last step, bounded [s]
@@ -255,7 +255,7 @@ class Gateway:
                 reports.fastest_wheel if known and not reports.unchanged(now) > UNCHANGED_TIME else None,
                 None if setpoint is None else abs(setpoint.speed),
             ),
-            max(-self._limiter.acceleration, 0.0) if commanded else None,
+            -self._limiter.acceleration if commanded else None,
         )
         self._let_go = self._let_go_long.step(now, self._state not in COMMANDING and not standstill.moves)
         # Wheels that say zero of a car that cannot stand yet tell no way.
@@ -380,7 +380,7 @@ class Gateway:
         if after is ArmingState.FAULT and before not in COMMANDING and before is not after:
             self._causes.clear()  # why the drive before ended is another story
         if before in COMMANDING or after is ArmingState.FAULT:
-            self._causes += [code for code in dict.fromkeys(causes) if code not in self._causes]
+            self._causes.update(dict.fromkeys(causes))
         if after is before:
             return
         if after is ArmingState.ENGAGED:
@@ -390,7 +390,6 @@ class Gateway:
         elif event is Event.DISARM or event is Event.PARKED:
             # Whoever engages next may be another controller, which counts from zero again.
             self._admission = SetpointValidator()
-            self._way = FallbackTracker(self._vehicle)
             if event is Event.DISARM:
                 self._causes.clear()
 
@@ -443,10 +442,10 @@ class Gateway:
                 torque, command.pedals.throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear
             )
         )
-        self._told = Pedals(torque, command.pedals.throttle) if enable else Pedals(0.0, 0.0)
+        self._told = Pedals(torque, command.pedals.throttle)
         verdict = GatewayStatus(
             state=self._state,
-            reasons=tuple(dict.fromkeys(self._causes + self._notes)),
+            reasons=tuple(dict.fromkeys([*self._causes, *self._notes])),
             steering=command.steering,
             acceleration=command.acceleration,
             limited=command.limited,

@@ -1,0 +1,169 @@
+"""What the gateway makes of a car that somebody else drives: a driver in a rehearsal, after a drive, or taking over."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import pytest
+
+from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
+from tests.vehicle.test_evidence import wheels
+from vve_sumo.values import ArmingState
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+
+S = ArmingState
+
+
+@dataclass
+class Driven(Car):
+    """A car with a driver, who accelerates it as he likes once `foot` says so; None leaves the pedals to the kit."""
+
+    foot: float | None = None  #: [m/s2]
+
+    def _advance(self, dt: float, torque_wish: float) -> None:
+        if self.foot is None:
+            super()._advance(dt, torque_wish)
+        else:
+            self.speed = max(self.speed + self.foot * dt, 0.0)
+
+
+def rehearsing() -> Rig:
+    """A rehearsal that follows its setpoints, of a car that stands in drive with the driver's foot on the brake."""
+    car = Driven(gear=Gear.DRIVE, driver_brake=True)
+    rig = Rig(car, Gateway(FUSION, CALIBRATION, period=PERIOD, shadow=True))
+    rig.step(act=OperatorCommand.ENGAGE)
+    rig.step(act=OperatorCommand.GO)
+    car.driver_brake, car.foot = False, 0.0
+    return rig
+
+
+def test_in_a_rehearsal_the_driver_does_other_things_than_the_setpoints_say():
+    """Setpoints brake and steer, the driver accelerates straight on: neither brakes nor steering are to blame."""
+    rig = rehearsing()
+    rig.car.wheel_angle = rig.car._angle_wish = 0.01
+    rig.run(0.1)
+    rig.car.foot = 2.0
+    verdicts = rig.run(2.0, -1.0, steering=0.1)
+    assert rig.car.speed == pytest.approx(4.0, rel=0.01)
+    assert {(verdict.state, verdict.reasons) for verdict in verdicts} == {(S.ENGAGED, ("shadow",))}
+
+
+def test_after_a_drive_the_driver_drives_off_without_being_told_that_the_car_does_not_follow():
+    rig = Rig(Driven())
+    rig.cruise(3.0)
+    rig.car.override = True
+    rig.step()
+    rig.car.override = False
+    assert rig.step(act=OperatorCommand.DISARM).state is S.DISARMED
+    rig.car.foot = 2.0
+    reasons = {reason for verdict in rig.run(1.0) for reason in verdict.reasons}
+    assert reasons == {"not_standing", "driver_not_on_brake"}
+
+
+def test_a_driver_may_brake_as_hard_as_the_car_can():
+    """Wheels fall silent at 8 m/s; the driver brakes, and two seconds later they say zero: the car stands."""
+    rig = Rig(Driven())
+    rig.cruise(8.0)
+    rig.car.override, rig.car.silent = True, set(wheels(0.0))
+    rig.car.foot = -6.0
+    rig.run(2.0, None)
+    assert rig.car.speed == 0.0
+    rig.car.silent = set()
+    rig.run(0.4, None)
+    assert rig.gateway.done
+
+
+def test_who_takes_over_a_car_that_was_held_for_long_is_not_left_at_once():
+    """Ten seconds without a sign of motion count from when the driver has the car."""
+    rig = Rig()
+    rig.cruise(2.0)
+    rig.car.silent = set(wheels(0.0))
+    assert rig.run(14.0)[-1].state is S.STOPPED
+    rig.car.override = True
+    assert rig.step().state is S.FAULT
+    rig.run(5.0)
+    assert not rig.gateway.done
+
+
+def test_wheels_that_stay_the_same_after_a_step_at_no_time_still_say_that_the_car_moves():
+    rig = Rig()
+    rig.cruise(5.0)
+    rig.car.override, rig.car.forged = True, wheels(5.0)
+    rig.gateway.step(math.nan, None, rig.car.reports())
+    rig.run(12.0, None)
+    assert not rig.gateway.done
+
+
+def test_a_rehearsal_enables_nothing_clears_nothing_and_asks_for_no_gear():
+    """All the way through a drive, of a car in park for which the gateway would ask for drive, and at last for park."""
+    rig = Rig(gateway=Gateway(FUSION, CALIBRATION, period=PERIOD, shadow=True))
+    acts = {5: OperatorCommand.ENGAGE, 20: OperatorCommand.GO, 40: OperatorCommand.STOP}
+    states = set()
+    for tick in range(100):
+        states.add(rig.step(1.0, act=acts.get(tick)).state)
+        brake, throttle, steering, gear = rig.commands()
+        assert not any(command.enable or command.clear for command in (brake, throttle, steering))
+        assert (gear.gear, gear.clear) == (Gear.NONE, False)
+    assert {S.READY, S.ENGAGED, S.STOPPED} <= states
+
+
+def test_in_a_rehearsal_a_driver_who_takes_over_changes_nothing():
+    rig = rehearsing()
+    rig.car.override = True
+    verdicts = rig.run(0.5)
+    assert {(verdict.state, verdict.reasons) for verdict in verdicts} == {(S.ENGAGED, ("shadow",))}
+
+
+def test_a_rehearsal_that_calls_for_the_driver_still_says_that_it_is_one():
+    """The wheels are silent, and the receiver alone says that the car stands."""
+    rig = rehearsing()
+    rig.car.silent = set(wheels(0.0))
+    assert {"shadow", "standstill_uncertain", "driver_needed"} <= set(rig.run(4.0)[-1].reasons)
+
+
+def test_who_says_go_to_a_car_that_goes_is_not_told_that_it_is_too_early():
+    """The driver's foot is on the brake, with which no car would be let go."""
+    rig = Rig()
+    rig.cruise(3.0)
+    rig.car.driver_brake = True
+    assert rig.step(act=OperatorCommand.GO).reasons == ("driver_on_brake",)
+
+
+def test_a_driver_at_the_pedals_hides_nothing_else():
+    rig = Rig()
+    rig.cruise(3.0)
+    rig.car.driver_brake = True
+    assert rig.step(sequence=1).reasons == ("setpoint_out_of_order", "driver_on_brake")
+
+
+def test_a_driver_at_the_pedals_is_granted_no_acceleration_from_the_first_step_on():
+    rig = Rig()
+    rig.cruise(3.0)
+    rig.run(0.5, 1.5)
+    rig.car.driver_brake = True
+    assert [verdict.acceleration for verdict in rig.run(0.3, 1.5)] == [0.0] * 15
+
+
+def test_a_driver_who_takes_over_while_the_kit_is_being_enabled_has_the_car():
+    rig = Rig(Car(gear=Gear.DRIVE, driver_brake=True))
+    rig.run(0.1)
+    rig.step(act=OperatorCommand.ENGAGE)
+    rig.car.override = True
+    verdict = rig.step()
+    assert (verdict.state, verdict.reasons) == (S.FAULT, ("driver_override",))
+
+
+def test_an_override_of_old_that_a_confirmed_kit_still_reports_is_a_new_one():
+    """The gear module holds on to it after the act, while brake, throttle and steering confirm."""
+    rig = Rig()
+    rig.car.forged = {codec.GEAR_REPORT: codec.encode(codec.GearReport(Gear.PARK, override=True))}
+    rig.run(0.1)
+    begun = rig.now
+    assert rig.step(act=OperatorCommand.ENGAGE).state is S.ENGAGED
+    while rig.step().state is S.ENGAGED:
+        assert rig.now - begun < 0.5
+    assert rig.now - begun > 0.4
+    assert rig.step().state is S.FAULT
