@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -44,9 +45,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def test_a_study_end_to_end(folder: Path) -> None:
+@pytest.fixture(scope="module")
+def studied(folder: Path) -> subprocess.CompletedProcess[str]:
+    """The study of the short scenario, in the workspace's folder `cliff`."""
     done = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, "--quiet", cwd=folder)
     assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_a_study_end_to_end(folder: Path, studied: subprocess.CompletedProcess[str]) -> None:
     for word in (
         "Latency margin of short",
         "v x delay",
@@ -54,10 +61,10 @@ def test_a_study_end_to_end(folder: Path) -> None:
         "noise x 0: the mean margin",
         "by its design",
     ):
-        assert word in done.stdout
+        assert word in studied.stdout
     assert (folder / "cliff" / "latency_margin.png").stat().st_size > 10_000
     study = latency_margin_of(Sweep(folder / "cliff"))
-    bears = re.search(r"by its design the steering loop bears (\d+) ms", done.stdout)
+    bears = re.search(r"by its design the steering loop bears (\d+) ms", studied.stdout)
     assert bears is not None
     assert 1000.0 * study.design_margin == pytest.approx(float(bears[1]), abs=0.5)
     assert study.steps["delay_s"].tolist() == [0.0, 0.1]
@@ -70,7 +77,7 @@ def test_a_study_end_to_end(folder: Path) -> None:
     assert "--resume goes on with it" in again.stderr
     (folder / "cliff" / "latency_margin.png").unlink()
     resumed = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, "--resume", "--quiet", cwd=folder)
-    assert (resumed.returncode, resumed.stdout) == (0, done.stdout)
+    assert (resumed.returncode, resumed.stdout) == (0, studied.stdout)
     assert (folder / "cliff" / "latency_margin.png").exists()
     assert (folder / "cliff" / "rows" / "part-00000.parquet").read_bytes() == rows
 
@@ -104,6 +111,7 @@ def test_what_is_usual_goes_with_the_scenario(folder: Path) -> None:
     assert quiet.plan.cells == len(DELAYS_MS)
 
 
+@pytest.mark.usefixtures("studied")
 def test_a_note_that_is_none_is_named(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "cliff", tmp_path / "cliff")
     (tmp_path / "cliff" / "study.json").unlink()

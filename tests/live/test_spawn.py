@@ -12,15 +12,16 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from tests.live.patience import until
+from tests.record.declared import RESOLVED
 from vve_sumo.live.channel import pair
 from vve_sumo.live.spawn import start
 
-RESOLVED = {"a": 1}
+SCENARIO = RESOLVED | {"a": 1}
 
 
 def config(folder: Path, **changes: object) -> dict[str, object]:
     """The recorder's configuration: the process that needs least."""
-    return {"folder": str(folder), "resolved": RESOLVED, "epoch": 0.0, "provenance": "{}", "log": None, **changes}
+    return {"folder": str(folder), "resolved": SCENARIO, "epoch": 0.0, "provenance": "{}", "log": None, **changes}
 
 
 def test_a_process_gets_its_configuration_and_channels_and_ends_with_them(tmp_path):
