@@ -19,6 +19,7 @@ def test_what_ends_or_freezes_a_process_by_default_is_known() -> None:
     for number in sorted(signal.valid_signals()):
         child = os.fork()
         if child == 0:
+            os.setpgid(0, 0)  # a group without a parent in its session would not be stopped from the terminal
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
             signal.signal(number, signal.SIG_DFL) if number not in (signal.SIGKILL, signal.SIGSTOP) else None
             os.kill(os.getpid(), number)

@@ -49,6 +49,9 @@ def test_memory_is_that_of_the_kernels_status_file(family: tuple[int, set[int]])
     assert process_tree.resident(top) == pytest.approx(1024 * kilobytes, rel=0.2)
 
 
+PATIENCE = 30.0  #: a busy machine takes longer to show many processes [s]
+
+
 def test_a_zombie_is_a_descendant_without_memory_and_one_that_is_gone_is_nothing() -> None:
     zombie = subprocess.Popen(["true"])
     os.waitid(os.P_PID, zombie.pid, os.WEXITED | os.WNOWAIT)
@@ -64,8 +67,8 @@ def test_a_zombie_is_a_descendant_without_memory_and_one_that_is_gone_is_nothing
 def test_processes_that_end_while_they_are_looked_at_do_no_harm() -> None:
     with subprocess.Popen(["sh", "-c", CHURN], start_new_session=True) as churn:
         seen = set[int]()
-        deadline = time.monotonic() + 1.0
-        while time.monotonic() < deadline:
+        begun = time.monotonic()
+        while (passed := time.monotonic() - begun) < 1.0 or (len(seen) <= 10 and passed < PATIENCE):
             for process in process_tree.descendants(churn.pid):
                 assert process_tree.resident(process) >= 0
                 seen.add(process)
