@@ -21,6 +21,8 @@ _NUMBERS: Final[dict[str, type[np.generic]]] = {
     "float": np.float64, "int": np.int64, "int8": np.int8, "bool": np.bool_
 }  # fmt: skip
 
+_PLAIN: Final = "biufU"  # numpy's kinds of arrays that hold truth values, numbers or texts, and no objects
+
 _KINDS: Final = {np.dtype(number): kind for kind, number in _NUMBERS.items()}
 
 
@@ -107,13 +109,20 @@ class GuardedSensor:
         for name in self._fields:
             value: Any = getattr(output, name)
             if isinstance(value, np.ndarray):
+                if value.dtype.kind not in _PLAIN:
+                    raise WrongTypeError(f"{name} of its output is an array of {value.dtype}, expected plain numbers")
                 if value.dtype.kind == "f" and not _finite(value):
                     raise NotFiniteError(f"{name} of its output")
                 value.setflags(write=False)
                 if value.ndim == 1 and (kind := _KINDS.get(value.dtype)) is not None:
                     sound[id(value)] = kind
-            elif isinstance(value, float) and not math.isfinite(value):
-                raise NotFiniteError(f"{name} of its output is {value}")
+            elif isinstance(value, float | np.floating):
+                if not math.isfinite(value):
+                    raise NotFiniteError(f"{name} of its output is {value}")
+            elif not isinstance(value, int | np.integer | np.bool_ | str):
+                # A list could hold a NaN at any depth.
+                kind_of = type(value).__name__
+                raise WrongTypeError(f"{name} of its output is a {kind_of}, expected a number, a text or an array")
         return sound
 
     def _fail(self, code: str, text: str) -> None:

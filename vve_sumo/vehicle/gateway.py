@@ -390,6 +390,7 @@ class Gateway:
         elif event is Event.DISARM or event is Event.PARKED:
             # Whoever engages next may be another controller, which counts from zero again.
             self._admission = SetpointValidator()
+            self._way.take(0.0, None)  # no path outlives the drive that it was worked out for
             if event is Event.DISARM:
                 self._causes.clear()
 
