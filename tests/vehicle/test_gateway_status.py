@@ -11,6 +11,7 @@ from vve_sumo.values import ArmingState
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 from vve_sumo.vehicle.limits import Limits
+from vve_sumo.vehicle.standstill import REST_TIME, WHEEL_REST
 
 S = ArmingState
 
@@ -66,6 +67,21 @@ def test_a_drive_is_over_once_the_car_stands_and_not_before():
     rig.run(15.0)
     assert rig.car.speed == 0.0
     assert rig.gateway.done is True
+
+
+def test_a_car_stands_for_a_while_before_its_drive_is_over():
+    """Wheels that have only just come to zero may roll again."""
+    rig = Rig()
+    rig.cruise(2.0)
+    rig.car.override = rig.car.driver_brake = True
+    while rig.car.speed >= WHEEL_REST:
+        rig.step()
+        assert rig.gateway.done is False
+    steps = 0
+    while not rig.gateway.done:
+        rig.step()
+        steps += 1
+    assert REST_TIME - PERIOD <= steps * PERIOD <= REST_TIME + 3 * PERIOD
 
 
 def test_who_does_nothing_is_not_told_that_it_is_too_early():
