@@ -77,10 +77,7 @@ def build_network(
 
 
 def projection(origin: tuple[float, float]) -> str:
-    """Return the PROJ string of a projection centred on latitude, longitude [deg].
-
-    Raises ConfigError for a latitude outside -80 to 84 or a longitude outside -180 to 180.
-    """
+    """Return the PROJ string of a projection centred on latitude, longitude [deg]; ConfigError for invalid ones."""
     latitude, longitude = origin
     if not (-80.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
         raise ConfigError(f"origin {latitude}, {longitude}: expected latitude, longitude in degrees")
@@ -132,7 +129,7 @@ def netconvert(options: Sequence[str], source: Path, out: Path) -> tuple[str, ..
 
 
 def tidy(raw: Path, note: str) -> bytes:
-    """Return a network with a leading `note`, without netconvert's header (date, paths), opposite lanes equally long."""
+    """Return a network under a `note`, without netconvert's header (date, paths), opposite lanes equally long."""
     root = ET.parse(raw).getroot()
     _equal_opposites(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<!-- {note} -->\n'.encode() + ET.tostring(root) + b"\n"
