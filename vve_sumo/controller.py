@@ -1,4 +1,4 @@
-"""What a controller is, how one is found by its name, and how its failures become values.
+"""Defines the interface of a controller, finds controllers by name, and turns their failures into reason codes.
 
 It knows nothing of what controllers do with an observation; the shipped ones lie in the folder `controllers/`.
 """
@@ -34,12 +34,12 @@ Maker = Callable[[Vehicle, Tuning], Controller]
 
 
 def load(name: str, vehicle: Vehicle, tuning: Tuning, search: Sequence[Folder]) -> Controller:
-    """Make the controller that a name stands for.
+    """Make the controller of a name.
 
-    `name` is a file's stem in one of the `search` folders, the first that has it; or `file.py:function`;
-    or an entry point of the group `vve_sumo.controllers`. Each finds a `make(vehicle, tuning)`.
-    A file's neighbours are its package: it may `from .preview import PreviewSteering`. It is read afresh.
-    Raises ConfigError, which begins with the name, where nothing is found or `make` refuses.
+    `name` is a file's stem in one of the `search` folders, of which the first that has it counts; or
+    `file.py:function`; or an entry point of the group `vve_sumo.controllers`. Each gives a function
+    `make(vehicle, tuning)`. A file may import its neighbours: `from .preview import PreviewSteering`. It is read
+    again at every call. Raises ConfigError, which names the controller, where nothing is found or `make` fails.
     """
     controller = PORT.make(name, PORT.find(name, search), vehicle, tuning)
     if not isinstance(controller, Controller):
@@ -58,22 +58,22 @@ def module(name: str, search: Sequence[Folder]) -> ModuleType:
 
 
 def origin(name: str, search: Sequence[Folder]) -> Origin:
-    """Return where `load` would take a controller's code from, as `Port.origin` does."""
+    """Return where the code lies that `load` would take, as `Port.origin` does."""
     return PORT.origin(name, search)
 
 
 def sources(name: str, search: Sequence[Folder]) -> dict[str, Folder]:
-    """Return the files of the code of a controller that was just loaded, as `Port.sources` does."""
+    """Return the code files of a controller that was just loaded, as `Port.sources` does."""
     return PORT.sources(name, search)
 
 
 def settle(
     tuning: Tuning, defaults: Tuning, ranges: Mapping[str, tuple[float, float]] | None = None
 ) -> dict[str, TuningValue]:
-    """Lay a user's tuning over the defaults; a default's type is the key's type.
+    """Return the defaults overridden by a user's tuning; a key's type is the type of its default.
 
-    Raises ConfigError, naming the key and what is allowed, on an unknown key, another type, a number that is not finite
-    or lies outside its key's range, least and greatest.
+    Raises ConfigError, naming the key and what is allowed, for an unknown key, a wrong type, and a number that is not
+    finite or lies outside the key's (least, greatest) in `ranges`.
     """
     for key, value in tuning.items():
         if key not in defaults:
@@ -93,7 +93,7 @@ def settle(
 
 
 class Guarded:
-    """A controller whose failures are values: what cannot be acted on comes back as None and reason codes.
+    """Calls a controller; returns its failures as reason codes instead of raising them.
 
     Codes: controller_raised, controller_wrong_type, controller_not_finite.
     """
@@ -102,12 +102,12 @@ class Guarded:
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self.text = ""  #: what the last failure said, for the record
+        self.text = ""  #: text of the last failure, for the record
 
     def step(self, observation: Observation) -> tuple[ControlCommand | None, tuple[str, ...]]:
-        """Return the controller's command and no reason, or None and why there is none.
+        """Return the controller's command and no reason code, or None and the reason code of the failure.
 
-        What comes back holds plain numbers and a printable note.
+        The command holds plain floats and a printable ASCII note.
         """
         try:
             command: object = self._controller.step(observation)

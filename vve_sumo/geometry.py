@@ -1,8 +1,7 @@
-"""Oriented boxes on the ground: corners, overlap, separation, and when two that move steadily touch.
+"""Computes with oriented boxes on the ground: corners, overlap, separation, and when two steadily moving ones touch.
 
-`Boxes` holds arrays and is what measures and pictures use. `Box` is one box in plain floats, for what every tick of a
-drive asks: a drive's bytes depend on its arithmetic, which uses `math` alone. Knows rectangles; neither cars' records,
-nor lanes, nor SUMO.
+`Boxes` holds arrays, for metrics and figures. `Box` is one box in plain floats, for the tick: a drive's bytes depend on
+its arithmetic, which uses `math` alone. Knows neither records, nor lanes, nor SUMO.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from vve_sumo.values import Floats, Vehicle
 
 Corners = list[tuple[float, float]]
 
-#: corners of a box, counter-clockwise from the front left: half lengths forward, half widths to the left
+#: corners of a box, counter-clockwise from the front left, in half lengths forward and half widths to the left
 SIGNS = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
 
 
@@ -29,7 +28,7 @@ class Box:
 
     x: float  #: centre [m]
     y: float  #: centre [m]
-    heading: float  #: of the length [rad], counter-clockwise from +x
+    heading: float  #: of the long axis [rad], counter-clockwise from +x
     length: float  #: along the heading [m]
     width: float  #: across the heading [m]
 
@@ -58,16 +57,16 @@ class Box:
 
 
 def behind_bumper(x: float, y: float, heading: float, length: float, width: float) -> Box:
-    """Return the box whose middle of the front bumper is at x, y."""
+    """Return the box of which the middle of the front side is at x, y."""
     half = 0.5 * length
     return Box(x - half * math.cos(heading), y - half * math.sin(heading), heading, length, width)
 
 
 def overlap(first: Box, second: Box) -> bool:
-    """Return whether two boxes share ground; boxes that only touch do not.
+    """Return whether two boxes overlap; boxes that only touch do not.
 
     Separating axes: two convex shapes are apart if and only if the normal of one of their sides separates them
-    (S. Gottschalk et al., "OBBTree", SIGGRAPH 1996). `separation` is the same for arrays.
+    (S. Gottschalk et al., "OBBTree", SIGGRAPH 1996). `separation` uses the same axes for arrays.
     """
     dx, dy = second.x - first.x, second.y - first.y
     turn = second.heading - first.heading
@@ -87,13 +86,13 @@ class Boxes(NamedTuple):
 
     x: Floats  #: centre, map [m]
     y: Floats  #: centre, map [m]
-    heading: Floats  #: of the length [rad], counter-clockwise from the map's +x
+    heading: Floats  #: of the long axis [rad], counter-clockwise from the map's +x
     length: Floats  #: [m]
     width: Floats  #: [m]
     speed: Floats  #: along the heading [m/s]
 
     def select(self, rows: NDArray[Any]) -> Boxes:
-        """Return some of them, in the order of `rows`."""
+        """Return the boxes of these rows, in the order of `rows`."""
         return Boxes(*(column[rows] for column in self))
 
     def corners(self) -> tuple[Floats, Floats]:
@@ -115,25 +114,26 @@ def vehicle_boxes(x: Floats, y: Floats, heading: Floats, speed: Floats, vehicle:
 class _Axis(NamedTuple):
     """Two boxes' projections on the normal of an edge."""
 
-    distance: Floats  #: of the other's centre from the one's along the normal [m]
-    reach: Floats  #: sum of half their projections [m]: they overlap where |distance| is no greater
-    rate: Floats  #: of change of distance [m/s]
+    distance: Floats  #: from the first box's centre to the second's along the normal [m]
+    reach: Floats  #: half the sum of both projections [m]: they overlap where |distance| is no greater
+    rate: Floats  #: rate of change of the distance [m/s]
 
 
 def separation(one: Boxes, other: Boxes) -> Floats:
-    """Greatest distance between the projections of two boxes on any edge's normal [m]: 0 at touch, negative at overlap.
+    """Return the greatest distance between two boxes' projections on any edge's normal [m].
 
-    Where it is positive it is at most the boxes' distance: equal to it but for corner against corner.
+    It is 0 where the boxes touch and negative where they overlap. A positive value is the boxes' distance or, for
+    corner against corner, less.
     """
     apart = [np.abs(axis.distance) - axis.reach for axis in _axes(one, other)]
     return np.maximum(np.maximum(apart[0], apart[1]), np.maximum(apart[2], apart[3]))
 
 
 def time_to_collision_2d(one: Boxes, other: Boxes) -> Floats:
-    """Time until steadily moving boxes touch [s], pair by pair; 0 where they overlap already, inf where they never do.
+    """Return the time until steadily moving boxes touch [s], pair by pair.
 
-    Exact: the method of the separating axes, swept over time (Gottschalk 1996; Ericson, Real-Time Collision Detection,
-    5.5.8). Touching is overlapping. NaN where anything of either box is.
+    It is 0 where they overlap or touch already, inf where they never do, NaN where a value of either box is NaN. Exact:
+    separating axes, swept over time (Gottschalk 1996; Ericson, Real-Time Collision Detection, 5.5.8).
     """
     enters: Floats = np.zeros(())
     leaves: Floats = np.full((), np.inf)
@@ -144,10 +144,10 @@ def time_to_collision_2d(one: Boxes, other: Boxes) -> Floats:
 
 
 def interval_in_lane(one: Boxes, other: Boxes) -> tuple[Floats, Floats]:
-    """Return when `one`, going on steadily, begins and ceases to touch the straight lane that `other` covers [s].
+    """Return when `one`, at constant velocity, begins and ceases to touch the straight lane of `other` [s].
 
-    The lane has the other's width and runs along its heading, to both sides without end. Negative is in the past; never
-    is from inf to -inf, always from -inf to inf.
+    The lane has the other's width and runs without end along its heading, both ways. Negative times are in the past.
+    Never is (inf, -inf), always is (-inf, inf).
     """
     cos, sin = np.cos(other.heading), np.sin(other.heading)
     along, across = np.cos(one.heading - other.heading), np.sin(one.heading - other.heading)
@@ -169,7 +169,7 @@ def _axes(one: Boxes, other: Boxes) -> Iterator[_Axis]:
 
 
 def _interval(distance: Floats, reach: Floats, rate: Floats) -> tuple[Floats, Floats]:
-    """Return when two projections begin and cease to overlap [s]; never is from inf to -inf, always -inf to inf."""
+    """Return when two projections begin and cease to overlap [s]; never is (inf, -inf), always (-inf, inf)."""
     always = np.where(np.abs(distance) <= reach, np.inf, -np.inf)
     always = np.where(np.isnan(distance + reach), np.nan, always)
     still = rate == 0.0

@@ -1,4 +1,4 @@
-"""Plain arithmetic that controller authors and analysts share: stopping, speeds in bends, limits, PI.
+"""Formulas for controllers and analysis: stopping distance and time, speed limits in bends, rate limits, PI control.
 
 Floats in, floats out: nothing here knows a car, a map, a sensor or a clock.
 """
@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 
 def stopping_distance(speed: float, deceleration: float, delay: float = 0.0, build_up: float = 0.0) -> float:
-    """Distance to standstill [m]: nothing for `delay`, a linear ramp over `build_up`, then constant.
+    """Return the distance to standstill [m]: no braking for `delay`, a linear ramp over `build_up`, then constant.
 
     d = v tau + v t_r - a t_r^2 / 6 + (v - a t_r / 2)^2 / (2 a), where the ramp ends before standstill.
     speed [m/s] >= 0, deceleration [m/s2] > 0, times [s].
@@ -25,7 +25,7 @@ def stopping_distance(speed: float, deceleration: float, delay: float = 0.0, bui
 
 
 def stopping_time(speed: float, deceleration: float, delay: float = 0.0, build_up: float = 0.0) -> float:
-    """Time to standstill [s] for the course of deceleration of `stopping_distance`."""
+    """Return the time to standstill [s] with the deceleration profile of `stopping_distance`."""
     if speed <= 0.0:
         return 0.0
     if speed <= 0.5 * deceleration * build_up:
@@ -34,7 +34,7 @@ def stopping_time(speed: float, deceleration: float, delay: float = 0.0, build_u
 
 
 def impact_speed(speed: float, gap: float, deceleration: float, delay: float = 0.0) -> float:
-    """Speed at the end of the gap [m/s] under constant deceleration after `delay`; 0 if it stops before."""
+    """Return the speed at the end of the gap [m/s], braking constantly after `delay`; 0 if the car stops before."""
     braked = max(gap - speed * delay, 0.0)
     return math.sqrt(max(0.0, speed * speed - 2.0 * deceleration * braked))
 
@@ -42,10 +42,10 @@ def impact_speed(speed: float, gap: float, deceleration: float, delay: float = 0
 def squared_speed_limits(
     curvature: Iterable[float], limit: float, lateral: float, slowing: float, spacing: float
 ) -> list[float]:
-    """Squares of the greatest speeds [m2/s2] along a path whose curvature [1/m] is given every `spacing` [m].
+    """Return squares of the greatest speeds [m2/s2] along a path whose curvature [1/m] is given every `spacing` [m].
 
-    Backward pass: v^2 <= limit^2, v^2 <= lateral / |curvature| and v^2 <= v_next^2 + 2 slowing spacing, so that bends
-    stay within a lateral acceleration [m/s2] and are slowed down to in time [m/s2].
+    Backward pass: v^2 <= limit^2, v^2 <= lateral / |curvature| and v^2 <= v_next^2 + 2 slowing spacing. So the speed
+    keeps to `limit` [m/s] and to the acceleration `lateral` [m/s2] in bends, and falls by at most `slowing` [m/s2].
     """
     fastest = limit * limit
     squares = [min(fastest, lateral / abs(bend)) if bend else fastest for bend in curvature]
@@ -55,12 +55,12 @@ def squared_speed_limits(
 
 
 def clamp(value: float, low: float, high: float) -> float:
-    """Return the value, held between two bounds; NaN stays NaN, so that the next boundary sees it."""
+    """Return the value limited to two bounds; NaN stays NaN, so that a later check sees it."""
     return low if value < low else high if value > high else value
 
 
 def rate_limit(target: float, previous: float, rate: float, period: float) -> float:
-    """Move from the previous value towards the target by no more than rate * period."""
+    """Return the target, limited to a step of rate * period from the previous value."""
     step = rate * period
     return clamp(target, previous - step, previous + step)
 
@@ -68,17 +68,17 @@ def rate_limit(target: float, previous: float, rate: float, period: float) -> fl
 def jerk_limit(
     target: float, previous: float, low: float, high: float, jerk_down: float, jerk_up: float, period: float
 ) -> float:
-    """Hold an acceleration inside [low, high] [m/s2], then its change inside the two jerks [m/s3].
+    """Limit an acceleration to [low, high] [m/s2], then its change to the two jerks [m/s3].
 
-    A previous value outside the bounds comes back at the jerk's pace, not at once.
+    From a previous value outside the bounds the result returns at the jerk limit, not at once.
     """
     return clamp(clamp(target, low, high), previous - jerk_down * period, previous + jerk_up * period)
 
 
 class PI:
-    """Proportional and integral action on an error, the output bounded, the integral never wound up.
+    """A PI controller with bounded output and anti-windup.
 
-    While the output is at a bound the integral only moves away from it (conditional integration, Åström
+    While the output is beyond a bound, the integral can only move back from it (conditional integration, Åström
     and Hägglund, PID Controllers, 1995, 3.5).
     """
 
@@ -98,5 +98,5 @@ class PI:
         return clamp(self.kp * error + self.integral, self.low, self.high)
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Set the integral to 0."""
         self.integral = 0.0

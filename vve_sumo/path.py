@@ -1,7 +1,7 @@
-"""The cubic path: where the rear axle shall go, and the band beside it that the car's body sweeps.
+"""The cubic path that the rear axle shall follow, and the corridor that the car's body sweeps along it.
 
-It knows geometry in the map frame and nothing of cars, speeds, sensors or files. Other rooms' values hold
-a path, so it imports none of them.
+It knows geometry in the map frame and nothing of cars, speeds, sensors or files. It imports no values of other
+packages, because those values hold a path.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from vve_sumo.errors import ConfigError
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MIN_POINT_SPACING = 0.01  #: two neighbours nearer than this are one point recorded twice [m]
-SAMPLE_SPACING = 1.0  #: of the table for searches, small against any radius a car can drive [m]
-EXTENSION = 200.0  #: the table goes on straight this far at both ends, beyond a long-range radar's reach [m]
+MIN_POINT_SPACING = 0.01  #: two successive points nearer than this are one point recorded twice [m]
+SAMPLE_SPACING = 1.0  #: of the table for searches, small against any radius that a car can drive [m]
+EXTENSION = 200.0  #: straight extension of the table at both ends, beyond a long-range radar's reach [m]
 
-BRANCH_TOLERANCE = 1.0  #: a search of the whole path takes an earlier branch that is no more than this farther off [m]
+BRANCH_TOLERANCE = 1.0  #: a search of the whole path prefers an earlier branch that is at most this farther off [m]
 
 ARC_LENGTH_ROUNDS = 8  #: refits of the spline over its own arc length; each gains about two digits
 NEWTON_ROUNDS = 12
 NEWTON_TOLERANCE = 1e-7  #: [m]
-NEWTON_MAX_STEP = 4.0  #: keeps the search local, so that a loop's other branch is never reached [m]
-NEWTON_MIN_SLOPE = 0.5  #: keeps every step downhill, also from beyond the centre of curvature
+NEWTON_MAX_STEP = 4.0  #: keeps the search local, so that it never reaches the other branch of a loop [m]
+NEWTON_MIN_SLOPE = 0.5  #: keeps every step downhill, even from beyond the centre of curvature
 
 # Gauss-Legendre nodes and weights of order five on [0, 1], from the closed form of their roots.
 _INNER = math.sqrt(5 - 2 * math.sqrt(10 / 7)) / 3
@@ -47,7 +47,7 @@ GAUSS_LEGENDRE = (
 
 
 class Segment(NamedTuple):
-    """One cubic piece: X = x0 + u (x1 + u (x2 + u x3)), Y likewise, with u = station - start [m]."""
+    """One cubic piece: X = x0 + u (x1 + u (x2 + u x3)), Y likewise, with u = s - start [m]."""
 
     start: float
     x0: float
@@ -61,10 +61,10 @@ class Segment(NamedTuple):
 
 
 class Station(NamedTuple):
-    """Where a point stands beside the path: the foot of its perpendicular, and how far off it is."""
+    """The Frenet coordinates of a point, and the path at the foot of the perpendicular from it."""
 
-    s: float  #: arc length of the foot from the path's start [m]; below 0 before it, above length beyond the end
-    offset: float  #: distance of the point from the path [m], left positive
+    s: float  #: arc length of the foot from the path's start [m]; below 0 before the start, above length past the end
+    offset: float  #: lateral deviation d of the point from the path [m], left positive
     heading: float  #: of the path at the foot [rad], counter-clockwise from map +x
     curvature: float  #: of the path at the foot [1/m], left turn positive
 
@@ -89,21 +89,21 @@ class Samples(NamedTuple):
     curvature: Floats  #: [1/m], left turn positive
 
     def project(self, x: Floats, y: Floats, rows: Indices) -> tuple[Floats, Floats, Floats]:
-        """Return s and d [m] of map points, each near the sample in its row, and the arc from that sample [m]."""
+        """Return s and d [m] of map points, each near the sample of its row number, and the arc from there [m]."""
         dx, dy = x - self.x[rows], y - self.y[rows]
         tx, ty, curvature = self.tangent_x[rows], self.tangent_y[rows], self.curvature[rows]
         along, across = dx * tx + dy * ty, dy * tx - dx * ty
-        # The sample's circle of curvature instead of its tangent: the foot moves by this much of arc ...
+        # On the sample's circle of curvature, instead of its tangent, the foot is this arc from the sample ...
         arc = along / np.maximum(1.0 - curvature * across, NEWTON_MIN_SLOPE)
-        # ... and the circle bends away from the tangent by the sagitta.
+        # ... and the circle lies off the tangent by the sagitta.
         return self.s[rows] + arc, across - 0.5 * curvature * along * arc, arc
 
 
 class Path:
     """A curve of cubic pieces over arc length with continuous position, slope and curvature.
 
-    It goes on straight before its start and beyond its end. Stations are arc lengths; the pieces keep
-    unit speed to about a part in a thousand between points, exactly enough at the points.
+    The path goes on straight before its start and beyond its end. Stations (s) are arc lengths: between the points
+    the parameter equals arc length to about a part in a thousand, and at the points better.
     """
 
     __slots__ = ("_knots", "_pieces", "_samples", "length", "segments")
@@ -122,9 +122,9 @@ class Path:
     def from_points(cls, x: ArrayLike, y: ArrayLike, noise: float = 0.0) -> Path:
         """Lay a path through points in driving order.
 
-        x, y: map [m], shape (n,), n >= 2. `noise` is the standard deviation of the points [m]: 0 meets
-        every point, more lays the smoothest curve that the noise allows (for recorded drives).
-        Raises ConfigError on too few, unequal many, non-finite or repeated points.
+        x, y: map [m], shape (n,), n >= 2. `noise` is the standard deviation of the points [m]: with 0 the path
+        passes through every point, otherwise it is the smoothest curve within that noise (for recorded drives).
+        Raises ConfigError for too few points, x and y of different lengths, and non-finite or repeated points.
         """
         xs, ys = _checked(x, y)
         if noise > 0.0:
@@ -145,7 +145,7 @@ class Path:
 
     @property
     def points(self) -> list[tuple[float, float]]:
-        """The points that the path was laid through, map [m]."""
+        """The points through which the path was laid, after smoothing, map [m]."""
         last = self.at(self.length)
         return [(piece.x0, piece.y0) for piece in self.segments] + [(last.x, last.y)]
 
@@ -163,10 +163,10 @@ class Path:
         )
 
     def project(self, x: float, y: float, near: float | None = None) -> Station:
-        """Find the foot of the perpendicular from a map point [m].
+        """Find the foot of the perpendicular from a map point [m] to the path.
 
-        `near` is a station close to it, such as the previous tick's: the search goes downhill from there,
-        so a path that crosses itself is no trouble. None searches the whole path, the earliest branch first.
+        `near` is an s [m] close to the foot's, such as the previous tick's: the search goes downhill from there, so
+        that a path may cross itself. None searches the whole path and prefers the earliest branch.
         """
         s = self._nearest_sample(x, y) if near is None else near
         pieces, knots = self._pieces, self._knots
@@ -187,10 +187,10 @@ class Path:
         return Station(s, offset, math.atan2(ty, tx), (tx * ay - ty * ax) / (speed_squared * speed))
 
     def frenet_near(self, s: float, x: float, y: float, heading: float) -> tuple[float, float, float, float]:
-        """Return station [m], offset [m] and heading error [rad] of a place near station `s`, and the curvature at `s`.
+        """Return s [m], d [m] and heading error [rad] of a place near `s`, and the curvature at `s` [1/m].
 
-        One step of Newton's from `s`, enough where that is off by centimetres; left positive all. What `at` says of
-        the path is worked out here once more: the fallback path asks for it thirty times a tick.
+        One Newton step from `s`, enough where `s` is off by centimetres; left is positive for all. The formulas of `at`
+        are repeated here for speed: the fallback path needs them thirty times a tick.
         """
         start, x0, x1, x2, x3, y0, y1, y2, y3 = self._pieces[bisect_right(self._knots, s)]
         u = s - start
@@ -207,10 +207,10 @@ class Path:
         return s + arc, offset, math.remainder(heading - path_heading - bend * arc, math.tau), bend
 
     def locate(self, x: Floats, y: Floats, s_from: float, s_to: float) -> tuple[Floats, Floats]:
-        """Find stations and lateral offsets (left positive) [m] of many map points, shape (n,), at once.
+        """Return s [m] and d (left positive) [m] of many map points, shape (n,), at once.
 
-        Only the stretch between two stations [m] is looked at (cut at EXTENSION beyond the ends); a point
-        whose foot lies outside it gets NaN. Good to millimetres within a few metres of the path.
+        Only the stretch from `s_from` to `s_to` [m] is searched (cut at EXTENSION beyond the ends); a point whose
+        foot lies outside it gets NaN. Accurate to millimetres within a few metres of the path.
         """
         table = self._samples
         first = min(max(int((s_from + EXTENSION) / SAMPLE_SPACING), 0), len(table.s) - 2)
@@ -224,8 +224,8 @@ class Path:
     def project_many(self, x: Floats, y: Floats, near: Floats, window: float) -> tuple[Floats, Floats, Floats]:
         """Return s [m], d (left positive) [m] and path heading [rad] of map points, shape (n,).
 
-        Each is matched within `window` metres of path on either side of its own `near` s, so that a path that crosses
-        itself does not mix its branches; beyond the ends the path is taken as straight. As exact as `locate`.
+        The foot of each point is searched within `window` [m] of path on either side of its own `near` [m], so that a
+        path that crosses itself does not mix its branches. Beyond the ends the path is straight. As exact as `locate`.
         """
         table = self._samples
         step = float(table.s[1] - table.s[0])
@@ -238,7 +238,7 @@ class Path:
         return s, d, np.arctan2(table.tangent_y[rows], table.tangent_x[rows]) + table.curvature[rows] * arc
 
     def _nearest_sample(self, x: float, y: float) -> float:
-        """The earliest sample of the path itself that is nearest, to BRANCH_TOLERANCE: a loop's start, not its end."""
+        """Return s of the earliest sample that is nearest, to BRANCH_TOLERANCE: a loop's start, not its end."""
         first = round(EXTENSION / SAMPLE_SPACING)
         table, last = self._samples, first + math.ceil(self.length / SAMPLE_SPACING) + 1
         squares = (table.x[first:last] - x) ** 2 + (table.y[first:last] - y) ** 2
@@ -257,13 +257,13 @@ class Path:
         x, y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
         samples = Samples(s, x, y, tx / speed, ty / speed, bend / (speed * speed * speed))
         for column in samples:
-            # Controllers hold the same path as the drive that judges them.
+            # A controller gets the same object as the drive that judges it, and must not change it.
             column.setflags(write=False)
         return samples
 
 
 class Corridor:
-    """The band that a rectangle sweeps whose rear axle keeps to the path, widened by a margin."""
+    """The band swept by a rectangle whose rear axle follows the path, widened by a margin."""
 
     __slots__ = ("_left", "_right")
 
@@ -278,22 +278,22 @@ class Corridor:
         self._right: list[float] = (right + margin).tolist()
 
     def half_widths(self, s: float) -> tuple[float, float]:
-        """Return how far the band reaches to the left and to the right of the path at a station [m]."""
+        """Return the width of the band to the left and to the right of the path at `s` [m]."""
         row = min(max(round((s + EXTENSION) / SAMPLE_SPACING), 0), len(self._left) - 1)
         return self._left[row], self._right[row]
 
     def contains(self, s: float, offset: float) -> bool:
-        """Tell whether a point at a station and lateral offset [m] is swept; NaN is not."""
+        """Return whether a point at `s` and lateral deviation `offset` [m] lies in the band; NaN does not."""
         left, right = self.half_widths(s) if math.isfinite(s) else (math.nan, math.nan)
         return -right <= offset <= left
 
 
 def swept_half_widths(curvature: ArrayLike, front: float, width: float) -> tuple[Floats, Floats]:
-    """Reach of a turning rectangle to the left and right of its rear axle's circle [m].
+    """Return the reach of a turning rectangle to the left and right of its rear axle's circle [m].
 
-    Steady circle of radius R = 1/|curvature|: the inner side touches R - width/2 beside the rear axle, the
-    outer front corner runs on sqrt((R + width/2)^2 + front^2); `front` is rear axle to front bumper [m].
-    Written so that a straight line is no special case. curvature: [1/m], left positive, any shape.
+    On a steady circle of radius R = 1/|curvature| the inner side reaches in to R - width/2 beside the rear axle, and
+    the outer front corner moves on sqrt((R + width/2)^2 + front^2); `front` is rear axle to front bumper [m].
+    The formula needs no special case for a straight line. curvature: [1/m], left positive, any shape.
     """
     bend = np.asarray(curvature, dtype=np.float64)
     k, half = np.abs(bend), 0.5 * width
@@ -321,7 +321,7 @@ def _checked(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def _smoothed(x: Floats, y: Floats, noise: float) -> tuple[Floats, Floats]:
-    """Smoothest cubic splines whose squared distances sum to n noise^2 (Reinsch 1967), read at the points."""
+    """Return the points on the smoothest cubic splines with squared x and y residuals of 2 n noise^2 (Reinsch 1967)."""
     from scipy.interpolate import splev, splprep
 
     if x.size < 4:
@@ -333,7 +333,7 @@ def _smoothed(x: Floats, y: Floats, noise: float) -> tuple[Floats, Floats]:
 
 
 def _pieces(values: Floats, spans: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Coefficients of the interpolating cubic spline, lowest power first."""
+    """Return the coefficients of the interpolating cubic spline, lowest power first."""
     moments = _moments(values, spans)
     here, there = moments[:-1], moments[1:]
     slopes = np.diff(values) / spans - spans * (2.0 * here + there) / 6.0
@@ -341,9 +341,9 @@ def _pieces(values: Floats, spans: Floats) -> tuple[Floats, Floats, Floats, Floa
 
 
 def _moments(values: Floats, spans: Floats) -> Floats:
-    """Second derivatives at the points: continuous slope inside, constant curvature over the end pieces.
+    """Return second derivatives at the points: continuous slope inside, constant curvature over the end pieces.
 
-    The tridiagonal system is solved in plain floats (Thomas), so that its last bits are the same everywhere.
+    The tridiagonal system is solved in plain floats (Thomas algorithm), so that every machine gives the same bits.
     """
     if values.size == 2:
         return np.zeros(2)
@@ -364,7 +364,7 @@ def _moments(values: Floats, spans: Floats) -> Floats:
 
 
 def _arc_lengths(x: tuple[Floats, ...], y: tuple[Floats, ...], spans: Floats) -> Floats:
-    """Arc length of each cubic piece by Gauss-Legendre quadrature [m]."""
+    """Return the arc length of each cubic piece by Gauss-Legendre quadrature [m]."""
     total = np.zeros_like(spans)
     for node, weight in GAUSS_LEGENDRE:
         u = node * spans
@@ -374,7 +374,7 @@ def _arc_lengths(x: tuple[Floats, ...], y: tuple[Floats, ...], spans: Floats) ->
 
 
 def _straight(piece: Segment, s: float) -> Segment:
-    """Straight continuation of a piece at the station s."""
+    """Return the straight continuation of a piece from `s` [m] on, with unit speed."""
     _, x0, x1, x2, x3, y0, y1, y2, y3 = piece
     u = s - piece.start
     tx, ty = x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)

@@ -1,7 +1,7 @@
-"""How a part that plugs in is found by its name: a controller, a drive-by-wire interface, a receiver, a sensor.
+"""Finds a plug-in by its name: a controller, a drive-by-wire interface, a receiver or a sensor.
 
-A name is a shipped one, a file of a search folder, `file.py:function`, or an entry point that an installed package
-declares. This module knows nothing of what the parts do. Errors of somebody else's code become ConfigError.
+A name is `file.py:function`, a file of a search folder, a shipped part, or an entry point of an installed package. This
+module knows nothing of what the parts do. Errors of a part's code become ConfigError.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from vve_sumo.errors import ConfigError
 
 Make = Callable[..., Any]
 
-#: what the package that a part's folder becomes is called, before a digest of folder and file
+#: prefix of the name of the package that a part's folder becomes; a hash of folder and file follows
 PACKAGE = "vve_sumo_workspace_"
-#: characters of a name that a message repeats, where it is the name's length that is wrong
+#: number of characters of a name that a message repeats, where the name cannot be looked up
 LONGEST = 80
 
 
 class Origin(NamedTuple):
     """Where the code of a part lies."""
 
-    root: Folder  #: what the names of its modules count from
-    main: str  #: the module that offers it, dotted
-    installed: bool  #: whether it belongs to an installed package, all of whose files count as its code
+    root: Folder  #: folder from which the names of the part's modules count
+    main: str  #: dotted name of the module that offers the part
+    installed: bool  #: whether the part belongs to an installed package, all of whose files count as its code
 
     def file(self, module: str) -> Folder | None:
-        """Return the file that an import of one of its modules would run; None where there is none."""
+        """Return the file that an import of one of the part's modules would run; None where there is none."""
         importlib.invalidate_caches()
         places, found = [str(self.root)], None
         for part in module.split("."):
-            # Of a part with a slash the finder would look outside the root.
+            # With a slash in the name the finder would search outside the root.
             found = None if "/" in part or not part else PathFinder.find_spec(part, places)
             if found is None:
                 return None
@@ -51,15 +51,15 @@ class Origin(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """One kind of part that plugs in; every method raises ConfigError, which begins with the kind and the name."""
+    """One kind of plug-in; a ConfigError of any method begins with the kind and the name."""
 
-    kind: str  #: in messages
-    group: str  #: of entry points
-    arguments: str  #: of `make`, in messages
-    shipped: Mapping[str, str] = field(default_factory=dict)  #: names of the package's own parts to their modules
+    kind: str  #: name of the kind in messages
+    group: str  #: group of entry points
+    arguments: str  #: arguments of `make`, for messages
+    shipped: Mapping[str, str] = field(default_factory=dict)  #: from the names of shipped parts to their modules
 
     def find(self, name: str, search: Sequence[Folder] = ()) -> Make:
-        """Return the function that makes the part of a name; a file is read afresh."""
+        """Return the function that makes the part of a name; a file is read again at every call."""
         if ":" in name:
             file, _, function = name.rpartition(":")
             return self._offered(name, Folder(file), function)
@@ -74,7 +74,7 @@ class Port:
         raise self._unknown(name, search)
 
     def make(self, name: str, make: Make, *arguments: object) -> Any:
-        """Return what `make` makes of its arguments."""
+        """Return the result of `make`; its errors become ConfigError."""
         try:
             return make(*arguments)
         except ConfigError as error:
@@ -96,9 +96,9 @@ class Port:
         raise ConfigError(f"{self.kind} file {name}.py: not in {', '.join(map(str, search)) or 'any folder'}")
 
     def origin(self, name: str, search: Sequence[Folder] = ()) -> Origin:
-        """Return where `find` would take the code of a part from; nothing of that code is run.
+        """Return where the code of a part lies that `find` would take; none of that code is run.
 
-        Raises ConfigError where there is nothing of the name, or nothing that lies in files.
+        Raises ConfigError for an unknown name, for a shipped part, and where the code lies in no file.
         """
         if ":" in name:
             file = Folder(name.rpartition(":")[0])
@@ -113,10 +113,10 @@ class Port:
         raise self._unknown(name, search)
 
     def sources(self, name: str, search: Sequence[Folder] = ()) -> dict[str, Folder]:
-        """Return the files of the code of a part that was just found, by the names of their modules.
+        """Return the code files of a part that was just found, by the names of their modules.
 
-        Of a file these are its own and those of the neighbours that it imported; of an entry point every file of its
-        outermost package. Empty where the code lies in no file.
+        For a part from a file these are the file and the neighbours that it imported; for an entry point every file of
+        its outermost package. Empty for a shipped part, and where the code lies in no file.
         """
         try:
             place = self.origin(name, search)
@@ -132,7 +132,7 @@ class Port:
         return {module: Folder(file) for module, file in files.items() if file}
 
     def _installed(self, name: str, module: str) -> Origin:
-        """Return where an entry point's module lies; only its outermost package is looked for, which runs nothing."""
+        """Return where an entry point's module lies; only its outermost package is looked up, which runs no code."""
         top = module.partition(".")[0]
         try:
             spec = importlib.util.find_spec(top)
@@ -146,7 +146,7 @@ class Port:
     def _is_file(self, name: str, file: Folder) -> bool:
         try:
             return file.is_file()
-        except OSError as error:  # such as for a name that is longer than any file's
+        except OSError as error:  # such as for a name that is too long for a file
             raise ConfigError(f"{self.kind} {name[:LONGEST]}…: cannot be looked up: {error.strerror}") from None
 
     def _unknown(self, name: str, search: Sequence[Folder]) -> ConfigError:
@@ -174,7 +174,7 @@ class Port:
 
 
 def error_text(error: BaseException, hidden: str) -> str:
-    """What an error says, and the innermost line that it came from, apart from those of the file `hidden`."""
+    """Return type and text of an error, and the innermost line of its traceback outside the file `hidden`."""
     frames = traceback.extract_tb(error.__traceback__)
     place = next(
         (f" ({Folder(f.filename).name}, line {f.lineno})" for f in reversed(frames) if f.filename != hidden), ""
@@ -195,14 +195,14 @@ def _files_of_package(place: Origin) -> dict[str, Folder]:
 
 
 def _package(folder: Folder, stem: str) -> str:
-    """Return the name of the package that the folder of a part's file becomes for that part alone."""
+    """Return the name of the package that the folder of a part's file becomes, different for every file."""
     return f"{PACKAGE}{hashlib.sha256(str(folder / stem).encode()).hexdigest()[:16]}"
 
 
 def _imported(file: Folder) -> ModuleType:
-    """Import a file as a member of a package made of its folder, under a name nobody else can have.
+    """Import a file as a module of a package made of its folder, under a name that no other code uses.
 
-    Another part of the same folder gets a package of its own, so that neither takes the other's modules away.
+    Another part of the same folder gets its own package, so that neither removes the other's modules.
     """
     folder = file.resolve().parent
     package = _package(folder, file.stem)

@@ -1,7 +1,7 @@
-"""The few values that travel along the road from a pose to a CAN frame.
+"""Defines the values that are passed between a pose and a CAN frame, and the rows of the record.
 
-Nothing here computes, reads or keeps anything. SI units inside; angles in radians, counter-clockwise
-from the map's +x unless the field says otherwise; a name carries its unit only where it is not SI.
+Nothing here reads or stores anything. Units are SI; angles are radians, counter-clockwise from the map's +x unless
+the field says otherwise. Apart from the columns of rows, a name carries its unit only where it is not SI.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ class Point(enum.StrEnum):
 
 
 class FixQuality(enum.StrEnum):
-    """How a receiver found its position, in the words of GNSS; what a receiver calls it is its codec's business."""
+    """How a receiver found its position, in GNSS terms; each receiver's decoder translates its own codes."""
 
-    UNKNOWN = "unknown"  #: it does not say, or says what no manual explains
-    NONE = "none"  #: it has no position of its own
+    UNKNOWN = "unknown"  #: the receiver gives no code, or one that no manual explains
+    NONE = "none"  #: the receiver has no position of its own
     SINGLE = "single"  #: code phase, no corrections
     DIFFERENTIAL = "differential"  #: code phase, with corrections
     PPP = "ppp"  #: carrier phase, with corrections of satellite orbits and clocks
@@ -50,9 +50,9 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """What the receiver said, once, about its output point; NaN is "not said" or "said to be invalid".
+    """One message of the receiver about its output point; NaN is "not reported" or "reported as invalid".
 
-    The defaults are those of a source that says nothing of its own quality: no car drives on such a fix.
+    The defaults are those of a source that reports no quality of its own: no car drives on such a fix.
     """
 
     time: float  #: epoch of the fix [s of GNSS time since 1980-01-06, no leap seconds]
@@ -81,7 +81,7 @@ class Pose:
     """Where a named point of the car is in the map at a stated time, and how it moves."""
 
     time: float  #: drive time [s]
-    point: Point  #: whose pose this is
+    point: Point  #: the point of the car whose pose this is
     x: float  #: map [m]
     y: float  #: map [m]
     heading: float  #: of the car's forward axis [rad], counter-clockwise from the map's +x
@@ -94,7 +94,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Actors:
-    """Everything of the street that has a body, at one time: a column per quantity, one row per actor."""
+    """All actors near the ego at one time: a column per quantity, one row per actor."""
 
     time: float  #: drive time [s]
     ids: tuple[str, ...]  #: names, in row order
@@ -109,13 +109,13 @@ class Actors:
 
 
 class ActorState(NamedTuple):
-    """An actor that the scenario moves, at one time; its box is what radar and contact tests see."""
+    """An actor that the scenario moves, at one time; radar and contact tests see its box."""
 
-    id: str  #: unlike any other actor's
+    id: str  #: different from any other actor's
     kind: str  #: as in a scenario file: car, van, truck, bus, motorcycle, bicycle, pedestrian, child
     x: float  #: centre of the box, map [m]
     y: float  #: centre of the box, map [m]
-    heading: float  #: it faces [rad], counter-clockwise from the map's +x
+    heading: float  #: the direction that the actor faces [rad], counter-clockwise from the map's +x
     speed: float  #: along the heading [m/s], never negative
     length: float  #: of the box, along the heading [m]
     width: float  #: of the box [m]
@@ -125,20 +125,20 @@ class ActorState(NamedTuple):
 class Detections:
     """One radar scan as a controller sees it: a column per quantity, one row per detection."""
 
-    time: float  #: drive time at which they were measured, not at which they came [s]; -inf before the first scan
-    range: Floats  #: from the middle of the front bumper to the seen point [m]
-    azimuth: Floats  #: direction of the seen point from the middle of the front bumper [rad], left positive
+    time: float  #: drive time of the measurement, not of the arrival [s]; -inf before the first scan
+    range: Floats  #: from the middle of the front bumper to the detected point [m]
+    azimuth: Floats  #: direction of the detected point from the middle of the front bumper [rad], left positive
     range_rate: Floats  #: radial velocity at the antenna [m/s], opening positive
     mode: NDArray[np.int8]  #: 0 long range, 1 medium range
 
 
-#: first-order time constant from throttle to drive force that is assumed of a car that nobody calibrated [s]
+#: first-order time constant from throttle to drive force, assumed for a car without calibration [s]
 DRIVE_LAG = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """What is declared of the car: geometry, inertia, limits and lags."""
+    """The declared properties of the car: geometry, inertia, limits and lags."""
 
     length: float  #: bumper to bumper [m]
     width: float  #: without mirrors [m]
@@ -172,7 +172,7 @@ class Vehicle:
 
     @property
     def tightest_curvature(self) -> float:
-        """Curvature of the circle that the rear axle drives at the steering limit, slowly [1/m]."""
+        """Curvature of the rear axle's circle at the steering limit, at low speed [1/m]."""
         return math.tan(self.steering_limit) / self.wheelbase
 
     @property
@@ -185,11 +185,11 @@ class Vehicle:
 
 
 class SensorOutput(Protocol):
-    """What a sensor says to a controller: structures of arrays, a column per quantity, with one date."""
+    """A sensor's output for a controller: arrays, one column per quantity, all measured at one time."""
 
     @property
     def time(self) -> float:
-        """Drive time at which it was measured [s]; -inf before the first measurement."""
+        """Drive time of the measurement [s]; -inf before the first measurement."""
         ...
 
 
@@ -207,49 +207,49 @@ class Observation:
     tick: int  #: number of the tick
     time: float  #: drive time of the tick [s]
     pose: Pose  #: of the rear axle, predicted to this time
-    path: Path  #: where the rear axle shall go, the same object for the whole drive
-    desired_speed: float  #: speed to keep where nothing forbids it [m/s]
+    path: Path  #: of the rear axle, the same object for the whole drive
+    desired_speed: float  #: speed to keep where nothing requires a lower one [m/s]
     sensors: Mapping[str, SensorOutput]  #: the newest output of every sensor, by the sensor's name
     steering: float  #: road-wheel angle that the car reports [rad], left positive; NaN not reported
 
     @property
     def radar(self) -> Detections:
-        """The newest scan of the sensor that is named "radar", dated when it was measured."""
+        """The newest scan of the sensor that is named "radar", with the time of its measurement."""
         return newest_scan(self.sensors)
 
 
 @dataclass(frozen=True, slots=True)
 class FallbackPath:
-    """The fallback path to rest: the curvature that the rear axle shall follow from where the setpoint found it."""
+    """The fallback path to rest: the curvature that the rear axle shall follow from its pose in the setpoint."""
 
-    spacing: float  #: distance from one knot to the next along the rear axle's way [m], positive
+    spacing: float  #: distance from one knot to the next along the rear axle's path [m], positive
     curvature: tuple[float, ...]  #: at distance 0, spacing, 2 spacing, … [1/m], left positive; linear in between
 
 
 @dataclass(frozen=True, slots=True)
 class ControlCommand:
-    """What a controller wants the car to do; the tick stamps it into a Setpoint."""
+    """A controller's request for the car; the tick stamps it into a Setpoint."""
 
     steering: float  #: road-wheel angle [rad], left positive
     acceleration: float  #: along the heading [m/s2], braking negative
     emergency: bool = False  #: asks for the emergency envelope instead of the comfort one
-    note: str = ""  #: why, in a word, for the record
+    note: str = ""  #: the controller's reason, for the record
 
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """What the car shall do, from the tick to the gateway: a control command, stamped.
+    """A control command, stamped by the tick for the gateway.
 
-    No field has a default: what the tick did not stamp cannot be sent.
+    No field has a default, so that a setpoint with a missing field cannot be sent.
     """
 
     steering: float  #: of the control command: road-wheel angle [rad], left positive
     acceleration: float  #: of the control command: along the heading [m/s2], braking negative
     emergency: bool  #: of the control command: asks for the emergency envelope instead of the comfort one
-    note: str  #: of the control command: why, in a word, for the record
+    note: str  #: of the control command: the controller's reason, for the record
     sequence: int  #: counts up by one a setpoint; the gateway refuses a negative one
     time: float  #: drive time it was computed for [s]
-    expires: float  #: drive time after which nobody may act on it [s]
+    expires: float  #: drive time after which it must not be acted on [s]
     x: float  #: of the rear axle at `time`, map [m]; this and the next four for the plausibility checks
     y: float  #: as x [m]
     heading: float  #: at `time` [rad], counter-clockwise from the map's +x
@@ -261,7 +261,7 @@ class Setpoint:
 
 
 class ArmingState(enum.StrEnum):
-    """Where the gateway stands between "nothing is commanded" and "the car is at rest again"."""
+    """The gateway's state, from no command at all to the car at rest again."""
 
     DISARMED = "disarmed"
     READY = "ready"
@@ -273,7 +273,7 @@ class ArmingState(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class GatewayStatus:
-    """What the gateway made of a setpoint."""
+    """The gateway's state and output after a step."""
 
     state: ArmingState  #: after this step
     reasons: tuple[str, ...]  #: reason codes: why not ready, why stopping, why faulted
@@ -290,7 +290,7 @@ def _column(meaning: str) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class TickRow:
-    """What is recorded of one tick; names carry units because they are the record's columns.
+    """A tick's row in the record; names carry units because they are the record's columns.
 
     The record's schema, the documentation's table and every reader take columns and meanings from here.
     """
@@ -346,7 +346,7 @@ class TickRow:
 
 @dataclass(frozen=True, slots=True)
 class GatewayRow:
-    """What a live record keeps of one step of the gateway's process: all that went in, and what came out."""
+    """A row of a live record for one step of the gateway's process, with all inputs and results."""
 
     step: int = _column("number of the step")
     time_s: float = _column("drive time of the step, as the gateway was told")
@@ -370,7 +370,7 @@ class GatewayRow:
 
 @dataclass(frozen=True, slots=True)
 class LatencyRow:
-    """The latencies of one tick of a live drive; moments are drive times, NaN where nothing happened."""
+    """The times within one tick of a live drive; all are drive times [s], NaN where the event did not happen."""
 
     tick: int = _column("number of the tick")
     sequence: int = _column("of the setpoint; -1 for none")

@@ -1,1 +1,1 @@
-"""The tick, the shells that drive it, and the record it leaves."""
+"""The tick, the shells that run it, and the checks and replays of its record."""

@@ -1,6 +1,6 @@
-"""Finds what a scenario's actors are told to follow, paths and recorded speeds, and puts their cast together.
+"""Finds and reads the paths and recorded speeds that a scenario's actors follow.
 
-Reads files and moves nobody; must not know SUMO.
+Reads files and moves no actor; must not know SUMO.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from vve_sumo.scenario.schema import Actor
 
 SPEED_COLUMNS: Final = ("time_s", "speed_mps")
 
-#: No road user is faster; what is, is no recorded speed in metres per second.
+#: No road user is faster [m/s]: a greater number in a file is not a speed in metres per second.
 MAX_SPEED: Final = 100.0
 
-#: From a kind of file, a name and the key that names it to the file.
+#: Returns the file for a kind of file, its name, and the scenario's key that names it.
 Find = Callable[[str, str, str], FilePath]
 
 Speeds = tuple[tuple[float, ...], tuple[float, ...]]  #: times [s], speeds [m/s]
@@ -31,7 +31,7 @@ Speeds = tuple[tuple[float, ...], tuple[float, ...]]  #: times [s], speeds [m/s]
 class ActorPaths:
     """What the actors follow, by the names that the scenario uses."""
 
-    lines: dict[str, Path]  #: in the street's map
+    lines: dict[str, Path]  #: in the virtual road's map
     recordings: dict[str, Speeds]
     files: dict[str, FilePath]  #: what was read, by role
 
@@ -41,8 +41,8 @@ def find_actor_paths(
 ) -> ActorPaths:
     """Find and read what the actors follow; `read` reads a path's file.
 
-    Raises ConfigError naming the scenario's `file` and the key of what is missing or lies beyond its path, or the line
-    of what is wrong inside a file.
+    Raises ConfigError. It names the scenario's `file` and key where a file is missing or `at_m` lies beyond the path,
+    and the file and line where a file's content is wrong.
     """
     found = ActorPaths({}, {}, {})
     for actor in actors:
@@ -63,10 +63,10 @@ def find_actor_paths(
 
 
 def read_speeds(file: FilePath) -> Speeds:
-    """Return times [s] and speeds [m/s] of a CSV file whose header names them, lines from `#` on left out.
+    """Return times [s] and speeds [m/s] of a CSV file whose header names them; lines that begin with `#` are skipped.
 
-    Raises ConfigError naming file and line for what is no number, a speed no road user drives, or a time not later than
-    the one before it.
+    Raises ConfigError naming file and line for a value that is not a number, a speed outside 0 to MAX_SPEED, and a time
+    that is not later than the one before it.
     """
     table = CsvNumbers(file, "speeds")
     times, speeds = [-math.inf], [0.0]

@@ -1,6 +1,6 @@
-"""From a resolved scenario, and where its poses come from, to the Pipeline: the one place that puts it together.
+"""Builds the Pipeline from a resolved scenario and its source of poses; nothing else builds one.
 
-Every shell and every replay drives what is built here. Nothing is started, no receiver and no SUMO.
+Every shell and every replay runs the pipeline that is built here. Neither a receiver nor SUMO is started.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from vve_sumo.pose.trust import TrustGate, TrustProfile
 from vve_sumo.sensors.guarded import GuardedSensor
 from vve_sumo.sensors.port import PORT, SensorSettings
 
-#: Consumers of chance whose streams are numbered, as they were before streams had names.
+#: Consumers of random numbers whose streams keep the numbers that they had before streams had names.
 _NUMBERED: Final = {"vehicle": 0, "radar": 1}
-#: What the key of any other stream begins with; the name's bytes follow, so that no two names share a stream.
+#: First number in the key of any other stream. The bytes of its name follow, so that no two names share a stream.
 _NAMED_STREAM: Final = 2
 
 
 def seed_of(seed: int, consumer: str) -> np.random.SeedSequence:
-    """Return a consumer's seeds out of a scenario's seed; one more consumer never shifts another's stream."""
+    """Derive a consumer's seed sequence from the scenario's seed; adding a consumer never shifts another's stream."""
     number = _NUMBERED.get(consumer)
     key = (_NAMED_STREAM, *consumer.encode()) if number is None else (number,)
     return np.random.SeedSequence(seed, spawn_key=key)
@@ -39,7 +39,7 @@ def seed_of(seed: int, consumer: str) -> np.random.SeedSequence:
 
 @dataclass(frozen=True, slots=True)
 class LotAlignment:
-    """How the lot lies on the virtual road, and GNSS time on the drive's clock."""
+    """How the lot lies on the virtual road, and which GNSS time is drive time 0."""
 
     projection: str  #: PROJ string of the lot's map
     alignment: Alignment
@@ -68,18 +68,18 @@ class LotAlignment:
 
 @dataclass(frozen=True, slots=True)
 class PoseInput:
-    """Where the poses of a drive come from, and what judges, dates and places them."""
+    """The source of a drive's poses, and what judges, dates and places them."""
 
     decoder: FixDecoder
     profile: TrustProfile
     placement: Placement
     epoch: float  #: GNSS second of drive time 0
-    clock: Clock | None = None  #: the receiver's against the drive's; None where both run alike
+    clock: Clock | None = None  #: maps the receiver's times to drive time; None where both clocks are the same
     geofence: Geofence | None = None  #: None where the car may stop anywhere
 
 
 def sensors_of(resolved: ResolvedScenario) -> dict[str, GuardedSensor]:
-    """Return the scenario's sensors by their names, each with a stream of chance of its own; raises ConfigError."""
+    """Return the scenario's sensors by name, each with its own random number generator; raises ConfigError."""
 
     def made(name: str, settings: SensorSettings) -> GuardedSensor:
         seeds = seed_of(resolved.scenario.seed, name if name == "radar" else f"sensor {name}")

@@ -1,6 +1,6 @@
-"""The latency monitor: what each tick of a live drive took, leg by leg, and whether the rig's budget was kept.
+"""Measures the latency of each tick of a live drive, leg by leg, and checks it against the rig's budget.
 
-Takes moments that the shell measured and the gateway's answers; knows no clock, no process and no file.
+Takes times that the shell measured and the gateway's answers; knows no clock, no process and no file.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
     import pyarrow
 
 ANSWER_TIMEOUT_TICKS: Final = 5  #: ticks that the gateway has to answer a setpoint
-WINDOW_TICKS: Final = 250  #: ticks that the screen's figures are about
+WINDOW_TICKS: Final = 250  #: newest ticks, from which the screen's percentiles are computed
 
-#: Legs in order, each from the end of the one before; the first begins with the arrival of the fix's bytes or, where
-#: the tick was woken by its deadline, with the tick itself.
+#: Legs in order, each from the end of the one before. The first begins when the fix's bytes arrive or, where the
+#: deadline woke the tick, when the tick begins.
 LEGS: Final = ("wake", "decode", "radar", "control", "hand_over", "frame")
 TOTAL: Final = "total"
 DATAGRAM: Final = "datagram"
 
 
 class LatencyMonitor:
-    """The rows of a drive, each kept until the gateway has answered its setpoint."""
+    """Completes each tick's row with the gateway's answer, and counts breaches of the latency budget."""
 
     def __init__(self, budget: float, breaches: int, window: float = 1.0) -> None:
-        """Find fault when more than `breaches` ticks within `window` [s] took longer than `budget` [s]."""
+        """Report a fault once more than `breaches` ticks within `window` [s] exceed `budget` [s] or get no answer."""
         self._budget, self._allowed, self._window = budget, breaches, window
         self._open: OrderedDict[int, LatencyRow] = OrderedDict()  # by sequence
         self._done: list[LatencyRow] = []
@@ -40,13 +40,13 @@ class LatencyMonitor:
         self._tally = LatencyTally()
 
     def gateway_answered(self, sequence: int, sent: float) -> None:
-        """Take the gateway's answer to a setpoint: when its last frame's send returned [s], NaN where it sent none."""
+        """Take the gateway's answer to a setpoint: when the send of its last frame returned [s], NaN without frames."""
         row = self._open.pop(sequence, None)
         if row is not None:
             self._complete(replace(row, framed_s=sent), answered=True)
 
     def step(self, row: LatencyRow) -> tuple[str, ...]:
-        """Take a tick's row, still without `framed_s`; return ("latency_budget",) while the budget is overdrawn."""
+        """Take a tick's row, still without `framed_s`; return ("latency_budget",) while too many ticks breach it."""
         if row.sequence < 0:
             self._complete(row, answered=True)
         else:
@@ -63,7 +63,7 @@ class LatencyMonitor:
         return done
 
     def close(self) -> list[LatencyRow]:
-        """Return the rows still waiting for the gateway at the end of the drive, and those completed before them."""
+        """Return, at the end of the drive, the rows completed since the last call and those still without an answer."""
         rest = list(self._open.values())
         self._open.clear()
         for row in rest:
@@ -72,12 +72,12 @@ class LatencyMonitor:
         return self.completed()
 
     def screen(self) -> dict[str, float]:
-        """Return median and 99th percentile of the last ticks' totals [s] and the ticks missed in the whole drive."""
+        """Return median and 99th percentile of the last ticks' totals [s], and the ticks missed in the whole drive."""
         recent = sorted(self._recent)
         return {"p50": quantile(recent, 0.5), "p99": quantile(recent, 0.99), "missed": self._tally.missed}
 
     def summary(self) -> dict[str, Any]:
-        """Return the drive's figures so far, as `latency_summary` does from the record's table."""
+        """Return the drive's figures so far: those of `latency_summary`, and the budget."""
         return self._tally.summary() | {"budget_ms": _ms(self._budget)}
 
     def _complete(self, row: LatencyRow, *, answered: bool) -> None:
@@ -85,14 +85,14 @@ class LatencyMonitor:
         took = self._tally.add(row)
         if math.isfinite(took):
             self._recent.append(took)
-        # A row that the gateway answered without frames tells of no latency: nothing was commanded.
+        # Without frames nothing was commanded, so there is no latency to judge.
         commanded = not math.isnan(row.framed_s)
         if not answered or (commanded and not took <= self._budget):
             self._breaches.append(row.woken_s)
 
 
 class LatencyTally:
-    """Counts and samples of completed rows, in flat arrays: the garbage collector never looks into them."""
+    """Counts and samples of completed rows, in flat arrays, which the garbage collector need not traverse."""
 
     def __init__(self) -> None:
         self._samples = {name: array("d") for name in (*LEGS, TOTAL)}
@@ -100,7 +100,7 @@ class LatencyTally:
         self.ticks = self.missed = self.skips = self.by_deadline = self.without_frame = 0
 
     def add(self, row: LatencyRow) -> float:
-        """Count a row; return its total [s], NaN where no frame came of it."""
+        """Count a row; return its total [s], NaN where no frame was sent."""
         self.ticks += 1
         self.missed += row.missed
         self.skips += row.missed > 0
@@ -116,7 +116,7 @@ class LatencyTally:
         return total
 
     def summary(self) -> dict[str, Any]:
-        """Return counts, the worst tick, and median, percentiles and greatest of every leg [ms]."""
+        """Return counts, the worst tick, and the percentiles and maximum of every leg [ms]."""
         worst, tick = self._worst
         return {
             "ticks": self.ticks,
@@ -130,7 +130,7 @@ class LatencyTally:
 
 
 def legs(row: LatencyRow) -> dict[str, float]:
-    """Return what each leg of a tick took [s] and the total; NaN where an end of it did not happen."""
+    """Return the duration of each leg of a tick and the total [s]; NaN where a leg's begin or end is missing."""
     begin = row.received_s if row.woken_by == DATAGRAM else row.woken_s
     moments = (begin, row.woken_s, row.decoded_s, row.sensed_s, row.decided_s, row.handed_s, row.framed_s)
     took = {name: moments[i + 1] - moments[i] for i, name in enumerate(LEGS)}
@@ -138,7 +138,7 @@ def legs(row: LatencyRow) -> dict[str, float]:
 
 
 def latency_summary(table: pyarrow.Table) -> dict[str, Any]:
-    """Return the figures of a record's `latency` table (columns: LatencyRow), as `LatencyMonitor.summary` does."""
+    """Return the figures of a record's `latency` table (columns: LatencyRow): counts, worst tick, percentiles [ms]."""
     tally = LatencyTally()
     for row in rows_of(table):
         tally.add(row)
@@ -163,12 +163,12 @@ def quantile(ordered: Sequence[float], share: float) -> float:
 
 
 def percentiles(ordered: Sequence[float]) -> dict[str, float | None]:
-    """Return p50, p95, p99 and max [ms] of sorted samples [s], rounded to microseconds; None of none."""
+    """Return p50, p95, p99 and max [ms] of sorted samples [s], rounded to microseconds; None without samples."""
     return {f"p{percent}": _ms(quantile(ordered, percent / 100.0)) for percent in (50, 95, 99)} | {
         "max": _ms(ordered[-1] if ordered else math.nan)
     }
 
 
 def _ms(seconds: float) -> float | None:
-    """Milliseconds for a summary; None, JSON's null, for what was never measured."""
+    """Return milliseconds for a summary; None (null in JSON) where the value is not finite."""
     return round(1e3 * seconds, 3) if math.isfinite(seconds) else None

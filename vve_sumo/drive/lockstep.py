@@ -1,7 +1,7 @@
-"""The lockstep shell: simulated vehicle, virtual road and pipeline on one simulated clock, as fast as it goes.
+"""The lockstep shell: runs simulated vehicle, virtual road and pipeline on one simulated clock, as fast as possible.
 
-Time is `tick * PERIOD`; nothing here looks at a real clock. The wire formats are real: the car speaks NCOM bytes and
-CAN frames, and the gateway answers with CAN frames.
+Time is `tick * PERIOD`; nothing here reads a real clock. The wire formats are the real ones: the simulated vehicle
+sends NCOM bytes and CAN frames, and the gateway answers with CAN frames.
 """
 
 from __future__ import annotations
@@ -37,14 +37,17 @@ from vve_sumo.vehicle.model import VehicleModel
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and distance along the path [m]
 Watch = Callable[[int, float, float, float], None]
 
-#: the gateway's word for a car that is enabled, in drive, and held until the operator says go
+#: the gateway's reason code for a car that is enabled, in drive, and held until the operator says go
 WAITING = "waiting_for_go"
 
-CAR_BUS = "can0"  #: the car's bus as it is called in the record
+CAR_BUS = "can0"  #: name of the car's bus in the record
 
 
 def drive_end(outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, road: VirtualRoad) -> DriveEnd:
-    """Return how a drive went, with what its virtual road and its controller have to say."""
+    """Return how a drive ended, with the removed vehicles and SUMO's warnings.
+
+    The text is the last failure of the controller or a sensor; without one, SUMO's last error message about the ego.
+    """
     text = pipeline.failure or road.detail
     return DriveEnd(outcome, reasons, road.cleared, road.warnings, text, road.standoffs)
 
@@ -55,7 +58,7 @@ def car_parameters(resolved: ResolvedScenario) -> CarParameters:
 
 
 def gateway_of(model: VehicleModel) -> Gateway:
-    """Return the gateway of a vehicle, as it guards every drive that is not live."""
+    """Return the gateway of a vehicle for a drive that is not live."""
     return Gateway(
         model.vehicle,
         model.calibration,
@@ -78,7 +81,7 @@ class LockstepParts:
 
 
 def assemble(resolved: ResolvedScenario, working: FilePath) -> LockstepParts:
-    """Put the parts of a lockstep drive together; whether SUMO runs or a record is replayed makes no difference."""
+    """Build pipeline and gateway of a lockstep drive, the same for a drive with SUMO and for the replay of a record."""
     lot = resolved.scenario.ego.lot
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
     start, begin = pose_at_rest(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), resolved.path.at(0.0)
@@ -89,9 +92,9 @@ def assemble(resolved: ResolvedScenario, working: FilePath) -> LockstepParts:
 
 
 class ScriptedOperator:
-    """Engages once, as soon as the gateway is ready, says go as soon as it waits for that, and never again.
+    """Engages once, as soon as the gateway is ready, and says go while the gateway waits for it.
 
-    A fault from before it ever engaged, when nothing was commanded, it acknowledges.
+    It disarms to acknowledge a fault only before the first engagement, when nothing has been commanded yet.
     """
 
     def __init__(self) -> None:
@@ -99,11 +102,11 @@ class ScriptedOperator:
         self._next: OperatorCommand | None = None
 
     def next_command(self) -> OperatorCommand | None:
-        """Return what is done before a tick."""
+        """Return the operator command for the next tick, None for none."""
         return self._next
 
     def observe(self, verdict: GatewayStatus) -> None:
-        """Take note of what the gateway said at a tick."""
+        """Choose the next command by the gateway's status at a tick."""
         self._engaged |= verdict.state is ArmingState.ENGAGED
         if verdict.state is ArmingState.READY and not self._engaged:
             self._next = OperatorCommand.ENGAGE
@@ -121,19 +124,19 @@ class LockstepTick:
 
     result: TickResult
     output: GatewayOutput
-    truth: Pose  #: where the car really was, on the virtual road
-    actors: Actors  #: that the tick looked at
+    truth: Pose  #: true pose of the rear axle on the virtual road
+    actors: Actors  #: that the tick's sensors saw
 
 
 class Lockstep:
-    """One drive with the simulated vehicle. Making it starts SUMO; `close` it in any case."""
+    """One drive with the simulated vehicle. The constructor starts SUMO; always call `close`."""
 
     def __init__(
         self, resolved: ResolvedScenario, working: FilePath, alter: Callable[[Fix], Fix | None] = unaltered
     ) -> None:
-        """Put everything together; raises ConfigError where something in the scenario is not usable.
+        """Build the drive and start SUMO; raises ConfigError where something in the scenario is not usable.
 
-        `alter` injects faults into the receiver: from a fix to another one, or to None for a lost packet.
+        `alter` injects receiver faults: it returns the fix to send in place of the true one, None for a lost packet.
         """
         parts = assemble(resolved, working)
         self._pipeline, self._gateway, self._alignment = parts.pipeline, parts.gateway, parts.alignment
@@ -152,7 +155,7 @@ class Lockstep:
         self._road.close()
 
     def ticks(self, record: MemoryRecorder) -> Generator[LockstepTick]:
-        """Tick after tick, for ever; what is left to be recorded is when the iterator is closed."""
+        """Yield one tick after the other without end; closing the iterator records the actors of SUMO's last step."""
         bus = _Bus(self._gateway, self._operator, record)
         tick = Tick(self._pipeline, self._road, self._resolved.path, bus, record)
         try:
@@ -170,7 +173,7 @@ class Lockstep:
             tick.finish()
 
     def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
-        """Drive to the end and return how it went; everything else is in the record."""
+        """Drive to the end and return how the drive ended; everything else is in the record."""
         with closing(self.ticks(record)) as ticks:
             return self._run(ticks, watch)
 
@@ -190,7 +193,7 @@ class Lockstep:
         raise AssertionError("ticks never end by themselves")
 
     def _end_reason(self, wanted: EndTrigger, ticked: LockstepTick) -> str:
-        """Return why the scenario ends the drive at this tick, by the truth as the metrics see it; empty for not."""
+        """Return the reason code for which the scenario ends the drive at this tick, from the true pose; else empty."""
         truth, s = ticked.truth, ticked.result.s
         path, vehicle = self._resolved.path, self._resolved.vehicle
         bumper = deviation = ttc = math.nan
@@ -206,7 +209,7 @@ class Lockstep:
 class _Bus:
     """The tick's shell of a lockstep drive: the gateway on the simulated vehicle's bus, with a scripted operator."""
 
-    output: GatewayOutput  #: of the newest step
+    output: GatewayOutput  #: of the gateway's newest step
 
     def __init__(self, gateway: Gateway, operator: ScriptedOperator, record: MemoryRecorder) -> None:
         self._gateway, self._operator, self._record = gateway, operator, record
@@ -219,11 +222,11 @@ class _Bus:
         self._reports = [frame for _time, frame in reports]
 
     def faults(self) -> tuple[str, ...]:
-        """Return nothing: what can fail here ends the drive."""
+        """Return no fault: a failure of this shell ends the drive."""
         return ()
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
-        """Have the gateway step, on the car's newest reports."""
+        """Run one gateway step on the setpoint and the car's newest reports."""
         self.output = self._gateway.step(now, setpoint, self._reports, self._operator.next_command())
         self._record.saw_frames(now, CAR_BUS, self.output.frames)
         self._operator.observe(self.output.verdict)

@@ -1,7 +1,7 @@
-"""How a scenario would go if its ego never braked for anybody: who does what when, and who would be hit.
+"""Previews a scenario whose ego never brakes for an actor: the actors' events, and what the ego would hit.
 
-Plays the scenario's actors against an ego that keeps to its path and speed. It knows no SUMO, no traffic and no car;
-the drive itself is the business of others.
+Plays the scenario's actors against an ego that keeps to its path and desired speed, slowing for bends alone. Knows no
+SUMO, no traffic and no vehicle dynamics.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from vve_sumo.laws import squared_speed_limits
 from vve_sumo.path import SAMPLE_SPACING, Path
 from vve_sumo.values import ActorState, Point, Pose
 
-#: as the shipped controller drives where nothing is in its way: speeding up, slowing for bends, lateral in bends [m/s2]
+#: the shipped controller's accelerations on a free road: speeding up, slowing for bends, lateral in bends [m/s2]
 SPEEDING_UP, SLOWING, LATERAL = 1.5, 1.5, 2.0
-#: the foresight goes on so long after the first contact [s]
+#: time by which the preview goes on after the first contact [s]
 AFTERWARDS = 1.0
 
 
 class TriggeredEvent(NamedTuple):
-    """An actor enters after the start, or begins an event."""
+    """An actor that enters after the start, or begins an event."""
 
-    actor: int  #: its number in the scenario
+    actor: int  #: the actor's number in the scenario
     number: int  #: the event's number, -1 for entering
     time: float  #: since the drive began [s]
     ego: Box  #: where the ego is then
@@ -36,7 +36,7 @@ class TriggeredEvent(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """What an ego that never brakes touches first."""
+    """The first obstacle or actor that an ego that never brakes touches."""
 
     id: str  #: of the obstacle or actor
     time: float  #: since the drive began [s]
@@ -57,7 +57,7 @@ class PreviewSample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class NoBrakePreview:
-    """The scenario's course with an ego that never brakes for anybody."""
+    """How a scenario goes with an ego that never brakes for an actor."""
 
     moments: Sequence[PreviewSample]  #: one every PERIOD
     events: Sequence[TriggeredEvent]  #: until the contact
@@ -65,7 +65,7 @@ class NoBrakePreview:
 
 
 def preview_without_braking(resolved: ResolvedScenario) -> NoBrakePreview:
-    """Play a scenario without traffic against an ego that keeps its speed; until contact, or until it would end."""
+    """Play a scenario without traffic against an ego that keeps its speed, to its end or AFTERWARDS after contact."""
     engine, begun = scenario_engine(resolved), [-1] * len(resolved.scenario.actors)
     boxes = standing_boxes(resolved)
     moments: list[PreviewSample] = []
@@ -84,7 +84,7 @@ def preview_without_braking(resolved: ResolvedScenario) -> NoBrakePreview:
 
 
 def standing_boxes(resolved: ResolvedScenario) -> dict[str, Box]:
-    """Return the ground that each of the scenario's obstacles covers."""
+    """Return the box of each of the scenario's obstacles, by id."""
     placed = {}
     for one in resolved.scenario.obstacles:
         at = obstacle_position(one, resolved.path)
@@ -93,7 +93,7 @@ def standing_boxes(resolved: ResolvedScenario) -> dict[str, Box]:
 
 
 def _ego(resolved: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]:
-    """Time, box, pose of the front bumper and its s, from the start at rest to the end of the drive."""
+    """Yield time, box, pose of the front bumper and its s, from the start at rest to the end of the drive."""
     path, car, scenario = resolved.path, resolved.vehicle, resolved.scenario
     limits = _limits(path)
     end = (
@@ -115,7 +115,7 @@ def _ego(resolved: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]
 
 
 def _limits(path: Path) -> list[float]:
-    """The greatest speed every SAMPLE_SPACING metres that keeps bends comfortable and can be slowed down to in time."""
+    """Return the greatest speed [m/s] at every SAMPLE_SPACING of the path, limited by LATERAL and SLOWING."""
     bends = [path.at(number * SAMPLE_SPACING).curvature for number in range(int(path.length / SAMPLE_SPACING) + 1)]
     return [math.sqrt(v2) for v2 in squared_speed_limits(bends, math.inf, LATERAL, SLOWING, SAMPLE_SPACING)]
 

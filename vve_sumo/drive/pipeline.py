@@ -1,7 +1,7 @@
-"""From pose bytes to a setpoint, where the ego is to be placed, and the fallback path: what a tick computes.
+"""Computes a tick: from pose bytes to the setpoint, the ego's pose for SUMO and the fallback path.
 
-Nothing here waits for SUMO, and what can be had ready before a tick is prepared in the slack before it. No I/O, no
-clock, no gateway; `drive.tick` says in which order a tick asks, `drive.assembly` puts a pipeline together.
+Nothing here waits for SUMO; what can be computed before a tick is prepared in the slack of the tick before it. Knows no
+I/O, no clock and no gateway. `drive.tick` defines the order of the calls, `drive.assembly` builds the pipeline.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from vve_sumo.values import (
     Vehicle,
 )
 
-#: a fallback path that was prepared for a time farther than this from the tick's is not the tick's [s]
+#: greatest difference of a tick's time from the time for which its fallback path was prepared [s]; else prepared anew
 PREPARED_TOLERANCE = 0.01
-#: how long a setpoint may be acted on [s]; the drive-by-wire controller's own command time-out is the same 100 ms
+#: how long a setpoint may be acted on [s]; the DBW controller's own command time-out is the same 100 ms
 SETPOINT_LIFETIME = 0.1
 
-#: what came out of the sensors at a tick: the columns of each one's table in the record, by the sensor's name
+#: the sensors' readings at a tick: the columns of each sensor's table in the record, by the sensor's name
 Readings = Mapping[str, tuple[Column, ...]]
 
 _NO_READINGS: Readings = MappingProxyType({})
@@ -55,7 +55,7 @@ class TickResult:
     pose: Pose | None  #: of the rear axle at the tick; None before the first trusted fix
     s: float  #: distance along the path of the pose [m]
     d: float  #: distance of the pose from the path [m], left positive
-    readings: Readings  #: what came out of the sensors at this tick
+    readings: Readings  #: of the sensors that gave one at this tick
     sensors: Mapping[str, SensorOutput]  #: the newest output of every sensor, by the sensor's name
     pose_age: float  #: tick minus epoch of the newest trusted fix [s]
     pose_reasons: tuple[str, ...]  #: why the newest fix was not trusted
@@ -65,7 +65,7 @@ class TickResult:
 
 @dataclass(frozen=True, slots=True)
 class _Sensed:
-    """What a tick knows before its controller is asked."""
+    """What a tick knows before its controller is called."""
 
     pose: Pose | None
     readings: Readings
@@ -73,7 +73,7 @@ class _Sensed:
 
 
 class Pipeline:
-    """The road from pose bytes to setpoints, with all that it remembers between ticks.
+    """Turns pose bytes into setpoints; holds all state between ticks.
 
     A tick is `receive` for each portion of bytes that came, `see`, `decide`, and in the slack after it `prepare`.
     """
@@ -95,10 +95,10 @@ class Pipeline:
         epoch: float = 0.0,
         geofence: Geofence | None = None,
     ) -> None:
-        """Put the pipeline together; farther than `deviation_limit` [m] off its path, the car is stopped.
+        """Put the pipeline together; a lateral deviation above `deviation_limit` [m] is the fault `off_path`.
 
-        `clock` brings the receiver's times to the drive's clock, on which GNSS second `epoch` is time 0; without one
-        both run alike. `geofence` is the lot's; without one the car may stop anywhere.
+        `clock` maps the receiver's times to drive time; without one the receiver's clock is the drive's. GNSS second
+        `epoch` is drive time 0. `geofence` is the lot's; without one the car may stop anywhere.
         """
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor
         self._sensors, self._controller = dict(sensors), controller
@@ -126,9 +126,9 @@ class Pipeline:
                 self.accept(received, timed)
 
     def _timed(self, clock: Clock, received: float, fix: Fix) -> Fix | None:
-        """Date a fix on the drive's clock; None for one that the clock sets aside.
+        """Date a fix on the drive's clock; None where the clock gives no time, as for a fix ahead of its estimate.
 
-        One that the receiver calls late already teaches nothing of the clocks.
+        A fix that is not `locked` is dated, but the clock estimate does not learn from it.
         """
         made = clock.step(received, fix.time) if fix.locked else clock.at(fix.time)
         if fix.locked and math.isnan(made):
@@ -136,7 +136,7 @@ class Pipeline:
         return replace(fix, time=self._epoch + made)
 
     def accept(self, now: float, fix: Fix) -> Pose | None:
-        """Take one fix: judge it, and where it is trusted place it on the virtual road and learn from it.
+        """Judge one fix; if the fix is trusted, place it on the virtual road and update the predictor.
 
         Returns the rear axle's pose as measured, None where the fix is not trusted.
         """
@@ -151,7 +151,7 @@ class Pipeline:
         return pose
 
     def see(self, now: float, actors: Actors) -> None:
-        """Predict the pose to drive time `now` [s] and look at the `actors` of this tick with every sensor."""
+        """Predict the pose to drive time `now` [s] and step every sensor on the `actors` of this tick."""
         faults = self._gate.stale(now) if self._newest > -math.inf else ()
         if not self._gate.profile.may_arm:
             faults += ("profile_may_not_arm",)
@@ -165,11 +165,11 @@ class Pipeline:
         self._sensed = _Sensed(pose, readings, faults)
 
     def decide(self, tick: int, now: float, steering: float, shell_faults: tuple[str, ...] = ()) -> TickResult:
-        """Ask the controller what to do at drive time `now` [s], after `see`.
+        """Call the controller for drive time `now` [s], after `see`.
 
         `steering` is the road-wheel angle that the car reports [rad], NaN where the car reported none; `shell_faults`
-        are reason codes of faults that the shell and the virtual road found. Faults travel to the gateway in the
-        setpoint, which is then a reason to stop and nothing else; without a pose there is no setpoint at all.
+        are reason codes of faults that the shell and the virtual road found. The setpoint carries all faults to the
+        gateway, for which a setpoint with faults is only a reason to stop. Without a pose there is no setpoint.
         """
         sensed, pose = self._sensed, self._sensed.pose
         faults = shell_faults + sensed.faults
@@ -199,9 +199,9 @@ class Pipeline:
         )
 
     def prepare(self, time: float, steering: float) -> None:
-        """Find the fallback path from where the car will be at drive time `time` [s], and check it with the geofence.
+        """Compute the fallback path from the pose predicted to drive time `time` [s], and check it with the geofence.
 
-        `steering` is the road-wheel angle that the car reports [rad]; the next setpoint carries what is found.
+        `steering` is the road-wheel angle that the car reports [rad]. The next setpoint carries path and fault code.
         """
         pose = self._predictor.at(time)
         self._fallback, self._geofence_breach, self._prepared_for = None, (), time
@@ -212,12 +212,12 @@ class Pipeline:
             self._geofence_breach = self._geofence.check(pose, steering, self._fallback)
 
     def front_bumper_at(self, time: float) -> Pose | None:
-        """Return the pose to ask of SUMO for drive time `time`; None before the first trusted fix."""
+        """Return the front bumper's pose to request of SUMO for drive time `time` [s]; None before a trusted fix."""
         pose = self._predictor.at(time)
         return None if pose is None else move_point(pose, self._vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER)
 
     def clock_report(self) -> dict[str, Any]:
-        """Return what is known of the receiver's clock against the drive's, for the summary; empty for one clock."""
+        """Return the estimate of the receiver's clock against the drive's, for the summary; empty without `clock`."""
         if self._clock is None:
             return {}
         report = self._clock.report()
@@ -235,7 +235,7 @@ class Pipeline:
 
     @property
     def failure(self) -> str:
-        """What the last failure of the controller said, or else of a sensor; empty where none ever failed."""
+        """Text of the controller's last failure, or else of a sensor's; empty where none ever failed."""
         return self._controller.text or next((sensor.text for sensor in self._sensors.values() if sensor.text), "")
 
     def _newest_outputs(self) -> Mapping[str, SensorOutput]:
@@ -274,5 +274,5 @@ class Pipeline:
 
 
 def _after_failure(steering: float) -> ControlCommand:
-    """Stand in for a controller that failed: the gateway stops for the faults that come with it."""
+    """Return a command in place of a failed controller's; the faults in the same setpoint make the gateway stop."""
     return ControlCommand(steering if math.isfinite(steering) else 0.0, 0.0, note="failed")

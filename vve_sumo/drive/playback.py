@@ -1,6 +1,6 @@
-"""The playback shell: a recorded drive goes through the same pipeline, placed on the virtual road by matched start.
+"""The playback shell: feeds a recorded drive through the same pipeline, aligned with the start of the scenario's path.
 
-Time is the recording's own; nothing here looks at a real clock. The trust profile can never arm: setpoints are computed
+Time is the recording's own; nothing here reads a real clock. The trust profile can never arm: setpoints are computed
 and recorded, the gateway stays disarmed, and no car obeys.
 """
 
@@ -27,16 +27,16 @@ from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.values import Fix, GatewayStatus, Setpoint
 from vve_sumo.vehicle.gateway import Gateway
 
-#: a recording says nothing of its receiver's place: its positions are taken as the rear axle's
+#: a recording does not say where its receiver was mounted: its positions are taken as the rear axle's
 AT_REAR_AXLE = Mounting(0.0, 0.0)
-#: a recording without a fix for longer is two recordings [s]
+#: longest time without a fix in one recording [s]
 MAX_GAP = 60.0
 
 
 def _first_usable(file: FilePath) -> tuple[float, Fix]:
     """Read the whole recording once; return its epoch [s of its own time] and the first fix that can be played.
 
-    Raises ConfigError where a row is wrong, where none can be played, and for a gap in time.
+    Raises ConfigError for a wrong row, for a gap longer than MAX_GAP, and where no fix can be played.
     """
     gate: TrustGate | None = None
     first: Fix | None = None
@@ -56,10 +56,10 @@ def _first_usable(file: FilePath) -> tuple[float, Fix]:
 
 
 class Playback:
-    """One recorded drive. Making it starts SUMO; `close` it in any case."""
+    """One recorded drive. The constructor starts SUMO; always call `close`."""
 
     def __init__(self, resolved: ResolvedScenario, file: FilePath, working: FilePath) -> None:
-        """Match the recording's first usable fix with the start of the path; raises ConfigError where that fails."""
+        """Align the recording's first usable fix with the start of the path; raises ConfigError where that fails."""
         epoch, first = _first_usable(file)
         self._fixes = recording.fixes(file)
         frame = local_frame(first.latitude, first.longitude)
@@ -79,7 +79,7 @@ class Playback:
         self._road.close()
 
     def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
-        """Play to the end of the recording and return how it went; everything else is in the record."""
+        """Play to the end of the recording and return how the drive ended; everything else is in the record."""
         tick = Tick(self._pipeline, self._road, self._resolved.path, _Unheard(self._gateway, record), record)
         try:
             reasons = self._play(tick, watch)
@@ -115,11 +115,11 @@ class _Unheard:
         self._gateway, self._record = gateway, record
 
     def faults(self) -> tuple[str, ...]:
-        """Return nothing: what can fail here ends the playback."""
+        """Return no fault: a failure of this shell ends the playback."""
         return ()
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
-        """Have the gateway step without a car."""
+        """Run one gateway step without reports of a car."""
         output = self._gateway.step(now, setpoint, ())
         self._record.saw_frames(now, CAR_BUS, output.frames)
         return output.verdict

@@ -1,6 +1,6 @@
-"""The parts that plug into a drive, and the files of their code: what a record names, and whether it is as it was.
+"""Lists the plug-ins of a drive and the files of their code, and finds the files that changed since a record.
 
-Runs nothing of a part but to find the files of one that was just loaded.
+A plug-in is a controller, a sensor, a receiver or a drive-by-wire interface. No code of a plug-in is run here.
 """
 
 from __future__ import annotations
@@ -17,31 +17,31 @@ from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors import port as sensors
 from vve_sumo.vehicle import interface
 
-#: how the role of a file of such a part begins; the name of its module follows
+#: prefix of the role of a plug-in's file; the name of the module follows
 CONTROLLER: Final = "controller_"
 INTERFACE: Final = "interface_"
 RECEIVER: Final = "receiver_"
-#: of a sensor its name follows, then a colon and the name of the module
+#: for a sensor, the sensor's name follows, then a colon and the name of the module
 SENSOR: Final = "sensor_"
 PREFIXES: Final = (CONTROLLER, INTERFACE, RECEIVER, SENSOR)
 
 
 class PluggedIn(NamedTuple):
-    """A part that may be somebody's own."""
+    """A part of a drive that a user may supply."""
 
     port: Port
-    name: str  #: that its port finds it by
-    role: str  #: how the roles of its files begin
-    search: Sequence[FilePath] = ()  #: folders in which its name is looked up
+    name: str  #: by which the port finds the plug-in
+    role: str  #: prefix of the roles of the plug-in's files
+    search: Sequence[FilePath] = ()  #: folders in which the name is looked up
 
     def files(self) -> dict[str, FilePath]:
-        """Return the files of its code, by role, once it was loaded; none of a part of this package."""
+        """Return the files of the plug-in's code by role, after the plug-in was loaded; empty for a shipped one."""
         return {f"{self.role}{module}": file for module, file in self.port.sources(self.name, self.search).items()}
 
     def changed(self, recorded: Mapping[str, Collection[str]]) -> list[str]:
-        """Return a line for every file of its code that is not as it was recorded; none of that code is run.
+        """Return a line for every file of the plug-in's code that is not as recorded; none of that code is run.
 
-        `recorded` holds the hashes that each role had. Raises ConfigError where there is no such part any more.
+        `recorded` holds the hashes that each role had. Raises ConfigError where the plug-in no longer exists.
         """
         if self.name in self.port.shipped:
             return []
@@ -58,19 +58,19 @@ class PluggedIn(NamedTuple):
 
 
 def of_scenario(scenario: Scenario, working: FilePath) -> Iterator[PluggedIn]:
-    """Return the parts that a scenario names: its controller, and the sensors beside the radar."""
+    """Yield the plug-ins that a scenario names: its controller, and its sensors apart from the radar."""
     yield PluggedIn(controller.PORT, scenario.controller.name, CONTROLLER, workspace.controller_folders(working))
     for sensor in scenario.sensors:
         yield PluggedIn(sensors.PORT, sensor.kind, f"{SENSOR}{sensor.name}:")
 
 
 def vehicle_interface(name: str) -> PluggedIn:
-    """Return the drive-by-wire interface of a vehicle."""
+    """Return the drive-by-wire interface of this name as a plug-in."""
     return PluggedIn(interface.PORT, name, INTERFACE)
 
 
 def receiver(kind: str) -> PluggedIn:
-    """Return the receiver of a rig."""
+    """Return the receiver of this kind as a plug-in."""
     return PluggedIn(receivers.PORT, kind, RECEIVER)
 
 

@@ -1,4 +1,4 @@
-"""How well a pose can be predicted when nothing new has come for a while, measured on the drive itself.
+"""Measures on the drive's own poses how well the predictor bridges a time without a new pose.
 
 Knows poses and the predictor; nothing of the shell that feeds it.
 """
@@ -11,14 +11,14 @@ from collections import deque
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.values import Pose
 
-#: staleness that is tried [s]: as long as a setpoint lives
+#: time over which poses are predicted [s]: the lifetime of a setpoint
 MIN_AGE = 0.1
-#: poses that may have come before the prediction is judged [s]: the filter settles first
+#: time after the first pose in which no prediction is judged [s], because the filter is still settling
 SETTLING_TIME = 2.0
 
 
 class PredictionError:
-    """Predicts every pose from those at least AGE older, and keeps how far off that was."""
+    """Predicts every pose from the poses at least MIN_AGE older, and keeps mean and maximum of the error."""
 
     def __init__(self) -> None:
         self._predictor = Predictor()
@@ -29,7 +29,7 @@ class PredictionError:
         self.greatest = math.nan  #: [m]; NaN before anything was judged
 
     def step(self, pose: Pose) -> None:
-        """Judge the prediction of a trusted pose, and learn from those that are old enough by then."""
+        """Compare a trusted pose with its prediction from the poses at least MIN_AGE older."""
         if math.isnan(self._begin):
             self._begin = pose.time
         while self._waiting and self._waiting[0].time <= pose.time - MIN_AGE:
@@ -45,5 +45,5 @@ class PredictionError:
 
     @property
     def mean(self) -> float:
-        """Mean distance of prediction and pose [m]; NaN before anything was judged."""
+        """Mean distance between prediction and pose [m]; NaN before anything was judged."""
         return self._sum / self._count if self._count else math.nan

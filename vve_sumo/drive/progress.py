@@ -1,4 +1,4 @@
-"""How far a drive has come, for whoever shows it; knows neither bars nor processes."""
+"""Reports how far a drive has come; knows neither progress bars nor processes."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class DriveProgress:
 
 
 def progress_watch(length: float, report: Callable[[DriveProgress], None]) -> Watch:
-    """Return what watches a drive over a path of a length [m] and reports its progress twice a second of the drive."""
+    """Return a `Watch` that reports a drive's progress along a path of `length` [m] twice a second of drive time."""
 
     def watch(tick: int, now: float, speed: float, s: float) -> None:
-        if tick % TICKS_PER_REPORT == 0 and s == s:  # there is no s before there is a pose
+        if tick % TICKS_PER_REPORT == 0 and s == s:  # s is NaN before the first pose
             report(DriveProgress(now, speed, s, length))
 
     return watch

@@ -1,7 +1,7 @@
-"""Where a drive comes from: the code that drove, what it was built on, the machine, the people; for `provenance.json`.
+"""Collects what `provenance.json` says of a drive: code, library versions, host, begin and scenario file.
 
-Nothing of it enters the record's hash: the same scenario, seed and versions give the same record on every machine and
-whoever sits in the car. Reads the package's own files and asks git; knows no wall clock.
+None of it enters the record's hash: the same scenario, seed and versions give the same record on every machine and with
+any driver. Reads the package's own files and runs git; knows no wall clock.
 """
 
 from __future__ import annotations
@@ -24,20 +24,19 @@ from vve_sumo.drive.plugged_in import digest
 from vve_sumo.drive.resolved_scenario import DECISIVE_LIBRARIES, ResolvedScenario, versions
 from vve_sumo.record.layout import PROVENANCE
 
-#: the package's own folder, and the folder in it that holds the shipped workspace, whose files are hashed as they are
-#: used
+#: the package's own folder, and the folder in it with the shipped workspace, whose files a drive hashes as it uses them
 PACKAGE: Final = Path(__file__).parent.parent
 SHIPPED: Final = "shipped"
 #: endings of the files that decide what the program does: its code, and the car's message layout
 ENDINGS: Final = (".py", ".dbc")
-#: for git to answer [s]
+#: time that git has to answer [s]
 GIT_TIMEOUT: Final = 2.0
 
 
 def provenance(resolved: ResolvedScenario, began_utc: str) -> dict[str, Any]:
-    """Return what is to be known of where a drive comes from; `began_utc` is the wall clock's word for its begin.
+    """Return a drive's provenance; `began_utc` is the wall-clock time at which the drive began.
 
-    A scenario that a program made has no file, and so no hash of one.
+    The hash of the scenario's file is None for a scenario that a program made without a file.
     """
     file = resolved.file
     scenario = digest(file) if file.is_file() else None
@@ -46,7 +45,7 @@ def provenance(resolved: ResolvedScenario, began_utc: str) -> dict[str, Any]:
 
 @cache
 def software() -> dict[str, Any]:
-    """Return hash and commit of the code and the versions of all that it is built on; found out once a process."""
+    """Return hash and commit of the code and the versions of Python and the libraries; computed once per process."""
     return {
         "code": {"sha256": code_sha256(PACKAGE), **_checkout(PACKAGE)},
         "python": f"{platform.python_implementation()} {platform.python_version()}",
@@ -56,7 +55,7 @@ def software() -> dict[str, Any]:
 
 
 def host() -> dict[str, str]:
-    """Return the machine's name, its kernel, its kind, and its C library, which has a rounding of `sin` of its own."""
+    """Return name, kernel, architecture and C library of the machine; C libraries round `sin` differently."""
     try:
         library = os.confstr("CS_GNU_LIBC_VERSION")
     except (OSError, ValueError):
@@ -70,7 +69,7 @@ def host() -> dict[str, str]:
 
 
 def code_sha256(package: Path) -> str:
-    """Return the hash of a package: relative path and bytes of every file that decides, sorted (hexadecimal SHA-256).
+    """Return the hash of a package: relative path and bytes of every file with one of ENDINGS, sorted (hex SHA-256).
 
     The shipped workspace inside a wheel is left out, so that a wheel and the checkout that it was built from have the
     same hash.
@@ -84,11 +83,12 @@ def code_sha256(package: Path) -> str:
 
 
 def _checkout(package: Path) -> dict[str, Any]:
-    """Return the commit of the checkout that a package lies in, and whether its files differ from it; None for none."""
+    """Return the commit of the package's checkout, and whether its files differ from it; both None if there is none."""
     none = {"git_commit": None, "git_dirty": None}
     if not (package.parent / ".git").exists():
-        return none  # installed, if need be under somebody else's checkout
-    # Neither a program that the checkout's configuration names is run, nor anything written.
+        return none  # an installed package; a checkout that may enclose it is not its own
+    # fsmonitor is off so that git runs no program that the checkout's configuration names; without locks, git writes
+    # nothing.
     ask = [
         "git",
         "-c",
@@ -119,13 +119,13 @@ def _checkout(package: Path) -> dict[str, Any]:
 
 
 def libraries() -> dict[str, str]:
-    """Return the versions of everything that this package declares it needs."""
+    """Return the versions of all libraries that this package declares as required."""
     try:
         declared = requires("vve-sumo") or []
     except PackageNotFoundError:
         declared = []  # run from a checkout that was never installed
     named = (re.match(r"[A-Za-z0-9._-]+", line) for line in declared if "extra ==" not in line)
-    known = versions()  # to read a version takes a millisecond or two
+    known = versions()  # cached: reading a version takes one or two milliseconds
     names = sorted({*DECISIVE_LIBRARIES, *(found[0] for found in named if found)})
     return {name: known[name] if name in known else _version(name) for name in names}
 
@@ -138,23 +138,26 @@ def _version(name: str) -> str:
 
 
 def text_of(provenance: dict[str, Any]) -> str:
-    """Return the content of the file."""
+    """Return the content of `provenance.json`."""
     return json.dumps(provenance, indent=1, allow_nan=False) + "\n"
 
 
 def read(folder: Path) -> dict[str, Any]:
-    """Return a record's provenance; raises ConfigError where it can't be read."""
+    """Return a record's provenance; raises ConfigError where it cannot be read."""
     return read_json(folder / PROVENANCE, "a drive")
 
 
 def same_code(provenance: dict[str, Any]) -> bool:
-    """Whether a record was driven by the code that is asking."""
+    """Return whether a record was driven by the code that is running."""
     code = provenance.get("code")
     return isinstance(code, dict) and code.get("sha256") == software()["code"]["sha256"]
 
 
 def changed_since(provenance: dict[str, Any]) -> list[str]:
-    """Return a line for the code and for everything that it is built on, where it is not what a provenance says."""
+    """Return a line for the code, and for each library, where it differs from a provenance.
+
+    Libraries in `versions()` are left out: `replay.changed_since` compares them with `scenario.json`.
+    """
     mine = software()
     lines = [] if same_code(provenance) else ["the code of vve-sumo has changed since"]
     then = provenance.get("libraries")

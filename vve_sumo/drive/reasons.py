@@ -1,6 +1,6 @@
-"""Reason codes in plain words: those that the drive, the street and the live processes give, and a lookup for all.
+"""Maps reason codes to plain words: those of the drive, the virtual road and the live processes, and a lookup for all.
 
-Must not know who gives a code or what follows from it.
+Must not know which part gives a code or what follows from it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Final
 from vve_sumo.pose import trust
 from vve_sumo.vehicle import arming
 
-#: Codes that neither the gateway (`arming.REASONS`) nor the trust gate (`trust.REASONS`) gives.
+#: Codes that neither the gateway (`arming.REASONS`) nor the trust gate (`trust.REASONS`) defines.
 DRIVE_REASONS: Final[dict[str, str]] = {
     "actors_not_finite": "the virtual road holds an actor whose place or speed is not a number",
     "car_moves": "the receiver reports that the car moves",
@@ -62,5 +62,5 @@ ALL: Final[Mapping[str, str]] = {**trust.REASONS, **arming.REASONS, **DRIVE_REAS
 
 
 def in_words(code: str) -> str:
-    """Return the plain words of a reason code; the code itself where nobody has words for it."""
+    """Return the plain words of a reason code, or the code itself where it is unknown."""
     return ALL.get(code, code)

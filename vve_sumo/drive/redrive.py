@@ -1,7 +1,7 @@
-"""Another controller on a record's inputs: what it would have answered, tick by tick, beside what was answered then.
+"""Compares, tick by tick, another controller's commands on a record's inputs with the recorded controller's.
 
-Open loop: the car did what the recorded controller said, whatever this one would have said. Pure, but for the table
-that it writes.
+The comparison is open loop: the car in the record followed the recorded controller's commands. Pure, apart from the
+file that `write` writes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from vve_sumo.drive.replay import reason_codes
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import ControlCommand, Floats
 
-#: a controller that asks for more than this deceleration brakes [m/s2]; less is coasting, or holding its speed
+#: a controller brakes if it asks for more than this deceleration [m/s2]; less is coasting or holding speed
 BRAKES: Final = 0.5
 #: endings of a table's file
 ENDINGS: Final = (".parquet", ".csv")
@@ -48,30 +48,30 @@ _FAILURES: Final = ("controller_raised", "controller_wrong_type", "controller_no
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """What one controller did over all its ticks; NaN for what never came."""
+    """What one controller did over all its ticks; a time is NaN where the event never came."""
 
     brakes_at: float  #: drive time of its first braking [s]
     emergency_at: float  #: drive time at which it first asked for the emergency envelope [s]
-    notes: tuple[str, ...]  #: its words, in the order in which it first said them
-    failed_at: int | None  #: first tick at which it failed to answer; None where it never did
+    notes: tuple[str, ...]  #: its different notes, in the order of first appearance
+    failed_at: int | None  #: first tick at which the controller gave no valid command; None where it never failed
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """Two controllers on the same inputs."""
 
-    ticks: int  #: compared: both gave an answer
-    differs_at: int | None  #: first tick at which they differ in anything; None where they never do
-    greatest: dict[str, float]  #: difference, by "steering_rad" and "acceleration_mps2"
-    rms: dict[str, float]  #: likewise
+    ticks: int  #: number of ticks at which both controllers gave a command; only these are compared
+    differs_at: int | None  #: first tick at which the commands differ in anything; None where they never do
+    greatest: dict[str, float]  #: greatest absolute difference, by "steering_rad" and "acceleration_mps2"
+    rms: dict[str, float]  #: root mean square difference, by the same keys
     recorded: Answers
     other: Answers
 
 
 def side_by_side(pairs: Iterable[tuple[dict[str, Any], TickResult]]) -> pa.Table:
-    """Return a row a tick of both answers, of recorded rows with what another controller came to.
+    """Return a table with both commands, one row per tick, from recorded rows and another controller's tick results.
 
-    Before the first trusted fix nobody is asked: NaN, no note. A controller that failed gave NaN and a reason code.
+    Before the first trusted fix no controller is called: NaN, no note. A failed controller has NaN and a reason code.
     """
     return pa.Table.from_pylist([_row(row, result) for row, result in pairs], schema=_SCHEMA)
 
@@ -87,12 +87,12 @@ def _row(row: dict[str, Any], result: TickResult) -> dict[str, Any]:
 
 def _answer(answer: tuple[float, float, bool, str], faults: Iterable[str]) -> dict[str, Any]:
     failure = next((code for code in faults if code in _FAILURES), "")
-    # What stands in for an answer that never came is none to compare with.
+    # After a failure the setpoint held a substitute, not the controller's command.
     return dict(zip(_ANSWER, (math.nan, math.nan, False, "", failure) if failure else (*answer, ""), strict=True))
 
 
 def comparison_of(table: pa.Table) -> Comparison:
-    """Return what a table of `side_by_side` comes to."""
+    """Return the comparison of the two controllers in a table of `side_by_side`."""
     tick = table["tick"].to_numpy()
     difference = {
         name: numeric_column(table, f"other_{name}") - numeric_column(table, f"recorded_{name}") for name in _NUMBERS
@@ -138,7 +138,7 @@ def numeric_column(table: pa.Table, name: str) -> Floats:
 
 
 def require_writable(file: Path) -> None:
-    """Raise ConfigError for a place that `write` could not write a table to."""
+    """Raise ConfigError where `write` could not write a table: wrong file ending, or no such folder."""
     if file.suffix not in ENDINGS:
         raise ConfigError(f"{file}: expected a name that ends in {' or '.join(ENDINGS)}")
     if not file.absolute().parent.is_dir():

@@ -1,7 +1,7 @@
-"""The replay shell: a record's inputs through the same pipeline, and the first difference in what comes out.
+"""The replay shell: feeds a record's inputs through the same pipeline and finds the first difference in the outputs.
 
-SUMO is not started: the recorded actors are fed. What goes into the pipeline at a tick (bytes, actors, the
-steering that the car had reported, the shell's faults) is all in the record, and so is everything that it answered.
+SUMO is not started: the recorded actors are fed in. The record holds all inputs of the pipeline at a tick (pose bytes,
+actors, the steering angle that the car had reported, the shell's faults) and all its outputs.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ from vve_sumo.scenario.load import parse
 from vve_sumo.values import Actors, Frame
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig, load
 
-#: a candump log has microseconds; what happens lies milliseconds apart [s]
+#: tolerance of a CAN log's times [s]: candump rounds to microseconds, and events lie milliseconds apart
 TIME_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Where a replay first departs from its record."""
+    """The first difference between a replay and its record."""
 
     number: int  #: of the tick, or of the gateway's step
-    what: str  #: column, or "frames"
+    what: str  #: name of the column, "frames", or the sensor and its row
     recorded: str
     replayed: str
 
 
 class RecordedReading(NamedTuple):
-    """What came out of a sensor at a tick, as the record spells it."""
+    """A sensor's reading at a tick, as the record holds it."""
 
-    measured: float  #: drive time [s]
+    measured: float  #: drive time of the measurement [s]
     rows: list[tuple[Any, ...]]  #: of the sensor's table, without the tick
 
 
@@ -63,27 +63,27 @@ NO_ACTORS = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
 
 @dataclass(frozen=True, slots=True)
 class PipelineInputs:
-    """What the pipeline was given and what it answered."""
+    """The pipeline's recorded inputs and outputs."""
 
-    pose: list[tuple[float, bytes]]  #: in the order taken in
+    pose: list[tuple[float, bytes]]  #: receive time [s] and bytes of each portion, in the order of arrival
     actors: dict[int, Actors]  #: by tick
-    readings: dict[int, dict[str, RecordedReading]]  #: by tick and sensor, as far as all their rows are there
-    ticks: list[dict[str, Any]]  #: rows of the record, as far as all that went into them is there
-    torn: int  #: rows after those: their inputs did not come to the disk any more
+    readings: dict[int, dict[str, RecordedReading]]  #: by tick and sensor; only readings whose rows are complete
+    ticks: list[dict[str, Any]]  #: rows of the record, up to the last one whose inputs are complete
+    torn: int  #: number of later rows, whose inputs did not reach the disk
 
 
 @dataclass(frozen=True, slots=True)
 class CarFrames:
-    """What was heard on the car's bus and what was sent, by tick of a lockstep drive."""
+    """The car's reports and the gateway's command frames on the car's bus, by tick of a lockstep drive."""
 
     reports: dict[int, list[Frame]]
     commands: dict[int, list[Frame]]
 
 
 def recorded_scenario(folder: FilePath, working: FilePath) -> ResolvedScenario:
-    """Return the resolved scenario that a record was driven in; nothing of its controller is run.
+    """Return the resolved scenario that a record was driven in; no code of its controller is run.
 
-    Raises ConfigError where the record is none of a lockstep drive, or a file that it names is gone.
+    Raises ConfigError for the record of a playback, and where a file that the record names is gone.
     """
     file, scenario_content = folder / "scenario.json", read_resolved(folder)
     try:
@@ -101,7 +101,7 @@ def recorded_scenario(folder: FilePath, working: FilePath) -> ResolvedScenario:
 
 
 def changed_since(folder: FilePath, resolved: ResolvedScenario) -> list[str]:
-    """Return a line for every file and every version that is not what a record says, but for parts that plug in."""
+    """Return a line for every file and version that differs from a record's; files of plug-ins are left out."""
     scenario_content = read_resolved(folder)
     then, now = scenario_content["files_sha256"], plugged_in.digests(resolved.files)
     roles = sorted(role for role in now | then if not role.startswith(plugged_in.PREFIXES))
@@ -112,10 +112,10 @@ def changed_since(folder: FilePath, resolved: ResolvedScenario) -> list[str]:
 
 
 def changed_code(folder: FilePath, working: FilePath, *, controller: bool = True) -> list[str]:
-    """Return a line for every file of the recorded parts' code that is not as it was; none of it is run.
+    """Return a line for every file of the recorded plug-ins' code that has changed; none of that code is run.
 
-    The parts are sensors, drive-by-wire interface, of a live drive the receiver, and the controller unless another one
-    is asked. Raises ConfigError where there is no such part any more.
+    The plug-ins are the sensors, the drive-by-wire interface, a live drive's receiver, and the controller unless
+    `controller` is false. Raises ConfigError where a plug-in no longer exists.
     """
     file, resolved = folder / "scenario.json", read_resolved(folder)
     try:
@@ -140,7 +140,7 @@ def read_rows(folder: FilePath, name: str) -> pa.Table:
 
 
 def read_pipeline_inputs(folder: FilePath) -> PipelineInputs:
-    """Read what went into the pipeline and what it answered, of a record that is finished or was cut off.
+    """Read the pipeline's inputs and outputs from a record that is finished or was cut off.
 
     Raises ConfigError where one of the record's files is missing or unreadable.
     """
@@ -152,7 +152,7 @@ def read_pipeline_inputs(folder: FilePath) -> PipelineInputs:
 
 
 def _whole_ticks(inputs: PipelineInputs) -> int:
-    """Return how many ticks from the first on have all that they say went into them."""
+    """Return how many ticks, from the first on, have all the inputs that their rows count."""
     expected = 0
     for number, row in enumerate(inputs.ticks):
         tick = row["tick"]
@@ -166,7 +166,10 @@ def _whole_ticks(inputs: PipelineInputs) -> int:
 
 
 def read_car_frames(folder: FilePath, epoch: float, interface: InterfaceConfig = DEFAULT) -> CarFrames:
-    """Read a lockstep drive's bus, on which `interface` is; raises ConfigError as `bus.read_log` does."""
+    """Read a lockstep drive's CAN log; `interface` tells command frames from reports.
+
+    Raises ConfigError as `bus.read_log` does.
+    """
     sent = load(interface).facts.commands
     frames = CarFrames(defaultdict(list), defaultdict(list))
     for time, _channel, frame in bus.read_log(folder / "can.log"):
@@ -208,7 +211,7 @@ def _rows(table: pa.Table) -> dict[int, list[tuple[Any, ...]]]:
 
 
 def replayed_ticks(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple[dict[str, Any], TickResult]]:
-    """Ask the pipeline again, tick by tick: each recorded row with what comes out now."""
+    """Run the pipeline on the recorded inputs and yield each tick's recorded row with the result computed now."""
     taken = 0
     for row in inputs.ticks:
         tick, now, steering = int(row["tick"]), row["time_s"], row["measured_steering_rad"]
@@ -228,7 +231,7 @@ def reason_codes(joined: str) -> tuple[str, ...]:
 def replay(
     resolved: ResolvedScenario, inputs: PipelineInputs, frames: CarFrames, working: FilePath
 ) -> Difference | None:
-    """Run a lockstep record through pipeline and gateway; return the first difference, None where all is the same."""
+    """Run a lockstep record through pipeline and gateway; return the first difference, None if there is none."""
     parts, operator = assemble(resolved, working), ScriptedOperator()
     for row, result in replayed_ticks(parts.pipeline, inputs):
         tick = int(row["tick"])
@@ -246,7 +249,7 @@ def replay(
 
 
 def compare(number: int, row: dict[str, Any], mine: Mapping[str, Any]) -> Difference | None:
-    """Return the first column that is not as it was recorded, NaN being like NaN."""
+    """Return the first column that differs from the recorded row; NaN equals NaN."""
     for what, value in mine.items():
         recorded = row[what]
         if recorded != value and not (recorded != recorded and value != value):
@@ -255,7 +258,7 @@ def compare(number: int, row: dict[str, Any], mine: Mapping[str, Any]) -> Differ
 
 
 def compare_result(inputs: PipelineInputs, row: dict[str, Any], result: TickResult) -> Difference | None:
-    """Return what the pipeline computed otherwise than its row and the readings of its sensors say."""
+    """Return the first difference between a tick's result and its recorded row and sensor readings."""
     tick = int(row["tick"])
     if (difference := compare(tick, row, result_columns(result))) is not None:
         return difference
@@ -274,7 +277,7 @@ def compare_result(inputs: PipelineInputs, row: dict[str, Any], result: TickResu
 
 
 def compare_frames(number: int, recorded: list[Frame], mine: tuple[Frame, ...]) -> Difference | None:
-    """Return what differs between frames as recorded and as sent now."""
+    """Return the difference between the recorded frames and those sent now, None if there is none."""
     return None if list(mine) == recorded else Difference(number, "frames", _spelt(recorded), _spelt(mine))
 
 

@@ -1,6 +1,6 @@
-"""From a scenario's names to everything a drive needs: files found and hashed, the path laid into the network's map.
+"""Resolves a scenario's names to everything a drive needs: finds and hashes files, lays the path in the network's map.
 
-Reads files, opens nothing for good; starts neither SUMO nor a car.
+Reads files and keeps none open; starts neither SUMO nor a car.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from vve_sumo.world.network import Network, lane_shapes, read_network
 if TYPE_CHECKING:
     from vve_sumo.rig.schema import Rig
 
-#: Of what a record holds; the first had neither path nor car, the second no provenance.json and no seal, the third
-#: neither the speed of actors across their heading nor the time at which a scan was measured, the fourth, of a live
-#: drive, not the actors as SUMO's last step left them, which stand under the tick after the last; the fifth had no
-#: vehicle model, and the sixth one table for the radar alone, and no hash of the code of an interface or a receiver.
+#: Version of a record's layout. Layout 2 added path and car; 3 added provenance.json and the summary's hash of itself;
+#: 4 added the actors' lateral speed and the time of measurement of a scan; 5 added, for live drives, the actors of
+#: SUMO's last step, under the tick after the last; 6 added the vehicle model; 7 added a table for each sensor in place
+#: of the radar's alone, and the hashes of the code of interface and receiver.
 LAYOUT = 7
-PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the drive-by-wire kit expects commands
-#: GNSS second of drive time 0 where no receiver says one: 2026-01-01 00:00 UTC, with 18 leap seconds
+PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the DBW controller expects commands
+#: GNSS second of drive time 0 where no receiver gives one: 2026-01-01 00:00 UTC, with 18 leap seconds
 DEFAULT_EPOCH = 1_451_260_818.0
-#: libraries whose version is recorded beside our own: another one may drive differently
+#: libraries whose version is recorded beside our own, because a drive may go differently with another version
 DECISIVE_LIBRARIES = ("libsumo", "numpy", "scipy", "pyproj")
 PATH_COLUMNS = ("latitude_deg", "longitude_deg")
-#: a point of the path that is farther from every lane is a mistake in its coordinates [m]
+#: a path's point that is farther than this from every lane is a mistake in the coordinates [m]
 MAX_DISTANCE_FROM_LANES = 50.0
-#: of the lanes' points that the path is compared with [m]
+#: greatest spacing of the points on lanes with which the path is compared [m]
 LANE_POINT_SPACING = 10.0
 #: comment in a path's file that names the edges it runs along
 EDGES_COMMENT = "# edges:"
@@ -71,7 +71,7 @@ class ResolvedScenario:
     map_frame: MapFrame  #: of the network
     path: Path  #: of the rear axle, on the virtual road's map
     route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
-    model: VehicleModel  #: that drives
+    model: VehicleModel  #: of the car that drives
     files: dict[str, FilePath]  #: what was read, by role
     actor_paths: dict[str, Path]  #: paths of actors, by the names that they use, on the virtual road's map
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
@@ -83,9 +83,9 @@ class ResolvedScenario:
         return self.model.vehicle
 
     def to_dict(self, working: FilePath) -> dict[str, Any]:
-        """Return what the record keeps: scenario, path and car, the content of files as hashes, and the versions.
+        """Return what the record keeps: scenario, path, car, hashes of the files, and versions.
 
-        The code of each part that plugs in is that of the one that was made last. Raises ConfigError as `sensors` does.
+        The hashed code of a plug-in is that of the instance made last. Raises ConfigError as `sensors` does.
         """
         sensors = {name: [*map(list, settings.columns)] for name, settings in self.sensors().items()}
         parts = [*plugged_in.of_scenario(self.scenario, working)]
@@ -113,7 +113,7 @@ class ResolvedScenario:
     def sensors(self) -> dict[str, SensorSettings]:
         """Return the settings of every sensor by its name, the radar first.
 
-        Raises ConfigError, naming the sensor, for a kind that is not found and for a key that it does not have.
+        Raises ConfigError, naming the sensor, for an unknown kind of sensor and for a key that its kind does not have.
         """
         made: dict[str, SensorSettings] = {"radar": self.scenario.radar}
         for sensor in self.scenario.sensors:
@@ -124,7 +124,7 @@ class ResolvedScenario:
         return made
 
     def driven_by(self, name: str) -> ResolvedScenario:
-        """Return the same scenario with another controller, and without its tuning, which would be no other's."""
+        """Return the same scenario with another controller and default tuning; tuning belongs to one controller."""
         control = self.scenario.controller
         if name == control.name:
             return self
@@ -132,8 +132,8 @@ class ResolvedScenario:
         return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
 
     def with_rig(self, rig: Rig, working: FilePath) -> ResolvedScenario:
-        """Return the same scenario with a rig's car; raises ConfigError where its vehicle model is gone."""
-        from vve_sumo.rig.resolve import model_of  # and with it the lot's geometry, which no other drive needs
+        """Return the same scenario with a rig's car; raises ConfigError where its vehicle model is not found."""
+        from vve_sumo.rig.resolve import model_of  # imported here: it loads the lot's geometry, which only rigs need
 
         file = workspace.find("vehicle", rig.vehicle.model, working)
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})
@@ -143,12 +143,12 @@ class ResolvedScenario:
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of what decides how a drive goes."""
+    """Return the versions of vve-sumo and of DECISIVE_LIBRARIES."""
     return {"vve-sumo": __version__} | {name: version(name) for name in DECISIVE_LIBRARIES}
 
 
 def read_resolved(folder: FilePath) -> dict[str, Any]:
-    """Return the content of a record's `scenario.json`; raises ConfigError where there is none of this layout."""
+    """Return the content of a record's `scenario.json`; raises ConfigError if it is missing or of another layout."""
     file = folder / "scenario.json"
     resolved = read_json(file, "a drive")
     check_layout(resolved, file)
@@ -156,7 +156,7 @@ def read_resolved(folder: FilePath) -> dict[str, Any]:
 
 
 def recorded_model(resolved: Mapping[str, Any]) -> VehicleModel:
-    """Return the vehicle that a record's `scenario.json` says was driven; raises ConfigError where it says none."""
+    """Return the vehicle model from a record's `scenario.json`; raises ConfigError where it holds none."""
     try:
         return VehicleModel.from_dict({**resolved["vehicle_model"], "vehicle": resolved["vehicle"]})
     except (KeyError, TypeError) as error:
@@ -179,9 +179,9 @@ def resolve_scenario(
     network_in: ReadNetwork | None = None,
     path_in: ReadPath | None = None,
 ) -> ResolvedScenario:
-    """Find what a scenario names; `file` is the scenario's own, whose folder relative names count from.
+    """Find and read what a scenario names; relative names count from the folder of the scenario's own `file`.
 
-    Who has read the same files before hands in what gives them back instead of reading.
+    `network_in` and `path_in` replace the readers of network and path, so that a caller can cache what was read.
     Raises ConfigError naming what is missing or wrong.
     """
 
@@ -229,9 +229,10 @@ def resolve_scenario(
 
 
 def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
-    """Return the path in a CSV file, laid into the network's map, and the edges that the file says it runs along.
+    """Return the path in a CSV file, laid in the network's map, and the edges that the file's comment names.
 
-    Raises ConfigError naming file and line for what is no coordinate, and for a point outside the network.
+    Raises ConfigError naming file and line for an invalid coordinate, and for a point outside the network or more than
+    MAX_DISTANCE_FROM_LANES from every lane.
     """
     table = CsvNumbers(file, "path")
     edges = next(
@@ -253,7 +254,7 @@ def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> tuple[Pa
 
 
 def _on_the_roads(places: list[str], placed: list[tuple[float, float]], network: Network) -> None:
-    """Raise ConfigError at the first point that is far from every lane: another town, or other coordinates."""
+    """Raise ConfigError at the first point that is far from every lane: a wrong network or wrong coordinates."""
     points = np.array(placed).reshape(-1, 2)
     if len(points) == 0:
         return
@@ -271,7 +272,7 @@ def _on_the_roads(places: list[str], placed: list[tuple[float, float]], network:
 
 
 def _dense(line: Floats) -> Floats:
-    """Return points of a polyline, none farther than SPACING from the next."""
+    """Return points of a polyline, none farther than LANE_POINT_SPACING from the next."""
     pieces = []
     for start, end in pairwise(line):
         count = max(2, math.ceil(math.dist(start, end) / LANE_POINT_SPACING) + 1)

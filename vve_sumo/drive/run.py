@@ -1,6 +1,6 @@
-"""A drive in simulated time from a scenario's name to its record and summary: in lockstep, or with a recorded drive.
+"""Runs a drive in simulated time, from a scenario's name to its record and summary: in lockstep, or as a playback.
 
-The only module of the room that looks at the wall clock: for the record's begin, and to name its folder.
+The only module of this package that reads the wall clock: for the record's begin, and to name its folder.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from vve_sumo.scenario.load import parse
 class Shell(Protocol):
     """What lockstep and playback have in common."""
 
-    lot: LotAlignment  #: what ties the drive to time and earth
+    lot: LotAlignment  #: how the lot lies on the virtual road, and which GNSS time is drive time 0
 
     def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         """Drive to the end."""
@@ -52,7 +52,7 @@ class Drive:
 
     @property
     def passed(self) -> bool:
-        """Whether it met its scenario's criteria; a playback has none to meet."""
+        """Whether the drive met its scenario's criteria; true for a playback, to which no criteria apply."""
         return self.summary["passed"] is not False
 
 
@@ -67,9 +67,9 @@ def resolve_by_name(
 ) -> ResolvedScenario:
     """Resolve a scenario by name or file, with another seed, controller or vehicle model where one is given.
 
-    With a `rig` it is the rig's car that is simulated.
+    With a `rig`, the rig's car is simulated.
 
-    Raises ConfigError for whatever is missing or wrong.
+    Raises ConfigError for anything that is missing or wrong.
     """
     file = workspace.find("scenario", name, working)
     table = read(file, "scenario")
@@ -94,9 +94,9 @@ def run(
 ) -> Drive:
     """Drive a scenario, or play the recording `pose` in it, into a new record folder.
 
-    Raises ConfigError before anything is written. What breaks later is recorded as the outcome `broken`, and the
-    keyboard's interrupt as `interrupted`. With `kept` false nothing is written at all: there is a summary, which lacks
-    only the hashes of the record's files, and no folder.
+    For a wrong input it raises ConfigError and leaves no record. A later failure is recorded as the outcome `broken`,
+    a keyboard interrupt as `interrupted`. With `kept` false no folder is written, and the summary lacks only the hashes
+    of the record's files.
     """
     if kept:
         claim(folder)
@@ -125,7 +125,7 @@ def run(
 
 
 def run_guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
-    """Drive to the end; whatever breaks under way is how the drive ended, but for a wrong input."""
+    """Drive to the end; a failure on the way becomes the drive's outcome, except ConfigError, which is raised."""
     broken = DriveEnd(Outcome.BROKEN, ())
     try:
         return shell.run(record, watch)
@@ -136,13 +136,13 @@ def run_guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
     except SimulationError as error:
         return replace(broken, reasons=("simulation_error",), text=str(error))
     except Exception as error:
-        # A mistake of ours: the drive is over, its record is not lost, and the whole story lies in it.
+        # An error in this program ends the drive; the record is kept, with the traceback.
         record.attach("traceback.txt", traceback.format_exc())
         return replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
 
 
 def new_run_folder(name: str, working: FilePath) -> FilePath:
-    """Return a folder under `runs/` that is not there yet, named by the time and the scenario or sweep."""
+    """Return a folder under `runs/` that does not exist yet, named by the time and the scenario or sweep."""
     stem = f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"
     names = (stem if number == 1 else f"{stem}_{number}" for number in range(1, 1000))
     return FilePath("runs") / next(name for name in names if not (working / "runs" / name).exists())

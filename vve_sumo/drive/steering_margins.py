@@ -1,6 +1,6 @@
-"""How much latency a scenario's steering bears: the gain design's margins for the preview law, the only one it knows.
+"""Computes how much latency a scenario's steering bears: the gain design's margins, which cover the preview law only.
 
-The design is a file among the controllers, which the workspace finds; it needs python-control, which takes seconds.
+The design is a file among the controllers, found by the workspace. It imports python-control, which takes seconds.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from vve_sumo.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class SteeringMargins:
-    """The margins of a steering loop, a row a speed."""
+    """The margins of a steering loop, one row per speed."""
 
     design: Any  #: the module `design` of the controllers
     rows: Sequence[Any]  #: of the design, each with its `delay_margin` [s] and the rest
 
     @property
     def table(self) -> str:
-        """The rows laid out for a person."""
+        """The rows as a text table."""
         return str(self.design.table(self.rows))
 
     @property
     def delay(self) -> float:
-        """Dead time that the loop bears at every speed [s]."""
+        """Dead time that the loop bears at every speed [s]: the smallest delay margin."""
         return float(min(row.delay_margin for row in self.rows))
 
     def check(self, latency: float) -> None:
-        """Raise ConfigError, naming the worst speed, for a loop that a latency [s] makes unstable."""
+        """Raise ConfigError, naming the worst speed, where `latency` [s] makes the loop unstable."""
         self.design.check(self.rows, latency)
 
 
 def steering_margins(resolved: ResolvedScenario, working: FilePath) -> SteeringMargins:
     """Return the margins of a scenario's preview steering over the design's speed range.
 
-    Raises ConfigError for tuning that nobody could drive with, and for another steering law.
+    Raises ConfigError for tuning that the controller refuses, and for another steering law.
     """
     resolved.controller(working)
     return _margins(resolved, working)

@@ -1,4 +1,4 @@
-"""What `summary.json` says of a drive: its figures, and whether they meet the scenario's criteria.
+"""Computes the content of a drive's `summary.json`: figures, and whether they meet the scenario's criteria.
 
 Knows tables and figures; neither how a drive is run nor how a summary is shown.
 """
@@ -23,7 +23,7 @@ from vve_sumo.values import Vehicle
 
 
 class DrivenScenario(Protocol):
-    """What a drive's figures are judged by: a resolved scenario, or what a record says of one."""
+    """The scenario by which a drive's figures are judged: a resolved scenario, or a record's copy of one."""
 
     @property
     def name(self) -> str:
@@ -37,7 +37,7 @@ class DrivenScenario(Protocol):
 
     @property
     def path(self) -> Path:
-        """Where the rear axle was to go, in the virtual road's map."""
+        """The path of the rear axle, in the virtual road's map."""
         ...
 
     @property
@@ -47,7 +47,7 @@ class DrivenScenario(Protocol):
 
 
 def summarise(driven: DrivenScenario, done: DriveEnd, folder: FilePath, parts: dict[str, str]) -> dict[str, Any]:
-    """Return what `summary.json` says of the drive whose record lies in `folder`; `parts` are its hashes."""
+    """Return the content of `summary.json` for the record in `folder`; `parts` are the hashes of its parts."""
     summary = summary_of(driven, done, read_table(folder, "ticks"), read_table(folder, "actors"), parts)
     return summary | {"record_files_sha256": hash_files(folder)}
 
@@ -55,7 +55,7 @@ def summarise(driven: DrivenScenario, done: DriveEnd, folder: FilePath, parts: d
 def summary_of(
     driven: DrivenScenario, done: DriveEnd, ticks: pa.Table, actors: pa.Table, parts: dict[str, str]
 ) -> dict[str, Any]:
-    """Return what a summary says of a drive, but for the hashes of files; `parts` are those of its record."""
+    """Return a drive's summary without the hashes of files; `parts` are the hashes of the record's parts."""
     summary: dict[str, Any] = {
         "scenario": driven.name,
         "title": driven.scenario.title,

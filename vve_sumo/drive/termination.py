@@ -1,4 +1,4 @@
-"""When a drive is over, and what its ending is called.
+"""Decides when a drive is over and what its outcome is.
 
 Sees one tick after the other; knows neither SUMO nor the record.
 """
@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import ArmingState
 
-#: below this speed the car counts as standing [m/s]
+#: below this speed the car counts as at standstill [m/s]
 STANDSTILL_SPEED = 0.05
-#: the car has been under way once it was faster than this [m/s]
+#: a car that was faster than this has driven off [m/s]
 MOVING_SPEED = 0.5
-#: nearer to the end of the path than this, a stop is an arrival [m]
+#: a stop nearer than this to the end of the path is an arrival [m]
 ARRIVAL_DISTANCE = 10.0
-#: a drive that has not begun to move by then never will [s]
+#: a drive whose car has not driven off by this drive time ends [s]
 START_TIMEOUT = 30.0
 
 
@@ -39,22 +39,22 @@ class Outcome(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DriveEnd:
-    """How a drive went, beside what its record holds."""
+    """How a drive ended, with what is not in its record's tables."""
 
     outcome: Outcome
-    reasons: tuple[str, ...]  #: the gateway's, at the end; before them what the drive was ended for, if it was
-    cleared: tuple[str, ...] = ()  #: vehicles taken off the street where the ego entered it
+    reasons: tuple[str, ...]  #: reason codes: the end trigger's first, if it fired, then the gateway's at the end
+    cleared: tuple[str, ...] = ()  #: vehicles taken off the virtual road where the ego or a scenario's actor entered it
     warnings: tuple[str, ...] = ()  #: SUMO's
-    text: str = ""  #: what an exception said, where one ended the drive
-    standoffs: tuple[str, ...] = ()  #: vehicles taken off the street because they and the ego waited for each other
+    text: str = ""  #: message of an exception that ended the drive, or of the last failure on the way
+    standoffs: tuple[str, ...] = ()  #: vehicles taken off the road because they and the ego waited for each other
     extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
 
 
 def end_reason(wanted: EndTrigger, contact: bool, bumper: float, deviation: float, ttc: float) -> str:
-    """Return the reason code of a condition that ends the drive at once, empty while none holds.
+    """Return the reason code of an end trigger's condition that holds, empty while none holds.
 
-    `bumper` is the front bumper's station [m], `deviation` the distance from the path [m], `ttc` the time to collision
-    [s]; NaN is nothing to end a drive for.
+    `bumper` is the front bumper's s [m], `deviation` the lateral deviation [m], `ttc` the time to collision [s]; NaN
+    meets no condition.
     """
     if wanted.contact and contact:
         return "end_contact"
@@ -70,15 +70,15 @@ class TerminationMonitor:
     """Watches for the end of a closed-loop drive."""
 
     path_length: float  #: [m]
-    rest: float  #: how long the car must stand before the drive is over [s]
+    rest: float  #: how long the car must be at standstill before the drive is over [s]
     collided: bool = False  #: whether anything was touched so far
     _moved: bool = False
     _standing_since: float | None = None
 
     def step(self, time: float, speed: float, station: float, state: ArmingState, contact: bool) -> Outcome | None:
-        """Return how the drive has ended at drive time `time` [s], or None while it goes on.
+        """Return the outcome if the drive has ended at drive time `time` [s], or None while it goes on.
 
-        `speed` [m/s] and `station` [m] are the rear axle's; NaN before there is a pose.
+        `speed` [m/s] and `station` (s along the path [m]) are the rear axle's; NaN before there is a pose.
         """
         self.collided |= contact
         self._moved |= speed > MOVING_SPEED
@@ -93,7 +93,7 @@ class TerminationMonitor:
         return self._name(station, state) if rested else None
 
     def _never_started(self, time: float, state: ArmingState) -> Outcome | None:
-        """A car that may drive and stands all the same has a reason to: its controller stopped it before it began."""
+        """Return the outcome of a car that never drove off: a fault, or STOPPED where it may drive but does not."""
         if state is not ArmingState.FAULT and time <= START_TIMEOUT:
             return None
         return Outcome.STOPPED if state is ArmingState.ENGAGED else Outcome.FAULT

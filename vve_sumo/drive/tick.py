@@ -1,8 +1,8 @@
-"""One tick of a drive, the same in every shell: see, decide, hand over; in the slack prepare, simulate and record.
+"""Runs one tick of a drive, the same in every shell: see, decide, hand over; in the slack prepare, simulate, record.
 
-Sense and act first: the setpoint is on its way to the gateway before anything else is done. Then, while the shell would
-wait, the fallback path is prepared, the ego is placed for the next tick, SUMO steps, and the tick is recorded. A shell
-says when a tick is, where bytes come from and where they go to, and nothing else.
+The tick hands the setpoint to the gateway before it does anything else. Then, while the shell would wait, the fallback
+path is prepared, the ego is placed for the next tick, SUMO steps, and the tick is recorded. A shell only says when a
+tick is due, where bytes come from and where they go.
 """
 
 from __future__ import annotations
@@ -21,53 +21,53 @@ from vve_sumo.values import Actors, Fix, GatewayStatus, Pose, Setpoint, TickRow
 
 
 class DueTick(NamedTuple):
-    """A tick that is due, as its shell counts."""
+    """A tick that is due, as its shell numbers it."""
 
     number: int
-    time: float  #: drive time that its pose and setpoint are to have [s]
-    next_time: float  #: drive time of the tick after it, which the ego is placed for [s]
+    time: float  #: drive time of the tick's pose and setpoint [s]
+    next_time: float  #: drive time of the next tick, for which the ego is placed [s]
     catch_up: int = 0  #: extra steps of SUMO that make up for ticks skipped before this one
 
 
 class CompletedTick(NamedTuple):
-    """What a tick came to."""
+    """What a tick yielded."""
 
     result: TickResult
     status: GatewayStatus  #: the gateway's newest
-    actors: Actors  #: that the tick looked at
-    seen: float  #: when the sensors had looked, on the clock that was passed in [s]; NaN without one
-    decided: float  #: when the controller had answered, likewise [s]
+    actors: Actors  #: that the tick's sensors saw
+    seen: float  #: when the sensors were done, on the clock that was passed in [s]; NaN without one
+    decided: float  #: when the controller was done, on the same clock [s]
 
 
 class Shell(Protocol):
     """What a tick asks of the shell that runs it."""
 
     def faults(self) -> tuple[str, ...]:
-        """Return reason codes of faults that the shell found; asked once the pipeline knows the tick's pose."""
+        """Return reason codes of faults that the shell found; called once the tick's pose is predicted."""
         ...
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
-        """Give the gateway the tick's setpoint, None for none; return the newest status that the gateway gave."""
+        """Hand the tick's setpoint, if there is one, to the gateway; return the gateway's newest status."""
         ...
 
 
 class TickRecorder(Protocol):
-    """What keeps a tick: a record, or the way to one."""
+    """What records a tick: a record, or a client that sends to one."""
 
     def received_pose(self, time: float, data: bytes) -> None:
-        """Keep pose bytes as they came, with their receive time."""
+        """Record pose bytes unaltered, with their receive time [s]."""
         ...
 
     def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
-        """Keep what came out of a sensor at a tick: drive time at which it was measured [s], columns of its table."""
+        """Record a sensor's reading at a tick: drive time of the measurement [s], columns of the sensor's table."""
         ...
 
     def snapshot(self, tick: int, actors: Actors) -> None:
-        """Keep the actors that tick `tick` looks at."""
+        """Record the actors that the sensors see at tick `tick`."""
         ...
 
     def ticked(self, row: TickRow) -> None:
-        """Keep the row of a tick."""
+        """Record the row of a tick."""
         ...
 
 
@@ -76,7 +76,7 @@ def _no_clock() -> float:
 
 
 class Tick:
-    """Does one tick after the other, for one shell and into one record."""
+    """Runs one tick after the other, for one shell and into one record."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class Tick:
         record: TickRecorder,
         clock: Callable[[], float] = _no_clock,
     ) -> None:
-        """`clock` [s] dates the marks of a completed tick and nothing else."""
+        """`clock` [s] gives only the times `seen` and `decided` of a completed tick."""
         self._pipeline, self._road, self._path = pipeline, road, path
         self._shell, self._record, self._clock = shell, record, clock
         self._portions = 0
@@ -100,7 +100,7 @@ class Tick:
         self._received(received, data)
 
     def accept(self, now: float, fix: Fix, data: bytes) -> Pose | None:
-        """Take a fix that was decoded already, as `Pipeline.accept` does; `data` is what the record keeps of it."""
+        """Take an already decoded fix, as `Pipeline.accept` does; `data` are the bytes that the record keeps of it."""
         self._received(fix.time_received, data)
         return self._pipeline.accept(now, fix)
 
@@ -109,10 +109,10 @@ class Tick:
         self._portions += 1
 
     def step(self, due: DueTick, steering: float, truth: Pose | None = None) -> CompletedTick:
-        """Do a tick.
+        """Run a tick.
 
-        `steering` is the road-wheel angle that the car reports [rad], NaN for none; `truth` is where the rear axle
-        really is on the virtual road, for the record, None where nobody knows.
+        `steering` is the road-wheel angle that the car reports [rad], NaN for none; `truth` is the rear axle's true
+        pose on the virtual road, for the record, None where it is unknown.
         """
         pipeline, actors = self._pipeline, self._road.actors
         pipeline.see(due.time, actors)
@@ -120,35 +120,35 @@ class Tick:
         result = pipeline.decide(due.number, due.time, steering, self._road.faults + self._shell.faults())
         decided = self._clock()
         status = self._shell.hand_over(due.time, result.setpoint)
-        # All that follows happens in the slack.
+        # The setpoint is on its way: the rest runs in the slack.
         self._record_looks(due.number, result, actors)
         recorded = RecordedTick(due.number, due.time, self._portions, steering, result, status, truth)
         self._simulate(due, steering, recorded)
         return CompletedTick(result, status, actors, seen, decided)
 
     def finish(self) -> None:
-        """Record the actors as the last step of SUMO left them, under the tick that would have looked at them.
+        """Record the actors of SUMO's last step, under the number of the tick that would have seen them.
 
-        To be called once, after the last tick: who was touched at the end stands there.
+        Call it once, after the last tick: these rows show what the ego touched at the end.
         """
         if self._road.actors is not self._looked_at:
             self._record.snapshot(self._next, self._road.actors)
 
     def _record_looks(self, number: int, result: TickResult, actors: Actors) -> None:
-        """Record what the tick looked at, the actors and what the sensors made of them."""
+        """Record the actors that the tick saw, and the sensors' readings of them."""
         for name, columns in result.readings.items():
             self._record.sensed(number, name, result.sensors[name].time, columns)
         self._record.snapshot(number, actors)
         self._looked_at = actors
 
     def _simulate(self, due: DueTick, steering: float, recorded: RecordedTick) -> None:
-        """Prepare the fallback path, have the virtual road reach the next tick, and record this one."""
+        """Prepare the fallback path, step the virtual road to the next tick, and record this tick."""
         self._pipeline.prepare(due.time + PERIOD, steering)
         asked = report = None
         for behind in range(due.catch_up, -1, -1):
             asked = self._pipeline.front_bumper_at(due.next_time - behind * PERIOD)
             report = self._road.advance(asked)
-        # What SUMO did not take was not asked of it.
+        # Without a report SUMO was not stepped, so the row has no requested pose.
         placed = asked if report is not None else None
         self._record.ticked(tick_row(recorded, self._path, placed, report, self._road))
         self._next = due.number + 1

@@ -1,4 +1,4 @@
-"""What the record keeps of a tick: one definition of every column, for the record and for what a replay compares."""
+"""Builds a tick's row of the record; a replay compares with the same definition of every column."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ _NAN = math.nan
 
 
 class RecordedTick(NamedTuple):
-    """One tick: when it was, what went into it, and what came of it."""
+    """One tick: its time, inputs and results."""
 
     tick: int
     now: float  #: drive time [s]
-    datagrams: int  #: portions of pose bytes taken in so far
+    datagrams: int  #: portions of pose bytes received since the drive began
     steering: float  #: road-wheel angle that the car had reported [rad]
     result: TickResult
     status: GatewayStatus  #: the gateway's newest
-    truth: Pose | None  #: of the rear axle on the virtual road; None where nobody knows
+    truth: Pose | None  #: true pose of the rear axle on the virtual road; None where it is unknown
 
 
 def result_columns(result: TickResult) -> dict[str, Any]:
-    """Return what the pipeline computed, by the record's columns."""
+    """Return the pipeline's results, by the record's columns."""
     pose, setpoint = result.pose, result.setpoint
     return {
         "x_m": pose.x if pose else _NAN,
@@ -50,7 +50,7 @@ def result_columns(result: TickResult) -> dict[str, Any]:
 
 
 def status_columns(status: GatewayStatus) -> dict[str, Any]:
-    """Return what the gateway made of a setpoint, by the record's columns."""
+    """Return the gateway's status, by the record's columns."""
     return {
         "state": status.state.value,
         "reasons": "+".join(status.reasons),
@@ -65,7 +65,7 @@ def status_columns(status: GatewayStatus) -> dict[str, Any]:
 def tick_row(
     recorded: RecordedTick, path: Path, asked: Pose | None, report: EgoSyncReport | None, road: VirtualRoad
 ) -> TickRow:
-    """Return what the record keeps of a tick, after the virtual road has advanced."""
+    """Return a tick's row of the record, after the virtual road has advanced."""
     result, truth = recorded.result, recorded.truth
     return TickRow(
         tick=recorded.tick,

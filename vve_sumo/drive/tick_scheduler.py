@@ -1,16 +1,17 @@
-"""When the next tick of a live drive begins: integer ticks, phase-locked to the stream of fixes.
+"""Decides when the next tick of a live drive begins: ticks are numbered and phase-locked to the stream of fixes.
 
-Knows times alone, handed in by the shell; no socket, no clock, no fix. All of them are drive times [s].
+Knows only times, handed in by the shell; no socket, no clock, no fix. All times are drive times [s].
 
-**The lock.** Tick k has a nominal epoch; it begins when the fix arrives whose epoch is the first not before that, and
-without one at `due + grace`. `due` is the nominal epoch plus the latency that a punctual fix has. Both follow the
-stream slowly (`SLEW`), so a GNSS clock that runs off the host's takes the ticks with it while a burst of late datagrams
-doesn't. Before the first fix, and through an outage, the ticks go on by themselves.
+**The lock.** Tick k has a nominal epoch. The tick begins when the first fix arrives whose epoch is not before the
+nominal epoch (less a quarter of an interval), or without such a fix at `due + grace`. `due` is the nominal epoch plus
+the latency of a punctual fix. Nominal epochs and latency follow the stream slowly (`SLEW`): the ticks follow the drift
+of a GNSS clock against the host's, but not a burst of late datagrams. Before the first fix, and through an outage, the
+ticks go on at their period.
 
-**The miss policy.** A tick whose successor is due already when it could begin is skipped and counted: there are never
-two acts in a burst, and no two ticks begin closer than half a period. The street is to be stepped once more for each
-skipped tick, so that its time keeps up, but at most `MAX_CATCH_UP` times; beyond that the street's time slips, which is
-the fault `overrun`. So is skipping before `OVERRUN_LIMIT` of the last `OVERRUN_WINDOW` ticks.
+**The miss policy.** A tick is skipped and counted if its successor is already due when the tick could begin. So the
+ticks never catch up in a burst, and no two begin closer than half a period. The virtual road is stepped once more for
+each skipped tick, so that its time keeps up, but at most `MAX_CATCH_UP` times. Beyond that the road's time slips, which
+is the fault `overrun`. It is also `overrun` if `OVERRUN_LIMIT` of the last `OVERRUN_WINDOW` ticks began after a skip.
 """
 
 from __future__ import annotations
@@ -20,47 +21,47 @@ from collections import deque
 from statistics import median
 from typing import Final, NamedTuple
 
-MAX_CATCH_UP: Final = 5  #: steps of the street that make up for skipped ticks at once
-OVERRUN_LIMIT: Final = 5  #: ticks after skipped ones, of so many:
+MAX_CATCH_UP: Final = 5  #: greatest number of extra steps of the virtual road in one tick
+OVERRUN_LIMIT: Final = 5  #: ticks that began after a skip, among the last OVERRUN_WINDOW, that are an overrun
 OVERRUN_WINDOW: Final = 10
 
 SLEW: Final = 1e-3  #: how fast nominal times follow the stream [s/s]; ten times the drift of a poor clock (100 ppm)
-ACQUIRING_SLEW: Final = 0.1  #: the same just after the lock was found [s/s]
-ACQUIRING_TIME: Final = 1.0  #: how long that is [s]
-GAIN: Final = 0.1  #: share of an epoch's error that one fix takes away
-LOST_TIME: Final = 2.0  #: after so long without a fix near a nominal epoch the lock is sought anew [s]
+ACQUIRING_SLEW: Final = 0.1  #: the same for ACQUIRING_TIME after the lock was found [s/s]
+ACQUIRING_TIME: Final = 1.0  #: [s]
+GAIN: Final = 0.1  #: share of the nominal epoch's error that one fix corrects
+LOST_TIME: Final = 2.0  #: time without a fix near a nominal epoch after which the next fix sets a new lock [s]
 
-#: Fixes that arrive earlier or later after their epoch than this are not followed [s]: a clock is wrong somewhere.
+#: Smallest and greatest latency of a fix that the ticks follow [s]; outside, a clock is wrong.
 MIN_FIX_AGE: Final = -0.1
 MAX_FIX_AGE: Final = 0.5
 
-#: The latency of a punctual fix: this quantile of the last ones. Low, so that it stays the latency of the punctual ones
-#: even where most fixes come in bursts and wait for the last of their burst.
+#: The latency of a punctual fix is this quantile of the last latencies. It is low so that it still describes the
+#: punctual fixes where most fixes come in bursts and wait for the last of their burst.
 PUNCTUAL_QUANTILE: Final = 0.2
 LATENCIES_KEPT: Final = 50
-INTERVALS_KEPT: Final = 9  #: between fixes, whose median is the stream's
+INTERVALS_KEPT: Final = 9  #: intervals between fixes, whose median is taken as the stream's interval
 
 
 class ScheduledTick(NamedTuple):
     """A tick that begins now."""
 
-    tick: int  #: its number; greater than the last one's by 1 plus `missed`
-    due: float  #: its nominal time [s], never later than now: the time that its pose and setpoint are to have
-    woken_by: str  #: "datagram", or "deadline" where the due one did not come
-    missed: int  #: ticks skipped just before it
-    catch_up: int  #: extra steps of the street before it is placed for the next tick
+    tick: int  #: number of the tick: the last tick's plus 1 plus `missed`
+    due: float  #: nominal time of the tick [s], never later than now: the time of its pose and setpoint
+    woken_by: str  #: "datagram", or "deadline" where the due fix did not come
+    missed: int  #: ticks skipped just before this one
+    catch_up: int  #: extra steps of the virtual road before the ego is placed for the next tick
     faults: tuple[str, ...]  #: "overrun", or nothing
 
 
 class TickScheduler:
-    """Says how long to wait and numbers the ticks.
+    """Computes how long the shell waits, and numbers the ticks.
 
-    The shell waits on its sockets until `wait_until()`, tells `arrived` of every fix and asks again; once that time is
-    not later than now, it calls `begin`.
+    The shell waits on its sockets until `wait_until()`. It calls `fix_arrived` for every fix and then `wait_until`
+    again. Once that time is not later than now, it calls `begin`.
     """
 
     def __init__(self, start: float, period: float = 0.02, grace: float = 0.003) -> None:
-        """Have tick 0 due at `start`; `grace` is how long a tick waits for its fix beyond its due time."""
+        """Tick 0 is due at `start`; `grace` is how long a tick waits for its fix beyond its due time."""
         self._period, self._grace = period, grace
         self._tick = 0
         self._epoch = start  # nominal, of the next tick
@@ -78,18 +79,18 @@ class TickScheduler:
 
     @property
     def locked(self) -> bool:
-        """Whether the ticks follow a stream."""
+        """Whether the ticks have ever locked to a stream of fixes."""
         return self._near > -math.inf
 
     @property
     def next_due(self) -> float:
-        """Nominal time of the next tick, as far as is known now [s]: where the ego is to be placed for."""
+        """Nominal time of the next tick by the present estimate [s]: the time for which the ego is placed."""
         return self._epoch + self._latency
 
     def fix_arrived(self, received: float, epoch: float) -> None:
-        """Take note of a fix: when its bytes arrived and its epoch, both on the drive's clock.
+        """Take a fix: when its bytes arrived, and its epoch, both on the drive's clock.
 
-        One that is not newer than another before, or whose times cannot be, changes nothing.
+        A fix that is not newer than an earlier one, or whose latency is out of bounds, changes nothing.
         """
         latency = received - epoch
         if not (epoch > self._newest and MIN_FIX_AGE <= latency <= MAX_FIX_AGE):
@@ -104,7 +105,7 @@ class TickScheduler:
         self._latencies.append(latency)
 
     def wait_until(self) -> float:
-        """Return the time at which the next tick begins unless a fix comes before; in the past for "at once"."""
+        """Return the time at which the next tick begins unless a fix comes first; a time in the past means at once."""
         earliest = self._begun + 0.5 * self._period
         return earliest if self._due_fix_is_here() else max(earliest, self.next_due + self._grace)
 
@@ -122,11 +123,11 @@ class TickScheduler:
         return ScheduledTick(tick, due, by, missed, min(missed, MAX_CATCH_UP), ("overrun",) if overrun else ())
 
     def _due_fix_is_here(self) -> bool:
-        # The clocks' estimate puts epochs a little off the nominal ones; that must not cost a whole interval.
+        # The clock estimate shifts epochs a little against nominal ones: without a tolerance a fix could be missed.
         return self._newest >= self._epoch - 0.25 * min(self._interval, self._period)
 
     def _lock(self, received: float, epoch: float, latency: float) -> None:
-        """Make this fix the due one of the tick whose time is nearest, counting the ticks that have passed by then."""
+        """Make this fix the due one of the tick nearest in time, counting the ticks that have passed by then."""
         passed = math.floor((received - self.next_due) / self._period + 0.5)
         self._epoch = epoch - passed * self._period
         self._latency = latency
@@ -136,7 +137,7 @@ class TickScheduler:
         self._near = self._locked_at = received
 
     def _follow(self, received: float, epoch: float, elapsed: float) -> None:
-        """Move nominal epoch and latency a little towards what the stream shows."""
+        """Move nominal epoch and latency a little towards the stream's."""
         self._interval = median(self._intervals)
         comb = min(self._interval, self._period)
         slew = (ACQUIRING_SLEW if received - self._locked_at < ACQUIRING_TIME else SLEW) * elapsed

@@ -1,7 +1,7 @@
-"""Whether a record is as its drive left it: every hash, and what the summary says against what the tables say.
+"""Checks whether a record is as its drive left it: compares every hash, and the summary with the tables.
 
-Reads a record and runs nothing that it names. It finds accidents and changes in passing; whoever forges all of a
-record with care can compute new hashes as well.
+Reads a record and runs no code that it names. The checks find damage and casual changes, not a careful forgery, which
+computes the hashes anew.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from vve_sumo.scenario.schema import EndTrigger, Scenario
 from vve_sumo.values import ArmingState, Vehicle
 
 SUMMARY: Final = "summary.json"
-#: two figures that are nearer than this share of them, or this, are the same: another processor rounds otherwise
+#: relative and absolute tolerance of a figure: another processor rounds differently
 RELATIVE_TOLERANCE: Final = 1e-9
-#: outcomes of a lockstep drive that something else than the car's motion ended
+#: outcomes of a lockstep drive that did not end by the car's motion or the time limit
 ENDED_OTHERWISE: Final = frozenset({Outcome.COMPLETED, Outcome.INTERRUPTED, Outcome.BROKEN})
-#: reason codes of a live drive's summary that no row of the gateway has: whose process was lost
+#: reason codes of a live drive's summary, for a lost process, that no row of the ticks or the gateway has
 WITHOUT_ROW: Final = frozenset({"drive_lost", "gateway_gone"})
 
 
@@ -54,7 +54,7 @@ class Alteration:
 
 @dataclass(frozen=True, slots=True)
 class RecordedDrive:
-    """What a record says of the scenario that it was driven in; nothing that it names is read."""
+    """A record's copy of the scenario that was driven; no file that the record names is read."""
 
     name: str
     scenario: Scenario
@@ -69,9 +69,9 @@ def altered_parts(folder: FilePath) -> list[str] | None:
 
 
 def alterations(folder: FilePath) -> list[Alteration] | None:
-    """Return everything about a record that is not as its drive left it; None for a drive that never wrote hashes.
+    """Return everything in a record that is not as its drive left it; None for a drive that never wrote hashes.
 
-    Such a drive was cut off, or could not read back what it had written.
+    Such a drive was cut off, or could not read back its own files.
     """
     file = folder / SUMMARY
     if not file.exists():
@@ -93,7 +93,7 @@ def alterations(folder: FilePath) -> list[Alteration] | None:
 
 
 def _hashable(folder: FilePath) -> bool:
-    """Whether every part can be read: a drive that could do so wrote the hashes."""
+    """Return whether every part can be read: then the drive must have written the hashes."""
     try:
         hash_parts(folder)
     except ConfigError:
@@ -115,7 +115,7 @@ def _parts(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
 
 
 def _files(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
-    """Compare the hash of every file whose bytes say more than its rows."""
+    """Compare the hash of the bytes of every table's file and of the provenance."""
     told, broken = _table(summary, "record_files_sha256"), summary.get("record_broken") or ()
     always = (*SCHEMAS, *_sensor_tables(folder))
     tables = [f"{name}{CLOSED_ENDING}" for name in (*always, *LIVE_SCHEMAS)]
@@ -133,7 +133,7 @@ def _files(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
 
 
 def _sensor_tables(folder: FilePath) -> tuple[str, ...]:
-    """Return the names of the sensors' tables; none where `scenario.json`, whose own hash shows it, does not say it."""
+    """Return the names of the sensors' tables; none where `scenario.json` is damaged, which its own hash shows."""
     try:
         return tuple(sensor_tables(folder))
     except ConfigError:
@@ -141,7 +141,7 @@ def _sensor_tables(folder: FilePath) -> tuple[str, ...]:
 
 
 def _is_live(folder: FilePath, summary: dict[str, Any]) -> bool:
-    """Whether a record is a live drive's; each of its files may say so, for any of them may have been altered."""
+    """Return whether a record is of a live drive: one of three files suffices, as each may have been altered."""
     try:
         live = "rig" in read_resolved(folder)
     except ConfigError:
@@ -155,7 +155,7 @@ def _table(summary: dict[str, Any], key: str) -> dict[str, Any]:
 
 
 def _is(then: object, hashed: Callable[..., str], *of: Any) -> bool:
-    """Whether a hash is still the same; what can't be read any more is not what it was."""
+    """Return whether a hash is still the same; false for a file that cannot be read."""
     try:
         return hashed(*of) == then
     except ConfigError:
@@ -163,10 +163,10 @@ def _is(then: object, hashed: Callable[..., str], *of: Any) -> bool:
 
 
 def _contradictions(folder: FilePath, summary: dict[str, Any]) -> list[str]:
-    """Return what a summary says otherwise than the rest of the record does, whose hashes are all in order.
+    """Return where a summary contradicts the rest of the record, whose hashes are all in order.
 
-    Another version of this program may reckon figures otherwise, so only the one that wrote a summary judges it. A
-    drive that was killed has none, and one whose recorder found no room has not all tables.
+    Another version of this program may compute figures differently, so only the version that wrote a summary checks it.
+    Nothing is checked for a killed drive, which has no figures, nor for a record whose recorder failed to write parts.
     """
     if "max_speed_mps" not in summary or summary.get("record_broken"):
         return []
@@ -192,7 +192,7 @@ def _recorded_drive(resolved: dict[str, Any], file: FilePath) -> RecordedDrive:
 
 
 def _figures(folder: FilePath, recorded: RecordedDrive, summary: dict[str, Any]) -> Iterator[str]:
-    """Reckon every figure and the verdict again from the tables."""
+    """Compute every figure and the verdict again from the tables, and compare."""
     done = DriveEnd(
         Outcome(summary["outcome"]),
         tuple(summary["reasons"]),
@@ -222,7 +222,7 @@ def _same(said: object, again: object) -> bool:
 
 
 def _names(resolved: dict[str, Any], summary: dict[str, Any]) -> Iterator[str]:
-    """Compare what a live drive's summary says of its rig."""
+    """Compare the rig's name and the shadow mode in a live drive's summary with `scenario.json`."""
     if "rig" not in resolved:
         return
     for key, value in (("rig", resolved["rig_name"]), ("shadow", resolved["gateway"]["shadow"])):
@@ -237,7 +237,7 @@ def _ending(
     outcome, reasons = Outcome(summary["outcome"]), summary["reasons"]
     ticks = read_table(folder, "ticks")
     if "rig" in resolved:
-        # A recorder that was lost on the way saw neither the end nor what it was ended for.
+        # The key is absent where the recorder was lost during the drive: its rows lack the end and its reasons.
         if "record_broken" in summary:
             yield from _live_ending(outcome, reasons, ticks, read_table(folder, "gateway"))
     elif "pose" in resolved["files_sha256"]:
@@ -263,7 +263,7 @@ def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, reco
 
 
 def _ended(ticks: pa.Table, recorded: RecordedDrive) -> Outcome | None:
-    """Return how a lockstep drive ended by its rows: what the first of them shows that shows an end; None for none."""
+    """Return a lockstep drive's outcome by the first of its rows that shows an end; None where no row does."""
     ending = TerminationMonitor(recorded.path.length, recorded.scenario.after_stop_s)
     last = round(recorded.scenario.duration_s / PERIOD) - 1
     names = ("tick", "time_s", "true_speed_mps", "s_m", "state", "contacts")
@@ -277,11 +277,11 @@ def _ended(ticks: pa.Table, recorded: RecordedDrive) -> Outcome | None:
 
 
 def _live_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, gateway: pa.Table) -> Iterator[str]:
-    """Compare what the rows of a live drive can say: what was touched on the way, and what the gateway ever said."""
+    """Compare outcome and reasons of a live drive with the contacts and reason codes in its rows."""
     contacts, speeds, states = (ticks[name].to_pylist() for name in ("contacts", "speed_mps", "state"))
     if outcome is Outcome.CONTACT and not any(contacts):
         yield f"outcome is {outcome}, and nothing was touched"
-    # What is touched at rest, before the drive or after it, is no outcome.
+    # A contact at rest, before or after the drive, does not decide the outcome.
     under_way = [
         speed > MOVING_SPEED and state == ArmingState.ENGAGED for speed, state in zip(speeds, states, strict=True)
     ]

@@ -1,6 +1,6 @@
-"""The virtual road as a shell drives it: starts the world, places the ego, remembers what the next tick looks at.
+"""The virtual road for a shell: starts the world, places the ego, and keeps what the next tick's sensors see.
 
-Every shell uses it, lockstep, playback and live; it knows no car and no controller.
+The lockstep, playback and live shells use it; it knows no car and no controller.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from vve_sumo.world.obstacles import MapSpot, Obstacle
 from vve_sumo.world.surroundings import table
 from vve_sumo.world.world import World
 
-#: A car that is faster has been driven off [m/s].
+#: A car that is faster than this has driven off [m/s].
 MOVING_SPEED = 0.5
 
 
 def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
-    """Return the scenario's obstacles where they stand beside the path."""
+    """Return the scenario's obstacles with their places in the map."""
     wanted = resolved.scenario.obstacles
     return tuple(Obstacle(one.id, obstacle_position(one, resolved.path), one.length_m, one.width_m) for one in wanted)
 
 
 def obstacle_position(wanted: schema.Obstacle, path: Path) -> MapSpot:
-    """Return where the middle of an obstacle lies that the scenario places beside a path."""
+    """Return centre and heading, in the map, of an obstacle that the scenario places relative to a path."""
     at = path.at(wanted.at_m)
     x, y = at.x - wanted.offset_m * math.sin(at.heading), at.y + wanted.offset_m * math.cos(at.heading)
     return MapSpot(x, y, at.heading + math.radians(wanted.turned_deg))
 
 
 def scenario_engine(resolved: ResolvedScenario) -> ScenarioEngine:
-    """Return the scenario's actors, none of them on the street yet."""
+    """Return the engine of the scenario's actors, none of which is on the virtual road yet."""
     scenario = resolved.scenario
     return ScenarioEngine(scenario.actors, resolved.path, resolved.actor_paths, resolved.recordings, resolved.vehicle)
 
@@ -50,7 +50,7 @@ def pose_at_rest(x: float, y: float, heading: float) -> Pose:
 def open_world(resolved: ResolvedScenario, clock: Callable[[], float] | None = None) -> World:
     """Start SUMO with the scenario's network, traffic and obstacles; raises ConfigError as World does.
 
-    With a `clock` [s] the traffic is held within what a live tick has room for.
+    With a `clock` [s] the steps are timed, and traffic is limited so that they fit into a live tick.
     """
     return World(
         resolved.network.path,
@@ -66,10 +66,10 @@ def open_world(resolved: ResolvedScenario, clock: Callable[[], float] | None = N
 
 
 class VirtualRoad:
-    """The world as a shell drives it: waits for the first pose, remembers what the next tick is to know.
+    """Steps the world once there is a pose, and keeps actors, contacts and faults for the next tick.
 
-    The scenario's actors begin with the first pose; where the road `waits` for the operator's go, with `go`, or as soon
-    as the car moves.
+    The scenario's actors begin with the first pose. If the road `waits`, they begin when the operator says go or the
+    car is faster than MOVING_SPEED.
     """
 
     def __init__(self, world: World, engine: ScenarioEngine, *, waits: bool = False) -> None:
@@ -78,7 +78,7 @@ class VirtualRoad:
         self.actors: Actors = table(0.0, ())
         self.contacts: tuple[str, ...] = ()  #: actors that the ego touches
         self.faults: tuple[str, ...] = ()  #: reason codes for the next tick
-        self.detail = ""  #: SUMO's words about its last breach of the ego's contract
+        self.detail = ""  #: SUMO's last error message about the ego
 
     @property
     def cleared(self) -> tuple[str, ...]:
@@ -92,18 +92,18 @@ class VirtualRoad:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What SUMO complained about so far."""
+        """SUMO's warnings so far."""
         return self._world.warnings
 
     @property
     def step_time_fits(self) -> bool:
-        """Whether SUMO's steps were measured and leave a live tick its time; true where nobody measures."""
+        """Whether SUMO's steps were measured and are short enough for a live tick; true without measurement."""
         budget = self._world.step_time_budget
         return budget is None or budget.fits
 
     @property
     def step_time_summary(self) -> dict[str, Any]:
-        """What SUMO's steps took and what was done about it, for the summary; empty where nobody measures."""
+        """SUMO's step times and the measures taken, for the summary; empty without measurement."""
         budget = self._world.step_time_budget
         return {} if budget is None else budget.summary
 
@@ -112,11 +112,11 @@ class VirtualRoad:
         self._world.close()
 
     def operator_says_go(self) -> None:
-        """Take note that the operator said go."""
+        """Let the scenario's actors begin: the operator said go."""
         self._waits = False
 
     def advance(self, asked: Pose | None) -> EgoSyncReport | None:
-        """Place the ego and the actors and let SUMO step; None while there is no pose, for which SUMO waits too."""
+        """Place the ego and the actors and let SUMO step; without a pose SUMO does not step, and None is returned."""
         if asked is None:
             return None
         self._world.place(asked)

@@ -1,4 +1,4 @@
-"""The hashes of a record: of each part of it, of the whole, of the bytes of its files.
+"""Computes the hashes of a record: of each part, of the whole, and of the bytes of its files.
 
 Knows the layout; neither how a record is written nor who compares hashes.
 """
@@ -29,17 +29,17 @@ from vve_sumo.record.reader import read_table, sensor_tables
 
 
 class ColumnHashes:
-    """The hash of a table, column by column, so that it doesn't matter in which portions the rows came."""
+    """Hashes a table column by column, so that the hash does not depend on the portions in which rows came."""
 
     def __init__(self, schema: pa.Schema) -> None:
         self._hashes = [hashlib.sha256(name.encode()) for name in schema.names]
 
     def add_bytes(self, column: int, pieces: Iterable[bytes]) -> None:
-        """Take in further byte strings of a column; each with its length, so that no two such columns look the same."""
+        """Add byte strings to a column; each is hashed with its length, so that different columns never look alike."""
         self._hashes[column].update(b"".join([b"%d:%b" % (len(piece), piece) for piece in pieces]))
 
     def add_numbers(self, column: int, numbers: NDArray[Any]) -> None:
-        """Take in further numbers of a column, of the column's own kind."""
+        """Add numbers to a column, of the column's own kind."""
         self._hashes[column].update(np.ascontiguousarray(numbers).data)
 
     def hexdigest(self) -> str:
@@ -48,7 +48,7 @@ class ColumnHashes:
 
 
 def hash_table(table: pa.Table) -> str:
-    """Return the hash of a finished table, the same as it had while it grew."""
+    """Return the hash of a whole table; it equals the hash that `ColumnHashes` gave while the table grew."""
     hashes = ColumnHashes(table.schema)
     for number, column in enumerate(table.columns):
         numeric = NUMPY_KINDS.get(column.type)
@@ -60,7 +60,7 @@ def hash_table(table: pa.Table) -> str:
 
 
 def hash_parts(folder: Path) -> dict[str, str]:
-    """Return the hash of every part of a record, from its files (hexadecimal SHA-256); whether finished or left open.
+    """Return the hash of every part of a record, finished or left open, from its files (hexadecimal SHA-256).
 
     Raises ConfigError where a part is missing or unreadable.
     """
@@ -74,7 +74,7 @@ def hash_part(folder: Path, name: str) -> str:
 
 
 def hash_file(file: Path) -> str:
-    """Return the hash of a file's bytes (hexadecimal SHA-256); raises ConfigError where it can't be read."""
+    """Return the hash of a file's bytes (hexadecimal SHA-256); raises ConfigError where it cannot be read."""
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError as error:
@@ -84,19 +84,19 @@ def hash_file(file: Path) -> str:
 def hash_files(folder: Path) -> dict[str, str]:
     """Return the hash of the bytes of every finished table's file, and of the record's provenance.
 
-    A byte of a table's file may say nothing of what the table holds; so the hash of a record, which is to be the same
-    whoever writes the files, does not see it. This one does.
+    The hash of a record covers the tables' rows only, so that it does not depend on how a table's file is encoded.
+    These hashes also show a changed byte that leaves the rows as they were.
     """
     return {file.name: hash_file(file) for file in hashed_files(folder)}
 
 
 def hashed_files(folder: Path) -> list[Path]:
-    """Return the files whose bytes have hashes of their own beside that of the record."""
+    """Return the files that `hash_files` covers."""
     tables = [folder / f"{name}{CLOSED_ENDING}" for name in SCHEMAS | LIVE_SCHEMAS]
     files = [*tables, *sorted(folder.glob(f"{SENSOR_TABLE}*{CLOSED_ENDING}")), folder / PROVENANCE]
     return [file for file in files if file.is_file()]
 
 
 def whole(parts: dict[str, str]) -> str:
-    """Return the hash of a record out of the hashes of its parts."""
+    """Return the hash of a record, computed from the hashes of its parts."""
     return hashlib.sha256("".join(f"{name} {parts[name]}\n" for name in sorted(parts)).encode()).hexdigest()

@@ -1,6 +1,6 @@
-"""What a record consists of: its files, the columns of its tables, and those that its sensors declare.
+"""Defines what a record consists of: its files, the columns of its tables, and the tables that its sensors declare.
 
-Knows rows; no file is read or written here.
+No file is read or written here.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.sensors.port import SensorColumn
 from vve_sumo.values import GatewayRow, LatencyRow, TickRow
 
-#: numpy's kind of each numeric column
+#: numpy's type of each numeric column
 NUMPY_KINDS = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
 _ARROW: dict[str, pa.DataType] = {
     "int": pa.int64(), "int8": pa.int8(), "float": pa.float64(),
@@ -77,21 +77,21 @@ ACTOR_COLUMNS: Final = tuple(SCHEMAS["actors"].names[2:])
 #: tables that only a live drive has
 LIVE_SCHEMAS: dict[str, pa.Schema] = {"gateway": _row_schema(GatewayRow), "latency": _row_schema(LatencyRow)}
 
-#: tables that the hash leaves out: they tell how long things took, and no two drives take equally long
+#: tables that the record's hash leaves out: they hold durations, which differ from drive to drive
 UNHASHED = frozenset({"latency"})
 
-#: parts of a record that are hashed as they stand in their files
+#: parts of a record that are hashed as the bytes of their files
 RAW_PARTS = ("scenario.json", "pose.bin", "can.log")
 
-#: what an open table is called in the folder, and a finished one
+#: endings of the files of an open and of a finished table
 OPEN_ENDING, CLOSED_ENDING = ".arrows", ".parquet"
-#: file of a record that says where the drive comes from; no part of its hash
+#: file with the drive's code, versions and machine; not part of the record's hash
 PROVENANCE = "provenance.json"
 
-#: how the name of a sensor's table begins; the name of the sensor follows
+#: prefix of the name of a sensor's table; the name of the sensor follows
 SENSOR_TABLE: Final = "sensor_"
 
-#: of a chunk in `pose.bin`: receive time [s] and number of bytes
+#: head of a chunk in `pose.bin`: receive time [s] and number of bytes
 CHUNK_HEAD = struct.Struct("<dI")
 
 
@@ -101,9 +101,9 @@ def sensor_table(sensor: str) -> str:
 
 
 def sensor_schemas(resolved: Mapping[str, Any]) -> dict[str, pa.Schema]:
-    """Return the table of each sensor that a record's `scenario.json` declares, by the table's name.
+    """Return the schema of each sensor's table that a record's `scenario.json` declares, by the table's name.
 
-    Raises ConfigError where it declares none that this version understands.
+    Raises ConfigError where the declaration is missing or not of this version.
     """
     try:
         declared = {

@@ -1,4 +1,4 @@
-"""Reads what a record holds, finished or left open by a kill; ConfigError for what can't be read.
+"""Reads the files of a record, finished or left open by a killed drive; raises ConfigError where one cannot be read.
 
 Knows the layout; nothing of what the rows mean.
 """
@@ -16,7 +16,7 @@ from vve_sumo.record.layout import CHUNK_HEAD, CLOSED_ENDING, LIVE_SCHEMAS, OPEN
 
 
 def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
-    """Return (receive time [s], bytes) of every complete chunk in a `pose.bin`; a torn last one is left out."""
+    """Return (receive time [s], bytes) of every chunk in a `pose.bin`; an incomplete last chunk is left out."""
     try:
         raw = file.read_bytes()
     except OSError as error:
@@ -35,7 +35,7 @@ def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
 def read_table(folder: Path, name: str) -> pa.Table:
     """Return one of the record's tables, finished or left open by a killed drive (up to its last whole batch).
 
-    Raises ConfigError where the folder holds neither form of it, or one that can't be read.
+    Raises ConfigError where the folder holds neither form of the table, or where its file cannot be read.
     """
     closed, still_open = folder / f"{name}{CLOSED_ENDING}", folder / f"{name}{OPEN_ENDING}"
     if not closed.is_file() and not still_open.is_file():
@@ -50,7 +50,7 @@ def read_table(folder: Path, name: str) -> pa.Table:
 
 
 def sensor_tables(folder: Path) -> dict[str, pa.Schema]:
-    """Return the table of each sensor, by the table's name; raises ConfigError where the record does not say it."""
+    """Return the schema of each sensor's table, by the table's name; raises ConfigError as `sensor_schemas` does."""
     resolved = read_json(folder / "scenario.json", "a drive", "sensors")
     try:
         return sensor_schemas(resolved)
@@ -67,7 +67,7 @@ def _schema_of(folder: Path, name: str) -> pa.Schema:
 
 
 def _read_open(file: Path, schema: pa.Schema) -> pa.Table:
-    """Return what a stream holds up to its last whole batch."""
+    """Return the rows of an Arrow stream up to its last whole batch."""
     batches: list[pa.RecordBatch] = []
     try:
         with pa.ipc.open_stream(file) as stream:

@@ -1,4 +1,4 @@
-"""A record's `summary.json`: how it is spelt, and the hash of itself that seals it."""
+"""Writes a record's `summary.json`, which contains a hash of its own content."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import json
 from pathlib import Path
 from typing import Any
 
-#: key of a summary's hash of itself
+#: key of the hash over all other keys of a summary
 SUMMARY_HASH_KEY = "summary_sha256"
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write a record's `summary.json`, sealed by a hash of itself; not-a-number and infinity become null."""
+    """Write a record's `summary.json` with the hash of its content; NaN and infinity become null."""
     half = folder / "summary.half"
     half.write_text(sealed(_finite(summary)), encoding="utf-8")
     half.replace(folder / "summary.json")
 
 
 def sealed(summary: dict[str, Any]) -> str:
-    """Return a summary as its file holds it, with the hash of all that it says but that hash."""
+    """Return a summary as the text of its file, with the hash over all its other keys."""
     said = {key: value for key, value in summary.items() if key != SUMMARY_HASH_KEY}
     seal = hashlib.sha256(_spelt(said).encode()).hexdigest()
     return _spelt(said | {SUMMARY_HASH_KEY: seal})

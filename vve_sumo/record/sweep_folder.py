@@ -1,7 +1,7 @@
-"""What a sweep's folder holds, read: what was asked for, and a row for every finished run, finished sweep or not.
+"""Reads a sweep's folder: its plan, and a row for every finished run, while the sweep goes on or afterwards.
 
-Knows the folder's layout (its files: `vve_sumo/sweep/dataset.py`, which writes them) and the columns of a row; neither
-how a sweep is driven nor what its rows mean.
+Knows the folder's layout (`vve_sumo/sweep/dataset.py` writes the files) and the columns of a row; neither how a sweep
+is driven nor what its rows mean.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from vve_sumo.metrics.table import FIGURES, rows
 if TYPE_CHECKING:
     from pyarrow.dataset import Dataset
 
-VERSION = 2  #: of this layout; rows of the first had fewer figures
+VERSION = 2  #: of this layout; rows of version 1 had fewer figures
 
 _ARROW: dict[str, pa.DataType] = {"bool": pa.bool_(), "int": pa.int64(), "float": pa.float64(), "str": pa.string()}
 
-#: of a run, beside its figures
+#: columns of a run, beside its figures
 RUN = rows(
     Metric("number", "number", "of the run, in the design's order", kind="int"),
     Metric("key", "key", "of the run; the same run has the same key in every sweep", kind="str"),
     Metric("seed", "seed", "of the run", kind="int"),
     Metric("fault", "fault", "why there are no figures; empty where there are", kind="str"),
 )
-#: what a run took of the machine, and the last that a run with a fault printed
+#: machine resources that a run took, and the last lines that a run with a fault printed
 MACHINE = rows(
     RUN["number"],
     RUN["key"],
@@ -44,7 +44,7 @@ MACHINE = rows(
     Metric("peak_mb", "peak memory", "greatest memory of its process, 10^6 bytes"),
     Metric("said", "last words", "the last that a run with a fault printed", kind="str"),
 )
-#: every column that is no parameter; no parameter may be called by one of these names
+#: every column that is not a parameter; no parameter may have one of these names
 COLUMNS: dict[str, Metric] = {**RUN, **FIGURES, **MACHINE}
 MACHINE_KINDS: dict[str, Kind] = {name: column.kind for name, column in MACHINE.items()}
 
@@ -53,32 +53,32 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What `sweep.json` says."""
+    """The content of `sweep.json`."""
 
-    spec: dict[str, Any]  #: as in its file
+    spec: dict[str, Any]  #: the sweep as in its file
     scenario: str  #: its name
     table: dict[str, Any]  #: the scenario as in its file
     file: str  #: the scenario's; names in it are looked up beside it
     working: str  #: folder in which the sweep was begun
-    cells: int  #: how many runs there are; of a search, at most
+    cells: int  #: number of runs; for a search, the greatest number
     parameters: dict[str, Kind]
     criteria: list[str]  #: that the scenario states or a parameter sets
-    files_sha256: dict[str, list[str]]  #: of what the first cells read, by role
+    files_sha256: dict[str, list[str]]  #: hashes of the files that the first runs read, by role
     versions: dict[str, str]
 
     def columns(self) -> dict[str, Kind]:
-        """Return the columns of a row in their order."""
+        """Return name and kind of a row's columns, in their order."""
         met: dict[str, Kind] = {f"meets_{name}": "bool" for name in self.criteria}
         figures: dict[str, Kind] = {name: metric.kind for name, metric in FIGURES.items()}
         return {"number": "int", "key": "str", **self.parameters, "seed": "int", "fault": "str", **figures, **met}
 
     def text(self) -> str:
-        """Return the content of the file."""
+        """Return the text of `sweep.json`."""
         return json.dumps({"version": VERSION} | asdict(self), indent=1) + "\n"
 
     @classmethod
     def of(cls, folder: Path) -> Self:
-        """Return the plan of a sweep's folder; raises ConfigError where there is none, or one of another layout."""
+        """Return the plan of a sweep's folder; raises ConfigError where it is missing, damaged or of another layout."""
         file = folder / "sweep.json"
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
@@ -106,7 +106,7 @@ _PLAIN = {"str": str, "int": int, "dict": dict, "list": list}
 
 
 def _wrong(data: Mapping[str, Any], plan: type[Plan]) -> str:
-    """Return what is wrong with the content of `sweep.json`; empty where it is all right."""
+    """Return what is wrong with the content of `sweep.json`, empty where nothing is."""
     for field in fields(plan):
         if type(data.get(field.name)) is not _PLAIN[str(field.type).partition("[")[0]]:
             return f"expected a {str(field.type).partition('[')[0]} as its {field.name}"
@@ -116,17 +116,17 @@ def _wrong(data: Mapping[str, Any], plan: type[Plan]) -> str:
 
 
 class Part(NamedTuple):
-    """A file of finished runs that follow each other."""
+    """A file of finished runs with consecutive numbers."""
 
     file: Path
-    first: int  #: number of its first run
+    first: int  #: number of the file's first run
     runs: int
 
 
 def parts(folder: Path, columns: Mapping[str, Kind]) -> list[Part]:
-    """Return the parts of a sweep's folder in cell order, from what stands at the end of each file.
+    """Return the parts of a sweep's folder in the order of their runs; reads only the footer of each file.
 
-    Raises ConfigError where one cannot be read, has other columns, or shares runs with another.
+    Raises ConfigError where a part cannot be read, has other columns, or shares runs with another part.
     """
     schema = schema_of(columns)
     files = sorted((folder / "rows").glob("part-*.parquet"))
@@ -156,24 +156,24 @@ def _part(file: Path, schema: pa.Schema) -> Part:
 
 
 def unreadable(file: Path, error: Exception) -> ConfigError:
-    """Return what to raise for a file that cannot be read: one line."""
+    """Return the error for a file that cannot be read, with a message of one line."""
     return ConfigError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}")
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """What a sweep's folder held at one instant; the sweep may go on, and this stays the same."""
+    """A sweep's folder as it was at one instant; the sweep may go on meanwhile."""
 
     folder: Path
     plan: Plan
-    parts: list[Part]  #: in cell order
-    rest: list[Row]  #: of runs that are in no part, in cell order
+    parts: list[Part]  #: in the order of run numbers
+    rest: list[Row]  #: of runs that are in no part, in the order of run numbers
 
     @classmethod
     def of(cls, folder: Path) -> Self:
-        """Look into a folder; raises ConfigError where it holds no sweep, or one that cannot be read."""
+        """Read a folder; raises ConfigError where it holds no sweep, or one that cannot be read."""
         plan = Plan.of(folder)
-        # The journal first: a run moves from it into a part, never back.
+        # The journal is read first, because runs move from it into parts, never back: so no run is missed.
         noted = journal(folder)
         there = parts(folder, plan.columns())
         rest = {row["number"]: row for row in noted if not _sealed(there, row["number"])}
@@ -183,19 +183,22 @@ class Held:
 
     @property
     def finished(self) -> int:
-        """How many runs are finished."""
+        """Number of finished runs."""
         return sum(part.runs for part in self.parts) + len(self.rest)
 
     def tables(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """Return the rows in cell order, in portions: all columns or these; raises ConfigError for a damaged part."""
+        """Yield the rows in the order of run numbers, in portions; None is all columns.
+
+        Raises ConfigError for a damaged part.
+        """
         return self._portions(self.plan.columns(), columns, "rows")
 
     def machine(self) -> Iterator[pa.Table]:
-        """Return what the runs took of the machine, as `tables` does the rows."""
+        """Yield the machine resources that the runs took, in the order of `tables`."""
         return self._portions(MACHINE_KINDS, None, "machine")
 
     def lazy(self, place: Literal["rows", "machine"] = "rows") -> Dataset:
-        """Return the rows, or what the runs took of the machine, to be read as a query needs them."""
+        """Return the rows, or the machine resources, as a dataset of which only what a query needs is read."""
         from pyarrow import dataset
 
         kinds = self.plan.columns() if place == "rows" else MACHINE_KINDS
@@ -238,7 +241,7 @@ def _read(file: Path, columns: list[str]) -> pa.Table:
 
 
 def read_tables(folder: Path) -> Iterator[pa.Table]:
-    """Return the rows of a sweep, finished or not, in cell order, in portions.
+    """Yield the rows of a sweep, finished or not, in the order of run numbers, in portions.
 
     Raises ConfigError where the folder holds no sweep, or one that cannot be read.
     """
@@ -246,10 +249,10 @@ def read_tables(folder: Path) -> Iterator[pa.Table]:
 
 
 def journal(folder: Path) -> list[Row]:
-    """Return the rows of a journal up to its last whole line; raises ConfigError where one before that is none."""
+    """Return the rows of a journal up to its last complete line; raises ConfigError for a line that is no run."""
     file = folder / "journal.jsonl"
     try:
-        lines = file.read_bytes().split(b"\n")[:-1]  # what follows the last end of a line was torn
+        lines = file.read_bytes().split(b"\n")[:-1]  # the last line has no line end: incomplete, or empty
     except FileNotFoundError:
         return []
     rows: list[Row] = []
@@ -265,10 +268,10 @@ def journal(folder: Path) -> list[Row]:
 
 
 def schema_of(columns: Mapping[str, Kind]) -> pa.Schema:
-    """Return the columns as a part has them."""
+    """Return the Arrow schema of a part with these columns."""
     return pa.schema([(name, _ARROW[kind]) for name, kind in columns.items()])
 
 
 def table_of(rows: Iterable[Row], columns: Mapping[str, Kind]) -> pa.Table:
-    """Return rows as a table; what a row lacks is null."""
+    """Return rows as a table; a value that a row lacks is null."""
     return pa.Table.from_pylist(list(rows), schema=schema_of(columns))

@@ -1,8 +1,8 @@
-"""Writes the record of a drive: one folder, appended as the drive goes, hashed over what was simulated.
+"""Writes the record of a drive into one folder while the drive goes on, and hashes it.
 
 Knows rows and bytes; neither SUMO nor the wall clock. Tables grow as Arrow streams in batches of a few ticks, so a
-killed process leaves everything but the last batch readable; a finished drive holds Parquet files instead. A live
-drive's record is the same with two tables more; one that nobody keeps is the same without its files.
+killed process leaves everything but the last batch readable. At the end of the drive they become Parquet files. A live
+drive's record has two more tables; the record of a drive that is not kept has no files.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from vve_sumo.record.summary import write_summary
 from vve_sumo.sensors.port import Column
 from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
 
-#: ticks between two writes; 10 ticks of 20 ms are 0.2 s, the most that a kill may lose
+#: ticks between two writes; 10 ticks of 20 ms are 0.2 s, the most that a killed process may lose
 TICKS_PER_BATCH = 10
 
-#: of a record that nobody keeps there is nothing to lose, and longer batches are quicker
+#: the same for a record that is not kept: nothing can be lost, and longer batches are faster
 UNKEPT_TICKS_PER_BATCH = 250
 
 
 class _Bytes:
-    """Growing bytes, kept as they are: they wait, then go to the hash."""
+    """Growing bytes of a raw part: buffered, then hashed and dropped."""
 
     def __init__(self) -> None:
         self.hash = hashlib.sha256()
@@ -63,21 +63,21 @@ class _Bytes:
         self._keep(rest)
 
     def forget(self) -> None:
-        """Let go of what waits."""
+        """Drop the buffered bytes."""
         self._waiting.clear()
 
     def abandon(self) -> None:
-        """Let go of what is kept."""
+        """Close the file, if there is one, as it is."""
 
     def close(self) -> None:
-        """Finish what is kept."""
+        """Finish the file, if there is one."""
 
     def _keep(self, data: bytes) -> None:
-        """Keep what has been hashed: nowhere."""
+        """Store hashed bytes; here nothing is stored."""
 
 
 class _BytesFile(_Bytes):
-    """The same, in a file."""
+    """Growing bytes of a raw part, written to a file."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()
@@ -95,13 +95,13 @@ class _BytesFile(_Bytes):
             while rest:
                 rest = rest[self._sink.write(rest) :]
         except OSError:
-            # Half a line or half a chunk is no evidence.
+            # The file shall end with a whole line or chunk.
             self._sink.truncate(begun)
             raise
 
 
 class _Table:
-    """A growing table: rows wait, a batch at a time goes to the hash and is kept in memory."""
+    """A growing table: rows are buffered, then hashed and kept in memory batch by batch."""
 
     def __init__(self, schema: pa.Schema) -> None:
         self.schema = schema
@@ -112,11 +112,11 @@ class _Table:
         self._batches: list[pa.RecordBatch] = []
 
     def append(self, row: tuple[Any, ...]) -> None:
-        """Take in a row."""
+        """Add a row."""
         self._rows.append(row)
 
     def extend(self, portion: tuple[Column, ...]) -> None:
-        """Take in rows as columns: texts as sequences, numbers as arrays. A table gets either these or rows."""
+        """Add rows as columns: texts as sequences, numbers as arrays. A table gets only columns or only rows."""
         self._portions.append(portion)
 
     def flush(self) -> None:
@@ -131,12 +131,12 @@ class _Table:
         self._keep(pa.RecordBatch.from_arrays(arrays, schema=self.schema))
 
     def forget(self) -> None:
-        """Let go of what waits."""
+        """Drop the buffered rows."""
         self._rows.clear()
         self._portions.clear()
 
     def abandon(self) -> None:
-        """Let go of what is kept."""
+        """Close the file, if there is one, as it is."""
 
     def close(self) -> pa.Table:
         """Finish the table and return it."""
@@ -148,7 +148,7 @@ class _Table:
             for parts, (_kind, numeric) in zip(zip(*self._portions, strict=True), self._kinds, strict=True)
         ]
 
-    # Arrow's own `array` takes five times as long for a short column, and imports pandas wherever there is one.
+    # `pyarrow.array` takes five times as long for a short column, and imports pandas where it is installed.
 
     def _strings(self, number: int, column: Column, kind: pa.DataType) -> pa.Array:
         pieces = column if kind == pa.binary() else [text.encode() for text in column]
@@ -164,12 +164,12 @@ class _Table:
         return pa.Array.from_buffers(kind, len(numbers), [None, pa.py_buffer(kept)])
 
     def _keep(self, batch: pa.RecordBatch) -> None:
-        """Keep what has been hashed."""
+        """Store a hashed batch."""
         self._batches.append(batch)
 
 
 class _TableFile(_Table):
-    """The same, in a file: a stream of batches that becomes a Parquet file."""
+    """A growing table in a file: a stream of batches that becomes a Parquet file."""
 
     def __init__(self, file: Path, schema: pa.Schema) -> None:
         super().__init__(schema)
@@ -181,7 +181,7 @@ class _TableFile(_Table):
         self._sink.close()
 
     def close(self) -> pa.Table:
-        """Turn the stream into a Parquet file and take the stream away; a kill in between leaves one of them whole."""
+        """Replace the stream by a Parquet file; a kill at any moment leaves at least one of them whole."""
         self._stream.close()
         self._sink.close()
         with pa.ipc.open_stream(self._file) as stream:
@@ -202,22 +202,22 @@ class _TableFile(_Table):
 
 
 class MemoryRecorder:
-    """What is kept of one drive while it is being driven: in memory, until nobody needs it any more.
+    """Records one drive in memory: tables and hashes.
 
     The hash covers the resolved scenario with its versions, the raw inputs with their drive times and every
     recorded column; never a wall-clock time and never the bytes of a table's file.
     """
 
-    schemas: ClassVar[Mapping[str, pa.Schema]] = SCHEMAS  #: of its tables, but for those of sensors
+    schemas: ClassVar[Mapping[str, pa.Schema]] = SCHEMAS  #: of all tables except the sensors'
     ticks_per_batch: ClassVar[int] = UNKEPT_TICKS_PER_BATCH
 
     def __init__(self, resolved: dict[str, Any], epoch: float) -> None:
-        """Begin with the scenario as it was resolved, which declares the tables of its sensors.
+        """Begin with the resolved scenario, which declares the tables of its sensors.
 
         `epoch` is the GNSS second of drive time 0.
         """
         self._epoch = epoch
-        self.tables: dict[str, pa.Table] = {}  #: once it is closed
+        self.tables: dict[str, pa.Table] = {}  #: by name, filled by `close`
         text = (json.dumps(resolved, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
         self._raw = {name: self._bytes(name) for name in RAW_PARTS}
         self._raw["scenario.json"].append(text)
@@ -229,22 +229,22 @@ class MemoryRecorder:
         self._ticks = 0
 
     def received_pose(self, time: float, data: bytes) -> None:
-        """Keep pose bytes as they came, with their receive time."""
+        """Record pose bytes unaltered, with their receive time [s]."""
         self._pose.append(CHUNK_HEAD.pack(time, len(data)) + data)
 
     def saw_frames(self, time: float, channel: str, frames: Iterable[Frame]) -> None:
-        """Keep CAN frames heard or sent at one time, in candump form; `time` is drive time, written as GNSS time."""
+        """Record CAN frames received or sent at one drive time [s], as candump lines with GNSS time."""
         self._can.append(candump_lines(self._epoch + time, channel, frames).encode())
 
     def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
-        """Keep what came out of a sensor at a tick: drive time at which it was measured [s], columns of its table."""
+        """Record a sensor's reading at a tick: drive time of the measurement [s], columns of the sensor's table."""
         rows = len(columns[0])
         self._tables["readings"].append((tick, sensor, measured, rows))
         if rows:
             self._tables[sensor_table(sensor)].extend((np.full(rows, tick), *columns))
 
     def snapshot(self, tick: int, actors: Actors) -> None:
-        """Keep the actors that tick `tick` looks at."""
+        """Record the actors that the sensors see at tick `tick`."""
         if not actors.ids:
             return
         columns = (
@@ -260,22 +260,22 @@ class MemoryRecorder:
         self._tables["actors"].extend((np.full(len(actors.ids), tick), actors.ids, *columns))
 
     def ticked(self, row: TickRow) -> None:
-        """Keep the row of a tick; every `ticks_per_batch`-th takes everything kept so far away."""
+        """Record the row of a tick; every `ticks_per_batch`-th tick flushes."""
         self._tables["ticks"].append(_as_tuple(row))
         self._ticks += 1
         if self._ticks % self.ticks_per_batch == 0:
             self.flush()
 
     def attach(self, name: str, text: str) -> None:
-        """Keep a text that belongs to the drive and not to its hash."""
+        """Record a text that belongs to the drive but not to its hash; without a folder it is dropped."""
 
     def flush(self) -> None:
-        """Bring everything kept so far to where it stays, and into the hash."""
+        """Hash and store everything that is buffered."""
         for part in self._parts.values():
             part.flush()
 
     def close(self) -> dict[str, str]:
-        """Finish everything and return the hash of each part (hexadecimal SHA-256)."""
+        """Finish all parts and return the hash of each (hexadecimal SHA-256)."""
         self.flush()
         for raw in self._raw.values():
             raw.close()
@@ -284,7 +284,7 @@ class MemoryRecorder:
         return {name: raw.hash.hexdigest() for name, raw in self._raw.items()} | tables
 
     def discard(self) -> None:
-        """Let go of everything: the drive never was."""
+        """Close all files without finishing them: the drive leaves no record."""
         for part in self._parts.values():
             part.abandon()
 
@@ -296,23 +296,23 @@ class MemoryRecorder:
 
 
 class Record(MemoryRecorder):
-    """The folder of one drive while it is being driven; every TICKS_PER_BATCH-th tick brings it to disk."""
+    """Records one drive in a folder; every TICKS_PER_BATCH-th tick is written to disk."""
 
     ticks_per_batch = TICKS_PER_BATCH
 
     def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
-        """Open the record in `folder`, which is `claim`ed; nothing that lies there already is written over."""
+        """Open the record in `folder`, which `claim` has checked; no file that exists is overwritten."""
         self._made = [place for place in (folder, *folder.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         super().__init__(resolved, epoch)
 
     def attach(self, name: str, text: str) -> None:
-        """Keep a text in a file of that name."""
+        """Write a text to a file of that name."""
         (self.folder / name).write_text(text, encoding="utf-8")
 
     def discard(self) -> None:
-        """Take away everything that the record made: its files, and the folders that were not there before."""
+        """Delete all files in the folder, and the folders that the record created."""
         super().discard()
         for file in self.folder.iterdir():
             file.unlink()
@@ -320,7 +320,7 @@ class Record(MemoryRecorder):
             place.rmdir()
 
     def summarise(self, summary: dict[str, Any]) -> None:
-        """Write `summary.json`; not-a-number and infinity become null."""
+        """Write `summary.json`; NaN and infinity become null."""
         write_summary(self.folder, summary)
 
     def _bytes(self, name: str) -> _Bytes:
@@ -331,39 +331,39 @@ class Record(MemoryRecorder):
 
 
 class LiveRecord(Record):
-    """The record of a live drive: two tables more, and a part that can't be written doesn't take the others with it.
+    """Records a live drive, with two more tables; a part that cannot be written does not stop the others.
 
-    Whoever claimed the folder may have put logs of processes into it.
+    The folder may already hold logs of the drive's processes.
     """
 
     schemas = SCHEMAS | LIVE_SCHEMAS
 
     def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
-        """Open the record in `folder`, which is claimed."""
+        """Open the record in `folder`, which `claim` has checked."""
         super().__init__(folder, resolved, epoch)
-        self.broken: set[str] = set()  #: parts that can't be written any more; what they hold already stays
+        self.broken: set[str] = set()  #: parts that can no longer be written; their earlier content stays
 
     def ticked(self, row: TickRow) -> None:
-        """Keep the row of a tick; when it goes to disk is its owner's business, who has a clock."""
+        """Record the row of a tick without flushing; the owner of the record decides when to flush."""
         self._tables["ticks"].append(_as_tuple(row))
 
     def attach(self, name: str, text: str) -> None:
-        """Keep a text in a file of that name, or at least note that it can't be."""
+        """Write a text to a file of that name; where that fails, note the name in `broken`."""
         try:
             super().attach(name, text)
         except OSError:
             self.broken.add(name)
 
     def stepped(self, row: GatewayRow) -> None:
-        """Keep the row of a step of the gateway."""
+        """Record the row of a gateway step."""
         self._tables["gateway"].append(_gateway_tuple(row))
 
     def timed(self, row: LatencyRow) -> None:
-        """Keep the latencies of one tick."""
+        """Record the latencies of one tick."""
         self._tables["latency"].append(_latency_tuple(row))
 
     def flush(self) -> None:
-        """Bring everything kept so far to disk and into the hash, or at least what can be."""
+        """Hash everything that is buffered and write it to disk; a part that cannot be written becomes `broken`."""
         for name, part in self._parts.items():
             if name in self.broken:
                 part.forget()
@@ -374,7 +374,7 @@ class LiveRecord(Record):
                 self.broken.add(name)
 
     def close(self) -> dict[str, str]:
-        """Finish what can be finished and return the hash of each part; a broken one stays as far as it came."""
+        """Finish all parts that are not broken, and return the hash of each part, broken ones as far as written."""
         self.flush()
         for name, part in self._parts.items():
             try:
@@ -385,14 +385,14 @@ class LiveRecord(Record):
 
 
 def claim(folder: Path) -> None:
-    """Raise ConfigError unless a record can be opened in `folder`: it is absent, or an empty folder."""
+    """Raise ConfigError unless a record can be opened in `folder`, which must be absent or an empty folder."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{folder} is a file, expected a folder for the record")
     if folder.is_dir() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty, expected an empty or absent folder for the record")
 
 
-#: A tick's row as the tuple of its fields, in their order.
+#: Returns the fields of a row, in their order, as a tuple.
 _as_tuple: Callable[[TickRow], tuple[Any, ...]] = operator.attrgetter(*TickRow.__slots__)
 _gateway_tuple: Callable[[GatewayRow], tuple[Any, ...]] = operator.attrgetter(*GatewayRow.__slots__)
 _latency_tuple: Callable[[LatencyRow], tuple[Any, ...]] = operator.attrgetter(*LatencyRow.__slots__)

@@ -1,7 +1,7 @@
-"""The street: SUMO's network, traffic, obstacles, and the ego in it; the only room that imports libsumo."""
+"""The virtual road: SUMO's network, traffic, obstacles and the ego; the only package that imports libsumo."""
 
 import os
 
-# Before libsumo is imported anywhere: without it libsumo prints two lines to stdout when the installed pyarrow is
-# not the release it bundles.
+# Must be set before libsumo is imported: without it libsumo prints two lines to stdout when the installed pyarrow is
+# not the release that it bundles.
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")

@@ -1,7 +1,7 @@
 """Builds a SUMO network from an OpenStreetMap extract, with the rules and speeds of a US city.
 
-Runs netconvert (from the optional `eclipse-sumo` wheel) and tidies what it wrote, so that the same extract gives the
-same bytes anywhere. Knows nothing of drives; `networks/README.md` tells what is assumed of the streets and why.
+Runs netconvert (from the optional `eclipse-sumo` wheel) and tidies its output, so that the same extract gives the same
+bytes anywhere. Knows nothing of drives; `networks/README.md` lists the assumptions about the streets and their reasons.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import NamedTuple
 from vve_sumo.errors import ConfigError
 from vve_sumo.world.network import Network, read_network
 
-#: what the network is made of and under which licence; stands at the top of every file that is built
+#: source and licence of the map data; written at the top of every file that is built
 ATTRIBUTION = (
     "Contains data (c) OpenStreetMap contributors, Open Database Licence 1.0, https://www.openstreetmap.org/copyright"
 )
@@ -29,18 +29,18 @@ ORIGIN_DECIMALS = 5
 BOUNDS = ("minlat", "minlon", "maxlat", "maxlon")
 
 OPTIONS = (
-    # streets that cars may use, in one piece, without the points that carry no shape
+    # one connected network of streets that cars may use, without nodes that only cut an edge in two
     *("--keep-edges.by-vclass", "passenger", "--keep-edges.components", "1", "--geometry.remove"),
-    # streets that jog across an arterial meet it in one junction
+    # streets that cross an arterial with a lateral jog get one junction
     *("--junctions.join", "--junctions.join-dist", "12"),
     # no right-before-left anywhere: a US minor road yields to the major one
     *("--junctions.right-before-left.speed-threshold", "0"),
     # corners of 25 ft radius; SUMO's 4 m cannot be turned by a car that keeps to its lane
     *("--default.junctions.radius", "7.6"),
-    # where a left turn waits, the oncoming lane stays free; with SUMO's 1.8 m cars touched in jogged crossings
+    # a car that waits to turn left keeps the oncoming lane free; with SUMO's 1.8 m, cars touched in jogged crossings
     *("--internal-junctions.vehicle-width", "2.8"),
     *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--tls.default-type", "actuated"),
-    # a stopped car can be passed through the opposite lane
+    # lets drivers pass a stopped car on the opposite lane
     "--opposites.guess",
     *("--no-turnarounds.except-deadend", "--output.street-names", "--output.original-names"),
 )
@@ -50,7 +50,7 @@ class Built(NamedTuple):
     """A network that was just built."""
 
     network: Network
-    warnings: tuple[str, ...]  #: what netconvert was not sure about, a line each
+    warnings: tuple[str, ...]  #: netconvert's warnings, one line each
 
 
 def build_network(
@@ -58,10 +58,10 @@ def build_network(
 ) -> Built:
     """Build the network of an OSM extract (`.osm` or `.osm.xml`, plain or gzipped) and write it to `out`.
 
-    `speeds` is a SUMO type map laid over the stock one (`networks/us_speeds.typ.xml`). `origin` is the
-    latitude, longitude [deg] that the transverse Mercator projection is centred on; by default the middle of the
-    extract's bounds. `signals` are OSM nodes that carry a traffic signal although the extract does not say so.
-    Raises ConfigError when a file or netconvert is missing or netconvert refuses.
+    `speeds` is a SUMO type map that overrides the stock one (`networks/us_speeds.typ.xml`). `origin` is the latitude,
+    longitude [deg] of the centre of the transverse Mercator projection, by default the middle of the extract's bounds.
+    `signals` are OSM nodes with a traffic signal that the extract lacks. Raises ConfigError when a file or netconvert
+    is missing, or netconvert fails.
     """
     for file in (osm, speeds):
         if not file.is_file():
@@ -77,7 +77,7 @@ def build_network(
 
 
 def projection(origin: tuple[float, float]) -> str:
-    """Return the PROJ string of a projection centred on latitude, longitude [deg]; raises ConfigError for no place."""
+    """Return the PROJ string of a projection centred on latitude, longitude [deg]; ConfigError for invalid ones."""
     latitude, longitude = origin
     if not (-80.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
         raise ConfigError(f"origin {latitude}, {longitude}: expected latitude, longitude in degrees")
@@ -85,7 +85,7 @@ def projection(origin: tuple[float, float]) -> str:
 
 
 def _middle(osm: Path) -> tuple[float, float]:
-    """Middle of the extract's bounds: latitude, longitude [deg]."""
+    """Return the middle of the extract's bounds: latitude, longitude [deg]."""
     try:
         with gzip.open(osm) if osm.suffix == ".gz" else osm.open("rb") as file:
             for _event, element in ET.iterparse(file):
@@ -113,9 +113,9 @@ def _convert(osm: Path, out: Path, speeds: Path, projected: str, signals: Sequen
 
 
 def netconvert(options: Sequence[str], source: Path, out: Path) -> tuple[str, ...]:
-    """Run netconvert with `options` and return its warnings; `source` is what a ConfigError of it names.
+    """Run netconvert with `options` and return its warnings; error messages name `source`.
 
-    Raises ConfigError where netconvert is missing or refuses.
+    Raises ConfigError where netconvert is missing or fails.
     """
     home = _sumo_home()
     command = [str(home / "bin" / "netconvert"), *options, "--output-file", str(out)]
@@ -136,7 +136,7 @@ def tidy(raw: Path, note: str) -> bytes:
 
 
 def _equal_opposites(root: ET.Element) -> None:
-    """Give lanes that lie side by side in opposite directions one length; rounding leaves a few 1 cm apart."""
+    """Give each pair of neighbouring opposite lanes one length; rounding makes a few differ by 1 cm."""
     lanes = {lane.attrib["id"]: lane for lane in root.iter("lane")}
     for lane in lanes.values():
         for opposite in (lanes[neighbour.attrib["lane"]] for neighbour in lane.iter("neigh")):

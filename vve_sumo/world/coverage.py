@@ -1,4 +1,4 @@
-"""How much of a straight band of ground, such as a piece of a lane, a convex shape covers.
+"""Computes which part of a straight band of ground, such as a piece of a lane, a convex shape covers.
 
 Pure plane geometry; knows nothing of lanes, SUMO or time.
 """
@@ -12,7 +12,7 @@ from vve_sumo.geometry import Corners
 
 
 class Band(NamedTuple):
-    """A straight strip of ground, such as one piece of a lane; a tuple, for a town has ten thousand."""
+    """A straight strip of ground, such as one piece of a lane; a tuple, because a town has ten thousand."""
 
     x: float  #: start of its centre line [m]
     y: float  #: start of its centre line [m]
@@ -23,7 +23,7 @@ class Band(NamedTuple):
 
 
 def covered(corners: Sequence[tuple[float, float]], band: Band) -> tuple[float, float] | None:
-    """Return from where to where along a band [m] a convex shape covers it; None where it does not.
+    """Return start and end, along a band [m], of the part that a convex shape covers; None if it covers none.
 
     The shape is clipped at the four sides of the band one after the other (I. E. Sutherland and
     G. W. Hodgman, "Reentrant polygon clipping", CACM 1974).

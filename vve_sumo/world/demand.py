@@ -1,6 +1,6 @@
-"""Draws traffic for a network and writes it as a SUMO route file: who drives, from where to where, and when.
+"""Draws random traffic for a network and writes it as a SUMO route file of vehicles, routes and departure times.
 
-It runs before any drive and knows nothing of one. The same network, level and seed give the same file.
+It runs before any drive and knows nothing of one. The same network and arguments give the same file.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.world.build import ATTRIBUTION
 from vve_sumo.world.network import Roads
 
-#: vehicles on the streets at the same time, once and for all from the start
+#: mean number of vehicles on the streets at any time, from the start on
 LEVELS = {"light": 20, "moderate": 50, "heavy": 120}
 
-DURATION = 1200.0  #: vehicles go on entering for this long [s]
+DURATION = 1200.0  #: time during which vehicles enter [s]
 SEED = 43211
 
-#: Share of through roads' ends among all places to come from or go to; the rest are kerbs of side streets.
+#: Share of trip ends at the network's edge, where roads lead in or out; the others are at kerbs of side streets.
 THROUGH_SHARE = 0.7
-#: How much likelier an end of the network is by the class of its street, after what such streets carry in a US city
+#: Weight of an end of the network by the class of its street, after the traffic volume of such streets in a US city
 #: (FHWA, "Highway Functional Classification: Concepts, Criteria and Procedures", 2013, table 3-5: arterials some
 #: 7 000 to 27 000, collectors 1 100 to 6 300, local streets 80 to 700 vehicles a day).
 THROUGH_WEIGHTS = {"primary": 15.0, "secondary": 8.0, "tertiary": 4.0, "unclassified": 0.4, "residential": 0.2}
-KERB_CLASSES = ("residential", "unclassified")  #: the freeway is in neither list: it can't be seen from the streets
-MAX_TRIP_FACTOR = 3.0  #: no trip takes more times the mean than this
-SAMPLES = 250  #: drawn to know the mean
-MIN_TRIP_LENGTH = 400.0  #: shorter trips are walked [m]
+KERB_CLASSES = ("residential", "unclassified")  #: freeways are in neither list: they cannot be seen from the streets
+MAX_TRIP_FACTOR = 3.0  #: assumed greatest travel time of a trip over the mean
+SAMPLES = 250  #: trips drawn to estimate the mean travel time
+MIN_TRIP_LENGTH = 400.0  #: shorter trips are left out: people walk them [m]
 DELAY = 1.25  #: travel time over the time at the speed limit, measured in SUMO with the vehicle types below
-MAX_DRAWS = 1000  #: of drawing two ends that a way joins
+MAX_DRAWS = 1000  #: attempts to draw two ends with a route between them
 
 
 class VehicleType(NamedTuple):
@@ -62,10 +62,10 @@ TYPES = {
     "bus": VehicleType(0.01, 12.20, 2.59, 3.20, "bus", "bus", 1.2, 3.5),
 }
 
-#: Attributes common to all types. Drivers act every 0.1 s (a step of 0.02 s costs a fraction then). They pass a stopped
-#: car through the opposite lane, but seldom a moving one: with SUMO's eagerness of 1 a few touched in crossings. The
-#: headway they wish for is calibrated: with it queues discharge as the Highway Capacity Manual says of this mix
-#: (`benchmarks/strings.py`); in all levels alike, for the manual's saturation flow knows no level.
+#: Attributes common to all types. Drivers act every 0.1 s, which makes most steps of 0.02 s much cheaper. They pass a
+#: stopped car on the opposite lane, but seldom a moving one: with SUMO's default eagerness of 1 a few cars touched in
+#: crossings. The desired headway is calibrated so that queues discharge at the Highway Capacity Manual's saturation
+#: flow for this mix (`benchmarks/strings.py`). It is the same at all levels, as the manual's value is.
 DRIVER = {
     "sigma": "0.5",
     "tau": "1.1",
@@ -76,19 +76,19 @@ DRIVER = {
 
 
 class Trip(NamedTuple):
-    """One vehicle's way."""
+    """One vehicle's trip."""
 
     depart: float  #: [s]; below 0: under way already when the simulation starts
     kind: str  #: its vehicle type
     edges: tuple[Any, ...]  #: sumolib's edges, in order
-    kerb: float | None  #: where on the first edge it leaves the kerb [m]; None drives in at the edge's start
+    kerb: float | None  #: position on the first edge where it leaves the kerb [m]; None enters at the edge's start
 
 
 class Demand(NamedTuple):
-    """What was written."""
+    """Figures of the traffic that was written."""
 
     vehicles: int  #: in the file
-    at_start: int  #: of them under way at time 0
+    at_start: int  #: vehicles in the file that depart at time 0
     travel_time: float  #: expected, mean of all trips [s]
 
 
@@ -104,11 +104,11 @@ def write_demand(
 ) -> Demand:
     """Draw the traffic of a level ("light", "moderate", "heavy") and write it to `out` as a SUMO route file.
 
-    It is as if the streets had been busy for long: the vehicles under way at time 0 stand in the file with the place
-    that they would have reached. `clear` are edges (the ego's path) where no vehicle comes out of nothing, neither at
-    time 0 nor later, and none vanishes. `unhindered` is a route, edge by edge, along which nobody has the right of way
-    over the ego: who would go around those junctions. Raises ConfigError on an unknown level or edge, edges that do not
-    follow each other, or a network without streets to use.
+    The streets are busy from the start: vehicles under way at time 0 begin at the place that they would have reached.
+    `clear` are edges (the ego's path) on which no vehicle appears, neither at time 0 nor later, and none disappears.
+    `unhindered` is a route, edge by edge: no vehicle gets a route through a junction in which it would have the right
+    of way over the ego. Raises ConfigError on an unknown level or edge, edges that do not follow each other, or a
+    network without usable streets.
     """
     if level not in LEVELS:
         raise ConfigError(f"no traffic level {level!r}; known: {', '.join(LEVELS)}")
@@ -117,7 +117,7 @@ def write_demand(
     drawn = random.Random(f"{seed} {level}")
     roads = Roads(network)
     for name in clear:
-        roads.edge(name)  # refuses one that the network does not have
+        roads.edge(name)  # raises for an edge that the network does not have
     roads.close(roads.prior(unhindered))
     places = _Places(roads, frozenset(clear))
     samples = [places.trip(drawn) for _ in range(SAMPLES)]
@@ -128,7 +128,7 @@ def write_demand(
 
 
 class _Choice:
-    """Things to draw one of, each with its weight."""
+    """A weighted random choice among items."""
 
     def __init__(self, items: Sequence[Any], weights: Sequence[float]) -> None:
         self.items = items
@@ -139,7 +139,7 @@ class _Choice:
 
 
 class _Places:
-    """Where vehicles may come from and go to, with their weights."""
+    """The places where trips begin and end, with their weights."""
 
     def __init__(self, roads: Roads, clear: frozenset[str]) -> None:
         self.roads = roads
@@ -153,7 +153,7 @@ class _Places:
             raise ConfigError(f"{roads.network.path}: expected streets that lead in, lead out and have kerbs")
 
     def trip(self, drawn: random.Random) -> tuple[tuple[Any, ...], float | None]:
-        """Return the edges of a random way and where on the first one the vehicle leaves the kerb."""
+        """Return the edges of a random trip and the kerb position on the first one, as in `Trip`."""
         for _ in range(MAX_DRAWS):
             through = drawn.random() < THROUGH_SHARE
             start = (self.entries if through else self.kerbs).draw(drawn)
@@ -182,7 +182,7 @@ def _class(edge: Any) -> str:
 
 
 def _edge_time(edge: Any) -> float:
-    """Expected time on an edge, with what signals, junctions and other drivers cost [s]."""
+    """Return the expected time on an edge, including delay by signals, junctions and other drivers [s]."""
     return DELAY * float(edge.getLength()) / float(edge.getSpeed())
 
 
@@ -191,7 +191,10 @@ def _travel_time(edges: Sequence[Any]) -> float:
 
 
 def _trips(places: _Places, drawn: random.Random, headway: float, before: float, duration: float) -> Iterator[Trip]:
-    """Yield trips in order of departure, one in every `headway`, from `before` time 0 on if still under way then."""
+    """Yield trips in order of departure, one in every `headway` [s], from `before` [s] ahead of time 0 to `duration`.
+
+    A trip that would have ended before time 0 is left out.
+    """
     kinds = _Choice(list(TYPES), [kind.share for kind in TYPES.values()])
     for slot in range(-math.ceil(before / headway), math.ceil(duration / headway)):
         depart = (slot + drawn.random()) * headway
@@ -202,7 +205,7 @@ def _trips(places: _Places, drawn: random.Random, headway: float, before: float,
 
 
 def _reached(trip: Trip) -> tuple[tuple[Any, ...], float]:
-    """Return the rest of a way begun before time 0 and the position on its first edge [m]."""
+    """Return the remaining edges, at time 0, of a trip begun earlier, and the position on the first of them [m]."""
     elapsed = -trip.depart
     for i, edge in enumerate(trip.edges):
         if elapsed < _edge_time(edge):

@@ -1,7 +1,7 @@
-"""Holds the ego in SUMO exactly where it is told to be, and proves it after every step.
+"""Holds the ego in SUMO exactly at the requested pose, and checks after every step that SUMO did so.
 
-`moveToXY` alone misplaces, mis-speeds, drops, re-routes or hangs; the calls around it and the checks after it are
-here. Must not know where the poses come from, nor what the breach of the contract stops.
+`moveToXY` alone may give the ego a wrong place or speed, drop or re-route it, or hang; the calls around it and the
+checks after it are here. Must not know where the poses come from, nor what follows from a fault.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from vve_sumo.world.simulation import SUMO_ERRORS
 EGO = "ego"
 EGO_TYPE = "ego_car"
 
-#: moveToXY: exact place, any edge, may leave the network; lanes are looked for so far away [m].
+#: Flag of moveToXY for an exact place, on any edge or off the network; and its search distance for lanes [m].
 KEEP_ROUTE_EXACT = 2
 MATCH_THRESHOLD = 20.0
 
-#: Neither safe-speed rules nor limits nor right of way change the speed that is set.
+#: With this mode neither safe-speed rules nor limits nor right of way change the speed that is set.
 SPEED_MODE = 32
 
-#: SUMO's word for "no value".
+#: SUMO's number for "no value".
 INVALID = -1073741824.0
 
-#: Largest |asked - had| of the contract: [m], [rad], [m/s].
+#: Largest difference between the requested and SUMO's value that is no fault: [m], [rad], [m/s].
 TOLERANCE = 1e-6
 
 #: No road car is faster [m/s]; a larger speed is a broken pose.
@@ -38,36 +38,36 @@ MAX_SPEED = 100.0
 #: How far outside the network's bounding box a pose may lie [m].
 SURROUNDINGS = 1000.0
 
-#: What followers assume of the ego's brakes [m/s2]: SUMO's passenger-car value. Followers that are told 9 keep 29 m
-#: where they would keep 18 m at 15 m/s.
+#: Deceleration that followers assume of the ego [m/s2]: SUMO's passenger-car value. With 9 instead, followers at
+#: 15 m/s keep 29 m where they would keep 18 m.
 DECELERATION = 4.5
 
-#: SUMO warns of an ego that brakes harder [m/s2]; noise of measured speeds would, many times a second.
+#: SUMO warns where the ego brakes harder than this [m/s2]; the noise of measured speeds would often exceed less.
 NO_WARNING_BELOW = 1e6
 
 
-#: The ego may drive so many times a lane's limit. Not more than needed: every vehicle's look behind reaches as far as
-#: the greatest factor of all would brake, and at 100 SUMO's step took four times as long.
+#: The ego may drive at so many times a lane's limit. The factor is no greater than needed: every vehicle looks behind
+#: as far as the vehicle with the greatest factor needs to brake, and with 100 SUMO's step took four times as long.
 SPEED_FACTOR = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class EgoSyncReport:
-    """Whether SUMO has the ego where it was asked to, after one step."""
+    """Whether SUMO has the ego at the requested pose, after one step."""
 
     time: float  #: drive time of the step [s]
-    position_error: float  #: |asked front bumper - SUMO's| [m]; NaN when SUMO has no ego
-    heading_error: float  #: |asked - SUMO's| [rad]; NaN when SUMO has no ego
-    speed_error: float  #: |asked, at least 0, - SUMO's| [m/s]; NaN when SUMO has no ego
+    position_error: float  #: |requested front bumper - SUMO's| [m]; NaN when SUMO has no ego
+    heading_error: float  #: |requested - SUMO's| [rad]; NaN when SUMO has no ego
+    speed_error: float  #: |requested, at least 0, - SUMO's| [m/s]; NaN when SUMO has no ego
     lane: str  #: lane that SUMO maps the ego to; "" is none
     on_road: bool  #: whether it is mapped to a lane
-    faults: tuple[str, ...]  #: reason codes; empty is "the contract held"
-    detail: str = ""  #: SUMO's words, where it gave any
+    faults: tuple[str, ...]  #: reason codes; empty if SUMO's ego is as requested
+    detail: str = ""  #: SUMO's error message, if any
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Where a pose may lie at all."""
+    """The rectangle in which a pose may lie."""
 
     x_min: float  #: [m]
     y_min: float  #: [m]
@@ -75,7 +75,7 @@ class Bounds:
     y_max: float  #: [m]
 
     def fault(self, pose: Pose) -> str:
-        """Return the reason code of why SUMO must not see this pose, "" where it may."""
+        """Return the reason code for which SUMO must not be given this pose, "" for a good pose."""
         if pose.point is not Point.FRONT_BUMPER:
             return "pose_not_front_bumper"
         if not all(map(math.isfinite, (pose.x, pose.y, pose.heading, pose.speed))):
@@ -87,7 +87,7 @@ class Bounds:
 
 
 def network_bounds() -> Bounds:
-    """Return the running network's bounding box with its surroundings."""
+    """Return the running network's bounding box, widened by SURROUNDINGS."""
     (x_min, y_min), (x_max, y_max) = libsumo.simulation.getNetBoundary()
     return Bounds(x_min - SURROUNDINGS, y_min - SURROUNDINGS, x_max + SURROUNDINGS, y_max + SURROUNDINGS)
 
@@ -112,19 +112,19 @@ def make_type(name: str, length: float, width: float) -> None:
     types.setApparentDecel(name, DECELERATION)
     types.setEmergencyDecel(name, NO_WARNING_BELOW)
     types.setSpeedDeviation(name, 0.0)
-    # Neither warns about nor clips a speed that the real car really has.
+    # SUMO shall neither warn about nor clip a speed of the real car.
     types.setMaxSpeed(name, MAX_SPEED)
     types.setSpeedFactor(name, SPEED_FACTOR)
 
 
 class EgoSync:
-    """Holds the ego: `place`, let SUMO step, `check`."""
+    """Holds the ego at its poses: per step `place`, let SUMO step, `check`."""
 
     def __init__(self, lanes: Lanes, vehicle: Vehicle, route: Sequence[str] = ()) -> None:
-        """Prepare the ego; it enters the street at the first pose.
+        """Prepare the ego; it enters the virtual road at the first pose.
 
-        `route` are the edges that the ego means to follow, in order; without it a plausible way onward is
-        assumed, because traffic at a junction yields only to an ego whose route goes on beyond it.
+        `route` are the edges that the ego will follow, in order. Without it a plausible route onward is assumed,
+        because traffic at a junction yields only to an ego whose route goes on beyond it.
         """
         make_type(EGO_TYPE, vehicle.length, vehicle.width)
         self._lanes = lanes
@@ -142,10 +142,10 @@ class EgoSync:
         return self._lane
 
     def place(self, pose: Pose) -> bool:
-        """Ask SUMO to have the ego's front bumper at `pose` when the coming step ends.
+        """Request SUMO to have the ego's front bumper at `pose` when the coming step ends.
 
-        A pose that SUMO must not see is a fault of the coming report; the ego then stands, at speed 0, where it
-        was placed last, so that traffic keeps seeing it. Returns whether the pose was taken.
+        A pose that `Bounds` refuses is a fault of the coming report. The ego then stands, at speed 0, where it was
+        placed last, so that traffic keeps seeing it. Returns whether the pose was accepted.
         """
         if fault := self._bounds.fault(pose):
             self._faults.append(fault)
@@ -156,19 +156,19 @@ class EgoSync:
         return True
 
     def ready(self) -> bool:
-        """Return whether the ego moves; where nobody placed it for the coming step it stands, with a fault."""
+        """Return whether the ego moves; if it was not placed for the coming step it stands, with a fault."""
         if not self._placed and not self._faults:
             self._faults.append("ego_not_placed")
             self._hold()
         return not self._held
 
     def entered(self) -> bool:
-        """Return, once for each time, that the ego came onto the street (again)."""
+        """Return whether the ego entered the virtual road, for the first time or again, since the last call."""
         entered, self._entered = self._entered, False
         return entered
 
     def check(self, time: float, error: str = "") -> EgoSyncReport:
-        """Compare what SUMO has with what it was asked for; `error` is what its step said, if it failed."""
+        """Compare SUMO's ego with the requested pose; `error` is the message of SUMO's step if it failed."""
         faults, self._faults, self._placed = self._faults, [], False
         errors = (math.nan, math.nan, math.nan)
         if error:
@@ -206,7 +206,7 @@ class EgoSync:
 
     def _enter(self, x: float, y: float, speed: float) -> None:
         lane, _ = self._lanes.nearest(x, y)
-        # The speed at departure is what the first step reports; set later it would show as 0 and a jump.
+        # SUMO's first step reports the departure speed: without it the speed would jump from 0.
         libsumo.vehicle.add(EGO, self._lanes.route(lane.id), EGO_TYPE, departSpeed=f"{speed}")
         libsumo.vehicle.setSpeedMode(EGO, SPEED_MODE)
         libsumo.vehicle.setLaneChangeMode(EGO, 0)
@@ -222,14 +222,14 @@ class EgoSync:
         turn = math.remainder(heading_of(libsumo.vehicle.getAngle(EGO)) - heading, math.tau)
         error = abs(libsumo.vehicle.getSpeed(EGO) - speed)
         if error > TOLERANCE:
-            # Near the end of a lane that its route cannot leave, SUMO zeroes the speed ("emergency stop") before it
-            # applies the pose. Nobody has seen that speed yet.
+            # Near the end of a lane that the ego's route cannot leave, SUMO sets the speed to 0 ("emergency stop")
+            # before it applies the pose. No vehicle has read that speed yet.
             libsumo.vehicle.setPreviousSpeed(EGO, speed)
             error = abs(libsumo.vehicle.getSpeed(EGO) - speed)
         return math.hypot(has_x - x, has_y - y), abs(turn), error
 
     def _keep_route(self) -> None:
-        """Give the ego its way past the next junction again wherever SUMO replaced or used up its route."""
+        """Set the ego's route past the next junction again where SUMO replaced or used up the route."""
         lane, route = libsumo.vehicle.getLaneID(EGO), libsumo.vehicle.getRouteID(EGO)
         if lane == self._lane and route == self._route:
             return
@@ -244,7 +244,7 @@ class EgoSync:
         self._route = route
 
     def _ahead(self, here: str, lane: str) -> tuple[str, ...]:
-        """Edges from the present one onward: the intended ones where the ego is on its way."""
+        """Return the edges from the present one onward: the intended ones where the ego is on its route."""
         inside = lane.startswith(":")
         beyond = self._lanes.exit_edge(lane)
         for i in (*range(self._reached, len(self._intended)), *range(self._reached)):

@@ -1,6 +1,6 @@
-"""Where every lane of the running network lies, and what leads where: which lanes a box cuts, which edges follow.
+"""Holds geometry and links of the running network's lanes: which lanes a box cuts, which edges follow an edge.
 
-Asks SUMO once at start (links on demand), afterwards plain geometry; must not know any vehicle.
+Reads the lanes from SUMO once at start (links on demand); the rest is plain geometry. Must not know any vehicle.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from vve_sumo.geometry import Box, Corners
 from vve_sumo.values import Floats
 from vve_sumo.world.coverage import Band, covered
 
-#: Straight on first, a U-turn last: where a driver of unknown intent most likely goes.
+#: SUMO's link directions in the order in which the onward route prefers them: straight on first, a U-turn last.
 TURN_PREFERENCE = "sRLrlt"
 
-#: A route onward ends after so many edges or so far ahead [m]; traffic yields to an ego whose route goes on past
-#: the next junction and not to one whose route ends there.
+#: A route onward ends after so many edges or so far ahead [m]. Traffic yields to an ego whose route goes on past the
+#: next junction, but not to one whose route ends there.
 ONWARD_EDGES = 6
 ONWARD_DISTANCE = 400.0
 
-#: The pieces of lanes near the box are looked up anew after it moved so far [m].
+#: The pieces of lanes near a box are searched again after the box moved so far [m].
 NEARBY_REFRESH_DISTANCE = 10.0
 
-#: The few pieces close to a body are chosen anew after a corner of it may have moved so far [m].
+#: The few pieces close to a body are selected again after a corner of the body may have moved so far [m].
 CLOSE_REFRESH_DISTANCE = 2.0
 
-#: A corner may lie so far before or past a piece [m] and still count as in its lane: lanes of one road are not
-#: drawn gapless.
+#: A corner may lie so far before or past a piece [m] and still count as in its lane, because the drawn lanes of one
+#: road have small gaps.
 END_PLAY = 0.3
 
 
@@ -45,7 +45,7 @@ class Lane:
     id: str  #: of SUMO
     edge: str  #: the edge it belongs to
     index: int  #: 0 is the rightmost of its edge
-    length: float  #: as SUMO counts positions on it [m]; not always the drawn length
+    length: float  #: SUMO's length, on which its positions count [m]; not always the drawn length
     bands: tuple[Band, ...]  #: its pieces, first to last
     starts: tuple[float, ...]  #: drawn distance at which each piece starts [m]
 
@@ -71,7 +71,7 @@ class Cut:
 
 
 def read_lanes() -> list[Lane]:
-    """Return the lanes that vehicles use, of the simulation that runs; footways and crossings are left out."""
+    """Return the lanes of the running simulation, without those for pedestrians alone."""
     names = libsumo.lane.getIDList()
     return [_read(name) for name in names if libsumo.lane.getAllowed(name) != ("pedestrian",)]
 
@@ -101,7 +101,7 @@ def holds(bands: Sequence[Band], x: float, y: float) -> bool:
 
 
 class Lanes:
-    """All lanes of a network and the two questions asked of them at every tick."""
+    """All lanes of a network, indexed by place and by link."""
 
     def __init__(self, lanes: Iterable[Lane], reach: float) -> None:
         """Index the lanes for boxes of a radius up to `reach` [m]."""
@@ -122,15 +122,15 @@ class Lanes:
         }
 
     def cut(self, box: Box) -> dict[str, Cut]:
-        """Return the covered part of every lane that a box cuts, by lane."""
+        """Return the covered part of every lane that a box cuts, by lane id."""
         return cuts(box, self._nearby.touched(box))
 
     def nearby(self, reach: float) -> Nearby:
-        """Return what to ask about boxes of one more body, of a radius up to `reach` [m]."""
+        """Return a search for the lanes around one more body, whose box has a radius up to `reach` [m]."""
         return Nearby(self, reach + 2.0 * CLOSE_REFRESH_DISTANCE)
 
     def around(self, x: float, y: float, distance: float) -> NDArray[np.intp]:
-        """Return the pieces whose ground begins within a distance [m] of a point, in the order of the network."""
+        """Return the numbers of the pieces that may reach within `distance` [m] of a point, in the network's order."""
         return np.flatnonzero(self._distances(x, y) < distance + self._widest)
 
     def rows(self, pieces: NDArray[np.intp]) -> Floats:
@@ -138,11 +138,11 @@ class Lanes:
         return self._table[:, pieces].copy()
 
     def piece(self, number: int) -> tuple[Lane, int]:
-        """Return the lane of a piece, and which of the lane's it is."""
+        """Return the lane of a piece, and the index of the piece in the lane."""
         return self._pieces[number]
 
     def nearest(self, x: float, y: float) -> tuple[Lane, float]:
-        """Return the lane whose centre line is nearest to a point, and how far it is [m]; junctions are left out."""
+        """Return the lane, outside junctions, whose centre line is nearest to a point, and its distance [m]."""
         for piece in np.argsort(self._distances(x, y), kind="stable"):
             lane = self._pieces[piece][0]
             if not lane.id.startswith(":"):
@@ -150,7 +150,7 @@ class Lanes:
         raise ValueError("the network has no lane outside junctions")
 
     def follows(self, lane: str, next_lane: str) -> bool:
-        """Return whether a vehicle at the end of `lane` can be on `next_lane` a moment later."""
+        """Return whether a link leads from `lane` into `next_lane`, inside the junction or beyond it."""
         return any(next_lane in (inside, beyond) for beyond, inside, _ in self._links_of(lane))
 
     def exit_edge(self, lane: str) -> str:
@@ -163,7 +163,7 @@ class Lanes:
         return lane.rpartition("_")[0]
 
     def onward(self, lane: str) -> tuple[str, ...]:
-        """Return the edges of a plausible way from a lane (outside junctions) onward, its own edge first."""
+        """Return the edges of a plausible route onward from a lane outside junctions, its own edge first."""
         if lane not in self._onward:
             edges, here, distance = [lane.rpartition("_")[0]], lane, 0.0
             while len(edges) < ONWARD_EDGES and distance < ONWARD_DISTANCE and (links := self._links_of(here)):
@@ -174,7 +174,7 @@ class Lanes:
         return self._onward[lane]
 
     def gap(self, route: Sequence[str]) -> str:
-        """Return what is wrong with a route (an edge unknown, two without a connection), "" for a good one."""
+        """Return what is wrong with a route (unknown edge, missing connection), "" for a good one."""
         unknown = [edge for edge in route if edge not in self._lane_of]
         if unknown:
             return f"route: edge of the network expected, got {unknown[0]!r}"
@@ -190,11 +190,11 @@ class Lanes:
         return ""
 
     def onward_from(self, edge: str) -> tuple[str, ...]:
-        """Return the edges of a plausible way onward from an edge, itself first."""
+        """Return the edges of a plausible route onward from an edge, itself first."""
         return self.onward(self._lane_of[edge]) if edge in self._lane_of else (edge,)
 
     def route(self, lane: str) -> str:
-        """Return the name of a route of SUMO that holds the lane and goes on from it, made when first asked for."""
+        """Return the name of a SUMO route that contains the lane and goes on from it; it is created at first use."""
         name = f"onward.{lane}"
         if name not in self._routes:
             edges = self.onward(lane) if not lane.startswith(":") else self._through(lane)
@@ -203,9 +203,9 @@ class Lanes:
         return name
 
     def _through(self, lane: str) -> tuple[str, ...]:
-        """Edges of a way through a junction that uses the lane inside it."""
+        """Return the edges of a route through a junction on the given lane inside the junction."""
         if lane not in self._entries:
-            # Of the same junction: to ask SUMO for the links of every junction's lanes takes longer than a tick.
+            # Only lanes of this junction: reading the links of every junction from SUMO takes longer than a tick.
             junction = f"{lane.rsplit('_', 2)[0]}_"
             before = [other for other in self.by_id if other.startswith(junction) and self.follows(other, lane)]
             return self._through(before[0]) if before else (self.exit_edge(lane),)
@@ -229,7 +229,7 @@ class Lanes:
 
 
 class Nearby:
-    """The pieces of lanes around one body: looked up anew only after it moved, so each body has its own."""
+    """The pieces of lanes around one body, searched again only after the body moved; each body needs its own."""
 
     def __init__(self, lanes: Lanes, reach: float) -> None:
         self._lanes, self._reach = lanes, reach
@@ -240,12 +240,12 @@ class Nearby:
         self._close: list[tuple[Lane, int]] = []
 
     def touched(self, box: Box) -> list[tuple[Lane, int]]:
-        """Return the pieces that a box shares ground with."""
+        """Return the pieces that a box overlaps."""
         self._look_around(box.x, box.y)
         return self._touched(box)
 
     def close(self, box: Box) -> list[tuple[Lane, int]]:
-        """Return the pieces that a box may share ground with: for a small one that moves by little, far cheaper."""
+        """Return the pieces that a box may overlap; far cheaper than `touched` for a box that moves slowly."""
         last = self._box
         if last is not None:
             turned = abs(math.remainder(box.heading - last.heading, math.tau)) * self._reach
@@ -261,7 +261,7 @@ class Nearby:
             self._table = self._lanes.rows(self._near)
 
     def _touched(self, box: Box) -> list[tuple[Lane, int]]:
-        """Separating axes of a box and every piece nearby at once; in the order of the network."""
+        """Test a box against all pieces nearby at once, by separating axes; the result is in the network's order."""
         px, py, cos, sin, length, half_width = self._table
         ahead, across = 0.5 * box.length, 0.5 * box.width
         box_cos, box_sin = math.cos(box.heading), math.sin(box.heading)
@@ -279,7 +279,7 @@ class Nearby:
 
 
 def cuts(box: Box, pieces: Iterable[tuple[Lane, int]]) -> dict[str, Cut]:
-    """Return the covered part of every lane of which a box cuts a piece, by lane."""
+    """Return the covered part of every lane of which a box cuts one of `pieces`, by lane id."""
     corners, cos, sin = box.corners(), math.cos(box.heading), math.sin(box.heading)
     found: dict[str, Cut] = {}
     for lane, i in pieces:
@@ -294,7 +294,7 @@ def cuts(box: Box, pieces: Iterable[tuple[Lane, int]]) -> dict[str, Cut]:
 
 
 def _part(box: Box, corners: Corners, cos: float, sin: float, band: Band) -> tuple[float, float] | None:
-    """What `covered` says, without clipping where the box lies wholly on the band or clear of it along its axes."""
+    """Return what `covered` returns; faster where the box lies wholly on the band or clear of it along its axes."""
     dx, dy = box.x - band.x, box.y - band.y
     middle, across = dx * band.cos + dy * band.sin, abs(dy * band.cos - dx * band.sin)
     along, skew = abs(cos * band.cos + sin * band.sin), abs(sin * band.cos - cos * band.sin)

@@ -1,7 +1,7 @@
-"""What is known of a SUMO network file without a simulation: where it lies on Earth, its lanes, streets and routes.
+"""Reads a SUMO network file without a simulation: its place on Earth, its lanes, edges and routes.
 
-The head and the lane shapes are read as a stream, because every drive needs them; sumolib's full reading
-(about a second) is left to `Roads`. Knows nothing of traffic or of the ego.
+Head and lane shapes are read as a stream, because every drive needs them; only `Roads` lets sumolib read the whole
+file, which takes about a second. Knows nothing of traffic or of the ego.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  #: least x, least y, greatest x, greatest y, map [m]
 Movement = tuple[str, str]  #: a way through a junction: the edge before it and the edge after it
 
-LANE_WIDTH = 3.2  #: of a lane that states none, SUMO's default [m]
+LANE_WIDTH = 3.2  #: SUMO's default, for a lane without a stated width [m]
 GZIP_MAGIC = b"\x1f\x8b"
 
 
@@ -41,7 +41,7 @@ class Network:
     boundary: Box  #: of everything in it, map [m]
 
     def frame(self) -> MapFrame:
-        """Geodetic coordinates to map coordinates of this network and back."""
+        """Return the transformation between geodetic coordinates and this network's map coordinates."""
         return MapFrame(self.projection, self.offset)
 
 
@@ -54,9 +54,9 @@ class LanePoint(NamedTuple):
 
 
 def read_network(path: Path) -> Network:
-    """Read where a network (`.net.xml`, plain or gzipped) lies, from its head alone.
+    """Read where a network (`.net.xml`, plain or gzipped) lies on Earth, from its head alone.
 
-    Raises ConfigError when the file is missing, no network, or without a projection.
+    Raises ConfigError when the file is missing, not a network, or without a projection.
     """
     for element in _elements(path, "location"):
         return _located(path, element.attrib)
@@ -64,10 +64,10 @@ def read_network(path: Path) -> Network:
 
 
 def lane_shapes(path: Path, box: Box) -> list[tuple[Floats, float]]:
-    """Return (centre line of shape (n, 2), width), both [m], of each lane that comes near the box, in file order.
+    """Return (centre line of shape (n, 2), width), both [m], of each lane near the box, in file order.
 
-    A lane comes near when its own bounding box, widened by its width, meets `box`. The lanes inside
-    junctions are among them. Raises ConfigError as read_network does.
+    A lane is near when its own bounding box, widened by its width, meets `box`. Lanes inside junctions are
+    included. Raises ConfigError as read_network does.
     """
     shapes = ((_shape(lane.attrib["shape"]), float(lane.get("width", LANE_WIDTH))) for lane in _elements(path, "lane"))
     return [(shape, width) for shape, width in shapes if _meets(shape, width, box)]
@@ -117,7 +117,7 @@ def _opened(path: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
 
 
 def _elements(path: Path, tag: str) -> Iterator[ET.Element]:
-    """Stream the elements of one tag; memory stays small, since each is cleared after use."""
+    """Stream the elements of one tag; each is cleared after use, so that memory stays small."""
     try:
         with _opened(path) as file:
             events = ET.iterparse(file, events=("start", "end"))
@@ -137,7 +137,7 @@ def _elements(path: Path, tag: str) -> Iterator[ET.Element]:
 
 
 class Roads:
-    """A network read in full, by sumolib: edges, streets and routes. Edge and lane names are SUMO's."""
+    """A network read in full by sumolib: edges, lanes and routes. Edge and lane names are SUMO's."""
 
     def __init__(self, path: Path) -> None:
         import sumolib
@@ -151,15 +151,15 @@ class Roads:
         return tuple(self._net.getEdges(withInternal=False))
 
     def edge(self, name: str) -> Any:
-        """Return sumolib's edge. Raises ConfigError when there is none of that name."""
+        """Return sumolib's edge of a name; raises ConfigError when there is none."""
         if not self._net.hasEdge(name):
             raise ConfigError(f"{self.network.path}: there is no edge {name!r}")
         return self._net.getEdge(name)
 
     def route(self, stops: Sequence[str]) -> tuple[str, ...]:
-        """Return the shortest way [m] for a car along two or more edges, in this order, as edge names.
+        """Return the shortest route for a car along two or more edges, in this order, as edge names.
 
-        Raises ConfigError when an edge is unknown or can't be reached from the one before it.
+        Raises ConfigError when an edge is unknown or cannot be reached from the one before it.
         """
         if len(stops) < 2:
             raise ConfigError(f"{self.network.path}: a route takes two or more edges, got {len(stops)}")
@@ -175,10 +175,10 @@ class Roads:
         return [edge.getID() for edge in found[1:]]
 
     def prior(self, route: Sequence[str]) -> frozenset[Movement]:
-        """Return the ways through junctions to whose traffic a car on a route, edge by edge, must give way.
+        """Return the movements through junctions to which a car on a route, edge by edge, must give way.
 
-        Where both cross or merge and the other has the right of way; at a signal it has it at times. Raises ConfigError
-        when an edge is unknown or does not lead to the next one.
+        These cross the route or merge with it, and have the right of way over it; at a signal, in some phase at least.
+        Raises ConfigError when an edge is unknown or does not lead to the next one.
         """
         found: set[Movement] = set()
         for start, end in pairwise(route):
@@ -191,17 +191,17 @@ class Roads:
         return frozenset(found)
 
     def close(self, movements: Iterable[Movement]) -> None:
-        """Leave these ways through junctions out of all ways that are looked for from now on."""
+        """Exclude these movements through junctions from all routes that are searched from now on."""
         for start, end in movements:
             self.edge(start).getOutgoing().pop(self.edge(end), None)
 
     def fastest(self, start: Any, end: Any) -> tuple[Any, ...]:
-        """Return the fastest way for a car between two of sumolib's edges, empty when there is none."""
+        """Return the fastest route for a car between two of sumolib's edges, empty when there is none."""
         found, _cost = self._net.getFastestPath(start, end, vClass="passenger")
         return tuple(found or ())
 
     def place(self, lane: str, position: float) -> LanePoint:
-        """Return the point of a lane's centre line `position` metres from its start, as SUMO counts them.
+        """Return the point of a lane's centre line at SUMO's `position` [m] from the lane's start.
 
         Raises ConfigError when there is no such lane or the position lies outside it.
         """
@@ -227,7 +227,7 @@ class Roads:
 
 
 def _goes_first(node: Any, other: Any, own: Any) -> bool:
-    """Tell whether traffic of the connection `other` of a junction may have the right of way over `own`."""
+    """Return whether traffic of the connection `other` of a junction may have the right of way over `own`."""
     links = node.getLinkIndex(other), node.getLinkIndex(own)
     if min(links) < 0 or links[0] == links[1]:
         return False

@@ -1,8 +1,8 @@
-"""Cars that stand on the street for the whole drive, exactly where they were declared.
+"""Puts obstacles on the virtual road: cars that stand for the whole drive exactly where they were declared.
 
-The body that radar and contact tests see is the declared box itself. What traffic sees is a stand-in on each lane
-that the box cuts: a vehicle with a declared stop, the one representation that drivers anticipate (they change lanes
-early and queue at their usual gap). Must not know the ego.
+Radar and contact tests see the declared box itself. Traffic sees a proxy vehicle on each lane that the box cuts: a vehicle
+with a declared stop, the only representation to which SUMO's drivers react early (they change lanes ahead of it and
+queue at their usual gap). Must not know the ego.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from vve_sumo.world.proxies import KEEP_ROUTE_GHOST, MATCH_THRESHOLD
 
 OBSTACLE_PROXY_TYPE = "obstacle_stand_in"
 
-#: A lane is blocked when it is cut deeper than this [m].
+#: A lane is blocked when the box, smaller by this on every side, cuts it [m].
 CUT_DEPTH = 0.05
 
-#: An obstacle farther from every lane is a mistake in its coordinates [m].
+#: An obstacle farther than this from every lane is a mistake in its coordinates [m].
 MAX_DISTANCE_FROM_LANES = 50.0
 
 #: A stop that outlasts every drive [s].
@@ -41,7 +41,7 @@ class MapSpot:
 
 @dataclass(frozen=True, slots=True)
 class LaneSpot:
-    """A place given along a lane, facing the way the lane goes."""
+    """A place given along a lane, facing in the lane's direction."""
 
     lane: str  #: of SUMO, such as "street_0"
     position: float  #: of the front bumper from the lane's start, along its drawn centre line [m]
@@ -52,7 +52,7 @@ class LaneSpot:
 class Obstacle:
     """A standing car, declared before the drive."""
 
-    id: str  #: unlike any other actor's
+    id: str  #: different from any other actor's
     at: MapSpot | LaneSpot  #: where it stands
     length: float = 4.5  #: [m]
     width: float = 1.8  #: [m]
@@ -62,8 +62,8 @@ class Obstacle:
 def body(obstacle: Obstacle, lanes: Lanes) -> Box:
     """Return the box of a declared obstacle.
 
-    Raises ConfigError where its numbers are not finite, its size not positive, its lane unknown or too short, or
-    its place off the network.
+    Raises ConfigError for numbers that are not finite, a size that is not positive, an unknown or too short lane, and
+    a place off the network.
     """
     numbers = [getattr(obstacle.at, name) for name in obstacle.at.__slots__ if name != "lane"]
     if not all(map(math.isfinite, [*numbers, obstacle.length, obstacle.width])):
@@ -102,10 +102,10 @@ def _on_lane(obstacle: Obstacle, spot: LaneSpot, lanes: Lanes) -> Box:
 
 
 class Obstacles:
-    """The standing cars of a drive and their stand-ins in SUMO."""
+    """The obstacles of a drive and their proxy vehicles in SUMO."""
 
     def __init__(self, obstacles: Sequence[Obstacle], lanes: Lanes) -> None:
-        """Work out where they stand; raises ConfigError as `body` does, and where two share a name."""
+        """Compute the obstacles' boxes; raises ConfigError as `body` does, and where two share a name."""
         names = [obstacle.id for obstacle in obstacles]
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
@@ -115,7 +115,7 @@ class Obstacles:
         self.stand_ins: frozenset[str] = frozenset()
 
     def enter(self) -> None:
-        """Put the stand-ins on the still empty street; they hold from the coming step on."""
+        """Put the proxies on the still empty road; they are effective from the coming step on."""
         names: list[str] = []
         for cut in self._blocked():
             names.append(f"{OBSTACLE_PROXY_TYPE}.{len(names)}")
@@ -123,7 +123,7 @@ class Obstacles:
         self.stand_ins = frozenset(names)
 
     def settle(self) -> None:
-        """Declare their stops, one step after they entered: SUMO takes a stop only from a vehicle on its lane."""
+        """Declare the proxies' stops, one step after `enter`: SUMO accepts a stop only for a vehicle on its lane."""
         for name in self.stand_ins:
             lane = libsumo.vehicle.getLaneID(name)
             edge, _, index = lane.rpartition("_")
@@ -131,7 +131,7 @@ class Obstacles:
             libsumo.vehicle.setSpeed(name, -1.0)
 
     def _blocked(self) -> Iterable[Cut]:
-        """The part of each lane that a box cuts; boxes that share a lane each have their own."""
+        """Yield the part of each lane that each box cuts; boxes that share a lane each have their own part."""
         for _, box in self.declared:
             yield from self._lanes.cut(box.grown(-CUT_DEPTH)).values()
 

@@ -1,6 +1,6 @@
-"""Builds straight, wide, empty streets of our own making, each with a path along the middle of its middle lane.
+"""Builds synthetic, straight, wide, empty roads, each with a path along the middle of its middle lane.
 
-The places are made up, so nothing here is anybody's map data. Knows nothing of cars or of what is measured there.
+The places are invented, so that no map data is used. Knows nothing of cars or of what is measured there.
 Usage: python -m vve_sumo.world.proving_ground [proving_ground | test_track] NETWORK.net.xml PATH.csv
 """
 
@@ -17,9 +17,9 @@ from vve_sumo.frames import MapFrame
 from vve_sumo.world.build import netconvert, projection, tidy
 from vve_sumo.world.network import Network, lane_shapes, read_network
 
-ORIGIN = (40.0, -83.0)  #: of the projection, and the middle of every street: round numbers, not a place [deg]
+ORIGIN = (40.0, -83.0)  #: latitude, longitude of the projection and of the middle of every road, round numbers [deg]
 LANES, LANE_WIDTH = 3, 4.0  #: each way, and their width [m]
-RUN_IN = 60.0  #: of street before the path begins [m]
+RUN_IN = 60.0  #: length of road before the path begins [m]
 SPACING = 5.0  #: between two points of the path [m]
 DECIMALS = 10  #: of a degree: a hundredth of a millimetre
 
@@ -27,7 +27,7 @@ NOTE = "A proving ground of our own making: it stands for no place on Earth and 
 
 
 class Ground(NamedTuple):
-    """A street that runs due east."""
+    """A road that runs due east."""
 
     name: str  #: of its network, its path and its edge
     length: float  #: [m]
@@ -42,7 +42,7 @@ GROUNDS = {ground.name: ground for ground in (PROVING_GROUND, TEST_TRACK)}
 
 
 def build_proving_ground(network: Path, path: Path, ground: Ground = PROVING_GROUND) -> Network:
-    """Write the street to `network`, its path to `path`; raises ConfigError as `netconvert`."""
+    """Write the road to `network` and its path to `path`; raises ConfigError as `netconvert` does."""
     with tempfile.TemporaryDirectory() as folder:
         nodes, edges, raw = (Path(folder) / name for name in ("ground.nod.xml", "ground.edg.xml", "raw.net.xml"))
         nodes.write_text(_nodes(ground), encoding="utf-8")
@@ -56,7 +56,7 @@ def build_proving_ground(network: Path, path: Path, ground: Ground = PROVING_GRO
 
 
 def _nodes(ground: Ground) -> str:
-    """The street's ends, in degrees, as netconvert wants them of what it is to project."""
+    """Return netconvert's nodes file with the road's two ends, in degrees."""
     frame = MapFrame(projection(ORIGIN))
     rows = []
     for name, x in (("west", -0.5 * ground.length), ("east", 0.5 * ground.length)):
@@ -74,7 +74,7 @@ def _edges(ground: Ground) -> str:
 
 
 def _path(network: Network, ground: Ground) -> str:
-    """The path as CSV: along the middle of the eastward lanes."""
+    """Return the path as CSV, along the middle one of the eastward lanes."""
     frame = network.frame()
     left, low, right, high = network.boundary
     lanes = lane_shapes(network.path, (left - 1.0, low - 50.0, right + 1.0, high + 50.0))
@@ -92,7 +92,7 @@ def _path(network: Network, ground: Ground) -> str:
 
 
 def main() -> None:
-    """Build the files of one street where the command line says."""
+    """Build the files of one road at the places given on the command line."""
     name, network, path = sys.argv[1:] if len(sys.argv) == 4 else (PROVING_GROUND.name, *sys.argv[1:])
     if name not in GROUNDS:
         raise ConfigError(f"no street named {name!r}; known: {', '.join(GROUNDS)}")

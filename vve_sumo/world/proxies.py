@@ -1,9 +1,9 @@
-"""Makes the traffic of every lane that the ego's body lies on see it.
+"""Makes the ego visible to the traffic of every lane on which its body lies, by proxy vehicles.
 
-SUMO shows an external car only to the lane its front bumper is mapped to, and takes its body to lie along that lane.
-A car across a lane line, across the road, or with its nose off the road is driven through. So wherever the body
-leaves its own line of lanes, each lane that it cuts gets a ghost: an unseen vehicle covering the part that is cut.
-Must not know poses over time or why the ego is where it is.
+SUMO shows an external car only to the lane to which its front bumper is mapped, and assumes that its body lies along
+that lane. Traffic drives through a car that lies across a lane line, across the road, or with its front off the road.
+So where the body leaves its own line of lanes, each lane that it cuts gets a proxy vehicle that covers the part that is
+cut. Proxies are no actors: sensors do not see them. Must not know poses over time or why the ego is where it is.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from vve_sumo.world.lanes import Cut, Lane, Lanes, holds, in_line
 
 EGO_PROXY_TYPE = "ego_ghost"
 
-#: A lane gets its ghost when it is cut deeper than this [m], and loses it when it is not cut at all: centimetres of
-#: GNSS noise beside a lane line shall not make a ghost come and go.
+#: A lane gets its proxy when the body, smaller by this on every side, cuts it [m], and loses the proxy when the body
+#: does not cut it at all: so centimetres of GNSS noise beside a lane line do not make a proxy come and go.
 CUT_DEPTH = 0.05
 
-#: SUMO wants vehicles to have a length [m].
+#: Smallest length of a proxy [m]: SUMO needs a length above 0.
 MIN_LENGTH = 0.1
 
-#: Smallest change of length that is passed on [m].
+#: A change of length is passed on to SUMO above this [m].
 LENGTH_STEP = 0.01
 
-#: Lanes behind the one that holds the front bumper which may still hold the tail: a short junction has two pieces.
+#: Number of newest lanes, front bumper's included, that may hold the body: a short junction has two pieces.
 LANES_BEHIND = 4
 
-#: moveToXY: exact place, any edge, permissions ignored (a ghost or an obstacle may stand on a bus or bicycle lane).
+#: Flag of moveToXY for an exact place, any edge and no permissions: proxies and obstacles may stand on a bus lane.
 KEEP_ROUTE_GHOST = 6
 MATCH_THRESHOLD = 5.0
 
 
 class ProxyVehicles:
-    """The ghosts of one body; empty while an ego lies within its own line of lanes."""
+    """The proxy vehicles of one body; none while the ego lies within its own line of lanes."""
 
     def __init__(self, lanes: Lanes, name: str = EGO_PROXY_TYPE) -> None:
-        """Ghosts are named after `name`, unlike any other body's."""
+        """The names of the proxies begin with `name`, which must be different for each body."""
         self._lanes, self._name = lanes, name
         self._line: deque[Lane] = deque(maxlen=LANES_BEHIND)
         self._by_lane: dict[str, str] = {}
@@ -50,19 +50,20 @@ class ProxyVehicles:
 
     @property
     def ids(self) -> frozenset[str]:
-        """Names of the vehicles that stand for the body and are no actors."""
+        """Names of the proxies, which are no actors."""
         return frozenset(self._by_lane.values())
 
     @property
     def lanes(self) -> tuple[str, ...]:
-        """Lanes that have a ghost now."""
+        """Lanes that have a proxy now."""
         return tuple(self._by_lane)
 
     def place(self, body: Box, speed: float, lane: str) -> None:
-        """Put a ghost on each lane that the ego cuts, for the coming step.
+        """Put a proxy on each lane that the ego cuts, for the coming step.
 
-        `body` and `speed` [m/s] are the ego's at the coming step, `lane` the one SUMO last mapped it to ("" is
-        none). Raises SUMO's errors.
+        No proxy is put while the body lies within its own line of lanes and outside junctions. `body` and
+        `speed` [m/s] are the ego's at the coming step, `lane` the lane to which SUMO last mapped it ("" is none).
+        Raises SUMO's errors.
         """
         self._remember(lane)
         corners = body.corners()
@@ -73,9 +74,9 @@ class ProxyVehicles:
         self.cover(body, speed, self._lanes.cut)
 
     def cover(self, body: Box, speed: float, cut: Callable[[Box], dict[str, Cut]]) -> None:
-        """Put a ghost on each lane that a body cuts, for the coming step, whether it lies within one or not.
+        """Put a proxy on each lane that a body cuts, for the coming step, even where it lies within one lane.
 
-        `speed` [m/s] is the body's at the coming step, `cut` tells what a box cuts. Raises SUMO's errors.
+        `speed` [m/s] is the body's at the coming step; `cut` returns the lanes that a box cuts. Raises SUMO's errors.
         """
         cuts = cut(body)
         if cuts.keys() - self._by_lane.keys():
@@ -86,11 +87,11 @@ class ProxyVehicles:
             self._show(part, body.heading, speed)
 
     def leave(self) -> None:
-        """Take every ghost off the street; raises SUMO's errors."""
+        """Remove every proxy; raises SUMO's errors."""
         self._keep({})
 
     def _remember(self, name: str) -> None:
-        """Keep the lanes that the ego came along, newest first."""
+        """Keep the lanes along which the ego came, newest first."""
         if self._line and self._line[0].id == name:
             return
         if self._line and not self._lanes.follows(self._line[0].id, name):
@@ -99,7 +100,7 @@ class ProxyVehicles:
             self._line.appendleft(self._lanes.by_id[name])
 
     def _in_junction(self, corners: Corners) -> bool:
-        """Whether a part of the body that lies in its own line of lanes lies where other lanes cross those."""
+        """Return whether a corner of the body lies on a lane inside a junction, where other lanes may cross."""
         inside = [lane.bands for lane in self._line if lane.id.startswith(":")]
         return any(holds(bands, x, y) for bands in inside for x, y in corners)
 

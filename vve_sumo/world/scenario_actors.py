@@ -1,8 +1,8 @@
-"""Puts the actors that a scenario moves onto SUMO's street, so that its traffic sees them on every lane they cut.
+"""Puts the actors that a scenario moves on the virtual road, so that traffic sees them on every lane that they cut.
 
-The body that radar and contact tests see is the player's own box. What traffic sees are ghosts, as where the ego leaves
-its line of lanes: SUMO drives over persons on a lane for cars, and takes a vehicle to lie along one lane only. Must not
-know why a player is where it is.
+Radar and contact tests see the actor's own box. Traffic sees proxy vehicles, as for an ego that leaves its line of
+lanes: SUMO's drivers drive over persons on a lane for cars, and SUMO assumes that a vehicle lies along one lane only.
+Must not know why an actor is where it is.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from vve_sumo.world.lanes import Cut, Lanes, cuts
 from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
 from vve_sumo.world.surroundings import cross_section
 
-#: As radar sees them, where SUMO has another word for the kind.
+#: From a scenario's kind of actor to SUMO's vehicle class, where their names differ; for the radar cross section.
 SUMO_CLASSES: Final = {"car": "passenger", "van": "delivery"}
 
-#: Half way round the Earth: no map is larger [m].
+#: Half the Earth's circumference [m]: no map is larger.
 MAX_COORDINATE: Final = 2e7
 
 
 def box_of(actor: ActorState) -> Box:
-    """Return the ground that a player covers."""
+    """Return the box of an actor."""
     return Box(actor.x, actor.y, actor.heading, actor.length, actor.width)
 
 
 class ScenarioActors:
-    """The players on the street and the ghosts by which SUMO's traffic sees each."""
+    """The scenario's actors on the virtual road, and the proxies by which SUMO's traffic sees each."""
 
     def __init__(self, lanes: Lanes) -> None:
         self._lanes = lanes
         self._on: tuple[ActorState, ...] = ()
         self._shadows: dict[str, Shadow] = {}
-        self.ids: frozenset[str] = frozenset()  #: names of the vehicles that stand for players and are no actors
+        self.ids: frozenset[str] = frozenset()  #: names of the actors' proxies
 
     def place(self, actors: Sequence[ActorState]) -> tuple[ActorState, ...]:
-        """Have these on the street at the coming step and no others; return those that were not on it before.
+        """Have exactly these actors on the road at the coming step; return those that were not on it before.
 
-        One whose numbers are not finite, or that is off the Earth, is left out. Raises SUMO's errors.
+        An actor whose numbers are not finite or beyond MAX_COORDINATE is left out. Raises SUMO's errors.
         """
         self._on = tuple(actor for actor in actors if _somewhere(actor))
         here = {actor.id for actor in self._on}
@@ -54,7 +54,7 @@ class ScenarioActors:
         return entered
 
     def show(self) -> None:
-        """Have SUMO's traffic see them at the coming step; raises SUMO's errors."""
+        """Place the actors' proxies for the coming step; raises SUMO's errors."""
         if not self._on and not self.ids:
             return
         for actor in self._on:
@@ -62,13 +62,13 @@ class ScenarioActors:
         self.ids = frozenset().union(*(shadow.ids for shadow in self._shadows.values()))
 
     def seen(self) -> Iterator[tuple[ActorState, float]]:
-        """Return who is on the street, each with its radar cross section [m2]."""
+        """Yield the actors on the road, each with its radar cross section [m2]."""
         for actor in self._on:
             yield actor, cross_section(SUMO_CLASSES.get(actor.kind, actor.kind))
 
 
 class Shadow:
-    """What traffic sees of one player."""
+    """The proxies of one actor."""
 
     def __init__(self, actor: ActorState, lanes: Lanes) -> None:
         self._nearby = lanes.nearby(box_of(actor).radius)
@@ -76,15 +76,15 @@ class Shadow:
 
     @property
     def ids(self) -> frozenset[str]:
-        """Names of the vehicles that stand for the player."""
+        """Names of the actor's proxies."""
         return self._ghosts.ids
 
     def show(self, actor: ActorState) -> None:
-        """Cover the lanes that the player will cut; raises SUMO's errors."""
+        """Place a proxy on each lane that the actor will cut; raises SUMO's errors."""
         self._ghosts.cover(box_of(actor), min(actor.speed, MAX_SPEED), self._cut)
 
     def leave(self) -> None:
-        """Take it off the street; raises SUMO's errors."""
+        """Remove the actor's proxies; raises SUMO's errors."""
         self._ghosts.leave()
 
     def _cut(self, box: Box) -> dict[str, Cut]:
@@ -92,6 +92,6 @@ class Shadow:
 
 
 def _somewhere(actor: ActorState) -> bool:
-    """Whether it is at a place on Earth, facing some way at some speed."""
+    """Return whether heading and speed are finite and the place is within MAX_COORDINATE."""
     known = math.isfinite(actor.heading) and math.isfinite(actor.speed)
     return known and abs(actor.x) <= MAX_COORDINATE and abs(actor.y) <= MAX_COORDINATE

@@ -1,6 +1,6 @@
 """Starts, steps and closes the one SUMO simulation of this process, with the options that an external car needs.
 
-Must not know the ego, its synchronisation or any obstacle; the rest of the room talks to `libsumo` through this module.
+Must not know the ego, its synchronisation or any obstacle.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ import libsumo
 
 from vve_sumo.errors import ConfigError, SimulationError
 
-#: The release whose moveToXY, ghost and stop behaviour the tests of this room pin down.
+#: The release whose behaviour of moveToXY, proxies and stops the tests of this package check.
 SUMO_VERSION = "1.28.0"
 
-#: FatalTraCIError is not a TraCIException, so both have to be named.
+#: libsumo's errors; FatalTraCIError is not a TraCIException, so both are listed.
 SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError)
 
 NETWORK_ROOTS = ("net",)
 DEMAND_ROOTS = ("routes", "additional")
 
-#: Warnings of one kind that are kept in full; a car pushed into traffic can cause thousands.
+#: Number of warnings of one kind that are kept in full; a car placed in traffic can cause thousands.
 WARNINGS_KEPT = 20
 
 OPTIONS = (
-    # Own rectangle tests decide about contact; these make SUMO's own opinion mean physical contact too.
+    # Contact is decided by our own test of rectangles; with these SUMO's collision warnings mean physical contact too.
     ("--collision.action", "warn"),
     ("--collision.mingap-factor", "0"),
     ("--collision.check-junctions", "true"),
-    # Nobody is lifted out of a jam that a standing ego causes.
+    # No vehicle is teleported out of a jam that a standing ego causes.
     ("--time-to-teleport", "-1"),
-    # Without it a car that changes lanes is on the other one a step later: no radar ever saw a car jump sideways.
+    # A lane change takes time; by default SUMO's cars jump to the other lane in one step.
     ("--lanechange.duration", "3"),
     # All demand is read at start, so that a bad route is found before the car moves.
     ("--route-steps", "0"),
-    # SUMO wants it as soon as a type acts less often than every step, and would warn and set it by itself.
+    # SUMO needs this if a vehicle type acts less often than every step, and would otherwise warn and set it itself.
     ("--step-method.ballistic", "true"),
     ("--no-step-log", "true"),
     ("--duration-log.disable", "true"),
@@ -50,16 +50,16 @@ OPTIONS = (
 
 
 def check_version(installed: str = libsumo.__version__) -> None:
-    """Raise ConfigError unless this is the SUMO release that the room was tested against."""
+    """Raise ConfigError unless this is the SUMO release against which this package was tested."""
     if installed != SUMO_VERSION:
         raise ConfigError(f"libsumo: version {SUMO_VERSION} is required, {installed} is installed")
 
 
 def check_input(file: Path, roots: Sequence[str]) -> str:
-    """Return the name of an XML file's root element, having read it to the end.
+    """Read an XML file to its end and return the name of its root element.
 
-    libsumo dies of a segmentation fault on a network that is not well-formed, so it never sees one.
-    Raises ConfigError where the file is missing, not XML, or of another kind than one of `roots`.
+    A network that is not well-formed makes libsumo crash with a segmentation fault; this check prevents it.
+    Raises ConfigError where the file is missing, not XML, or its root element is not one of `roots`.
     """
     parser = xml.parsers.expat.ParserCreate()
     seen: list[str] = []
@@ -84,7 +84,7 @@ def check_input(file: Path, roots: Sequence[str]) -> str:
 class Simulation:
     """The SUMO simulation; one at a time in a process.
 
-    What SUMO writes to stderr is caught: causes of errors become their text, warnings are kept in `warnings`.
+    SUMO's output on stderr is captured: it gives the text of errors, and `warnings`.
     """
 
     def __init__(self, network: Path, demand: Sequence[Path], seed: int, period: float) -> None:
@@ -124,7 +124,7 @@ class Simulation:
             raise SimulationError(f"SUMO's step failed: {self._cause(error)}") from error
 
     def run_until(self, time: float) -> None:
-        """Advance to a SUMO time [s] in one go; raises SimulationError with SUMO's reason."""
+        """Advance to a SUMO time [s] in one call; raises SimulationError with SUMO's reason."""
         try:
             with self._caught():
                 libsumo.simulationStep(time)
@@ -133,13 +133,13 @@ class Simulation:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What SUMO complained about so far, a line each."""
+        """SUMO's warnings so far, one line each."""
         return tuple(line for line in self._written().splitlines() if line.strip())
 
     def close(self) -> None:
         """End the simulation.
 
-        One more step first: a process whose last moveToXY was not followed by a step dies at its next start.
+        One more step is made first: if no step followed the last moveToXY, libsumo crashes at its next start.
         """
         if self._console.closed:
             return
@@ -153,7 +153,7 @@ class Simulation:
 
     @contextmanager
     def _caught(self) -> Iterator[None]:
-        # SUMO writes to file descriptor 2 itself. No Python thread can write there meanwhile: libsumo holds
+        # SUMO writes directly to file descriptor 2. No Python thread can write there meanwhile, because libsumo holds
         # the interpreter lock during a step.
         kept = os.dup(2)
         os.dup2(self._console.fileno(), 2)

@@ -1,7 +1,7 @@
 """Keeps SUMO's step short enough for a live tick: refuses and thins traffic before a deadline is at risk.
 
-Takes how long each step took; has no clock of its own and knows nothing of ticks. What it takes off the street is far
-from the ego and never an obstacle, a ghost or the ego.
+Takes how long each step took; has no clock of its own and knows nothing of ticks. It removes only traffic far from the
+ego, never an obstacle, a proxy or the ego.
 """
 
 from __future__ import annotations
@@ -15,59 +15,59 @@ from typing import Any, Final
 
 import libsumo
 
-LIMIT: Final = 0.012  #: what a step may take of a tick's 20 ms [s]: the rest is the tick itself and the machine's whims
+LIMIT: Final = 0.012  #: longest step within a tick of 20 ms [s]; the rest is for the tick and the machine's jitter
 RELAX_SHARE: Final = 0.6  #: below this share of the limit there is room for more traffic
 
-#: The third longest of so many steps is judged: two hiccups of the machine are not the traffic's, while what comes back
-#: once a second (drivers who all act in the same step) is.
+#: The RANK-th longest of the last WINDOW steps is judged. Two outliers may be the machine's; a load that recurs once a
+#: second, such as drivers who all act in the same step, is the traffic's.
 WINDOW: Final = 150
 RANK: Final = 3
 
-SETTLING_STEPS: Final = 50  #: steps between two measures: time for the one before to show
-PROTECTED_RADIUS: Final = 250.0  #: around the ego nothing is taken off the street [m]; the radar reaches less far
-MIN_REMOVED_SHARE: Final = 0.1  #: of the vehicles, taken off at a time
+SETTLING_STEPS: Final = 50  #: steps between two measures, in which the first can take effect
+PROTECTED_RADIUS: Final = 250.0  #: no vehicle nearer to the ego is removed [m]; beyond the radar's range
+MIN_REMOVED_SHARE: Final = 0.1  #: smallest share of the vehicles that is removed at a time
 
 
 class Measure(enum.Enum):
     """What is to be done about the traffic after a step."""
 
     NOTHING = enum.auto()
-    REFUSE = enum.auto()  #: from now on nobody enters the street
-    THIN = enum.auto()  #: take some of those off that are far away
-    ADMIT = enum.auto()  #: the street may fill again
+    REFUSE = enum.auto()  #: from now on no vehicle enters far from the ego
+    THIN = enum.auto()  #: remove some vehicles that are far away
+    ADMIT = enum.auto()  #: vehicles may enter again
 
 
 @dataclass(slots=True)
 class Summary:
-    """What the street's load was and what was done about it, for the record."""
+    """SUMO's step times and the measures taken, for the record."""
 
-    limit_s: float  #: what a step may take
-    steps: int = 0  #: measured
-    longest_s: float = 0.0  #: of all steps
-    worst_s: float = 0.0  #: greatest value that was judged
-    before_s: float = math.nan  #: what was judged when the first measure was taken; NaN if none was
-    now_s: float = math.nan  #: what was judged last; NaN while too few steps were measured
-    refusals: int = 0  #: times that the street was closed to departures
-    refused: int = 0  #: vehicles turned away while it was closed
-    removed: int = 0  #: vehicles taken off
+    limit_s: float  #: longest step allowed
+    steps: int = 0  #: number of measured steps
+    longest_s: float = 0.0  #: longest of all steps
+    worst_s: float = 0.0  #: greatest judged value
+    before_s: float = math.nan  #: judged value at the first measure; NaN if there was none
+    now_s: float = math.nan  #: last judged value; NaN while too few steps were measured
+    refusals: int = 0  #: how often the road was closed to departures
+    refused: int = 0  #: vehicles removed at their departure while it was closed
+    removed: int = 0  #: vehicles removed by thinning
     fits: bool = False  #: whether the last steps kept the limit
 
 
 class StepTimeJudge:
-    """Judges the time that steps take; decides, and does nothing itself."""
+    """Decides, from the time that steps take, which measure is due; takes none itself."""
 
     def __init__(self, limit: float = LIMIT) -> None:
         """Keep steps below `limit` [s]."""
         self.summary = Summary(limit)
         self.closed = False  #: whether departures are refused
-        self.share = 0.0  #: of the vehicles to be taken off at the next thinning
+        self.share = 0.0  #: share of the vehicles that the next thinning removes
         self._times: deque[float] = deque(maxlen=WINDOW)
         self._since = 0  # steps since the last measure
-        self._patience = WINDOW  # steps with room before the street opens again; doubles each time
+        self._patience = WINDOW  # steps after a measure before the road may open again; doubles each time
 
     def step(self, took: float) -> Measure:
-        """Take the time of a step [s] and say what is to be done."""
-        self._times.append(took if took >= 0.0 else math.inf)  # a NaN is no short time
+        """Take the duration of a step [s] and return the measure that is due."""
+        self._times.append(took if took >= 0.0 else math.inf)  # NaN must not count as a short step
         self._since += 1
         summary, judged = self.summary, self._judged()
         summary.steps += 1
@@ -92,21 +92,21 @@ class StepTimeJudge:
         return Measure.NOTHING
 
     def _hold_back(self, judged: float) -> Measure:
-        """Close the street first; thin it where that was not enough."""
+        """Close the road to departures first; thin its traffic where that was not enough."""
         if math.isnan(self.summary.before_s):
             self.summary.before_s = judged
         measure = Measure.THIN if self.closed else Measure.REFUSE
         self.summary.refusals += not self.closed
         self.closed, self._since = True, 0
-        # The time is about in proportion to the traffic.
+        # The time is about proportional to the number of vehicles.
         self.share = max(MIN_REMOVED_SHARE, 1.0 - self.summary.limit_s / judged)
-        # What was slow before the measure must not be held against the traffic that is left.
+        # Slow steps before the measure do not count against the remaining traffic.
         self._times.clear()
         return measure
 
 
 class StepTimeBudget:
-    """The traffic of the running simulation, held within what a live tick has room for."""
+    """Limits the traffic of the running simulation so that SUMO's step fits into a live tick."""
 
     def __init__(self, limit: float = LIMIT) -> None:
         """Keep steps below `limit` [s]."""
@@ -115,19 +115,19 @@ class StepTimeBudget:
 
     @property
     def fits(self) -> bool:
-        """Whether enough steps were measured on this street and they kept the limit; without it no car is armed."""
+        """Whether enough steps were measured and kept the limit; otherwise no car is armed."""
         return self._budget.summary.fits
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What was measured and done so far, for the record; times not known are None."""
+        """The figures so far, for the record; unknown times are None."""
         values = asdict(self._budget.summary)
         return {name: None if value != value else value for name, value in values.items()}
 
     def step(self, took: float, x: float, y: float, keep: Set[str]) -> None:
-        """Take the time of the step just made [s]; hold the traffic back if need be.
+        """Take the duration of the last step [s]; refuse or remove traffic where it is due.
 
-        `x`, `y` [m] is where the ego is, `keep` the vehicles that are no traffic. Raises SUMO's errors.
+        `x`, `y` [m] is the ego's place; `keep` are the vehicles that are not traffic. Raises SUMO's errors.
         """
         budget = self._budget
         self._stagger(budget.summary.steps, keep)
@@ -139,10 +139,10 @@ class StepTimeBudget:
             budget.summary.removed += _remove(far[: math.ceil(budget.share * (len(everyone) - len(keep)))])
 
     def _stagger(self, step: int, keep: Set[str]) -> None:
-        """Spread the moments at which drivers act over their action steps, during the first steps.
+        """Spread the times at which drivers act over the steps of their action step length, during the first steps.
 
-        All that were under way at the start entered in the same step and would act in the same steps for ever: one step
-        in five or in fifty would carry all the work.
+        Drivers under way at the start entered in the same step and would always act in the same steps: one step in five
+        or in fifty would carry all the work.
         """
         if self._to_stagger is None:
             self._to_stagger = _spread([name for name in libsumo.vehicle.getIDList() if name not in keep])
@@ -154,7 +154,7 @@ class StepTimeBudget:
 
 
 def _spread(names: list[str]) -> dict[int, list[tuple[str, float]]]:
-    """Return, by step from now on, the vehicles that are to act then, each with the length of its action step [s]."""
+    """Return, by step from now on, the vehicles that shall act in it, each with its action step length [s]."""
     period = libsumo.simulation.getDeltaT()
     turns: dict[int, list[tuple[str, float]]] = {}
     for i, name in enumerate(names):
@@ -166,7 +166,7 @@ def _spread(names: list[str]) -> dict[int, list[tuple[str, float]]]:
 
 
 def _far(names: tuple[str, ...], x: float, y: float, keep: Set[str]) -> list[str]:
-    """Return the vehicles beyond PROTECTED_RADIUS of the ego that are traffic, farthest first."""
+    """Return the traffic beyond PROTECTED_RADIUS of the ego, farthest first."""
     distances = []
     for name in names:
         if name not in keep:

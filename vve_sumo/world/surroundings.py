@@ -1,6 +1,6 @@
-"""Reads the boxes of everything near the ego out of SUMO, a column per quantity.
+"""Reads the actors near the ego from SUMO into a table, one column per quantity.
 
-Must not know what looks at them; radar, contact tests and the record take the table as it is.
+Must not know what uses the table; radar, contact tests and the record take it as it is.
 """
 
 from __future__ import annotations
@@ -38,36 +38,36 @@ RADAR_CROSS_SECTIONS = {
     "scooter": 1.0,
     "wheelchair": 1.0,
     "pedestrian": 0.5,
-    "child": 0.25,  # no class of SUMO's, but a kind of player: half the surface of an adult
+    "child": 0.25,  # not a class of SUMO, but a kind of scenario actor: half the surface of an adult
 }
 OTHER_CROSS_SECTION = 10.0
 
-#: SUMO measures to the front bumper; no road vehicle's centre is farther behind it [m].
+#: Greatest distance from a road vehicle's front bumper, to which SUMO measures, back to its centre [m].
 MAX_CENTRE_DISTANCE = 15.0
 
-#: Whose centre is farther off than this along an axis of the map is in nobody's way [m].
+#: A vehicle whose centre is farther from the ego's than this along an axis of the map is in no standoff [m].
 CLOSE = 30.0
 
 VARIABLES = (libsumo.VAR_POSITION, libsumo.VAR_SPEED, libsumo.VAR_ANGLE)
 
-#: Bodies of vehicles that left are forgotten when so many more are known than seen.
+#: Cached bodies are dropped when the cache holds so many more vehicles than SUMO reports near the ego.
 MAX_FORGOTTEN = 256
 
 
 NO_COLUMNS = (np.empty(0),) * 8
 
-#: A vehicle that is faster across its heading [m/s] only went over a kink in how the lanes are drawn: a car on a dry
-#: road does not slip more. SUMO turns a body into a lane change, and its centre is at most half as fast across as
-#: the change is (0.5 m/s for 3.2 m in 3 s).
+#: A greater lateral speed [m/s] is taken as 0: it comes from a kink in the drawn lanes, because a car on a dry road
+#: does not slip more. In a lane change SUMO also turns the body, so that its centre moves across its heading at most
+#: half as fast as the change itself (0.5 m/s for 3.2 m in 3 s).
 MAX_LATERAL_SPEED = 1.5
 
-#: A body's tail swings around its front no faster [m/s]: where a lane change begins in a junction, SUMO turns a body by
-#: up to 0.3 rad in one step. A car at 10 m/s in a turn of 6 m radius swings it at 8 m/s.
+#: Greatest speed at which a body's tail may swing around its front [m/s]. Where a lane change begins in a junction,
+#: SUMO turns a body by up to 0.3 rad in one step. The tail of a car at 10 m/s in a turn of 6 m radius swings at 8 m/s.
 MAX_TAIL_SWING = 15.0
 
 
 class Body(NamedTuple):
-    """What of an actor does not change."""
+    """The constant properties of an actor."""
 
     length: float  #: [m]
     width: float  #: [m]
@@ -85,10 +85,10 @@ def cross_section(kind: str) -> float:
 
 
 class Surroundings:
-    """The actors within a range of the ego."""
+    """Reads the actors within a range of the ego."""
 
     def __init__(self, reach: float, obstacles: Sequence[tuple[Obstacle, Box]]) -> None:
-        """Look as far as `reach` [m] from the ego's front bumper to an actor's centre."""
+        """`reach` [m] is the range from the ego's front bumper to an actor's centre."""
         self._reach = reach
         self._obstacles = [
             (declared.id, box, Body(box.length, box.width, cross_section(declared.kind))) for declared, box in obstacles
@@ -98,7 +98,7 @@ class Surroundings:
         self._time = math.nan
 
     def watch(self) -> None:
-        """Have SUMO gather the vehicles near the ego in every step; to be called whenever the ego entered."""
+        """Subscribe to the vehicles near the ego in every step; call it whenever the ego has entered."""
         reach = self._reach + MAX_CENTRE_DISTANCE
         libsumo.vehicle.subscribeContext(EGO, libsumo.CMD_GET_VEHICLE_VARIABLE, reach, VARIABLES)
 
@@ -107,9 +107,9 @@ class Surroundings:
     ) -> Actors:
         """Return the actors around x, y [m] at a drive time [s], without the vehicles in `hidden`.
 
-        Vehicles by name, then persons on foot, then obstacles, then players, each with its radar cross section [m2].
-        A vehicle's speed across its heading is its mean since the snapshot before. Its front is where SUMO has it; its
-        body turns as SUMO's does, but no faster than a body can. Raises SUMO's errors.
+        Rows are vehicles by name, persons on foot, obstacles, and `players`: the scenario's actors, each with its radar
+        cross section [m2]. A vehicle's lateral speed is the mean since the last snapshot. Its front is where SUMO has
+        it; its heading follows SUMO's, limited by MAX_TAIL_SWING. Raises SUMO's errors.
         """
         found = [*self._vehicles(time, hidden), *_persons()]
         found += [(name, box.x, box.y, box.heading, 0.0, body, 0.0) for name, box, body in self._obstacles]
@@ -121,7 +121,7 @@ class Surroundings:
         return table(time, [row for row in found if (row[1] - x) ** 2 + (row[2] - y) ** 2 <= limit])
 
     def standing(self, seen: Actors, near: Box) -> list[tuple[str, Box]]:
-        """Return the vehicles of the last snapshot that stand within `CLOSE` of a body, with the ground they cover."""
+        """Return the vehicles of the last snapshot that stand within `CLOSE` of a body, with their boxes."""
         at = np.flatnonzero(
             (np.abs(seen.speed) < STANDING) & (np.abs(seen.x - near.x) < CLOSE) & (np.abs(seen.y - near.y) < CLOSE)
         )
@@ -160,7 +160,7 @@ class Surroundings:
 
 
 def _persons() -> Iterator[Row]:
-    """Persons by plain queries: in SUMO's answer for an area one with a vehicle's name would replace the vehicle."""
+    """Yield the persons on foot; a subscription would confuse a person and a vehicle of the same name."""
     person = libsumo.person
     for name in person.getIDList():
         if person.getVehicle(name) == "":
@@ -170,22 +170,22 @@ def _persons() -> Iterator[Row]:
 
 
 def followed(before: float, heading: float, most: float) -> float:
-    """Return the heading [rad] that follows another one, turning by at most so much [rad].
+    """Return `heading` [rad], but turned from the heading `before` by at most `most` [rad].
 
-    One that is not a number stays that, for the radar to refuse it, and holds up no heading after it.
+    NaN stays NaN, so that the radar refuses it, and does not affect later headings.
     """
     turn = math.remainder(heading - before, math.tau)
     return math.remainder(before + math.copysign(most, turn), math.tau) if abs(turn) > most else heading
 
 
 def _centre(front_x: float, front_y: float, heading: float, body: Body) -> Place:
-    """SUMO places a body by the middle of its front."""
+    """Return the centre of a body, which SUMO places by the middle of its front, and its heading."""
     half = 0.5 * body.length
     return front_x - half * math.cos(heading), front_y - half * math.sin(heading), heading
 
 
 def _lateral(before: Place, now: Place, period: float) -> float:
-    """Return the mean speed of a centre across the mean of its headings [m/s]."""
+    """Return the mean speed of a centre across the mean heading [m/s], left positive; 0 above MAX_LATERAL_SPEED."""
     if not period > 0.0:
         return 0.0
     heading = before[2] + 0.5 * math.remainder(now[2] - before[2], math.tau)
@@ -202,5 +202,5 @@ def table(time: float, rows: Sequence[Row]) -> Actors:
     columns = (x, y, heading, speed, length, width, section, lateral)
     arrays = [np.array(column) for column in columns]
     for array in arrays:
-        array.setflags(write=False)  # every sensor looks at them, and the record keeps them
+        array.setflags(write=False)  # all sensors and the record share the arrays
     return Actors(time, names, *arrays)

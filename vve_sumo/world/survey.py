@@ -1,7 +1,7 @@
-"""Records a path in the virtual road: a SUMO car drives along given edges, its track becomes a file of positions.
+"""Records a path on the virtual road: a SUMO car drives along given edges, and its track becomes a file of positions.
 
-The track is the car's front bumper, which SUMO keeps on the lanes' centre lines; smoothed, it is where the ego's rear
-axle shall go. Knows nothing of the ego or of traffic.
+The track is of the car's front bumper, which SUMO keeps on the lanes' centre lines. Smoothed, it is the path of the
+ego's rear axle. Knows nothing of the ego or of traffic.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ Floats = NDArray[np.float64]
 
 PERIOD = 0.1  #: between two samples of the track [s]
 SPEED = 5.0  #: of the car that records [m/s]; half a metre a sample
-MAX_DURATION = 7200.0  #: a car that has not arrived by then never will [s]
+MAX_DURATION = 7200.0  #: simulated time after which a car that has not arrived is given up [s]
 SPACING = 1.0  #: between two points of the file [m]
 FINE = 0.5  #: between two points of the track as it is smoothed [m]
 STANDING = 0.05  #: samples nearer than this to the last one were taken at a stop [m]
-LANE_CHANGE = 4.0  #: SUMO changes lanes in one step unless told how long it takes [s]
-SEAM = 100.0  #: of a closed path, smoothed across both ends [m]; many times the reach of the smoothing
+LANE_CHANGE = 4.0  #: duration of a lane change [s]; SUMO's default is one step
+SEAM = 100.0  #: overlap over which a closed path is smoothed across its ends [m]; many times the reach of the smoothing
 WEIGHTS = (1e-3, 1e5)  #: least and greatest weight of the smoothing spline's bending [m3]
 BISECTIONS = 40
 DECIMALS = 10  #: of a degree: a hundredth of a millimetre
 
 
 class Survey(NamedTuple):
-    """What was recorded."""
+    """Figures of the recorded path."""
 
     edges: tuple[str, ...]  #: driven, in order
     length: float  #: of the path [m]
     points: int  #: written
-    deviation: float  #: of the path from the recorded track, greatest [m]
-    curvature: float  #: of the cubic path through the points, greatest [1/m]
-    curvature_rate: float  #: change of it over arc length, greatest [1/m2]
+    deviation: float  #: greatest distance of the path from the recorded track [m]
+    curvature: float  #: greatest curvature of the cubic path through the points [1/m]
+    curvature_rate: float  #: greatest change of curvature over arc length [1/m2]
 
 
 def record_path(
@@ -58,10 +58,11 @@ def record_path(
 ) -> Survey:
     """Drive a SUMO car from edge `start` through the edges `via` to edge `end` and write its track to `out` as CSV.
 
-    Positions count along the edges [m]; no `end_position` means the edge's end. Between the edges named the shortest
-    way is taken. The track is smoothed until it departs from the lanes' centre by `tolerance` [m]. A drive that ends
-    where it began gives a closed path, smooth across the seam, whose last point repeats its first. Starts libsumo in
-    this process. Raises ConfigError on an unknown edge, a position that is not on its edge, or no way.
+    Positions count along the edges [m]; without `end_position` the drive ends at the edge's end. Between the named
+    edges the car takes the shortest route. The track is smoothed as far as it stays within `tolerance` [m] of the
+    recorded one. A drive that ends where it began gives a closed path, smooth across the seam, whose last point repeats
+    its first. Starts libsumo in this process. Raises ConfigError on an unknown edge, a position that is not on its
+    edge, or where no route exists.
     """
     if not (math.isfinite(tolerance) and tolerance > 0.0):
         raise ConfigError(f"tolerance {tolerance}: expected a length above zero [m]")
@@ -117,7 +118,7 @@ def _moved(track: Floats) -> Floats:
 
 
 def _smoothed(track: Floats, tolerance: float, closed: bool) -> tuple[Floats, float]:
-    """Return points every SPACING metres of the smoothest spline within `tolerance`, and its greatest departure.
+    """Return points about every SPACING of the smoothest spline within `tolerance`, and its greatest departure.
 
     The cubic smoothing spline (Reinsch 1967) over the track's arc length; straight stretches stay as they are.
     """

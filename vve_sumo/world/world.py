@@ -1,6 +1,6 @@
-"""The street as a drive holds it: place the ego, step, read the actors, ask for contact.
+"""The virtual road of a drive: places the ego, steps SUMO, reads the actors, tests for contact.
 
-Puts the other modules of this room together; must not know controllers, wire formats or clocks.
+Combines the other modules of this package; must not know controllers or wire formats.
 """
 
 from __future__ import annotations
@@ -24,15 +24,14 @@ from vve_sumo.world.standoff import STANDING, Standoff
 from vve_sumo.world.step_time import StepTimeBudget
 from vve_sumo.world.surroundings import Surroundings, table
 
-#: Room that traffic needs around the ego when it enters a moving street [m]: SUMO's standstill gap.
+#: Gap that traffic needs to an ego that enters among moving vehicles [m]: SUMO's standstill gap.
 ENTRY_GAP = 2.5
 
 
 class World:
-    """A SUMO street with one external ego. Per tick: `place`, `play`, `step`, then read.
+    """A SUMO road with one external ego. Per tick: `place`, `play`, `step`, then read.
 
-    The drive places the ego and steps once before its first tick; from then on `actors` is what the ego has
-    around it at the time of the pose placed last.
+    `step` brings the road to the time of the pose placed last; `actors` are those around the ego at that time.
     """
 
     def __init__(
@@ -51,10 +50,10 @@ class World:
     ) -> None:
         """Start SUMO, let its traffic run for `warm_up` [s] without the ego, and wait for the first pose.
 
-        `period` is the tick [s], a multiple of 1 ms; `route` the edges that the ego means to follow, if known;
+        `period` is the tick [s], a multiple of 1 ms; `route` the edges that the ego will follow, if known;
         `range_of_interest` [m] reaches from the ego's front bumper to an actor's centre. With a `clock` [s] the
-        steps are timed and the traffic is held within what a live tick has room for. Raises ConfigError where a
-        file, an obstacle, the route or a number is not usable, SimulationError where SUMO breaks.
+        steps are timed, and traffic is limited so that they fit into a live tick. Raises ConfigError where a
+        file, an obstacle, the route or a number is not usable, SimulationError where SUMO fails.
         """
         if not (math.isfinite(warm_up) and warm_up >= 0.0):
             raise ConfigError(f"warm_up: 0 s or more expected, got {warm_up}")
@@ -80,34 +79,35 @@ class World:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What SUMO complained about so far, a line each, without the ghosts' overlaps: they are meant to overlap."""
+        """SUMO's warnings so far, one line each, without those about proxies, which overlap on purpose."""
         return tuple(line for line in self._simulation.warnings if EGO_PROXY_TYPE not in line)
 
     @property
     def cleared(self) -> tuple[str, ...]:
-        """Vehicles taken off the street because they could not have avoided the ego, or a player, that entered."""
+        """Vehicles taken off the road because they could not have avoided the entering ego or scenario actor."""
         return self._cleared
 
     @property
     def standoffs(self) -> tuple[str, ...]:
-        """Vehicles taken off the street because they and the ego waited for each other, nose to nose."""
+        """Vehicles taken off the road because they and the ego waited for each other."""
         return self._standoffs
 
     @property
     def ghost_lanes(self) -> tuple[str, ...]:
-        """Lanes whose traffic sees the ego through a ghost now, because its body left its own line of lanes."""
+        """Lanes on which traffic sees a proxy of the ego now."""
         return self._proxies.lanes
 
     @property
     def step_time_budget(self) -> StepTimeBudget | None:
-        """What the steps took and what was done about it; None without a clock."""
+        """Step times and the measures taken; None without a clock."""
         return self._step_time_budget
 
     def place(self, pose: Pose) -> None:
-        """Have the ego's front bumper at `pose`, the pose it has at the next tick.
+        """Have the ego's front bumper at `pose`, its pose at the next tick.
 
-        A pose that is not finite, out of bounds or not the front bumper's becomes a fault of the coming report
-        and the ego stands where it was. Raises ConfigError where the first pose lies in an obstacle.
+        A pose that is not finite, out of bounds or not the front bumper's becomes a fault of the coming report,
+        and the ego stands where it was. Raises ConfigError where the ego's first pose overlaps an obstacle, and
+        SimulationError where SUMO cannot clear the road for it.
         """
         if not self._ego_sync.place(pose):
             return
@@ -122,17 +122,17 @@ class World:
         self._pose = pose
 
     def play(self, players: Sequence[ActorState]) -> None:
-        """Have exactly these actors of the scenario on the street at the next tick, beside all others.
+        """Have exactly these actors of the scenario on the road at the next tick, besides traffic and obstacles.
 
-        They go wherever they are put; of traffic that is in the way where one appears, or could not stop behind it,
-        the street is cleared. One whose numbers are not finite is left out.
+        They may be put anywhere. Where one enters, traffic that overlaps it or could not stop behind it is taken off
+        the road. An actor whose numbers are not finite is left out.
         """
         self._playing = players
 
     def step(self) -> EgoSyncReport:
-        """Let the street reach the next tick and compare SUMO's ego with the one asked for.
+        """Step the road to the next tick and compare SUMO's ego with the requested pose.
 
-        Never raises: whatever SUMO says is a fault of the report.
+        SUMO's errors are not raised: they are faults of the report.
         """
         begun = self._clock() if self._clock else 0.0
         moving = self._ego_sync.ready()
@@ -155,15 +155,15 @@ class World:
             if self._clock and self._step_time_budget and self._pose:
                 self._step_time_budget.step(self._clock() - begun, self._pose.x, self._pose.y, self._hidden())
         except SUMO_ERRORS as problem:
-            # What was seen last is better than an empty street; the fault stops the car.
+            # The last snapshot stays, which is better than an empty road; the fault stops the car.
             error = error or str(problem)
         return self._ego_sync.check(self._time(), error)
 
     def actors(self) -> Actors:
-        """Return everything with a body near the ego, without the ego; the same table until the next step.
+        """Return all actors near the ego, without the ego; the same table until the next step.
 
-        Vehicles by name (lying on a lane or not, parked ones too), persons on foot, obstacles, players. Empty before
-        the ego entered.
+        Rows are vehicles by name (on a lane or not, parked ones too), persons on foot, obstacles, scenario actors.
+        Empty before the ego entered.
         """
         if self._snapshot is None:
             self._snapshot = self._look()
@@ -178,7 +178,7 @@ class World:
             return ()
         columns = (seen.x, seen.y, seen.heading, seen.length, seen.width)
         rows = zip(seen.ids, *(column.tolist() for column in columns), strict=True)
-        # What is farther off than both boxes are long and wide needs no closer look.
+        # Beyond the sum of both boxes' lengths and widths an overlap is impossible.
         reach = body.length + body.width
         return tuple(
             name
@@ -227,13 +227,13 @@ class World:
                 raise ConfigError(f"obstacle {declared.id}: it stands where the ego starts")
 
     def _end_standoffs(self) -> None:
-        """Take drivers off the street that wait for the ego in its way; raises SUMO's errors."""
+        """Take drivers off the road whose standoff with the ego lasted too long; raises SUMO's errors."""
         if self._pose is None or self._body is None or self._snapshot is None:
             return
         stands = abs(self._pose.speed) < STANDING
         drivers = self._surroundings.standing(self._snapshot, self._body) if stands else ()
         for name in self._standoff.over(self._snapshot.time, self._body, self._pose.speed, drivers):
-            # One that was in the way of a player, too, is gone already; SUMO raises where it is to go twice.
+            # A driver who was also in the way of an entering actor is gone already; SUMO raises on a second removal.
             if name not in self._cleared:
                 libsumo.vehicle.remove(name)
                 self._standoffs += (name,)
@@ -252,7 +252,7 @@ class World:
 
 
 def _clear(body: Box, speed: float, keep: frozenset[str]) -> tuple[str, ...]:
-    """Take every vehicle off the street that overlaps the entering ego or could not stop behind it."""
+    """Take every vehicle off the road that overlaps the entering body or could not stop behind it."""
     doomed = []
     vehicle = libsumo.vehicle
     for name in vehicle.getIDList():
