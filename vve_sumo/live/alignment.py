@@ -1,7 +1,7 @@
-"""How the lot lies on the virtual road and what time it is, measured while the car stands: where a live drive begins.
+"""Measures how the lot lies on the virtual road, and the GNSS time, while the car stands before a live drive.
 
-Averages the receiver's trusted fixes at standstill. The alignment is frozen for the drive: nothing moves the road under
-a car that is engaged.
+Averages the receiver's trusted fixes at standstill. The alignment is frozen for the drive, so the road never moves
+under an engaged car.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import EARTH_RADIUS, TrustGate, TrustProfile
 from vve_sumo.values import Fix, Pose
 
-#: over which trusted fixes at standstill are averaged [s]: RTK noise falls by three at 10 Hz, by ten at 100 Hz
+#: time over which trusted fixes at standstill are averaged [s]; divides RTK noise by three at 10 Hz, by ten at 100 Hz
 AVERAGING_TIME: Final = 1.5
 #: between two polls of a silent receiver [s]
 POLL_INTERVAL: Final = 0.1
-#: a receiver that gives no such fixes for so long is not ready [s]
+#: a receiver that does not give these fixes within this time is not ready [s]
 TIMEOUT: Final = 30.0
-#: a car that is faster does not stand [m/s]: five sigma of a receiver's velocity
+#: a car at this speed or faster counts as moving [m/s]: five sigma of a receiver's velocity
 MAX_STANDSTILL_SPEED: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class StandingPose:
-    """What the receiver said while the car stood."""
+    """The average of the receiver's fixes while the car stood."""
 
     epoch: float  #: GNSS second of drive time 0
     fix: Fix  #: the average
-    fixes: int  #: so many of them
-    spread: float  #: farthest of them from the average [m]
-    turn: float  #: largest difference of their headings from the average [rad]
+    fixes: int  #: number of fixes averaged
+    spread: float  #: largest distance of a fix from the average [m]
+    turn: float  #: largest difference of a heading from the average [rad]
 
 
 def standing_pose(
@@ -56,9 +56,9 @@ def standing_pose(
 ) -> StandingPose:
     """Average the fixes of a standing car.
 
-    `minimum_delay` is what the rig declares [s], `t0` the monotonic second of drive time 0, `absolute` the GNSS second
-    of drive time 0 where this machine's clock knows it. Raises RigError saying what the receiver's fixes lack, or that
-    the car moves.
+    `minimum_delay` is the shortest delay of a fix as the rig declares it [s], `t0` the monotonic second of drive time
+    0, `absolute` the GNSS second of drive time 0 if this machine's clock gives it. Raises RigError saying what the
+    receiver's fixes lack, or that the car moves.
     """
     begun = time.monotonic()
     timing: Clock | None = None
@@ -95,8 +95,8 @@ def lot_alignment(
 ) -> LotAlignment:
     """Return how the lot, with its map `frame`, lies on the street.
 
-    A `stored` alignment is taken as it is; without one, where the car stands becomes the street's pose `begin`, the
-    start of its path.
+    A `stored` alignment is used unchanged. Without one, the alignment maps the pose of the standing car to `begin`, the
+    start of the path on the street.
     """
     if stored is not None:
         return LotAlignment(frame.projection, stored, standing.epoch)
@@ -107,7 +107,7 @@ def lot_alignment(
 
 
 def average_fixes(epoch: float, fixes: Sequence[Fix]) -> StandingPose:
-    """Return what the fixes of a standing car say together; `epoch` is the GNSS second of drive time 0."""
+    """Return the average of a standing car's fixes; `epoch` is the GNSS second of drive time 0."""
     count = len(fixes)
     latitude = sum(fix.latitude for fix in fixes) / count
     longitude = sum(fix.longitude for fix in fixes) / count

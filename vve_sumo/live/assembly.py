@@ -1,6 +1,6 @@
-"""From a scenario and a rig to the parts of a live drive, the same for the drive and for its replay.
+"""Assembles the parts of a live drive from a scenario and a rig, the same for the drive and for its replay.
 
-Puts objects together; starts no process. What it takes is plain JSON, so that a record can be put together again.
+Starts no process. Its inputs are kept as plain JSON in the record, so that a replay can assemble them again.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.scenario.load import parse
 
-#: GNSS time minus this machine's wall clock where that is disciplined to UTC [s]: epoch of GPS, and 18 leap seconds
+#: GNSS time minus this machine's wall clock, if that is disciplined to UTC [s]: epoch of GPS, and 18 leap seconds
 GNSS_OF_UNIX: Final = -315_964_800.0 + 18.0
 
 
@@ -40,9 +40,9 @@ def to_dict(resolved: ResolvedScenario, scenario_file: FilePath, rig_name: str, 
 
 
 def from_dict(scenario_content: Mapping[str, Any], working: FilePath) -> tuple[ResolvedScenario, Rig]:
-    """Return the resolved scenario and the rig of a live drive from what its record says.
+    """Return the resolved scenario and the rig of a live drive from its record.
 
-    Raises ConfigError where something that it names is not there any more.
+    Raises ConfigError where something that the record names no longer exists.
     """
     file = FilePath(scenario_content["scenario_file"])
     resolved = resolve_scenario(scenario_content["scenario"], parse(scenario_content["settings"], file), file, working)
@@ -51,7 +51,7 @@ def from_dict(scenario_content: Mapping[str, Any], working: FilePath) -> tuple[R
 
 
 def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: FilePath) -> ResolvedScenario:
-    """Return a resolved scenario with the rig's car; raises ConfigError for a speed that the lot does not allow."""
+    """Return a resolved scenario with the rig's car; raises ConfigError for a speed above the rig's limit."""
     wanted, allowed = resolved.scenario.ego.speed_mps, rig.limits.speed_mps
     if wanted > allowed:
         raise ConfigError(
@@ -62,7 +62,7 @@ def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: FilePath) -
 
 
 def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
-    """Return what the gateway is made from, as plain JSON; bus and times come with the drive."""
+    """Return the gateway's configuration as plain JSON; the drive adds the bus and the times."""
     return {
         "vehicle": asdict(meaning.vehicle_of(rig)),
         "calibration": asdict(meaning.calibration_of(rig)),
@@ -76,7 +76,7 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
 
 
 def pipeline_of(resolved: ResolvedScenario, rig: Rig, lot: LotAlignment, working: FilePath) -> Pipeline:
-    """Return the pipeline of a live drive; raises ConfigError as `build_pipeline` does, and for another lot."""
+    """Return the pipeline of a live drive; raises ConfigError as `build_pipeline` does, or for another projection."""
     frame, receiver = meaning.frame_of(rig), meaning.receiver_of(rig)
     if frame.projection != lot.projection:
         raise ConfigError("the rig's lot is not the one that the drive was aligned in")
@@ -92,7 +92,7 @@ def pipeline_of(resolved: ResolvedScenario, rig: Rig, lot: LotAlignment, working
 
 
 def minimum_delay_of(rig: Rig) -> float:
-    """Return what a fix takes to arrive at best [s]; 0 where nobody has to say it."""
+    """Return the shortest delay from a fix to its arrival [s]; 0 where the rig does not state it."""
     return (rig.pose.minimum_delay_ms or 0.0) / 1000.0
 
 
@@ -107,12 +107,12 @@ def wall_epoch(t0: float) -> float:
 
 
 def absolute_epoch(rig: Rig, t0: float) -> float | None:
-    """Return the GNSS second of drive time 0, `t0` on the monotonic clock, where this machine's clock knows it."""
+    """Return the GNSS second of drive time 0, `t0` on the monotonic clock; None unless `pose.clock` is absolute."""
     return wall_epoch(t0) if rig.pose.clock == "absolute" else None
 
 
 def standing_pose_of(rig: Rig, source: Source, t0: float) -> StandingPose:
-    """Wait for what the rig's receiver says of the standing car; raises RigError as `standing_pose` does."""
+    """Wait for the pose of the standing car from the rig's receiver; raises RigError as `standing_pose` does."""
     receiver, delay = meaning.receiver_of(rig), minimum_delay_of(rig)
     try:
         return standing_pose(source, receiver.decoder(), receiver.profile, delay, t0, absolute_epoch(rig, t0))

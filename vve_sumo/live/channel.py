@@ -1,6 +1,6 @@
-"""Datagrams between two processes of a live drive, over a socket that only they have.
+"""Passes datagrams between two processes of a live drive, over a socket pair that only these two hold.
 
-Knows bytes and queues; not what a datagram says. Nothing here ever waits: whoever cannot be told now is not told.
+Knows bytes and queues, not what a datagram means. No call waits: a datagram that cannot be queued now is not sent.
 """
 
 from __future__ import annotations
@@ -9,19 +9,19 @@ import errno
 import socket
 from typing import Final
 
-#: asked of the kernel for every queue [bytes]: what Linux allows everybody, and counts twice; so that whoever stops
-#: listening is found out equally soon on every machine
+#: size asked of the kernel for every queue [bytes]: Linux allows it to every user, and doubles it. With the same size,
+#: a process that stops reading is noticed equally soon on every machine
 QUEUE_SIZE: Final = 212_992
-#: datagrams taken at once, so that a flood cannot keep its reader from everything else
+#: most datagrams that one `receive` returns, so that a flood cannot keep its reader from other work
 MAX_DATAGRAMS: Final = 500
-#: what a process says that has nothing to say but that it runs
+#: the sign of life of a process
 ALIVE: Final = b"alive"
 #: longest datagram [bytes]
 MAX_DATAGRAM_SIZE: Final = 400_000
 
 
 class Channel:
-    """One end of a datagram channel; it keeps boundaries and order, and what it has accepted it delivers."""
+    """One end of a datagram channel; keeps datagram boundaries and order, and delivers every datagram it accepted."""
 
     def __init__(self, end: socket.socket) -> None:
         end.setblocking(False)
@@ -31,7 +31,7 @@ class Channel:
         self.closed = False  #: the other end is gone, as far as sending or receiving has shown
 
     def send(self, data: bytes) -> bool:
-        """Hand over a datagram, not empty; False where the other end is gone or the queue has no room for it."""
+        """Queue a datagram, not empty; False if the other end is gone, or the datagram is too long or has no room."""
         if len(data) > MAX_DATAGRAM_SIZE:
             return False
         try:
@@ -39,13 +39,13 @@ class Channel:
         except (BlockingIOError, InterruptedError):
             return False
         except OSError as error:
-            # Longer than the whole queue is as good as a full queue; anything else is an end that is gone.
+            # A datagram longer than the queue counts as a full queue; every other error means that the end is gone.
             self.closed = self.closed or error.errno not in (errno.EMSGSIZE, errno.ENOBUFS)
             return False
         return True
 
     def receive(self) -> list[bytes]:
-        """Return the waiting datagrams in order, at most MAX_DATAGRAMS, also those that a closed other end had sent."""
+        """Return the waiting datagrams in order, at most MAX_DATAGRAMS, also those sent before the other end closed."""
         waiting: list[bytes] = []
         while len(waiting) < MAX_DATAGRAMS:
             try:
@@ -53,7 +53,7 @@ class Channel:
             except (BlockingIOError, InterruptedError):
                 return waiting
             except ConnectionResetError:
-                # Said once, where the other end went without reading all; what it had sent comes after it.
+                # Raised once, if the other end closed with datagrams unread; those that it had sent come after it.
                 self.closed = True
                 continue
             except OSError:
@@ -70,7 +70,7 @@ class Channel:
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Let go of this end; the other end sees it as gone."""
+        """Close this end; the other end sees it as gone."""
         self.closed = True
         self._socket.close()
 
@@ -82,7 +82,7 @@ def pair() -> tuple[Channel, Channel]:
 
 
 def adopt(descriptor: int) -> Channel:
-    """Return the channel whose end came to this process as file `descriptor`; its own children shall not have it."""
+    """Return the channel whose end this process inherited as file `descriptor`; its children do not inherit it."""
     end = socket.socket(fileno=descriptor)
     end.set_inheritable(False)
     return Channel(end)

@@ -1,7 +1,7 @@
-"""The operator's side of a live drive: keys become operator commands, status messages become words and bells.
+"""The operator's side of a live drive: turns keys into operator commands, status messages into text and bells.
 
-The gateway hears its acts directly, so a drive that hangs can still be stopped. Nothing here computes anything that
-moves the car, and nothing is done by itself but where the rig says that no person is there.
+Commands go straight to the gateway, so the car can be stopped while the drive's process hangs. Nothing here computes
+anything that moves the car. The console engages and goes by itself only with a rig that declares `operator.automatic`.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING
 from vve_sumo.vehicle.gateway import OperatorCommand
 
-#: between two looks at everything [s]
+#: longest wait between two passes of the loop [s]
 POLL_INTERVAL: Final = 0.05
-#: a gateway that has told nothing for so long is not run [s]: it tells something every 0.1 s, give or take a step; with
-#: one look more this is on the screen within 0.3 s
+#: a gateway without a message for this long counts as silent [s]: it sends one every 0.1 s, give or take a step; with
+#: one more pass of the loop the alarm is on the screen within 0.3 s
 SILENT: Final = 0.2
-#: a gateway that ended while the car was its own is cried out for so long [s]
+#: duration of the alarm for a gateway that ended while it commanded the car [s]
 ALARM_TIME: Final = 3.0
-#: for a drive that hangs: its last words to the recorder take 5 s at most, and its street is to be closed [s]
+#: time for the drive's process to end [s]: its last messages to the recorder take up to 5 s, and SUMO has to be closed
 DRIVE_TIMEOUT: Final = 8.0
-#: a rig that drives by itself and is not ready by then never will be [s]
+#: an automatic rig that is not engaged by then is refused [s]
 READY_LIMIT: Final = 60.0
 
 _ACTS: Final = {
@@ -44,13 +44,13 @@ _ACTS: Final = {
 }
 #: commands that count only while the gateway waits for them, and their keys
 _KEYS: Final = {KeyCommand.ENGAGE: "e", KeyCommand.GO: "g"}
-#: the gateway's word for a go that it did not take
+#: the gateway's reason code for a go that it rejected
 TOO_EARLY: Final = "go_too_early"
 
 
 @dataclass(slots=True)
 class ProcessGroup:
-    """The processes of a live drive as the console holds them."""
+    """The processes of a live drive, and the console's channels to them."""
 
     gateway: subprocess.Popen[bytes]
     drive: subprocess.Popen[bytes]
@@ -61,9 +61,9 @@ class ProcessGroup:
     to_car: Channel | None
 
     def shutdown(self, timeout: float) -> None:
-        """Let every process end as it means to, drive before recorder before car; kill what hangs after the gateway.
+        """Wait for the gateway, the drive, the recorder and the car to end, in this order; kill a later one that hangs.
 
-        The gateway is never killed: as long as it runs it holds the car, or still tries to.
+        The gateway is never killed: as long as it runs, it holds the car or still tries to.
         """
         self.to_gateway.close()
         self.to_drive.close()
@@ -84,22 +84,22 @@ def _end(process: subprocess.Popen[bytes], timeout: float) -> None:
 
 
 class Console:
-    """Runs until the gateway has let go of the car."""
+    """The operator's console; runs until the gateway's process has ended."""
 
     def __init__(self, processes: ProcessGroup, keys: OperatorInput, screen: Screen, automatic: bool) -> None:
-        """Take commands from `keys`, and with `automatic` from the rig itself."""
+        """Take commands from `keys`, and with `automatic` also from a `ScriptedOperator`."""
         self._processes, self._keys, self._screen = processes, keys, screen
         self._operator = ScriptedOperator() if automatic else None
         self._state = ArmingState.DISARMED
         self._engaged = self._over = self._stops = self._ends = self._left = False
-        self._heard_at = math.inf  # when the gateway last told something; never yet
+        self._heard_at = math.inf  # time of the gateway's last message; inf before the first
         self._begun = time.monotonic()
         self._status: dict[str, Any] = {"went": False}  # a go has been sent, and was not refused
         self.why: tuple[str, ...] = ()  #: the gateway's last reasons for stopping the car, or for letting go of it
         self.refused: tuple[str, int] | None = None  #: why the drive never began, and the exit code for that
 
     def run(self) -> None:
-        """Look after the drive to its end."""
+        """Serve the operator until the gateway's process ends."""
         processes = self._processes
         while processes.gateway.poll() is None:
             watched = [*self._keys.filenos(), *self._alive(processes.to_gateway), *self._alive(processes.to_drive)]
@@ -107,7 +107,7 @@ class Console:
             for command in self._keys.commands():
                 self._obey(command)
             self._hear_drive()
-            # Before listening: a console that was not run itself finds what it has missed, and takes it for no silence.
+            # Taken before reading: if the console itself was not scheduled, the waiting messages reset the silence.
             begun = time.monotonic()
             self._hear_gateway()
             self._judge()
@@ -123,13 +123,13 @@ class Console:
 
     def _show(self, guard: Guard) -> None:
         if self._left or (self._processes.to_gateway.closed and guard is Guard.SILENT):
-            # One that has let go of its channel is on its way out: it tells nothing because it is done.
+            # A gateway that has closed its channel is ending: its silence is no alarm.
             guard = Guard.LEFT if self._left else Guard.HEARD
         self._status |= {"gateway": guard.value, "engaged": self._engaged}
         self._screen.show(self._status)
 
     def _cry_out(self) -> None:
-        """Tell for a while that nobody commands a car that was commanded."""
+        """Show for ALARM_TIME that a car that was commanded is commanded no more."""
         until = time.monotonic() + ALARM_TIME
         while not self._left and time.monotonic() < until:
             self._show(Guard.GONE)
@@ -142,7 +142,7 @@ class Console:
 
     def _obey(self, command: KeyCommand) -> None:
         if command is KeyCommand.GONE:
-            # The gateway finds nobody at the controls, and brings the car to rest for that.
+            # The gateway reports operator_gone and brings the car to rest.
             self._leave()
             return
         waited_for = self._waited_for(command)
@@ -153,19 +153,19 @@ class Console:
         if command is KeyCommand.STOP:
             self._stops = True
             if not self._engaged:
-                # Nothing moves yet: to stop is not to begin.
+                # Nothing moves yet, so a stop ends the drive before it begins.
                 self._leave()
         elif command is KeyCommand.RESET or waited_for:
             self._act(_ACTS[command])
 
     def _waited_for(self, command: KeyCommand) -> bool:
-        """Whether the gateway waits for this now."""
+        """Whether the gateway waits for this command now."""
         if command is KeyCommand.GO:
             return self._state is ArmingState.ENGAGED and WAITING in self._status.get("reasons", ())
         return command is KeyCommand.ENGAGE and self._state is ArmingState.READY
 
     def _is_early(self, command: KeyCommand) -> bool:
-        """Whether somebody is to be told that the time for this has not come; once the car goes, every key stops."""
+        """Whether to answer that this command comes too early; once the car goes, every key is a stop instead."""
         if not self._engaged:
             return not self._over
         return command is KeyCommand.GO and self._state is ArmingState.ENGAGED and not self._status["went"]
@@ -176,7 +176,7 @@ class Console:
             self._status["went"] = True
 
     def _speak(self) -> None:
-        """Show the gateway that somebody is there, and say stop until it is heard."""
+        """Send the gateway a sign of life, and repeat a stop or an end until the gateway acts on it."""
         if self._processes.to_gateway.closed:
             return
         self._processes.to_gateway.send(ALIVE)
@@ -228,13 +228,13 @@ class Console:
                     self._act(act)
 
     def _hear_refusal(self, data: bytes) -> None:
-        """Take what a gateway says whose bus cannot be opened."""
+        """Take the refusal of a gateway that cannot open its bus."""
         with contextlib.suppress(ValueError):
             message = json.loads(data)
             self.refused = (message["refused"], message["exit_code"])
 
     def _judge(self) -> None:
-        """End what has come to its end, and what never begins."""
+        """End a drive that has its outcome, and refuse one that cannot begin."""
         if self._over:
             return
         if self._status.get("outcome") is not None and self._state is ArmingState.ENGAGED:

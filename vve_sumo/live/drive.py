@@ -1,7 +1,7 @@
-"""The process that drives: pose bytes in, setpoints out, once a tick, phase-locked to the receiver.
+"""Runs the drive's process: pose bytes in, setpoints out, once a tick, phase-locked to the receiver.
 
-The shell of a live drive: waits on the sockets until a tick is due, runs `drive.tick`, and measures what the tick took.
-Nothing here can reach the car's bus, and nothing here sends a setpoint but the tick that computed it.
+Waits on the sockets until a tick is due, runs `drive.tick`, and measures the tick's latency. Nothing here can reach the
+car's bus, and a setpoint is sent only by the tick that computed it.
 """
 
 from __future__ import annotations
@@ -40,21 +40,21 @@ from vve_sumo.vehicle.arming import COMMANDING, ENDING
 
 #: between two status messages to the console [s]
 STATUS_PERIOD: Final = 0.1
-#: ticks between what takes half a millisecond and can wait: a small garbage collection, a look at the clocks
+#: ticks between work that takes half a millisecond and can wait: a small garbage collection, the clock's report
 HOUSEKEEPING_TICKS: Final = 100
-#: on the sockets [s]
+#: longest wait on the sockets [s]
 MAX_WAIT: Final = 0.1
-#: what the last messages to the recorder may take [s]
+#: longest time to send the last messages to the recorder [s]
 RECORDER_TIMEOUT: Final = 5.0
 
 _NO_STATUS: Final = GatewayStatus(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
 
 
 class LiveDrive:
-    """One live drive's loop, with all that it holds open."""
+    """The loop of one live drive, with everything that it holds open."""
 
     def __init__(self, config: Mapping[str, Any], channels: Mapping[str, Channel]) -> None:
-        """Put everything together; raises VveError where something in the configuration is not usable."""
+        """Assemble the drive; raises VveError where something in the configuration is not usable."""
         self._t0: float = config["t0"]
         self._gateway, self._console = channels["gateway"], channels["console"]
         self._recorder = RecorderClient(channels["recorder"])
@@ -75,17 +75,17 @@ class LiveDrive:
         self._has_engaged = False
         self._went_at: float | None = None
         self._outcome: Outcome | None = None
-        self._stop_reasons: tuple[str, ...] = ()  # the gateway's, which it forgets once it has let go
+        self._stop_reasons: tuple[str, ...] = ()  # the gateway's, which it no longer reports once it has let go
         self._status_sent_at = -math.inf
         self._clock_report: dict[str, Any] = {}
         self._inputs: list[Any] = [self._source, self._gateway, self._console]
 
     def run(self) -> None:
-        """Tick until the gateway is gone: while the car moves it needs fallback paths, console or none."""
+        """Tick until the gateway is gone: a moving car needs fallback paths even if the console is gone."""
         gc.collect()
         gc.freeze()
         gc.disable()
-        # Not before: to load a network takes a second, in which nobody else would get this core.
+        # Not earlier: loading a network takes a second, during which no other process would get this core.
         raise_priority(DRIVE_NICE)
         while not self._gateway.closed:
             self._wait()
@@ -99,11 +99,11 @@ class LiveDrive:
     # Before a tick.
 
     def _wait(self) -> None:
-        """Wait on the sockets until the next tick is to begin, and take in what has come."""
+        """Wait on the sockets until the next tick is to begin, and take in what arrives."""
         self._wake()
         while (left := self._scheduler.wait_until() - self._clock()) > 0.0:
             left = min(left, self._source.next_due() - time.monotonic(), MAX_WAIT)
-            # select, not poll: a millisecond of rounding is a lot here.
+            # select, because poll rounds to whole milliseconds.
             select.select(self._inputs, [], [], max(left, 0.0))
             self._wake()
 
@@ -112,7 +112,7 @@ class LiveDrive:
         self._take()
 
     def _take(self) -> None:
-        """Take in what has come; a datagram's arrival is the kernel's stamp."""
+        """Take in what has arrived; a pose datagram's arrival time is the kernel's time stamp."""
         for stamp, data in self._source.receive():
             received = stamp - self._t0
             self._tick.receive(received, data)
@@ -127,7 +127,7 @@ class LiveDrive:
         self._console.receive()
         for end, gone in ((self._source, self._source.lost), (self._console, self._console.closed)):
             if gone and end in self._inputs:
-                # A dead connection is always ready, and would make the wait a busy one.
+                # select always finds a closed connection ready, which would make the wait a busy loop.
                 self._inputs.remove(end)
 
     # A tick.
@@ -148,13 +148,13 @@ class LiveDrive:
             gc.collect(0)
 
     def faults(self) -> tuple[str, ...]:
-        """Return reason codes for the tick under way of all that the shell knows but the virtual road's."""
+        """Return the reason codes of this tick except those of the virtual road, which reports its own."""
         recording = (self._recorder.failure,) if self._recorder.failure else ()
         ready = self._not_ready + self._before_engaging()
         return ready + self._scheduled_faults + self._latency_faults + recording + self._source.found()
 
     def _before_engaging(self) -> tuple[str, ...]:
-        """Reason codes of what has to hold until the car is engaged, and then no more; to be asked after the pose."""
+        """Reason codes of conditions required only until the car is engaged; called once the tick has its pose."""
         if self._has_engaged:
             return ()
         waits = () if self._road.step_time_fits else ("road_not_measured",)
@@ -162,16 +162,16 @@ class LiveDrive:
         return waits if pose is None else waits + start_pose.start_pose_of(pose, self._resolved.path).faults()
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
-        """Send a setpoint to the gateway, whose newest status is of a step before it.
+        """Send a setpoint to the gateway; return the gateway's newest status, which is of an earlier step.
 
-        A gateway that takes none notices by the lifetime of the one before.
+        A setpoint that cannot be queued is dropped; the gateway notices once the previous one expires.
         """
         sent = setpoint is not None and self._gateway.send(link.encode_setpoint(setpoint))
         self._handed = self._clock() if sent else math.nan
         return self._feedback.verdict if self._feedback else _NO_STATUS
 
     def _measure(self, begun: ScheduledTick, done: CompletedTick, decoded: float) -> None:
-        """Keep what the tick took, leg by leg."""
+        """Record the tick's latency, leg by leg."""
         setpoint = done.result.setpoint
         row = LatencyRow(
             tick=begun.tick,
@@ -194,7 +194,7 @@ class LiveDrive:
             self._recorder.timed(completed)
 
     def _details(self, result: TickResult) -> dict[str, str]:
-        """Return the numbers behind reason codes of this tick, in words."""
+        """Return the numbers behind this tick's reason codes, as text by code."""
         if result.pose is None:
             return {}
         start = start_pose.start_pose_of(result.pose, self._resolved.path)
@@ -210,7 +210,7 @@ class LiveDrive:
         return self._feedback.verdict.state if self._feedback else ArmingState.DISARMED
 
     def _watch_for_the_end(self, now: float, result: TickResult, status: GatewayStatus) -> None:
-        """Find how the drive ends; its time counts from the operator's go."""
+        """Find the drive's outcome; its duration counts from the operator's go."""
         if status.state in ENDING:
             self._stop_reasons = status.reasons
         if self._outcome is not None or status.state not in COMMANDING | {ArmingState.FAULT}:
@@ -235,9 +235,9 @@ class LiveDrive:
         self._recorder.ended(self._summary(outcome, reasons))
 
     def _close_by_the_gateway(self) -> None:
-        """Name the ending of a drive that the gateway has ended."""
+        """Set the outcome of a drive that the gateway has ended."""
         if self._state in COMMANDING:
-            # It went without a word while the car was its own.
+            # The gateway ended without a message while it commanded the car.
             self._close(Outcome.FAULT, (*self._stop_reasons, "gateway_gone"))
         elif self._went_at is None:
             self._close(Outcome.INTERRUPTED, self._stop_reasons)
@@ -246,7 +246,7 @@ class LiveDrive:
         elif self._termination.collided:
             self._close(Outcome.CONTACT, self._stop_reasons)
         elif set(self._stop_reasons[:1]) <= {"stop_asked", "operator_gone"}:
-            # What was found on the fallback path stands with the reasons; the drive was over by then.
+            # The first reason counts: the drive was over before any fault found on the fallback path.
             self._close(Outcome.INTERRUPTED, self._stop_reasons)
         else:
             self._close(Outcome.FAULT, self._stop_reasons)
@@ -266,7 +266,7 @@ class LiveDrive:
         }
 
     def _send_status(self, begun: ScheduledTick, result: TickResult) -> None:
-        """Tell the console how it goes; it may be slow, and then it misses something."""
+        """Send the console a status; a console that is slow misses some."""
         now = self._clock()
         if now - self._status_sent_at < STATUS_PERIOD and self._outcome is None:
             return
@@ -291,8 +291,8 @@ class LiveDrive:
         self._console.send(json.dumps(status).encode())
 
     def _end(self) -> None:
-        """Leave everything as whole as it can be; the car stands or is the gateway's."""
-        self._take()  # that it is gone may have shown in sending, before all was read that it had said
+        """Finish the record and close everything, after the gateway's process has gone."""
+        self._take()  # a failed send may have shown that the gateway is gone before its last messages were read
         if self._outcome is None:
             self._close_by_the_gateway()
         for row in self._latency.close():
@@ -304,8 +304,8 @@ class LiveDrive:
 
 
 def main() -> int:
-    """Run the process; its exit code tells the console who is to blame."""
-    # This process ends with the gateway: while the car moves it needs fallback paths.
+    """Run the process and return its exit code: an error's own, 1 for a bug, else 0."""
+    # Signals are ignored: this process ends with the gateway, for a moving car needs fallback paths.
     signals.ignore()
     set_oom_score(KILLED_SECOND)
     config, channels = spawn.receive_config()
@@ -316,7 +316,7 @@ def main() -> int:
         channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
         return error.exit_code
     except Exception:
-        # A mistake of ours: the gateway stops the car as soon as this process is gone; the story lies in the record.
+        # A bug: the gateway stops the car as soon as this process is gone; the traceback goes to the record's folder.
         with contextlib.suppress(OSError):
             (folder / "traceback.txt").write_text(traceback.format_exc(), encoding="utf-8")
         return 1

@@ -1,7 +1,7 @@
-"""The gateway's process: sole owner of the car's bus. Setpoints and acts come in, frames go out, one thread, one loop.
+"""Runs the gateway's process, sole owner of the car's bus: setpoints and operator commands in, frames out, one loop.
 
-The core decides; here are its clock, its bus and its ears. A fresh setpoint becomes frames at once; where none comes,
-frames go out all the same, a little later. Whatever this process finds broken it hands to the core as a reason code.
+`vehicle.gateway` decides; this module gives it the clock, the bus and the channels. A fresh setpoint becomes frames at
+once; without one, frames go out a little later. Each fault of this process goes to `vehicle.gateway` as a reason code.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
 from vve_sumo.vehicle.interface import InterfaceConfig, load
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 
-CAR_BUS: Final = "can0"  #: the car's bus as it is called in the record
-# Between two steps, in periods. A setpoint that comes early waits, so that the DBW controller never gets two commands
-# at once; one that comes late is waited for. Where the last step had none either, the gateway keeps the period.
+CAR_BUS: Final = "can0"  #: the car's bus, as the record names it
+# Time between two steps, in periods. An early setpoint waits for MIN, so that the DBW controller never gets two
+# commands at once. A late one is waited for until MAX, but after a step without a setpoint only for LONE, the period.
 MIN_STEP_INTERVAL: Final = 0.5
 MAX_STEP_INTERVAL: Final = 1.5
 LONE_STEP_INTERVAL: Final = 1.0
@@ -42,44 +42,44 @@ LONE_STEP_INTERVAL: Final = 1.0
 POLL_INTERVAL: Final = 0.001
 #: between two status messages to the console while nothing changes [s]
 STATUS_INTERVAL: Final = 0.1
-#: what the last words to the recorder may take [s]
+#: longest time to send the last messages to the recorder [s]
 RECORDER_TIMEOUT: Final = 2.0
-#: a console that has shown itself alive and is silent for so long is as good as gone [s]
+#: a console that has given a sign of life and then none for this long counts as gone [s]
 SILENCE: Final = 1.0
-#: a DBW controller none of whose reports is understood for so long is gone for good [s]; the car has stopped or cannot
+#: a DBW controller without an understood report for this long counts as gone [s]; the car has stopped or cannot
 DBW_SILENCE_LIMIT: Final = 60.0
 
 
 def next_step_time(last: float, fresh: bool, alone: bool, period: float) -> float:
-    """When the step after the one at `last` is due; no step makes up for another.
+    """Return when the step after the one at `last` is due; a missed step is not made up for.
 
-    `fresh`: a setpoint waits. `alone`: the last step had none.
+    `fresh`: a setpoint or a first stop waits. `alone`: the last step had no setpoint.
     """
     return last + (MIN_STEP_INTERVAL if fresh else LONE_STEP_INTERVAL if alone else MAX_STEP_INTERVAL) * period
 
 
 def dbw_is_gone(now: float, received: float) -> bool:
-    """Whether there is nobody who could be commanded; `received` is when the DBW controller was last understood.
+    """Whether no DBW controller is left to command; `received` is when its last understood report came.
 
-    Other frames do not count, however many there are: a device that floods the bus stops no car.
+    Other frames do not count, however many there are: a device that floods the bus is none that could stop the car.
     """
     return now - received > DBW_SILENCE_LIMIT
 
 
 class StepInputs(NamedTuple):
-    """What goes into one step from the channels."""
+    """The inputs of one step that come over the channels."""
 
     setpoint: Setpoint | None
-    datagram: bytes  #: the setpoint's, as it came
+    datagram: bytes  #: the setpoint's, as received
     act: OperatorCommand | None
     wrong: tuple[str, ...]  #: reason codes
 
 
 class Inbox:
-    """What came from drive and console since the last step: the newest setpoint, the next act, what was wrong."""
+    """What drive and console sent since the last step: the newest setpoint, the next command, reason codes."""
 
     def __init__(self) -> None:
-        self.refused = 0  #: acts that came from the drive, which has no say in them
+        self.refused = 0  #: operator commands that came from the drive, which may give none
         self._setpoint: Setpoint | None = None
         self._datagram = b""
         self._wrong: list[str] = []
@@ -88,18 +88,18 @@ class Inbox:
 
     @property
     def fresh(self) -> bool:
-        """Whether something waits that a step should be made for; a stop that is asked for again can wait its turn.
+        """Whether a setpoint or a first stop waits, for which a step comes early; a repeated stop does not count.
 
-        The core counts in periods: whoever hammers a key must not make them shorter.
+        The gateway counts in periods: an operator who hammers a key must not make them shorter.
         """
         return self._setpoint is not None or (OperatorCommand.STOP in self._acts and not self._stopped)
 
     def take_from_drive(self, datagram: bytes) -> None:
-        """Take in what the drive sent."""
+        """Take in a datagram of the drive."""
         setpoint = link.decode_setpoint(datagram)
         if isinstance(setpoint, Setpoint):
             if self._setpoint is not None:
-                # It is passed over for a newer one; what it said is wrong is not.
+                # A newer setpoint replaces this one, but the faults that this one reports count.
                 self._wrong += self._setpoint.faults
             self._setpoint, self._datagram = setpoint, datagram
         elif isinstance(link.decode_operator_command(datagram), OperatorCommand):
@@ -108,7 +108,7 @@ class Inbox:
             self._wrong.append("setpoint_corrupt")
 
     def take_from_console(self, datagram: bytes) -> None:
-        """Take in what the operator did; what can't be understood is taken for the act that is always right."""
+        """Take in an operator command; a datagram that cannot be understood counts as a stop."""
         act = link.decode_operator_command(datagram)
         if act is OperatorCommand.STOP or not isinstance(act, OperatorCommand):
             self._acts.clear()
@@ -117,7 +117,7 @@ class Inbox:
             self._acts.append(act)
 
     def take(self) -> StepInputs:
-        """Return what goes into the next step, which is then taken."""
+        """Return the inputs of the next step and remove them."""
         act = self._acts.popleft() if self._acts else None
         self._stopped |= act is OperatorCommand.STOP
         taken = StepInputs(self._setpoint, self._datagram, act, tuple(self._wrong))
@@ -126,7 +126,7 @@ class Inbox:
 
 
 class GatewayProcess:
-    """The loop around a gateway, from its first step to the car at rest and let go."""
+    """The loop around a `Gateway`, from its first step until it has let go of the car."""
 
     def __init__(self, config: Mapping[str, Any], channels: Mapping[str, Channel], bus: Bus) -> None:
         self._gateway = build_gateway(config)
@@ -140,9 +140,9 @@ class GatewayProcess:
         self._bus_number = bus.fileno()
         self._inbox = Inbox()
         self._received: list[Frame] = []
-        self._shown = math.inf  # when the console last showed itself alive; never yet
-        self._unsaid = False  # telling or keeping a step went wrong
-        self._deaf = self._dumb = False  # what the bus said when it was last asked to receive, to send
+        self._shown = math.inf  # time of the console's last sign of life; inf before the first
+        self._unsaid = False  # sending or recording a step failed
+        self._deaf = self._dumb = False  # whether the last receive, the last send on the bus failed
         self._last = -math.inf
         self._alone = True
         self._steps = 0
@@ -151,7 +151,7 @@ class GatewayProcess:
         self._told_at = -math.inf
 
     def run(self) -> None:
-        """Step until the drive is over, or was never begun and has nobody who could begin it."""
+        """Step until the drive is over, the console is gone before it began, or the DBW controller is gone."""
         while True:
             self._wait()
             verdict = self._step()
@@ -161,12 +161,12 @@ class GatewayProcess:
             if self._has_engaged and dbw_is_gone(self._last, self._gateway.last_dbw_report):
                 _say(f"no report of the DBW controller for {DBW_SILENCE_LIMIT:.0f} s: there is nothing to command")
                 break
-        # From here on silence is no sign of trouble.
+        # The console is to take the silence from here on for no alarm.
         self._console.close()
         self._recorder_client.finish(RECORDER_TIMEOUT)
 
     def report(self) -> str:
-        """What is worth a line in the log."""
+        """Return the log's last line."""
         return f"{self._steps} steps, {self._inbox.refused} acts refused that came from the drive"
 
     def _clock(self) -> float:
@@ -177,7 +177,7 @@ class GatewayProcess:
 
     def _wait(self) -> None:
         while (left := next_step_time(self._last, self._inbox.fresh, self._alone, self._period) - self._clock()) > 0.0:
-            # select, not poll: a millisecond of rounding is a lot here.
+            # select, because poll rounds to whole milliseconds.
             ready, _, _ = select.select(
                 self._descriptors(), [], [], left if self._bus_number is not None else min(left, POLL_INTERVAL)
             )
@@ -190,7 +190,7 @@ class GatewayProcess:
                 self._hear_bus()
 
     def _descriptors(self) -> list[Channel | int]:
-        # What is gone or broken is always ready, and would make this loop a busy one.
+        # select always finds a closed channel or a failed bus ready, which would make this a busy loop.
         descriptors: list[Channel | int] = [channel for channel in (self._drive, self._console) if not channel.closed]
         if self._bus_number is not None and not self._deaf:
             descriptors.append(self._bus_number)
@@ -237,13 +237,13 @@ class GatewayProcess:
             self._tell(now, sent, output)
             self._keep(now, taken, found, len(received), count, output)
         except Exception as error:
-            # A mistake of ours beside what stops the car must not be what keeps it from being stopped.
+            # A bug in sending or recording must not keep the gateway from stopping the car.
             self._unsaid = True
             _say(f"a step could not be told or kept: {type(error).__name__}: {error}")
         return output.verdict
 
     def _find(self, received: list[Frame]) -> list[str]:
-        """Reason codes of what is wrong around the core at this moment."""
+        """Return the reason codes of the faults that this process sees now."""
         found = []
         if self._deaf or self._dumb:
             found.append("bus_down")
@@ -258,9 +258,9 @@ class GatewayProcess:
         return found
 
     def _send(self, frames: tuple[Frame, ...]) -> int:
-        """Put the frames of a step on the bus, in order; how many it took. After one that it doesn't take none follows.
+        """Send a step's frames in order; return how many the bus took. After one that it refuses, none is sent.
 
-        A brake command without its steering is better than none, a later one in an earlier one's place is not.
+        A brake command without its steering is better than none; a later frame in an earlier one's place is not.
         """
         self._dumb = False
         for count, frame in enumerate(frames):
@@ -272,7 +272,7 @@ class GatewayProcess:
         return len(frames)
 
     def _tell(self, now: float, sent: float, output: GatewayOutput) -> None:
-        """Tell the drive of every step, the console of every change and now and then."""
+        """Send feedback to the drive at every step, to the console at every change and every STATUS_INTERVAL."""
         gateway = self._gateway
         word = link.encode_feedback(
             link.Feedback(
@@ -324,7 +324,7 @@ class GatewayProcess:
 
 
 def build_gateway(config: Mapping[str, Any]) -> Gateway:
-    """Return the core that a configuration describes; raises ConfigError where its interface can't be made."""
+    """Return the gateway that a configuration describes; raises ConfigError where its interface can't be made."""
     limits = config["limits"]
     nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
     return Gateway(
@@ -339,19 +339,19 @@ def build_gateway(config: Mapping[str, Any]) -> Gateway:
 
 
 def _say(line: str) -> None:
-    """Write to the log; a log that can't be written is no reason for anything."""
+    """Write a line to the log; ignore a log that can't be written."""
     with contextlib.suppress(OSError, ValueError):
         print(f"gateway: {line}", file=sys.stderr, flush=True)  # noqa: T201 (the log of a process without a terminal)
 
 
 def main() -> int:
-    """Guard one drive; the exit code is the rig's where its bus cannot be opened."""
-    # This process ends by itself when the car is at rest and let go, or when its console goes before it was engaged.
+    """Run the gateway of one drive; return the error's exit code if the bus cannot be opened, else 0."""
+    # Signals are ignored: this process ends once it has let go of the car, or if its console goes before an engagement.
     signals.ignore()
     config, channels = receive_config()
     bus_config = config["bus"]
     _say(set_oom_score(NEVER_KILLED))
-    _say(raise_priority(GATEWAY_PRIORITY))  # before the bus is opened, whose thread shall come before others too
+    _say(raise_priority(GATEWAY_PRIORITY))  # before the bus is opened, so that its thread has the priority too
     try:
         bus = Bus(bus_config["interface"], bus_config["channel"], bus_config["bitrate"])
     except VveError as error:
@@ -360,7 +360,7 @@ def main() -> int:
         return error.exit_code
     with bus:
         process = GatewayProcess(config, channels, bus)
-        # A collection takes milliseconds, and nothing here makes cycles by the step.
+        # A garbage collection takes milliseconds, and the steps make no reference cycles.
         gc.collect()
         gc.freeze()
         gc.disable()

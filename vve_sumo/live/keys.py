@@ -1,6 +1,6 @@
-"""What the operator wants: single keys on a terminal, words on a pipe, and the signals that all mean stop.
+"""Reads the operator's commands: single keys on a terminal, words on a pipe, and signals, which all mean stop.
 
-Reads commands and names them; what follows from one is the console's business.
+What a command leads to is decided by the console.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ class KeyCommand(enum.StrEnum):
     GO = "go"
     RESET = "reset"  #: of a fault, before anything moved
     STOP = "stop"
-    GONE = "gone"  #: nobody is there any more who could ask for anything
-    NOTHING = "nothing"  #: a key that is no act while the car stands, and a stop once it is engaged
+    GONE = "gone"  #: nobody is left who could give a command
+    NOTHING = "nothing"  #: a key without effect before the car is engaged, and a stop afterwards
 
 
-#: keys of a terminal; everything else that is pressed in a hurry means stop
+#: keys of a terminal; every other key but Enter means stop
 KEYS: Final = {"e": KeyCommand.ENGAGE, "g": KeyCommand.GO, "r": KeyCommand.RESET}
-#: Enter: of the command line before anything moves, a hand that hits the keyboard after
+#: Enter: no command before the car is engaged, for it may be left over from the command line; a stop afterwards
 ENTER: Final = frozenset("\r\n")
 
 
 class OperatorInput:
-    """Standard input and the signals as operator commands; a with block, at whose end the terminal is as it was.
+    """Standard input and signals as operator commands; a context manager that restores the terminal at its end.
 
-    `listen=False` takes no commands from standard input but on a terminal: a rig that drives by itself. Where
-    nothing can be asked for by standard input, whoever started this program is who looks after it.
+    `listen=False`, for an automatic rig, reads standard input only if it is a terminal. While standard input is not
+    read, the program that started this one looks after it: when that ends, the command is `KeyCommand.GONE`.
     """
 
     def __init__(self, listen: bool) -> None:
@@ -78,11 +78,11 @@ class OperatorInput:
         os.close(self._woken)
 
     def filenos(self) -> list[int]:
-        """What to wait on."""
+        """Return the file descriptors to wait on."""
         return [self._wake, sys.stdin.fileno()] if self._open else [self._wake]
 
     def commands(self) -> list[KeyCommand]:
-        """Return what was asked for since the last call, in order; never blocks."""
+        """Return the commands since the last call, in order; never blocks."""
         found: list[KeyCommand] = []
         with contextlib.suppress(BlockingIOError):
             os.read(self._wake, 4096)
@@ -108,7 +108,7 @@ class OperatorInput:
         except OSError:  # the terminal is gone
             data = b""
         if not data:
-            # The end of what an operator can say: nobody could stop the car any more.
+            # The end of the input: the operator could not stop the car any more.
             self._open = False
             return [KeyCommand.STOP]
         text = data.decode(errors="replace")

@@ -1,6 +1,7 @@
-"""The recorder's process: takes what drive and gateway say and writes the black box, whatever becomes of them.
+"""Runs the recorder's process: writes the record from the messages of drive and gateway.
 
-It outlives both, and neither waits for it. What cannot be written it says once, and goes on writing what can be.
+It outlives both, and neither waits for it. It reports a failure to write once, and goes on with the parts that it can
+write.
 """
 
 from __future__ import annotations
@@ -21,27 +22,27 @@ from vve_sumo.record.layout import PROVENANCE
 from vve_sumo.record.summary import write_summary
 from vve_sumo.record.writer import LiveRecord
 
-#: between two writes [s]; a kill, with what is still on its way, may cost at most 0.2 s
+#: between two writes [s]; a kill loses at most the last 0.2 s, messages on their way included
 FLUSH_INTERVAL: Final = 0.1
 
-#: what a tap may ask for: the record's verbs
+#: methods of the record that a client may call
 METHODS: Final = frozenset({"received_pose", "saw_frames", "sensed", "snapshot", "ticked", "stepped", "timed"})
 
-#: what a summary is made from: the record's folder, and how the drive says that it ended (None where it never did)
+#: makes a summary from the record's folder and the drive's message of how it ended (None if there was none)
 Summarise = Callable[[Path, dict[str, Any] | None], dict[str, Any]]
 
 
 class Recorder:
-    """Writes what comes through `channels` into `record`, until the other ends of all of them are gone."""
+    """Writes what comes through `channels` into `record`, until all their other ends are gone."""
 
     def __init__(self, record: LiveRecord, channels: list[Channel]) -> None:
         self._record = record
         self._channels = {channel.fileno(): channel for channel in channels}
         self._told_failure = False
-        self.ended: dict[str, Any] | None = None  #: how the drive says that it ended
+        self.ended: dict[str, Any] | None = None  #: the drive's message of how it ended
 
     def run(self) -> None:
-        """Write to the end."""
+        """Write until all channels are closed."""
         poll = select.poll()
         for descriptor in self._channels:
             poll.register(descriptor, select.POLLIN)
@@ -58,7 +59,7 @@ class Recorder:
 
     def _take(self, channel: Channel) -> None:
         for datagram in channel.receive():
-            # Only processes that this drive has started hold the other ends.
+            # pickle is safe here: only processes that this drive has started hold the other ends.
             for verb, arguments in pickle.loads(datagram):
                 if verb == "ended":
                     (self.ended,) = arguments

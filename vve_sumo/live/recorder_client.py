@@ -1,6 +1,6 @@
-"""What a live process says to the recorder: the record's verbs, gathered and sent as one datagram.
+"""Sends a live process's data to the recorder: calls of the record's methods, gathered into one datagram.
 
-It never waits and never raises: a recorder that is slow, gone or out of disk is a reason code, not a delay.
+Never raises, and never waits but in `finish`: a recorder that is slow, gone or out of disk is a reason code, no delay.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.sensors.port import Column
 from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
 
-#: datagrams kept here while the recorder's queue is full; with one in 20 ms, the recorder may be 2 s behind its queue
+#: datagrams kept here while the recorder's queue is full; with one every 20 ms, 2 s beyond that queue
 MAX_BACKLOG: Final = 100
-#: between two tries of the last words [s]
+#: between two attempts to send the last datagrams [s]
 RETRY_INTERVAL: Final = 0.01
 
 
 class RecorderClient:
     """The record as seen by a process that must not wait for it.
 
-    `failure` is a reason code once the record can't be whole any more: record_full where the recorder doesn't keep up,
-    record_lost where it is gone, or what the recorder itself says (record_failed: it cannot write). Empty before.
+    `failure` is a reason code once the record can't be complete any more: record_full if the recorder doesn't keep up,
+    record_lost if it is gone, or the code that the recorder sent (record_failed: it cannot write). Empty before.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -35,19 +35,19 @@ class RecorderClient:
         self.failure = ""
 
     def received_pose(self, time: float, data: bytes) -> None:
-        """Keep pose bytes as they came, with their receive time."""
+        """Keep pose bytes as received, with their receive time."""
         self._calls.append(("received_pose", (time, data)))
 
     def saw_frames(self, time: float, channel: str, frames: Iterable[Frame]) -> None:
-        """Keep CAN frames heard or sent at one drive time."""
+        """Keep CAN frames received or sent at one drive time."""
         self._calls.append(("saw_frames", (time, channel, [tuple(frame) for frame in frames])))
 
     def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
-        """Keep what came out of a sensor at a tick: drive time at which it was measured [s], columns of its table."""
+        """Keep a sensor's output at a tick: drive time at which it was measured [s], columns of its table."""
         self._calls.append(("sensed", (tick, sensor, measured, columns)))
 
     def snapshot(self, tick: int, actors: Actors) -> None:
-        """Keep the actors that tick `tick` looks at."""
+        """Keep the actors that tick `tick` uses."""
         self._calls.append(("snapshot", (tick, actors)))
 
     def ticked(self, row: TickRow) -> None:
@@ -67,7 +67,7 @@ class RecorderClient:
         self._calls.append(("ended", (how,)))
 
     def flush(self) -> None:
-        """Send what was gathered since the last time; once a tick or step, after everything that is urgent."""
+        """Send the calls since the last flush; to be called once a tick or step, after everything urgent."""
         if self._calls:
             if len(self._backlog) < MAX_BACKLOG:
                 self._backlog.append(pickle.dumps(self._calls, pickle.HIGHEST_PROTOCOL))
@@ -82,7 +82,7 @@ class RecorderClient:
             self._fail("record_lost")
 
     def finish(self, patience: float) -> None:
-        """Send all that is left; waits at most `patience` [s], so only when nothing moves any more."""
+        """Send all that is left, waiting at most `patience` [s]; to be called only when nothing moves any more."""
         deadline = time.monotonic() + patience
         self.flush()
         while self._backlog and not self._channel.closed and time.monotonic() < deadline:

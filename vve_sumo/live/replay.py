@@ -1,8 +1,8 @@
-"""A live record through the same core again: the drive's part tick by tick, the gateway's step by step.
+"""Replays a live record through the same pipeline and gateway: the drive's part tick by tick, the gateway's by step.
 
-No process, no bus and no SUMO is started. Each side is fed what it was fed then, at the times that it was told then,
-and must answer bit for bit as it did; so it also says whether the setpoints that the gateway was handed are those that
-the drive computes from the recorded bytes.
+Starts no process, bus or SUMO. Each part gets its recorded inputs at their recorded times and must answer bit for bit
+as recorded. The replay also checks that the setpoints that the gateway received are those that the drive computes from
+the recorded bytes.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
-#: what scenario.json must say for a live drive to be put together again
+#: the keys that scenario.json must hold for a live drive to be assembled again
 KEYS: Final = frozenset(
     {"scenario", "scenario_file", "settings", "rig", "rig_name", "gateway", "files_sha256", "versions"}
     | {"epoch_gnss_s", "lot_projection", "lot_to_road"}
@@ -44,12 +44,12 @@ KEYS: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class LiveInputs:
-    """What went into a live drive, as far as its record reaches."""
+    """The recorded inputs of a live drive, up to the first gap in its record."""
 
     scenario_content: dict[str, Any]  #: scenario.json
     pipeline: PipelineInputs
-    steps: list[dict[str, Any]]  #: rows of the gateway's table, as far as none is missing and its frames are there
-    torn: int  #: rows after those
+    steps: list[dict[str, Any]]  #: rows of the gateway's table before the first missing row or missing frame
+    torn: int  #: number of rows after those
     frames: list[Frame]  #: of can.log, in its order
 
 
@@ -59,7 +59,7 @@ def is_live(folder: FilePath) -> bool:
 
 
 def read_live_scenario_content(folder: FilePath) -> dict[str, Any]:
-    """Return what a live record's `scenario.json` says; raises ConfigError where it lacks what a live drive writes."""
+    """Return the content of a live record's `scenario.json`; raises ConfigError if it lacks one of `KEYS`."""
     scenario_content = read_resolved(folder)
     if missing := sorted(KEYS - scenario_content.keys()):
         raise ConfigError(f"{folder / 'scenario.json'}: key {missing[0]!r} is missing, a live drive writes it")
@@ -84,7 +84,7 @@ def _whole_steps(steps: list[dict[str, Any]], frames: int) -> int:
 def rebuilt_pipeline(scenario_content: dict[str, Any], working: FilePath, controller: str | None = None) -> Pipeline:
     """Build the pipeline of a live drive again, with another `controller` if one is named.
 
-    Raises ConfigError where something that the record names is not there any more.
+    Raises ConfigError where something that the record names no longer exists.
     """
     resolved, rig = from_dict(scenario_content, working)
     if controller is not None:
@@ -107,7 +107,7 @@ def replay_drive(inputs: LiveInputs, working: FilePath) -> Difference | None:
 
 
 def _setpoints(steps: list[dict[str, Any]]) -> dict[int, bytes]:
-    """Return the setpoints' datagrams that the gateway was handed, by their sequence; a torn one has none."""
+    """Return the datagrams of the setpoints that the gateway received, by sequence number; no malformed ones."""
     came = [(link.decode_setpoint(row["setpoint"]), row["setpoint"]) for row in steps if row["setpoint"]]
     return {setpoint.sequence: data for setpoint, data in came if isinstance(setpoint, Setpoint)}
 
@@ -115,7 +115,7 @@ def _setpoints(steps: list[dict[str, Any]]) -> dict[int, bytes]:
 def replay_gateway(inputs: LiveInputs) -> Difference | None:
     """Return the first step at which the gateway's part differs: in its verdict or in the frames that it sent.
 
-    Raises ConfigError where the record says of the gateway what this version does not understand.
+    Raises ConfigError where this version does not understand the record's gateway configuration.
     """
     try:
         gateway, frames = build_gateway(inputs.scenario_content["gateway"]), iter(inputs.frames)
@@ -137,7 +137,7 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
 
 
 def _gateway_columns(step: int, gateway: Gateway, status: GatewayStatus) -> dict[str, Any]:
-    """Return what the gateway came to, by the record's columns."""
+    """Return the gateway's results of a step, by the record's columns."""
     return {
         "step": step,
         **status_columns(status),

@@ -1,6 +1,6 @@
-"""The review of a record, of a lockstep or a live drive: is it whole, does it replay, what would another have done?
+"""Reviews the record of a lockstep or live drive: is it unaltered, does it replay, what would another controller do?
 
-Finds out of which kind the record is and puts its findings into words; compares nothing itself.
+Finds out of which kind the record is and puts the findings into words; the comparisons are other modules'.
 """
 
 from __future__ import annotations
@@ -32,36 +32,36 @@ from vve_sumo.live.assembly import from_dict
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """What is known of a record before anything that it names is run."""
+    """What is known of a record before any code that it names is run."""
 
     folder: FilePath
-    altered: list[Alteration]  #: what is not as the drive left it
-    notes: list[str]  #: what else differs from then, and does not stand against a replay
-    changed: list[str]  #: why controller, sensors, interface and receiver must not be run as they are now
+    altered: list[Alteration]  #: parts that are not as the drive left them
+    notes: list[str]  #: other differences from then, which do not prevent a replay
+    changed: list[str]  #: changes in the code of controller, sensors, interface or receiver, which must not be run then
     resolved: ResolvedScenario | None  #: None where the record was altered, or a part has changed
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayResult:
-    """What came of a replay."""
+    """The result of a replay."""
 
-    what: str  #: was replayed
+    what: str  #: what was replayed
     notes: list[str]  #: what could not be replayed
-    differences: list[str]  #: the first one of each part
+    differences: list[str]  #: the first difference of each part
 
 
 @dataclass(frozen=True, slots=True)
 class RedriveResult:
-    """What another controller answers to a record's inputs, beside what the recorded one did."""
+    """What another controller answers to a record's inputs, beside the answers of the recorded one."""
 
     resolved: ResolvedScenario  #: of the record
     table: pa.Table  #: both answers, a row a tick
     comparison: redrive.Comparison
-    failure: str  #: the last one of the other controller, in its own words
+    failure: str  #: the other controller's last failure, in its own words
 
 
 def altered_since(folder: FilePath) -> list[Alteration] | None:
-    """Return what of a record is not as its drive left it; None for a record without hashes.
+    """Return the parts of a record that are not as its drive left them; None for a record without hashes.
 
     Raises ConfigError for a folder that holds no record.
     """
@@ -70,7 +70,7 @@ def altered_since(folder: FilePath) -> list[Alteration] | None:
 
 
 def inspect(folder: FilePath, working: FilePath) -> Inspection:
-    """Verify a record: every hash of it, and of the code of the parts that it names, of which none is run before.
+    """Verify every hash of a record and of the code that it names; none of that code is run before.
 
     Raises ConfigError for a folder that holds no record.
     """
@@ -88,8 +88,8 @@ def inspect(folder: FilePath, working: FilePath) -> Inspection:
 
 
 def replay(inspected: Inspection, working: FilePath) -> ReplayResult:
-    """Run a record that was found unaltered through the pipeline and the gateway again; say where it first differs."""
-    assert inspected.resolved is not None  # of a record that was altered, or a part that has changed, nothing is run
+    """Replay a record that was found unaltered through the pipeline and the gateway; return where it first differs."""
+    assert inspected.resolved is not None  # None only after an alteration or a change of code; then nothing is run
     if live.is_live(inspected.folder):
         return _live(inspected.folder, working)
     return _lockstep(inspected.folder, inspected.resolved, working)
@@ -120,7 +120,7 @@ def _torn(inputs: PipelineInputs) -> list[str]:
 
 
 def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | None) -> list[str]:
-    """Say where something differs, and how."""
+    """Return the lines that describe a difference; none without one."""
     if difference is None:
         return []
     when = next((f" ({row['time_s']:.2f} s)" for row in rows if row[kind] == difference.number), "")
@@ -133,7 +133,7 @@ def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | N
 
 
 def redrive_with(folder: FilePath, controller: str, working: FilePath) -> RedriveResult:
-    """Ask another controller on a record's inputs, open loop: the car does what the recorded one said.
+    """Run another controller on a record's inputs, open loop: the car moves as the recorded controller commanded.
 
     Raises ConfigError where a sensor, the drive-by-wire interface or the receiver is not as it was recorded.
     """

@@ -18,7 +18,7 @@ from vve_sumo.world.world import World
 class LiveRoad(VirtualRoad):
     """A virtual road whose process goes on when SUMO, the traffic or the scenario's actors fail.
 
-    The gateway has the newest fallback path by then, and the record its end.
+    The gateway then already has the newest fallback path, and the record can still be finished.
     """
 
     def __init__(self, world: World, engine: ScenarioEngine) -> None:
@@ -28,7 +28,7 @@ class LiveRoad(VirtualRoad):
     def advance(self, asked: Pose | None) -> EgoSyncReport | None:
         """Advance as a virtual road does; after a failure, do nothing.
 
-        Raises VveError for the first pose alone, before which nothing is armed: then the drive is refused.
+        Raises VveError only for the first pose, before which nothing is armed; the drive is then refused.
         """
         if self.traceback:
             return None

@@ -1,7 +1,7 @@
-"""What the test engineer sees and hears: a few lines rewritten in place, and a line and a bell for every transition.
+"""Draws the test engineer's screen: a few lines rewritten in place, and a line and a bell for every transition.
 
-Knows a terminal; what it shows is worded elsewhere. It never blocks: what a terminal does not take is dropped and drawn
-anew.
+Knows a terminal; `live.wording` words what it shows. It never blocks: while a terminal has not taken the last picture,
+none is drawn.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Screen:
         self._number, self._own = stream.fileno(), False
         self._terminal = stream.isatty()
         if self._terminal:
-            # The stream's description is shared with the shell, so it stays blocking; this one is ours alone.
+            # The stream's file description is shared with the shell, so it must stay blocking; this one is not shared.
             with contextlib.suppress(OSError):
                 self._number = os.open(os.ttyname(stream.fileno()), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
                 self._own = True
@@ -62,7 +62,7 @@ class Screen:
             self._write(self._bell(now) + self._frame(picture(status, now - self._told_at)))
 
     def say(self, line: str) -> None:
-        """Have a line of its own stand above the picture."""
+        """Print a line of its own above the picture."""
         self._lines.append(line)
         self._drawn_at = -math.inf
 
@@ -79,7 +79,7 @@ class Screen:
         return lines
 
     def _bell(self, now: float) -> str:
-        """Terminals make one of rings that come together, so each has its time; an alarm leaves none to silence."""
+        """Return a bell when one is due: at every picture of an alarm, else spaced, for terminals merge close rings."""
         if self._phase in ALARMS:
             return "\a"
         if self._rings == 0 or now - self._rung_at < RING_PERIOD:
@@ -88,7 +88,7 @@ class Screen:
         return "\a"
 
     def _frame(self, lines: list[str]) -> str:
-        """Return what wipes the last picture, writes the transitions above it and draws the next."""
+        """Return the text that wipes the last picture, writes the transitions above it and draws the next."""
         try:
             width = os.get_terminal_size(self._number).columns - 1
         except OSError:
@@ -104,7 +104,7 @@ class Screen:
         self._flush()
 
     def _flush(self) -> bool:
-        """Write what is left of the last piece; whether nothing is left now."""
+        """Write what is left of the last output; return whether nothing is left now."""
         while self._rest:
             ready = select.select([], [self._number], [], 0.0)[1]
             if not ready:
@@ -114,6 +114,6 @@ class Screen:
             except BlockingIOError:
                 return False
             except OSError:
-                # The terminal is gone; the drive does not end for want of an audience.
+                # The terminal is gone; the drive goes on without a screen.
                 self._rest = b""
         return True

@@ -1,6 +1,6 @@
-"""A live drive from names to its record and summary: starts the processes, waits for their end, completes the summary.
+"""Runs a live drive from names to its record and summary: starts the processes, waits for their end, adds the verdict.
 
-The only module of the room that looks at the wall clock. It prints nothing: its caller hands in where messages go.
+Prints nothing: the caller hands in where messages go.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.scenario.schema import EndTrigger
 
-#: for a process to end by itself once all is over [s]; the recorder writes its tables in this time
+#: time for a process to end by itself after the drive [s]; the recorder writes its tables in this time
 EXIT_TIMEOUT: Final = 60.0
 #: characters of a person's name, at most
 MAX_NAME_LENGTH: Final = 100
@@ -54,7 +54,7 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A live drive before anything of it runs."""
+    """A live drive before any of its processes runs."""
 
     resolved: ResolvedScenario
     scenario_file: FilePath
@@ -82,7 +82,7 @@ def plan(
     controller: str | None,
     shadow: bool,
 ) -> Plan:
-    """Find everything by name and refuse what nobody should drive with; nothing is opened, written or moved.
+    """Find scenario and rig by name and refuse what nobody should drive with; opens no device and writes nothing.
 
     Raises ConfigError for what is wrong in a file, RigError for a rig that may not command a car.
     """
@@ -117,7 +117,7 @@ def person_name(role: str, typed: str) -> str:
 
 
 def _provenance(plan: Plan, doctor: Mapping[str, Any]) -> str:
-    """Return what the record keeps of where the drive comes from, as the file holds it."""
+    """Return the text of the record's provenance file."""
     now = datetime.datetime.now(datetime.UTC)
     document = provenance.provenance(plan.resolved, now.isoformat(timespec="seconds"))
     document |= {"rig_file_sha256": hash_file(plan.rig_file), "operator": plan.operator, "driver": plan.driver}
@@ -130,7 +130,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
     `doctor` is the doctor's last result on the rig, for the record. The console draws on `terminal` while the drive
     goes on; messages before and after it go to `notify`.
     """
-    # Refuses what is wrong before anything is started.
+    # Raises for an unusable controller or sensor before anything is started.
     plan.resolved.controller(plan.working)
     sensors_of(plan.resolved)
     if plan.resolved.scenario.end_trigger != EndTrigger():
@@ -140,7 +140,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
         contextlib.ExitStack() as stack,
         OperatorInput(listen=not plan.rig.operator.automatic) as keys,
     ):
-        # Before anything else: where another program has the receiver's port, no car of ours shall speak to it.
+        # Opened first: if another program holds the receiver's port, the simulated vehicle must not send to it.
         source = stack.enter_context(contextlib.closing(assembly.source_of(plan.rig)))
         plan.folder.mkdir(parents=True, exist_ok=True)
         car = None
@@ -174,7 +174,7 @@ _ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
 
 
 def _ground(plan: Plan, source: Source, notify: Notify) -> LotAlignment:
-    """Find where the lot lies on the street, and GNSS time, while the car stands; the drive is to open the receiver."""
+    """Measure the alignment and GNSS time while the car stands; close `source`, for the drive's process to open it."""
     rig, resolved = plan.rig, plan.resolved
     notify("waiting for trusted fixes of the standing car")
     try:
@@ -188,7 +188,7 @@ def _ground(plan: Plan, source: Source, notify: Notify) -> LotAlignment:
 
 
 def _not_ready(plan: Plan, ground: LotAlignment, notify: Notify) -> tuple[str, ...]:
-    """Reason codes of what stands against this drive from its beginning to its end."""
+    """Return the reason codes that keep this drive from READY for as long as it lasts."""
     geofence = meaning.geofence_of(plan.rig, ground.alignment)
     leaves = geofence.along(plan.resolved.path, plan.resolved.scenario.ego.speed_mps)
     if leaves is None:
@@ -208,7 +208,7 @@ def _processes(
     car: start_simulated_vehicle.SimulatedVehicleProcess | None,
     notify: Notify,
 ) -> ProcessGroup:
-    """Start recorder, gateway and drive, each with the ends that it needs and no others."""
+    """Start recorder, gateway and drive, each with only the channel ends that it needs."""
     console_gateway, gateway_console = pair()
     console_drive, drive_console = pair()
     drive_gateway, gateway_drive = pair()
@@ -247,7 +247,7 @@ def _processes(
 
 
 def _note_processes(plan: Plan, processes: ProcessGroup) -> None:
-    """Write down who is who and when it began, for whoever has to look after a process by hand."""
+    """Write process ids and start time to `processes.json`, for an engineer who has to signal a process by hand."""
     numbers: dict[str, float] = {
         "gateway": processes.gateway.pid,
         "drive": processes.drive.pid,
@@ -268,11 +268,11 @@ def _drove(folder: FilePath) -> bool:
 
 
 def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]:
-    """Complete the recorder's summary by what the scenario asks for; `why` is what the gateway told the console."""
+    """Complete the recorder's summary by the scenario's verdict; `why` is the gateway's last reasons at the console."""
     try:
         summary = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        # The recorder died, or found no room: this is what is left of the drive.
+        # The recorder died, or the disk is full: summarise what the record holds.
         summary = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": [*why, "record_lost"]})
     done = DriveEnd(
         Outcome(summary["outcome"]),
@@ -298,7 +298,7 @@ def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]
 
 @contextlib.contextmanager
 def removed_when_empty(folder: FilePath) -> Iterator[None]:
-    """Take away the folder of a drive that never came to a record, with what its first processes left there."""
+    """Remove the folder of a drive that was refused before its record began, with its processes' first files."""
     try:
         yield
     except VveError:

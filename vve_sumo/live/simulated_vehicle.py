@@ -1,8 +1,8 @@
-"""The simulated vehicle as a process of its own: in real time, NCOM over UDP, CAN over a bus that others can open.
+"""Runs the simulated vehicle as a process in real time: NCOM over UDP, CAN over a bus that others can open.
 
-`python -m vve_sumo.live.simulated_vehicle`, started by `spawn`. It knows what a real car knows: commands on its bus,
-its own motion and the sky; no street, no gateway, no controller. Beside the car it is the injected faults and a file of
-the truth.
+`python -m vve_sumo.live.simulated_vehicle`, started by `spawn`. Like a real car it knows the commands on its bus, its
+own motion and the sky; no street, no gateway, no controller. It also injects faults and writes a file of the true
+motion.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from vve_sumo.vehicle.model import rebuilt
 if TYPE_CHECKING:
     from vve_sumo.bus import Bus
 
-MAX_LAG: Final = 0.100  # what should have been said so long ago is not said any more [s]
-STEPS_PER_POLL: Final = 20  # steps between looks at the console and flushes of the truth: 0.1 s
-REST_TIME: Final = 1.0  # standing so long, and told nothing, is rest [s]
-END_TIMEOUT: Final = 60.0  # from being asked to end to ending in any case [s]
+MAX_LAG: Final = 0.100  # messages that are later than this are not sent [s]
+STEPS_PER_POLL: Final = 20  # steps between polls of the console and flushes of the truth: 0.1 s
+REST_TIME: Final = 1.0  # a car that stands for so long without a frame on its bus is at rest [s]
+END_TIMEOUT: Final = 60.0  # longest time from the request to end to the end [s]
 
 TRUTH_COLUMNS: Final = (
     "time_s", "x_m", "y_m", "heading_rad", "speed_mps", "brake_torque_nm", "gear", "wheel_angle_rad",
@@ -50,20 +50,20 @@ TRUTH_COLUMNS: Final = (
 
 
 class Wire(Protocol):
-    """The car's end of its CAN bus; none of it waits or raises."""
+    """The car's end of its CAN bus; no method waits or raises."""
 
     def send(self, frames: Iterable[Frame]) -> None:
         """Put frames on the bus."""
 
     def receive(self) -> list[Frame]:
-        """Return what was heard since the last call, in order."""
+        """Return the frames received since the last call, in order."""
 
     def close(self) -> None:
         """Let go of the bus."""
 
 
 class PythonCanWire:
-    """A bus that python-can opens, as a `Wire`: a bus that is down is a silent one, as it is for a real car."""
+    """A bus that python-can opens, as a `Wire`: to the car, a bus that is down is a silent one."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
@@ -75,7 +75,7 @@ class PythonCanWire:
                 self._bus.send(frame)
 
     def receive(self) -> list[Frame]:
-        """Return what was heard since the last call, in order."""
+        """Return the frames received since the last call, in order."""
         try:
             return self._bus.drain()
         except RigError:
@@ -88,7 +88,7 @@ class PythonCanWire:
 
 @dataclass(frozen=True, slots=True)
 class CarConfig:
-    """What the process is told, and how it is told it: `to_dict` gives plain JSON, `from_dict` reads it."""
+    """The configuration of the process: `to_dict` gives it as plain JSON, `from_dict` reads that."""
 
     parameters: CarParameters
     lot: MapFrame  #: the plane map of the lot that the truth is written in
@@ -147,14 +147,14 @@ class CarConfig:
 
 
 class TruthFile:
-    """The file of where the car really was; a disk that is full ends the file, not the car."""
+    """The file of the car's true motion; a full disk ends the file, not the car."""
 
     def __init__(self, file: FileIO | None) -> None:
         self._file = file
         self._lines = [",".join(TRUTH_COLUMNS) + "\n"]
 
     def add(self, pose: Pose, car: Car) -> None:
-        """Take a line for the car as it is now."""
+        """Add a line for the car's present state."""
         interface = car.interface
         enabled = ",".join(str(int(one)) for one in interface.enabled)
         motion = f"{pose.time:.3f},{pose.x:.5f},{pose.y:.5f},{pose.heading:.6f},{pose.speed:.5f}"
@@ -173,7 +173,7 @@ class TruthFile:
 
 
 class SimulatedVehicle:
-    """The car on the monotonic clock; it computes each step ahead, so that what is due at its end goes out on time."""
+    """The car on the monotonic clock; each step is computed ahead, so that its messages go out when they are due."""
 
     def __init__(self, config: CarConfig, wire: Wire, truth: TruthFile) -> None:
         # The radar's noise is the second child of a scenario's seed.
@@ -187,7 +187,7 @@ class SimulatedVehicle:
         self._target = config.target
         self._t0 = config.t0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        # Not to any address of this machine, as a first send would have it: nobody elsewhere shall reach it.
+        # A first send would bind the socket to every address of this machine, and other machines could reach it.
         self._socket.bind((config.target[0], 0))
         self._socket.setblocking(False)
         self._steps = 0
@@ -200,11 +200,11 @@ class SimulatedVehicle:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the car has been standing for a while, and whoever commanded it has ended."""
+        """Whether the car has been standing for REST_TIME without a frame on its bus."""
         return self.time - self._rests_since >= REST_TIME
 
     def step(self) -> None:
-        """Advance by one step, saying everything when it is due; returns when the step is over on the real clock."""
+        """Advance by one step and send each message when it is due; returns when the step is over in real time."""
         data = self._wire.receive()
         self._steps += 1
         until = self.time
@@ -217,11 +217,11 @@ class SimulatedVehicle:
         self._wait(until)
 
     def flush(self) -> None:
-        """Put the truth so far on file."""
+        """Write the truth so far to its file."""
         self._truth.flush()
 
     def close(self) -> None:
-        """Let go of everything."""
+        """Write the rest of the truth; close the socket and the bus."""
         self._truth.flush()
         self._socket.close()
         self._wire.close()
@@ -235,7 +235,7 @@ class SimulatedVehicle:
             self._wire.send([frame for _, frame in reports])
 
     def _wait(self, until: float) -> float:
-        """Return at drive time `until`, or at once where it is past; how long ago it was [s]."""
+        """Wait until drive time `until`; return how long that is past [s], 0 after a wait."""
         late = time.monotonic() - self._t0 - until
         if late >= 0.0:
             return late
@@ -244,7 +244,7 @@ class SimulatedVehicle:
 
 
 class EndCondition:
-    """When the process ends: asked to and at rest, or after long enough."""
+    """When the process ends: asked to and with the car at rest, or END_TIMEOUT after it was asked."""
 
     def __init__(self, console: Channel) -> None:
         self._console = console
@@ -281,7 +281,7 @@ def main() -> int:
 
 
 def run(config: CarConfig, console: Channel, ending: EndCondition, stack: contextlib.ExitStack) -> None:
-    """Be the car until it is time to end; says `car_ready` to the console, with the bus that others can open."""
+    """Run the car until it is time to end; sends `car_ready` to the console, with the bus that others can open."""
     wire, bus = _wire(config.bus)
     file = None if config.truth is None else stack.enter_context(config.truth.open("wb", buffering=0))
     car = SimulatedVehicle(config, wire, TruthFile(file))

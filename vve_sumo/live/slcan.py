@@ -1,7 +1,7 @@
-"""A serial CAN adapter made of software: the device end of the LAWICEL protocol, on a pseudo-terminal.
+"""A serial CAN adapter in software: the device end of the LAWICEL protocol, on a pseudo-terminal.
 
-Whoever opens its `name` as a serial port meets an adapter as on a USB stick (python-can: interface "slcan"). It knows
-lines and frames, not what a frame means. Nothing here ever waits: what nobody reads in time is dropped, oldest first.
+A host opens its `name` as the serial port of a USB adapter (python-can: interface "slcan"). It knows lines and frames,
+not what a frame means. No call waits: lines that are not read in time are dropped, oldest first.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _REPLIES: Final = {b"": OK, b"V": b"V1013\r", b"v": b"v1013\r", b"N": b"NVVE0\r"
 
 
 class SlcanProtocol:
-    """What an adapter answers to what it is told; no terminal, no time."""
+    """An adapter's answers to a host's commands; no terminal, no time."""
 
     def __init__(self) -> None:
         self.open = False  #: the CAN channel: frames pass in both directions
@@ -44,7 +44,7 @@ class SlcanProtocol:
         Remote and extended frames are acknowledged and go nowhere: a `Frame` cannot hold them.
         """
         *lines, rest = (self._line + data).split(b"\r")
-        self._line = rest[: MAX_LINE_LENGTH + 1]  # one too long still is an error when its end comes
+        self._line = rest[: MAX_LINE_LENGTH + 1]  # a line that is too long is still an error once complete
         frames: list[Frame] = []
         answers = b"".join([self._obey(line, frames) for line in lines])
         return frames, answers
@@ -77,14 +77,14 @@ class SlcanProtocol:
 
 
 def encode_frame(frame: Frame) -> bytes:
-    """Return the line that says `frame`."""
+    """Return the line that carries `frame`."""
     return b"t%03X%d%s\r" % (frame.id, len(frame.data), frame.data.hex().upper().encode())
 
 
 class Adapter:
     """An adapter on a pseudo-terminal of this machine; closed by `close` or at the end of a with block.
 
-    The other side of the terminal is kept open here too, so that a host may come, die and come again.
+    The host's side of the terminal is kept open here too, so that a host may end and another one open it.
     """
 
     def __init__(self) -> None:
@@ -102,14 +102,14 @@ class Adapter:
         return self._ours
 
     def receive(self) -> list[Frame]:
-        """Return all frames that the host has sent since, in order; answers go out at once."""
+        """Return all frames that the host has sent since the last call, in order; answers go out at once."""
         frames: list[Frame] = []
         while data := self._read():
             closings = self._dialogue.closings
             taken, answers = self._dialogue.take(data)
             frames += taken
             if self._dialogue.closings != closings:
-                # What an earlier host never read is not for the next one.
+                # Lines that an earlier host never read are not for the next one.
                 self._lines.clear()
                 self._begun = b""
                 termios.tcflush(self._theirs, termios.TCIFLUSH)
@@ -125,7 +125,7 @@ class Adapter:
         self._write()
 
     def close(self) -> None:
-        """Pull the adapter out."""
+        """Close both sides of the terminal."""
         os.close(self._ours)
         os.close(self._theirs)
 

@@ -1,6 +1,6 @@
-"""Starting a process of a live drive, and what the started one does first.
+"""Starts a process of a live drive, and receives its configuration in the started process.
 
-Knows how a configuration and the ends of channels get from one process to another; not what they are for.
+Knows how a configuration and the ends of channels get from one process to another, not what they are for.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ def start(
 ) -> subprocess.Popen[bytes]:
     """Start `vve_sumo.live.<module>` as a process of its own and hand it `config` (plain JSON) and `channels`.
 
-    The ends are given away: they are closed here. What the process says goes to the file that config["log"] names,
-    else to where ours goes. With `own_session`, no key of this terminal and no closing of it reaches the process.
+    The ends are closed in this process. The started one's output goes to the file that config["log"] names, else to
+    this one's standard error. With `own_session`, neither keys nor the closing of this terminal reach the process.
     """
     handed = {name: channel.fileno() for name, channel in channels.items()}
     log = config.get("log")
@@ -50,16 +50,16 @@ def receive_config() -> tuple[dict[str, Any], dict[str, Channel]]:
 
 
 def _tell(process: subprocess.Popen[bytes], text: bytes) -> None:
-    """Write to a process's standard input and close it; one that died already is found dead by its closed channels."""
+    """Write to a process's standard input and close it; one that has died already shows by its closed channels."""
     assert process.stdin is not None
     with contextlib.suppress(BrokenPipeError), process.stdin as stdin:
         stdin.write(text)
 
 
 def _search_path() -> str:
-    """Return what this process looks at before its standard library, so that the new one finds the same modules.
+    """Return the folders that this process searches before its standard library, for the new one to search them too.
 
-    The new one is told not to look into its working folder first, where any file could pass for one of them.
+    The new one does not search its working folder (-P), where any file could pass for one of the modules.
     """
     ahead = []
     for place in sys.path:

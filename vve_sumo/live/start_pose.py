@@ -1,6 +1,6 @@
-"""Whether a car stands where its path begins and faces along it: judged before it is engaged, and by the doctor.
+"""Judges whether a car stands where its path begins and faces along it: before it is engaged, and for the doctor.
 
-Knows a pose and a path; not who asks, nor what follows.
+Knows a pose and a path only.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from vve_sumo.frames import wrap_angle
 from vve_sumo.path import Path
 from vve_sumo.values import Pose
 
-#: The rear axle may stand so far from the path's start, in any direction [m]. A driver who parks by a mark on the
-#: ground comes nearer than that, and it is a quarter of the deviation at which a car under way is stopped by default:
-#: a car that stands farther off stands at another start, or in another lot.
+#: Largest distance of the rear axle from the path's start, in any direction [m]. A driver who parks by a mark on the
+#: ground comes nearer. It is a quarter of the lateral deviation at which a moving car is stopped by default. A car that
+#: is farther off stands at another start, or in another lot.
 MAX_START_DISTANCE: Final = 1.0
-#: The car may be turned so much against its path [rad]. A driver who parks along a line is nearer than that, and over
-#: 11 m it takes a car 1 m to the side.
+#: Largest turn of the car against its path [rad]. A driver who parks along a line does better; a car turned by that
+#: much is 1 m to the side after 11 m.
 MAX_START_TURN: Final = math.radians(5.0)
 
 
 class StartPose(NamedTuple):
-    """How a car stands to the start of its path; NaN is no number that holds."""
+    """A car's pose relative to the start of its path; a NaN is a fault."""
 
     along: float  #: past the start, in the path's direction [m]
     left: float  #: of the path [m]
@@ -45,7 +45,7 @@ class StartPose(NamedTuple):
 
 
 def start_pose_of(pose: Pose, path: Path) -> StartPose:
-    """Return how a pose of the rear axle stands to the start of a path."""
+    """Return a pose of the rear axle relative to the start of a path."""
     begin = path.at(0.0)
     x, y = pose.x - begin.x, pose.y - begin.y
     cosine, sine = math.cos(begin.heading), math.sin(begin.heading)

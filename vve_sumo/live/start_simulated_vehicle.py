@@ -1,4 +1,4 @@
-"""Starting the simulated vehicle of a rig, for a drive and for everything that only looks at the rig.
+"""Starts the simulated vehicle of a rig, for a drive and for commands that only look at the rig.
 
 Knows the rig's tables and the car's process; no scenario, no gateway. Nothing is commanded here.
 """
@@ -25,13 +25,13 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY
 from vve_sumo.vehicle.model import VehicleModel
 
-#: for the car to say that it is there [s]
+#: longest time for the car to report that it is ready, and to end [s]
 START_TIMEOUT: Final = 30.0
 
 
 @dataclass(slots=True)
 class SimulatedVehicleProcess:
-    """The simulated vehicle's process as it waits for the rest; it ends when `channel` is closed and it stands."""
+    """The simulated vehicle's process; it ends when `channel` is closed and the car stands."""
 
     process: subprocess.Popen[bytes]
     channel: Channel
@@ -41,10 +41,10 @@ class SimulatedVehicleProcess:
 def start(
     rig: Rig, t0: float, seed: int, stack: contextlib.ExitStack, folder: FilePath | None, friction: float = DRY
 ) -> SimulatedVehicleProcess:
-    """Start the car and wait until it is there; it is ended where `stack` is left.
+    """Start the car and wait until it is ready; it is ended when `stack` is closed.
 
     `t0` is the monotonic second of drive time 0, `seed` and `friction` are the scenario's. Truth and log go into
-    `folder`, where there is one. Raises RigError with the car's words where it does not come up.
+    `folder`, if there is one. Raises RigError with the car's message if it does not start.
     """
     config = _config(rig, t0, seed, folder, friction).to_dict()
     ours, theirs = pair()
@@ -69,7 +69,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: float) -> CarConfig:
     start, pose = rig.car_start, rig.pose
-    assert start is not None  # the rig's refusals see to it, and to the receiver that the car simulates
+    assert start is not None  # the rig's validation ensures it, and the receiver that the car simulates
     assert isinstance(pose, NcomUdp)
     wire = rig.bus.interface, start.channel or rig.bus.channel
     return CarConfig(

@@ -1,6 +1,6 @@
-"""What `summary.json` says of a live drive: from its record alone, however much of it there is.
+"""Makes the content of a live drive's `summary.json` from its record alone, however incomplete that is.
 
-Knows tables; no process, no clock. A drive that was killed never said how it ended; then the gateway's last row does.
+Knows tables; no process, no clock. A drive that was killed sent no reasons for that; the gateway's last ones stand in.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from vve_sumo.vehicle.arming import ENDING
 
 
 def summarise(folder: Path, ended: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the summary of the record in `folder`; `ended` is how the drive says that it ended, None if it did not."""
+    """Return the summary of the record in `folder`; `ended` is the drive's message of how it ended, if any."""
     ticks, gateway, latency = (_table(folder, name) for name in ("ticks", "gateway", "latency"))
     summary: dict[str, Any] = {"outcome": Outcome.BROKEN.value, "reasons": ["drive_lost"]}
     if ended is None:
@@ -46,7 +46,7 @@ def _rows(table: pa.Table | None) -> int:
 
 
 def _last_reasons(gateway: pa.Table | None) -> list[str]:
-    """Why the gateway stopped the car; once it has let go, it says nothing of that any more."""
+    """Return why the gateway stopped the car; its rows after it has let go no longer hold that."""
     if gateway is None:
         return []
     rows = zip(gateway["state"].to_pylist(), gateway["reasons"].to_pylist(), strict=True)

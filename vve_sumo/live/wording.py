@@ -1,6 +1,6 @@
-"""A live drive's status in words: where it stands, why, what whoever is at the controls does next, how loud that is.
+"""Words a live drive's status: its phase, the reasons, what operator and driver do next, how often the bell rings.
 
-Pure functions of what gateway, drive and console have told; no terminal, no clock.
+Pure functions of the status messages of gateway, drive and console; no terminal, no clock.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from vve_sumo.drive.lockstep import WAITING
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.values import ArmingState
 
-#: a drive that has told nothing for so long is said to be silent [s]
+#: a drive without a status message for this long counts as silent [s]
 SILENCE: Final = 0.5
-#: reasons that are written out in a picture, and in the line of a transition
+#: largest number of reasons written out in a picture, and in the line of a transition
 MAX_REASONS: Final = 8
 MAX_REASONS_IN_A_LINE: Final = 4
 
 
 class Guard(enum.StrEnum):
-    """How the console stands to the gateway, which tells it something ten times a second."""
+    """What the console knows of the gateway's process, which sends it a message at least ten times a second."""
 
     HEARD = "heard"  #: or not yet heard for the first time
-    SILENT = "silent"  #: it runs and tells nothing: it was stopped, or is not run
-    GONE = "gone"  #: it ended while the car was its own
-    ENDED = "ended"  #: it ended, the car being nobody's but the driver's
+    SILENT = "silent"  #: it exists and sends nothing: it was stopped, or is not scheduled
+    GONE = "gone"  #: it ended while it commanded the car
+    ENDED = "ended"  #: it ended, having let go of the car
     LEFT = "left"  #: the console has let go of it
 
 
@@ -69,21 +69,21 @@ _ENGAGED_PHASES: Final = {
     "shifting": "engaging: the car shifts to drive",
     WAITING: "engaged and held: g goes, any other key stops",
 }
-#: reasons that are told by every phase that they come with, or by what is to be done
+#: reasons that every phase they come with, or its advice, already states
 _TOLD: Final = frozenset({*_ENGAGED_PHASES, "shadow"})
-#: reasons that are told by this phase
+#: reasons that this phase already states
 _SAID_BY: Final = {
     BRAKES: {"brake_not_following"},
     NEEDED: {"driver_needed"},
     PARKED: {"drive_over"},
     OVER: {"drive_over"},
 }
-#: the driver is at a pedal, for which an engaged car waits before it goes
+#: the driver's foot is on a pedal; an engaged car does not go before it is off
 _DRIVER: Final = frozenset({"driver_on_brake", "driver_on_throttle"})
-#: with one of these nobody hears the car, or the car nobody
+#: with one of these the gateway does not hear the car, or the car does not hear the gateway
 _UNHEARD: Final = frozenset({"bus_down", "brake_report_stale", "gear_report_stale", "wheel_speeds_stale"})
 
-#: the bell rings at every picture of these until the phase is another
+#: phases at whose every picture the bell rings
 ALARMS: Final = frozenset({SILENT, GONE, BRAKES})
 
 _DBW_BRAKES: Final = "nothing is commanded any more; the DBW watchdog brakes only where it is armed: the driver brakes"
@@ -109,7 +109,7 @@ _NOBODY_HEARS: Final = "the car is not heard: brake, shift to P; the gateway end
 
 
 def phase(status: Mapping[str, Any]) -> str:
-    """Return where the drive stands, in words; a change of it is a transition."""
+    """Return the drive's phase, in words; a change of phase is a transition."""
     engaged = bool(status.get("engaged"))
     match status.get("gateway"):
         case Guard.SILENT if not in_shadow(status):
@@ -154,7 +154,7 @@ def in_shadow(status: Mapping[str, Any]) -> bool:
 
 
 def rings(status: Mapping[str, Any]) -> int:
-    """Return how often the bell rings when the drive comes to this status: twice is stopping, three times trouble."""
+    """Return how often the bell rings when the drive comes to this status: twice for stopping, thrice for trouble."""
     if phase(status) in {*ALARMS, NEEDED}:
         return 3
     return {"stopping": 2, "fault": 3}.get(status.get("state", ""), 1)
@@ -178,7 +178,7 @@ def transition(status: Mapping[str, Any]) -> str:
 
 
 def why(status: Mapping[str, Any]) -> list[str]:
-    """Return the reasons for where the drive stands, the gateway's first, in words and with their numbers."""
+    """Return the reasons for the drive's phase, the gateway's first, in words and with their numbers."""
     details = status.get("details", {})
     return [f"{in_words(code)}: {details[code]}" if code in details else in_words(code) for code in _reasons(status)]
 
@@ -196,7 +196,7 @@ def answer(key: str, status: Mapping[str, Any]) -> str:
 
 
 def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
-    """Return the lines of the picture; `silent` is how long the drive has told nothing [s]."""
+    """Return the lines of the picture; `silent` is the time since the drive's last message [s]."""
     fresh = silent < SILENCE
     lines = [_motion(status, fresh)]
     if todo := advice(status):
@@ -217,7 +217,7 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
 
 
 def _motion(status: Mapping[str, Any], fresh: bool) -> str:
-    """Say how the car moves; of a drive that is silent what it said last is not shown for what is."""
+    """Return the line of the car's motion; a silent drive's last speed and distances are not shown."""
     speed = status.get("speed_mps") if fresh else status.get("wheel_speed_mps")
     parts = [phase(status).upper(), f"{_number(_times(3.6, speed), '.1f')} km/h"]
     parts.append(f"{_number(status.get('to_go_m') if fresh else None, '.0f')} m to go")
@@ -242,10 +242,10 @@ def _health(status: Mapping[str, Any]) -> str:
 
 
 def _reasons(status: Mapping[str, Any]) -> list[str]:
-    """All codes once, the gateway's first; what the phase says already is left out.
+    """Return all codes once, the gateway's first, without those that the phase already states.
 
-    The drive's own count as long as something is missing. From then on they come with the setpoints and are among the
-    gateway's; what the drive told the console a tenth of a second ago may be over.
+    The drive's own codes count only while the gateway is disarmed. Afterwards they reach the gateway with the setpoints
+    and are among its codes, while those of the drive's last message may be 0.1 s old and over.
     """
     missing = status.get("state", ArmingState.DISARMED) == ArmingState.DISARMED
     codes = dict.fromkeys([*status.get("reasons", ()), *(status.get("faults", ()) if missing else ())])
