@@ -63,7 +63,7 @@ def find_actor_paths(
 
 
 def read_speeds(file: FilePath) -> Speeds:
-    """Return times [s] and speeds [m/s] of a CSV file whose header names them; `#` begins a comment.
+    """Return times [s] and speeds [m/s] of a CSV file whose header names them; lines that begin with `#` are skipped.
 
     Raises ConfigError naming file and line for a value that is not a number, a speed outside 0 to MAX_SPEED, and a time
     that is not later than the one before it.

@@ -1,8 +1,8 @@
 """Puts obstacles on the virtual road: cars that stand for the whole drive exactly where they were declared.
 
-Radar and contact tests see the declared box itself. Traffic sees a stand-in on each lane that the box cuts: a vehicle
-with a declared stop, the only representation to which SUMO's drivers react early (they change lanes ahead of it and
-queue at their usual gap). Must not know the ego.
+Radar and contact tests see the declared box itself. Traffic sees a proxy vehicle on each lane that the box cuts. The
+proxy has a declared stop, the only representation to which SUMO's drivers react early (they change lanes ahead of it
+and queue at their usual gap). Must not know the ego.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def _on_lane(obstacle: Obstacle, spot: LaneSpot, lanes: Lanes) -> Box:
 
 
 class Obstacles:
-    """The obstacles of a drive and their stand-ins in SUMO."""
+    """The obstacles of a drive and their proxy vehicles in SUMO."""
 
     def __init__(self, obstacles: Sequence[Obstacle], lanes: Lanes) -> None:
         """Compute the obstacles' boxes; raises ConfigError as `body` does, and where two share a name."""
@@ -115,7 +115,7 @@ class Obstacles:
         self.stand_ins: frozenset[str] = frozenset()
 
     def enter(self) -> None:
-        """Put the stand-ins on the still empty road; they are effective from the coming step on."""
+        """Put the proxies on the still empty road; they are effective from the coming step on."""
         names: list[str] = []
         for cut in self._blocked():
             names.append(f"{OBSTACLE_PROXY_TYPE}.{len(names)}")
@@ -123,7 +123,7 @@ class Obstacles:
         self.stand_ins = frozenset(names)
 
     def settle(self) -> None:
-        """Declare the stand-ins' stops, one step after `enter`: SUMO accepts a stop only for a vehicle on its lane."""
+        """Declare the proxies' stops, one step after `enter`: SUMO accepts a stop only for a vehicle on its lane."""
         for name in self.stand_ins:
             lane = libsumo.vehicle.getLaneID(name)
             edge, _, index = lane.rpartition("_")
