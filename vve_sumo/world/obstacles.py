@@ -1,8 +1,8 @@
 """Puts obstacles on the virtual road: cars that stand for the whole drive exactly where they were declared.
 
-Radar and contact tests see the declared box itself. Traffic sees a proxy vehicle on each lane that the box cuts: a vehicle
-with a declared stop, the only representation to which SUMO's drivers react early (they change lanes ahead of it and
-queue at their usual gap). Must not know the ego.
+Radar and contact tests see the declared box itself. Traffic sees a proxy vehicle on each lane that the box cuts. The
+proxy has a declared stop, the only representation to which SUMO's drivers react early (they change lanes ahead of it
+and queue at their usual gap). Must not know the ego.
 """
 
 from __future__ import annotations
