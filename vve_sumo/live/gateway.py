@@ -46,7 +46,7 @@ STATUS_INTERVAL: Final = 0.1
 RECORDER_TIMEOUT: Final = 2.0
 #: a console that has given a sign of life and then none for this long counts as gone [s]
 SILENCE: Final = 1.0
-#: a DBW controller without an understood report for this long counts as gone [s]; the car has stopped or cannot
+#: a DBW controller without an understood report for this long is gone [s]; the car stands or cannot be stopped
 DBW_SILENCE_LIMIT: Final = 60.0
 
 
@@ -61,7 +61,7 @@ def next_step_time(last: float, fresh: bool, alone: bool, period: float) -> floa
 def dbw_is_gone(now: float, received: float) -> bool:
     """Whether no DBW controller is left to command; `received` is when its last understood report came.
 
-    Other frames do not count, however many there are: a device that floods the bus is none that could stop the car.
+    Other frames do not count, however many there are: a device that floods the bus cannot be commanded.
     """
     return now - received > DBW_SILENCE_LIMIT
 
@@ -161,7 +161,7 @@ class GatewayProcess:
             if self._has_engaged and dbw_is_gone(self._last, self._gateway.last_dbw_report):
                 _say(f"no report of the DBW controller for {DBW_SILENCE_LIMIT:.0f} s: there is nothing to command")
                 break
-        # The console is to take the silence from here on for no alarm.
+        # Closed first, so that the console raises no alarm for the silence from here on.
         self._console.close()
         self._recorder_client.finish(RECORDER_TIMEOUT)
 

@@ -22,7 +22,7 @@ MAX_REASONS_IN_A_LINE: Final = 4
 
 
 class Guard(enum.StrEnum):
-    """What the console knows of the gateway's process, which sends it a message at least ten times a second."""
+    """What the console knows of the gateway's process, which sends it a message about ten times a second."""
 
     HEARD = "heard"  #: or not yet heard for the first time
     SILENT = "silent"  #: it exists and sends nothing: it was stopped, or is not scheduled
