@@ -1,7 +1,7 @@
-"""From a wished acceleration to a brake torque and a throttle opening, and standing still.
+"""Turns a requested acceleration into a brake torque or a throttle opening, and holds the car at standstill.
 
-Feeds forward what the calibration knows (drag, creep, grade), corrects the rest with a bounded integral, and never
-presses both pedals. It knows no limits of comfort, no frames and no states of arming.
+Feedforward from the calibration (drag, creep) and the grade, the rest corrected by a bounded integral; never both
+pedals at once. The module knows no comfort limits, no frames and no arming states.
 """
 
 from __future__ import annotations
@@ -13,29 +13,29 @@ from typing import Final, NamedTuple
 from vve_sumo.vehicle.calibration import GRAVITY, Calibration
 
 #: Acceleration for each m/s of speed that the car is behind its reference [1/s]. The speed error is the integral of
-#: the acceleration error, so this is an integral gain; a wrong mass or brake gain fades with a third of a second.
+#: the acceleration error, so this is an integral gain: the effect of a wrong mass or brake gain fades in about 1/3 s.
 INTEGRAL_GAIN: Final = 3.0
 CORRECTION_LIMIT: Final = 1.5  # largest correction [m/s2]: 15 % mass, 10 % brake gain and 3 % grade at 3.5 m/s2
 PEDAL_BAND: Final = 0.10  # a change of pedals needs this much force beyond zero, over mass [m/s2]; 1 % of grade
 START_ACCELERATION: Final = 0.10  # leaving standstill needs a request above this [m/s2]
 REST_SPEED: Final = 0.05  # slower than this is standing [m/s]; wheel-speed sensors resolve 3 mm/s
 ROLL_BACK_SPEED: Final = 0.10  # faster backwards than this is rolling away [m/s]
-HOLD_GRADE: Final = 0.10  # standing is held on any grade up to this, whatever the grade is believed to be
+HOLD_GRADE: Final = 0.10  # the car is held on any grade up to this, whatever grade is estimated
 HOLD_MARGIN: Final = 1.3  # covers 15 % mass and 10 % brake gain
 HOLD_RATE: Final = 3000.0  # of the holding torque, both ways [N m/s]; full hold within a third of a second
 
 
 class Pedals(NamedTuple):
-    """What the car is told; at most one of the two is not zero."""
+    """Commanded pedals; at most one of the two is not zero."""
 
     brake_torque: float  #: all wheels together [N m]
     throttle: float  #: 0 to 1
 
 
 class Actuation:
-    """Turns acceleration into pedals, step by step; holds the car where it is wished to stand.
+    """Turns acceleration into pedals, step by step; holds the car at standstill.
 
-    The reference is the speed that the wished accelerations would give through the declared delay and lag of the
+    The reference is the speed that the requested accelerations would give through the declared delay and lag of the
     actuators (brake_delay and brake_lag [s], or the calibration's drive lag while the throttle works).
     """
 
@@ -62,8 +62,8 @@ class Actuation:
     ) -> Pedals:  # fmt: skip
         """Pedals for `acceleration` [m/s2] at the measured `speed` [m/s] on `grade` [rad, uphill positive].
 
-        `elapsed` is the time since the last step [s]. A grade beyond a tenth is taken for a tenth. With `brakes_only`
-        the throttle stays closed whatever it takes.
+        `elapsed` is the time since the last step [s]. A grade beyond HOLD_GRADE is clipped to it. With `brakes_only`
+        the throttle always stays closed.
         """
         if self._stands(acceleration, speed):
             return self._hold(speed, elapsed)
@@ -74,7 +74,7 @@ class Actuation:
         return self._pedals(force, speed, brakes_only)
 
     def without_speed(self, deceleration: float) -> Pedals:
-        """Pedals for `deceleration` [m/s2] when nobody knows the speed: brakes alone, against full creep."""
+        """Pedals for `deceleration` [m/s2] when the speed is not known: brakes alone, against full creep."""
         force = self._calibration.mass * deceleration + self._calibration.creep_force
         self._torque = self._calibration.brake_torque(force)
         return Pedals(self._torque, 0.0)
@@ -99,7 +99,7 @@ class Actuation:
 
     def _hold(self, speed: float, elapsed: float) -> Pedals:
         if abs(speed) >= REST_SPEED and self._torque >= self._hold_target:
-            # It rolls although it is held: a steeper grade than any it was built for. All there is, and for good.
+            # The car rolls although it is held: the grade exceeds HOLD_GRADE. The full torque holds it from now on.
             self._hold_target = self._calibration.brake_torque_limit
         change = HOLD_RATE * elapsed
         self._torque += min(max(self._hold_target - self._torque, -change), change)
@@ -107,7 +107,7 @@ class Actuation:
         return Pedals(self._torque, 0.0)
 
     def _speed_error(self, acceleration: float, speed: float, elapsed: float) -> float:
-        """Reference speed minus measured speed, bounded, and frozen against a pedal that gives no more."""
+        """Reference speed minus measured speed [m/s], bounded; it does not grow against a saturated pedal."""
         lag = self._calibration.drive_lag if self._driving else self._brake_lag
         blend = elapsed / (lag + elapsed) if elapsed > 0.0 else 0.0
         reference = self._reference_target(acceleration, elapsed)
@@ -121,7 +121,7 @@ class Actuation:
         return self._error
 
     def _reference_target(self, acceleration: float, elapsed: float) -> float:
-        """The request that this step's speed answers to: a step and the brakes' delay ago, to half a step."""
+        """The request that this step's speed reflects: that of a step and the brakes' delay ago, to half a step."""
         self._time += elapsed
         delayed = self._delayed
         delayed.append((self._time, acceleration))
@@ -147,6 +147,6 @@ class Actuation:
         if self._torque >= self._calibration.brake_torque_limit:
             self._saturation = -1
         else:
-            # A push that nobody may give is not to be made up for once the throttle works again.
+            # Drive force withheld by `brakes_only` must not be made up for once the throttle works again.
             self._saturation = 1 if brakes_only and force > 0.0 else 0
         return Pedals(self._torque, 0.0)

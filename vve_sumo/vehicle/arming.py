@@ -1,6 +1,6 @@
-"""When the car may be commanded: the arming machine as one table, and its reasons in plain words.
+"""Arming state machine as one table, which says when the car may be commanded; and the reason codes in plain words.
 
-Everything that affects a transition lies in this file; what raises an event is the gateway's business.
+Every transition is defined in this file; the gateway decides which events occur.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ class Event(enum.StrEnum):
     CONDITIONS_LOST = "conditions_lost"  #: something needed to engage is missing
     ENGAGE = "engage"  #: the operator's first act: the car is taken over, and held
     GO = "go"  #: the operator's second act: the car may move
-    EXPIRED = "expired"  #: no setpoint that is still good
+    EXPIRED = "expired"  #: no setpoint that is still valid
     FAULT = "fault"  #: something is broken; the car can still be commanded
     OVERRIDE = "override"  #: the driver took over
     STOP = "stop"  #: the operator's act, or the drive is over
@@ -31,9 +31,9 @@ _DISARMED, _READY, _ENGAGED = ArmingState.DISARMED, ArmingState.READY, ArmingSta
 _STOPPING, _STOPPED, _FAULT = ArmingState.STOPPING, ArmingState.STOPPED, ArmingState.FAULT
 
 #: State to (event to next state); complete, so that nothing is left to a default.
-#: ENGAGED is entered by one arrow only, READY on ENGAGE, and GO changes no state: it lets an ENGAGED car move. From
-#: ENGAGED every trouble leads to STOPPING and so to rest, except the driver's: whoever takes over has the car at once,
-#: and FAULT commands nothing. From STOPPED the car is let go in park or to the driver; no operator can let it creep.
+#: ENGAGED is entered only from READY, on ENGAGE. GO changes no state: it lets an ENGAGED car move. From ENGAGED every
+#: trouble leads to STOPPING and so to rest, except OVERRIDE: it gives the car to the driver at once, as FAULT commands
+#: nothing. STOPPED is left only on PARKED or on OVERRIDE: no operator command can let the car creep.
 TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
     _DISARMED: {
         Event.CONDITIONS_MET: _READY,
@@ -117,7 +117,7 @@ TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
 
 #: States in which the DBW controller is enabled and commanded.
 COMMANDING: Final = frozenset({_ENGAGED, _STOPPING, _STOPPED})
-#: States in which the gateway says why a drive has come to its end.
+#: States in which the gateway reports why a drive has ended.
 ENDING: Final = frozenset({_STOPPING, _STOPPED, _FAULT})
 
 #: Reason code to plain words; every code that the gateway itself or its process gives is here.
@@ -191,7 +191,7 @@ REASONS: Final[dict[str, str]] = {
     "yaw_rate_stale": "no gyroscope report for too long",
 }
 
-#: Reasons that ask for the harder stop: the car does not do as told, is told by two, or is not being watched.
+#: Reasons for the harder stop: the car does not follow its commands, two nodes command it, or it is not monitored.
 CRITICAL: Final = frozenset(
     {
         "another_writer",

@@ -1,7 +1,7 @@
-"""Whether the car brakes as hard as its brakes are told to, and does not push where nothing was asked.
+"""Monitors that the car brakes as hard as commanded and does not accelerate without a command.
 
-It compares the car's speed with what the calibrated car would do at the least with the pedals that it was told; it
-knows no reason for a command and gives reason codes.
+It compares the car's gain in speed with the largest that the weakest car still sound would have under the commanded
+pedals. The result is reason codes; the reason for a command is not known here.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.calibration import GRAVITY, Calibration
 
-# Brakes of a car that is 15 % heavier than declared and gives 10 % less torque have a share of 0.78.
+# A car that is 15 % heavier than declared, and whose brakes give 10 % less torque, has a share of 0.78.
 BRAKE_SHARE: Final = 0.75  # of the commanded torque that the brakes must give at least
-# An unknown grade of 1.5 % and the noise of speeds: the car may gain so much more than it should [m/s2].
+# Acceleration allowed beyond the modelled one, for an unknown grade of 1.5 % and the noise of the speeds [m/s2].
 ACCELERATION_MARGIN: Final = 0.25
-# What the car's drive force may exceed its calibration by, and the time that it takes longer to fade.
+# Factor by which the car's drive force may be larger, and fade more slowly, than calibrated.
 PUSH_SHARE: Final = 1.5
 PUSH_MARGIN: Final = 0.3  # [m/s2]
 SPEED_EXCESS: Final = 0.25  # faster than the weakest car that is still sound by this is a fault [m/s]
@@ -28,9 +28,9 @@ ACCELERATION_LAG: Final = 0.1  # of the measured acceleration [s]
 
 
 class BrakeMonitor:
-    """A one-sided cumulative sum (Page, Biometrika 41, 1954) of the speed that the car has too much.
+    """A one-sided cumulative sum (Page, Biometrika 41, 1954) of the car's excess speed.
 
-    `step` is called once a step with the pedals that the car was told at the step before.
+    `step` is called once a gateway step with the pedals commanded at the step before.
     """
 
     def __init__(self, vehicle: Vehicle, calibration: Calibration) -> None:
@@ -40,7 +40,7 @@ class BrakeMonitor:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: the car stands, or somebody else drives it."""
+        """Forget the past: the gateway does not command the car."""
         self._time = 0.0  # its own, by the steps' lengths [s]
         self._told: deque[tuple[float, float]] = deque(((-math.inf, 0.0),))  # time and brake torque
         self._torque = 0.0  # that should be there by now [N m]
@@ -65,14 +65,14 @@ class BrakeMonitor:
         if math.isfinite(gained):
             share = elapsed / (ACCELERATION_LAG + elapsed)
             self._acceleration += (gained / elapsed - self._acceleration) * share
-        # One that is wrong about the speed, frozen wheels or a receiver that lies, is not a matter of the brakes.
+        # An excess in one of two speeds alone points at frozen wheels or a wrong receiver, not at the brakes.
         confirmed = self._satellite_excess > SATELLITE_EXCESS or not math.isfinite(satellite)
         if not (self._excess > SPEED_EXCESS and confirmed):
             return []
         return ["brake_not_following" if self._torque > 0.0 else "drive_not_following"]
 
     def _follow(self, elapsed: float, pedals: Pedals) -> None:
-        """Let brakes and engine answer to what they were told."""
+        """Advance the modelled brake torque and engine acceleration under the commanded `pedals`."""
         self._time += elapsed
         queue = self._told
         queue.append((self._time, pedals.brake_torque))
@@ -84,12 +84,12 @@ class BrakeMonitor:
             self._push = math.inf
             return
         if self._push == math.inf:
-            # The pedal was just let go: what the car gains now is what it can go on gaining.
+            # The throttle was just released: the acceleration of now bounds what the engine may still give.
             self._push = PUSH_SHARE * max(self._acceleration, 0.0) + PUSH_MARGIN
         self._push -= self._push * elapsed / (self._push_lag + elapsed)
 
     def _most(self, speed: float, grade: float) -> float:
-        """The most that a sound car may gain now [m/s2]."""
+        """Largest acceleration that a sound car may have now [m/s2]."""
         calibration = self._calibration
         force = PUSH_SHARE * calibration.creep(speed) - calibration.drag(speed)
         force -= BRAKE_SHARE * calibration.brake_force(self._torque)
@@ -97,7 +97,7 @@ class BrakeMonitor:
 
 
 def _added(excess: float, more: float) -> float:
-    """The sum, never below zero; what is not known adds nothing."""
+    """The cumulative sum, never below zero; an unknown increment adds nothing."""
     if more == -math.inf:
         return 0.0
     return max(excess + more, 0.0) if math.isfinite(more) else excess

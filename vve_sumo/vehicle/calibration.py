@@ -1,7 +1,7 @@
-"""What a car does with a brake torque and a throttle opening: its calibration, and the maps both ways.
+"""Longitudinal calibration of a car: maps from brake torque and throttle opening to forces, and back.
 
-Forces along the car, from numbers measured on that car; the simulated vehicle is built from the same ones.
-It knows no controller, no frame and no time.
+The forces act along the car and follow from numbers measured on that car; the simulated vehicle uses the same numbers.
+The module knows no controller, no frame and no time.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ AIR_DENSITY = 1.2  # dry air at 20 C and sea level [kg/m3]
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Longitudinal calibration of one car; a vehicle file holds it, and what was measured of it.
+    """Longitudinal calibration of one car, by its vehicle file and by what was measured on it.
 
-    Raises ConfigError for a value that cannot be.
+    Raises ConfigError for an impossible value.
     """
 
     mass: float  #: with occupants [kg]
@@ -32,10 +32,10 @@ class Calibration:
     creep_speed: float  #: where the creep force has fallen to zero, linearly [m/s]
     rolling_resistance: float  #: rolling drag over weight
     drag_area: float  #: drag coefficient times frontal area [m2]
-    wheel_speed_tolerance: float  #: share of the true speed by which the wheels may tell another one
+    wheel_speed_tolerance: float  #: share of the true speed by which the wheel speeds may be wrong
 
     def __post_init__(self) -> None:
-        """Refuse what no car can have, before anything moves."""
+        """Raise ConfigError for a value that no car can have."""
         for field in fields(self):
             value = getattr(self, field.name)
             if not (math.isfinite(value) and value >= 0.0):

@@ -1,4 +1,4 @@
-"""The arming table as a diagram, for the documents."""
+"""Draws the arming table as a diagram for the documents."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from vve_sumo.vehicle.arming import TRANSITIONS
 
 
 def mermaid() -> str:
-    """Return the table as a Mermaid state diagram: one arrow for each pair of states, without those that stay."""
+    """Return the table as a Mermaid state diagram: one arrow for each pair of different states."""
     lines = ["stateDiagram-v2", f"    [*] --> {ArmingState.DISARMED}"]
     for state, row in TRANSITIONS.items():
         arrows: dict[ArmingState, list[str]] = {}

@@ -1,7 +1,6 @@
-"""How far the car has been handed over: the DBW controller's confirmation, the gear, the operator's go.
+"""Follows the steps of engaging: the DBW controller's confirmation, the gear, the operator's go.
 
-It follows what the car reports after the act of engaging; what a step that does not come about leads to is the
-gateway's business.
+It checks the car's reports after the operator has engaged; the gateway decides what follows from a step that fails.
 """
 
 from __future__ import annotations
@@ -14,17 +13,17 @@ from vve_sumo.vehicle.setpoint_validation import Debounce
 
 HANDSHAKE_TIME: Final = 0.400  # from the act to all modules enabled [s], as Apollo's lincoln_controller waits
 SHIFT_TIME: Final = 3.0  # from asking for drive to drive confirmed [s]; a rotary shifter takes about one
-# Command and measurement differ by the rate times delay and lag while the steering moves; more than this beyond it, for
-# as long as this, is a steering that does not do as told.
+# While the steering moves, command and measurement differ by its rate times (delay + lag). A difference larger by more
+# than this, for as long as this, is a steering that does not follow.
 STEERING_DIFFERENCE: Final = 0.10  # road-wheel angle [rad]
 STEERING_DIFFERENCE_TIME: Final = 0.5  # [s]
 
 
 class Engagement:
-    """From the act of engaging to a car that moves as it is told.
+    """Monitors the car from the operator's ENGAGE to following its commands.
 
-    The steering may differ from its command by `steering_lag` [rad] more than a steering at rest may. `shadow` mode
-    awaits nothing of a car that is told nothing.
+    A moving steering may differ from its command by `steering_lag` [rad] more than a steering at rest. In `shadow` mode
+    nothing is commanded, so nothing is awaited.
     """
 
     def __init__(self, steering_lag: float, shadow: bool) -> None:
@@ -45,11 +44,11 @@ class Engagement:
         self.going = False
 
     def settled(self, now: float) -> bool:
-        """Whether the DBW controller has confirmed, and the time that it had for that is over."""
+        """Whether the DBW controller has confirmed, and its handshake time is over."""
         return self.enabled and now - self._begun > HANDSHAKE_TIME + TOLERANCE
 
     def follow(self, now: float, reports: CarReports, steering_error: float) -> list[str]:
-        """Reason codes of what does not come about; `steering_error` is command less measured wheel angle [rad]."""
+        """Reason codes of steps that fail; `steering_error` is commanded minus measured road-wheel angle [rad]."""
         if self._shadow:
             return []
         if not self.enabled:
@@ -69,15 +68,15 @@ class Engagement:
         return troubles
 
     def dropped_out(self, reports: CarReports) -> list[str]:
-        """Reason codes of modules that have worked and don't any more."""
+        """Reason codes of modules that dropped out after the DBW controller had confirmed."""
         return reports.dropped_out() if self.enabled and not self._shadow else []
 
     def may_go(self, driver: list[str]) -> bool:
-        """Whether the car may be let go; `driver` names the pedals that the driver touches."""
+        """Whether the car may be allowed to move; `driver` names the pedals that the driver touches."""
         return self.enabled and self.in_drive and not driver
 
     def waits_for(self, driver: list[str]) -> list[str]:
-        """What keeps the car standing while it is engaged; `driver` as above."""
+        """Reason codes of what keeps an engaged car standing; `driver` as in `may_go`."""
         if not self.enabled:
             return ["engaging"]
         if not self.in_drive:

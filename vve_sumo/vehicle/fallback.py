@@ -1,6 +1,6 @@
-"""Where on its fallback path the car is, by its wheels alone, and which wheel angle that way asks for.
+"""Tracks the car along its fallback path by the wheels alone, and gives the road-wheel angle that the path needs.
 
-It knows the newest way and the distance driven along it; no pose, no map, and no reason to stop.
+It knows the newest path and the distance driven along it; no pose, no map, and no reason to stop.
 """
 
 from __future__ import annotations
@@ -11,16 +11,15 @@ from typing import Final
 from vve_sumo.values import FallbackPath, Vehicle
 
 MAX_KNOTS: Final = 64  # of a fallback path: 64 m at a metre each is twice the stopping distance from 10 m/s at 2.4 m/s2
-MAX_CURVATURE: Final = (
-    1.0  # [1/m]; no car turns tighter than 0.3, so that whatever is beyond says "as tight as it goes"
-)
-# After 100 ms without commands the DBW controller releases the steering: after a longer gap the car may be anywhere.
+MAX_CURVATURE: Final = 1.0  # [1/m]; no car turns tighter than 0.3, so a larger value means "as tight as possible"
+# After 100 ms without commands the DBW controller releases the steering: after a longer gap the car may have left the
+# path.
 MAX_GAP: Final = 0.100  # [s]
 _ROUNDING: Final = 1e-6  # [s]
 
 
 def well_formed(profile: FallbackPath) -> bool:
-    """Whether `profile` is a way at all: 1 to 64 finite knots at a finite, positive spacing."""
+    """Whether `profile` is a usable path: 1 to 64 finite knots at a finite, positive spacing."""
     return (
         0.0 < profile.spacing < math.inf
         and 1 <= len(profile.curvature) <= MAX_KNOTS
@@ -31,8 +30,8 @@ def well_formed(profile: FallbackPath) -> bool:
 class FallbackTracker:
     """Follows the newest fallback path by odometry.
 
-    The wheel angle is that of the single-track model on a steady circle: atan(L k) + K k v^2 (Rajamani, Vehicle
-    Dynamics and Control, 3.3), for the curvature k that will be under the rear axle once the steering has answered.
+    The road-wheel angle is that of the single-track model on a steady circle: atan(L k) + K k v^2 (Rajamani, Vehicle
+    Dynamics and Control, 3.3), for the curvature k where the rear axle will be after the steering's delay and lag.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -40,16 +39,16 @@ class FallbackTracker:
         self._understeer = vehicle.understeer_gradient
         self._answer_time = vehicle.steering_delay + vehicle.steering_lag
         self._profile: FallbackPath | None = None
-        self._distance = math.nan  # along the way; NaN where nobody can tell
+        self._distance = math.nan  # along the path [m]; NaN where not known
         self._speed = math.nan
 
     def take(self, age: float, profile: FallbackPath | None) -> None:
-        """Follow `profile` from now on, which begins where the car was `age` seconds ago; None for no way."""
+        """Follow `profile` from now on, which begins where the car was `age` seconds ago; None for no path."""
         self._profile = profile
         self._distance = self._speed * age
 
     def move(self, duration: float, speed: float) -> None:
-        """Drive on for `duration` [s], arriving at `speed` [m/s]; NaN where the speed is not known."""
+        """Advance by `duration` [s] to `speed` [m/s] at its end; NaN where the speed is not known."""
         if 0.0 < duration <= MAX_GAP + _ROUNDING:
             self._distance += 0.5 * (self._speed + speed) * duration
         else:
@@ -57,7 +56,7 @@ class FallbackTracker:
         self._speed = speed
 
     def steering(self) -> float | None:
-        """Road-wheel angle [rad] that the way asks for, left positive; None where there is no way or no knowing."""
+        """Road-wheel angle [rad] for the path, left positive; None without a path or a known distance along it."""
         ahead = self._distance + self._speed * self._answer_time
         if self._profile is None or not math.isfinite(ahead):
             return None
@@ -66,7 +65,7 @@ class FallbackTracker:
 
 
 def _curvature(profile: FallbackPath, distance: float) -> float:
-    """Linear between knots, the first one's before the beginning, the last one's beyond the end."""
+    """Curvature [1/m] at a `distance` [m]: linear between knots, constant before the first and beyond the last."""
     knots, place = profile.curvature, distance / profile.spacing
     if place >= len(knots) - 1:
         return knots[-1]

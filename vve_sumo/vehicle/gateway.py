@@ -1,8 +1,8 @@
-"""The last party before the car: watches the car, the setpoints and itself, and commands the car.
+"""Gateway, the last party before the car: monitors the car, the setpoints and its own timing, and commands the car.
 
-It knows setpoints, reports and time as they are handed in; no map, no controller, no bus, no clock, and of frames only
-that the drive-by-wire interface reads and makes them. Whatever it finds wrong is a reason code, never an exception, and
-leads to rest, unless the driver has taken over.
+Setpoints, report frames and the time are handed in: the module has no map, controller, bus or clock, and only the
+drive-by-wire interface encodes and decodes frames. Every fault becomes a reason code, never an exception, and stops a
+commanded car, unless the driver has taken over.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from vve_sumo.vehicle.setpoint_validation import Debounce, SetpointValidator
 from vve_sumo.vehicle.standstill import WHEEL_REST, Evidence, Standstill
 
 MAX_STEP: Final = 2.0  # periods; a longer one is a fault, and rates count no more than this
-# A car whose standstill is uncertain for so long needs its driver [s].
+# Time of uncertain standstill after which the driver must hold the car [s].
 UNCERTAIN_TIME: Final = 3.0
-# The driver has control, and nothing has said for so long that the car moves: the gateway is not needed any more [s].
+# The gateway is done once the car has not been commanded, and nothing has indicated motion, for this long [s].
 DRIVER_TIME: Final = 10.0
-# Wheel speeds that stay the same to the last bit for so long tell nothing of the wheels [s].
+# Nonzero wheel speeds that stay the same to the last bit for longer than this are no evidence for or against rest [s].
 UNCHANGED_TIME: Final = 5.0
-# Park reported this long without a break is park: a shift to drive that was under way would have come out by then.
+# Park counts once it was reported this long without a break: a shift to drive under way would have shown by then.
 PARK_TIME: Final = 1.0  # [s]
 
-#: Faults that latch even while nothing is commanded: they tell of the gateway itself or of a second master.
+#: Faults that latch even while nothing is commanded: they concern the gateway itself or a second node that commands.
 _LATCHING: Final = frozenset({"another_writer", "timer_gap"})
 
-#: The drive's word for a pose that no trusted fix stands behind any more; what a setpoint then says of it is a guess.
+#: The drive's reason code for a pose without a recent trusted fix; the motion in such a setpoint is only a guess.
 _GUESSED: Final = "pose_stale"
 
-#: Faults that say that the car is not where the odometry believes it to be, or does not steer as it is told.
+#: Faults after which the odometry may be wrong on where the car is, or the steering may not follow its commands.
 _ASTRAY: Final = frozenset(
     {
         "speed_mismatch",
@@ -57,12 +57,12 @@ _ASTRAY: Final = frozenset(
     }
 )
 
-#: Faults that say that the wheels do not tell the car's speed, or that it is not known which of two does.
+#: Faults after which the wheel speeds are wrong, or it is not known whether wheels or receiver are right.
 _SPEED_UNKNOWN: Final = frozenset({"speed_mismatch", "wheel_speeds_frozen"})
 
 
 class OperatorCommand(enum.StrEnum):
-    """What an operator does, by a deliberate act."""
+    """A deliberate command of the operator."""
 
     ENGAGE = "engage"  #: take the car over at rest, and hold it
     GO = "go"  #: let it move
@@ -72,14 +72,14 @@ class OperatorCommand(enum.StrEnum):
 
 
 class GatewayOutput(NamedTuple):
-    """What one step of the gateway gives."""
+    """Result of one step of the gateway."""
 
     verdict: GatewayStatus  #: what was made of the setpoint
     frames: tuple[Frame, ...]  #: to be sent now, in this order
 
 
 class _Command(NamedTuple):
-    """What is granted in one step."""
+    """Actuation granted in one step."""
 
     pedals: Pedals
     acceleration: float  #: granted [m/s2]
@@ -88,13 +88,14 @@ class _Command(NamedTuple):
 
 
 class Gateway:
-    """Turns setpoints into command frames, once a `period` [s], as long as all is well; otherwise stops the car.
+    """Turns setpoints into command frames once a `period` [s] while there is no fault; otherwise stops the car.
 
-    Every step makes the `interface` encode once and no more, so its counters stand still, and its own watchdog brakes,
-    when nobody steps the gateway. Where no interface is given it is the `DEFAULT` one.
+    Each step calls the `interface`'s encode exactly once. When nothing steps the gateway, the interface's counters
+    therefore stand still, and its own watchdog brakes. Without an `interface` the `DEFAULT` one is used.
     `wheel_bias` is the steering-wheel angle at which the wheels point straight [rad], left positive, as calibrated.
-    With `shadow` all is worked out as ever while a driver drives: every enable bit stays off, no gear is asked for, and
-    neither the interface's confirmations nor the driver's doings count.
+    With `shadow` everything is computed as usual while a driver drives: every enable bit stays off, no gear is
+    requested, and neither the interface's confirmations nor the driver's inputs count.
+    Raises ConfigError where `period` is longer than the interface's command timeout.
     """
 
     def __init__(
@@ -137,7 +138,7 @@ class Gateway:
         self._let_go_long = Debounce(DRIVER_TIME)
 
         self._state = ArmingState.DISARMED
-        # Why the car is being stopped or commanded no more: each once, first cause first.
+        # Reason codes of why the car is being stopped or no longer commanded: each once, first cause first.
         self._causes: dict[str, None] = {}
         self._notes: list[str] = []  # what an operator should know of this step only
         self._last_now = math.nan
@@ -161,11 +162,11 @@ class Gateway:
         act: OperatorCommand | None = None,
         found: Sequence[str] = (),
     ) -> GatewayOutput:
-        """Verdict and frames at drive time `now` [s].
+        """Return gateway status and command frames at drive time `now` [s].
 
-        `setpoint` is the newest one, or None where none came since the last step; `reports` are the frames heard on
-        the car's bus since the last step, in order; `act` is what the operator did since then; `found` are reason codes
-        of what the caller sees to be wrong, and each is a fault whether it is known here or not.
+        `setpoint` is the newest one, or None if none arrived since the last step; `reports` are the frames received on
+        the car's bus since the last step, in order; `act` is the operator's command since then; `found` are reason
+        codes of what the caller found wrong, each of which is a fault even if this module does not know the code.
         """
         self._notes = ["shadow"] if self._shadow else []
         self._clear = False
@@ -177,18 +178,18 @@ class Gateway:
         else:
             self._judge_idle(now, faults)
         if act is not None and (self._state is before or self._state is not ArmingState.FAULT):
-            # What was meant for the state before does not acknowledge a fault that nobody has seen yet.
+            # A command given in the state before must not acknowledge a fault that nobody has seen yet.
             self._obey(now, act)
         return self._speak(now)
 
     @property
     def measured_steering(self) -> float:
-        """Road-wheel angle that the car last reported [rad], left positive; NaN before the first report."""
+        """Last valid road-wheel angle that the car reported [rad], left positive; NaN before the first."""
         return (self._reports.wheel_angle - self._wheel_bias) / self._ratio
 
     @property
     def wheel_speed(self) -> float:
-        """Speed of the rear axle that the wheels last reported [m/s], forward positive; NaN for none."""
+        """Speed of the rear axle by the last wheel speeds [m/s], forward positive; NaN without valid ones."""
         return self._reports.speed
 
     @property
@@ -198,34 +199,34 @@ class Gateway:
 
     @property
     def sequence(self) -> int:
-        """Sequence number of the newest setpoint taken; -1 before the first."""
+        """Sequence number of the newest setpoint accepted since the last disarming; -1 for none."""
         return -1 if self._admission.setpoint is None else self._admission.setpoint.sequence
 
     @property
     def last_dbw_report(self) -> float:
-        """Drive time at which a report of the DBW controller was last understood [s]; -inf before the first."""
+        """Drive time at which a report of the DBW controller was last decoded [s]; -inf before the first."""
         return self._reports.last_dbw_report
 
     @property
     def done(self) -> bool:
-        """Whether a drive is over: the car was engaged, is commanded no more, and stands.
+        """Whether a drive is over: the car was engaged, is no longer commanded, and stands.
 
-        Where the evidence of that disagrees, it is over once nothing has said for DRIVER_TIME that the car moves. Until
-        it stands frames without enable bits go on, with their counter counting: a counter that stops under way
-        could make the DBW controller's watchdog brake against the driver.
+        Without certain standstill, a drive is over once nothing has indicated motion for DRIVER_TIME. Until then the
+        gateway goes on sending frames without enable bits whose counter counts: a counter that stops while the car
+        moves could make the DBW controller's watchdog brake against the driver.
         """
         if not self._has_been_engaged or self._state in COMMANDING:
             return False
         return (self._standstill.certain and self._standstill.at_rest) or self._let_go
 
-    # What is going on: everything here only looks.
+    # Observation: nothing in this section changes the arming state.
 
     def _watch(self, now: float, setpoint: Setpoint | None, frames: Sequence[Frame]) -> list[str]:
-        """Reason codes of what is wrong whatever the state is."""
+        """Reason codes of the faults that are looked for in every arming state."""
         reports = self._reports
         faults = reports.take(now, frames)
         gap = now - self._last_now
-        # Also when time stands still or runs backwards; the very first step has no gap, and NaN passes no comparison.
+        # Time that stands still or runs backwards is a fault too. The first step has no gap: NaN fails the comparisons.
         if gap <= 0.0 or gap > MAX_STEP * self._period + TOLERANCE or not math.isfinite(now):
             faults.append("timer_gap")
         self._last_now = now
@@ -240,7 +241,7 @@ class Gateway:
         return faults + self._compare(now, gap, self._admission.setpoint is not taken)
 
     def _compare(self, now: float, gap: float, fresh: bool) -> list[str]:
-        """Weigh what receiver, car and commands say of the same motion; reason codes of what disagrees."""
+        """Compare receiver, car reports and commands on the same motion; reason codes of what disagrees."""
         reports, standstill = self._reports, self._standstill
         known = reports.speed_known(now)
         speed = reports.speed if known else math.nan
@@ -258,7 +259,7 @@ class Gateway:
             -self._limiter.acceleration if commanded else None,
         )
         self._let_go = self._let_go_long.step(now, self._state not in COMMANDING and not standstill.moves)
-        # Wheels that say zero of a car that cannot stand yet tell no way.
+        # Wheel speeds of zero while standstill is not certain give no distance driven.
         believed = standstill.certain or not reports.fastest_wheel < WHEEL_REST
         self._way.move(gap, speed if believed else math.nan)
         car = CarMotion(
@@ -278,22 +279,22 @@ class Gateway:
         return faults
 
     def _take(self, now: float, setpoint: Setpoint) -> list[str]:
-        """Take in a setpoint, and its fallback path; reason codes of what makes it useless for good."""
+        """Accept or reject a setpoint and its fallback path; reason codes of a fatal or faulty rejected one."""
         rejection = self._admission.take(now, setpoint)
         if rejection is not None:
-            # Refused as a command; what it says is wrong counts all the same.
+            # The setpoint is rejected as a command, but the faults that it carries still count.
             if rejection.fatal:
                 return [rejection.reason, *setpoint.faults]
             self._notes.append(rejection.reason)
             return list(setpoint.faults)
-        # One that came too late to be acted on begins nobody knows where. And a drive in trouble may know of no way:
-        # the one that it gave before is still better than none.
+        # Where the path of an expired setpoint begins, seen from the car, is not known. A setpoint with faults may
+        # have no path: the path of an earlier setpoint is then better than none.
         if self._admission.valid(now) and (setpoint.profile is not None or not setpoint.faults):
             self._way.take(now - setpoint.time, setpoint.profile)
         return []
 
     def _missing(self, now: float) -> list[str]:
-        """Reason codes of what is missing for engaging, beside faults."""
+        """Reason codes of unmet conditions for engaging, apart from faults."""
         reports = self._reports
         missing = []
         if not self._admission.valid(now):
@@ -311,13 +312,13 @@ class Gateway:
         return missing
 
     def _progress(self, now: float) -> list[str]:
-        """Reason codes of what the car was told to do and does not."""
+        """Reason codes of the commands that the car does not follow."""
         if self._state is not ArmingState.ENGAGED:
             return self._handover.dropped_out(self._reports)
         measured = (self._reports.steering.wheel_angle - self._wheel_bias) / self._ratio
         return self._handover.follow(now, self._reports, self._limiter.steering - measured)
 
-    # What follows from it.
+    # Consequences: arming events and operator commands.
 
     def _judge_idle(self, now: float, faults: list[str]) -> None:
         latching = [code for code in faults if code in _LATCHING]
@@ -331,8 +332,8 @@ class Gateway:
 
     def _judge_commanded(self, now: float, faults: list[str]) -> None:
         overrides: frozenset[str] = frozenset() if self._shadow else self._reports.overrides()
-        # An override that was latched before engaging counts for nothing until the CLEAR of the act has reached it. One
-        # that is there when the DBW controller has long been enabled is no old one, whatever it looks like.
+        # An override latched before engaging does not count until the CLEAR sent on engaging has reset it. Once the
+        # DBW controller has confirmed and its handshake time is over, every latched override counts.
         self._old_overrides = frozenset() if self._handover.settled(now) else self._old_overrides & overrides
         if overrides - self._old_overrides:
             self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
@@ -374,7 +375,7 @@ class Gateway:
                 self._happen(now, Event.DISARM, ["disarm_asked"])
 
     def _happen(self, now: float, event: Event, causes: list[str]) -> None:
-        """Go where the table says, and keep the causes of whatever ends the drive."""
+        """Apply `event` to the arming state, and keep the causes of what ends the drive."""
         before, after = self._state, transition(self._state, event)
         self._state = after
         if after is ArmingState.FAULT and before not in COMMANDING and before is not after:
@@ -388,7 +389,7 @@ class Gateway:
         elif after is ArmingState.STOPPING:
             self._begin_stop()
         elif event is Event.DISARM or event is Event.PARKED:
-            # Whoever engages next may be another controller, which counts from zero again.
+            # The next drive may have another controller, whose sequence numbers start from zero again.
             self._admission = SetpointValidator()
             self._way.take(0.0, None)  # no path outlives the drive that it was worked out for
             if event is Event.DISARM:
@@ -406,17 +407,17 @@ class Gateway:
         self._actuation.reset()
 
     def _begin_stop(self) -> None:
-        # The throttle goes at once; brakes that are on already are never released by stopping.
+        # A stop closes the throttle at once and never releases brakes that are already applied.
         limits = self._limits
         self._stop_deceleration = max(-self._limiter.acceleration, limits.stop_deceleration)
         self._stop_jerk = limits.stop_jerk
-        # An emergency that was asked for is not called off by the fault that comes on top of it.
+        # A fault during requested emergency braking must not soften that braking.
         self._heed(self._followed)
         self._limiter.acceleration = min(self._limiter.acceleration, 0.0)
         self._held_steering = None
 
     def _heed(self, setpoint: Setpoint | None) -> None:
-        """Stop at least as hard as an emergency asks; never softer than before."""
+        """Stop at least as hard as an emergency setpoint asks; never softer than before."""
         if setpoint is not None and setpoint.emergency:
             emergency = self._limits.emergency
             asked = min(-setpoint.acceleration, emergency.deceleration)
@@ -429,7 +430,7 @@ class Gateway:
             return 0.0
         return min(max(angle, -self._steering_limit), self._steering_limit)
 
-    # What the car is told.
+    # Commands to the car.
 
     def _speak(self, now: float) -> GatewayOutput:
         command = self._command(now)
@@ -473,7 +474,7 @@ class Gateway:
         speed, limiter, requested = self._reports.speed, self._limiter, setpoint.acceleration
         driver = bool(self._driver)
         if driver:
-            # No throttle while the driver is at the pedals, and none made up for afterwards.
+            # No throttle while the driver touches a pedal, and no catching up on it afterwards.
             self._notes += self._driver
             requested, limiter.acceleration = min(requested, 0.0), min(limiter.acceleration, 0.0)
         granted = limiter.step(requested, setpoint.steering, speed, setpoint.emergency, self._elapsed)
@@ -482,7 +483,7 @@ class Gateway:
         return _Command(pedals, granted.acceleration, granted.steering, limited)
 
     def _wait(self) -> _Command:
-        """Hold the brakes until DBW controller and gear are there, the driver lets go and the operator says go."""
+        """Hold the brakes until DBW controller and gear are confirmed, no pedal is touched and the operator says go."""
         pedals = self._actuation.step(0.0, self._reports.speed, self._grade(), self._elapsed)
         return _Command(pedals, 0.0, self._limiter.steering)
 
@@ -504,13 +505,13 @@ class Gateway:
         else:
             pedals = self._actuation.without_speed(-limiter.acceleration)
         if weak and not self._standstill.certain:
-            # Whatever the brakes still give: all of it, at once.
+            # Brakes that do not follow get the full torque at once.
             pedals = Pedals(self._torque_limit, 0.0)
         limited = self._steer_to_rest()
         return _Command(pedals, limiter.acceleration, limiter.steering, limited)
 
     def _speed_believed(self, now: float) -> bool:
-        """Whether the wheels tell the speed of a car that moves."""
+        """Whether the wheel speeds are known, above rest and not in doubt."""
         moving = self._reports.speed_known(now) and not self._reports.fastest_wheel < WHEEL_REST
         return moving and _SPEED_UNKNOWN.isdisjoint(self._causes)
 
@@ -523,9 +524,9 @@ class Gateway:
             self._held_steering = None
             return self._limiter.steer(angle, self._reports.speed, self._elapsed)
         if self._held_steering is None:
-            # The angle that the wheels have is the best guess of where the road goes, better than zero and better than
-            # a request not reached. At rest it leaves the wheels where they are. The limits hold on the way there: a
-            # report that lies must not turn the wheels at once.
+            # The measured angle is the best guess of where the road goes, better than zero and better than a request
+            # not reached. At rest it keeps the wheels where they are. The limiter still applies: a wrong report must
+            # not turn the wheels at once.
             self._held_steering = self._measured_steering()
         return self._limiter.steer(self._held_steering, self._reports.speed, self._elapsed)
 

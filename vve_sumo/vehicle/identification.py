@@ -1,7 +1,7 @@
-"""What a car does with its commands, from one recorded drive: the pure fits.
+"""Identifies a car's response to its commands from one recorded drive: the pure fits.
 
 Arrays in, numbers with their uncertainty out. Each fit is least squares on a model of a few parameters: dead time,
-first-order lag, forces along the car, a steered axle. It knows no file, no frame of a bus and no rig.
+first-order lag, forces along the car, a steered axle. The module knows no file, no bus frame and no rig.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY, Calibration
 Mask = NDArray[np.bool_]
 Bounds = tuple[float, float]
 
-ROLLING_SPEED = 0.15  #: slower than this, static friction has a say [m/s]
-MIN_SPEED = 1.0  #: of fits whose noise divides by the speed [m/s]
-COURSE_SPEED = 3.0  #: from here on the direction of motion is one [m/s]
+ROLLING_SPEED = 0.15  #: slower than this, static friction matters [m/s]
+MIN_SPEED = 1.0  #: of fits whose noise grows with one over the speed [m/s]
+COURSE_SPEED = 3.0  #: from this speed on the direction of motion is well defined [m/s]
 MAX_LINEAR_STEERING = 0.1  #: road-wheel angle up to which a car is a single track: angle, tangent and links agree [rad]
 MAX_STRAIGHT_YAW_RATE = 0.02  #: the car goes straight below this yaw rate [rad/s]
-MIN_SAMPLES = 50  #: fewer teach nothing
+MIN_SAMPLES = 50  #: fewer give no estimate
 RESIDUAL_CORRELATION_TIME = 1.0  #: residuals farther apart than this count as independent [s]
-DIFFERENCE_BASE = 0.1  #: over which a wheel's acceleration is taken [s]
-SLEW_STEP = 0.005  #: of a command on its way at the DBW controller's largest rate [s]
+DIFFERENCE_BASE = 0.1  #: over which the wheels' acceleration is computed [s]
+SLEW_STEP = 0.005  #: time step of a command that moves at the DBW controller's largest rate [s]
 MAX_DRAG_UNCERTAINTY = 0.25  #: air drag known worse than to this share is left as declared
-MAX_STEPS = 20  #: of a fit; a good drive takes 7 at most, one that holds nothing would go on for long
-MIN_LAG = 1e-3  #: an exponential needs one [s]
+MAX_STEPS = 20  #: of a fit; a good drive takes 7 at most, a drive without excitation would take very long
+MIN_LAG = 1e-3  #: the exponential needs a positive lag [s]
 
 UNBOUND: Final[Bounds] = (-math.inf, math.inf)
 DELAYS: Final[Bounds] = (-0.1, 0.5)  # negative where two clocks differ [s]
@@ -55,7 +55,7 @@ class Series(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """What a record says, on one clock, as sent and as received."""
+    """A record's signals on one clock: commands as sent, measurements as received."""
 
     brake_torque: Series  #: commanded, all wheels [N m]
     throttle: Series  #: commanded, 0 to 1
@@ -71,13 +71,13 @@ class Log:
     end: float  #: ... to here [s]
 
     def obedient(self, time: Floats, radius: float = 1.0, least: float = -math.inf) -> Mask:
-        """Which times lie in that part, the car moving forward at `least` [m/s] or more on wheels of `radius` [m]."""
+        """Which times lie between, with the car moving forward at `least` [m/s] or more on wheels of `radius` [m]."""
         return (time >= self.begin) & (time <= self.end) & (radius * self.wheels.at(time) >= least)
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """One number of the car."""
+    """One identified number of the car."""
 
     value: float
     sigma: float  #: its standard deviation, by the fit's residuals
@@ -90,7 +90,7 @@ class Estimate:
 
 
 class Curve(NamedTuple):
-    """What a fit was made on, for the eye."""
+    """The data and the result of a fit, for plots."""
 
     time: Floats  #: [s]
     measured: Floats
@@ -98,13 +98,13 @@ class Curve(NamedTuple):
 
     @property
     def misfit(self) -> float:
-        """Root mean square of what the model leaves."""
+        """Root mean square of the residuals."""
         return float(np.sqrt(np.mean((self.measured - self.fitted) ** 2))) if len(self.time) else math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """All that a drive tells of its car; names and units are those of `WANTED` and `TOLERATED`."""
+    """All that a drive tells of its car; names and units as in `REQUIRED_PRECISION` and `MAX_RESIDUAL`."""
 
     estimates: dict[str, Estimate]
     curves: dict[str, Curve]
@@ -131,10 +131,10 @@ REQUIRED_PRECISION: Final[dict[str, tuple[float, float]]] = {
     "drag_area": (0.0, MAX_DRAG_UNCERTAINTY),  # for the declared mass [m2]
 }
 
-#: what may be below zero
+#: numbers that may be negative
 SIGNED: Final = frozenset({"heading_misalignment", "acceleration_bias", "steering_wheel_bias"})
 
-#: what each model may leave of its data, root mean square, before nothing is believed that it says
+#: largest root mean square of each model's residuals; beyond it none of the model's numbers is used
 MAX_RESIDUAL: Final[dict[str, float]] = {
     "wheel_radius": 0.15,  # [m/s]
     "heading_misalignment": math.radians(2.0),  # [rad]
@@ -146,7 +146,7 @@ MAX_RESIDUAL: Final[dict[str, float]] = {
 
 
 def identify(log: Log, vehicle: Vehicle, calibration: Calibration) -> Identified:
-    """Find the car's numbers; `vehicle` and `calibration` are the declared ones, where the search begins."""
+    """Identify the car's numbers; `vehicle` and `calibration` are the declared ones, at which the fits begin."""
     radius, rolled = wheel_radius(log, vehicle.wheel_radius)
     effective = radius.value if radius.good else vehicle.wheel_radius
     misaligned, course = heading_misalignment(log, vehicle, effective)
@@ -167,13 +167,13 @@ def identify(log: Log, vehicle: Vehicle, calibration: Calibration) -> Identified
 
 
 class FirstOrderResponse:
-    """The exact response of dead time and first-order lag to commands that each hold until the next.
+    """Response of dead time and first-order lag to commands that each hold until the next.
 
-    Exact, so that a fit sees a smooth function of delay and lag, whatever the commands' period.
+    It is exact, so that a fit sees a smooth function of delay and lag, whatever the commands' period.
     """
 
     def __init__(self, commands: Series, delay: float, lag: float) -> None:
-        """`delay` and `lag` in [s]; up to its first command the actuator rests there."""
+        """`delay` and `lag` in [s]; before the first command takes effect the actuator is at that command's value."""
         self._lag = max(lag, MIN_LAG)
         self._starts = commands.time + delay
         self._targets = commands.value
@@ -188,12 +188,12 @@ class FirstOrderResponse:
         self._sums = np.concatenate(([0.0], np.cumsum(parts)))
 
     def at(self, time: Floats) -> Floats:
-        """The answer itself."""
+        """The response at each `time` [s]."""
         row, since = self._rows(time)
         return self._targets[row] + self._away[row] * np.exp(-since / self._lag)
 
     def integral(self, time: Floats) -> Floats:
-        """Its integral over time, up to a constant."""
+        """The response's integral over time, up to a constant."""
         row, since = self._rows(time)
         gone = -self._lag * np.expm1(-since / self._lag)
         return self._sums[row] + self._targets[row] * since + self._away[row] * gone
@@ -204,7 +204,7 @@ class FirstOrderResponse:
 
 
 def rate_limited(commands: Series, rate: float) -> Series:
-    """Commands as the DBW controller passes them on: towards each at `rate` [1/s] at most, every `SLEW_STEP`."""
+    """Commands as the DBW controller passes them on: changing by `rate` [1/s] at most, sampled every `SLEW_STEP`."""
     time = np.arange(commands.time[0], commands.time[-1], SLEW_STEP)
     wanted = commands.value[np.searchsorted(commands.time, time + 1e-9, side="right") - 1]
     change, value, passed = rate * SLEW_STEP, float(wanted[0]), []
@@ -258,9 +258,9 @@ def _fit(model: Model, measured: Series, start: Sequence[float], limits: Sequenc
 
 
 def sigmas(jacobian: Floats, residual: Floats, memory: int) -> Floats:
-    """Standard deviations of least-squares parameters whose residuals hang together for `memory` samples.
+    """Standard deviations of least-squares parameters whose residuals are correlated over `memory` samples.
 
-    Newey and West, Econometrica 55 (1987). A parameter that changes nothing has an infinite one.
+    Newey and West, Econometrica 55 (1987). A parameter without effect has an infinite standard deviation.
     """
     scale = np.sqrt((jacobian**2).sum(axis=0))
     known = scale > 0.0
@@ -272,13 +272,13 @@ def sigmas(jacobian: Floats, residual: Floats, memory: int) -> Floats:
         shifted = scores[lag:].T @ scores[:-lag]
         meat += (1.0 - lag / (memory + 1.0)) * (shifted + shifted.T)
     sigmas = np.full(len(scale), math.inf)
-    # These weights keep the variance from being negative, but for rounding.
+    # With these weights the variance is negative only by rounding.
     sigmas[known] = np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0)) / scale[known]
     return sigmas
 
 
 def _judged(name: str, model: str, value: float, sigma: float, fit: _Fit, edge: bool = False) -> Estimate:
-    """The estimate with its verdict; `model` names its line in `TOLERATED`. NaN fails every comparison."""
+    """The estimate with its verdict; `model` is its key in `MAX_RESIDUAL`. NaN fails every comparison."""
     absolute, share = REQUIRED_PRECISION[name]
     wanted = absolute + share * abs(value)
     trouble = ""
@@ -296,7 +296,7 @@ def _judged(name: str, model: str, value: float, sigma: float, fit: _Fit, edge: 
 
 
 def wheel_radius(log: Log, declared: float) -> tuple[Estimate, Curve]:
-    """Rolling radius [m]: GNSS speed over that of the rear wheels; what the two clocks differ is fitted and dropped."""
+    """Rolling radius [m]: GNSS speed over the rear wheels' rate; the clocks' difference is fitted too, and dropped."""
     measured = log.speed.where(log.obedient(log.speed.time, declared, MIN_SPEED))
     fit = _fit(
         lambda guess: guess[0] * log.wheels.at(measured.time - guess[1]),
@@ -310,7 +310,7 @@ def wheel_radius(log: Log, declared: float) -> tuple[Estimate, Curve]:
 def heading_misalignment(log: Log, vehicle: Vehicle, radius: float) -> tuple[Estimate, Curve]:
     """Receiver's heading minus the car's [rad], counter-clockwise: on straights a car moves where it points.
 
-    The slip that the rear tyres need on what is left of a bend is taken out (single track, declared stiffness).
+    The rear tyres' slip in the slight bends that remain is taken out (single track, declared stiffness).
     """
     slip = log.slip
     speed, yaw_rate = radius * log.wheels.at(slip.time), log.yaw_rate.at(slip.time)
@@ -334,7 +334,7 @@ def _rear_compliance(vehicle: Vehicle) -> float:
 
 
 def acceleration_bias(log: Log, radius: float) -> tuple[Estimate, Curve]:
-    """What the receiver's acceleration says too much [m/s2], against the wheels; its pitch's error is part of it."""
+    """Bias of the receiver's acceleration against the wheels [m/s2]; it includes the error of the receiver's pitch."""
     time = log.acceleration.time
     gained = (
         radius
@@ -365,7 +365,7 @@ def steering_geometry(log: Log, vehicle: Vehicle, radius: float) -> tuple[dict[s
     """Steering ratio, and the reported wheel angle that drives straight [rad, left positive], against the yaw rate.
 
     Single track with the declared wheelbase L and understeer K: yaw rate = v (angle - bias) / ratio / (L + K v^2),
-    later by a dead time and a lag, which stand for the tyres and for what the two clocks differ. Ratio and wheelbase
+    later by a dead time and a lag, which stand for the tyres and for the clocks' difference. Ratio and wheelbase
     can't be told apart: an error of one shows in the other. Sharp bends are left out.
     """
     time = log.yaw_rate.time
@@ -393,9 +393,9 @@ _FORCE_LIMITS: Final = (*(UNBOUND,) * 5, (0.5, 6.0), DELAYS, LAGS, DELAYS, LAGS)
 
 
 class _Forces:
-    """Speed over time as the integral of forces over mass, in pieces of driving without rest, each with its own start.
+    """Speed as the integral of forces over mass, in pieces of driving without rest, each with its own initial speed.
 
-    Good up to the speed at which the engine's power limits its force: a fit of what lies beyond needs more road.
+    Valid up to the speed at which the engine's power limits its force: a fit beyond it needs more road.
     """
 
     def __init__(self, log: Log, calibration: Calibration, radius: float) -> None:
@@ -412,7 +412,7 @@ class _Forces:
         self._climbed = self._integrated(GRAVITY * np.sin(log.grade.at(time)))
 
     def speed_of(self, guess: Floats, air: float | None = None) -> Floats:
-        """The model: `guess` holds the parameters, then a speed for the start of each piece; `air` replaces its own."""
+        """The model: `guess` holds the parameters, then an initial speed for each piece; `air` replaces air drag."""
         log, time = self._log, self.measured.time
         gained = guess[_THROTTLE] * FirstOrderResponse(log.throttle, guess[_DRIVE_DELAY], guess[_DRIVE_LAG]).integral(
             time
@@ -427,7 +427,7 @@ class _Forces:
         return modelled
 
     def start(self, declared: Sequence[float]) -> list[float]:
-        """Where a search begins: `declared`, but what the model is linear in solved for with the rest as declared."""
+        """Initial guess: `declared`, except that the parameters in which the model is linear are solved for."""
         guess = np.array([*declared, *self.starts])
         linear = [row for row in range(len(guess)) if row not in _NOT_LINEAR]
         guess[linear] = 0.0
@@ -446,11 +446,11 @@ class _Forces:
 
 
 def pedals(log: Log, vehicle: Vehicle, calibration: Calibration, radius: float) -> tuple[dict[str, Estimate], Curve]:
-    """What brake torque and throttle do, with their delays, drag and creep, against the rear wheels' speed.
+    """Effect of brake torque and throttle, with their delays, drag and creep, by the rear wheels' speed.
 
-    Forces are for the declared mass, which can't be told from them: a car that is heavier shows weaker forces and a
-    greater brake gain, and that is what its commands need. Rolling resistance holds engine braking and what the
-    receiver's pitch says too little. Air drag that hardly shows is left as declared.
+    Forces are for the declared mass, which can't be told from them: a heavier car shows weaker forces and a greater
+    brake gain, and that is what its commands need. Rolling resistance includes engine braking and the error of a
+    receiver's pitch that is too low. For these estimates, air drag that is too uncertain is held as declared.
     """
     forces = _Forces(log, calibration, radius)
     mass = calibration.mass
@@ -468,7 +468,7 @@ def pedals(log: Log, vehicle: Vehicle, calibration: Calibration, radius: float) 
 
 
 def _force_estimates(fit: _Fit, free: _Fit, mass: float) -> dict[str, Estimate]:
-    """The parameters in the calibration's own words; air drag is always that of the `free` fit."""
+    """The parameters as the calibration defines them; air drag is always that of the `free` fit."""
 
     def judged(name: str, row: int, factor: float = 1.0, of: _Fit = fit) -> Estimate:
         return _judged(name, "pedals", factor * of.values[row], factor * of.sigmas[row], of, of.edges[row])

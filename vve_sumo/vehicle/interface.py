@@ -1,9 +1,9 @@
-"""The port of drive-by-wire interfaces: what the gateway asks of one, and how one is found by its name.
+"""Port of drive-by-wire interfaces: what the gateway needs of one, and how one is found by its name.
 
-An interface turns an actuation into the frames of its wire, and frames into reports, both in SI units. What a report
-means for the drive, how old it may be and what is commanded is the gateway's business. Nothing here names a brand but
-the table of shipped interfaces. An interface sends and hears frames with 11-bit identifiers; it does no I/O, knows no
-clock and never raises on what it hears. `tests/ports/vehicle_interface.py` tests any implementation.
+An interface encodes actuation commands as CAN frames and decodes frames into reports, both in SI units. The gateway
+decides what a report means for the drive, how old it may be and what is commanded. Only the table of shipped
+interfaces names a brand. An interface handles frames with 11-bit identifiers; it does no I/O, has no clock and never
+raises on a received frame. `tests/ports/vehicle_interface.py` tests any implementation.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 SettingValue = float | str | bool
 
-#: Every interface is found by a name of this table, as `file.py:function` or by entry point, and makes itself from its
+#: An interface is found by its name in this table, as `file.py:function` or by entry point, and is made from its
 #: settings: `make(settings) -> VehicleInterface`.
 PORT: Final = Port(
     "drive-by-wire interface",
@@ -46,19 +46,19 @@ class Gear(enum.IntEnum):
 
 # Tuples and not dataclasses, here and below: making one is several times cheaper, and a dozen are made every tick.
 class ActuationCommand(NamedTuple):
-    """What the car is told in one step of the gateway."""
+    """Command to the car in one step of the gateway."""
 
     brake_torque: float  #: all wheels together [N m]
     throttle: float  #: opening, 0 to 1
     wheel_angle: float  #: of the steering wheel [rad], left positive
     wheel_rate: float  #: largest rate of the steering wheel [rad/s]; 0 is the interface's own largest
-    gear: Gear  #: that is asked for; NONE asks for nothing
-    enable: bool  #: the interface may act on it
-    clear: bool  #: latched driver overrides shall be forgotten
+    gear: Gear  #: requested gear; NONE requests nothing
+    enable: bool  #: the DBW controller may act on the command
+    clear: bool  #: latched driver overrides are to be reset
 
 
 class Commanded(NamedTuple):
-    """What one frame commands; NaN where it does not say."""
+    """What one frame commands; NaN for what it does not command."""
 
     brake_torque: float  #: all wheels together [N m]
     throttle: float  #: opening, 0 to 1
@@ -117,14 +117,14 @@ class WheelSpeeds(NamedTuple):
 
 
 class YawRate(NamedTuple):
-    """What the car's gyroscopes feel [rad/s]; NaN invalid or not reported."""
+    """What the car's gyroscopes measure [rad/s]; NaN invalid or not reported."""
 
     roll: float
     yaw: float  #: counter-clockwise seen from above
 
 
 class Accelerations(NamedTuple):
-    """What the car's accelerometers feel [m/s2] (specific force), ISO 8855 axes; NaN invalid or not reported."""
+    """What the car's accelerometers measure [m/s2] (specific force), ISO 8855 axes; NaN invalid or not reported."""
 
     longitudinal: float  #: forward positive
     lateral: float  #: left positive
@@ -132,13 +132,13 @@ class Accelerations(NamedTuple):
 
 
 class BrakeTorque(NamedTuple):
-    """What the car's brakes report to apply."""
+    """Brake torque that the car reports."""
 
     actual: float  #: all wheels together [N m]; NaN invalid
 
 
 class Malformed(NamedTuple):
-    """A frame with a known identifier that says nothing usable."""
+    """A frame with a known identifier and no usable content."""
 
     id: int  #: identifier of the frame
     reason: str  #: reason code
@@ -156,17 +156,17 @@ REQUIRED: Final[frozenset[type]] = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class InterfaceFacts:
-    """What does not change while an interface is in use."""
+    """Properties that do not change while an interface is in use."""
 
     title: str  #: the interface in words
     commands: frozenset[int]  #: identifiers that only the gateway may send
     reports: Mapping[int, tuple[type, ...]]  #: identifier of each frame that is read to the kinds of its reports
-    occupied: frozenset[int]  #: every identifier that the device sends or hears, read here or not
+    occupied: frozenset[int]  #: every identifier that the device sends or receives, read here or not
     brake_torque_limit: float  #: largest that the wire takes, all wheels together [N m]
     wheel_angle_limit: float  #: largest that the wire takes, of the steering wheel, both ways [rad]
     wheel_rate_limit: float  #: largest that the wire takes, of the steering wheel [rad/s]
-    command_timeout: float  #: without a command for so long a subsystem lets go by itself [s]
-    when_commands_stop: str  #: what the interface does then by itself, in words
+    command_timeout: float  #: without a command for this long a subsystem releases its actuator by itself [s]
+    when_commands_stop: str  #: what the DBW controller does then by itself, in words
     dbc: Path | None = None  #: file that states the layout of the frames, where there is one
 
 
@@ -180,15 +180,15 @@ class VehicleInterface(Protocol):
         ...
 
     def encode(self, command: ActuationCommand) -> tuple[Frame, ...]:
-        """Return the frames that say `command`, in the order in which they are to be sent; counters count once a call.
+        """Return the frames of `command`, in the order in which they are to be sent; counters count once a call.
 
         Raises ValueError for NaN and for a value beyond the wire's range; nothing is clipped or wrapped. No frame ever
-        asks the interface to ignore the driver.
+        asks the DBW controller to ignore the driver.
         """
         ...
 
     def decode(self, frame: Frame) -> tuple[Report, ...] | Malformed:
-        """Return what a frame reports; nothing for an identifier that it does not read."""
+        """Return the reports in a frame; none for an identifier that the interface does not read."""
         ...
 
     def commanded(self, frame: Frame) -> Commanded | None:
@@ -196,41 +196,41 @@ class VehicleInterface(Protocol):
         ...
 
     def simulated(self, duration: float) -> SimulatedInterface:
-        """Return the other end of the wire, for the simulated vehicle, which is stepped every `duration` [s].
+        """Return a simulated DBW controller for the simulated vehicle, which is stepped every `duration` [s].
 
         Raises ConfigError where there is none.
         """
         ...
 
 
-# The other end, as the simulated vehicle needs it.
+# The simulated DBW controller, as the simulated vehicle needs it.
 
 PEDAL_REST: Final = 0.15  # pedal sensor of an untouched pedal, fraction of its range
 
 
 @dataclass(frozen=True, slots=True)
 class DriverInputs:
-    """What the person behind the wheel of a simulated vehicle does."""
+    """What the driver of a simulated vehicle does."""
 
     brake_pedal: float = PEDAL_REST  #: pedal sensor, fraction
     throttle_pedal: float = PEDAL_REST  #: pedal sensor, fraction
     steering_torque: float = 0.0  #: on the wheel [N m], left positive
-    acknowledge: bool = False  #: forgets a latched watchdog fault
+    acknowledge: bool = False  #: resets a latched watchdog fault
 
 
 HANDS_OFF: Final = DriverInputs()
 
 
 class Request(NamedTuple):
-    """What the actuators shall do."""
+    """What the DBW controller requests of the actuators."""
 
     brake_torque: float  #: all wheels together [N m]
     throttle: float  #: 0 to 1
-    wheel_angle: float  #: of the steering wheel [rad]; NaN when nobody holds it
+    wheel_angle: float  #: of the steering wheel [rad]; NaN while the steering is not controlled
 
 
 class Measured(NamedTuple):
-    """What the simulated vehicle's sensors feel."""
+    """What the simulated vehicle's sensors measure."""
 
     speed: float  #: of the rear axle [m/s], forward positive
     acceleration: float  #: along the road [m/s2]
@@ -238,15 +238,15 @@ class Measured(NamedTuple):
     accelerations: Accelerations
     rates: YawRate
     wheel_angle: float  #: of the steering wheel [rad]
-    brake_torque: float  #: that the brakes believe to apply, all wheels together [N m]
+    brake_torque: float  #: applied by the brakes' own estimate, all wheels together [N m]
 
 
-#: Strength of the fault of a kind at a time [s], NaN where the kind takes none; None where it is not due.
+#: Strength of the injected fault of a kind at a time [s], NaN where the kind has none; None where it is not active.
 Due = Callable[[str, float], float | None]
 
 
 class SimulatedInterface(Protocol):
-    """The drive-by-wire controller of a simulated vehicle: what a real one does with commands, and what it reports."""
+    """DBW controller of a simulated vehicle: it acts on commands and reports as a real one does."""
 
     @property
     def gear(self) -> Gear:
@@ -260,7 +260,7 @@ class SimulatedInterface(Protocol):
 
     @property
     def watchdog_braking(self) -> bool:
-        """Return whether it brakes by itself because commands stopped."""
+        """Return whether its watchdog brakes by itself."""
         ...
 
     @property
@@ -269,7 +269,7 @@ class SimulatedInterface(Protocol):
         ...
 
     def receive(self, frames: Sequence[Frame], speed: float, brake_torque: float) -> None:
-        """Hear the bus, at a car's `speed` [m/s] and with that `brake_torque` [N m] applied."""
+        """Take in frames from the bus, at a car's `speed` [m/s] and applied `brake_torque` [N m]."""
         ...
 
     def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
@@ -277,30 +277,30 @@ class SimulatedInterface(Protocol):
         ...
 
     def reports(self, measured: Measured) -> list[Frame]:
-        """Return the frames that are due; asked for 100 times a second."""
+        """Return the report frames that are due; called 100 times a second."""
         ...
 
     def drop_out(self, subsystem: int | None) -> None:
-        """Let one subsystem work no more: 1 brake, 2 throttle, 3 steering; None mends all."""
+        """Make one subsystem fail: 1 brake, 2 throttle, 3 steering; None restores all."""
         ...
 
     def alter(self, time: float, frame: Frame, due: Due) -> Frame:
-        """Return what is said at `time` in place of a report, by the faults of reports that are due.
+        """Return what is sent at `time` [s] in place of a report, by the report faults that are `due`.
 
-        An interface that cannot put on a fault leaves the report as it is.
+        An interface that cannot inject a fault leaves the report as it is.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class InterfaceConfig:
-    """Which interface a car has and how it is set: plain data that goes into records and to other processes."""
+    """A car's interface and its settings: plain data that goes into records and to other processes."""
 
     name: str  #: shipped name, `file.py:function`, or entry point
     settings: Mapping[str, SettingValue]  #: handed to `make`
 
 
-#: of the paper's car, a Ford Fusion
+#: interface of the paper's car, a Ford Fusion
 DEFAULT: Final = InterfaceConfig("dataspeed_dbw1", {"variant": "dbw1_2024"})
 
 
@@ -314,7 +314,7 @@ def read_dbc(file: Path) -> Database:
 
 
 def load(config: InterfaceConfig) -> VehicleInterface:
-    """Make the interface of a configuration; raises ConfigError, which begins with its name, where that fails."""
+    """Make the interface of a configuration; raises ConfigError, which names the interface, where that fails."""
     interface = PORT.make(config.name, PORT.find(config.name), dict(config.settings))
     if not isinstance(interface, VehicleInterface):
         made = type(interface).__name__

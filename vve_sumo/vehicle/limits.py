@@ -1,6 +1,6 @@
-"""What the car may be asked for at most: two envelopes known apart, and the limiter that keeps to them.
+"""Limits of what the car may be commanded (comfort and emergency apart), and the limiter that applies them.
 
-The limiter knows the car's geometry and its speed; it knows no reason for a request and no way to actuate it.
+The limiter knows the car's geometry and speed, but neither the reason for a request nor how it is actuated.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def _check_positive(name: str, value: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """How hard and how fast the motion may change."""
+    """Limits of acceleration and jerk."""
 
     deceleration: float  #: largest [m/s2], a positive number
     acceleration: float  #: largest [m/s2]
@@ -29,34 +29,34 @@ class Envelope:
     lateral_jerk: float  #: from steering, on a steady circle [m/s3]
 
     def __post_init__(self) -> None:
-        """Refuse an envelope that cannot be kept to."""
+        """Raise ConfigError for a limit that is not finite and positive."""
         for field in fields(self):
             _check_positive(f"limits: {field.name}", getattr(self, field.name))
 
 
 @dataclass(frozen=True, slots=True)
 class EmergencyBraking:
-    """How much harder and faster the car may brake in an emergency; all else keeps to the comfort envelope."""
+    """Limits of deceleration and jerk in emergency braking; all else keeps to the comfort envelope."""
 
     deceleration: float  #: largest [m/s2], a positive number
     jerk: float  #: of the throttle released and the brake pressed [m/s3]
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be kept to."""
+        """Raise ConfigError for a limit that is not finite and positive."""
         for field in fields(self):
             _check_positive(f"limits: emergency {field.name}", getattr(self, field.name))
 
 
-# -3.5 and +2.0 m/s2: what ISO 15622 (ACC) leaves at high speed, and opendbc's safety model (opendbc/safety, Ford) at
-# any. Lateral jerk 5 m/s3: ISO 11270 (lane keeping).
+# -3.5 and +2.0 m/s2: limits of ISO 15622 (ACC) at high speed, and of opendbc's safety model (opendbc/safety, Ford) at
+# any speed. Lateral jerk 5 m/s3: ISO 11270 (lane keeping).
 COMFORT = Envelope(deceleration=3.5, acceleration=2.0, jerk=5.0, release_jerk=10.0, lateral_jerk=5.0)
-# A dry road's friction at most; the brakes' own rise time is of the order of 0.3 s.
+# At most the friction of a dry road; the brakes' own rise time is of the order of 0.3 s.
 EMERGENCY = EmergencyBraking(deceleration=9.0, jerk=30.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Everything that the gateway keeps to; a rig may only make it stricter or looser knowingly, in its own file."""
+    """All limits that the gateway applies; a rig makes them stricter or looser only explicitly, in its own file."""
 
     comfort: Envelope = COMFORT  #: what every setpoint gets
     emergency: EmergencyBraking = EMERGENCY  #: how a setpoint may brake that asks for it
@@ -68,7 +68,7 @@ class Limits:
     critical_jerk: float = 15.0  #: with which it sets in [m/s3]
 
     def __post_init__(self) -> None:
-        """Refuse limits that cannot be kept to."""
+        """Raise ConfigError for limits that are not positive, or emergency braking weaker than other braking."""
         for name in (
             "lateral_acceleration", "stop_deceleration", "stop_jerk", "stop_lateral_jerk", "critical_deceleration",
             "critical_jerk",
@@ -82,7 +82,7 @@ class Limits:
 
 
 class LimitedMotion(NamedTuple):
-    """What is left of a request."""
+    """A request after limiting."""
 
     acceleration: float  #: [m/s2]
     steering: float  #: road-wheel angle [rad], left positive
@@ -90,10 +90,10 @@ class LimitedMotion(NamedTuple):
 
 
 class Limiter:
-    """Keeps acceleration and steering inside an envelope, and their rates by the time that has passed.
+    """Limits acceleration and steering, and their rates over the time that has passed.
 
-    `steering_limit` is the largest road-wheel angle [rad]. Rates have the last word: where the car has become faster
-    than its steering angle allows, the angle moves back at its largest rate, and does not jump.
+    `steering_limit` is the largest road-wheel angle [rad]. Rate limits take precedence: where the car has become too
+    fast for its steering angle, the angle moves back at its largest rate, and does not jump.
     """
 
     def __init__(self, vehicle: Vehicle, limits: Limits, steering_limit: float) -> None:
@@ -106,18 +106,18 @@ class Limiter:
         self.steering = 0.0
 
     def reset(self, acceleration: float, steering: float) -> None:
-        """Take these as what was granted last."""
+        """Set what was granted last: acceleration [m/s2] and road-wheel angle [rad]."""
         self.acceleration = acceleration
         self.steering = steering
 
     def step(
         self, acceleration: float, steering: float, speed: float, emergency: bool, elapsed: float
     ) -> LimitedMotion:
-        """What of the wished `acceleration` [m/s2] and `steering` [rad] is granted at `speed` [m/s].
+        """Return what is granted of the requested `acceleration` [m/s2] and `steering` [rad] at `speed` [m/s].
 
         `elapsed` is the time since the last grant [s]. An `emergency` loosens braking only: acceleration, the release
         of the brakes and steering keep to the comfort envelope. A request that is not finite changes nothing and is
-        named "not_finite".
+        reported as "not_finite".
         """
         if not (math.isfinite(acceleration) and math.isfinite(steering) and math.isfinite(speed + elapsed)):
             return LimitedMotion(self.acceleration, self.steering, ("not_finite",))
@@ -129,7 +129,7 @@ class Limiter:
     def steer(self, steering: float, speed: float, elapsed: float) -> tuple[str, ...]:
         """Move towards road-wheel angle `steering` [rad] alone; names of the limits that changed it.
 
-        With the lateral jerk of a stop: where the car has to come to rest, staying on the way goes before comfort.
+        The lateral jerk of a stop applies: while the car comes to rest, staying on the path goes before comfort.
         """
         if not math.isfinite(steering + speed + elapsed):
             return ("not_finite",)
@@ -138,7 +138,7 @@ class Limiter:
         return tuple(limited)
 
     def steering_bound(self, speed: float) -> float:
-        """Largest road-wheel angle [rad] at `speed` [m/s]: of the car, and of the lateral acceleration.
+        """Largest road-wheel angle [rad] at `speed` [m/s], by the car's own limit and by the lateral acceleration.
 
         Steady circle of the single-track model: atan(L a / v^2) + K a (Rajamani, Vehicle Dynamics and Control, 3.3).
         """
@@ -147,7 +147,7 @@ class Limiter:
         return min(self._steering_limit, max(turning, 0.0))
 
     def steering_rate_bound(self, speed: float, lateral_jerk: float) -> float:
-        """Largest rate of the road-wheel angle [rad/s] at `speed` [m/s]: of the car, and of the lateral jerk."""
+        """Largest rate of the road-wheel angle [rad/s] at `speed` [m/s], by the car's limit and the lateral jerk."""
         square = speed * speed
         if square * self._steering_rate <= lateral_jerk * self._wheelbase:
             return self._steering_rate
@@ -181,9 +181,9 @@ class Limiter:
 
 
 def move_towards(value: float, target: float, away: float, towards: float, period: float) -> float:
-    """`value` nearer to `target` by what `period` [s] allows.
+    """Return `value` moved towards `target` by as much as `period` [s] allows.
 
-    It moves at rate `towards` where it nears 0 and at rate `away` where it leaves.
+    The rate is `towards` while the value approaches 0 and `away` while it leaves 0.
     """
     if value * target < 0.0:
         to_zero = abs(value) / towards

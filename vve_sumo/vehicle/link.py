@@ -1,7 +1,7 @@
-"""What the processes of a drive say to the gateway and it to them, as bytes and back.
+"""Codec of the messages between the gateway's process and the other processes of a drive.
 
-A pure codec: no socket, no clock, no opinion on what is said. Whatever bytes come in, the answer is a message or a
-reason why they are none; what is said too long goes out cut short.
+It has no socket and no clock, and does not judge content. Decoding any bytes gives a message or the reason why they are
+none; encoding cuts texts and lists that are too long.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ VERSION: Final = 2
 MAX_TEXT: Final = 255  # bytes of a string
 MAX_CODES: Final = 64  # strings in a list
 
-# Little endian throughout: magic, version, kind; then the body; then the CRC-32 (zlib's) of all that stands before it.
+# Little endian throughout: magic, version, kind; then the body; then the CRC-32 (zlib's) of all bytes before it.
 _MAGIC: Final = b"VV"
 _HEAD: Final = struct.Struct("<2sBB")
 _CRC: Final = struct.Struct("<I")
@@ -29,7 +29,7 @@ _PROFILE: Final = struct.Struct("<dB")
 _FEEDBACK: Final = struct.Struct("<dqdddq")
 _VERDICT: Final = struct.Struct("<dddd")
 _KIND_SETPOINT, _KIND_ACT, _KIND_FEEDBACK = 1, 2, 3
-# One knot more than a way may have still goes over, so that the gateway refuses what was too long.
+# One knot more than a fallback path may have is sent, so that the gateway rejects a path that was too long.
 _KNOTS_SENT: Final = MAX_KNOTS + 1
 _MAX_INTEGER: Final = (1 << 63) - 1
 
@@ -43,10 +43,10 @@ class Malformed(NamedTuple):
 
 
 class Feedback(NamedTuple):
-    """What the gateway's process says after each of its steps."""
+    """The gateway process's message after each of its steps."""
 
     time: float  #: drive time of the step [s]
-    sequence: int  #: of the newest setpoint taken; -1 before the first
+    sequence: int  #: of the newest setpoint accepted; -1 for none
     sent: float  #: drive time at which the send of the last command frame returned [s]; NaN for none
     verdict: GatewayStatus  #: of the step
     measured_steering: float  #: road-wheel angle that the car reports [rad], left positive; NaN not reported
@@ -88,12 +88,12 @@ def _setpoint(reader: _Reader) -> Setpoint:
 
 
 def encode_operator_command(act: OperatorCommand) -> bytes:
-    """Return the datagram of an act."""
+    """Return the datagram of an operator command."""
     return _sealed(_KIND_ACT, _text(act))
 
 
 def decode_operator_command(data: bytes) -> OperatorCommand | Malformed:
-    """Return the act in a datagram."""
+    """Return the operator command in a datagram."""
     return _decoded(_KIND_ACT, data, lambda reader: OperatorCommand(reader.text()))
 
 
@@ -159,7 +159,7 @@ def _whole(number: int) -> int:
 
 
 def _text(text: str) -> bytes:
-    # Lone surrogates can't be written as UTF-8, and a controller's note is anything; they go over all the same.
+    # A controller's note may hold lone surrogates, which strict UTF-8 cannot encode; they are sent all the same.
     data = text.encode("utf-8", "surrogatepass")
     if len(data) > MAX_TEXT:
         data = data[:MAX_TEXT].decode("utf-8", "ignore").encode()
@@ -177,7 +177,7 @@ def _profile(profile: FallbackPath) -> bytes:
 
 
 class _Reader:
-    """Takes one thing after the other from a body; raises struct.error, ValueError or IndexError where it is none."""
+    """Reads a body field by field; raises struct.error, ValueError or IndexError for a malformed field."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -219,7 +219,7 @@ class _Reader:
         return FallbackPath(spacing, self.take(struct.Struct(f"<{number}d")))
 
     def finished(self, message: _Message) -> _Message:
-        """`message`, if nothing is left over."""
+        """Return `message`; raises ValueError if bytes are left over."""
         if self._at != len(self._data):
             raise ValueError("something is left over")
         return message

@@ -1,4 +1,4 @@
-"""Reads vehicle files; every complaint is one line that names file, key, what was expected and what came."""
+"""Reads vehicle files; every error is one line that names the file, the key, what was expected and what was found."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from vve_sumo.vehicle.model import SimulatedParameters, VehicleModel
 from vve_sumo.vehicle.schema import Calibration as CalibrationTable
 from vve_sumo.vehicle.schema import Declared, Simulated, VehicleFile
 
-#: a declared deceleration may be so much more than what torque limit and brake gain give: both are rounded
+#: factor by which a declared deceleration may exceed what torque limit and brake gain give: both are rounded
 MASS_TOLERANCE = 1.02
 
 
 def declared(table: Declared) -> Vehicle:
-    """Return the vehicle that a table declares; raises ConfigError, without the file's name, for what cannot be."""
+    """Return the vehicle that a table declares; raises ConfigError, without the file's name, if it is impossible."""
     said = in_si(table, "sources", "model")
     ratio = said["steering_ratio"]
     limits = {name: said.pop(f"steering_wheel_{name}") / ratio for name in ("limit", "rate_limit")}
@@ -40,7 +40,7 @@ def calibrated(table: CalibrationTable, vehicle: Vehicle) -> Calibration:
 
 
 def simulated(table: Simulated) -> SimulatedParameters:
-    """Return what the simulated vehicle has besides."""
+    """Return the further parameters of the simulated vehicle."""
     return SimulatedParameters(**in_si(table, "sources", "receiver_forward_m", "receiver_left_m"))
 
 

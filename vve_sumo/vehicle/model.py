@@ -1,6 +1,6 @@
-"""One vehicle, resolved: all that lockstep, playback, sweep, suite and live drive need to know of the car they drive.
+"""One resolved vehicle: all that lockstep, playback, sweep, suite and live drive need to know of the car they drive.
 
-Plain values in SI units. Knows no file and no rig; who has laid a rig's measurements over a model says so.
+Plain values in SI units, without any file or rig; `VehicleModel.rig` tells whose measurements replaced declared values.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, slots=True)
 class SimulatedParameters:
-    """What the simulated vehicle has besides, which nobody declares of a real one."""
+    """Further parameters of the simulated vehicle, which are not declared of a real one."""
 
     laden_mass: float  #: largest permitted, with which suites drive it laden [kg]
     track: float  #: between the wheels of an axle [m]
@@ -30,7 +30,7 @@ class SimulatedParameters:
 
 @dataclass(frozen=True, slots=True)
 class VehicleModel:
-    """A vehicle as declared and calibrated, and what the simulated vehicle of it has besides."""
+    """A vehicle as declared and calibrated, with the further parameters of its simulated vehicle."""
 
     name: str  #: of the vehicle's file, without its ending
     vehicle: Vehicle
@@ -40,7 +40,7 @@ class VehicleModel:
     limits: Limits = field(default_factory=Limits)  #: that the gateway keeps to
     interface: InterfaceConfig = DEFAULT  #: of the drive-by-wire controller
     steering_wheel_bias: float = 0.0  #: reported angle at which the wheels point straight [rad], left positive
-    rig: str = ""  #: title of the rig whose measurements are laid over the model; empty where there is none
+    rig: str = ""  #: title of the rig whose measurements replaced declared values; empty where there is none
 
     @property
     def laden_factor(self) -> float:
@@ -53,7 +53,7 @@ class VehicleModel:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Return the vehicle that `to_dict` gave; raises KeyError, TypeError or ConfigError where it is none."""
+        """Return the vehicle that `to_dict` gave; raises KeyError, TypeError or ConfigError for other data."""
         return rebuilt(cls, data)
 
 

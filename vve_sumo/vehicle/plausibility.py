@@ -1,8 +1,8 @@
-"""Whether the receiver and the car's own sensors tell of the same motion.
+"""Checks whether the receiver and the car's own sensors report the same motion.
 
-Dead reckoning from wheel speeds and gyroscope is held against the poses that setpoints carry, speeds against speeds,
-the steering report against the gyroscope. It knows no state of arming and commands nothing; it gives reason codes.
-Which of two that disagree is wrong it cannot tell, so every disagreement is a reason to stop.
+Dead reckoning from wheel speeds and gyroscope is compared with the poses in the setpoints, speed with speed, and the
+steering report with the gyroscope. The result is reason codes; the module knows no arming state and commands nothing.
+It cannot tell which of two disagreeing sources is wrong, so every disagreement is a reason to stop.
 """
 
 from __future__ import annotations
@@ -15,25 +15,26 @@ from vve_sumo.values import Setpoint, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
-# What the receiver says may be so much older than its epoch tells [s]: a constant delay is found by how the car drives
-# (docs/studies.md), not here, where it would hide what is a lie. Slip of braking tyres is contained in it.
+# Tolerated age of the receiver's data beyond what their epoch says [s]; it also covers the slip of braking tyres. A
+# constant delay is found by how the car drives (docs/studies.md), not here: allowing for it would hide false data.
 DELAY: Final = 0.30
-# Satellite speed against wheel speed: noise of both, the wheels' calibrated scale, and DELAY at the acceleration.
+# Allowed difference of satellite and wheel speed: this for the noise of both, plus the wheels' calibrated scale error
+# and DELAY times the acceleration.
 SPEED_DIFFERENCE: Final = 0.30  # [m/s]
 ACCELERATION_LAG: Final = 0.1  # of that acceleration [s]
 DIFFERENCE_TIME: Final = 0.5  # a difference that lasts so long is a fault [s]
-# A difference so many times larger than is allowed is no slip and no delay, and is a fault after the shorter time.
+# A difference this many times the allowed one is neither slip nor delay, and is a fault after the shorter time.
 GROSS_FACTOR: Final = 3.0
 GROSS_TIME: Final = 0.1  # [s]
 # A gyroscope's bias is of the order of 0.01 rad/s; a wrong sign or axis shows as twice the yaw rate.
 YAW_RATE_DIFFERENCE: Final = 0.10  # [rad/s]
 
-# Dead reckoning. Windows over which the pose is held against it: a step shows in the short one, a creeping lie in the
-# long one, for which the calibration's errors allow more.
+# Dead reckoning: windows over which the pose is compared with it. A step shows in the short window. A slow drift shows
+# in the long one, where the calibration's errors allow a larger difference.
 WINDOWS: Final = (1.0, 3.0, 10.0)  # [s]
 SAMPLE_PERIOD: Final = 0.1  # between two poses that are kept for later comparison [s]
 POSITION_DIFFERENCE: Final = 0.15  # ten sigma of RTK noise and what the pose's filter adds [m]
-# Of the distance, across: the receiver's heading against the car's (0.2 deg), and half of the slip of the rear axle.
+# Lateral share of the distance: the receiver's heading against the car's (0.2 deg), and half of the rear axle's slip.
 LATERAL_SHARE: Final = 0.008
 HEADING_DIFFERENCE: Final = 0.03  # ten sigma of the receiver's heading and what the pose's filter adds [rad]
 TURN_SHARE: Final = 0.02  # of the turned angle: the gyroscope's scale
@@ -47,7 +48,7 @@ MAX_BIAS: Final = 0.05  # what turns faster at standstill is no bias [rad/s]
 STEERING_DIFFERENCE: Final = 0.06  # [rad/s]
 STEERING_SHARE: Final = 0.20  # of the yaw rate that the angle should give
 
-# A report that stays the same to the last bit although for so long something else has said that it must change.
+# A report is frozen if it is the same to the last bit while its reference has been off by these changes for this long.
 FROZEN_TIME: Final = 0.5  # [s]
 FROZEN_SPEED_CHANGE: Final = 0.20  # of the receiver's speed meanwhile [m/s]
 FROZEN_YAW_RATE_CHANGE: Final = 0.04  # of the receiver's yaw rate meanwhile [rad/s]
@@ -55,7 +56,7 @@ FROZEN_STEERING_CHANGE: Final = 0.03  # of the commanded road-wheel angle meanwh
 
 
 class CarMotion(NamedTuple):
-    """What the car says of its own motion at a step."""
+    """The car's motion at one step by its own sensors, with the commanded steering."""
 
     speed: float  #: of the rear axle by the wheels [m/s], forward positive; NaN unknown
     yaw_rate: float  #: by the gyroscope [rad/s] counter-clockwise; NaN unknown
@@ -66,7 +67,7 @@ class CarMotion(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """A pose and where dead reckoning was then."""
+    """A pose of a setpoint, with the dead-reckoned pose at the same time."""
 
     time: float
     x: float
@@ -80,7 +81,7 @@ class _Place(NamedTuple):
     speed: float  #: by the receiver
 
     def seen(self, later: _Place) -> tuple[float, float]:
-        """How far ahead and to the left of where dead reckoning leads from here a later pose lies [m]."""
+        """Offset of a later pose ahead and to the left [m] of where dead reckoning leads from this one."""
         cosine, sine = math.cos(self.own_heading), math.sin(self.own_heading)
         x, y = later.own_x - self.own_x, later.own_y - self.own_y
         own_ahead, own_left = x * cosine + y * sine, y * cosine - x * sine
@@ -90,7 +91,7 @@ class _Place(NamedTuple):
 
 
 class _Frozen:
-    """Tells when a value stays the same while what it should follow changes."""
+    """Detects a value that stays the same while its reference changes."""
 
     __slots__ = ("_change", "_long", "_reference", "_value")
 
@@ -101,14 +102,14 @@ class _Frozen:
         self._reference = math.nan
 
     def step(self, now: float, value: object, reference: float) -> bool:
-        """Whether `value` has been the same for too long, `reference` being elsewhere than it was then."""
+        """Whether `value` has stayed the same although `reference` has been off its value of then for too long."""
         if value != self._value or not math.isfinite(reference):
             self._value, self._reference = value, reference
         return self._long.step(now, abs(reference - self._reference) > self._change)
 
 
 class Plausibility:
-    """Compares step by step what the receiver and the car say."""
+    """Compares the receiver's and the car's measurements step by step."""
 
     def __init__(self, vehicle: Vehicle, calibration: Calibration) -> None:
         self._wheelbase = vehicle.wheelbase
@@ -137,8 +138,9 @@ class Plausibility:
     ) -> list[str]:  # fmt: skip
         """Reason codes of what disagrees at `now` [s].
 
-        `setpoint` is the newest one that is still good and stands on trusted fixes, else None; `fresh` says that it
-        came at this step. Where either side is silent nothing is compared, and the windows begin anew.
+        `setpoint` is the newest valid one with a pose from trusted fixes, else None; `fresh` says that it arrived at
+        this step. Without it, or without the car's speed or yaw rate, receiver and car are not compared, and the
+        windows begin anew.
         """
         self._reckon(elapsed, car)
         reasons = self._steering(now, car)
@@ -154,12 +156,12 @@ class Plausibility:
             reasons += self._pose(now, car, setpoint)
         return reasons
 
-    # Quantity against quantity.
+    # Comparison of single quantities.
 
     def _rates(self, now: float, car: CarMotion, setpoint: Setpoint) -> list[str]:
         reasons = []
         allowed = SPEED_DIFFERENCE + 2.0 * self._speed_share * abs(car.speed)
-        # The lesser of two: neither wheels nor a receiver that jump allow themselves more.
+        # The smaller acceleration of the two, so that a jump of wheels or receiver alone does not widen the tolerance.
         allowed += DELAY * min(abs(self._acceleration), abs(self._satellite_acceleration))
         difference = abs(setpoint.speed - car.speed)
         gross = self._speed_gross.step(now, not difference <= GROSS_FACTOR * allowed)
@@ -176,7 +178,7 @@ class Plausibility:
         return reasons
 
     def _accelerate(self, setpoint: Setpoint) -> None:
-        """Follow the receiver's acceleration."""
+        """Update the filtered acceleration by the receiver."""
         (before, then), self._satellite = self._satellite, (setpoint.speed, setpoint.time)
         step = setpoint.time - then
         if 0.0 < step < ACCELERATION_LAG:
@@ -184,7 +186,7 @@ class Plausibility:
             self._satellite_acceleration += ((setpoint.speed - before) / step - self._satellite_acceleration) * share
 
     def _steering(self, now: float, car: CarMotion) -> list[str]:
-        """The yaw rate of a steady circle at the reported angle, against the gyroscope's."""
+        """Compare the yaw rate of a steady circle at the reported angle with the gyroscope's."""
         curvature = math.tan(car.steering) / self._wheelbase
         expected = car.speed * curvature / (1.0 + self._understeer * car.speed * car.speed / self._wheelbase)
         allowed = STEERING_DIFFERENCE + STEERING_SHARE * abs(expected)
@@ -194,7 +196,7 @@ class Plausibility:
     # Dead reckoning.
 
     def _reckon(self, elapsed: float, car: CarMotion) -> None:
-        """Drive on by wheels and gyroscope; a standing car teaches the gyroscope's bias instead."""
+        """Advance dead reckoning by wheels and gyroscope; at standstill learn the gyroscope's bias, and do not turn."""
         if car.stands:
             self._learn(elapsed, car.yaw_rate)
         speed, yaw_rate = car.speed, 0.0 if car.stands else car.yaw_rate - self._bias
@@ -229,7 +231,7 @@ class Plausibility:
             self._sampled = -math.inf
 
     def _pose(self, now: float, car: CarMotion, setpoint: Setpoint) -> list[str]:
-        """Hold the setpoint's pose against an earlier one, of one window after the other."""
+        """Compare the setpoint's pose with an earlier one; each call takes the next window in turn."""
         place = self._place(now, car, setpoint)
         self._turn = (self._turn + 1) % len(WINDOWS)
         kept, oldest = self._kept[self._turn], place.time - WINDOWS[self._turn]
@@ -242,7 +244,7 @@ class Plausibility:
         return self._compared(kept[0], place) if kept else []
 
     def _place(self, now: float, car: CarMotion, setpoint: Setpoint) -> _Place:
-        """The setpoint's pose, and dead reckoning taken back to its time."""
+        """The setpoint's pose, with dead reckoning extrapolated back to its time."""
         age = now - setpoint.time
         back = car.speed * age
         return _Place(
@@ -259,12 +261,12 @@ class Plausibility:
         )
 
     def _compared(self, then: _Place, now: _Place) -> list[str]:
-        """Reason codes of how the pose moved otherwise than dead reckoning between two places."""
+        """Reason codes of where the pose moved differently from dead reckoning between two places."""
         turned, distance = now.turned - then.turned, now.distance - then.distance
         bias = BIAS_LEARNT if self._bias_time >= BIAS_MIN_TIME else BIAS_UNKNOWN
         uncertain = bias * (now.time - then.time) + TURN_SHARE * turned
         off = now.heading - then.heading - now.own_heading + then.own_heading
-        # Two finite headings may be infinitely far apart, and have no remainder then.
+        # The difference of two finite headings can overflow to infinity, which has no remainder.
         off_heading = math.remainder(off, math.tau) if math.isfinite(off) else math.inf
         reasons = [] if abs(off_heading) <= HEADING_DIFFERENCE + uncertain else ["heading_mismatch"]
         ahead, left = then.seen(now)

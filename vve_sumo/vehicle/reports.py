@@ -1,7 +1,6 @@
-"""What the car last reported of itself, how old that is, and what is wrong with it.
+"""Keeps the car's newest reports and their age, and finds what is wrong with them.
 
-It takes frames, which the interface decodes, and gives reason codes and measurements; what follows from them is the
-gateway's business.
+Frames, decoded by the interface, become measurements and reason codes; the gateway decides what follows from them.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class CarReports:
         self._decode = interface.decode
         facts = interface.facts
         self._commands = facts.commands
-        # Reports that nothing here reads come as often as the others and would cost as much.
+        # Other reports are not decoded: they come as often as those needed here and would cost as much.
         self._read = frozenset(number for number, kinds in facts.reports.items() if not REQUIRED.isdisjoint(kinds))
         self._times: dict[type, float] = {}
         self._newest: dict[type, Report] = {}
@@ -55,14 +54,14 @@ class CarReports:
 
     @property
     def last_dbw_report(self) -> float:
-        """When one of the interface's subsystems was last understood; -inf before the first time.
+        """Time at which a report of one of the interface's subsystems was last decoded [s]; -inf before the first.
 
-        Wheel speeds and the gyroscope do not count: they are the car's own, and say nothing of who could be commanded.
+        Wheel speeds and yaw rate do not count: the car itself measures them, whether or not it could be commanded.
         """
         return max(self._times.get(kind, -math.inf) for kind in _OF_THE_INTERFACE)
 
     def take(self, now: float, frames: Iterable[Frame]) -> list[str]:
-        """Take in frames heard since the last call; reason codes of what can't be understood or shouldn't be there."""
+        """Take in frames received since the last call; reason codes of malformed reports and foreign commands."""
         troubles: list[str] = []
         read, decode, times, newest = self._read, self._decode, self._times, self._newest
         reports: tuple[Report, ...] | Malformed | None
@@ -72,7 +71,7 @@ class CarReports:
                 try:
                     reports = decode(frame)
                 except Exception:
-                    # A mistake in somebody's decoder must not be what keeps the car from being stopped.
+                    # A bug in an interface's decoder must not keep the gateway from stopping the car.
                     reports = None
                 if reports is None or isinstance(reports, Malformed):
                     troubles.append("report_malformed")
@@ -97,7 +96,7 @@ class CarReports:
         return reasons
 
     def faults(self) -> list[str]:
-        """Reason codes of what the subsystems say is broken, and of measurements that they mark as invalid."""
+        """Reason codes of faults that the subsystems report, and of measurements marked as invalid."""
         brake, throttle, steering = self.brake, self.throttle, self.steering
         reasons: list[str] = []
         if brake.watchdog or throttle.watchdog or steering.watchdog:
@@ -117,7 +116,7 @@ class CarReports:
         return reasons
 
     def dropped_out(self) -> list[str]:
-        """Reason codes of the subsystems that don't work although they are told to."""
+        """Reason codes of the subsystems that are disabled or timed out although they are commanded."""
         brake, throttle, steering = self.brake, self.throttle, self.steering
         if self.all_enabled() and not (brake.timeout or throttle.timeout or steering.timeout):
             return []
@@ -146,7 +145,7 @@ class CarReports:
         return frozenset(name for name, override in latched.items() if override)
 
     def driver(self) -> list[str]:
-        """Reason codes of the pedals that the driver touches; the steering module does not tell of hands."""
+        """Reason codes of the pedals that the driver touches; the steering module does not report touch."""
         if not (self.brake.driver or self.throttle.driver):
             return []
         touched = (self.brake.driver, "driver_on_brake"), (self.throttle.driver, "driver_on_throttle")
@@ -166,12 +165,12 @@ class CarReports:
         return fresh and math.isfinite(self.speed)
 
     def in_park(self, now: float) -> bool:
-        """Whether the car says that it is in park, and has just said so."""
+        """Whether a fresh gear report without fault says park."""
         fresh = self._times.get(GearState, -math.inf) >= now - MAX_GEAR_AGE - TOLERANCE
         return fresh and self.gear.gear is Gear.PARK and not self.gear.fault
 
     def unchanged(self, now: float) -> float:
-        """For how long the wheel speeds have been the same to the last bit, while they say that the car moves [s]."""
+        """For how long nonzero wheel speeds have been the same to the last bit [s]; 0 for none or zero ones."""
         return now - self._wheels_changed if self.fastest_wheel > 0.0 else 0.0
 
     def _store(self, now: float, report: Report) -> None:

@@ -1,7 +1,7 @@
-"""What a vehicle file may say: pydantic models, the edge where units are in the names.
+"""Schema of a vehicle file, as pydantic models: only here are units part of the names.
 
-A rig lays its own measurements over the same tables (`rig.schema`). Knows nothing of where files lie; what a file means
-to the rest is `vehicle.model`.
+A rig states its own measurements in the same tables (`rig.schema`). The module does not know where files lie; their
+resolved values are those of `vehicle.model`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from vve_sumo.config_file import Name, NotNegative, Positive, Share, Short, Strength, Table
 
-#: how the source of a number begins that nobody measured or published; the reason follows
+#: beginning of the source of a number that was neither measured nor published; the reason follows
 ASSUMED = "assumed: "
 
 

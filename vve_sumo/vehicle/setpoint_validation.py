@@ -1,6 +1,6 @@
-"""Which setpoints are believed: form, order and age.
+"""Validates setpoints by form, order and age.
 
-It knows no state of arming and commands nothing; it gives reason codes.
+The result is reason codes; the module knows no arming state and commands nothing.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ MAX_LIFETIME: Final = 0.100  # of a setpoint [s]: the DBW controller's own timeo
 
 
 class Debounce:
-    """Tells when something has been bad for `duration` [s] without a break."""
+    """Detects a condition that has been bad for `duration` [s] without a break."""
 
     def __init__(self, duration: float) -> None:
         self._duration = duration
         self._since = math.inf
 
     def reset(self) -> None:
-        """Forget what was."""
+        """Forget the past."""
         self._since = math.inf
 
     def step(self, now: float, bad: bool) -> bool:
-        """Whether it has been bad all the time from `now - duration` on."""
+        """Whether the condition, which is `bad` or not now, has been bad ever since `now - duration`."""
         if not bad:
             self._since = math.inf
             return False
@@ -38,21 +38,21 @@ class Debounce:
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """Why a setpoint isn't acted on."""
+    """Why a setpoint is rejected."""
 
     reason: str  #: reason code
     fatal: bool  #: the setpoint shows a broken controller; otherwise the ones before and after may be good
 
 
 class SetpointValidator:
-    """Keeps the newest setpoint that may be acted on."""
+    """Keeps the newest accepted setpoint."""
 
     def __init__(self) -> None:
         self.setpoint: Setpoint | None = None
         self._sequence = -1
 
     def take(self, now: float, setpoint: Setpoint) -> Rejection | None:
-        """Keep `setpoint`, or say why not."""
+        """Accept and keep `setpoint`, or return why it is rejected."""
         rejection = self._check(now, setpoint)
         if rejection is None:
             self.setpoint = setpoint
@@ -60,11 +60,11 @@ class SetpointValidator:
         return rejection
 
     def valid(self, now: float) -> bool:
-        """Whether the newest setpoint may still be acted on."""
+        """Whether there is an accepted setpoint that has not expired at `now` [s]."""
         return self.setpoint is not None and now <= self.setpoint.expires + TOLERANCE
 
     def faults(self, now: float) -> list[str]:
-        """Reason codes that the newest setpoint brings; one that has expired tells nothing."""
+        """Reason codes that the newest setpoint carries; none once it has expired."""
         return list(self.setpoint.faults) if self.setpoint is not None and self.valid(now) else []
 
     def _check(self, now: float, setpoint: Setpoint) -> Rejection | None:

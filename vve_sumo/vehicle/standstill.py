@@ -1,8 +1,7 @@
-"""Whether the car stands, by everything that speaks for or against it.
+"""Decides whether the car stands, from wheel speeds, the receiver's speed and the time that braking takes.
 
-It weighs the wheels, the receiver's speed and the time that braking takes; it knows no frames and commands nothing. One
-report that says zero is never enough: a wheel-speed report can be wrong, and a car that is believed to stand is held
-with a holding torque only and asked to shift to park.
+One report of zero is never enough: a wheel-speed report can be wrong, and a car that is believed to stand is held with
+a holding torque only and asked to shift to park. The module knows no frames and commands nothing.
 """
 
 from __future__ import annotations
@@ -14,19 +13,19 @@ from vve_sumo.vehicle.setpoint_validation import Debounce
 WHEEL_REST: Final = 0.05  # no wheel turns faster [m/s]; wheel-speed sensors resolve 3 mm/s
 SATELLITE_REST: Final = 0.30  # the receiver's speed at standstill stays below [m/s]: ten sigma of RTK velocity
 REST_TIME: Final = 0.3  # standing this long is rest [s]
-# The receiver alone, against wheels that are silent or say that they turn, is believed after so long [s].
+# Time after which the receiver alone is believed, against wheel speeds that are missing or above rest [s].
 SATELLITE_REST_TIME: Final = 3.0
-# No car brakes harder, so wheels whose speed falls faster do not tell the car's speed [m/s2].
+# No car brakes harder, so wheel speeds that fall faster are not the car's speed [m/s2].
 MAX_BRAKING: Final = 12.0
 QUANTUM: Final = 0.02  # of wheel speeds, several times what they resolve [m/s]
-# Wheels that fell too fast and say zero are believed, where no receiver confirms them, once a car with half the brakes
-# could stand.
+# Wheel speeds that fell too fast to zero, and that no receiver confirms, are believed once a car with this share of the
+# commanded deceleration could stand.
 BRAKING_SHARE: Final = 0.5
 MIN_BRAKING: Final = 0.3  # of a car that rolls out [m/s2]
 
 
 class Evidence(NamedTuple):
-    """What a step of the gateway knows of the car's motion; None is "not known"."""
+    """Measured speeds of the car at one step of the gateway; None is "not known"."""
 
     wheels: float | None  #: the fastest wheel's speed, without sign [m/s]
     satellite: float | None  #: the receiver's speed, without sign [m/s]
@@ -45,13 +44,13 @@ class Standstill:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the evidence disagrees: the car may stand, and something says that it moves or is silent."""
+        """Whether the evidence disagrees: the receiver has long said rest, but the wheels do not confirm it."""
         return self.at_rest and not self.certain
 
     def step(self, now: float, elapsed: float, evidence: Evidence, braking: float | None) -> None:
         """Weigh the evidence at `now` [s], `elapsed` after the last step.
 
-        `braking` is the deceleration that the car is told [m/s2], None where a driver may brake as hard as the car can.
+        `braking` is the commanded deceleration [m/s2], None where a driver may brake as hard as the car can.
         """
         wheels, satellite = evidence
         satellite_stands = satellite is not None and satellite < SATELLITE_REST

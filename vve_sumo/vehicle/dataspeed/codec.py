@@ -1,6 +1,6 @@
 """Codec of a Dataspeed DBW1 drive-by-wire controller: values in, CAN frame out, and back.
 
-Both directions of both kinds: the gateway encodes commands and decodes reports, the simulated vehicle does the reverse.
+Both directions: the gateway encodes commands and decodes reports, the simulated vehicle does the reverse.
 It knows bits, scales and ranges, and nothing about when or why anything is sent. `dbw1.dbc` states the same layout.
 """
 
@@ -80,7 +80,7 @@ class Variant(enum.Enum):
     """Generation of the firmware; the two disagree on a few fields, so a rig must verify which one it has."""
 
     DBW1_2018 = enum.auto()
-    #: The default: steering at the wrong generation's rate then means half the rate, not twice the rate.
+    #: The default: if it is wrong for the car, the steering moves at half the commanded rate, not at twice the rate.
     DBW1_2024 = enum.auto()
 
 
@@ -121,7 +121,7 @@ _PEDALS: Final[
 }
 _REPORT_KINDS = {int(kind): kind for kind in BrakeReportKind}
 _GEARS = {int(gear): gear for gear in Gear}
-#: Every flag byte as eight truths, lowest bit first.
+#: Every flag byte as eight booleans, lowest bit first.
 _FLAGS = tuple(tuple(bool(byte >> bit & 1) for bit in range(8)) for byte in range(256))
 _REJECTS = tuple(GearReject)
 _PARKING_BRAKES = tuple(ParkingBrake)
@@ -129,7 +129,7 @@ _SOURCES = tuple(WatchdogSource)
 
 
 def encode(message: Message, variant: Variant = Variant.DBW1_2024) -> Frame:
-    """Frame that says `message`.
+    """Return the frame of `message`.
 
     NaN in a report becomes the field's "invalid" pattern. Raises ValueError for NaN in a command, for a value outside
     its field's stated range (nothing is ever wrapped or clipped) and for a watchdog counter outside 0 to 255.
@@ -138,7 +138,7 @@ def encode(message: Message, variant: Variant = Variant.DBW1_2024) -> Frame:
 
 
 def decode(frame: Frame, variant: Variant = Variant.DBW1_2024) -> Message | Malformed | None:
-    """What `frame` says: None for an unknown identifier, `Malformed` for a known one that says nothing usable."""
+    """Return the message in `frame`: None for an unknown identifier, `Malformed` for one without usable content."""
     known = _DECODERS.get(frame.id)
     if known is None:
         return None

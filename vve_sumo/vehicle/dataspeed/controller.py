@@ -1,7 +1,7 @@
-"""What a Dataspeed DBW1 controller does with commands: enabling, timeouts, driver overrides, watchdog, shifting.
+"""Model of a Dataspeed DBW1 controller's response to commands: enabling, timeouts, overrides, watchdog, shifting.
 
-It turns command frames and the driver's limbs into requests to the actuators, and knows neither dynamics nor reports.
-Behaviour as public in Dataspeed's `dbw_mkz_can` and `dbw_ford_can` sources, WatchdogCounter.msg and its FAQ.
+It turns command frames and the driver's inputs into requests to the actuators, and knows neither dynamics nor reports.
+Behaviour as published in Dataspeed's `dbw_mkz_can` and `dbw_ford_can` sources, WatchdogCounter.msg and its FAQ.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from vve_sumo.vehicle.dataspeed.messages import (
 )
 from vve_sumo.vehicle.interface import HANDS_OFF, PEDAL_REST, DriverInputs, Gear, Malformed, Request
 
-# Without a usable command a module drops out [s]. How soon a stuck counter trips the watchdog isn't public: as soon.
+# Time without a usable command after which a module drops out [s]; a stuck counter trips the watchdog after the same
+# time, which is an assumption: that time is not public.
 TIMEOUT = 0.100
-OVERRIDE_TIME = 0.100  # beyond the threshold for so long is the driver taking over [s]
+OVERRIDE_TIME = 0.100  # input beyond the threshold for this long is the driver taking over [s]
 ACTIVITY_TIME = 0.020  # [s]
 THROTTLE_TRAVEL_END = 0.80  # pedal sensor of a floored pedal, fraction of its range
 BRAKE_OVERRIDE, THROTTLE_OVERRIDE = 0.22, 0.30  # pedal sensor
@@ -74,7 +75,7 @@ class DbwControllerParameters:
     """How one DBW controller is configured."""
 
     variant: codec.Variant = codec.Variant.DBW1_2024
-    watchdog: bool = True  #: the optional watchdog is there; counting commands arm it
+    watchdog: bool = True  #: the optional watchdog is fitted; commands whose counter changes arm it
     watchdog_torque: float = 1500.0  #: its braking [N m]; the real strength is not public, this one is an assumption
     brake_torque_limit: float = 3250.0  #: most that a command gets [N m]
     wheel_angle_limit: float = math.radians(470.0)  #: of the steering wheel [rad]
@@ -99,7 +100,7 @@ class Module:
     pressed: int = 0  #: steps beyond the override threshold
     touched: int = 0  #: steps beyond the activity threshold
     source: WatchdogSource = WatchdogSource.NONE
-    broken: bool = False  #: works no more, whatever it is told
+    broken: bool = False  #: cannot be enabled, whatever is commanded
 
     def hear(self, command: BrakeCommand | ThrottleCommand | SteeringCommand, step: int) -> None:
         """Take in a usable command."""
@@ -114,7 +115,7 @@ class Module:
         self.command, self.heard = command, step
 
     def feel(self, value: float, override_steps: int, activity_steps: int) -> None:
-        """Notice the driver."""
+        """Update the driver's activity and override from an input `value`."""
         self.pressed = self.pressed + 1 if value > self.override_above else 0
         self.touched = self.touched + 1 if value > self.activity_above else 0
         self.driver = self.touched >= activity_steps
@@ -148,7 +149,7 @@ class DbwController:
         self._duration = duration
 
     def receive(self, frames: Sequence[Frame], speed: float, brake_torque: float) -> None:
-        """Take in what came over the bus; a frame with a wrong length or value counts as not come."""
+        """Take in frames from the bus; a frame with a wrong length or value is ignored."""
         for frame in frames:
             if frame.id not in codec.COMMAND_IDS:
                 continue
@@ -167,7 +168,7 @@ class DbwController:
 
     def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
         """Advance by one step; `speed` [m/s] and steering `wheel_angle` [rad] are the car's own measurements."""
-        if driver is not HANDS_OFF or self.driver is not HANDS_OFF:  # nobody there leaves nothing to feel
+        if driver is not HANDS_OFF or self.driver is not HANDS_OFF:  # without a driver there is nothing to update
             self._feel(driver)
         self.driver = driver
         oldest = self._step - self._timeout_steps
@@ -200,7 +201,7 @@ class DbwController:
                     return
 
     def _cause(self, module: Module, parked: bool) -> int | None:
-        """What the watchdog holds against an armed module: an offset from its first code in `WatchdogSource`."""
+        """Why the watchdog trips on an armed module: an offset from its first code in `WatchdogSource`, or None."""
         assert module.command is not None
         if module.timeout:
             return 2
@@ -259,7 +260,7 @@ class DbwController:
         return max(wanted, pedal_to_throttle(driver.throttle_pedal))
 
     def _steer(self, wheel_angle: float) -> float:
-        """The next point on the way to the commanded angle, which starts where the wheel is when it is taken over."""
+        """Next angle towards the commanded one [rad], starting at the measured `wheel_angle`; NaN if not enabled."""
         command = self.steering.command
         if not self.steering.enabled or not isinstance(command, SteeringCommand):
             return math.nan

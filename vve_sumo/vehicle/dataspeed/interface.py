@@ -1,7 +1,7 @@
 """A Dataspeed DBW1 drive-by-wire controller as a `VehicleInterface`: four command frames a step, and its reports.
 
-The counter in the frames counts once a step, so the controller's own watchdog, where it is armed, brakes when nobody
-encodes any more. The bit that takes the driver's override away cannot be set.
+The counter in the frames counts once a step, so the controller's own watchdog, where armed, brakes when encoding stops.
+The bit that takes the driver's override away cannot be set.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ REPORTS: Final[dict[int, tuple[type, ...]]] = {
     codec.BRAKE_INFO: (BrakeTorque,),
 }
 
-#: Of a brake or throttle report only the last two bytes tell its state; those before are pedal positions and torques.
+#: Only the last two bytes of a brake or throttle report hold the state; the others are pedal positions and torques.
 _PEDALS: Final = frozenset({codec.BRAKE_REPORT, codec.THROTTLE_REPORT})
 PEDAL_REPORT_LENGTH: Final = 8
 STATUS_OF_PEDAL: Final = slice(6, 8)
@@ -86,11 +86,11 @@ class DataspeedDbw1:
             dbc=Path(__file__).with_name("dbw1.dbc"),
         )
         self._counter = -1
-        # A gear command has no counter, so there are only so many.
+        # A gear command has no counter, so all possible frames are encoded in advance.
         self._gear_frames = {
             (gear, clear): codec.encode(GearCommand(gear, clear), variant) for gear in Gear for clear in (False, True)
         }
-        # By identifier: what the last understood frame said, as bytes and as reports. Most reports repeat themselves.
+        # Identifier to the last decoded frame, as bytes and as reports. Most reports repeat themselves.
         self._understood: dict[int, tuple[bytes, tuple[Report, ...]]] = {}
 
     @property
@@ -99,7 +99,7 @@ class DataspeedDbw1:
         return self._facts
 
     def encode(self, command: ActuationCommand) -> tuple[Frame, ...]:
-        """Return brake, throttle, steering and gear, all three counters alike."""
+        """Return the brake, throttle, steering and gear frames; the first three have the same counter."""
         torque, throttle, wheel_angle, wheel_rate, gear, enable, clear = command
         variant = self._variant
         counter = self._counter = (self._counter + 1) & 0xFF
@@ -111,10 +111,10 @@ class DataspeedDbw1:
         )
 
     def decode(self, frame: Frame) -> tuple[Report, ...] | Malformed:
-        """Return what a frame reports; what it said the last time is not made anew."""
+        """Return what a frame reports; a repeated content gives the same reports without decoding."""
         number, said = frame
         if number in _PEDALS:
-            # What has another length is damaged, and like nothing that was ever understood.
+            # A report of another length is damaged; empty bytes are equal to no decoded report.
             said = said[STATUS_OF_PEDAL] if len(said) == PEDAL_REPORT_LENGTH else b""
         before = self._understood.get(number)
         if before is not None and before[0] == said:
@@ -130,7 +130,7 @@ class DataspeedDbw1:
         return reports
 
     def commanded(self, frame: Frame) -> Commanded | None:
-        """Return what a brake, throttle or steering command says in the units that the gateway commands in."""
+        """Return a brake torque, throttle opening or steering command in the gateway's units; None for other frames."""
         match codec.decode(frame, self._variant):
             case BrakeCommand(kind=BrakeKind.TORQUE, value=torque):
                 return Commanded(torque, math.nan, math.nan)
@@ -147,7 +147,7 @@ class DataspeedDbw1:
 
 
 def make(settings: Mapping[str, SettingValue]) -> DataspeedDbw1:
-    """Make the interface; the one setting is `variant`, the firmware's generation, which nobody but the car knows."""
+    """Make the interface; its one setting is `variant`, the firmware's generation, to be verified on the car."""
     names = {variant.name.lower(): variant for variant in codec.Variant}
     if unknown := sorted(settings.keys() - {"variant"}):
         raise ConfigError(f"setting {unknown[0]!r} is unknown; allowed is 'variant'")

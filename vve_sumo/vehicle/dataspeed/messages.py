@@ -1,7 +1,7 @@
-"""The words that a Dataspeed DBW1 drive-by-wire controller and its host exchange, as values in SI units.
+"""Messages between a Dataspeed DBW1 drive-by-wire controller and its host, as values in SI units.
 
-Bits, scales and identifiers are the codec's business; when and why anything is said is the gateway's. Wheel speeds, yaw
-rate, accelerations and gears are the port's own values.
+The codec defines bits, scales and identifiers; the gateway decides when and why to send. Wheel speeds, yaw rate,
+accelerations and gears are the port's own values.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class WatchdogSource(enum.IntEnum):
 
 # Tuples and not dataclasses: making one is several times cheaper, and a dozen are made every tick.
 class BrakeCommand(NamedTuple):
-    """What the brakes shall do."""
+    """Command to the brake module."""
 
     kind: BrakeKind  #: meaning of the value
     value: float  #: fraction, [N m] or [m/s2]
@@ -94,7 +94,7 @@ class BrakeCommand(NamedTuple):
 
 
 class ThrottleCommand(NamedTuple):
-    """What the throttle shall do."""
+    """Command to the throttle module."""
 
     kind: ThrottleKind  #: meaning of the value
     value: float  #: fraction
@@ -104,7 +104,7 @@ class ThrottleCommand(NamedTuple):
 
 
 class SteeringCommand(NamedTuple):
-    """Where the steering wheel shall be."""
+    """Command to the steering module."""
 
     wheel_angle: float  #: of the steering wheel [rad], left positive
     wheel_rate: float  #: largest rate of the steering wheel [rad/s], rounded down; 0 is the controller's own
@@ -114,14 +114,14 @@ class SteeringCommand(NamedTuple):
 
 
 class GearCommand(NamedTuple):
-    """Which gear the car shall be in."""
+    """Command to the shift module."""
 
-    gear: Gear  #: NONE asks for nothing
+    gear: Gear  #: NONE requests nothing
     clear: bool = False  #: forget a latched override
 
 
 class BrakeReport(NamedTuple):
-    """What the brake module says, 50 Hz."""
+    """Report of the brake module, 50 Hz."""
 
     kind: BrakeReportKind  #: meaning of the three values
     driver_input: float  #: the driver's pedal: fraction, or [N m]
@@ -141,7 +141,7 @@ class BrakeReport(NamedTuple):
 
 
 class ThrottleReport(NamedTuple):
-    """What the throttle module says, 50 Hz."""
+    """Report of the throttle module, 50 Hz."""
 
     driver_input: float  #: pedal travel, fraction
     command: float  #: pedal travel, fraction
@@ -158,7 +158,7 @@ class ThrottleReport(NamedTuple):
 
 
 class SteeringReport(NamedTuple):
-    """What the steering module says, 50 Hz."""
+    """Report of the steering module, 50 Hz."""
 
     wheel_angle: float  #: of the steering wheel [rad], left positive; NaN invalid
     command: float  #: [rad] left positive, or [N m] in torque mode; NaN invalid
@@ -176,7 +176,7 @@ class SteeringReport(NamedTuple):
 
 
 class GearReport(NamedTuple):
-    """What the shift module says, 20 Hz."""
+    """Report of the shift module, 20 Hz."""
 
     gear: Gear  #: engaged
     command: Gear = Gear.NONE  #: asked for
@@ -186,7 +186,7 @@ class GearReport(NamedTuple):
 
 
 class BrakeInfo(NamedTuple):
-    """What the car's own brake controller says, 50 Hz."""
+    """Report of the car's own brake controller, 50 Hz."""
 
     torque_requested: float  #: all wheels together [N m]; NaN invalid
     torque_actual: float  #: all wheels together [N m]; NaN invalid

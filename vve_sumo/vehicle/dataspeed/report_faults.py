@@ -1,6 +1,6 @@
-"""What becomes of the car's reports where a module or a sensor goes wrong.
+"""Alters the simulated car's reports as a faulty module or sensor would.
 
-It knows frames and what they say, and nothing of the car or of who hears them.
+It knows frames and their content, and nothing of the car or of who receives them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport
 from vve_sumo.vehicle.interface import Due, WheelSpeeds
 
-#: Reports of which a fault sets some fields: identifier to kind and those fields.
+#: Reports in which a fault sets some fields: identifier to the fault's kind and those fields.
 _SET: Final[dict[int, tuple[str, dict[str, Any]]]] = {
     codec.BRAKE_REPORT: ("brake_fault", {"fault_channel_1": True}),
     codec.THROTTLE_REPORT: ("throttle_fault", {"fault_channel_1": True}),
@@ -21,7 +21,7 @@ _SET: Final[dict[int, tuple[str, dict[str, Any]]]] = {
     codec.WHEEL_SPEEDS: ("wheel_speed_invalid", {"rear_left": math.nan}),
 }
 
-#: Reports that a fault keeps as they were: identifier to kind.
+#: Reports that a fault freezes: identifier to the fault's kind.
 _FROZEN: Final = {
     codec.WHEEL_SPEEDS: "wheel_speeds_frozen",
     codec.STEERING_REPORT: "steering_report_frozen",
@@ -30,7 +30,7 @@ _FROZEN: Final = {
     codec.THROTTLE_REPORT: "throttle_report_frozen",
 }
 
-#: Reports that tell how fast the car is. All come from the same four sensors, so they go wrong together.
+#: Reports of the car's speed. All come from the same four sensors, so they go wrong together.
 _OF_SPEED: Final = frozenset({codec.WHEEL_SPEEDS, codec.STEERING_REPORT, codec.BRAKE_INFO})
 
 
@@ -39,10 +39,10 @@ class ReportFaults:
 
     def __init__(self, variant: codec.Variant) -> None:
         self._variant = variant
-        self._kept: dict[int, Frame] = {}  # what a frozen report goes on saying, by identifier
+        self._kept: dict[int, Frame] = {}  # content of each frozen report, by identifier
 
     def alter(self, time: float, frame: Frame, due: Due) -> Frame:
-        """Return what is said at `time` in place of a report, by the faults that are due."""
+        """Return what is sent at `time` in place of a report, by the faults that are due."""
         if frame.id == codec.STEERING_REPORT and due("report_malformed", time) is not None:
             return Frame(frame.id, frame.data[:-1])
         return self._set(time, self._scaled(time, self._frozen(time, frame, due), due), due)

@@ -1,6 +1,6 @@
-"""The other end of the wire: a simulated Dataspeed DBW1 controller that hears frames and reports, each at its rate.
+"""Simulated Dataspeed DBW1 controller: receives command frames and sends its reports, each at its rate.
 
-What it does with commands is the controller's business, quantising the codec's.
+`controller` defines its response to commands, `codec` the quantisation.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from vve_sumo.vehicle.dataspeed.messages import (
 from vve_sumo.vehicle.dataspeed.report_faults import ReportFaults
 from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Due, Gear, Measured, Request
 
-BRAKE_LIGHTS: Final = 520.0  # torque from which they are lit [N m] (dbw_mkz_can)
+BRAKE_LIGHTS: Final = 520.0  # torque from which the brake lights are on [N m] (dbw_mkz_can)
 TORQUE_SENSOR_LIMIT: Final = 7.9  # of the driver's steering torque [N m]
 MODULE_PERIOD, GEAR_PERIOD = 2, 5  # of reports, in hundredths of a second: 50 and 20 Hz
 
@@ -64,7 +64,7 @@ class SimulatedDbw1:
         return pedal_to_torque(self.controller.driver.brake_pedal)
 
     def receive(self, frames: Sequence[Frame], speed: float, brake_torque: float) -> None:
-        """Hear the bus."""
+        """Take in frames from the bus."""
         self.controller.receive(frames, speed, brake_torque)
 
     def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
@@ -72,12 +72,12 @@ class SimulatedDbw1:
         return self.controller.step(driver, speed, wheel_angle)
 
     def drop_out(self, subsystem: int | None) -> None:
-        """Let one module work no more; None mends all."""
+        """Make one module fail; None restores all."""
         for number, module in enumerate(self.controller.modules, start=1):
             module.broken = number == subsystem
 
     def alter(self, time: float, frame: Frame, due: Due) -> Frame:
-        """Return what is said at `time` in place of a report."""
+        """Return what is sent at `time` in place of a report."""
         return self._faults.alter(time, frame, due)
 
     def reports(self, measured: Measured) -> list[Frame]:
