@@ -199,7 +199,7 @@ class Gateway:
 
     @property
     def sequence(self) -> int:
-        """Sequence number of the newest setpoint accepted since the last disarming; -1 for none."""
+        """Sequence number of the newest accepted setpoint; -1 for none, as after disarming or parking."""
         return -1 if self._admission.setpoint is None else self._admission.setpoint.sequence
 
     @property
