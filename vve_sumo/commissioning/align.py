@@ -156,7 +156,7 @@ def read_pairs(file: FilePath, site: Site) -> tuple[list[Pair], list[Pair]]:
 
 
 def searched(site: Site) -> AlignmentResult:
-    """Search the alignment with the most room around the path; raises ConfigError where not even its start fits."""
+    """Search the alignment that leaves the path the most room; raises ConfigError where not even its start fits."""
     try:
         found = fit(site.resolved.path, site.geofence, site.speed)
     except ConfigError as error:

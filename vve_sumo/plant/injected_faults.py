@@ -111,7 +111,7 @@ class InjectedFault:
 
 
 class Share(NamedTuple):
-    """Value of a fault that is due, and for how long it has been due."""
+    """Value of a fault that is due, and the time since it began."""
 
     value: float  #: NaN where the kind takes none
     since: float  #: time since its beginning [s]

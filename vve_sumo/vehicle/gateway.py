@@ -279,7 +279,7 @@ class Gateway:
         return faults
 
     def _take(self, now: float, setpoint: Setpoint) -> list[str]:
-        """Accept or reject a setpoint and its fallback path; reason codes of a fatal or faulty rejected one."""
+        """Accept or reject a setpoint with its fallback path; of a rejected one, its fault codes and a fatal reason."""
         rejection = self._admission.take(now, setpoint)
         if rejection is not None:
             # The setpoint is rejected as a command, but the faults that it carries still count.
