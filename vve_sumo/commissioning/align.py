@@ -1,6 +1,6 @@
-"""Where the path shall lie in the lot, by a standing car, by surveyed pairs or by a search; stored in the rig file.
+"""Aligns the path with the lot by a standing car, by surveyed pairs or by a search; stored in the rig file.
 
-Listens, computes and writes; it sends no frame and moves nothing but the simulated vehicle's clock.
+It listens, computes and writes; it sends no frame and moves nothing but the simulated vehicle's clock.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import held
 from vve_sumo.rig.schema import Rig
 
-#: what surveyed pairs may be off after the fit where the rig does not say [m]: half of a lane's spare width
+#: largest residual of surveyed pairs where the rig states none [m]: half of a lane's spare width
 RESIDUAL_LIMIT: Final = 0.20
 LOT_COLUMNS: Final = ("lot_latitude_deg", "lot_longitude_deg")
 STREET_COLUMNS: Final = ("street_x_m", "street_y_m")
@@ -53,7 +53,7 @@ class Site:
 
     @property
     def speed(self) -> float:
-        """What the scenario wants to drive [m/s]."""
+        """Speed of the scenario's ego [m/s]."""
         return self.resolved.scenario.ego.speed_mps
 
     def fits(self, alignment: Alignment) -> Fit | None:
@@ -68,7 +68,7 @@ class AlignmentResult:
     alignment: Alignment
     residual: float  #: worst error of the points that it was made from [m]
     fit: Fit | None
-    evidence: tuple[str, ...] = ()  #: what it was found by, a line each
+    evidence: tuple[str, ...] = ()  #: what the alignment is based on, a line each
 
     @property
     def whole(self) -> bool:
@@ -89,9 +89,9 @@ def site_of(scenario: str, rig: str, working: FilePath) -> Site:
 
 
 def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> AlignmentResult:
-    """Make the place where the car stands the start of the path; raises RigError where it has no fixes to trust.
+    """Make the place where the car stands the start of the path; raises RigError where it has no trusted fixes.
 
-    `notify` takes a line before the fixes are waited for.
+    `notify` is called with a line before waiting for the fixes.
     """
     rig, path, t0 = site.rig, site.resolved.path, time.monotonic()
     with contextlib.ExitStack() as stack:
@@ -114,7 +114,7 @@ def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> Al
 
 
 def paired(site: Site, file: FilePath) -> AlignmentResult:
-    """Lay the surveyed places of a CSV file onto their places on the street.
+    """Align the surveyed places of a CSV file with their places on the street.
 
     Raises ConfigError for what is no such file, for mirrored or scaled surveys, and for a pair that is off by too much.
     """
@@ -156,7 +156,7 @@ def read_pairs(file: FilePath, site: Site) -> tuple[list[Pair], list[Pair]]:
 
 
 def searched(site: Site) -> AlignmentResult:
-    """Look for the place where the path has most room; raises ConfigError where not even its start has any."""
+    """Search the alignment that leaves the path the most room; raises ConfigError where not even its start fits."""
     try:
         found = fit(site.resolved.path, site.geofence, site.speed)
     except ConfigError as error:
@@ -183,7 +183,7 @@ def description(site: Site, result: AlignmentResult) -> Iterator[str]:
 
 
 def _start(site: Site, found: Fit) -> str:
-    """Where the rear axle is at the path's start, and what the receiver says there."""
+    """Describe where the rear axle is at the path's start, and what the receiver reports there."""
     frame = meaning.frame_of(site.rig)
     x, y, heading = found.start
     latitude, longitude = frame.to_geodetic(x, y)
@@ -226,7 +226,7 @@ def cut(site: Site, result: AlignmentResult, out: FilePath) -> Path:
 
 
 def beyond(site: Site, length: float) -> list[str]:
-    """Return a line for everything of the scenario that lies beyond this length of its path [m]."""
+    """Return a line for each obstacle and actor of the scenario beyond this length of its path [m]."""
     scenario = site.resolved.scenario
     places = [("obstacle", one.id, one.at_m) for one in scenario.obstacles]
     places += [("actor", one.id, one.at_m) for one in scenario.actors if one.path is None and one.at_m is not None]

@@ -1,7 +1,7 @@
-"""From the record of a calibration drive to the numbers of its car: reads the folder, runs the fits, writes.
+"""Calibrates a car from the record of a drive: reads the folder, runs the fits, writes the numbers.
 
-Any record will do, in lockstep or live, as long as the car did enough in it. It knows files and words; the fits are
-`vehicle.identify`'s.
+Any record will do, in lockstep or live, if the car was driven with enough variety. This module handles files and texts;
+the fits are those of `vehicle.identification`.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from vve_sumo.vehicle.interface import (
 from vve_sumo.vehicle.model import VehicleModel
 
 PICTURE = "calibration.png"
-#: the car is given this long to settle after it was engaged [s]
+#: time for the car to settle after it was engaged and in drive [s]
 SETTLING = 0.5
-#: what no drive of this kind can tell, said with every table
+#: what no drive of this kind can tell, printed with every table
 NOTE: Final = (
     "Forces are for the declared mass, the steering ratio for the declared wheelbase: neither shows by itself. "
     "Rolling resistance holds engine braking and whatever slope the receiver does not report."
@@ -54,12 +54,12 @@ NOTE: Final = (
 SUBSYSTEMS: Final = (BrakeState, ThrottleState, SteeringState)
 
 
-#: of a rig that a record was not made with, what would make its numbers another car's
+#: attributes of the model that must be the same in the rig file and in the drive: else it is another car
 SAME: Final = ("vehicle.mass", "vehicle.wheelbase", "mounting.forward", "mounting.left", "interface")
 
 
 def declared_in(resolved: dict[str, Any]) -> VehicleModel:
-    """Return the vehicle that a drive was made with; raises ConfigError for a receiver that speaks another format."""
+    """Return the vehicle that a drive was made with; raises ConfigError for a receiver that does not send NCOM."""
     if "rig" in resolved:
         rig = rigs.parse_json(resolved["rig"], Path(str(resolved.get("rig_name", "rig"))))
         if not isinstance(receiver_of(rig).decoder(), Decoder):
@@ -68,14 +68,14 @@ def declared_in(resolved: dict[str, Any]) -> VehicleModel:
 
 
 class Quantity(NamedTuple):
-    """One number of a car: its words, its unit, where it is declared and where it stands in a rig file."""
+    """One number of a car: its words, its unit, where it is declared and its key in a rig file."""
 
     words: str
     unit: str
     attribute: str = ""  #: of the model, that declares it; empty for none
-    key: str = ""  #: of the rig file, with its table; empty for what is only told
+    key: str = ""  #: of the rig file, with its table; empty for a number that is only shown
     factor: float = 1.0  #: from SI to the unit
-    optional: bool = False  #: may stay as declared where a drive doesn't tell
+    optional: bool = False  #: may stay as declared where a drive does not determine it
 
     def declared(self, model: VehicleModel) -> float:
         """Return what a model declares, in SI; NaN where it declares nothing."""
@@ -90,7 +90,7 @@ class Quantity(NamedTuple):
 
 _DEGREES: Final = math.degrees(1.0)
 
-#: every number that is found, in the order of the table
+#: every identified number, in the order of the table
 QUANTITIES: Final[dict[str, Quantity]] = {
     "brake_gain": Quantity("brake torque for 1 m/s²", "kg m", "calibration.brake_gain", "calibration.brake_gain_kgm"),
     "brake_delay": Quantity("brakes: dead time", "s", "vehicle.brake_delay", "vehicle.brake_delay_s"),
@@ -120,13 +120,13 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "acceleration_bias": Quantity("receiver's acceleration", "m/s²"),
 }  # fmt: skip
 
-#: Share by which a measured rolling radius may still be off: pressure, load and warmth of the tyres between two days.
+#: Share by which a measured rolling radius may still be off: the tyres' pressure, load and temperature on another day.
 EARNED_TOLERANCE: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Calibrated:
-    """What a drive told of its car."""
+    """Result of a calibration: the numbers that a drive gave of its car."""
 
     folder: Path
     declared: VehicleModel
@@ -134,7 +134,7 @@ class Calibrated:
 
     @property
     def poor(self) -> dict[str, Estimate]:
-        """What a rig needs and this drive did not tell, by name."""
+        """Numbers that a rig needs and this drive did not determine well enough, by name."""
         return {
             name: self.identified.estimates[name]
             for name, quantity in QUANTITIES.items()
@@ -143,7 +143,7 @@ class Calibrated:
 
 
 def calibrate(folder: Path) -> Calibrated:
-    """Return what the drive recorded in `folder` tells of its car; raises ConfigError where it is no such record."""
+    """Return the car's numbers by the drive recorded in `folder`; raises ConfigError where it is no such record."""
     file = folder / "scenario.json"
     resolved = read_json(file, "a drive", "epoch_gnss_s")
     if not isinstance(resolved["epoch_gnss_s"], float):
@@ -177,7 +177,7 @@ def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
 
 
 def _messages(file: Path, epoch: float, config: InterfaceConfig) -> dict[type, list[tuple[float, Any]]]:
-    """All that was understood on the bus, reports and commands, by kind, with drive times [s]."""
+    """All decoded messages of the bus, reports and commands, by kind, with drive times [s]."""
     interface = load(config)
     said: dict[type, list[tuple[float, Any]]] = {}
     for time, _channel, frame in bus.read_log(file):
@@ -196,7 +196,7 @@ def _fixes(file: Path) -> list[Fix]:
 
 
 def _obedient(folder: Path, said: dict[type, list[tuple[float, Any]]]) -> tuple[float, float]:
-    """When the car obeys [s]: from all modules enabled in drive, to the first time after that one of them is not."""
+    """When the car follows commands [s]: from all modules enabled in drive until one of these conditions is lost."""
     news: list[tuple[float, type, bool]] = [
         (time, kind, message.enabled) for kind in SUBSYSTEMS for time, message in said.get(kind, ())
     ]
@@ -223,10 +223,10 @@ def _series(samples: Sequence[tuple[float, float]]) -> Series:
 
 
 def _motion(folder: Path, fixes: Sequence[Fix], mounting: Mounting) -> dict[str, Series]:
-    """What the receiver says of the rear axle: the output point's motion, moved there; formulas as in `frames`.
+    """Motion of the rear axle by the receiver: that of its output point, moved there; formulas as in `frames`.
 
-    The receiver's clock is laid onto the drive's by the fix that arrived soonest; what that one took to arrive stays,
-    and the fits that mind it fit it too.
+    The receiver's clock is mapped to the drive's by the fix that arrived soonest. The delay of that fix remains as an
+    error; the fits that depend on it identify it too.
     """
     columns = (
         "time_received",
@@ -240,7 +240,7 @@ def _motion(folder: Path, fixes: Sequence[Fix], mounting: Mounting) -> dict[str,
     )
     table: Floats = np.array([[getattr(fix, name) for name in columns] for fix in fixes], dtype=np.float64)
     table = table.reshape(-1, len(columns))
-    table[:, -1] = np.nan_to_num(table[:, -1])  # a receiver that says no pitch is taken to stand level
+    table[:, -1] = np.nan_to_num(table[:, -1])  # without a pitch the receiver is assumed to be level
     table = table[np.isfinite(table).all(axis=1)]
     if not len(table):
         raise ConfigError(f"{folder / 'pose.bin'}: no fix with heading, velocity, yaw rate and acceleration in it")
@@ -271,7 +271,7 @@ class Row(NamedTuple):
 
 
 def rows(calibrated: Calibrated) -> list[Row]:
-    """The table of all that was found."""
+    """The table of all identified numbers."""
     return [
         _row(quantity, quantity.declared(calibrated.declared), calibrated.identified.estimates[name])
         for name, quantity in QUANTITIES.items()
@@ -293,7 +293,7 @@ def _row(quantity: Quantity, declared: float, estimate: Estimate) -> Row:
 
 
 def _values(calibrated: Calibrated, leave: Sequence[str]) -> dict[tuple[str, str], float]:
-    """What goes into a rig file, by table and key; raises ConfigError naming what is poor and not to be left."""
+    """Values for a rig file, by table and key; raises ConfigError naming a poor one that is not in `leave`."""
     unknown = [name for name in leave if name not in QUANTITIES]
     if unknown:
         raise ConfigError(f"no such quantity: {unknown[0]!r}; known are {', '.join(QUANTITIES)}")
@@ -317,10 +317,10 @@ def _values(calibrated: Calibrated, leave: Sequence[str]) -> dict[tuple[str, str
 
 
 def put_into(rig: Path, calibrated: Calibrated, date: str, leave: Sequence[str] = ()) -> None:
-    """Write what was found into a rig file, dated `date` (YYYY-MM-DD); comments and all else stay.
+    """Write the identified numbers into a rig file, dated `date` (YYYY-MM-DD); comments and all else stay.
 
     Quantities in `leave` stay as they are in the file. Raises ConfigError, the file untouched, for a poor number that
-    is not left, for a rig of another car than the drive's, and for a result that would not load.
+    is not in `leave`, for a rig of another car than the drive's, and for a result that would not load.
     """
     _same_car(rig, calibrated.declared, model_of(rigs.load(rig)))
     edit.put(rig, _dated(_values(calibrated, leave), date))
@@ -334,7 +334,7 @@ def _same_car(rig: Path, driven: VehicleModel, written: VehicleModel) -> None:
 
 
 def _dated(values: dict[tuple[str, str], float], date: str) -> dict[tuple[str, str], Any]:
-    """Return what goes into a rig file, with the day in all tables that keep one."""
+    """Return the values for a rig file, with the date in all tables that keep one."""
     try:
         day = datetime.date.fromisoformat(date)
     except ValueError:

@@ -1,6 +1,6 @@
-"""The drive that a calibration is made from: what must hold before it, its plan, and whether it came to its end.
+"""The drive for a calibration: its preconditions, its plan, and whether it was completed.
 
-How the car is found in its record is `calibrate`'s business.
+`calibrate` identifies the car from its record.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SCENARIO: Final = "calibration"
 
 
 def rig_file_of(rig: str, working: FilePath, *, write: bool) -> FilePath:
-    """Return a rig's file; raises ConfigError where it is to be written and lies outside of the working folder."""
+    """Return a rig's file; with `write`, raises ConfigError where it lies outside of the working folder."""
     rig_file = workspace.find("rig", rig, working)
     if write and not rig_file.resolve().is_relative_to(working.resolve()):
         raise ConfigError(

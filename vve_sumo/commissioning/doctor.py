@@ -1,6 +1,6 @@
-"""Everything that a drive needs is looked at before it, and what speaks against the drive is named.
+"""The doctor: checks everything that a drive needs before it, and names what speaks against the drive.
 
-Puts the checks in order and turns refusals into findings; makes no check itself.
+The module puts the checks in order and turns errors into findings; the checks themselves are in other modules.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from vve_sumo.rig.schema import Rig
 
 
 def keep(report: Report, scenario: str, rig: str, working: FilePath) -> None:
-    """Keep the verdict on a rig for the records of the drives that follow; a rig that is not there has none.
+    """Keep the verdict on a rig for the records of later drives; nothing is kept for a rig that is not found.
 
     Raises OSError where it cannot be written.
     """
@@ -35,7 +35,7 @@ def keep(report: Report, scenario: str, rig: str, working: FilePath) -> None:
 def examine(
     scenario: str, rig: str | None, working: FilePath, show: Callable[[Check], None] = lambda check: None
 ) -> Report:
-    """Make every check that can be made, `show`n as they come; of a real car's rig nothing is asked but to listen."""
+    """Make every possible check, each passed to `show` at once; on a real car's rig the checks only listen."""
     report = Report(show)
     report.add(machine_checks.machine(working))
     advice = "correct the scenario, or name another one"

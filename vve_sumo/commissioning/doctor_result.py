@@ -1,6 +1,6 @@
-"""The doctor's last word on a rig, kept in a small file, and what a drive that begins later makes of it.
+"""Keeps the doctor's verdict on a rig in a small file, and tells a later drive whether it may still hold.
 
-Knows the file alone; makes no check, and reads the clock from whoever asks.
+The module makes no check and reads no clock: the caller hands in the time.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Any, Final
 from vve_sumo.commissioning.findings import Check, Finding
 from vve_sumo.record.hashes import hash_file
 
-#: folder of the verdicts in the folder that the commands are run from; a file a rig
+#: folder of the verdicts in the folder that the commands are run from; one file for each rig
 FOLDER: Final = Path("runs") / "doctor"
-#: a verdict that is older tells of another day's car
+#: an older verdict is about the car of another day
 MAX_AGE: Final = datetime.timedelta(days=1)
 
 
@@ -45,7 +45,7 @@ def keep(rig_file: Path, checks: Sequence[Check], scenario: str, working: Path, 
 def last(rig_file: Path, working: Path, now: datetime.datetime) -> dict[str, Any]:
     """Return the verdict on a rig as it was kept, with `caveats`: why it may not hold any more.
 
-    Its `verdict` is "none" where none was kept, or none that can be read.
+    Its `verdict` is "none" where none was kept or where it cannot be read.
     """
     try:
         data = json.loads(file_of(rig_file, working).read_text(encoding="utf-8"))

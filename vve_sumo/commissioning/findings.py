@@ -1,6 +1,6 @@
-"""What a check of the doctor comes to, and how it is told.
+"""Results of the doctor's checks, and how they are printed.
 
-Knows words and lines; makes no check.
+The module makes no check itself.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ WIDTH: Final = 16  #: of the names
 
 
 class Finding(enum.StrEnum):
-    """What a check came to."""
+    """Result of a check."""
 
     GO = "go"
     NOTE = "note"  #: no reason not to drive, but good to know
@@ -39,7 +39,7 @@ class Check(NamedTuple):
 
 
 def judged(name: str, found: str, good: bool, advice: str, *, otherwise: Finding = Finding.NO_GO) -> Check:
-    """Return a check that is `otherwise`, with advice, where it is not good."""
+    """Return a check that is GO if `good`, else `otherwise` with `advice`."""
     return Check(name, found) if good else Check(name, found, otherwise, advice)
 
 
@@ -58,7 +58,7 @@ class Report:
             self._show(check)
 
     def attempt(self, name: str, advice: str, make: Callable[[], T]) -> T | None:
-        """Return what `make` returns; where it is refused, None, and the refusal is a check of this name."""
+        """Return what `make` returns; if it raises VveError, add a NO-GO check of this name and return None."""
         try:
             return make()
         except VveError as error:
@@ -67,5 +67,5 @@ class Report:
 
     @property
     def against(self) -> list[Check]:
-        """What speaks against a drive."""
+        """The checks that speak against a drive."""
         return [check for check in self.checks if check.finding is Finding.NO_GO]

@@ -1,6 +1,6 @@
-"""What the doctor looks at without a rig: this machine, the installed libraries, and how long the street's steps take.
+"""The doctor's checks that need no rig: this machine, the installed libraries, and the time of the street's steps.
 
-Opens no bus, no socket and no receiver; runs SUMO for some seconds and writes a file that it takes away again.
+They open no bus, no socket and no receiver; they run SUMO for some seconds, and write and remove a temporary file.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from vve_sumo.values import Point
 from vve_sumo.vehicle.interface import DEFAULT, load, read_dbc
 from vve_sumo.world.step_time import LIMIT
 
-PYTHONS: Final = ((3, 11), (3, 13))  #: first and last that the package is tested with
-#: least versions, as the package declares them
+PYTHONS: Final = ((3, 11), (3, 13))  #: oldest and newest version that the package is tested with
+#: lowest versions, as the package declares them
 LIBRARIES: Final = {
     "libsumo": "1.28.0",
     "sumolib": "1.28.0",
@@ -48,19 +48,19 @@ LIBRARIES: Final = {
     "shapely": "2.0.4",
 }
 EXACT: Final = ("libsumo", "sumolib")  #: no other release is tested
-PROCESSES: Final = 4  #: of a live drive, each of which wants a processor
+PROCESSES: Final = 4  #: of a live drive, each of which needs a processor
 LOCKED: Final = 1e9  #: memory that a process of a live drive may take [bytes]
-RESOLUTION: Final = 1e-4  #: of the clock that ticks are timed by [s]
-FREE: Final = 1e9  #: for records [bytes]; a minute of driving takes a few million
-WRITTEN, PIECES = 131_072, 64  #: bytes in a piece, and pieces, that the disk is tried with
-RATE: Final = 2e6  #: of writing [bytes/s]; ten times what a record grows by
-ROUND_TRIP: Final = 1e-3  #: what projecting there and back may lose [m]
-STEPS: Final = 200  #: of the street that are timed
+RESOLUTION: Final = 1e-4  #: coarsest resolution of the clock that times the ticks [s]
+FREE: Final = 1e9  #: disk space for records [bytes]; a minute of driving takes a few million
+WRITTEN, PIECES = 131_072, 64  #: bytes of a piece, and number of pieces, in the disk test
+RATE: Final = 2e6  #: lowest rate of writing [bytes/s]; ten times what a record grows by
+ROUND_TRIP: Final = 1e-3  #: largest error of projecting there and back [m]
+STEPS: Final = 200  #: number of street steps that are timed
 CAN_LINK: Final = "280"  #: Linux's type of a CAN link, ARPHRD_CAN
 
 
 def machine(working: FilePath) -> Iterator[Check]:
-    """Look at the machine and at what is installed on it."""
+    """Check the machine and what is installed on it."""
     yield _python()
     yield _libraries()
     yield _processors()
@@ -78,7 +78,7 @@ def _python() -> Check:
 
 
 def _libraries() -> Check:
-    """Versions of what decides how a drive goes."""
+    """Check the versions of the libraries that affect a drive."""
     installed, wrong = [], []
     for name, wanted in LIBRARIES.items():
         try:
@@ -112,7 +112,7 @@ def _clock() -> Check:
 
 
 def _priority() -> Check:
-    """Whether the kernel would run the gateway before everything else, keep it in memory, and spare it."""
+    """Whether the kernel would run the gateway first, keep it in memory, and spare it when memory runs out."""
     scheduled = True
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(GATEWAY_PRIORITY))
@@ -132,7 +132,7 @@ def _priority() -> Check:
 
 
 def _kept() -> bool:
-    """Whether the kernel would spare the gateway when memory ends; tried with this process, and taken back."""
+    """Whether the kernel would spare the gateway when memory runs out; tried with this process, then undone."""
     own = FilePath("/proc/self/oom_score_adj")
     try:
         before = own.read_text(encoding="ascii")
@@ -144,7 +144,7 @@ def _kept() -> bool:
 
 
 def _can() -> Check:
-    """CAN links of the kernel; adapters that are no link are found when a rig names them."""
+    """List the kernel's CAN links; adapters that are no link are checked when a rig names them."""
     links = []
     for link in sorted(FilePath("/sys/class/net").glob("*")):
         if (link / "type").read_text(encoding="ascii").strip() == CAN_LINK:
@@ -164,7 +164,7 @@ def _dbc() -> Check:
 
 
 def _disk(folder: FilePath) -> Iterator[Check]:
-    """Room and speed where records go."""
+    """Check free space and writing speed where records are kept."""
     there = next(place for place in (folder, *folder.parents) if place.is_dir())
     free = shutil.disk_usage(there).free
     yield judged(
@@ -180,7 +180,7 @@ def _disk(folder: FilePath) -> Iterator[Check]:
 
 
 def _written(folder: FilePath) -> tuple[float, float]:
-    """How fast the disk takes a file [bytes/s], and its longest single write [s]."""
+    """Return how fast the disk writes a file [bytes/s], and its longest single write [s]."""
     piece, longest = os.urandom(WRITTEN), 0.0
     with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
         begun = time.perf_counter()
@@ -206,7 +206,7 @@ def network(resolved: ResolvedScenario) -> Iterator[Check]:
 def street(resolved: ResolvedScenario) -> Iterator[Check]:
     """Step the street with its traffic at the pace of a drive, the ego standing at its start, and time the steps.
 
-    The scenario's actors are on it from the first step on, all at once: what they cost shall show here, not under way.
+    All of the scenario's actors enter at the first step, so that their cost shows here and not during a drive.
     Raises ConfigError and SimulationError as `World` does.
     """
     begin, took = resolved.path.at(0.0), []
@@ -233,7 +233,7 @@ def street(resolved: ResolvedScenario) -> Iterator[Check]:
 
 
 def _all_at_once(resolved: ResolvedScenario) -> ResolvedScenario:
-    """The scenario with actors that wait for nothing and do nothing but go on."""
+    """The scenario with actors that enter at once and have no events."""
     actors = tuple(one.model_copy(update={"enters": When(), "events": ()}) for one in resolved.scenario.actors)
     return replace(resolved, scenario=resolved.scenario.model_copy(update={"actors": actors}))
 

@@ -1,6 +1,6 @@
-"""What the doctor looks at of a rig: its papers, its lot, its receiver and the car's bus, and the path in the lot.
+"""The doctor's checks of a rig: its documents, its lot, its receiver, the car's bus, and the path in the lot.
 
-It listens. On a real car's bus it sends nothing at all; the echo test is for a bus that only a simulated vehicle is on.
+They only listen: nothing is sent on a real car's bus. The echo test is for a bus with a simulated vehicle alone.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ from vve_sumo.vehicle.interface import (
 from vve_sumo.vehicle.reports import CarReports
 
 LISTENING_TIME: Final = 3.0  #: to receiver and bus [s]
-POLL_INTERVAL: Final = 0.01  #: between two looks at them [s]
-MAX_AGE_DAYS: Final = 365  #: a test or calibration of more days ago is told
-RATE_SHARE: Final = 0.9  #: of the fixes that the rig promises
-NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no shipped interface, receiver or radar knows it
+POLL_INTERVAL: Final = 0.01  #: between two reads of them [s]
+MAX_AGE_DAYS: Final = 365  #: an older test or calibration is noted
+RATE_SHARE: Final = 0.9  #: lowest share of the declared fixes that must arrive
+NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no shipped interface, receiver or radar uses it
 ECHO_TIMEOUT: Final = 0.2  #: [s]
 
-#: reports that the gateway judges the age of
+#: reports whose age the gateway checks
 REPORTS: Final[dict[type, str]] = {
     BrakeState: "brake",
     ThrottleState: "throttle",
@@ -66,7 +66,7 @@ REPORTS: Final[dict[type, str]] = {
 
 @dataclass(slots=True)
 class Observed:
-    """What receiver and bus said while they were listened to."""
+    """What was received from receiver and bus while listening."""
 
     epoch: float  #: GNSS second of drive time 0; NaN before the first fix
     wall: float  #: the same by this machine's wall clock
@@ -91,11 +91,11 @@ class Observed:
 
 
 def examine(report: Report, rig: Rig, resolved: ResolvedScenario | None) -> None:
-    """Make every check of a rig that can be made, and with a `resolved` those of its path in the lot."""
+    """Make every possible check of a rig, and with a `resolved` scenario those of its path in the lot."""
     report.add(documents(rig, datetime.date.today()))
     t0 = time.monotonic()
     with contextlib.ExitStack() as stack:
-        # The receiver first: where another program has its port, the simulated vehicle must not speak to that one.
+        # The receiver comes first: if another program has its port, the simulated vehicle must not send to it.
         receiver = meaning.receiver_of(rig)
         source = report.attempt("receiver", receiver.silent_hint, lambda: assembly.source_of(rig))
         if source is not None:
@@ -117,7 +117,7 @@ def examine(report: Report, rig: Rig, resolved: ResolvedScenario | None) -> None
 
 
 def documents(rig: Rig, today: datetime.date) -> Iterator[Check]:
-    """Look at what the rig file says: may it arm, what was tested and calibrated when, and its lot."""
+    """Check what the rig file states: whether it may arm, the dates of tests and calibration, and the lot."""
     problem = arming_obstacle(rig)
     yield (
         Check("arming", "the rig may arm")
@@ -173,7 +173,7 @@ def _bus(report: Report, rig: Rig, t0: float, stack: contextlib.ExitStack) -> Bu
 
 
 def echo(rig: Rig) -> Iterator[Check]:
-    """Send one frame that nobody knows over a bus that no real car is on; a pty has nobody at its other end yet."""
+    """Send one unused frame over a bus without a real car; a pty is left out, as its other end is not open yet."""
     start_pose, wanted = rig.car_start, rig.bus
     if wanted.channel == PTY or start_pose is None:
         return
@@ -183,7 +183,7 @@ def echo(rig: Rig) -> Iterator[Check]:
 
 
 def echoed(here: Bus, there: Bus) -> Check:
-    """Say whether a frame gets from one end of a bus to the other."""
+    """Check whether a frame gets from one end of a bus to the other."""
     sent, begun = Frame(NO_COMMAND, time.monotonic_ns().to_bytes(8, "big")), time.monotonic()
     here.send(sent)
     while (left := begun + ECHO_TIMEOUT - time.monotonic()) > 0.0:
@@ -195,7 +195,7 @@ def echoed(here: Bus, there: Bus) -> Check:
 
 
 def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Observed:
-    """Listen to both for a while; a bus that breaks off shows as reports that are too old."""
+    """Listen to receiver and bus for LISTENING_TIME; a bus that fails shows as reports that are too old."""
     absolute, delay = assembly.absolute_epoch(rig, t0), assembly.minimum_delay_of(rig)
     interface = load(meaning.interface_of(rig))
     reports = CarReports(meaning.vehicle_of(rig).wheel_radius, interface)
@@ -205,7 +205,7 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Obser
     decoder, gate = receiver.decoder(), None
     last: dict[int, float] = {}
     if source is not None:
-        source.receive()  # what came while the rest was opened is not counted
+        source.receive()  # portions that arrived while the rest was opened are not counted
     _drained(bus)
     end = time.monotonic() + LISTENING_TIME
     while (now := time.monotonic()) < end:
@@ -227,7 +227,7 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Obser
 
 
 def _take_fix(observed: Observed, gate: TrustGate, received: float, fix: Fix) -> None:
-    """Date and judge a fix as the drive does."""
+    """Convert a fix to the drive's clock and judge it, as a drive does."""
     assert observed.clock is not None
     made = observed.clock.step(received, fix.time) if fix.locked else observed.clock.at(fix.time)
     timed = replace(fix, time=observed.epoch + made)
@@ -242,7 +242,7 @@ def _drained(bus: Bus | None) -> list[Frame]:
 
 
 def bus_checks(observed: Observed) -> Iterator[Check]:
-    """Judge what was heard on the car's bus."""
+    """Judge what was received on the car's bus."""
     reports, frames = observed.reports, observed.frames
     carriers = [(name, _carrying(kind, observed.facts)) for kind, name in REPORTS.items()]
     rates = [f"{name} {sum(frames[number] for number in ids) / LISTENING_TIME:.0f}" for name, ids in carriers]
@@ -292,7 +292,7 @@ def _in_words(codes: list[str]) -> str:
 
 
 def sender_checks(report: Mapping[str, Any]) -> Iterator[Check]:
-    """Judge who spoke to the receiver's port, as its source told; nothing where nobody else can."""
+    """Judge who sent to the receiver's port, by the source's report; no check for a source with one possible sender."""
     if not report:
         return
     refused = ", ".join(f"{count} datagrams of {sender}" for sender, count in report["refused"].items())
@@ -301,7 +301,7 @@ def sender_checks(report: Mapping[str, Any]) -> Iterator[Check]:
 
 
 def pose_checks(rig: Rig, observed: Observed) -> Iterator[Check]:
-    """Judge what the receiver said."""
+    """Judge the receiver's fixes."""
     rate = len(observed.fixes) / LISTENING_TIME
     receiver, found = meaning.receiver_of(rig), f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
     if not observed.fixes:
@@ -314,7 +314,7 @@ def pose_checks(rig: Rig, observed: Observed) -> Iterator[Check]:
 
 
 def _quality(receiver: Receiver, observed: Observed) -> Iterator[Check]:
-    """Whether a car could drive on the fixes of the last second, and what speaks against it."""
+    """Check whether a car could drive on the fixes of the last second, and whether it stands."""
     newest = observed.fixes[-1][0]
     found = (
         f"{'locked' if newest.locked else 'not locked'}, {newest.quality}; 1 sigma {newest.position_sigma:.3f} m, "
@@ -331,7 +331,7 @@ def _quality(receiver: Receiver, observed: Observed) -> Iterator[Check]:
 
 
 def _age(rig: Rig, observed: Observed) -> Check:
-    """How old fixes are when they arrive, and what the clocks are to each other."""
+    """Check how old fixes are when they arrive, with the offset and drift of the clocks."""
     assert observed.clock is not None  # there were fixes
     report = observed.clock.report()
     ages = [1e3 * (fix.time_received - (fix.time - observed.epoch)) for fix, _trust in observed.fixes]
@@ -383,7 +383,7 @@ def _in_the_lot(rig: Rig, resolved: ResolvedScenario, alignment: Alignment) -> C
 
 
 def _at_the_start(resolved: ResolvedScenario, placement: Placement, epoch: float, standing: list[Fix]) -> Check:
-    """Where the car stands on a path that lies fixed in the lot."""
+    """Check where the car stands on a path whose place in the lot is fixed."""
     stands = start_pose.start_pose_of(placement.place(average_fixes(epoch, standing).fix), resolved.path)
     found = f"the car stands {stands.place_text()}, {stands.turn_text()}"
     advice = (

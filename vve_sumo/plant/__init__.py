@@ -1,1 +1,1 @@
-"""The simulated vehicle: what stands in for the real one, down to its bytes."""
+"""The simulated vehicle: replaces the real one, down to its bytes."""

@@ -1,6 +1,6 @@
-"""What lies between a request and the road: dead time, lag, limits and play of steering, brakes and throttle.
+"""Actuator models of steering, brakes and throttle: dead time, lag and limits between a request and the road.
 
-Exact for inputs constant over a step; knows neither frames nor the car's motion. Dead times count in whole steps.
+Exact for inputs constant over a step; without frames or the car's motion. Dead times are whole steps.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 
 
 class DeadTime:
-    """Gives out what was put in `delay` seconds ago, rounded to whole steps."""
+    """Returns the input of `delay` seconds ago, rounded to whole steps."""
 
     __slots__ = ("_index", "_ring")
 
@@ -34,7 +34,7 @@ def share_of_step(lag: float, duration: float) -> float:
 
 
 class Lagged:
-    """A dead time, then a first-order lag: the brakes' torque [N m], the throttle's opening."""
+    """A dead time followed by a first-order lag, for the brakes' torque [N m] and the throttle's opening."""
 
     __slots__ = ("_dead_time", "_share", "value")
 
@@ -52,7 +52,7 @@ class Lagged:
 class Steering:
     """The steering wheel [rad, left positive] behind its motor: dead time, first-order lag, rate and angle limits.
 
-    A request of NaN means that nobody holds the wheel: it then returns to straight ahead while the car rolls.
+    A request of NaN means that the wheel is not controlled: it then returns to straight ahead while the car rolls.
     """
 
     __slots__ = ("_dead_time", "_free_share", "_limit", "_rate", "_share", "angle")

@@ -1,6 +1,6 @@
-"""The simulated vehicle: takes command frames, gives back reports and NCOM bytes, as the real one does.
+"""The simulated vehicle: takes command frames and returns reports and NCOM bytes, as the real one does.
 
-One object for everything between the bus and the sky; it knows no street, no gateway and no controller.
+One object models everything from the bus to the receiver; it knows no street, no gateway and no controller.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _DRIVE_SIGNS = {Gear.DRIVE: 1.0, Gear.LOW: 1.0, Gear.REVERSE: -1.0}
 
 @dataclass(frozen=True, slots=True)
 class CarParameters:
-    """The car as declared, what nobody declares, and how the true car differs from its declaration."""
+    """The car as declared, its undeclared parameters, and how the true car differs from its declaration."""
 
     vehicle: Vehicle  #: as declared
     calibration: Calibration  #: as declared
@@ -40,9 +40,9 @@ class CarParameters:
     friction: float  #: of tyre on road
     throttle_delay: float  #: dead time from frame to first force [s]
     gyro_noise: float = 1e-3  #: of the car's own gyroscope, 1 sigma [rad/s]
-    gyro_bias: float = 0.0  #: what the car's own gyroscope says at rest [rad/s], counter-clockwise
+    gyro_bias: float = 0.0  #: what the car's own gyroscope measures at rest [rad/s], counter-clockwise
     mass_factor: float = 1.0  #: true over declared mass, and yaw inertia with it
-    brake_gain_factor: float = 1.0  #: true over believed brake torque; the car's own reports don't know it
+    brake_gain_factor: float = 1.0  #: true over reported brake torque; the car's own reports don't show it
     grade: float = 0.0  #: slope along the car's path [rad], uphill positive
     steering_wheel_bias: float = 0.0  #: reported wheel angle at which the wheels point straight [rad], left positive
     wheel_radius_factor: float = 1.0  #: true over declared rolling radius
@@ -51,14 +51,14 @@ class CarParameters:
 
 @dataclass(frozen=True, slots=True)
 class CarOutput:
-    """What the car said during a step, in order of time."""
+    """What the car sent during a step, in order of time."""
 
     reports: list[tuple[float, Frame]]  #: drive time [s] and frame
     ncom: list[tuple[float, bytes]]  #: drive time of arrival [s] and packet
 
 
 def chassis(parameters: CarParameters) -> Chassis:
-    """The true car's body."""
+    """The chassis of the true car."""
     vehicle, calibration = parameters.vehicle, parameters.calibration
     return Chassis(
         mass=vehicle.mass * parameters.mass_factor,
@@ -112,18 +112,18 @@ class Car:
         self._brake_force = parameters.brake_gain_factor * calibration.brake_force(1.0)
         self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias
         self._steering_ratio = vehicle.steering_ratio
-        self.brake_share = 1.0  #: of the torque that the brakes believe to give and their actuator gives; a fault
-        self.stuck_throttle = 0.0  #: opening that the throttle doesn't close beyond, 0 to 1; a fault
+        self.brake_share = 1.0  #: true share of the torque that the brake actuator is believed to give; a fault
+        self.stuck_throttle = 0.0  #: smallest opening to which the throttle closes, 0 to 1; a fault
         self._steps = 0
 
     @property
     def interface(self) -> SimulatedInterface:
-        """The drive-by-wire controller, for looking at."""
+        """The drive-by-wire controller, to be read only."""
         return self._interface
 
     @property
     def brake_torque(self) -> float:
-        """Brake torque that is really applied, by the car's own belief [N m]."""
+        """Applied brake torque by the car's own estimate [N m]."""
         return self._brakes.value
 
     @property
@@ -132,7 +132,7 @@ class Car:
         return self._steering.angle
 
     def step(self, until: float, frames: Sequence[Frame], driver: DriverInputs = HANDS_OFF) -> CarOutput:
-        """Hear `frames`, then advance to drive time `until` [s], a multiple of 5 ms, under the same `driver` inputs.
+        """Take in `frames`, then advance to drive time `until` [s], a multiple of 5 ms, under the same `driver` inputs.
 
         Raises ValueError for a time that is no such multiple.
         """
@@ -148,7 +148,7 @@ class Car:
         return CarOutput(reports, self._receiver.arrived(until))
 
     def truth(self) -> Pose:
-        """Where the rear axle really is in the lot map, for analysis only."""
+        """True pose of the rear axle in the lot map, for analysis only."""
         motion = self._motion
         return Pose(
             time=self._time,
@@ -165,7 +165,7 @@ class Car:
 
     @property
     def _time(self) -> float:
-        # A quotient of whole numbers, so that a tick's time is the very number that the drive computes.
+        # A quotient of integers, so that a tick's time is bit for bit the number that the drive computes.
         return self._steps / STEPS_PER_SECOND
 
     def _advance(self, driver: DriverInputs) -> None:
@@ -179,7 +179,7 @@ class Car:
         self._steps += 1
 
     def _really(self, torque: float) -> float:
-        """Brake torque that comes of what the brakes believe [N m]: it is their actuator that is weak, not a foot."""
+        """True brake torque for the estimated `torque` [N m]; only the actuator is weak, not the driver's foot."""
         if self.brake_share == 1.0:
             return torque
         return max(self.brake_share * torque, min(torque, self._interface.driver_brake_torque))
@@ -188,7 +188,7 @@ class Car:
         return (self._steering.angle - self._wheel_bias) / self._steering_ratio
 
     def _drive_force(self, throttle: float) -> float:
-        """Force at the wheels [N]: throttle and idle creep, the way the gear points."""
+        """Force at the wheels [N] by throttle and idle creep, in the direction of the gear."""
         sign = _DRIVE_SIGNS.get(self._interface.gear, 0.0)
         calibration, speed = self._calibration, sign * self._motion.speed
         return sign * (calibration.drive_force(throttle, max(speed, 0.0)) + calibration.creep(speed))
@@ -201,7 +201,7 @@ class Car:
 
 
 def _as_mounted(parameters: CarParameters) -> ReceiverParameters:
-    """The receiver as it really sits on the car."""
+    """The receiver with its true mounting on the car."""
     mounting = parameters.receiver.mounting
     turned = mounting.heading_misalignment + parameters.heading_misalignment
     return replace(parameters.receiver, mounting=replace(mounting, heading_misalignment=turned))

@@ -1,7 +1,7 @@
-"""How the car moves: forces along it, a linear single-track model across it, exact rest.
+"""Vehicle dynamics: longitudinal forces, a linear single-track model for lateral motion, exact standstill.
 
-It takes road-wheel angle, drive force and brake force, and knows no actuator, frame or receiver. The ground is one
-slope along the car's path, level across it.
+Its inputs are road-wheel angle, drive force and brake force; it knows no actuator, frame or receiver. The ground has
+one slope along the car's path and is level across it.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY
 
 KINEMATIC_SPEED = 1.0  # at and below it wheels roll where they point: slip angles divide by speed [m/s]
-DYNAMIC_SPEED = 3.0  # from here on the tyres alone decide; the two differ by 0.1 % on a steady circle [m/s]
+DYNAMIC_SPEED = 3.0  # from here on the tyre model alone applies; the two differ by 0.1 % on a steady circle [m/s]
 
 
 @dataclass(frozen=True, slots=True)
 class Chassis:
-    """What the car is as a body on four wheels."""
+    """Parameters of the car as a body on four wheels."""
 
     mass: float  #: with occupants; rotating masses are part of it [kg]
     yaw_inertia: float  #: about the centre of mass [kg m2]
@@ -75,7 +75,7 @@ class Dynamics:
         self._slope_force = chassis.mass * GRAVITY * math.sin(grade)
         self._rolling = chassis.rolling_resistance * self._weight
         self._drag = 0.5 * AIR_DENSITY * chassis.drag_area
-        # Stiffness per newton of axle load, and the load that goes over to the rear for each m/s2.
+        # Stiffness per newton of axle load, and the load that shifts to the rear for each m/s2.
         front_load = self._weight * self._rear / chassis.wheelbase
         self._front_gain = chassis.cornering_stiffness_front / front_load
         self._rear_gain = chassis.cornering_stiffness_rear / (self._weight - front_load)
@@ -113,7 +113,7 @@ class Dynamics:
         acceleration = (push - math.copysign(hold, speed or push)) / mass
         final = speed + acceleration * duration
         if final < 0.0 < speed or speed < 0.0 < final:
-            # Friction brings the car to rest, it doesn't turn it round; the next step decides whether it starts again.
+            # Friction stops the car and cannot reverse it; the next step decides whether it starts to move again.
             mean, final = -0.5 * speed * speed / (acceleration * duration), 0.0
         else:
             mean = 0.5 * (speed + final)
@@ -123,7 +123,7 @@ class Dynamics:
         return mean
 
     def _slide(self, duration: float, speed: float, steering: float) -> tuple[float, float]:
-        """Advance the centre of mass's lateral speed and yaw rate (explicit midpoint); return the mid-step's."""
+        """Advance lateral speed and yaw rate of the centre of mass (explicit midpoint); return those of mid-step."""
         lateral, yaw_rate = self._mass_lateral_speed, self._mass_yaw_rate
         rate_1, rate_2 = self._tyres(speed, steering, lateral, yaw_rate)
         middle_lateral = lateral + 0.5 * duration * rate_1

@@ -1,6 +1,6 @@
-"""The simulated vehicle with a drive's faults injected: what is heard of it, and what it hears.
+"""The simulated vehicle with a drive's faults injected into its outputs and its inputs.
 
-The same in lockstep and in real time; it knows no clock and no I/O.
+It works the same in lockstep and in real time, without a clock or I/O.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class FaultInjectedCar:
         self._steps = 0
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:
-        """Hear `frames`, advance to drive time `until` [s], a multiple of 5 ms; what reached the outside meanwhile."""
+        """Take in `frames`, advance to drive time `until` [s], a multiple of 5 ms; return the output until then."""
         output, last = CarOutput([], []), round(until * STEPS_PER_SECOND)
         while self._steps < last:
             said = self._step(frames)
@@ -44,7 +44,7 @@ class FaultInjectedCar:
         return output
 
     def truth(self) -> Pose:
-        """Where the rear axle really is in the lot map."""
+        """True pose of the rear axle in the lot map."""
         return self.car.truth()
 
     def _step(self, frames: Sequence[Frame]) -> CarOutput:

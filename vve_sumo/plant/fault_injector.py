@@ -1,6 +1,6 @@
-"""Faults on purpose, at a stated time after the car first moves: what a drive must survive, tried before it happens.
+"""Injects faults at a stated time after the car first moves, to test what a drive must survive.
 
-It stands between the simulated vehicle and the world and alters what passes; it knows no gateway, no clock and no I/O.
+It alters what passes between the simulated vehicle and the rest; it knows no gateway, no clock and no I/O.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ MAX_GARBAGE_LENGTH: Final = 150  # bytes; about two packets
 
 
 class FaultInjector:
-    """The faults of one drive; every method may be called at every step and does nothing while nothing is due.
+    """The faults of one drive; every method may be called at every step and does nothing while no fault is due.
 
-    Times are drive times [s]. `seeds` are for the random bytes; `interface` is the one that the car has.
+    Times are drive times [s]. `seeds` are for the random bytes; `interface` is the car's.
     """
 
     def __init__(
@@ -48,16 +48,16 @@ class FaultInjector:
         kinds = self._writer.facts.reports.items()
         self._brake_reports = frozenset(number for number, reported in kinds if BrakeState in reported)
         self._packets = 0
-        self._kept: bytes | None = None  # waits for its successor to go first
+        self._kept: bytes | None = None  # packet that is sent after its successor
         self._held: deque[tuple[float, bytes]] = deque()  # moment of release and packet
-        self._foreign: list[Frame] = []  # what the other writer has said and the DBW controller not yet heard
+        self._foreign: list[Frame] = []  # the other writer's frames that the DBW controller has not yet received
 
     def moves(self, time: float, speed: float) -> None:
         """Take note of the car's speed [m/s]; the faults' times count from when it first moves."""
         self._due.moves(time, speed)
 
     def on_fix(self, fix: Fix) -> Fix | None:
-        """Return what the receiver makes of a fix; its `time_received` says when it was measured."""
+        """Return the fix to be sent in place of `fix`, or None; its `time_received` says when it was measured."""
         return self._fixes.alter(fix)
 
     def on_packets(self, now: float, packets: Sequence[tuple[float, bytes]]) -> list[tuple[float, bytes]]:
@@ -78,7 +78,7 @@ class FaultInjector:
     def on_reports(
         self, now: float, reports: Sequence[tuple[float, Frame]], interface: SimulatedInterface
     ) -> list[tuple[float, Frame]]:
-        """Return what is on the car's bus up to `now`, of what the car's `interface` says: time and frame."""
+        """Return time and frame of all on the car's bus up to `now`, by the `reports` of the car's `interface`."""
         dead = self._due.value("bus_silent", now) is not None
         if dead or self._due.value("reports_stale", now) is not None:
             return []
@@ -92,7 +92,7 @@ class FaultInjector:
         return heard
 
     def on_commands(self, now: float, commands: Sequence[Frame]) -> list[Frame]:
-        """Return what the DBW controller hears at `now`, of the `commands` on the bus."""
+        """Return the frames that the DBW controller receives at `now`, from the `commands` on the bus."""
         foreign, self._foreign = self._foreign, []
         return [] if self._due.value("bus_silent", now) is not None else [*commands, *foreign]
 
@@ -109,7 +109,7 @@ class FaultInjector:
         return inputs
 
     def on_car(self, now: float, car: Car) -> None:
-        """Break the car's modules, brakes and throttle, and mend them."""
+        """Make the car's modules, brakes and throttle fail while a fault is due, and restore them."""
         broken = self._due.value("dbw_dropout", now)
         car.interface.drop_out(None if broken is None else int(broken))
         brakes, throttle = self._due.value("brakes_weak", now), self._due.value("drive_unasked", now)
@@ -117,7 +117,7 @@ class FaultInjector:
         car.stuck_throttle = 0.0 if throttle is None else throttle
 
     def _mangled(self, time: float, packet: bytes) -> list[bytes]:
-        """What leaves the receiver instead of `packet`, in order."""
+        """The packets that replace `packet`, in order."""
         packet = self._minute.alter(time, packet)
         pieces = self._forger.surround(time, packet)
         if (period := self._due.value("pose_garbage", time)) is not None:
@@ -140,7 +140,7 @@ class FaultInjector:
         return self._due.value("pose_late", time) is not None or self._due.value("pose_bursts", time) is not None
 
     def _release(self, time: float) -> float:
-        """When a packet that arrived at `time` is let go."""
+        """When a packet that arrived at `time` is released."""
         time += self._due.value("pose_late", time) or 0.0
         if (period := self._due.value("pose_bursts", time)) is not None:
             begun = self._due.moved
@@ -148,7 +148,7 @@ class FaultInjector:
         return time
 
     def _written(self, torque: float) -> list[Frame]:
-        """What the other writer sends: brakes and straight steering, and neither throttle nor gear."""
+        """The other writer's frames: brakes and straight steering, neither throttle nor gear."""
         frames = self._writer.encode(ActuationCommand(torque, 0.0, 0.0, 0.0, Gear.NONE, enable=True, clear=False))
         said = [(frame, self._writer.commanded(frame)) for frame in frames]
         return [frame for frame, command in said if command is not None and math.isnan(command.throttle)]

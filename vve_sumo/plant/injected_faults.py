@@ -1,6 +1,6 @@
-"""What can be injected: the kinds of faults, one fault, and which of them are due at a time.
+"""Faults that can be injected: their kinds, one fault, and which of a drive's faults are due at a time.
 
-It alters nothing itself, and knows neither car nor clock.
+The module alters nothing itself, and knows neither car nor clock.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ KINDS: Final[dict[str, str]] = {
     "dbw_dropout": "a module works no more, whatever it is told: 1 brake, 2 throttle, 3 steering, as value says",
 }
 
-#: What `value` is where none is given, and the range that it must lie in; the other kinds take none.
+#: Default of `value`, and the range that it must lie in; the other kinds take none.
 VALUES: Final[dict[str, tuple[float, float, float]]] = {
     "pose_jump": (5.0, -1e4, 1e4),
     "pose_rtk_lost": (0.5, 0.0, 60.0),
@@ -91,15 +91,15 @@ START_SPEED: Final = 0.5  # the speed from which the faults' times count [m/s]
 
 @dataclass(frozen=True, slots=True)
 class InjectedFault:
-    """One fault; raises ConfigError for a kind or a number that cannot be."""
+    """One fault; raises ConfigError for an unknown kind or a number out of range."""
 
     kind: str  #: a key of `KINDS`
     at: float  #: beginning, after the car first moves [s]
     duration: float  #: [s]
-    value: float = math.nan  #: see `KINDS`; NaN is the kind's own
+    value: float = math.nan  #: see `KINDS`; NaN is the kind's default
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be injected."""
+        """Raise ConfigError for what cannot be injected."""
         if self.kind not in KINDS:
             raise ConfigError(f"fault: kind must be one of {', '.join(sorted(KINDS))}; got {self.kind!r}")
         if not (0.0 <= self.at < math.inf and self.duration > 0.0):
@@ -111,19 +111,19 @@ class InjectedFault:
 
 
 class Share(NamedTuple):
-    """How much of a fault there is at a time."""
+    """Value of a fault that is due, and the time since it began."""
 
     value: float  #: NaN where the kind takes none
-    since: float  #: its beginning [s]
+    since: float  #: time since its beginning [s]
 
 
 class Due:
-    """The faults of one drive against time; times are drive times [s], none negative."""
+    """The faults of one drive over time; times are drive times [s], none negative."""
 
     def __init__(self, faults: Iterable[InjectedFault]) -> None:
         self._faults = tuple(faults)
         self._kinds = frozenset(fault.kind for fault in self._faults)
-        self.moved = math.inf  #: when the car first did, which the faults' times count from
+        self.moved = math.inf  #: when the car first moved, from which the faults' times count
 
     def moves(self, time: float, speed: float) -> None:
         """Take note of the car's speed [m/s]."""
@@ -135,7 +135,7 @@ class Due:
         return kind in self._kinds
 
     def share(self, kind: str, time: float) -> Share | None:
-        """Return what there is of the `kind` at `time`; None where none is due."""
+        """Return the fault of the `kind` that is due at `time`; None where none is due."""
         if kind not in self._kinds:
             return None
         since = time - self.moved

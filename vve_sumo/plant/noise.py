@@ -1,6 +1,6 @@
-"""White and slowly wandering noise, one generator for each source, so that no source disturbs another.
+"""White and slowly wandering noise, with one generator for each source, so that no source changes another.
 
-Draws in blocks: a single draw from numpy costs ten times as much.
+Numbers are drawn in blocks: a single draw from numpy costs ten times as much.
 """
 
 from __future__ import annotations

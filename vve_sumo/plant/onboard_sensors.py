@@ -1,6 +1,6 @@
-"""What the simulated vehicle's own sensors feel: wheels, accelerometers, gyroscope.
+"""The simulated vehicle's own sensors: wheels, accelerometers, gyroscope.
 
-Reads the motion and changes nothing; what is reported of it, how finely and how often is the interface's business.
+They read the motion and change nothing; the interface decides what is reported, how finely and how often.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from vve_sumo.vehicle.interface import Accelerations, Measured, WheelSpeeds, Yaw
 
 
 class Axles(NamedTuple):
-    """What turns the car's motion into that of its wheels."""
+    """Geometry that turns the car's motion into that of its wheels."""
 
     wheelbase: float  #: [m]
     track: float  #: [m]
@@ -33,10 +33,10 @@ class OnboardSensors:
         self._white = white
 
     def measure(self, motion: Dynamics, road_angle: float, wheel_angle: float, brake_torque: float) -> Measured:
-        """Return what is felt now, with the gyroscope's next error.
+        """Return what is measured now, with the gyroscope's next error.
 
-        `road_angle` is the front wheels', `wheel_angle` the steering wheel's [rad], `brake_torque` what the brakes
-        believe to apply [N m].
+        `road_angle` is the front wheels', `wheel_angle` the steering wheel's [rad], `brake_torque` the brakes' own
+        estimate [N m].
         """
         felt = motion.acceleration + GRAVITY * math.sin(motion.grade)
         yaw_rate = motion.yaw_rate + self._gyro_bias + self._gyro_noise * self._white.draw()

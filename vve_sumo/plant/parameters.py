@@ -1,6 +1,6 @@
-"""The simulated vehicle's parameters: those of a vehicle model, but for the perturbations that a file states.
+"""The simulated vehicle's parameters: those of a vehicle model with the perturbations that a file states.
 
-Knows what a scenario and a rig may say of a perturbed car; it makes no car.
+The perturbations are those that a scenario or a rig may state; no car is made here.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from vve_sumo.scenario.schema import Car, Weather
 from vve_sumo.vehicle.interface import InterfaceConfig
 from vve_sumo.vehicle.model import VehicleModel
 
-#: of tyre on road, where nobody says another
+#: friction of tyre on road where no other is stated
 DRY: Final = Weather().friction
 
 
@@ -34,7 +34,7 @@ def parameters(
     steering_wheel_bias: float = 0.0,
     heading_misalignment: float = 0.0,
 ) -> CarParameters:
-    """A vehicle as declared, but for the perturbations given; their meanings and units are those of `CarParameters`.
+    """A vehicle as declared, with the given perturbations; their meanings and units are those of `CarParameters`.
 
     `noise` scales the receiver's and the gyroscope's errors, 0 is none; both delays are the receiver's [s]. The
     receiver is mounted as the model declares, unless `mounting` says otherwise, and the car has the model's
@@ -59,7 +59,7 @@ def parameters(
 
 
 def perturbed(model: VehicleModel, car: Car, friction: float = DRY) -> CarParameters:
-    """A vehicle as a file says that it differs from what is declared of it."""
+    """A vehicle as declared, with the perturbations that a file states."""
     return parameters(
         model,
         noise=car.noise_factor if car.noise else 0.0,

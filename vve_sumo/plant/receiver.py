@@ -1,6 +1,6 @@
-"""The simulated vehicle's GNSS receiver: the true motion in, NCOM bytes out, with the errors of a good RTK fix.
+"""The simulated vehicle's GNSS receiver: true motion in, NCOM bytes out, with the errors of a good RTK fix.
 
-It knows where the lot lies on the earth and how the receiver is mounted; it knows nothing of the street.
+It knows the lot's place on the Earth and the receiver's mounting, and nothing of the street.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ReceiverParameters:
     mounting: Mounting  #: of the output point
     delay: float = 0.01  #: from a fix's epoch to the arrival of its bytes [s]
     hidden_delay: float = 0.0  #: by which a fix is older than its epoch says [s]
-    noise: float = 1.0  #: factor on the errors below; the accuracies are reported as they stand
+    noise: float = 1.0  #: factor on the errors below; the reported accuracies are not scaled by it
     position_white: float = 0.01  #: north and east each, independent from fix to fix, 1 sigma [m]
     position_wander: float = 0.01  #: north and east each, slow, 1 sigma [m]
     wander_time: float = 30.0  #: correlation time of the slow part [s]
@@ -47,7 +47,7 @@ def unaltered(fix: Fix) -> Fix:
 
 
 class Receiver:
-    """Measures and sends, one packet each `PERIOD`.
+    """Measures and sends one packet each `PERIOD`.
 
     `alter` sits between measuring and encoding: a fault is a function from fix to fix, or to None for a lost packet.
     `epoch` is the GNSS second of drive time 0.
@@ -76,14 +76,14 @@ class Receiver:
         self._position_sigma = math.hypot(parameters.position_white, wander)
 
     def measure(self, truth: Pose, climbed: float) -> None:
-        """Measure the rear axle at lot pose `truth`, `climbed` metres above the start, and send the bytes off."""
+        """Measure the rear axle at lot pose `truth`, `climbed` metres above the start, and send the bytes."""
         fix = self._alter(self._observe(truth, climbed))
         if fix is not None:
             late = self._parameters.hidden_delay + self._parameters.delay
             self._under_way.append((truth.time + late, self._encoder.encode(fix)))
 
     def arrived(self, until: float) -> list[tuple[float, bytes]]:
-        """Take out what has arrived by drive time `until` [s], with its times of arrival."""
+        """Take out the packets that have arrived by drive time `until` [s], with their times of arrival."""
         taken, way = [], self._under_way
         while way and way[0][0] <= until + 1e-9:
             taken.append(way.popleft())

@@ -1,6 +1,6 @@
-"""What a receiver that goes wrong makes of its fixes, and what another sender does beside it.
+"""Injects faults of a receiver into its fixes, and the packets of another sender.
 
-It knows fixes and packets, and nothing of the car or of who hears them.
+It knows fixes and packets, and nothing of the car or of who receives them.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from vve_sumo.values import Fix, FixQuality
 
 EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only turns metres into angles
 STEP_INTERVAL: Final = 1.0  # between steps of the position [s]
-DATE_ERROR: Final = 12.0  # of a fix that is dated wrongly [s]
+DATE_ERROR: Final = 12.0  # of a fix with a wrong time [s]
 MINUTES_WRONG: Final = 5
-CHANNEL, MINUTES, CHECKSUM = 62, slice(63, 67), 71  # bytes of an NCOM packet: status channel, its minute, the last sum
+CHANNEL, MINUTES, CHECKSUM = 62, slice(63, 67), 71  # bytes of an NCOM packet: status channel, minute, last checksum
 
 
 class ReceiverFaults:
@@ -27,7 +27,7 @@ class ReceiverFaults:
     def __init__(self, due: Due) -> None:
         self._due = due
         self._frozen: Fix | None = None
-        self._dated = False  # wrongly, already
+        self._dated = False  # one fix has got the wrong time already
 
     def alter(self, fix: Fix) -> Fix | None:
         """Return what is sent in place of `fix`, None for nothing."""
@@ -55,7 +55,7 @@ class ReceiverFaults:
         return replace(self._frozen, time=fix.time, time_received=fix.time_received)
 
     def _drift(self, time: float, fix: Fix) -> Fix:
-        """Lead the fix away little by little."""
+        """Apply the faults by which position or heading drift away slowly."""
         if (drift := self._due.share("pose_drift_lateral", time)) is not None:
             fix = _carried_off(fix, 0.0, drift.value, drift.since)
         if (drift := self._due.share("pose_drift_along", time)) is not None:
@@ -77,7 +77,7 @@ class ReceiverFaults:
 
 
 class WrongMinute:
-    """Alters one packet: that which says the minute."""
+    """Alters one packet that carries the minute."""
 
     def __init__(self, due: Due) -> None:
         self._due = due
@@ -97,7 +97,7 @@ class WrongMinute:
 
 
 class Forger:
-    """Another sender, who hears the packets and speaks between them."""
+    """Another sender, which receives the packets and sends between them."""
 
     def __init__(self, due: Due) -> None:
         self._due = due
@@ -105,7 +105,7 @@ class Forger:
         self._encoder = Encoder()
 
     def surround(self, time: float, packet: bytes) -> list[bytes]:
-        """Return a packet that arrives at `time`, and what the other sender says just before and after it, in order."""
+        """Return a packet that arrives at `time`, with the other sender's just before and after it, in order."""
         fixes = [] if self._decoder is None else self._decoder.feed(packet, time)
         before, after = self._due.share("pose_overtaken", time), self._due.share("pose_forged", time)
         pieces = [packet]
@@ -124,7 +124,7 @@ def _next(fix: Fix) -> Fix:
 
 
 def _carried_off(fix: Fix, ahead: float, left: float, since: float) -> Fix:
-    """The fix after a drift of some seconds with velocities [m/s] ahead and to the left, which it shows as its own."""
+    """The fix after a drift of `since` seconds with velocities [m/s] `ahead` and `left`, which its velocity shows."""
     cos, sin = math.cos(fix.heading), math.sin(fix.heading)
     north, east = ahead * sin + left * cos, ahead * cos - left * sin
     return replace(

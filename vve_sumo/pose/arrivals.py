@@ -1,8 +1,8 @@
 """Can a message's own time be true, given when it arrived and what arrived before it?
 
-Knows arrivals and the times that messages carry; must not know what else they say. A message can be late by any delay
-but never early: the path has a least delay, and two clocks drift apart slowly. So a time that lies ahead of what the
-fastest arrivals so far allow is a lie, or the sender's clock was changed. One lie must displace nothing; a changed
+It knows arrivals and the times that messages carry; it must not know their other content. A message can be late by any
+delay but never early: the path has a least delay, and two clocks drift apart slowly. So a time ahead of what the
+fastest arrivals so far allow is false, or the sender's clock was changed. One false time must change nothing; a changed
 clock shows in every message from then on.
 """
 
@@ -18,17 +18,17 @@ EARLINESS_SHARE: Final = 0.4  #: of the interval between messages: how much earl
 MAX_EARLINESS: Final = 0.02  #: the same, however long the interval is [s]
 SETTLING_TIME: Final = 0.1  #: after the fastest so far the next may be earlier by what the user allows [s]
 
-RUN_LENGTH: Final = 3  #: messages in a row that agree with each other alone are believed, if they last:
-SMALL_JUMP: Final = 0.05  #: up to here the path became faster [s], and the run has to last an interval
-RUN_TIME: Final = 0.5  #: beyond, the sender's clock was changed, and the run has to last so long [s]: a gap to the gate
-AGREEMENT: Final = 0.1  #: between the messages of a run [s]: bursts and jitter
-AGREEING_KEPT: Final = 10  #: counted of what agrees with a minute or a day; as many more in a row must disagree
+RUN_LENGTH: Final = 3  #: messages in a row that agree with each other alone are accepted, if the run lasts long enough
+SMALL_JUMP: Final = 0.05  #: up to this lead the path became faster [s], and the run has to last one interval
+RUN_TIME: Final = 0.5  #: beyond it the sender's clock was changed, and the run has to last this long [s]: a trust gap
+AGREEMENT: Final = 0.1  #: largest difference in lead within a run [s]: bursts and jitter
+AGREEING_KEPT: Final = 10  #: most agreements with a minute or a day that count; more in a row must disagree
 
 
 class Judged(enum.Enum):
-    """What is to be thought of a message's time."""
+    """Judgement of a message's time."""
 
-    NEWER = enum.auto()  #: newer than all believed before
+    NEWER = enum.auto()  #: newer than all accepted before
     NOT_NEWER = enum.auto()  #: late, a duplicate, or the sender's clock went back
     AHEAD = enum.auto()  #: cannot be true by what is known: not to be used for anything
     CHANGED = enum.auto()  #: as NEWER, the last of a run of AHEAD after which the sender's clock is taken as changed
@@ -45,10 +45,10 @@ class _Run:
 
 
 class Arrivals:
-    """Judges times one by one; a time that is not NEWER or CHANGED leaves nothing behind but the count of its run.
+    """Judges times one by one; a time that is not NEWER or CHANGED changes nothing but the run that it belongs to.
 
-    `least` is the smallest earliness that counts [s]. For `SETTLING_TIME` after one that was faster than all before, it
-    is `at_once` [s]: the next of the same burst may be faster yet, and where all arrivals have the same moment, as
+    `least` is the smallest earliness that counts [s]. For `SETTLING_TIME` after a message faster than all before, it
+    is `at_once` [s]: the next of the same burst may be even faster, and where all arrivals have the same time, as
     those of a file do, nothing finer can be seen.
     """
 
@@ -57,17 +57,17 @@ class Arrivals:
         self._newest = -math.inf  # time that was believed
         self._lead = math.nan  # time minus arrival of the fastest
         self._led_at = -math.inf  # arrival of the fastest
-        self._faster_at = -math.inf  # arrival at which it was last found that the path is faster than thought
+        self._faster_at = -math.inf  # arrival at which the path was last found faster than estimated
         self._interval = math.inf  # between times: the least of the last few
         self._run: _Run | None = None
 
     @property
     def newest(self) -> float:
-        """The newest time that was believed [s]; -inf before the first."""
+        """The newest time that was accepted [s]; -inf before the first."""
         return self._newest
 
     def judge(self, received: float, time: float) -> Judged:
-        """Judge a message that arrived at `received` and says `time` [s], each on its own clock."""
+        """Judge a message that arrived at `received` and carries `time` [s], each on its own clock."""
         if not math.isfinite(received + time):
             return Judged.AHEAD
         if not time > self._newest:
@@ -83,7 +83,7 @@ class Arrivals:
         return judged
 
     def _allowed_lead(self, received: float) -> float:
-        """The lead that a message as fast as the fastest has by now at most; NaN before the first."""
+        """Largest lead that a message as fast as the fastest can have now [s]; NaN before the first."""
         return self._lead + DRIFT * max(received - self._led_at, 0.0)
 
     def _young(self, received: float) -> bool:
@@ -97,7 +97,7 @@ class Arrivals:
         )
 
     def _go_on(self, received: float, time: float, lead: float, ahead: float) -> Judged:
-        """Take a time that is ahead into the run; say whether the run is to be believed now."""
+        """Take a time that is ahead into the run; return whether the run is accepted now."""
         run = self._run
         if run is not None and time == run.newest:
             return Judged.AHEAD
@@ -123,17 +123,18 @@ class Arrivals:
 
 
 class Repeated:
-    """A minute or a day that is said again and again: when is another one believed than the one known?
+    """A minute or a day that is sent repeatedly: decides when another one than the known one is accepted.
 
-    Where more in a row agree on it than have said the known one: `RUN_LENGTH` against one, `AGREEING_KEPT` + 2 at most.
+    More messages in a row must agree on it than have confirmed the known one: `RUN_LENGTH` against one, and
+    `AGREEING_KEPT` + 2 at most.
     """
 
     def __init__(self) -> None:
-        self._agreed = 1  # that said the known one, the first of all among them
-        self._other = (0, 0)  # how far off the last ones were that agree, and how many they are
+        self._agreed = 1  # messages that confirmed the known one, the very first included
+        self._other = (0, 0)  # how far off the last messages were that agree on another one, and their number
 
     def believe(self, off: int) -> bool:
-        """Whether to believe what lies `off` from the one known; from then on that is the known one."""
+        """Whether to accept what lies `off` from the known one; if so, it is the known one from then on."""
         if off == 0:
             self._agreed, self._other = min(self._agreed + 1, AGREEING_KEPT), (0, 0)
             return True

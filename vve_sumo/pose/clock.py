@@ -1,8 +1,8 @@
 """GNSS time against drive time: when, on the drive's own clock, was a fix made?
 
-Knows arrivals and the times that fixes carry; must not know sockets, receivers or what a fix says. A constant delay
-cannot be seen from arrivals: unless the host's clock is disciplined by PTP or PPS, the smallest delay is declared by
-the rig and every age that follows from it is "at least what was declared".
+It knows arrivals and the times that fixes carry; it must not know sockets, receivers or the content of a fix. A
+constant delay cannot be seen from arrivals: unless the host's clock is disciplined by PTP or PPS, the rig declares the
+smallest delay, and every age that follows from it is "at least what was declared".
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from typing import Final
 
 from vve_sumo.pose.arrivals import SMALL_JUMP, Arrivals, Judged
 
-LEAK: Final = 100e-6  #: how fast a larger delay is believed; twice the drift of a common quartz
-LEARNING: Final = 2.0  #: at first, a smaller delay is believed at once [s]
-LEARNING_SLEW: Final = 0.9  #: even then time goes on: below 1
-SLEW: Final = 0.01  #: later, how fast a smaller delay is believed; one early arrival moves next to nothing
+LEAK: Final = 100e-6  #: rate at which a larger delay is accepted; twice the drift of a common quartz
+LEARNING: Final = 2.0  #: for this long after the start a smaller delay is accepted at `LEARNING_SLEW` [s]
+LEARNING_SLEW: Final = 0.9  #: rate of acceptance at first; below 1, so that the mapped time never stops
+SLEW: Final = 0.01  #: rate at which a smaller delay is accepted later; one early arrival changes next to nothing
 DRIFT_SECONDS: Final = 60  #: over which the drift is estimated
-DRIFT_KNOWN: Final = 10  #: seconds before which no drift is told
-SPREAD_ARRIVALS: Final = 2000  #: over which the spread is told
+DRIFT_KNOWN: Final = 10  #: seconds before which no drift is reported
+SPREAD_ARRIVALS: Final = 2000  #: arrivals over which the jitter is computed
 
 
 class AgeKind(enum.StrEnum):
-    """What an age on this clock is worth."""
+    """What an age on this clock means."""
 
     ABSOLUTE = "absolute"  #: host and receiver share a clock
     DECLARED = "declared minimum"  #: a constant delay beyond the declared one would not be seen
@@ -35,7 +35,7 @@ class AgeKind(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ClockReport:
-    """What the clock found out; NaN where it does not know yet."""
+    """Estimates of the clock; NaN where not known yet."""
 
     age: AgeKind
     offset: float  #: drive time minus GNSS time since the epoch [s]
@@ -45,17 +45,17 @@ class ClockReport:
 
 
 class Clock:
-    """Maps the time of each fix to drive time; pure: all it knows are the arrivals it is handed.
+    """Maps the time of each fix to drive time, from nothing but the arrivals that it is given.
 
     `epoch` is the GNSS second that the drive calls 0 (any, where the offset is estimated; the true one where
     `absolute`), `minimum_delay` the least time from a fix's epoch to its arrival that the rig declares [s]. The offset
-    falls quickly towards an arrival that was faster than thought and rises by at most `LEAK` towards slower ones, so it
-    stays at the fastest of the recent arrivals while the drift is below `LEAK`; a network that turns slow is told as
+    falls quickly towards an arrival that was faster than estimated and rises by at most `LEAK` towards slower ones, so
+    it stays at the fastest of the recent arrivals while the drift is below `LEAK`; a network that turns slow shows as
     age. Give it fixes of status 4 only: a receiver that is catching up (NCOM status 2, 3) looks like a fast clock.
 
-    A fix that would have arrived more than `arrivals.SMALL` faster than any before is set aside. Where such fixes agree
-    for `arrivals.LASTING`, the receiver's clock was changed: the offset is taken anew, and what was set aside until
-    then is missing, which is a gap for the trust gate and the end of a drive.
+    A fix that would have arrived more than `arrivals.SMALL_JUMP` faster than any before is set aside. Where such fixes
+    agree for `arrivals.RUN_TIME`, the receiver's clock was changed: the offset is taken anew, and the fixes set aside
+    until then are missing, which is a gap for the trust gate and the end of a drive.
     """
 
     def __init__(self, epoch: float, minimum_delay: float, *, absolute: bool = False) -> None:
@@ -69,8 +69,8 @@ class Clock:
     def step(self, received: float, time: float) -> float:
         """Return the drive time at which the fix of GNSS time `time` was made, given that it arrived at `received`.
 
-        Strictly increasing where `time` is. A fix that is not newer than the newest is mapped and teaches nothing; one
-        that is set aside gives NaN and teaches nothing, and so does what is not finite.
+        Strictly increasing where `time` is. A fix that is not newer than the newest is mapped but changes no estimate;
+        one that is set aside, or is not finite, gives NaN and changes no estimate.
         """
         made = time - self._epoch
         before = self._arrivals.newest
@@ -88,11 +88,11 @@ class Clock:
         return made + self._offset
 
     def at(self, time: float) -> float:
-        """Return the drive time of GNSS time `time` by what was learnt so far, learning nothing; NaN before that."""
+        """Return the drive time of GNSS time `time` by the present estimate; NaN before the first fix."""
         return time - self._epoch + self._offset
 
     def report(self) -> ClockReport:
-        """Return what is known now; sorts a window, so not for every fix."""
+        """Return the present estimates; it sorts a window, so it is not for every fix."""
         jitter = sorted(self._excess)
         p50, p99 = (
             jitter[round(share * (len(jitter) - 1))] - jitter[0] if jitter else math.nan for share in (0.5, 0.99)
@@ -101,7 +101,7 @@ class Clock:
         return ClockReport(age, self._offset, self._drift_ppm(), p50, p99)
 
     def _begin(self, made: float, lag: float) -> None:
-        """Start from this arrival alone."""
+        """Start the estimates from this arrival alone."""
         self._first = made
         self._excess.clear()
         self._seconds.clear()
@@ -109,7 +109,7 @@ class Clock:
             self._offset = lag - self._minimum_delay
 
     def _learn(self, made: float, step: float, offset: float) -> None:
-        """Go towards the `offset` that this arrival would mean had it been as fast as any."""
+        """Move towards the `offset` that this arrival would give with the minimum delay."""
         slew = LEARNING_SLEW if made - self._first < LEARNING else SLEW
         self._offset += min(max(offset - self._offset, -slew * step), LEAK * step)
 

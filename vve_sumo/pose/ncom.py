@@ -1,6 +1,6 @@
-"""OXTS NCOM: 72-byte packets to fixes and back.
+"""Codec of OXTS NCOM: 72-byte packets to fixes and back.
 
-Knows bytes, checksums and the unit's clock; must not know whether a fix is good enough to drive on (trust.py),
+It knows bytes, checksums and the unit's clock; it must not know whether a fix is good enough to drive on (trust.py),
 where the car is in a map, or where the bytes come from. Layout and rules as in OXTS's own decoder
 NComRxC.c (github.com/OxfordTechnicalSolutions/NCOMdecoder, nav/NComRxC.c, UpdateNav and DecodeExtra*) and, for the
 status codes, github.com/harry-harris-27/Ncom.
@@ -27,9 +27,9 @@ STRUCTURE_B: Final = 11  #: another layout under the same sync byte
 MINUTE: Final = 60_000  #: [ms]
 MINUTES_SET: Final = 1_000  #: a smaller channel-0 value means that the unit does not know the time yet (NComRxC)
 CLOCK_HOLD: Final = 30.0  #: silence after which the minute is unknown again [s]: half the range of the packet's clock
-MIN_EARLINESS: Final = 0.002  #: a packet earlier than the fastest by less is as fast [s]; its clock has 1 ms
+MIN_EARLINESS: Final = 0.002  #: a packet earlier than the fastest by less counts as equal [s]; its clock has 1 ms
 MAX_JUMP: Final = 1.0  #: from packet to packet of one arrival, as a file is [s]
-CHANNEL_LIFETIME: Final = 5_000  #: a status channel silent for longer says nothing [ms]; a cycle takes about 2 s
+CHANNEL_LIFETIME: Final = 5_000  #: a status channel silent for longer is not used [ms]; a cycle takes about 2 s
 AGE_LIMIT: Final = 150  #: an accuracy with this age counter or more is stale (NComRxC)
 
 ACCELERATION: Final = 1e-4  #: [m/s2]
@@ -48,11 +48,11 @@ _UTC_MINUS_GPS: Final = -18  #: leap seconds since 2017-01-01 [s]
 
 
 class Outcome(enum.StrEnum):
-    """What became of one packet whose three checksums are right."""
+    """Outcome of one packet whose three checksums are right."""
 
     FIX = "fix"
     MINUTE_UNKNOWN = "minute_unknown"  #: no status channel 0 yet, or none since a long silence
-    MINUTE_DOUBTED = "minute_doubted"  #: its minute is another than the one known, and it is alone with that so far
+    MINUTE_DOUBTED = "minute_doubted"  #: its minute is not the known one, and too few others in a row agree on it yet
     AHEAD = "dated_ahead"  #: dated ahead of what arrivals so far allow
     NOT_INCREASING = "time_not_increasing"  #: duplicate, out of order, or the unit's clock went back
     NO_POSITION = "no_position"  #: latitude or longitude not a number or out of range
@@ -103,7 +103,7 @@ QUALITIES: Final[dict[float, FixQuality]] = {
     **dict.fromkeys((5, 15, 23, 28), FixQuality.RTK_FLOAT),
     **dict.fromkeys((6, 16, 24, 29), FixQuality.RTK_FIXED),
 }
-#: the position mode that a unit without post-processing says for a quality; what is unknown is sent as invalid
+#: position mode that a unit without post-processing sends for a quality; an unknown one is sent as invalid
 MODES: Final = {
     FixQuality.NONE: 0,
     FixQuality.SINGLE: 3,
@@ -119,7 +119,7 @@ def quality_of(mode: float) -> FixQuality:
     return QUALITIES.get(mode, FixQuality.UNKNOWN)
 
 
-#: What is read from a status channel: one number each, NaN where the unit says invalid or stale.
+#: Reader of each status channel in use: one number each, NaN where the unit marks it as invalid or stale.
 _READERS: Final[dict[int, Callable[[bytes], float]]] = {
     0: _read_mode,
     3: _reader_of_accuracy(1e-3, slice(0, 2)),
@@ -141,18 +141,18 @@ _CHANNEL_ONLY: Final = {
 
 
 class StatusChannels:
-    """What the status channels said last; one of them travels with each packet, in turn."""
+    """Last values of the status channels; one channel travels with each packet, in turn."""
 
     def __init__(self) -> None:
         self._heard: dict[int, tuple[int, float]] = {}  #: status channel to (clock when heard, value)
 
     def hear(self, channel: int, payload: bytes, clock: int) -> None:
-        """Take the 8 bytes of a channel, heard at `clock` [ms], unless nobody needs it or it spoke later already."""
+        """Take the 8 bytes of a channel, sent at `clock` [ms], unless it is not used or has newer bytes already."""
         if channel in _READERS and clock >= self._heard.get(channel, (clock, 0.0))[0]:
             self._heard[channel] = (clock, _READERS[channel](payload))
 
     def value(self, channel: int, clock: int) -> float:
-        """Return what the channel said last, NaN if it said nothing lately."""
+        """Return the channel's last value, NaN if that is older than `CHANNEL_LIFETIME`."""
         heard, value = self._heard.get(channel, (0, math.nan))
         return value if abs(clock - heard) <= CHANNEL_LIFETIME else math.nan
 
@@ -160,23 +160,23 @@ class StatusChannels:
 class Decoder:
     """Turns a byte stream, however it is cut, into fixes; never raises on any bytes.
 
-    The packet's clock runs within a GPS minute; which minute, only status channel 0 says, about once in a cycle. In
-    between, a packet is dated to the minute that puts it nearest to its predecessor and what has passed since on the
+    The packet's clock runs within a GPS minute; only status channel 0 carries the minute, about once in a cycle. In
+    between, a packet is dated to the minute that puts it nearest to its predecessor's time plus the time passed on the
     receiving clock. That is NComRxC's roll-over rule (below 2000 ms after above 2000 ms is a new minute) wherever less
-    than 30 s were lost, and unlike it takes a late packet for late. `CLOCK_HOLD` of silence on the receiving clock
-    forgets the minute until a channel 0 says it again.
+    than 30 s were lost; unlike that rule, it recognises a late packet as late. After `CLOCK_HOLD` of silence on the
+    receiving clock the minute is unknown until a channel 0 carries it again.
 
-    No single packet is believed against those before it. A channel 0 that says another minute counts for nothing until
-    more of them in a row agree on it than have said the known one (`arrivals.Repeated`); then the unit's clock
-    is taken as set, back or forth. A packet dated ahead of
-    what arrivals allow (`arrivals.Arrivals`) counts for nothing until a run of them lasts. What is fed with one and the
-    same arrival, as files are, may jump by `MAX_JUMP`; beyond a longer gap the first two packets are lost.
+    No single packet is accepted against those before it. A channel 0 with another minute is ignored until more of them
+    in a row agree on it than have confirmed the known one (`arrivals.Repeated`); then the unit's clock is taken as set,
+    back or forth. A packet dated ahead of what arrivals allow (`arrivals.Arrivals`) is ignored until a run of them
+    lasts. Packets fed with one and the same arrival, as files are, may jump by `MAX_JUMP`; beyond a longer gap the
+    first two packets are lost.
 
     Emitted fixes have strictly increasing times, except where the unit's minute was set back (a unit whose clock goes
     back by less needs a new decoder). All else is counted in `counts` by `Outcome`, bytes that belong to no packet in
-    `discarded`. What three 8-bit running sums can do: any one wrong byte is caught; several wrong bytes between the
-    same two sums pass once in 256 (over UDP only if Ethernet and UDP missed them too; the trust gate is behind); random
-    bytes after a sync byte once in 2**24.
+    `discarded`. The three 8-bit running sums catch any one wrong byte; several wrong bytes between the same two sums
+    pass once in 256 (over UDP only if Ethernet and UDP missed them too; the trust gate follows); random bytes after a
+    sync byte pass once in 2**24.
     """
 
     def __init__(self) -> None:
@@ -184,7 +184,7 @@ class Decoder:
         self.discarded = 0  #: bytes that belonged to no packet
         self.codes = (0, -1)  #: the newest fix's navigation status and position mode, as NCOM numbers them; -1 unknown
         self._buffer = b""
-        self._clock: int | None = None  #: of the newest packet that was believed [ms since 1980-01-06 GPS]
+        self._clock: int | None = None  #: of the newest packet that was accepted [ms since 1980-01-06 GPS]
         self._dated_at = -math.inf  #: its arrival [s]
         self._arrivals = Arrivals(MIN_EARLINESS, MAX_JUMP)
         self._minute = Repeated()
@@ -235,8 +235,8 @@ class Decoder:
         judged = self._arrivals.judge(time_received, clock / 1000.0)
         if judged is Judged.AHEAD:
             return Outcome.AHEAD, None
-        # Of a packet that was overtaken, too: channels take turns, and where of every two packets the later one comes
-        # first, half of the channels travel in no other.
+        # The channel of an overtaken packet counts too: channels take turns, and where of every two packets the later
+        # one comes first, half of the channels travel only in overtaken packets.
         self._channels.hear(packet[62], packet[63:71], clock)
         if judged is Judged.NOT_NEWER:
             return Outcome.NOT_INCREASING, None
@@ -247,7 +247,7 @@ class Decoder:
         return Outcome.FIX, self._fix(packet, clock, time_received, latitude, longitude, altitude)
 
     def _date(self, packet: bytes, milliseconds: int, received: float) -> tuple[Outcome, int | None]:
-        """The packet's time [ms]; None where it cannot be told, and why."""
+        """The packet's time [ms], or None where it is not known, with the outcome for that case."""
         minutes = int.from_bytes(packet[63:67], "little", signed=True) if packet[62] == 0 else 0
         said = minutes * MINUTE + milliseconds if minutes >= MINUTES_SET else None
         if self._clock is None:
@@ -261,7 +261,7 @@ class Decoder:
         return Outcome.MINUTE_DOUBTED, said if self._believed((said - nearest) // MINUTE) else None
 
     def _believed(self, off: int) -> bool:
-        """Whether to believe a status channel 0 that says a minute `off` from where it should be."""
+        """Whether to accept a status channel 0 whose minute is `off` from the expected one."""
         believed = self._minute.believe(off)
         if believed and off != 0:
             self._arrivals, self._channels = Arrivals(MIN_EARLINESS, MAX_JUMP), StatusChannels()
@@ -297,7 +297,7 @@ class Decoder:
 
 
 def _field(value: float, scale: float) -> bytes:
-    """24-bit field: NaN is sent as invalid, what does not fit saturates."""
+    """24-bit field: NaN is sent as invalid, a value out of range saturates."""
     count = value / scale
     if not -MAX_RAW <= count <= MAX_RAW:
         if math.isnan(count):
@@ -341,7 +341,7 @@ def pack(fix: Fix, channel: int, payload: bytes) -> bytes:
 
 
 def _accuracy(sigma: float, scale: float) -> bytes:
-    """Payload of channels 3, 4 and 5, the same in all three axes; not known is sent with an age that means stale."""
+    """Payload of channels 3, 4 and 5, the same in all three axes; an unknown value gets an age that means stale."""
     if math.isnan(sigma):
         return _ACCURACY.pack(0, 0, 0, 0xFF, 0xFF)
     raw = round(min(sigma / scale, 0xFFFF))
@@ -358,7 +358,7 @@ def _differential(fix: Fix) -> bytes:
     return _DIFFERENTIAL.pack(-1 if math.isnan(age) else round(min(age * 100.0, 0x7FFF)), b"VVE0")
 
 
-#: Status channels in the order sent, with what writes each from a fix.
+#: Status channels in the order sent, with the function that writes each from a fix.
 WRITERS: Final[tuple[tuple[int, Callable[[Fix], bytes]], ...]] = (
     (0, _mode),
     (3, lambda fix: _accuracy(fix.position_sigma, 1e-3)),

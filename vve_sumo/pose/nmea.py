@@ -1,8 +1,8 @@
-"""NMEA 0183 sentences to fixes.
+"""Decodes NMEA 0183 sentences into fixes.
 
-Knows sentences, checksums and how receivers send them; must not know whether a fix is good enough to drive on
-(trust.py) or where the bytes come from. NMEA says less than NCOM: what only differences can give is differenced here,
-what nobody says is declared by the rig or stays NaN.
+It knows sentences, checksums and how receivers send them; it must not know whether a fix is good enough to drive on
+(trust.py) or where the bytes come from. NMEA carries less than NCOM: rates are differenced here, and what a receiver
+does not send is declared by the rig or stays NaN.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ GPS_MINUS_UTC: Final = 18_000  #: leap seconds since 2017-01-01 (IERS Bulletin C
 GPS_EPOCH: Final = datetime.date(1980, 1, 6)
 DAY: Final = 86_400_000  #: [ms]
 SENTENCE: Final = re.compile(rb"\$([^$*\r\n]{1,250})\*([0-9A-Fa-f]{2})")
-BEGUN: Final = re.compile(rb"\$[^$*\r\n]{0,250}(?:\*[0-9A-Fa-f]?)?")  #: what may become a sentence yet
+BEGUN: Final = re.compile(rb"\$[^$*\r\n]{0,250}(?:\*[0-9A-Fa-f]?)?")  #: the possible beginning of a sentence
 SLOW_LIFETIME: Final = 2_500  #: accuracies are often sent once a second; one may be lost [ms]
-MIN_EARLINESS: Final = 0.01  #: an epoch earlier than the fastest by less is as fast [s]; many say hundredths
+MIN_EARLINESS: Final = 0.01  #: an epoch earlier than the fastest by less counts as equal [s]; many send hundredths
 MAX_JUMP: Final = 1.5  #: from epoch to epoch of one arrival, as a file is [s]
-DATED: Final = 2_000  #: a date counts whose time of day is so near to the epoch's [ms]
-MAX_PERIOD_SHARE: Final = 0.7  #: of a period; a later sentence without a time is not of the open epoch any more
+DATED: Final = 2_000  #: a date counts if its time of day is this near to the epoch's [ms]
+MAX_PERIOD_SHARE: Final = 0.7  #: of a period; a later sentence without a time no longer belongs to the open epoch
 RATE_WINDOW: Final = 100  #: over which yaw rate and acceleration are differenced [ms]
 RATE_GAP: Final = 500  #: fixes further apart give no rate [ms]
 COURSE_LOST: Final = 0.2  #: receivers leave the course empty when slower than about this [m/s]
@@ -46,7 +46,7 @@ NOT_MEASURED: Final = frozenset("NESM")  #: mode indicators: not valid, estimate
 
 
 class Outcome(enum.StrEnum):
-    """What became of a sentence (first five) or of an epoch, which is all sentences of one time (the rest)."""
+    """Outcome of a sentence (first five) or of an epoch, which is all sentences of one time (the rest)."""
 
     READ = "read"
     OTHER = "other_sentence"  #: a kind that is not read
@@ -54,7 +54,7 @@ class Outcome(enum.StrEnum):
     MALFORMED = "malformed"  #: its checksum is right, its fields are not
     STRAY = "stray"  #: its epoch is not open: already complete, over, not begun, or dated ahead of what arrivals allow
     FIX = "fix"
-    INCOMPLETE = "incomplete"  #: another epoch began before position, heading and velocity were there
+    INCOMPLETE = "incomplete"  #: another epoch began before position, heading and velocity had arrived
     DATE_UNKNOWN = "date_unknown"  #: no RMC or ZDA yet
     NOT_INCREASING = "time_not_increasing"
     NO_POSITION = "no_position"  #: the receiver has none
@@ -88,7 +88,7 @@ class _Past(NamedTuple):
 
 @dataclass(slots=True)
 class _Epoch:
-    """The sentences of one time of day, as far as they came."""
+    """The sentences of one time of day that have arrived so far."""
 
     time_of_day: int  #: UTC [ms]
     received: float
@@ -168,23 +168,23 @@ def _motion_of_rmc(sentence: Any) -> _Motion:
 class Decoder:
     """Turns a byte stream, however it is cut, into fixes; never raises on any bytes.
 
-    A fix is complete with GGA (position), HDT or PASHR (heading; PASHR also says pitch, roll and the heading's
-    accuracy, and is waited for where the epoch before had one) and VTG or RMC (velocity), and is emitted at once. GST
+    A fix is complete with GGA (position), HDT or PASHR (heading; PASHR also has pitch, roll and the heading's
+    accuracy, and is awaited where the epoch before had one) and VTG or RMC (velocity), and is emitted at once. GST
     (accuracy) and the date (ZDA or RMC) may come less often, the date once before the first fix. Only sentences with a
     right checksum count. Emitted times are strictly increasing, except where the day was set back; a receiver whose
     clock goes back by less needs a new decoder. A time of day ahead of what arrivals allow (`arrivals.Arrivals`) and a
-    date on another day than the one known count for nothing until a run of them lasts (`arrivals.Repeated`).
+    date on another day than the known one (`arrivals.Repeated`) are ignored until a run of them lasts.
 
     HDT and VTG carry no time. They belong to the epoch that the last sentence with a new time opened (GGA, RMC, PASHR
     or GST), if they arrive within `MAX_PERIOD_SHARE` of a period: so the receiver must send one of those first. One
     that sends HDT first gives no fix at all rather than headings of the wrong epoch; `counts` then shows INCOMPLETE
     and STRAY.
 
-    What NMEA does not say: yaw rate and acceleration are differences of heading and of speed along it over the last
+    NMEA has no yaw rate and acceleration: they are differences of heading and of speed along it over the last
     `RATE_WINDOW` (late by half of it, and blind where both are wrong together), NaN for the first fix and after a gap,
     which the trust gate refuses; gravity's share of the acceleration is added where the pitch is known. The accuracies
-    of velocity and heading are those that the rig declares (1 sigma, [m/s] and [rad]; not declared is NaN and refused);
-    a heading accuracy said by PASHR counts where it is worse. Altitude is above mean sea level.
+    of velocity and heading are those that the rig declares (1 sigma, [m/s] and [rad]); PASHR's heading accuracy counts
+    where it is larger or none is declared. An unknown accuracy is NaN and refused. Altitude is above mean sea level.
     """
 
     def __init__(self, *, velocity_sigma: float = math.nan, heading_sigma: float = math.nan) -> None:
@@ -199,7 +199,7 @@ class Decoder:
         self._period = 0.0  #: from epoch to epoch [s]
         self._await_pashr = False
         self._dated: int | None = None  #: a UTC time that is known with its date [ms since 1980-01-06]
-        self._located = False  #: the newest GGA had a position; the dates of a receiver without are its own guess
+        self._located = False  #: the newest GGA had a position; without one a receiver's date is only a guess
         self._emitted = 0  #: time of the newest fix [ms GPS]
         self._accuracy = (-DAY, math.nan)  #: time of day [ms] and 1 sigma [m] of the last GST
         self._past: deque[_Past] = deque()
@@ -277,7 +277,7 @@ class Decoder:
             return None
         return epoch
 
-    # --- sentences: each says whether it found its epoch ----------------------------------------------------------
+    # --- sentences: each reader returns whether the sentence belongs to an epoch ----------------------------------
 
     def _read_gga(self, sentence: Any, received: float) -> bool:
         time_of_day, position = _time_of_day(sentence), _position(sentence)
@@ -313,7 +313,7 @@ class Decoder:
         time_of_day, attitude = _time_of_day(sentence), _attitude(sentence)
         epoch = self._enter(time_of_day, received)
         if self._epoch is not None and self._epoch.time_of_day == time_of_day:
-            self._epoch.has_pashr = True  # even where it came too late: the next epoch shall wait for its own
+            self._epoch.has_pashr = True  # even where it came too late: the next epoch is to wait for its own
         if epoch is not None:
             epoch.attitude = attitude
         return epoch is not None
@@ -347,7 +347,7 @@ class Decoder:
         self._dated = said
 
     def _completed(self, received: float) -> Fix | None:
-        """The fix of the open epoch if all of it is there; closes the epoch."""
+        """The fix of the open epoch if it is complete; closes the epoch."""
         epoch = self._epoch
         if epoch is None or not epoch.open or epoch.position is None or epoch.attitude is None or epoch.motion is None:
             return None
@@ -361,7 +361,7 @@ class Decoder:
     ) -> tuple[Outcome, Fix | None]:
         if self._dated is None:
             return Outcome.DATE_UNKNOWN, None
-        # The day that puts it nearest to the last time known with its date: midnight needs no sentence of its own.
+        # Of all days, the one that puts the epoch nearest to the last dated time: midnight needs no new date.
         self._dated += _nearest(epoch.time_of_day - self._dated)
         clock = self._dated + GPS_MINUS_UTC
         if clock <= self._emitted:
@@ -394,7 +394,7 @@ class Decoder:
             velocity_down=math.nan,
             yaw_rate=yaw_rate,
             acceleration=acceleration + (0.0 if math.isnan(attitude.pitch) else GRAVITY * math.sin(attitude.pitch)),
-            # NMEA has no navigation status: a receiver that says one of these qualities is in real time.
+            # NMEA has no navigation status: a receiver that reports one of these qualities works in real time.
             locked=quality is not FixQuality.UNKNOWN,
             quality=quality,
             position_sigma=position_sigma if (time_of_day - heard) % DAY <= SLOW_LIFETIME else math.nan,
@@ -419,7 +419,7 @@ class Decoder:
 
 
 def _worse(declared: float, said: float) -> float:
-    """The larger accuracy; one that is not there does not count."""
+    """The larger of two standard deviations; a missing one does not count."""
     if math.isnan(declared):
         return said
     return declared if math.isnan(said) else max(declared, said)

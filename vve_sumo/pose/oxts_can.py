@@ -1,8 +1,8 @@
-"""OXTS CAN output to fixes and back.
+"""Codec of the OXTS CAN output: frames to fixes and back.
 
-Knows the unit's default CAN map; must not know buses, trust or maps. Identifiers and scales as in the RT3000 and RT3003
-manuals (tables "CAN bus messages"), little endian; the status channels are those of NCOM. Coarser than NCOM: 1.1 cm,
-0.01 deg, 1 cm/s.
+It knows the unit's default CAN map; it must not know buses, trust or maps. Identifiers and scales as in the RT3000 and
+RT3003 manuals (tables "CAN bus messages"), little endian; the status channels are those of NCOM. The resolution is
+coarser than NCOM's: 1.1 cm, 0.01 deg, 1 cm/s.
 """
 
 from __future__ import annotations
@@ -45,18 +45,16 @@ RANGES: Final = {"h": (-0x7FFF, 0x7FFF), "H": (0, 0xFFFF), "i": (-0x7FFFFFFF, 0x
 TIME_BYTES: Final = 7
 TIME_SET: Final = 60_000_000  #: an earlier time means that the unit does not know it [ms]; as NCOM's first 1000 minutes
 TIME_LIMIT: Final = 1 << 43  #: year 2258 [ms]
-MAX_CYCLE_GAP: Final = 1_000  #: cycles further apart start anew [ms]
-BACK: Final = (
-    3  #: time frames in a row that are not newer say that the unit's clock went back, and anew is what follows
-)
-MIN_EARLINESS: Final = 0.002  #: a time frame earlier than the fastest by less is as fast [s]; it has 1 ms
+MAX_CYCLE_GAP: Final = 1_000  #: cycles further apart than this start anew [ms]
+BACK: Final = 3  #: this many time frames in a row that are not newer mean that the unit's clock went back: start anew
+MIN_EARLINESS: Final = 0.002  #: a time frame earlier than the fastest by less counts as equal [s]; it has 1 ms
 MAX_JUMP: Final = 1.0  #: from cycle to cycle of one arrival, as a file is [s]
 LOCKING: Final = 12_000  #: a second of initialising and ten of catching up, and a little [ms]
 UTC_OFFSET: Final = -18  #: leap seconds since 2017-01-01 [s]
 
 
 class Outcome(enum.StrEnum):
-    """What became of one frame on an identifier of the map."""
+    """Outcome of one frame on an identifier of the map."""
 
     PART = "part"  #: taken into the open cycle
     STATUS = "status"
@@ -73,17 +71,17 @@ class Outcome(enum.StrEnum):
 class Decoder:
     """Turns frames into fixes; never raises on any frames.
 
-    A cycle is what came since the last time frame (0x630, the highest identifier that is read, so arbitration puts it
-    last) up to the next, and gives one fix. What did not come in its own cycle is NaN, and without a position there is
+    A cycle is all frames after the last time frame (0x630, the highest identifier that is read, so arbitration puts it
+    last) up to the next, and gives one fix. What was not sent in its own cycle is NaN, and without a position there is
     no fix. Cycles can only mix where a time frame was lost, and then the time makes more than one step (the least step
     seen): such a cycle is dropped. Acceleration and yaw rate are taken along the vehicle's axes, or from the level
     frames where only those are sent.
 
-    A time that is dated ahead of what arrivals allow (`arrivals.Arrivals`) closes no cycle and counts for nothing until
-    a run of them lasts; one that is not newer counts for nothing, but `BACK` of them in a row start the unit anew.
+    A time that is ahead of what arrivals allow (`arrivals.Arrivals`) closes no cycle and is ignored until a run of them
+    lasts; one that is not newer gives no fix, but `BACK` of them in a row start the unit anew.
 
-    The map has no navigation status. A unit that is locking sends the past, catching up for ten seconds, and nothing in
-    its frames tells; so a fix is locked once cycles have come without a break for `LOCKING`.
+    The map has no navigation status. A unit that is locking sends old data, catching up for ten seconds, and its frames
+    do not show this; so a fix is locked once cycles have come without a break for `LOCKING`.
     """
 
     def __init__(self) -> None:
@@ -198,7 +196,7 @@ class Decoder:
 
 
 def _scaled(raw: tuple[int, ...] | None, scale: float) -> tuple[float, float, float]:
-    """Three fields in SI; NaN where the frame did not come, and for the lowest number, which no measurement reaches."""
+    """Three fields in SI; NaN where the frame was not sent, and for the lowest number, which no measurement reaches."""
     if raw is None:
         return math.nan, math.nan, math.nan
     first, second, third = (math.nan if one == -0x8000 else one * scale for one in raw[:3])

@@ -1,9 +1,9 @@
-"""The predictor: trusted rear-axle poses, noisy and late, to one smooth pose at the time it is needed for.
+"""The predictor: turns trusted rear-axle poses, noisy and late, into one smooth pose at the time it is needed for.
 
-Knows how a car moves between fixes; must not know receivers, trust, maps or SUMO. Measured acceleration and yaw rate
-carry the state from fix to fix, position, speed and heading pull it back with fixed time constants (a complementary
-filter). So noise is averaged over the time constants while a true manoeuvre, which the inertial sensors see at once,
-hardly lags. Plain floats throughout: the same poses give the same bits.
+It knows how a car moves between fixes; it must not know receivers, trust, maps or SUMO. Measured acceleration and yaw
+rate carry the state from fix to fix; position, speed and heading correct it with fixed time constants (a complementary
+filter). So noise is averaged over the time constants, while a true manoeuvre, which the inertial sensors measure at
+once, hardly lags. Plain floats throughout: the same poses give the same bits.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Tuning:
     grade: float = 0.5  #: smooths the grade [s]
     innovation: float = 0.1  #: over which speed errors are averaged before they count as real [s]
     innovation_limit: float = 0.06  #: averaged speed error that halves the speed's time constant [m/s]
-    rest_speed: float = 0.05  #: below it the car is said to stand [m/s]
+    rest_speed: float = 0.05  #: below it the car counts as standing [m/s]
     rest_time: float = 0.3  #: how long it must stand before its pose is held [s]
     rest_exit_speed: float = 0.08  #: averaged measured speed that ends the hold [m/s]
     rest_exit_distance: float = 0.05  #: averaged measured displacement that ends the hold [m]
@@ -42,7 +42,7 @@ def _finite(pose: Pose) -> bool:
 
 
 class Predictor:
-    """`update` with each trusted pose, ask `at` any time; `at` is None until the first pose.
+    """Predicts the pose: call `update` with each trusted pose and `at` for any time; `at` is None until the first pose.
 
     A pose that is not finite or not newer than the last is ignored. After a gap or jump beyond the tuning's limits the
     filter starts anew from the measured pose. While the car stands, pose and heading are held and all rates are 0.
@@ -98,7 +98,7 @@ class Predictor:
     def at(self, time: float) -> Pose | None:
         """Return the rear axle's pose at `time` [s of drive time] by constant acceleration and turn rate.
 
-        Braking ends at standstill, never in reverse. Beyond the horizon nobody knows where the car is: its pose is held
+        Braking ends at standstill, never in reverse. Beyond the horizon the car's place is not known: its pose is held
         there, at rest.
         """
         if self._count == 0:
@@ -145,14 +145,14 @@ class Predictor:
         self._bias = self._innovation = self._still = self._direction = 0.0
 
     def _along(self, distance: float, lateral: float, turn: float) -> tuple[float, float]:
-        """Where an arc of `distance` and `turn`, shifted by `lateral`, leads; chord shortened to second order."""
+        """End point of an arc of `distance` and `turn`, shifted by `lateral`; chord shortened to second order."""
         middle = self._heading + 0.5 * turn
         cosine, sine = math.cos(middle), math.sin(middle)
         chord = distance * (1.0 - turn * turn / 24.0)
         return self._x + chord * cosine - lateral * sine, self._y + chord * sine + lateral * cosine
 
     def _share(self, step: float, constant: float) -> float:
-        """How much of an error one step takes away; young filters average instead."""
+        """Share of an error that one step corrects; after a start the filter averages instead."""
         return max(step / (constant + step), 1.0 / self._count)
 
     def _drive(self, pose: Pose, step: float) -> None:
@@ -174,7 +174,7 @@ class Predictor:
         self._heading = wrap_angle(self._heading + turn)
 
     def _keep_direction(self) -> None:
-        """A car that brakes does not bounce: the speed changes sign only after a rest."""
+        """Let the speed change sign only after a rest: braking must not end in reverse."""
         if self._speed * self._direction < 0.0:
             self._speed = 0.0
         elif abs(self._speed) > self._tuning.rest_exit_speed:
@@ -184,7 +184,7 @@ class Predictor:
         tuning = self._tuning
         error = pose.speed - self._speed
         self._innovation += (error - self._innovation) * step / (tuning.innovation + step)
-        # A speed error that outlasts the noise means that the acceleration misleads: believe the speed more.
+        # A speed error that outlasts the noise means a wrong acceleration: weight the measured speed more.
         surprise = self._innovation / tuning.innovation_limit
         correction = error * self._share(step, tuning.speed / (1.0 + surprise * surprise))
         self._speed += correction

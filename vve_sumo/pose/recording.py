@@ -1,10 +1,10 @@
-"""Recorded drives to fixes: CSV files of positions, and raw NCOM bytes.
+"""Reads recorded drives as fixes: CSV files of positions, and raw NCOM bytes.
 
-Knows files; must not know trust, maps or the drive that plays them. A CSV needs a header with `time_s`, `latitude_deg`,
+It knows files, not trust, maps or the drive that plays them. A CSV needs a header with `time_s`, `latitude_deg`,
 `longitude_deg`, `heading_deg` (compass, clockwise from true north) and `speed_mps` (along the heading, reversing
 negative), one row for each fix; `altitude_m` is optional, other columns are ignored. `time_s` is kept as the fix's
-time: GNSS seconds where the file has them, else the file's own. `ALSO_CALLED` lists other names that are understood, so
-that a table of `vve-sumo pose decode` can be played too.
+time: GNSS seconds where the file has them, else the file's own. `ALSO_CALLED` lists other accepted names, so that a
+table of `vve-sumo pose decode` can be played too.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ ALSO_CALLED: Final = {
 }
 VELOCITIES: Final = ("velocity_north_mps", "velocity_east_mps")
 RANGES: Final = {"latitude_deg": 90.0, "longitude_deg": 360.0, "heading_deg": 360.0, "speed_mps": 100.0}
-HEADING_HELD: Final = 1.5  #: below it a missing heading is the last one, for a course is noise there [m/s]
+HEADING_HELD: Final = 1.5  #: below this speed a missing heading is replaced by the last one, as a course is noise [m/s]
 RATE_WINDOW: Final = 0.3  #: over which acceleration and yaw rate are differenced, to keep noise down [s]
-TIMES_SENT: Final = (MINUTES_SET * MINUTE / 1000.0, 4e9)  #: what NCOM can say of a GNSS second
+TIMES_SENT: Final = (MINUTES_SET * MINUTE / 1000.0, 4e9)  #: GNSS seconds that NCOM can express
 
 
 def fixes(path: Path) -> Iterator[Fix]:
@@ -55,7 +55,7 @@ def _ncom_fixes(path: Path) -> Iterator[Fix]:
 
 
 def decode(path: Path, decoder: Decoder) -> Iterator[Fix]:
-    """Yield what `decoder` makes of a file of NCOM bytes, or of the same as hexadecimal text; arrival is taken as 0.
+    """Yield the fixes of a file of NCOM bytes, or of the same as hexadecimal text; arrival is taken as 0.
 
     The bytes are fed a packet's length at a time, so `decoder.codes` are those of the fix that was yielded last.
 
@@ -77,7 +77,7 @@ def portions(path: Path) -> Iterator[tuple[float, bytes]]:
 
 
 def _csv_portions(path: Path) -> Iterator[tuple[float, bytes]]:
-    """As a unit would have sent it. A file's own seconds are moved to where the unit's clock counts as set."""
+    """The bytes that a unit would have sent. A file's own seconds are moved to where the unit's clock counts as set."""
     encoder, first, moved = Encoder(), math.nan, 0.0
     for fix in _csv_fixes(path):
         if math.isnan(first):
@@ -146,7 +146,7 @@ def _csv_fixes(path: Path) -> Iterator[Fix]:
 
 
 def _names(path: Path, header: Sequence[str]) -> dict[str, str]:
-    """What each column that is read is called in a file; raises ConfigError where one is missing."""
+    """The name of each needed column in a file; raises ConfigError where one is missing."""
     found = {}
     for name in COLUMNS:
         theirs = next((one for one in (name, *ALSO_CALLED[name]) if one in header), None)
@@ -161,7 +161,7 @@ def _names(path: Path, header: Sequence[str]) -> dict[str, str]:
 
 
 class _CsvDrive:
-    """Reads row after row, and remembers what the rates and a missing heading are made from."""
+    """Reads row after row, and keeps the rows from which rates and a missing heading are computed."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

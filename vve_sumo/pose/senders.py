@@ -1,7 +1,7 @@
-"""Who speaks to the receiver's port: one sender, and what to say of every other.
+"""Accepts one sender on the receiver's UDP port, and reports every other.
 
-Knows addresses; must not know sockets, nor what a datagram says. UDP proves nothing: whoever is on the same segment can
-write the receiver's address on a datagram. This tells mistakes and careless strangers, not a determined one.
+It knows addresses; it must not know sockets or the content of a datagram. UDP proves nothing: any device on the same
+segment can forge the receiver's address. This detects mistakes and stray senders, not a deliberate attack.
 """
 
 from __future__ import annotations
@@ -10,18 +10,18 @@ import ipaddress
 from collections import Counter
 from typing import Any, Final
 
-#: a fault stands for so long after the last datagram of another sender [s]
+#: time for which a fault is reported after the last datagram of another sender [s]
 STANDS: Final = 1.0
-#: other senders that are counted by name; a flood may come from as many as it likes
+#: other senders that are counted by name; a flood may come from any number of them
 MAX_NAMED: Final = 8
 REST: Final = "others"
 
 
 class Senders:
-    """Lets one sender through: the first that speaks from `source`, by its address and port, for good.
+    """Accepts one sender for good: the first that sends from `source`, by its address and port.
 
-    `source` is an IPv4 address; None lets the first program of this machine through (127.0.0.0/8). A receiver that
-    comes back from another port is another sender: nothing tells it from a second one.
+    `source` is an IPv4 address; None accepts the first program of this machine (127.0.0.0/8). A receiver that comes
+    back from another port is another sender: it cannot be told from a second one.
     """
 
     def __init__(self, source: str | None) -> None:
@@ -44,11 +44,11 @@ class Senders:
         return False
 
     def found(self, now: float) -> tuple[str, ...]:
-        """Return reason codes of the other senders that spoke lately."""
+        """Return reason codes of the other senders that have sent within the last `STANDS` seconds."""
         return tuple(code for code, last in self._last.items() if now - last <= STANDS)
 
     def sender_report(self) -> dict[str, Any]:
-        """Return who is listened to and how many datagrams of whom were refused, as plain JSON."""
+        """Return the accepted sender and the number of refused datagrams by sender, as plain JSON."""
         sender = None if self._first is None else f"{self._first[0]}:{self._first[1]}"
         return {"sender": sender, "refused": dict(self._refused)}
 

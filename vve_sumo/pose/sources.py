@@ -1,8 +1,8 @@
 """Where pose bytes come from: UDP, TCP, a serial line, or a recording played in real time.
 
-Opens sockets and devices and knows when each portion arrived; must not know what the bytes mean. Whoever reads may be
-busy elsewhere (SUMO holds the interpreter while it steps): so arrivals are the kernel's own stamps where it gives them,
-and a portion read late is still told with the moment it came.
+It opens sockets and devices and knows when each portion arrived; it must not know what the bytes mean. The reader may
+be busy elsewhere (SUMO holds the interpreter while it steps), so arrivals are the kernel's own stamps where it gives
+them: a portion that is read late still has its true time of arrival.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from vve_sumo.pose.recording import portions
 from vve_sumo.pose.senders import Senders
 from vve_sumo.pose.stamps import Stamps
 
-PORTION: Final = 4096  #: the most bytes taken as one portion; no pose message is as long
-PORTIONS: Final = 256  #: the most portions taken at once, refused ones counted, so that a flood cannot hold the caller
-BYTES: Final = 16_384  #: no more is taken once there are so many, for the same reason: 2 s of NCOM at 100 Hz
+PORTION: Final = 4096  #: most bytes taken as one portion; no pose message is as long
+PORTIONS: Final = 256  #: most portions taken at once, refused ones counted, so that a flood cannot block the caller
+BYTES: Final = 16_384  #: most bytes taken at once, for the same reason: 2 s of NCOM at 100 Hz
 RECEIVE_BUFFER: Final = 1 << 20  #: asked of the kernel [bytes]; it grants less where its own limit is lower
 CONNECT_TIMEOUT: Final = 3.0  #: [s]
 SO_TIMESTAMPNS: Final = 35  #: Linux, asm-generic/socket.h
@@ -57,29 +57,29 @@ class Source(Protocol):
 
     @property
     def lost(self) -> bool:
-        """Whether nothing will come any more: the peer closed, the device is gone, the recording is over."""
+        """Whether nothing will arrive any more: the peer closed, the device is gone, the recording is over."""
 
     def fileno(self) -> int:
-        """Return what to wait on; once `lost` it must not be waited on, for a dead one is always ready."""
+        """Return the file descriptor to wait on; once `lost` do not wait on it, as it is then always ready."""
 
     def next_due(self) -> float:
-        """Return the monotonic second at which `receive` will have something without `fileno` saying so, or inf."""
+        """Return the monotonic second at which `receive` will have something that `fileno` does not signal, or inf."""
 
     def receive(self) -> list[tuple[float, bytes]]:
         """Return all portions that wait, each with the monotonic second of its arrival; never blocks, never raises."""
 
     def found(self) -> tuple[str, ...]:
-        """Return reason codes of others that speak in the receiver's place now."""
+        """Return reason codes of others that send in the receiver's place now."""
 
     def sender_report(self) -> dict[str, Any]:
-        """Return who is listened to and who was refused how often, as plain JSON; empty where nobody else can speak."""
+        """Return the accepted sender and the refused ones with counts, as plain JSON; empty where only one can send."""
 
     def close(self) -> None:
-        """Let go of the socket or device."""
+        """Close the socket or device."""
 
 
 class _Alone:
-    """A source that nobody else can speak to."""
+    """A source to which no other sender can send."""
 
     def found(self) -> tuple[str, ...]:
         return ()
@@ -94,7 +94,7 @@ def _refused(where: str, what: str, error: OSError) -> RigError:
 
 
 class _Socket:
-    """A socket, read with the kernel's stamps; of datagrams, those of `senders`."""
+    """A socket, read with the kernel's stamps; of datagrams only those that `senders` accepts."""
 
     def __init__(self, opened: socket.socket, senders: Senders | None = None) -> None:
         self._socket, self._senders = opened, senders
@@ -132,7 +132,7 @@ class _Socket:
                 emptied = True
                 break
             except OSError:
-                self.lost = self._senders is None  # of a datagram socket it is one's mishap, or the link is down
+                self.lost = self._senders is None  # on a datagram socket: one datagram's error, or the link is down
                 break
             if self._senders is None:
                 self.lost = not data
@@ -145,7 +145,7 @@ class _Socket:
 
 
 def _stamp(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """The kernel's stamp [s of its wall clock]; NaN where it gave none."""
+    """The kernel's stamp [s of its wall clock]; NaN without one."""
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(data) == STAMP.size:
             seconds, nanoseconds = STAMP.unpack(data)
@@ -154,7 +154,7 @@ def _stamp(ancillary: list[tuple[int, int, bytes]]) -> float:
 
 
 class _Serial(_Alone):
-    """A serial line; the kernel stamps nothing here, so a portion arrives when it is read."""
+    """A serial line; the kernel gives no stamps here, so a portion's arrival is the time of reading."""
 
     def __init__(self, opened: serial.Serial) -> None:
         self._serial = opened
@@ -181,13 +181,13 @@ class _Serial(_Alone):
 
 
 class _Playback(_Alone):
-    """A recording, each portion released when it is due, as if it arrived right then."""
+    """A recording, each portion released when it is due, as if it arrived just then."""
 
     def __init__(self, path: Path, clock: Callable[[], float]) -> None:
         self._clock = clock
         self._waiting = deque(portions(path))
         self._start = clock()
-        self._silent = socket.socketpair()  # nothing is ever written to it: waiting on it is waiting in vain
+        self._silent = socket.socketpair()  # nothing is ever written to it, so it never becomes readable
 
     @property
     def lost(self) -> bool:
@@ -214,7 +214,7 @@ class _Playback(_Alone):
 def open_udp(address: str, port: int, source: str | None = None, where: str = "pose") -> Source:
     """Listen to datagrams for `address`, `port` (IPv4; 0.0.0.0 hears broadcasts) that `source` sends, and no other.
 
-    `source` is an IPv4 address, None whoever of this machine speaks first: see `Senders`. `where` names the rig's table
+    `source` is an IPv4 address, None the first sender of this machine: see `Senders`. `where` names the rig's table
     in errors. Raises RigError naming the key.
     """
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -263,7 +263,7 @@ def open_serial(device: str, baud: int, where: str = "pose") -> Source:
 def open_file(path: Path, clock: Callable[[], float] = time.monotonic) -> Source:
     """Play a recording (CSV, NCOM or its hexadecimal text) from now on by `clock`, as NCOM bytes.
 
-    Never a car: what arms on a recording drives blind, so its trust profile is `trust.PLAYBACK`. Raises ConfigError
-    naming the file, line and column.
+    No car may be armed on a recording, so its trust profile is `trust.PLAYBACK`. Raises ConfigError naming the file,
+    line and column.
     """
     return _Playback(path, clock)

@@ -1,8 +1,9 @@
-"""The kernel's stamps, which are of the wall clock, as moments of the monotonic clock.
+"""Converts the kernel's time stamps, which are of the wall clock, to the monotonic clock.
 
-Knows two clocks; must not know sockets. The wall clock may be set or slewed at any instant, between a stamp and its
-reading, too. A stamp is believed only where the wall clock ran on evenly, look by look, from before it was given until
-after it was read; else the portion is said to come when it is read: later than it did, which is the safe side.
+It knows two clocks; it must not know sockets. The wall clock may be set or slewed at any instant, also between a stamp
+and its reading. A stamp is used only if the wall clock ran evenly, check by check, from before the stamp was given
+until after it was read. Otherwise the time of reading counts as arrival: later than the true one, which is the safe
+side.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ from collections.abc import Callable
 from typing import Final
 
 WALL_STEP: Final = 0.002  #: a wall clock that moved by more against the monotonic one was set [s]
-WALL_SLEW: Final = 1e-3  #: beside what NTP slews it: 500 ppm, and as much again
+WALL_SLEW: Final = 1e-3  #: largest slew of the wall clock: NTP's 500 ppm, and as much again
 
 
 def wall_ahead() -> float:
-    """Wall clock minus monotonic clock [s]: the closest of three looks, for one may be interrupted."""
+    """Wall clock minus monotonic clock [s]: the fastest of three readings, as one may be interrupted."""
     looks = []
     for _ in range(3):
         before = time.monotonic()
@@ -27,7 +28,7 @@ def wall_ahead() -> float:
 
 
 class Stamps:
-    """Dates what is read from one queue; `begin` before it is read, `dated` after, every time, read or not."""
+    """Dates portions read from one queue: call `begin` before and `dated` after every read, even of an empty queue."""
 
     def __init__(self, ahead: Callable[[], float] = wall_ahead, now: Callable[[], float] = time.monotonic) -> None:
         self._ahead, self._now = ahead, now
@@ -35,13 +36,13 @@ class Stamps:
         self._was_set = False  # the wall clock, since before the oldest stamp that can be in the queue
 
     def begin(self) -> None:
-        """Look at the clocks before reading."""
+        """Compare the clocks before reading."""
         self._was_set |= self._set_since_last()
 
     def dated(self, stamped: list[tuple[float, bytes]], emptied: bool) -> list[tuple[float, bytes]]:
-        """Return the portions with the moments they came; a stamp of NaN is none.
+        """Return the portions with their times of arrival; a stamp of NaN is none.
 
-        `emptied` says that nothing was left in the queue: what comes next was stamped after `begin`.
+        `emptied` says that nothing was left in the queue: the next portion was stamped after `begin`.
         """
         set_meanwhile = self._set_since_last()
         self._was_set |= set_meanwhile
@@ -56,7 +57,7 @@ class Stamps:
         return self._now(), ahead
 
     def _set_since_last(self) -> bool:
-        """Look at the clocks; whether the wall clock's distance is another than at the last look."""
+        """Compare the clocks; whether their difference has changed since the last comparison."""
         (then, before), self._last = self._last, self._look()
         now, ahead = self._last
         return not abs(ahead - before) <= WALL_STEP + WALL_SLEW * (now - then)

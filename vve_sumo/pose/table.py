@@ -1,9 +1,9 @@
 """The table that `vve-sumo pose decode` writes: one row for each fix of an NCOM file, with the trust gate's verdict.
 
-Knows the decoder, the gate and text; must not know maps. A row is a packet with three right checksums, navigation
-status 2, 3 or 4, a known GNSS minute, a position that is one, and a time later than the row before. Packets of status
-1 and below (no time), 10 (status only), 11 (structure B) and 20 to 22 (triggers) give none, nor do those before the
-first status channel 0, which alone carries the minute.
+It knows the decoder, the gate and text; it must not know maps. A row is a packet with three right checksums, navigation
+status 2, 3 or 4, a known GNSS minute, a valid position, and a time later than the row before. Packets of status 1 and
+below (no time), 10 (status only), 11 (structure B) and 20 to 22 (triggers) give no row, nor do those before the first
+status channel 0, which alone carries the minute.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ COLUMNS: Final = (
 def rows(path: Path, decoder: Decoder | None = None) -> Iterator[dict[str, str]]:
     """Yield the rows of an NCOM file, texts by the names of `COLUMNS`.
 
-    `decoder` is used if given, so that its counts can be read afterwards. A fix is judged as old as if it had arrived
-    the moment it was made: a file does not say when it did. Raises ConfigError for a file without a packet.
+    `decoder` is used if given, so that its counts can be read afterwards. A fix is judged as if it had arrived the
+    moment it was made, as a file does not hold arrivals. Raises ConfigError for a file without a packet.
     """
     gate: TrustGate | None = None
     epoch = 0.0

@@ -199,7 +199,7 @@ class Gateway:
 
     @property
     def sequence(self) -> int:
-        """Sequence number of the newest setpoint accepted since the last disarming; -1 for none."""
+        """Sequence number of the newest accepted setpoint; -1 for none, as after disarming or parking."""
         return -1 if self._admission.setpoint is None else self._admission.setpoint.sequence
 
     @property
@@ -279,7 +279,7 @@ class Gateway:
         return faults
 
     def _take(self, now: float, setpoint: Setpoint) -> list[str]:
-        """Accept or reject a setpoint and its fallback path; reason codes of a fatal or faulty rejected one."""
+        """Accept or reject a setpoint with its fallback path; of a rejected one, its fault codes and a fatal reason."""
         rejection = self._admission.take(now, setpoint)
         if rejection is not None:
             # The setpoint is rejected as a command, but the faults that it carries still count.

@@ -1,4 +1,4 @@
-"""Receivers of OXTS that send NCOM in UDP datagrams."""
+"""OXTS receivers that send NCOM in UDP datagrams."""
 
 from __future__ import annotations
 

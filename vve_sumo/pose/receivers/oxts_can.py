@@ -1,6 +1,6 @@
-"""Receivers of OXTS that send their default map of messages on a CAN bus of their own.
+"""OXTS receivers that send their default map of messages on a CAN bus of their own.
 
-Knows frames and no driver: who opens the receiver hands in how a bus is opened.
+The module knows frames and no driver: the caller hands in a function that opens a bus.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class OxtsCan(ReceiverTable):
 
 
 class FrameSource:
-    """A receiver on a CAN bus as a source of portions, each a frame; arrivals are when they are read."""
+    """A receiver on a CAN bus as a source of portions, one for each frame; the arrival is the time of reading."""
 
     def __init__(self, bus: FrameBus) -> None:
         number = bus.fileno()
@@ -67,7 +67,7 @@ class FrameSource:
         return self._number
 
     def next_due(self) -> float:
-        """Return inf: frames wake who waits."""
+        """Return inf: `fileno` signals every frame."""
         return math.inf
 
     def receive(self) -> list[tuple[float, bytes]]:
@@ -81,15 +81,15 @@ class FrameSource:
         return [(now, FRAME.pack(frame.id, len(frame.data), frame.data)) for frame in frames]
 
     def found(self) -> tuple[str, ...]:
-        """Return nothing: a frame does not say who sent it."""
+        """Return nothing: a frame does not name its sender."""
         return ()
 
     def sender_report(self) -> dict[str, Any]:
-        """Return nothing: a frame does not say who sent it."""
+        """Return nothing: a frame does not name its sender."""
         return {}
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Close the bus."""
         self._bus.close()
 
 
@@ -100,7 +100,7 @@ class FrameDecoder:
         self._decoder = oxts_can.Decoder()
 
     def feed(self, data: bytes, time_received: float) -> list[Fix]:
-        """Return the fixes that these frames complete; what is no whole frame is left out."""
+        """Return the fixes that these frames complete; an incomplete frame is left out."""
         whole = len(data) - len(data) % FRAME.size
         frames = [Frame(number, payload[:size]) for number, size, payload in FRAME.iter_unpack(data[:whole])]
         return self._decoder.feed_frames(frames, time_received)

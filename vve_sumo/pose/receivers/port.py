@@ -1,7 +1,7 @@
-"""The port of receivers: what the program asks of a kind of receiver, and how a kind is found by its name.
+"""Port of receivers: what the program needs of a kind of receiver, and how a kind is found by its name.
 
-A kind is one class: the keys of `[pose]` that it has, where its bytes come from, what they mean, how strictly its fixes
-are judged, and what to look at where something is wrong. Nothing here names a brand but the table of shipped kinds.
+A kind is one class: its keys of `[pose]`, where its bytes come from, how they are decoded, how strictly its fixes are
+judged, and what to check where something is wrong. Only the table of shipped kinds names a brand.
 `tests/ports/receiver.py` tests any kind.
 """
 
@@ -20,7 +20,7 @@ from vve_sumo.pose.trust import TrustProfile
 from vve_sumo.values import Fix, Frame
 
 _HERE: Final = "vve_sumo.pose.receivers"
-#: Every kind is found by a name of this table, as `file.py:function` or by entry point; `make()` returns its class.
+#: A kind is found by its name in this table, as `file.py:function` or by entry point; `make()` returns its class.
 PORT: Final = Port(
     "receiver",
     "vve_sumo.receivers",
@@ -30,13 +30,13 @@ PORT: Final = Port(
 
 
 class FixDecoder(Protocol):
-    """A decoder of pose bytes; it begins anew with each object, knows no clock and never raises on what it is fed."""
+    """A decoder of pose bytes; each object starts afresh, has no clock and never raises on any input."""
 
     def feed(self, data: bytes, time_received: float) -> list[Fix]:
         """Return the fixes that these bytes complete, stamped with `time_received` [s, the drive's clock].
 
-        However the stream is cut (a CAN frame never is), the same fixes come. Time and position of a fix are finite;
-        what the receiver does not say is NaN. The trust gate refuses a fix that is not newer than those before it.
+        The fixes do not depend on how the stream is cut (a CAN frame never is). Time and position of a fix are finite;
+        what the receiver does not report is NaN. The trust gate refuses a fix that is not newer than those before it.
         """
         ...
 
@@ -45,13 +45,13 @@ class FrameBus(Protocol):
     """A CAN bus as a receiver sees it."""
 
     def fileno(self) -> int | None:
-        """Return what becomes readable with a frame; None where the driver has nothing of the kind."""
+        """Return the file descriptor that a frame makes readable; None where the driver has none."""
 
     def drain(self) -> list[Frame]:
         """Return the frames that wait, without waiting; raises RigError where the bus is down."""
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Close the bus."""
 
 
 #: opens a CAN bus from interface, channel and bitrate [bit/s]; raises ConfigError or RigError
@@ -68,11 +68,11 @@ class OnCan(NamedTuple):
 
 @runtime_checkable
 class Receiver(Protocol):
-    """What the program asks of a receiver, as configured."""
+    """What the program needs of a configured receiver."""
 
     profile: ClassVar[TrustProfile]  #: how strictly its fixes are judged; one that is not `live` is a recording
-    silent_hint: ClassVar[str]  #: what to look at where nothing comes, in one line
-    not_fixed_hint: ClassVar[str]  #: what to look at where a fix is not RTK-fixed, in one line
+    silent_hint: ClassVar[str]  #: what to check where nothing arrives, in one line
+    not_fixed_hint: ClassVar[str]  #: what to check where a fix is not RTK-fixed, in one line
 
     def open(self, open_bus: OpenBus, /) -> Source:
         """Open the receiver; raises RigError or ConfigError naming the key of the rig. `open_bus` is for one on CAN."""
@@ -83,11 +83,11 @@ class Receiver(Protocol):
         ...
 
     def place(self) -> str:
-        """Return where the receiver is looked for, in few words."""
+        """Return where the receiver is expected, in few words."""
         ...
 
     def on_can(self) -> OnCan | None:
-        """Return what it occupies of a CAN bus; None for a receiver that is on none."""
+        """Return what the receiver occupies of a CAN bus; None for a receiver that uses none."""
         ...
 
 
@@ -119,12 +119,12 @@ class ReceiverTable(Table):
         return self
 
     def on_can(self) -> OnCan | None:
-        """Return what the receiver occupies of a CAN bus: nothing, unless its kind says otherwise."""
+        """Return what the receiver occupies of a CAN bus: None, unless its kind overrides this."""
         return None
 
 
 def load(kind: str) -> type[ReceiverTable]:
-    """Return the class of a kind of receiver, which is a `Receiver`; raises ConfigError, which begins with the kind."""
+    """Return the class of a kind of receiver, which is a `Receiver`; raises ConfigError, which names the kind."""
     made = PORT.make(kind, PORT.find(kind))
     if not (isinstance(made, type) and issubclass(made, ReceiverTable)):
         raise ConfigError(f"receiver {kind}: make returned {made!r}, expected a class derived from ReceiverTable")

@@ -1,4 +1,4 @@
-"""What receivers share whose messages come as UDP datagrams."""
+"""Common part of receivers whose messages come as UDP datagrams."""
 
 from __future__ import annotations
 
