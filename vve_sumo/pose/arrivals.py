@@ -1,9 +1,9 @@
-"""Can a message's own time be true, given when it arrived and what arrived before it?
+"""Checks the time stamp of a message for plausibility against its arrival and the arrivals before it.
 
-Knows arrivals and the times that messages carry; must not know what else they say. A message can be late by any delay
-but never early: the path has a least delay, and two clocks drift apart slowly. So a time that lies ahead of what the
-fastest arrivals so far allow is a lie, or the sender's clock was changed. One lie must displace nothing; a changed
-clock shows in every message from then on.
+Knows arrivals and the time stamps of messages; must not know the rest of their contents. A message can be late by any
+delay but never early: the transmission has a minimum delay, and two clocks drift apart slowly. A time stamp ahead of
+what the fastest arrivals so far allow is therefore wrong, or the sender's clock was changed. A single wrong time stamp
+must have no effect; a changed clock shows in every later message.
 """
 
 from __future__ import annotations
@@ -13,61 +13,61 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-DRIFT: Final = 100e-6  #: the most that two clocks drift apart; twice that of a common quartz
-EARLINESS_SHARE: Final = 0.4  #: of the interval between messages: how much earlier than the fastest one may be
-MAX_EARLINESS: Final = 0.02  #: the same, however long the interval is [s]
-SETTLING_TIME: Final = 0.1  #: after the fastest so far the next may be earlier by what the user allows [s]
+DRIFT: Final = 100e-6  #: maximum drift between two clocks [s/s]; twice that of a common quartz
+EARLINESS_SHARE: Final = 0.4  #: share of the message interval by which a message may be earlier than the fastest
+MAX_EARLINESS: Final = 0.02  #: upper limit of that earliness, however long the interval is [s]
+SETTLING_TIME: Final = 0.1  #: for so long after a new fastest arrival, `at_once` is the tolerance [s]
 
-RUN_LENGTH: Final = 3  #: messages in a row that agree with each other alone are believed, if they last:
-SMALL_JUMP: Final = 0.05  #: up to here the path became faster [s], and the run has to last an interval
-RUN_TIME: Final = 0.5  #: beyond, the sender's clock was changed, and the run has to last so long [s]: a gap to the gate
-AGREEMENT: Final = 0.1  #: between the messages of a run [s]: bursts and jitter
-AGREEING_KEPT: Final = 10  #: counted of what agrees with a minute or a day; as many more in a row must disagree
+RUN_LENGTH: Final = 3  #: consecutive messages that agree with each other only are accepted if they last:
+SMALL_JUMP: Final = 0.05  #: up to here the transmission became faster [s]; the run must last one interval
+RUN_TIME: Final = 0.5  #: beyond `SMALL_JUMP` the sender's clock was changed; the run must last this long [s]
+AGREEMENT: Final = 0.1  #: maximum difference between consecutive messages of a run [s]; allows for bursts and jitter
+AGREEING_KEPT: Final = 10  #: maximum count of messages that agree with the known minute or day
 
 
 class Judged(enum.Enum):
-    """What is to be thought of a message's time."""
+    """Result of the plausibility check of a time stamp."""
 
-    NEWER = enum.auto()  #: newer than all believed before
-    NOT_NEWER = enum.auto()  #: late, a duplicate, or the sender's clock went back
-    AHEAD = enum.auto()  #: cannot be true by what is known: not to be used for anything
-    CHANGED = enum.auto()  #: as NEWER, the last of a run of AHEAD after which the sender's clock is taken as changed
+    NEWER = enum.auto()  #: newer than all accepted before
+    NOT_NEWER = enum.auto()  #: late, a duplicate, or the sender's clock was set back
+    AHEAD = enum.auto()  #: ahead of what the arrivals so far allow: must not be used
+    CHANGED = enum.auto()  #: as NEWER; ends a run of AHEAD, after which the sender's clock counts as changed
 
 
 @dataclass(slots=True)
 class _Run:
-    """Messages in a row that are ahead and agree with each other."""
+    """Consecutive messages that are ahead and agree with each other."""
 
-    since: float  #: arrival of the first
-    newest: float  #: time of the last
-    lead: float  #: of the last
+    since: float  #: arrival of the first message
+    newest: float  #: time stamp of the last message
+    lead: float  #: time stamp minus arrival of the last message
     count: int = 1
 
 
 class Arrivals:
-    """Judges times one by one; a time that is not NEWER or CHANGED leaves nothing behind but the count of its run.
+    """Checks time stamps one by one; one that is neither NEWER nor CHANGED changes no state but the run it belongs to.
 
-    `least` is the smallest earliness that counts [s]. For `SETTLING_TIME` after one that was faster than all before, it
-    is `at_once` [s]: the next of the same burst may be faster yet, and where all arrivals have the same moment, as
-    those of a file do, nothing finer can be seen.
+    `least` is the smallest earliness that counts [s]. For `SETTLING_TIME` after a message that was faster than all
+    before, `at_once` [s] takes its place: the next message of the same burst may be faster still, and where all
+    arrivals have the same time, as those of a file do, nothing finer can be seen.
     """
 
     def __init__(self, least: float, at_once: float) -> None:
         self._least, self._at_once = least, at_once
-        self._newest = -math.inf  # time that was believed
-        self._lead = math.nan  # time minus arrival of the fastest
-        self._led_at = -math.inf  # arrival of the fastest
-        self._faster_at = -math.inf  # arrival at which it was last found that the path is faster than thought
-        self._interval = math.inf  # between times: the least of the last few
+        self._newest = -math.inf  # time stamp accepted
+        self._lead = math.nan  # time stamp minus arrival of the fastest message
+        self._led_at = -math.inf  # arrival of the fastest message
+        self._faster_at = -math.inf  # arrival that last showed a faster transmission than known before
+        self._interval = math.inf  # between time stamps: the least of the recent ones
         self._run: _Run | None = None
 
     @property
     def newest(self) -> float:
-        """The newest time that was believed [s]; -inf before the first."""
+        """The newest time stamp that was accepted [s]; -inf before the first."""
         return self._newest
 
     def judge(self, received: float, time: float) -> Judged:
-        """Judge a message that arrived at `received` and says `time` [s], each on its own clock."""
+        """Check a message that arrived at `received` and is stamped `time` [s], each on its own clock."""
         if not math.isfinite(received + time):
             return Judged.AHEAD
         if not time > self._newest:
@@ -83,7 +83,7 @@ class Arrivals:
         return judged
 
     def _allowed_lead(self, received: float) -> float:
-        """The lead that a message as fast as the fastest has by now at most; NaN before the first."""
+        """Largest lead at `received` of a message as fast as the fastest, drift included; NaN before the first."""
         return self._lead + DRIFT * max(received - self._led_at, 0.0)
 
     def _young(self, received: float) -> bool:
@@ -97,7 +97,7 @@ class Arrivals:
         )
 
     def _go_on(self, received: float, time: float, lead: float, ahead: float) -> Judged:
-        """Take a time that is ahead into the run; say whether the run is to be believed now."""
+        """Add a time stamp that is ahead to the run; AHEAD unless the run is now accepted."""
         run = self._run
         if run is not None and time == run.newest:
             return Judged.AHEAD
@@ -123,17 +123,18 @@ class Arrivals:
 
 
 class Repeated:
-    """A minute or a day that is said again and again: when is another one believed than the one known?
+    """Decides when a repeated minute or day that differs from the known one is accepted.
 
-    Where more in a row agree on it than have said the known one: `RUN_LENGTH` against one, `AGREEING_KEPT` + 2 at most.
+    It takes more messages in a row that agree on the new one than agreed with the known one: `RUN_LENGTH` against one,
+    at most `AGREEING_KEPT` + 2.
     """
 
     def __init__(self) -> None:
-        self._agreed = 1  # that said the known one, the first of all among them
-        self._other = (0, 0)  # how far off the last ones were that agree, and how many they are
+        self._agreed = 1  # messages that agreed with the known one, the very first included
+        self._other = (0, 0)  # offset that the last messages agree on, and their number
 
     def believe(self, off: int) -> bool:
-        """Whether to believe what lies `off` from the one known; from then on that is the known one."""
+        """Whether to accept a value that differs from the known one by `off`; if so it becomes the known one."""
         if off == 0:
             self._agreed, self._other = min(self._agreed + 1, AGREEING_KEPT), (0, 0)
             return True

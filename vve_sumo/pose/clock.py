@@ -1,8 +1,8 @@
-"""GNSS time against drive time: when, on the drive's own clock, was a fix made?
+"""Maps GNSS time to drive time: when, on the drive's own clock, a fix was made.
 
-Knows arrivals and the times that fixes carry; must not know sockets, receivers or what a fix says. A constant delay
-cannot be seen from arrivals: unless the host's clock is disciplined by PTP or PPS, the smallest delay is declared by
-the rig and every age that follows from it is "at least what was declared".
+Knows arrivals and the time stamps of fixes; must not know sockets, receivers or the rest of a fix. A constant delay
+cannot be seen from arrivals. Unless the host's clock is disciplined by PTP or PPS, the rig therefore declares the
+smallest delay, and every age that follows from it is "at least what was declared".
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from typing import Final
 
 from vve_sumo.pose.arrivals import SMALL_JUMP, Arrivals, Judged
 
-LEAK: Final = 100e-6  #: how fast a larger delay is believed; twice the drift of a common quartz
-LEARNING: Final = 2.0  #: at first, a smaller delay is believed at once [s]
-LEARNING_SLEW: Final = 0.9  #: even then time goes on: below 1
-SLEW: Final = 0.01  #: later, how fast a smaller delay is believed; one early arrival moves next to nothing
-DRIFT_SECONDS: Final = 60  #: over which the drift is estimated
-DRIFT_KNOWN: Final = 10  #: seconds before which no drift is told
-SPREAD_ARRIVALS: Final = 2000  #: over which the spread is told
+LEAK: Final = 100e-6  #: rate at which the offset rises [s/s]; twice the drift of a common quartz
+LEARNING: Final = 2.0  #: initial time in which the offset falls at up to `LEARNING_SLEW` [s]
+LEARNING_SLEW: Final = 0.9  #: below 1, so that drive times still increase [s/s]
+SLEW: Final = 0.01  #: later rate at which the offset falls [s/s]; one early arrival hardly moves it
+DRIFT_SECONDS: Final = 60  #: window of the drift estimate
+DRIFT_KNOWN: Final = 10  #: seconds of arrivals needed for a drift estimate
+SPREAD_ARRIVALS: Final = 2000  #: window of the jitter
 
 
 class AgeKind(enum.StrEnum):
-    """What an age on this clock is worth."""
+    """How reliable an age on this clock is."""
 
     ABSOLUTE = "absolute"  #: host and receiver share a clock
     DECLARED = "declared minimum"  #: a constant delay beyond the declared one would not be seen
@@ -35,27 +35,27 @@ class AgeKind(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ClockReport:
-    """What the clock found out; NaN where it does not know yet."""
+    """Estimates of the clock; NaN where not known yet."""
 
     age: AgeKind
     offset: float  #: drive time minus GNSS time since the epoch [s]
-    drift_ppm: float  #: of the drive's clock against GNSS, fast positive; median slope of the seconds' least delays
+    drift_ppm: float  #: of the drive's clock against GNSS, fast positive; median slope of the least delays per second
     jitter_p50: float  #: of arrivals, above the least delay of the window [s]
     jitter_p99: float  #: as jitter_p50
 
 
 class Clock:
-    """Maps the time of each fix to drive time; pure: all it knows are the arrivals it is handed.
+    """Maps the time of each fix to drive time; its only input are the arrivals passed in.
 
-    `epoch` is the GNSS second that the drive calls 0 (any, where the offset is estimated; the true one where
-    `absolute`), `minimum_delay` the least time from a fix's epoch to its arrival that the rig declares [s]. The offset
-    falls quickly towards an arrival that was faster than thought and rises by at most `LEAK` towards slower ones, so it
-    stays at the fastest of the recent arrivals while the drift is below `LEAK`; a network that turns slow is told as
-    age. Give it fixes of status 4 only: a receiver that is catching up (NCOM status 2, 3) looks like a fast clock.
+    `epoch` is the GNSS second of drive time 0 (any, where the offset is estimated; the true one where `absolute`).
+    `minimum_delay` is the least time from a fix's epoch to its arrival that the rig declares [s]. The offset falls at
+    up to `SLEW` towards a faster arrival and rises at up to `LEAK` towards slower ones. So it stays at the fastest of
+    the recent arrivals while the drift is below `LEAK`, and a network that becomes slow shows as age of the fixes.
+    Pass fixes of status 4 only: a receiver that is catching up (NCOM status 2, 3) looks like a fast clock.
 
-    A fix that would have arrived more than `arrivals.SMALL` faster than any before is set aside. Where such fixes agree
-    for `arrivals.LASTING`, the receiver's clock was changed: the offset is taken anew, and what was set aside until
-    then is missing, which is a gap for the trust gate and the end of a drive.
+    A fix that would have arrived more than `arrivals.SMALL_JUMP` faster than any before is rejected. Where such fixes
+    agree for `arrivals.RUN_TIME`, the receiver's clock was changed: the offset is estimated anew. The rejected fixes
+    are missing, which the trust gate reports as a gap and which ends a drive.
     """
 
     def __init__(self, epoch: float, minimum_delay: float, *, absolute: bool = False) -> None:
@@ -69,8 +69,8 @@ class Clock:
     def step(self, received: float, time: float) -> float:
         """Return the drive time at which the fix of GNSS time `time` was made, given that it arrived at `received`.
 
-        Strictly increasing where `time` is. A fix that is not newer than the newest is mapped and teaches nothing; one
-        that is set aside gives NaN and teaches nothing, and so does what is not finite.
+        Strictly increasing where `time` is. A fix that is not newer than the newest is mapped without changing the
+        offset. A rejected fix or a value that is not finite gives NaN and does not change the offset.
         """
         made = time - self._epoch
         before = self._arrivals.newest
@@ -88,11 +88,11 @@ class Clock:
         return made + self._offset
 
     def at(self, time: float) -> float:
-        """Return the drive time of GNSS time `time` by what was learnt so far, learning nothing; NaN before that."""
+        """Return the drive time of GNSS time `time` by the present offset; NaN while there is none."""
         return time - self._epoch + self._offset
 
     def report(self) -> ClockReport:
-        """Return what is known now; sorts a window, so not for every fix."""
+        """Return the present estimates; sorts a window, so do not call it for every fix."""
         jitter = sorted(self._excess)
         p50, p99 = (
             jitter[round(share * (len(jitter) - 1))] - jitter[0] if jitter else math.nan for share in (0.5, 0.99)
@@ -109,7 +109,7 @@ class Clock:
             self._offset = lag - self._minimum_delay
 
     def _learn(self, made: float, step: float, offset: float) -> None:
-        """Go towards the `offset` that this arrival would mean had it been as fast as any."""
+        """Move towards the `offset` that this arrival implies if its delay was the minimum delay."""
         slew = LEARNING_SLEW if made - self._first < LEARNING else SLEW
         self._offset += min(max(offset - self._offset, -slew * step), LEAK * step)
 
@@ -121,7 +121,7 @@ class Clock:
         self._seconds.append((second, lag))
 
     def _drift_ppm(self) -> float:
-        """Theil and Sen's slope: a few slow seconds do not tilt it."""
+        """Slope after Theil and Sen, robust against a few slow seconds [ppm]."""
         if len(self._seconds) < DRIFT_KNOWN:
             return math.nan
         slopes = ((lag - past) / (second - then) for (then, past), (second, lag) in combinations(self._seconds, 2))

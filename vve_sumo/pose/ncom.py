@@ -1,4 +1,4 @@
-"""OXTS NCOM: 72-byte packets to fixes and back.
+"""Decodes OXTS NCOM, packets of 72 bytes, into fixes and encodes fixes as NCOM.
 
 Knows bytes, checksums and the unit's clock; must not know whether a fix is good enough to drive on (trust.py),
 where the car is in a map, or where the bytes come from. Layout and rules as in OXTS's own decoder
@@ -21,15 +21,15 @@ from vve_sumo.values import Fix, FixQuality
 SYNC: Final = b"\xe7"
 LENGTH: Final = 72  #: of a packet [bytes]
 LOCKING, LOCKED = 3, 4  #: navigation statuses: catching up with the time; in real time
-NAVIGATION: Final = frozenset({2, LOCKING, LOCKED})  #: initialising is 2: time and position are there
+NAVIGATION: Final = frozenset({2, LOCKING, LOCKED})  #: status 2 is initialising: it already has time and position
 STRUCTURE_B: Final = 11  #: another layout under the same sync byte
 
 MINUTE: Final = 60_000  #: [ms]
 MINUTES_SET: Final = 1_000  #: a smaller channel-0 value means that the unit does not know the time yet (NComRxC)
 CLOCK_HOLD: Final = 30.0  #: silence after which the minute is unknown again [s]: half the range of the packet's clock
-MIN_EARLINESS: Final = 0.002  #: a packet earlier than the fastest by less is as fast [s]; its clock has 1 ms
-MAX_JUMP: Final = 1.0  #: from packet to packet of one arrival, as a file is [s]
-CHANNEL_LIFETIME: Final = 5_000  #: a status channel silent for longer says nothing [ms]; a cycle takes about 2 s
+MIN_EARLINESS: Final = 0.002  #: smaller leads over the fastest packet are ignored [s]; the packet clock has 1 ms
+MAX_JUMP: Final = 1.0  #: between packets of the same arrival time, as in a file [s]
+CHANNEL_LIFETIME: Final = 5_000  #: a status channel value older than this is dropped [ms]; a cycle takes about 2 s
 AGE_LIMIT: Final = 150  #: an accuracy with this age counter or more is stale (NComRxC)
 
 ACCELERATION: Final = 1e-4  #: [m/s2]
@@ -52,9 +52,9 @@ class Outcome(enum.StrEnum):
 
     FIX = "fix"
     MINUTE_UNKNOWN = "minute_unknown"  #: no status channel 0 yet, or none since a long silence
-    MINUTE_DOUBTED = "minute_doubted"  #: its minute is another than the one known, and it is alone with that so far
-    AHEAD = "dated_ahead"  #: dated ahead of what arrivals so far allow
-    NOT_INCREASING = "time_not_increasing"  #: duplicate, out of order, or the unit's clock went back
+    MINUTE_DOUBTED = "minute_doubted"  #: its minute differs from the known one, and too few packets agree so far
+    AHEAD = "dated_ahead"  #: time stamp ahead of what the arrivals so far allow
+    NOT_INCREASING = "time_not_increasing"  #: duplicate, out of order, or the unit's clock was set back
     NO_POSITION = "no_position"  #: latitude or longitude not a number or out of range
     NO_TIME = "no_time"  #: milliseconds beyond the minute
     NOT_NAVIGATION = "not_navigation"  #: status 0, 1, 5, 6, 7 or unknown
@@ -64,7 +64,7 @@ class Outcome(enum.StrEnum):
 
 
 def checksums_hold(packet: bytes) -> bool:
-    """Whether all three running sums of a 72-byte packet are right."""
+    """Whether all three running checksums of a 72-byte packet are right."""
     first = sum(packet[1:22])
     if first & 0xFF != packet[22]:
         return False
@@ -94,7 +94,7 @@ def _read_differential_age(payload: bytes) -> float:
     return raw * 0.01 if raw >= 0 else math.nan
 
 
-#: GNSS position modes of channel 0. Those of Doppler alone measure a velocity and no position.
+#: Fix quality by the GNSS position mode of channel 0. Doppler modes measure a velocity and no position.
 QUALITIES: Final[dict[float, FixQuality]] = {
     **dict.fromkeys((0, 1, 2, 10, 11, 12, 20, 25), FixQuality.NONE),  # none, search, Doppler, no data, blanked
     **dict.fromkeys((3, 13, 21, 26), FixQuality.SINGLE),  # SPS; post-processed; gx, ix
@@ -103,7 +103,7 @@ QUALITIES: Final[dict[float, FixQuality]] = {
     **dict.fromkeys((5, 15, 23, 28), FixQuality.RTK_FLOAT),
     **dict.fromkeys((6, 16, 24, 29), FixQuality.RTK_FIXED),
 }
-#: the position mode that a unit without post-processing says for a quality; what is unknown is sent as invalid
+#: the position mode that a unit without post-processing sends for a quality; an unknown quality is sent as invalid
 MODES: Final = {
     FixQuality.NONE: 0,
     FixQuality.SINGLE: 3,
@@ -115,11 +115,11 @@ MODES: Final = {
 
 
 def quality_of(mode: float) -> FixQuality:
-    """Return the quality that a position mode of channel 0 stands for; NaN is a mode that is not known."""
+    """Return the fix quality of a position mode of channel 0; NaN is a mode that is not known."""
     return QUALITIES.get(mode, FixQuality.UNKNOWN)
 
 
-#: What is read from a status channel: one number each, NaN where the unit says invalid or stale.
+#: Readers of the status channels: one number each, NaN where the unit marks it invalid or stale.
 _READERS: Final[dict[int, Callable[[bytes], float]]] = {
     0: _read_mode,
     3: _reader_of_accuracy(1e-3, slice(0, 2)),
@@ -129,7 +129,7 @@ _READERS: Final[dict[int, Callable[[bytes], float]]] = {
 }
 
 
-#: Statuses without a fix whose status channel is valid all the same: raw IMU, status only, and the trigger packets
+#: Navigation statuses without a fix whose status channel is still valid: raw IMU, status only, and the trigger packets
 #: (interpolated, up to 30 ms late, and timed by their channel, not by bytes 1 and 2).
 _CHANNEL_ONLY: Final = {
     1: Outcome.NOT_NAVIGATION,
@@ -141,18 +141,18 @@ _CHANNEL_ONLY: Final = {
 
 
 class StatusChannels:
-    """What the status channels said last; one of them travels with each packet, in turn."""
+    """The last value of each status channel; every packet carries one channel, in turn."""
 
     def __init__(self) -> None:
-        self._heard: dict[int, tuple[int, float]] = {}  #: status channel to (clock when heard, value)
+        self._heard: dict[int, tuple[int, float]] = {}  #: status channel to (clock when received [ms], value)
 
     def hear(self, channel: int, payload: bytes, clock: int) -> None:
-        """Take the 8 bytes of a channel, heard at `clock` [ms], unless nobody needs it or it spoke later already."""
+        """Store the 8 bytes of a channel received at `clock` [ms], unless it is not read or a later value is known."""
         if channel in _READERS and clock >= self._heard.get(channel, (clock, 0.0))[0]:
             self._heard[channel] = (clock, _READERS[channel](payload))
 
     def value(self, channel: int, clock: int) -> float:
-        """Return what the channel said last, NaN if it said nothing lately."""
+        """Return the last value of the channel; NaN if it is older than `CHANNEL_LIFETIME`."""
         heard, value = self._heard.get(channel, (0, math.nan))
         return value if abs(clock - heard) <= CHANNEL_LIFETIME else math.nan
 
@@ -160,23 +160,23 @@ class StatusChannels:
 class Decoder:
     """Turns a byte stream, however it is cut, into fixes; never raises on any bytes.
 
-    The packet's clock runs within a GPS minute; which minute, only status channel 0 says, about once in a cycle. In
-    between, a packet is dated to the minute that puts it nearest to its predecessor and what has passed since on the
-    receiving clock. That is NComRxC's roll-over rule (below 2000 ms after above 2000 ms is a new minute) wherever less
-    than 30 s were lost, and unlike it takes a late packet for late. `CLOCK_HOLD` of silence on the receiving clock
-    forgets the minute until a channel 0 says it again.
+    The packet's clock runs within a GPS minute; only status channel 0 carries the minute, about once in a cycle. In
+    between, a packet is dated to the minute that puts it nearest to the time of its predecessor plus the time passed
+    since on the receiving clock. Where less than 30 s were lost, this agrees with NComRxC's roll-over rule (below
+    2000 ms after above 2000 ms is a new minute), but it recognises a late packet as late. After `CLOCK_HOLD` of silence
+    on the receiving clock the minute is unknown until the next channel 0.
 
-    No single packet is believed against those before it. A channel 0 that says another minute counts for nothing until
-    more of them in a row agree on it than have said the known one (`arrivals.Repeated`); then the unit's clock
-    is taken as set, back or forth. A packet dated ahead of
-    what arrivals allow (`arrivals.Arrivals`) counts for nothing until a run of them lasts. What is fed with one and the
-    same arrival, as files are, may jump by `MAX_JUMP`; beyond a longer gap the first two packets are lost.
+    No single packet overrides those before it. A channel 0 with another minute is ignored until more of them in a row
+    agree on it than agreed with the known minute (`arrivals.Repeated`); then the unit's clock counts as set, back or
+    forth. A packet dated ahead of what arrivals allow (`arrivals.Arrivals`) is ignored until a run of them lasts.
+    Packets fed with the same arrival time, as those of a file are, may jump by `MAX_JUMP`; after a longer gap the first
+    two packets are lost.
 
     Emitted fixes have strictly increasing times, except where the unit's minute was set back (a unit whose clock goes
-    back by less needs a new decoder). All else is counted in `counts` by `Outcome`, bytes that belong to no packet in
-    `discarded`. What three 8-bit running sums can do: any one wrong byte is caught; several wrong bytes between the
-    same two sums pass once in 256 (over UDP only if Ethernet and UDP missed them too; the trust gate is behind); random
-    bytes after a sync byte once in 2**24.
+    back by less needs a new decoder). `counts` counts every packet by `Outcome`, `discarded` the bytes that belong to
+    no packet. The three 8-bit running sums detect any single wrong byte. Several wrong bytes between the same two sums
+    pass once in 256 (over UDP only if Ethernet and UDP missed them too; the trust gate follows); random bytes after a
+    sync byte pass once in 2**24.
     """
 
     def __init__(self) -> None:
@@ -184,7 +184,7 @@ class Decoder:
         self.discarded = 0  #: bytes that belonged to no packet
         self.codes = (0, -1)  #: the newest fix's navigation status and position mode, as NCOM numbers them; -1 unknown
         self._buffer = b""
-        self._clock: int | None = None  #: of the newest packet that was believed [ms since 1980-01-06 GPS]
+        self._clock: int | None = None  #: of the newest packet that was accepted [ms since 1980-01-06 GPS]
         self._dated_at = -math.inf  #: its arrival [s]
         self._arrivals = Arrivals(MIN_EARLINESS, MAX_JUMP)
         self._minute = Repeated()
@@ -235,8 +235,8 @@ class Decoder:
         judged = self._arrivals.judge(time_received, clock / 1000.0)
         if judged is Judged.AHEAD:
             return Outcome.AHEAD, None
-        # Of a packet that was overtaken, too: channels take turns, and where of every two packets the later one comes
-        # first, half of the channels travel in no other.
+        # The channel of an overtaken packet counts too: channels take turns, and if packets arrive swapped in pairs,
+        # half of the channels arrive in overtaken packets only.
         self._channels.hear(packet[62], packet[63:71], clock)
         if judged is Judged.NOT_NEWER:
             return Outcome.NOT_INCREASING, None
@@ -247,7 +247,7 @@ class Decoder:
         return Outcome.FIX, self._fix(packet, clock, time_received, latitude, longitude, altitude)
 
     def _date(self, packet: bytes, milliseconds: int, received: float) -> tuple[Outcome, int | None]:
-        """The packet's time [ms]; None where it cannot be told, and why."""
+        """The packet's time [ms], None where it is unknown; and the outcome that applies then."""
         minutes = int.from_bytes(packet[63:67], "little", signed=True) if packet[62] == 0 else 0
         said = minutes * MINUTE + milliseconds if minutes >= MINUTES_SET else None
         if self._clock is None:
@@ -261,7 +261,7 @@ class Decoder:
         return Outcome.MINUTE_DOUBTED, said if self._believed((said - nearest) // MINUTE) else None
 
     def _believed(self, off: int) -> bool:
-        """Whether to believe a status channel 0 that says a minute `off` from where it should be."""
+        """Whether to accept a status channel 0 whose minute differs from the expected one by `off`."""
         believed = self._minute.believe(off)
         if believed and off != 0:
             self._arrivals, self._channels = Arrivals(MIN_EARLINESS, MAX_JUMP), StatusChannels()
@@ -297,7 +297,7 @@ class Decoder:
 
 
 def _field(value: float, scale: float) -> bytes:
-    """24-bit field: NaN is sent as invalid, what does not fit saturates."""
+    """24-bit field: NaN is sent as invalid, a value out of range saturates."""
     count = value / scale
     if not -MAX_RAW <= count <= MAX_RAW:
         if math.isnan(count):
@@ -309,8 +309,8 @@ def _field(value: float, scale: float) -> bytes:
 def pack(fix: Fix, channel: int, payload: bytes) -> bytes:
     """Return the 72 bytes a unit sends for `fix`, with 8 bytes `payload` of status channel `channel`.
 
-    What a fix does not hold (lateral and vertical acceleration, roll and pitch rate) is sent as invalid. `fix.time`
-    must be finite; `time_received` and the qualities that travel in status channels are not read.
+    Quantities that a fix does not have (lateral and vertical acceleration, roll and pitch rate) are sent as invalid.
+    `fix.time` must be finite; `time_received` and what status channels carry (quality, sigmas, ages) are not read.
     """
     nothing = b"\x00\x00\x80"
     first = (
@@ -341,7 +341,7 @@ def pack(fix: Fix, channel: int, payload: bytes) -> bytes:
 
 
 def _accuracy(sigma: float, scale: float) -> bytes:
-    """Payload of channels 3, 4 and 5, the same in all three axes; not known is sent with an age that means stale."""
+    """Payload of channels 3, 4 and 5, the same in all axes; an unknown accuracy is sent with the age of a stale one."""
     if math.isnan(sigma):
         return _ACCURACY.pack(0, 0, 0, 0xFF, 0xFF)
     raw = round(min(sigma / scale, 0xFFFF))
@@ -358,7 +358,7 @@ def _differential(fix: Fix) -> bytes:
     return _DIFFERENTIAL.pack(-1 if math.isnan(age) else round(min(age * 100.0, 0x7FFF)), b"VVE0")
 
 
-#: Status channels in the order sent, with what writes each from a fix.
+#: Status channels in the order sent, each with the function that writes it from a fix.
 WRITERS: Final[tuple[tuple[int, Callable[[Fix], bytes]], ...]] = (
     (0, _mode),
     (3, lambda fix: _accuracy(fix.position_sigma, 1e-3)),

@@ -1,8 +1,8 @@
-"""NMEA 0183 sentences to fixes.
+"""Decodes NMEA 0183 sentences into fixes.
 
 Knows sentences, checksums and how receivers send them; must not know whether a fix is good enough to drive on
-(trust.py) or where the bytes come from. NMEA says less than NCOM: what only differences can give is differenced here,
-what nobody says is declared by the rig or stays NaN.
+(trust.py) or where the bytes come from. NMEA carries less than NCOM: yaw rate and acceleration are differenced here,
+the accuracies that NMEA lacks are declared by the rig or stay NaN.
 """
 
 from __future__ import annotations
@@ -28,36 +28,36 @@ GPS_MINUS_UTC: Final = 18_000  #: leap seconds since 2017-01-01 (IERS Bulletin C
 GPS_EPOCH: Final = datetime.date(1980, 1, 6)
 DAY: Final = 86_400_000  #: [ms]
 SENTENCE: Final = re.compile(rb"\$([^$*\r\n]{1,250})\*([0-9A-Fa-f]{2})")
-BEGUN: Final = re.compile(rb"\$[^$*\r\n]{0,250}(?:\*[0-9A-Fa-f]?)?")  #: what may become a sentence yet
-SLOW_LIFETIME: Final = 2_500  #: accuracies are often sent once a second; one may be lost [ms]
-MIN_EARLINESS: Final = 0.01  #: an epoch earlier than the fastest by less is as fast [s]; many say hundredths
-MAX_JUMP: Final = 1.5  #: from epoch to epoch of one arrival, as a file is [s]
-DATED: Final = 2_000  #: a date counts whose time of day is so near to the epoch's [ms]
-MAX_PERIOD_SHARE: Final = 0.7  #: of a period; a later sentence without a time is not of the open epoch any more
-RATE_WINDOW: Final = 100  #: over which yaw rate and acceleration are differenced [ms]
-RATE_GAP: Final = 500  #: fixes further apart give no rate [ms]
+BEGUN: Final = re.compile(rb"\$[^$*\r\n]{0,250}(?:\*[0-9A-Fa-f]?)?")  #: the beginning of a sentence
+SLOW_LIFETIME: Final = 2_500  #: older accuracies (GST) are dropped; often sent once a second, one may be lost [ms]
+MIN_EARLINESS: Final = 0.01  #: smaller leads over the fastest epoch are ignored [s]; many receivers send hundredths
+MAX_JUMP: Final = 1.5  #: between epochs of the same arrival time, as in a file [s]
+DATED: Final = 2_000  #: a date counts only if its time of day is this close to that of the epoch [ms]
+MAX_PERIOD_SHARE: Final = 0.7  #: of a period; a sentence without a time that comes later is not of the open epoch
+RATE_WINDOW: Final = 100  #: time over which yaw rate and acceleration are differenced [ms]
+RATE_GAP: Final = 500  #: fixes further apart give no yaw rate and acceleration [ms]
 COURSE_LOST: Final = 0.2  #: receivers leave the course empty when slower than about this [m/s]
 KNOT: Final = 1852.0 / 3600.0  #: [m/s]
 
-#: GGA's quality; military PPS, estimated and others are unknown
+#: Fix quality by the quality indicator of GGA; military PPS, estimated and others are unknown.
 QUALITIES: Final = {1: FixQuality.SINGLE, 2: FixQuality.DIFFERENTIAL, 4: FixQuality.RTK_FIXED, 5: FixQuality.RTK_FLOAT}
 NEW: Final = frozenset({Judged.NEWER, Judged.CHANGED})
 NOT_MEASURED: Final = frozenset("NESM")  #: mode indicators: not valid, estimated, simulated, manual
 
 
 class Outcome(enum.StrEnum):
-    """What became of a sentence (first five) or of an epoch, which is all sentences of one time (the rest)."""
+    """Outcome of a sentence (first five) or of an epoch (the rest), which is all sentences of one time of day."""
 
     READ = "read"
-    OTHER = "other_sentence"  #: a kind that is not read
+    OTHER = "other_sentence"  #: a sentence type that is not read
     WRONG_CHECKSUM = "wrong_checksum"
-    MALFORMED = "malformed"  #: its checksum is right, its fields are not
-    STRAY = "stray"  #: its epoch is not open: already complete, over, not begun, or dated ahead of what arrivals allow
+    MALFORMED = "malformed"  #: right checksum, wrong fields
+    STRAY = "stray"  #: its epoch is not open: complete, over, not begun, or ahead of what arrivals allow
     FIX = "fix"
-    INCOMPLETE = "incomplete"  #: another epoch began before position, heading and velocity were there
+    INCOMPLETE = "incomplete"  #: the next epoch began before position, heading and velocity had come
     DATE_UNKNOWN = "date_unknown"  #: no RMC or ZDA yet
     NOT_INCREASING = "time_not_increasing"
-    NO_POSITION = "no_position"  #: the receiver has none
+    NO_POSITION = "no_position"  #: the receiver has no position
 
 
 class _Position(NamedTuple):
@@ -88,7 +88,7 @@ class _Past(NamedTuple):
 
 @dataclass(slots=True)
 class _Epoch:
-    """The sentences of one time of day, as far as they came."""
+    """The sentences of one time of day that have arrived so far."""
 
     time_of_day: int  #: UTC [ms]
     received: float
@@ -100,7 +100,7 @@ class _Epoch:
 
 
 def _number(value: Any) -> float:
-    """A field as a number; empty, not a number and infinite are NaN (pynmea2 leaves what it cannot read as text)."""
+    """A field as a number; NaN for empty, infinite or no number (pynmea2 leaves what it cannot read as text)."""
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -113,7 +113,7 @@ def _from_compass(degrees: float) -> float:
 
 
 def _nearest(step: int) -> int:
-    """A difference of times of day, the shorter way round [ms]."""
+    """A difference of times of day, wrapped to half a day either way [ms]."""
     return (step + DAY // 2) % DAY - DAY // 2
 
 
@@ -168,23 +168,24 @@ def _motion_of_rmc(sentence: Any) -> _Motion:
 class Decoder:
     """Turns a byte stream, however it is cut, into fixes; never raises on any bytes.
 
-    A fix is complete with GGA (position), HDT or PASHR (heading; PASHR also says pitch, roll and the heading's
-    accuracy, and is waited for where the epoch before had one) and VTG or RMC (velocity), and is emitted at once. GST
-    (accuracy) and the date (ZDA or RMC) may come less often, the date once before the first fix. Only sentences with a
-    right checksum count. Emitted times are strictly increasing, except where the day was set back; a receiver whose
+    A fix is complete with GGA (position), HDT or PASHR (heading) and VTG or RMC (velocity), and is emitted at once.
+    PASHR also carries pitch, roll and the heading's accuracy; a fix waits for it where the epoch before had one. GST
+    (accuracy) and the date (ZDA or RMC) may come less often, the date once before the first fix. Sentences with a wrong
+    checksum are ignored. Emitted times are strictly increasing, except where the day was set back; a receiver whose
     clock goes back by less needs a new decoder. A time of day ahead of what arrivals allow (`arrivals.Arrivals`) and a
-    date on another day than the one known count for nothing until a run of them lasts (`arrivals.Repeated`).
+    date of another day than the known one (`arrivals.Repeated`) are ignored until a run of them lasts.
 
     HDT and VTG carry no time. They belong to the epoch that the last sentence with a new time opened (GGA, RMC, PASHR
-    or GST), if they arrive within `MAX_PERIOD_SHARE` of a period: so the receiver must send one of those first. One
-    that sends HDT first gives no fix at all rather than headings of the wrong epoch; `counts` then shows INCOMPLETE
-    and STRAY.
+    or GST), if they arrive within `MAX_PERIOD_SHARE` of a period. The receiver must therefore send one of those first.
+    A receiver that sends HDT first gives no fix at all, rather than headings of the wrong epoch; `counts` then shows
+    INCOMPLETE and STRAY.
 
-    What NMEA does not say: yaw rate and acceleration are differences of heading and of speed along it over the last
-    `RATE_WINDOW` (late by half of it, and blind where both are wrong together), NaN for the first fix and after a gap,
-    which the trust gate refuses; gravity's share of the acceleration is added where the pitch is known. The accuracies
-    of velocity and heading are those that the rig declares (1 sigma, [m/s] and [rad]; not declared is NaN and refused);
-    a heading accuracy said by PASHR counts where it is worse. Altitude is above mean sea level.
+    Yaw rate and acceleration, which NMEA lacks, are differences of heading and of the speed along it over the last
+    `RATE_WINDOW`. They are late by half of it, cannot show an error that both fixes share, and are NaN, which the trust
+    gate refuses, for the first fix and after a gap. Gravity's share of the acceleration is added where the pitch is
+    known. The rig declares the accuracies of velocity and heading (1 sigma, [m/s] and [rad]); without a value they are
+    NaN, which the trust gate refuses. A heading accuracy from PASHR counts where it is worse or none is declared.
+    Altitude is above mean sea level.
     """
 
     def __init__(self, *, velocity_sigma: float = math.nan, heading_sigma: float = math.nan) -> None:
@@ -196,10 +197,10 @@ class Decoder:
         self._arrivals = Arrivals(MIN_EARLINESS, MAX_JUMP)
         self._begun = 0  #: time of day of the epoch, counted on beyond midnight [ms]
         self._day = Repeated()
-        self._period = 0.0  #: from epoch to epoch [s]
+        self._period = 0.0  #: between the last two epochs [s]
         self._await_pashr = False
-        self._dated: int | None = None  #: a UTC time that is known with its date [ms since 1980-01-06]
-        self._located = False  #: the newest GGA had a position; the dates of a receiver without are its own guess
+        self._dated: int | None = None  #: the last UTC time whose date is known [ms since 1980-01-06]
+        self._located = False  #: whether the newest GGA had a position; without one a receiver only guesses the date
         self._emitted = 0  #: time of the newest fix [ms GPS]
         self._accuracy = (-DAY, math.nan)  #: time of day [ms] and 1 sigma [m] of the last GST
         self._past: deque[_Past] = deque()
@@ -244,18 +245,18 @@ class Decoder:
             return Outcome.WRONG_CHECKSUM
         head = body.split(b",", 1)[0]
         reader = self._readers.get(head if head.startswith(b"P") else head[2:])
-        if reader is None or (head == b"PASHR" and not body[6:7].isdigit()):  # Ashtech's own ones have a name there
+        if reader is None or (head == b"PASHR" and not body[6:7].isdigit()):  # Ashtech's own have a name there
             return Outcome.OTHER
         try:
             sentence = pynmea2.parse(f"${body.decode('ascii')}*{checksum:02X}", check=True)
             return Outcome.READ if reader(sentence, received) else Outcome.STRAY
         except (ValueError, LookupError, AttributeError, TypeError, OverflowError):
-            return Outcome.MALFORMED  # pynmea2 raises any of these for one or another wrong field
+            return Outcome.MALFORMED  # pynmea2 raises any of these for a wrong field
 
     # --- epochs ---------------------------------------------------------------------------------------------------
 
     def _enter(self, time_of_day: int, received: float) -> _Epoch | None:
-        """The epoch of a sentence with a time, begun if it is a new one; None if it is over."""
+        """The epoch of a sentence with a time, begun if it is new; None if it is over or not plausible."""
         epoch = self._epoch
         step = _nearest(time_of_day - epoch.time_of_day) if epoch is not None else time_of_day
         if epoch is not None and step <= 0:
@@ -277,7 +278,7 @@ class Decoder:
             return None
         return epoch
 
-    # --- sentences: each says whether it found its epoch ----------------------------------------------------------
+    # --- sentences: each returns whether its epoch was open ----------------------------------------------------------
 
     def _read_gga(self, sentence: Any, received: float) -> bool:
         time_of_day, position = _time_of_day(sentence), _position(sentence)
@@ -313,7 +314,7 @@ class Decoder:
         time_of_day, attitude = _time_of_day(sentence), _attitude(sentence)
         epoch = self._enter(time_of_day, received)
         if self._epoch is not None and self._epoch.time_of_day == time_of_day:
-            self._epoch.has_pashr = True  # even where it came too late: the next epoch shall wait for its own
+            self._epoch.has_pashr = True  # even if it came too late: the next epoch must wait for its PASHR
         if epoch is not None:
             epoch.attitude = attitude
         return epoch is not None
@@ -347,7 +348,7 @@ class Decoder:
         self._dated = said
 
     def _completed(self, received: float) -> Fix | None:
-        """The fix of the open epoch if all of it is there; closes the epoch."""
+        """The fix of the open epoch if its sentences are complete, which closes the epoch."""
         epoch = self._epoch
         if epoch is None or not epoch.open or epoch.position is None or epoch.attitude is None or epoch.motion is None:
             return None
@@ -361,7 +362,7 @@ class Decoder:
     ) -> tuple[Outcome, Fix | None]:
         if self._dated is None:
             return Outcome.DATE_UNKNOWN, None
-        # The day that puts it nearest to the last time known with its date: midnight needs no sentence of its own.
+        # The day nearest to the last time with a known date, so that midnight needs no new date sentence.
         self._dated += _nearest(epoch.time_of_day - self._dated)
         clock = self._dated + GPS_MINUS_UTC
         if clock <= self._emitted:
@@ -394,7 +395,7 @@ class Decoder:
             velocity_down=math.nan,
             yaw_rate=yaw_rate,
             acceleration=acceleration + (0.0 if math.isnan(attitude.pitch) else GRAVITY * math.sin(attitude.pitch)),
-            # NMEA has no navigation status: a receiver that says one of these qualities is in real time.
+            # NMEA has no navigation status: a receiver that sends a known quality counts as being in real time.
             locked=quality is not FixQuality.UNKNOWN,
             quality=quality,
             position_sigma=position_sigma if (time_of_day - heard) % DAY <= SLOW_LIFETIME else math.nan,
@@ -404,7 +405,7 @@ class Decoder:
         )
 
     def _rates(self, now: _Past) -> tuple[float, float]:
-        """Yaw rate and acceleration since the oldest fix of the window, at least the one before."""
+        """Yaw rate and acceleration since the oldest fix of the window, which holds at least the previous fix."""
         past = self._past
         if past and now.clock - past[-1].clock > RATE_GAP:
             past.clear()
@@ -419,7 +420,7 @@ class Decoder:
 
 
 def _worse(declared: float, said: float) -> float:
-    """The larger accuracy; one that is not there does not count."""
+    """The larger sigma; a NaN is ignored."""
     if math.isnan(declared):
         return said
     return declared if math.isnan(said) else max(declared, said)

@@ -1,8 +1,8 @@
-"""OXTS CAN output to fixes and back.
+"""Decodes the CAN output of OXTS units into fixes and encodes fixes as such frames.
 
 Knows the unit's default CAN map; must not know buses, trust or maps. Identifiers and scales as in the RT3000 and RT3003
-manuals (tables "CAN bus messages"), little endian; the status channels are those of NCOM. Coarser than NCOM: 1.1 cm,
-0.01 deg, 1 cm/s.
+manuals (tables "CAN bus messages"), little endian; the status channels are those of NCOM. The resolution is coarser
+than that of NCOM: 1.1 cm, 0.01 deg, 1 cm/s.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from vve_sumo.values import Fix, Frame
 POSITION: Final = 0x601  #: latitude, longitude [1e-7 deg]
 ALTITUDE: Final = 0x602  #: [mm], above mean sea level unless configured otherwise
 VELOCITY: Final = 0x603  #: north, east, down, horizontal [cm/s]
-ACCELERATION: Final = 0x605  #: of the vehicle's axes: forward, right, down, gravity's share included [cm/s2]
-ACCELERATION_LEVEL: Final = 0x606  #: as 0x605 in the horizontal plane, without gravity's share
+ACCELERATION: Final = 0x605  #: along the vehicle's axes: forward, right, down, gravity's share included [cm/s2]
+ACCELERATION_LEVEL: Final = 0x606  #: as 0x605, but in the horizontal plane and without gravity's share
 ATTITUDE: Final = 0x607  #: heading, pitch, roll [0.01 deg]
 RATE: Final = 0x608  #: about the vehicle's axes [0.01 deg/s]
 RATE_LEVEL: Final = 0x609  #: about the horizontal plane's axes
 TIME: Final = 0x630  #: milliseconds since 1980-01-06, 48 bits, then the UTC offset
 STATUS: Final = 0x500  #: plus the number of an NCOM status channel, the same 8 bytes
-#: those of the default map, read or not, and one for each status channel
+#: all of the default map, whether read or not, and one for each status channel
 IDENTIFIERS: Final = frozenset(range(0x500, 0x640))
 
 LAYOUTS: Final = {
@@ -43,29 +43,27 @@ LAYOUTS: Final = {
 }
 RANGES: Final = {"h": (-0x7FFF, 0x7FFF), "H": (0, 0xFFFF), "i": (-0x7FFFFFFF, 0x7FFFFFFF)}
 TIME_BYTES: Final = 7
-TIME_SET: Final = 60_000_000  #: an earlier time means that the unit does not know it [ms]; as NCOM's first 1000 minutes
+TIME_SET: Final = 60_000_000  #: an earlier time means an unknown time [ms]; as NCOM's first 1000 minutes
 TIME_LIMIT: Final = 1 << 43  #: year 2258 [ms]
-MAX_CYCLE_GAP: Final = 1_000  #: cycles further apart start anew [ms]
-BACK: Final = (
-    3  #: time frames in a row that are not newer say that the unit's clock went back, and anew is what follows
-)
-MIN_EARLINESS: Final = 0.002  #: a time frame earlier than the fastest by less is as fast [s]; it has 1 ms
-MAX_JUMP: Final = 1.0  #: from cycle to cycle of one arrival, as a file is [s]
-LOCKING: Final = 12_000  #: a second of initialising and ten of catching up, and a little [ms]
+MAX_CYCLE_GAP: Final = 1_000  #: after a longer gap the wait for `LOCKING` restarts [ms]
+BACK: Final = 3  #: so many consecutive time frames that are not newer restart the wait for `LOCKING`
+MIN_EARLINESS: Final = 0.002  #: smaller leads over the fastest time frame are ignored [s]; it has 1 ms
+MAX_JUMP: Final = 1.0  #: between cycles of the same arrival time, as in a file [s]
+LOCKING: Final = 12_000  #: 1 s of initialising, 10 s of catching up and a reserve [ms]
 UTC_OFFSET: Final = -18  #: leap seconds since 2017-01-01 [s]
 
 
 class Outcome(enum.StrEnum):
-    """What became of one frame on an identifier of the map."""
+    """Outcome of one frame with an identifier that is read."""
 
     PART = "part"  #: taken into the open cycle
     STATUS = "status"
     WRONG_LENGTH = "wrong_length"
-    FIX = "fix"  #: a time frame that closed a cycle with a fix; the rest are time frames that did not
+    FIX = "fix"  #: a time frame that closed a cycle with a fix; all below are time frames without a fix
     INCOMPLETE = "incomplete"  #: no position in the cycle
-    TIME_LOST = "time_lost"  #: the time frame before is missing, so parts may be of an older cycle
+    TIME_LOST = "time_lost"  #: the previous time frame is missing, so parts may be of an older cycle
     NO_POSITION = "no_position"  #: out of range
-    NO_TIME = "no_time"  #: the unit does not know it
+    NO_TIME = "no_time"  #: the unit does not know the time
     AHEAD = "dated_ahead"  #: the time is ahead of what arrivals so far allow
     NOT_INCREASING = "time_not_increasing"
 
@@ -73,30 +71,30 @@ class Outcome(enum.StrEnum):
 class Decoder:
     """Turns frames into fixes; never raises on any frames.
 
-    A cycle is what came since the last time frame (0x630, the highest identifier that is read, so arbitration puts it
-    last) up to the next, and gives one fix. What did not come in its own cycle is NaN, and without a position there is
-    no fix. Cycles can only mix where a time frame was lost, and then the time makes more than one step (the least step
-    seen): such a cycle is dropped. Acceleration and yaw rate are taken along the vehicle's axes, or from the level
-    frames where only those are sent.
+    A cycle is all frames after one time frame (0x630, the highest identifier that is read, so arbitration puts it last)
+    up to the next, and gives one fix. A quantity whose frame is missing in the cycle is NaN; without a position there
+    is no fix. Cycles can only mix where a time frame was lost. The time then advances by more than one step (the least
+    step seen), and the cycle is dropped. Acceleration and yaw rate are taken along the vehicle's axes, or from the
+    level frames where only those are sent.
 
-    A time that is dated ahead of what arrivals allow (`arrivals.Arrivals`) closes no cycle and counts for nothing until
-    a run of them lasts; one that is not newer counts for nothing, but `BACK` of them in a row start the unit anew.
+    A time ahead of what arrivals allow (`arrivals.Arrivals`) is ignored and closes no cycle, until a run of them lasts.
+    A time that is not newer gives no fix; after `BACK` of them in a row the wait for `LOCKING` restarts.
 
-    The map has no navigation status. A unit that is locking sends the past, catching up for ten seconds, and nothing in
-    its frames tells; so a fix is locked once cycles have come without a break for `LOCKING`.
+    The map has no navigation status. A unit that is locking sends past data for ten seconds while it catches up, and no
+    frame shows this. A fix therefore counts as locked only after cycles have come without a break for `LOCKING`.
     """
 
     def __init__(self) -> None:
         self.counts: dict[Outcome, int] = dict.fromkeys(Outcome, 0)
-        self.discarded = 0  #: frames of no identifier that is read
+        self.discarded = 0  #: frames with an identifier that is not read
         self._cycle: dict[int, tuple[int, ...]] = {}
-        self._status: dict[int, bytes] = {}  #: channels of the open cycle
+        self._status: dict[int, bytes] = {}  #: status channels of the open cycle
         self._channels = StatusChannels()
         self._arrivals = Arrivals(MIN_EARLINESS, MAX_JUMP)
         self._clock = 0  #: of the newest time frame [ms since 1980-01-06 GPS]
-        self._behind = 0  #: time frames since then that were not newer
+        self._behind = 0  #: time frames since then that are not newer
         self._period = MAX_CYCLE_GAP  #: least step of the time so far [ms]
-        self._since = 0  #: first time frame without a break up to now [ms]
+        self._since = 0  #: first time frame of the unbroken series up to now [ms]
         self._emitted = 0  #: time of the newest fix [ms]
 
     def feed_frames(self, frames: Iterable[Frame], time_received: float) -> list[Fix]:
@@ -198,7 +196,7 @@ class Decoder:
 
 
 def _scaled(raw: tuple[int, ...] | None, scale: float) -> tuple[float, float, float]:
-    """Three fields in SI; NaN where the frame did not come, and for the lowest number, which no measurement reaches."""
+    """Three fields in SI units; NaN where the frame is missing, and for the lowest number, never measured."""
     if raw is None:
         return math.nan, math.nan, math.nan
     first, second, third = (math.nan if one == -0x8000 else one * scale for one in raw[:3])
@@ -206,14 +204,14 @@ def _scaled(raw: tuple[int, ...] | None, scale: float) -> tuple[float, float, fl
 
 
 def _acceleration(cycle: dict[int, tuple[int, ...]], pitch: float) -> float:
-    """Along the car's forward axis with gravity's share, which the level frame lacks [m/s2]."""
+    """Acceleration along the car's forward axis with gravity's share, which the level frame lacks [m/s2]."""
     if ACCELERATION in cycle:
         return _scaled(cycle[ACCELERATION], 0.01)[0]
     return _scaled(cycle.get(ACCELERATION_LEVEL), 0.01)[0] + GRAVITY * math.sin(pitch)
 
 
 def _pack(identifier: int, scale: float, *values: float) -> tuple[Frame, ...]:
-    """The frame of `values`; none where one of them is not known, saturated where one does not fit."""
+    """The frame of `values`; none where one of them is not known; values out of range saturate."""
     if not all(math.isfinite(value) for value in values):
         return ()
     layout = LAYOUTS[identifier]
@@ -229,7 +227,7 @@ class Encoder:
         self._turn = 0
 
     def encode(self, fix: Fix) -> tuple[Frame, ...]:
-        """Return the frames of one cycle; frames of what `fix` does not know are left out. `fix.time` is finite."""
+        """Return the frames of one cycle, without those whose values `fix` lacks. `fix.time` must be finite."""
         channel, write = WRITERS[self._turn]
         self._turn = (self._turn + 1) % len(WRITERS)
         hundredth = math.radians(0.01)

@@ -1,9 +1,9 @@
-"""The predictor: trusted rear-axle poses, noisy and late, to one smooth pose at the time it is needed for.
+"""Predicts one smooth rear-axle pose at a requested time from trusted poses, which are noisy and late.
 
-Knows how a car moves between fixes; must not know receivers, trust, maps or SUMO. Measured acceleration and yaw rate
-carry the state from fix to fix, position, speed and heading pull it back with fixed time constants (a complementary
-filter). So noise is averaged over the time constants while a true manoeuvre, which the inertial sensors see at once,
-hardly lags. Plain floats throughout: the same poses give the same bits.
+Knows how a car moves between fixes; must not know receivers, trust, maps or SUMO. A complementary filter integrates the
+measured acceleration and yaw rate from fix to fix and corrects the state towards measured position, speed and heading
+with fixed time constants. Noise is averaged over the time constants, while a real manoeuvre, which the inertial sensors
+measure at once, hardly lags. Plain floats throughout: the same poses give the same bits.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from vve_sumo.values import Point, Pose
 class Tuning:
     """Time constants and limits; the defaults suit RTK-GNSS with inertial sensors at 20 to 250 Hz."""
 
-    position: float = 0.3  #: pulls the position towards the measured one [s]
-    speed: float = 0.6  #: pulls the speeds towards the measured ones [s]
-    heading: float = 0.2  #: pulls the heading towards the measured one [s]
-    bias: float = 4.0  #: learns a constant error of the measured acceleration [s]
-    rates: float = 0.08  #: smooths the acceleration and yaw rate that a prediction extrapolates with [s]
-    grade: float = 0.5  #: smooths the grade [s]
-    innovation: float = 0.1  #: over which speed errors are averaged before they count as real [s]
+    position: float = 0.3  #: of the correction towards the measured position [s]
+    speed: float = 0.6  #: of the correction towards the measured speeds [s]
+    heading: float = 0.2  #: of the correction towards the measured heading [s]
+    bias: float = 4.0  #: of the estimate of the measured acceleration's bias [s]
+    rates: float = 0.08  #: of the smoothing of the acceleration and yaw rate that a prediction uses [s]
+    grade: float = 0.5  #: of the smoothing of the grade [s]
+    innovation: float = 0.1  #: over which speed errors, and motion signs at standstill, are averaged [s]
     innovation_limit: float = 0.06  #: averaged speed error that halves the speed's time constant [m/s]
-    rest_speed: float = 0.05  #: below it the car is said to stand [m/s]
+    rest_speed: float = 0.05  #: below it the car counts as standing [m/s]
     rest_time: float = 0.3  #: how long it must stand before its pose is held [s]
     rest_exit_speed: float = 0.08  #: averaged measured speed that ends the hold [m/s]
     rest_exit_distance: float = 0.05  #: averaged measured displacement that ends the hold [m]
     jump_limit: float = 1.0  #: a measured position further off starts the filter anew [m]
     gap_limit: float = 1.0  #: a longer time between poses starts the filter anew [s]
-    horizon: float = 1.0  #: nothing is extrapolated farther than this [s]
+    horizon: float = 1.0  #: maximum extrapolation time [s]
 
 
 def _finite(pose: Pose) -> bool:
@@ -42,7 +42,7 @@ def _finite(pose: Pose) -> bool:
 
 
 class Predictor:
-    """`update` with each trusted pose, ask `at` any time; `at` is None until the first pose.
+    """Filter that `update` feeds with each trusted pose; `at` predicts for any time, None until the first pose.
 
     A pose that is not finite or not newer than the last is ignored. After a gap or jump beyond the tuning's limits the
     filter starts anew from the measured pose. While the car stands, pose and heading are held and all rates are 0.
@@ -57,7 +57,7 @@ class Predictor:
     _acceleration: float  #: smoothed, for extrapolation
     _yaw_rate: float  #: smoothed, for extrapolation
     _grade: float
-    _direction: float  #: +1 forward, -1 reverse, 0 not moved since the filter started or the car stood
+    _direction: float  #: +1 forward, -1 reverse, 0 not moved since the filter started or a standstill ended
     _measured_acceleration: float  #: of the newest pose, for integration
     _measured_yaw_rate: float  #: of the newest pose, for integration
     _bias: float  #: of the measured acceleration [m/s2]
@@ -73,7 +73,7 @@ class Predictor:
         self._resting = False
 
     def update(self, pose: Pose) -> None:
-        """Take in the rear axle's pose; times must increase, their spacing may vary."""
+        """Feed the filter with a pose of the rear axle; times must increase, their spacing may vary."""
         tuning = self._tuning
         if not _finite(pose):
             return
@@ -98,8 +98,8 @@ class Predictor:
     def at(self, time: float) -> Pose | None:
         """Return the rear axle's pose at `time` [s of drive time] by constant acceleration and turn rate.
 
-        Braking ends at standstill, never in reverse. Beyond the horizon nobody knows where the car is: its pose is held
-        there, at rest.
+        Braking ends at standstill, never in reverse. Beyond the horizon the car's place is unknown: the pose at the
+        horizon is held, at rest.
         """
         if self._count == 0:
             return None
@@ -145,14 +145,14 @@ class Predictor:
         self._bias = self._innovation = self._still = self._direction = 0.0
 
     def _along(self, distance: float, lateral: float, turn: float) -> tuple[float, float]:
-        """Where an arc of `distance` and `turn`, shifted by `lateral`, leads; chord shortened to second order."""
+        """End of an arc of `distance` and `turn`, shifted by `lateral`; chord length to second order."""
         middle = self._heading + 0.5 * turn
         cosine, sine = math.cos(middle), math.sin(middle)
         chord = distance * (1.0 - turn * turn / 24.0)
         return self._x + chord * cosine - lateral * sine, self._y + chord * sine + lateral * cosine
 
     def _share(self, step: float, constant: float) -> float:
-        """How much of an error one step takes away; young filters average instead."""
+        """Share of an error that one step corrects; a filter that just started averages its poses instead."""
         return max(step / (constant + step), 1.0 / self._count)
 
     def _drive(self, pose: Pose, step: float) -> None:
@@ -174,7 +174,7 @@ class Predictor:
         self._heading = wrap_angle(self._heading + turn)
 
     def _keep_direction(self) -> None:
-        """A car that brakes does not bounce: the speed changes sign only after a rest."""
+        """Keep the sign of the speed until the car has come to rest, since a braking car does not reverse."""
         if self._speed * self._direction < 0.0:
             self._speed = 0.0
         elif abs(self._speed) > self._tuning.rest_exit_speed:
@@ -184,7 +184,7 @@ class Predictor:
         tuning = self._tuning
         error = pose.speed - self._speed
         self._innovation += (error - self._innovation) * step / (tuning.innovation + step)
-        # A speed error that outlasts the noise means that the acceleration misleads: believe the speed more.
+        # A speed error that outlasts the noise means a wrong acceleration: weight the measured speed more.
         surprise = self._innovation / tuning.innovation_limit
         correction = error * self._share(step, tuning.speed / (1.0 + surprise * surprise))
         self._speed += correction
@@ -202,7 +202,7 @@ class Predictor:
         self._grade += (pose.grade - self._grade) * self._share(step, tuning.grade)
 
     def _rest(self, pose: Pose, step: float) -> None:
-        """Hold the pose, and watch for averaged signs of motion."""
+        """Hold the pose until averaged speed or displacement shows motion."""
         tuning = self._tuning
         share = step / (tuning.innovation + step)
         self._rest_speed += (pose.speed - self._rest_speed) * share

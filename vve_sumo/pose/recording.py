@@ -1,10 +1,10 @@
-"""Recorded drives to fixes: CSV files of positions, and raw NCOM bytes.
+"""Reads recorded drives, CSV files of positions or raw NCOM bytes, as fixes.
 
 Knows files; must not know trust, maps or the drive that plays them. A CSV needs a header with `time_s`, `latitude_deg`,
 `longitude_deg`, `heading_deg` (compass, clockwise from true north) and `speed_mps` (along the heading, reversing
 negative), one row for each fix; `altitude_m` is optional, other columns are ignored. `time_s` is kept as the fix's
-time: GNSS seconds where the file has them, else the file's own. `ALSO_CALLED` lists other names that are understood, so
-that a table of `vve-sumo pose decode` can be played too.
+time: GNSS seconds where the file has them, else the file's own. `ALSO_CALLED` lists other accepted names, so that a
+table of `vve-sumo pose decode` can be played too.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ ALSO_CALLED: Final = {
 }
 VELOCITIES: Final = ("velocity_north_mps", "velocity_east_mps")
 RANGES: Final = {"latitude_deg": 90.0, "longitude_deg": 360.0, "heading_deg": 360.0, "speed_mps": 100.0}
-HEADING_HELD: Final = 1.5  #: below it a missing heading is the last one, for a course is noise there [m/s]
-RATE_WINDOW: Final = 0.3  #: over which acceleration and yaw rate are differenced, to keep noise down [s]
-TIMES_SENT: Final = (MINUTES_SET * MINUTE / 1000.0, 4e9)  #: what NCOM can say of a GNSS second
+HEADING_HELD: Final = 1.5  #: below it a missing heading is taken from the row before [m/s]; a course is noise there
+RATE_WINDOW: Final = 0.3  #: time over which acceleration and yaw rate are differenced, which limits noise [s]
+TIMES_SENT: Final = (MINUTES_SET * MINUTE / 1000.0, 4e9)  #: range of GNSS seconds that NCOM can carry
 
 
 def fixes(path: Path) -> Iterator[Fix]:
-    """Yield the fixes of a recorded drive: CSV where the file is named so, else raw NCOM bytes.
+    """Yield the fixes of a recorded drive: a file named .csv is read as CSV, any other as raw NCOM bytes.
 
     `time_received` is the time since the whole second of the first fix, as if each had arrived when it was made. Raises
     ConfigError naming file, line and column, or the byte count of a file without a single NCOM packet.
@@ -55,7 +55,7 @@ def _ncom_fixes(path: Path) -> Iterator[Fix]:
 
 
 def decode(path: Path, decoder: Decoder) -> Iterator[Fix]:
-    """Yield what `decoder` makes of a file of NCOM bytes, or of the same as hexadecimal text; arrival is taken as 0.
+    """Yield the fixes of a file of NCOM bytes, or of their hexadecimal text, from `decoder`; arrival is taken as 0.
 
     The bytes are fed a packet's length at a time, so `decoder.codes` are those of the fix that was yielded last.
 
@@ -69,15 +69,15 @@ def decode(path: Path, decoder: Decoder) -> Iterator[Fix]:
 
 
 def portions(path: Path) -> Iterator[tuple[float, bytes]]:
-    """Yield a recorded drive as NCOM bytes, in portions that complete a fix, with the second when each is due.
+    """Yield a recorded drive as portions of NCOM bytes that each complete a fix, with the time each is due [s].
 
-    Seconds count from the first fix, by the fixes' own times. Raises ConfigError as `fixes` does.
+    Times count from the first fix, by the fixes' own times. Raises ConfigError as `fixes` does.
     """
     return _csv_portions(path) if path.suffix.lower() == ".csv" else _ncom_portions(path)
 
 
 def _csv_portions(path: Path) -> Iterator[tuple[float, bytes]]:
-    """As a unit would have sent it. A file's own seconds are moved to where the unit's clock counts as set."""
+    """The drive as a unit would send it; a file's own seconds are moved to where a unit's clock counts as set."""
     encoder, first, moved = Encoder(), math.nan, 0.0
     for fix in _csv_fixes(path):
         if math.isnan(first):
@@ -112,7 +112,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _from_hex(data: bytes) -> bytes:
-    """The bytes that hexadecimal text stands for; anything else as it is (a raw packet opens with a non-ASCII byte)."""
+    """The bytes of hexadecimal text; anything else unchanged (a raw packet begins with a non-ASCII byte)."""
     if data[:2].lower() != SYNC.hex().encode():
         return data
     try:
@@ -146,7 +146,7 @@ def _csv_fixes(path: Path) -> Iterator[Fix]:
 
 
 def _names(path: Path, header: Sequence[str]) -> dict[str, str]:
-    """What each column that is read is called in a file; raises ConfigError where one is missing."""
+    """The name in the file of each column that is read; raises ConfigError where one is missing."""
     found = {}
     for name in COLUMNS:
         theirs = next((one for one in (name, *ALSO_CALLED[name]) if one in header), None)
@@ -161,7 +161,7 @@ def _names(path: Path, header: Sequence[str]) -> dict[str, str]:
 
 
 class _CsvDrive:
-    """Reads row after row, and remembers what the rates and a missing heading are made from."""
+    """Converts rows to fixes; keeps recent rows for yaw rate, acceleration and a missing heading."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -231,7 +231,7 @@ class _CsvDrive:
         return self._recent[-1].heading if held else math.nan
 
     def _rates(self, row: _Row) -> tuple[float, float]:
-        """Acceleration and yaw rate since the oldest row of the window; 0 where there is nothing to compare with."""
+        """Acceleration and yaw rate since the oldest row of the window; 0 where there is no earlier value."""
         recent = self._recent
         while len(recent) > 1 and recent[0].time < row.time - RATE_WINDOW:
             recent.popleft()

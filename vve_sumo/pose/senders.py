@@ -1,7 +1,7 @@
-"""Who speaks to the receiver's port: one sender, and what to say of every other.
+"""Accepts the datagrams of one sender on the pose port, and counts and reports those of all others.
 
-Knows addresses; must not know sockets, nor what a datagram says. UDP proves nothing: whoever is on the same segment can
-write the receiver's address on a datagram. This tells mistakes and careless strangers, not a determined one.
+Knows addresses; must not know sockets or the contents of a datagram. UDP does not authenticate: any host on the same
+segment can forge the receiver's address. This check finds misconfiguration and stray senders, not an attacker.
 """
 
 from __future__ import annotations
@@ -10,28 +10,28 @@ import ipaddress
 from collections import Counter
 from typing import Any, Final
 
-#: a fault stands for so long after the last datagram of another sender [s]
+#: a fault is reported for so long after the last datagram of another sender [s]
 STANDS: Final = 1.0
-#: other senders that are counted by name; a flood may come from as many as it likes
+#: other senders that are counted by name; limited because a flood may come from any number of them
 MAX_NAMED: Final = 8
 REST: Final = "others"
 
 
 class Senders:
-    """Lets one sender through: the first that speaks from `source`, by its address and port, for good.
+    """Accepts one sender for good: the first that sends from `source`, identified by address and port.
 
-    `source` is an IPv4 address; None lets the first program of this machine through (127.0.0.0/8). A receiver that
-    comes back from another port is another sender: nothing tells it from a second one.
+    `source` is an IPv4 address; None accepts the first program of this machine that sends (127.0.0.0/8). A receiver
+    that comes back from another port counts as another sender: it cannot be told from a second one.
     """
 
     def __init__(self, source: str | None) -> None:
         self._source = source
         self._first: tuple[str, int] | None = None
         self._refused: Counter[str] = Counter()
-        self._last: dict[str, float] = {}  # code to the moment of its last datagram [s]
+        self._last: dict[str, float] = {}  # reason code to the time of its last datagram [s]
 
     def accepts(self, now: float, sender: tuple[str, int]) -> bool:
-        """Whether to take a datagram of `sender`, address and port, that is read at monotonic second `now`."""
+        """Whether to accept a datagram of `sender` (address, port) that is read at monotonic time `now` [s]."""
         if sender == self._first:
             return True
         ours = self._is_ours(sender[0])
@@ -44,11 +44,11 @@ class Senders:
         return False
 
     def found(self, now: float) -> tuple[str, ...]:
-        """Return reason codes of the other senders that spoke lately."""
+        """Return reason codes of other senders whose last datagram is at most `STANDS` old at `now`."""
         return tuple(code for code, last in self._last.items() if now - last <= STANDS)
 
     def sender_report(self) -> dict[str, Any]:
-        """Return who is listened to and how many datagrams of whom were refused, as plain JSON."""
+        """Return the accepted sender and the number of refused datagrams of each other one, as plain JSON."""
         sender = None if self._first is None else f"{self._first[0]}:{self._first[1]}"
         return {"sender": sender, "refused": dict(self._refused)}
 

@@ -1,8 +1,8 @@
-"""Where pose bytes come from: UDP, TCP, a serial line, or a recording played in real time.
+"""Sources of pose bytes: UDP, TCP, a serial line, or a recording played in real time.
 
-Opens sockets and devices and knows when each portion arrived; must not know what the bytes mean. Whoever reads may be
-busy elsewhere (SUMO holds the interpreter while it steps): so arrivals are the kernel's own stamps where it gives them,
-and a portion read late is still told with the moment it came.
+Opens sockets and devices and knows when each portion arrived; must not know what the bytes mean. The reading thread may
+be blocked (SUMO holds the interpreter while it steps). Arrival times are therefore the kernel's stamps where it gives
+them, so that a portion read late still carries the time of its arrival.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from vve_sumo.pose.recording import portions
 from vve_sumo.pose.senders import Senders
 from vve_sumo.pose.stamps import Stamps
 
-PORTION: Final = 4096  #: the most bytes taken as one portion; no pose message is as long
-PORTIONS: Final = 256  #: the most portions taken at once, refused ones counted, so that a flood cannot hold the caller
-BYTES: Final = 16_384  #: no more is taken once there are so many, for the same reason: 2 s of NCOM at 100 Hz
-RECEIVE_BUFFER: Final = 1 << 20  #: asked of the kernel [bytes]; it grants less where its own limit is lower
+PORTION: Final = 4096  #: maximum bytes of one portion; no pose message is as long
+PORTIONS: Final = 256  #: maximum portions of one `receive`, refused ones included: a flood must not hold the caller
+BYTES: Final = 16_384  #: `receive` stops after so many bytes, for the same reason: 2 s of NCOM at 100 Hz
+RECEIVE_BUFFER: Final = 1 << 20  #: requested from the kernel [bytes], which grants less where its own limit is lower
 CONNECT_TIMEOUT: Final = 3.0  #: [s]
 SO_TIMESTAMPNS: Final = 35  #: Linux, asm-generic/socket.h
 STAMP: Final = struct.Struct("@qq")
@@ -53,33 +53,33 @@ REASONS: Final = {
 
 
 class Source(Protocol):
-    """Where pose bytes come from."""
+    """A source of pose bytes."""
 
     @property
     def lost(self) -> bool:
-        """Whether nothing will come any more: the peer closed, the device is gone, the recording is over."""
+        """Whether no more data will come: the peer closed, the device is gone, or the recording is over."""
 
     def fileno(self) -> int:
-        """Return what to wait on; once `lost` it must not be waited on, for a dead one is always ready."""
+        """Return the file descriptor to wait on; not once `lost`: it would always be ready."""
 
     def next_due(self) -> float:
-        """Return the monotonic second at which `receive` will have something without `fileno` saying so, or inf."""
+        """Return the monotonic time [s] at which `receive` has data without `fileno` becoming readable; or inf."""
 
     def receive(self) -> list[tuple[float, bytes]]:
-        """Return all portions that wait, each with the monotonic second of its arrival; never blocks, never raises."""
+        """Return waiting portions, each with its monotonic arrival time [s]; never blocks, never raises."""
 
     def found(self) -> tuple[str, ...]:
-        """Return reason codes of others that speak in the receiver's place now."""
+        """Return reason codes of other senders that use the receiver's port now."""
 
     def sender_report(self) -> dict[str, Any]:
-        """Return who is listened to and who was refused how often, as plain JSON; empty where nobody else can speak."""
+        """Return the accepted sender and the refused ones with their counts, as plain JSON; empty for a private line."""
 
     def close(self) -> None:
-        """Let go of the socket or device."""
+        """Close the socket or device."""
 
 
 class _Alone:
-    """A source that nobody else can speak to."""
+    """A source with a single possible sender."""
 
     def found(self) -> tuple[str, ...]:
         return ()
@@ -94,7 +94,7 @@ def _refused(where: str, what: str, error: OSError) -> RigError:
 
 
 class _Socket:
-    """A socket, read with the kernel's stamps; of datagrams, those of `senders`."""
+    """A socket, read with the kernel's stamps; of a datagram socket only what `senders` accepts."""
 
     def __init__(self, opened: socket.socket, senders: Senders | None = None) -> None:
         self._socket, self._senders = opened, senders
@@ -132,7 +132,7 @@ class _Socket:
                 emptied = True
                 break
             except OSError:
-                self.lost = self._senders is None  # of a datagram socket it is one's mishap, or the link is down
+                self.lost = self._senders is None  # a datagram socket survives a failed read
                 break
             if self._senders is None:
                 self.lost = not data
@@ -145,7 +145,7 @@ class _Socket:
 
 
 def _stamp(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """The kernel's stamp [s of its wall clock]; NaN where it gave none."""
+    """The kernel's stamp [s, wall clock]; NaN where there is none."""
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(data) == STAMP.size:
             seconds, nanoseconds = STAMP.unpack(data)
@@ -154,7 +154,7 @@ def _stamp(ancillary: list[tuple[int, int, bytes]]) -> float:
 
 
 class _Serial(_Alone):
-    """A serial line; the kernel stamps nothing here, so a portion arrives when it is read."""
+    """A serial line; the kernel gives no stamps, so the time of reading counts as arrival."""
 
     def __init__(self, opened: serial.Serial) -> None:
         self._serial = opened
@@ -181,13 +181,13 @@ class _Serial(_Alone):
 
 
 class _Playback(_Alone):
-    """A recording, each portion released when it is due, as if it arrived right then."""
+    """A recording; each portion is released when it is due, with that time as its arrival."""
 
     def __init__(self, path: Path, clock: Callable[[], float]) -> None:
         self._clock = clock
         self._waiting = deque(portions(path))
         self._start = clock()
-        self._silent = socket.socketpair()  # nothing is ever written to it: waiting on it is waiting in vain
+        self._silent = socket.socketpair()  # never written to, so that `fileno` never becomes readable
 
     @property
     def lost(self) -> bool:
@@ -212,10 +212,10 @@ class _Playback(_Alone):
 
 
 def open_udp(address: str, port: int, source: str | None = None, where: str = "pose") -> Source:
-    """Listen to datagrams for `address`, `port` (IPv4; 0.0.0.0 hears broadcasts) that `source` sends, and no other.
+    """Listen on `address`, `port` (IPv4; 0.0.0.0 receives broadcasts) to the datagrams of `source` only.
 
-    `source` is an IPv4 address, None whoever of this machine speaks first: see `Senders`. `where` names the rig's table
-    in errors. Raises RigError naming the key.
+    `source` is an IPv4 address; None is the first program of this machine that sends: see `Senders`. `where` names the
+    rig's table in errors. Raises RigError naming the key.
     """
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -234,7 +234,7 @@ def open_udp(address: str, port: int, source: str | None = None, where: str = "p
 
 
 def open_tcp(address: str, port: int, where: str = "pose") -> Source:
-    """Connect to a server of pose bytes; a connection that it closes is `lost`. Raises RigError naming the key."""
+    """Connect to a server of pose bytes; `lost` once the server closes. Raises RigError naming the key."""
     try:
         opened = socket.create_connection((address, port), CONNECT_TIMEOUT)
     except OSError as error:
@@ -248,7 +248,7 @@ def open_tcp(address: str, port: int, where: str = "pose") -> Source:
 
 
 def open_serial(device: str, baud: int, where: str = "pose") -> Source:
-    """Open a serial line, 8N1, for this process alone. Raises RigError naming the key."""
+    """Open a serial line, 8N1, exclusively for this process. Raises RigError naming the key."""
     try:
         opened = serial.Serial(device, baud, timeout=0, exclusive=True)
     except ValueError:
@@ -256,14 +256,14 @@ def open_serial(device: str, baud: int, where: str = "pose") -> Source:
     except OSError as error:
         raise _refused(f"{where}.device", device, error) from None
     with contextlib.suppress(OSError, ValueError, NotImplementedError):
-        opened.set_low_latency_mode(True)  # else USB converters hold bytes for up to 16 ms
+        opened.set_low_latency_mode(True)  # otherwise USB converters hold bytes back for up to 16 ms
     return _Serial(opened)
 
 
 def open_file(path: Path, clock: Callable[[], float] = time.monotonic) -> Source:
     """Play a recording (CSV, NCOM or its hexadecimal text) from now on by `clock`, as NCOM bytes.
 
-    Never a car: what arms on a recording drives blind, so its trust profile is `trust.PLAYBACK`. Raises ConfigError
+    A recording must never arm a car, which would drive blind: its trust profile is `trust.PLAYBACK`. Raises ConfigError
     naming the file, line and column.
     """
     return _Playback(path, clock)

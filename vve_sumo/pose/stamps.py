@@ -1,8 +1,8 @@
-"""The kernel's stamps, which are of the wall clock, as moments of the monotonic clock.
+"""Converts the kernel's wall-clock time stamps of received data to the monotonic clock.
 
-Knows two clocks; must not know sockets. The wall clock may be set or slewed at any instant, between a stamp and its
-reading, too. A stamp is believed only where the wall clock ran on evenly, look by look, from before it was given until
-after it was read; else the portion is said to come when it is read: later than it did, which is the safe side.
+Knows two clocks; must not know sockets. The wall clock may be set or slewed at any time, also between a stamp and its
+reading. A stamp is used only if the clock comparisons from before it was given until after it was read show that the
+wall clock ran evenly. Otherwise the time of reading is taken as arrival, which is too late and so on the safe side.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-WALL_STEP: Final = 0.002  #: a wall clock that moved by more against the monotonic one was set [s]
-WALL_SLEW: Final = 1e-3  #: beside what NTP slews it: 500 ppm, and as much again
+WALL_STEP: Final = 0.002  #: a wall clock that moved by more against the monotonic clock was set [s]
+WALL_SLEW: Final = 1e-3  #: allowed in addition for slewing [s/s]: twice the 500 ppm of NTP
 
 
 def wall_ahead() -> float:
-    """Wall clock minus monotonic clock [s]: the closest of three looks, for one may be interrupted."""
+    """Wall clock minus monotonic clock [s]: the tightest of three readings, since one may be interrupted."""
     looks = []
     for _ in range(3):
         before = time.monotonic()
@@ -27,21 +27,21 @@ def wall_ahead() -> float:
 
 
 class Stamps:
-    """Dates what is read from one queue; `begin` before it is read, `dated` after, every time, read or not."""
+    """Dates the data of one queue; call `begin` before and `dated` after every attempt to read, data or not."""
 
     def __init__(self, ahead: Callable[[], float] = wall_ahead, now: Callable[[], float] = time.monotonic) -> None:
         self._ahead, self._now = ahead, now
         self._last = self._look()
-        self._was_set = False  # the wall clock, since before the oldest stamp that can be in the queue
+        self._was_set = False  # whether the wall clock was set since before the oldest stamp in the queue
 
     def begin(self) -> None:
-        """Look at the clocks before reading."""
+        """Compare the clocks before reading."""
         self._was_set |= self._set_since_last()
 
     def dated(self, stamped: list[tuple[float, bytes]], emptied: bool) -> list[tuple[float, bytes]]:
-        """Return the portions with the moments they came; a stamp of NaN is none.
+        """Return the portions with their arrival times [s, monotonic]; a stamp of NaN counts as missing.
 
-        `emptied` says that nothing was left in the queue: what comes next was stamped after `begin`.
+        `emptied` says that the queue was read empty: all later data is stamped after this `begin`.
         """
         set_meanwhile = self._set_since_last()
         self._was_set |= set_meanwhile
@@ -56,7 +56,7 @@ class Stamps:
         return self._now(), ahead
 
     def _set_since_last(self) -> bool:
-        """Look at the clocks; whether the wall clock's distance is another than at the last look."""
+        """Compare the clocks; whether their difference has changed since the last comparison."""
         (then, before), self._last = self._last, self._look()
         now, ahead = self._last
         return not abs(ahead - before) <= WALL_STEP + WALL_SLEW * (now - then)

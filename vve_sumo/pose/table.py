@@ -1,9 +1,9 @@
-"""The table that `vve-sumo pose decode` writes: one row for each fix of an NCOM file, with the trust gate's verdict.
+"""Writes the table of `vve-sumo pose decode`: one row for each fix of an NCOM file, with the trust gate's verdict.
 
 Knows the decoder, the gate and text; must not know maps. A row is a packet with three right checksums, navigation
-status 2, 3 or 4, a known GNSS minute, a position that is one, and a time later than the row before. Packets of status
-1 and below (no time), 10 (status only), 11 (structure B) and 20 to 22 (triggers) give none, nor do those before the
-first status channel 0, which alone carries the minute.
+status 2, 3 or 4, a known GNSS minute, a valid position, and a time later than the row before. There is no row for
+packets of status 1 and below (no time), 10 (status only), 11 (structure B) and 20 to 22 (triggers), nor for packets
+before the first status channel 0, which alone carries the minute.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ COLUMNS: Final = (
 def rows(path: Path, decoder: Decoder | None = None) -> Iterator[dict[str, str]]:
     """Yield the rows of an NCOM file, texts by the names of `COLUMNS`.
 
-    `decoder` is used if given, so that its counts can be read afterwards. A fix is judged as old as if it had arrived
-    the moment it was made: a file does not say when it did. Raises ConfigError for a file without a packet.
+    `decoder` is used if given, so that its counts can be read afterwards. A file holds no arrival times, so the trust
+    gate judges each fix as if it had arrived when it was made. Raises ConfigError for a file without a packet.
     """
     gate: TrustGate | None = None
     epoch = 0.0
@@ -53,7 +53,7 @@ def rows(path: Path, decoder: Decoder | None = None) -> Iterator[dict[str, str]]
 
 
 def write_csv(path: Path, out: Path) -> Decoder:
-    """Write the rows of the NCOM file `path` to `out`; return the decoder, whose counts say what else was there."""
+    """Write the rows of the NCOM file `path` to `out`; return the decoder, whose counts show what gave no row."""
     decoder = Decoder()
     table = list(rows(path, decoder))
     if out.exists() and out.samefile(path):
@@ -70,7 +70,7 @@ def _text(value: float, digits: int) -> str:
 
 
 def _compass(heading: float) -> str:
-    """Degrees clockwise from north of a heading counter-clockwise from east [rad]; never 360 by rounding."""
+    """Compass heading [deg, clockwise from north, below 360] of a heading [rad, counter-clockwise from east]."""
     return "" if math.isnan(heading) else f"{round(90.0 - math.degrees(heading), 6) % 360.0:.6f}"
 
 

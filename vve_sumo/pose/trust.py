@@ -1,8 +1,8 @@
-"""The trust gate: is this one fix good enough, given the fixes before it?
+"""The trust gate: decides whether a fix is good enough to drive on, given the fixes before it.
 
-Knows fixes and nothing of the car, the map, the controller or the gateway. There is no way to override it: a fix is
-trusted when no reason speaks against it. Every comparison is written so that NaN fails it, except where NaN means that
-a receiver does not say what no drive needs: that is nothing to compare with.
+Knows fixes and nothing of the car, the map, the controller or the gateway. The gate cannot be overridden: a fix is
+trusted only if there is no reason against it. A NaN fails every check, except where it stands for a quantity that a
+receiver does not send and no drive needs: the comparison is then skipped.
 """
 
 from __future__ import annotations
@@ -90,15 +90,15 @@ class TrustProfile:
     settling: float  #: how long fixes must agree after a jump or gap [s]
 
     def __post_init__(self) -> None:
-        """Refuse a profile that would arm a car on fixes whose quality nobody judged."""
+        """Refuse a profile that would arm a car on fixes whose quality is not judged."""
         if self.may_arm and not self.live:
             raise ConfigError(f"trust profile {self.name}: one that does not judge live quality may never arm")
 
 
-#: A car may drive on it. 0.10 m and 100 ms are what the rest of the pipeline is built on (a setpoint lives 100 ms);
-#: 0.01 rad puts a point 10 m ahead 0.1 m off; 0.25 m is ten sigma of RTK noise and less than a lane margin, and heights
-#: are half as good. A gyroscope in a shaken car may be 0.1 rad/s off for a moment. An acceleration may go all at once,
-#: as it does where full brakes have brought the car to rest.
+#: A car may drive on this profile. The rest of the pipeline relies on 0.10 m and 100 ms (a setpoint lives 100 ms).
+#: 0.01 rad displaces a point 10 m ahead by 0.1 m. 0.25 m is ten sigma of RTK noise and less than a lane margin; heights
+#: are half as good. A gyroscope in a shaken car may be 0.1 rad/s off for a moment. An acceleration may vanish at once,
+#: as it does when full braking has brought the car to rest.
 DRIVE: Final = TrustProfile(
     name="drive",
     may_arm=True,
@@ -121,13 +121,13 @@ DRIVE: Final = TrustProfile(
     settling=0.5,
 )
 
-#: NMEA 0183: a car may drive on it, and it is the lower class. RTK-fixed (GGA), position accuracy (GST) and the age of
-#: corrections are demanded as of NCOM; accuracies of heading and velocity are what the rig declares (the decoder puts
-#: them in). Acceleration is differenced speed, free of gravity, so no pitch is needed. Slower: 10 fixes a second, one
-#: of which may be lost, and 50 ms on the wire; braking at 5 m/s2 that a prediction over 0.25 s knows nothing of makes
-#: it 0.16 m wrong. The yaw rate is differenced heading, late by 50 ms: a bend entered at 0.6 rad/s of yaw is 0.03 rad
-#: off it, and 0.01 rad are noise. In return a step of the heading shows by half: 0.16 rad is the least that is found.
-#: Noise of 0.08 rad makes 0.8 rad/s of a yaw rate that is differenced over 0.1 s.
+#: NMEA 0183: a car may drive on this profile, the weaker one. RTK-fixed (GGA), position accuracy (GST) and the age of
+#: corrections are required as of NCOM; the rig declares the accuracies of heading and velocity (the decoder sets them).
+#: Acceleration is differenced speed, free of gravity, so no pitch is needed. Time limits are wider: 10 fixes a second,
+#: one of which may be lost, and 50 ms of transmission; unpredicted braking at 5 m/s2 puts a prediction over 0.25 s
+#: 0.16 m off. The yaw rate is differenced heading, late by 50 ms: a bend entered at 0.6 rad/s of yaw gives an error of
+#: 0.03 rad, and noise adds 0.01 rad. A step of the heading shows only by half: 0.16 rad is the least that is found.
+#: Noise of 0.08 rad gives 0.8 rad/s in a yaw rate that is differenced over 0.1 s.
 NMEA: Final = replace(
     DRIVE,
     name="nmea",
@@ -139,7 +139,7 @@ NMEA: Final = replace(
     yaw_rate_jump_limit=0.8,
 )
 
-#: Recordings: no quality, no real time, as few as 2 fixes a second; never a car.
+#: Recordings: no quality, no real time, as few as 2 fixes a second; a car is never armed on them.
 PLAYBACK: Final = TrustProfile(
     name="playback",
     may_arm=False,
@@ -172,7 +172,7 @@ class Trust:
 
 
 def _of_the_fix(fix: Fix, profile: TrustProfile) -> list[str]:
-    """What speaks against the fix in itself."""
+    """Reasons against the fix from its own values alone."""
     reasons = []
     total = fix.time + fix.latitude + fix.longitude + fix.velocity_north + fix.velocity_east
     if not math.isfinite(total + fix.yaw_rate + fix.acceleration):
@@ -201,7 +201,7 @@ def _off_course(fix: Fix, profile: TrustProfile) -> bool:
 
 
 def _of_the_receiver(fix: Fix, profile: TrustProfile) -> list[str]:
-    """What the receiver itself says against the fix."""
+    """Reasons against the fix from the quality that the receiver reports."""
     reasons = []
     if profile.pitch_needed and not math.isfinite(fix.pitch):
         reasons.append("pitch_invalid")
@@ -234,7 +234,7 @@ def _off_the_velocity(last: Fix, fix: Fix) -> tuple[float, float]:
 def _off_the_yaw_rate(last: Fix, fix: Fix) -> float:
     """How far the newer heading lies from where the yaw rates lead [rad]; 0 where a heading is missing.
 
-    A missing heading is a reason by itself; here it is nothing to compare with.
+    `_of_the_fix` already gives a reason for a missing heading.
     """
     turned = fix.heading - last.heading - 0.5 * (fix.time - last.time) * (fix.yaw_rate + last.yaw_rate)
     return math.remainder(turned, math.tau) if math.isfinite(turned) else 0.0
@@ -243,7 +243,7 @@ def _off_the_yaw_rate(last: Fix, fix: Fix) -> float:
 def _off_the_climb(last: Fix, fix: Fix) -> float:
     """How far the newer altitude lies from where the vertical velocities lead [m].
 
-    Where a receiver does not say them, how far beyond what the steepest road explains.
+    Without vertical velocities, how far the change exceeds what the steepest road explains.
     """
     step, climbed = fix.time - last.time, fix.altitude - last.altitude
     down = fix.velocity_down + last.velocity_down
@@ -254,7 +254,7 @@ def _off_the_climb(last: Fix, fix: Fix) -> float:
 
 
 def _of_the_rest(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
-    """What the fix before speaks against this one in all but position, horizontal velocity and heading."""
+    """Reasons from the previous fix against altitude, vertical velocity, tilt, yaw rate and acceleration."""
     step = fix.time - last.time
     reasons = []
     faster = abs(fix.velocity_down - last.velocity_down)
@@ -275,7 +275,7 @@ def _of_the_rest(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
 
 
 def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
-    """What the fix before speaks against this one; both finite, `fix` the newer."""
+    """Reasons from the previous fix: gap, position, horizontal velocity, heading; both finite, `fix` the newer."""
     step = fix.time - last.time
     if step > profile.gap_limit:
         return ["gap"]
@@ -296,24 +296,24 @@ def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
     return reasons
 
 
-#: what has one of these is no fix of this car: it leaves no trace, and the next one is compared with the one before it
+#: a fix with one of these does not enter the history: the next fix is compared with the one before it
 _TRACELESS: Final = frozenset({"not_finite", "fix_from_future", "motion_absurd", "altitude_absurd", "tilt_absurd"})
 
-#: after one of these, fixes must agree among themselves for a while
+#: after one of these, fixes must agree among themselves for the profile's `settling`
 _UNSETTLING: Final = frozenset({"gap", "pose_jump", "pose_drift", "velocity_jump", "heading_jump", "heading_drift"})
 
 
-#: after one of these, what went apart is counted from zero
+#: after one of these, the drift is counted from zero
 _BREAKING: Final = frozenset({"gap", "pose_jump", "velocity_jump", "heading_jump"})
 
 
 class TrustGate:
     """Judges fixes one by one against their history.
 
-    `epoch` is the GNSS second of drive time 0. The history moves on with every fix that is finite, not absurd, newer
-    than the one before and not from the future, trusted or not; so a jump is one reason once, and then `settling`. A
-    jump of what is neither position, horizontal velocity nor heading costs its fix alone, for the history does not move
-    on: the next is compared with the one before it. Where that goes on, it is a gap like any other.
+    `epoch` is the GNSS second of drive time 0. Every fix that is finite, not absurd, newer than the one before and not
+    from the future enters the history, trusted or not; so a jump gives its reason once, and then `settling`. A fix with
+    a jump of altitude, vertical velocity, tilt, yaw rate or acceleration is refused alone and does not enter the
+    history: the next fix is compared with the one before it. If such jumps go on, they end as a gap.
     """
 
     def __init__(self, profile: TrustProfile, epoch: float) -> None:
@@ -367,7 +367,7 @@ class TrustGate:
         self._last = fix
         reasons = _of_the_step(last, fix, self._profile)
         if not _BREAKING.isdisjoint(reasons):
-            # What is before is nothing to compare with. Fixes that agree for `settling` fill the window again.
+            # Earlier fixes cannot be compared with. Fixes that agree for `settling` fill the window again.
             self._drifts.clear()
         else:
             reasons += self._drifting(last, fix)
@@ -378,7 +378,7 @@ class TrustGate:
         return reasons
 
     def _drifting(self, last: Fix, fix: Fix) -> list[str]:
-        """What went apart over the window by steps that are each too small to tell."""
+        """Reasons from a drift over the window whose single steps are each too small to detect."""
         north, east = _off_the_velocity(last, fix)
         north, east = north + self._drift[0], east + self._drift[1]
         turned = self._drift[2] + _off_the_yaw_rate(last, fix)

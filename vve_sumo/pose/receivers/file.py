@@ -1,4 +1,4 @@
-"""Recordings that are played as if a receiver sent them now; no car is armed on one."""
+"""Recordings played as if a receiver sent them now; a recording can arm no car."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What receivers share that speak NMEA 0183, over whichever wire."""
+"""Base of the receivers that send NMEA 0183, over any transport."""
 
 from __future__ import annotations
 

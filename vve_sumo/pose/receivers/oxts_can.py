@@ -1,6 +1,6 @@
 """Receivers of OXTS that send their default map of messages on a CAN bus of their own.
 
-Knows frames and no driver: who opens the receiver hands in how a bus is opened.
+Knows frames and no driver: the caller passes in the function that opens a bus.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class OxtsCan(ReceiverTable):
 
 
 class FrameSource:
-    """A receiver on a CAN bus as a source of portions, each a frame; arrivals are when they are read."""
+    """A receiver on a CAN bus as a source; each portion is a frame, which arrives when it is read."""
 
     def __init__(self, bus: FrameBus) -> None:
         number = bus.fileno()
@@ -63,15 +63,15 @@ class FrameSource:
         self.lost = False
 
     def fileno(self) -> int:
-        """Return what to wait on."""
+        """Return the file descriptor to wait on."""
         return self._number
 
     def next_due(self) -> float:
-        """Return inf: frames wake who waits."""
+        """Return inf: the file descriptor becomes readable with every frame."""
         return math.inf
 
     def receive(self) -> list[tuple[float, bytes]]:
-        """Return the frames that wait; a bus that is down gives none."""
+        """Return the waiting frames; none, and the source is `lost`, where the bus is down."""
         try:
             frames = self._bus.drain()
         except RigError:
@@ -89,18 +89,18 @@ class FrameSource:
         return {}
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Close the bus."""
         self._bus.close()
 
 
 class FrameDecoder:
-    """The decoder of what `FrameSource` gives."""
+    """Decodes the portions of `FrameSource`."""
 
     def __init__(self) -> None:
         self._decoder = oxts_can.Decoder()
 
     def feed(self, data: bytes, time_received: float) -> list[Fix]:
-        """Return the fixes that these frames complete; what is no whole frame is left out."""
+        """Return the fixes that these frames complete; an incomplete frame is ignored."""
         whole = len(data) - len(data) % FRAME.size
         frames = [Frame(number, payload[:size]) for number, size, payload in FRAME.iter_unpack(data[:whole])]
         return self._decoder.feed_frames(frames, time_received)

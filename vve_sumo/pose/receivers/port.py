@@ -1,7 +1,7 @@
-"""The port of receivers: what the program asks of a kind of receiver, and how a kind is found by its name.
+"""The port of receivers: the interface of a kind of receiver, and how a kind is found by its name.
 
-A kind is one class: the keys of `[pose]` that it has, where its bytes come from, what they mean, how strictly its fixes
-are judged, and what to look at where something is wrong. Nothing here names a brand but the table of shipped kinds.
+A kind is one class: its keys of `[pose]`, the source of its bytes, their decoder, the trust profile of its fixes, and
+hints for finding faults. Only the table of shipped kinds names brands.
 `tests/ports/receiver.py` tests any kind.
 """
 
@@ -30,28 +30,28 @@ PORT: Final = Port(
 
 
 class FixDecoder(Protocol):
-    """A decoder of pose bytes; it begins anew with each object, knows no clock and never raises on what it is fed."""
+    """A decoder of pose bytes; each object starts without state, knows no clock and never raises on any bytes."""
 
     def feed(self, data: bytes, time_received: float) -> list[Fix]:
         """Return the fixes that these bytes complete, stamped with `time_received` [s, the drive's clock].
 
-        However the stream is cut (a CAN frame never is), the same fixes come. Time and position of a fix are finite;
-        what the receiver does not say is NaN. The trust gate refuses a fix that is not newer than those before it.
+        The fixes do not depend on how the stream is cut (a CAN frame never is). Time and position of a fix are finite;
+        what the receiver does not send is NaN. The trust gate refuses a fix that is not newer than those before it.
         """
         ...
 
 
 class FrameBus(Protocol):
-    """A CAN bus as a receiver sees it."""
+    """The part of a CAN bus that a receiver uses."""
 
     def fileno(self) -> int | None:
-        """Return what becomes readable with a frame; None where the driver has nothing of the kind."""
+        """Return the file descriptor that becomes readable with a frame; None where the driver has none."""
 
     def drain(self) -> list[Frame]:
-        """Return the frames that wait, without waiting; raises RigError where the bus is down."""
+        """Return the waiting frames, without blocking; raises RigError where the bus is down."""
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Close the bus."""
 
 
 #: opens a CAN bus from interface, channel and bitrate [bit/s]; raises ConfigError or RigError
@@ -59,7 +59,7 @@ OpenBus = Callable[[str, str, int], FrameBus]
 
 
 class OnCan(NamedTuple):
-    """What a receiver occupies of a CAN bus."""
+    """The CAN bus of a receiver and the identifiers that it occupies there."""
 
     interface: str  #: python-can's
     channel: str  #: python-can's
@@ -68,26 +68,26 @@ class OnCan(NamedTuple):
 
 @runtime_checkable
 class Receiver(Protocol):
-    """What the program asks of a receiver, as configured."""
+    """A configured receiver, as the program uses it."""
 
     profile: ClassVar[TrustProfile]  #: how strictly its fixes are judged; one that is not `live` is a recording
-    silent_hint: ClassVar[str]  #: what to look at where nothing comes, in one line
-    not_fixed_hint: ClassVar[str]  #: what to look at where a fix is not RTK-fixed, in one line
+    silent_hint: ClassVar[str]  #: one line on what to check where no data comes
+    not_fixed_hint: ClassVar[str]  #: one line on what to check where a fix is not RTK-fixed
 
     def open(self, open_bus: OpenBus, /) -> Source:
         """Open the receiver; raises RigError or ConfigError naming the key of the rig. `open_bus` is for one on CAN."""
         ...
 
     def decoder(self) -> FixDecoder:
-        """Return a fresh decoder of what the source gives."""
+        """Return a new decoder for the data of the source."""
         ...
 
     def place(self) -> str:
-        """Return where the receiver is looked for, in few words."""
+        """Return the receiver's address or device, in few words."""
         ...
 
     def on_can(self) -> OnCan | None:
-        """Return what it occupies of a CAN bus; None for a receiver that is on none."""
+        """Return the CAN bus and identifiers it occupies; None for a receiver that is on none."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""What receivers share whose messages come as UDP datagrams."""
+"""Base of the receivers that send UDP datagrams."""
 
 from __future__ import annotations
 
