@@ -72,7 +72,7 @@ class Source(Protocol):
         """Return reason codes of other senders that use the receiver's port now."""
 
     def sender_report(self) -> dict[str, Any]:
-        """Return the accepted sender and the refused ones with their counts, as plain JSON; empty for a private line."""
+        """Return the accepted sender and the refused ones with counts, as plain JSON; empty for a private line."""
 
     def close(self) -> None:
         """Close the socket or device."""
