@@ -1,1 +1,1 @@
-"""The real lot: where the car may be, how it comes to rest, and how a path fits in."""
+"""The real lot: where the car may be, how it comes to rest there, and how a path is placed in it."""

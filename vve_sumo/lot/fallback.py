@@ -1,6 +1,6 @@
-"""The fallback path: which curvature brings the car from where it is back onto its path while it brakes.
+"""Computes the fallback path: the curvature that brings the car from its pose back onto its path while it brakes.
 
-A forward simulation of a rear axle that follows the path; knows no lot and no brakes, and asks nobody.
+A forward simulation of a rear axle that follows the path; knows neither the lot nor the brakes.
 """
 
 from __future__ import annotations
@@ -12,32 +12,32 @@ from vve_sumo.laws import clamp
 from vve_sumo.path import Path
 from vve_sumo.values import FallbackPath, Pose, Vehicle
 
-MAX_INTERVALS: Final = 31  #: between the knots of a way, at most
+MAX_INTERVALS: Final = 31  #: maximum number of intervals between knots
 MIN_KNOT_SPACING: Final = 0.25  #: between knots [m]
-DECELERATION: Final = 1.5  #: a way long enough for this one is long enough for any stop on a slope of a tenth [m/s2]
-DELAY: Final = 0.5  #: before it sets in [s]
-RESERVE: Final = 1.0  #: beyond rest [m]
-LATERAL_ACCELERATION: Final = 3.0  #: most on the way [m/s2], ISO 11270
-LATERAL_JERK: Final = 5.0  #: most on the way [m/s3], ISO 11270
-RETURN_TIME: Final = 0.8  #: the offset falls by about a factor e in the way of this time [s]
-MIN_RETURN_DISTANCE: Final = 3.0  #: or in this way, where the car is slow [m]
-MAX_DEVIATION: Final = 5.0  #: from a deviation beyond this there is no smooth way back [m]
-MAX_HEADING_ERROR: Final = 1.0  #: nor from a heading that is off by more [rad]
-MIN_SPEED: Final = 0.5  #: slower counts as this where a rate in time becomes one along the way [m/s]
+DECELERATION: Final = 1.5  #: sets the default length, enough for any stop on a slope of a tenth [m/s2]
+DELAY: Final = 0.5  #: before the deceleration sets in [s]
+RESERVE: Final = 1.0  #: added to the stopping distance [m]
+LATERAL_ACCELERATION: Final = 3.0  #: maximum on the fallback path [m/s2], ISO 11270
+LATERAL_JERK: Final = 5.0  #: maximum on the fallback path [m/s3], ISO 11270
+RETURN_TIME: Final = 0.8  #: the lateral deviation falls by about a factor e in this time [s]
+MIN_RETURN_DISTANCE: Final = 3.0  #: or over this distance, where the car is slow [m]
+MAX_DEVIATION: Final = 5.0  #: no fallback path for a larger lateral deviation [m]
+MAX_HEADING_ERROR: Final = 1.0  #: no fallback path for a larger heading error [rad]
+MIN_SPEED: Final = 0.5  #: lowest speed that converts rates per second to rates per metre [m/s]
 MIN_SPEED_SQUARED: Final = MIN_SPEED * MIN_SPEED
 
 
 def fallback_path(
     pose: Pose, steering: float, path: Path, station: float, vehicle: Vehicle, distance: float | None = None
 ) -> FallbackPath | None:
-    """Return the way of the rear axle from `pose` onto the `path`; None where there is no smooth one.
+    """Return the fallback path of the rear axle from `pose` onto the `path`; None where there is no smooth one.
 
-    `steering` is the road-wheel angle that the car reports [rad], with which the way begins; `station` is the pose's
-    along the path [m]; `distance` [m] is how long the way shall be, by default longer than any stop of the gateway.
+    `steering` is the road-wheel angle that the car reports [rad], at which the fallback path begins. `station` is that
+    of the pose along the path [m]. `distance` is the length of the fallback path [m], by default longer than any stop
+    of the gateway.
 
-    Offset e and heading error a against the path obey e'' + 2 e' / r + e / r^2 = 0 along the way, critically damped
-    with the return length r, as far as steering rate, lateral acceleration and lateral jerk allow at the speed that
-    is left.
+    The lateral deviation e obeys e'' + 2 e' / r + e / r^2 = 0 along the fallback path, critically damped with the
+    return length r, as far as steering rate, lateral acceleration and lateral jerk allow at the remaining speed.
     """
     speed = max(pose.speed, 0.0)
     if distance is None:
@@ -53,7 +53,7 @@ def _follow(
     pose: Pose, speed: float, steering: float, path: Path, s: float, vehicle: Vehicle, spacing: float, count: int
 ) -> tuple[float, ...] | None:
     """Curvature at `count` + 1 knots; the simulation advances from one to the next with their mean."""
-    # A good part of what a tick costs is this loop: plain names and no calls that can be had without.
+    # This loop takes a good part of the tick's time, hence local names and as few calls as possible.
     cos, sin, sqrt, frenet_near = math.cos, math.sin, math.sqrt, path.frenet_near
     x, y, heading = pose.x, pose.y, pose.heading
     tightest = math.tan(vehicle.steering_limit) / vehicle.wheelbase
@@ -64,7 +64,7 @@ def _follow(
     knots = [bend]
     for _ in range(count):
         v = sqrt(square) if square > MIN_SPEED_SQUARED else MIN_SPEED
-        # Where the present curvature leads, and what would be right there.
+        # The next place under the present curvature, and the curvature wanted there.
         ahead = heading + 0.5 * bend * spacing
         s, offset, turned, path_bend = frenet_near(
             s + spacing, x + spacing * cos(ahead), y + spacing * sin(ahead), heading + bend * spacing

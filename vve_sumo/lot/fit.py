@@ -1,6 +1,6 @@
-"""Lays a path into a lot: which turn and shift leave the most room, or how much of the path fits at all.
+"""Aligns a path with a lot: finds the rotation and shift with the most clearance, or how much of the path fits.
 
-A search at the desk, before anything drives; seconds long. It knows the fence and the path and no receiver.
+An offline search that takes seconds. It knows the geofence and the path and no receiver.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from vve_sumo.lot.polygon import Raster
 from vve_sumo.path import Path
 from vve_sumo.values import Floats
 
-SWEPT_SPACING: Final = 3  #: stations from one swept place to the next, in the search [m]
+SWEPT_SPACING: Final = 3  #: path stations per swept place in the search [m]
 COARSE_ROWS, FINE_ROWS = 120, 1600  #: of the lot's tables of clearances
 MAX_ROTATION_STEP: Final = math.radians(5.0)  #: between neighbouring rotations
-SLACK: Final = 3  #: cells by which a coarse placement may stick out
+SLACK: Final = 3  #: cells by which a coarse placement may leave the lot
 CANDIDATES: Final = 10  #: coarse placements that are refined
-POINTS: Final = 400  #: the most pressed points, which decide where to move
-ROUNDS: Final = 40  #: of a refinement, at most
+POINTS: Final = 400  #: number of points with the least clearance, which decide where to move
+ROUNDS: Final = 40  #: maximum of a refinement
 STILL: Final = 0.01  #: a refinement that moves less is done [m]
 CUT_RESOLUTION: Final = 2.0  #: the cut of a path that doesn't fit is found to this [m]
-MIN_PATH_LENGTH: Final = 5.0  #: a path that is cut shorter is none [m]
+MIN_PATH_LENGTH: Final = 5.0  #: a path cut shorter than this is refused [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
     """How a path lies in the lot."""
 
-    alignment: Alignment  #: lays the lot's map onto the street's
+    alignment: Alignment  #: from the lot's map to the street's
     clearance: float  #: least distance of the swept ground from the lot's edge less its margin [m]
     station: float  #: the drive can stop inside the lot from every place up to here [m]
-    whole: bool  #: that is all of the path
+    whole: bool  #: whether that is the whole path
     start: tuple[float, float, float]  #: rear axle at the path's start: lot x, y [m], heading [rad] in the lot's map
 
 
 @dataclass(frozen=True, slots=True)
 class _Placement:
-    """Turn about the swept ground's middle, then shift: from the street's map to the lot's."""
+    """Rotation about the middle of the swept area, then shift: from the street's map to the lot's."""
 
     rotation: float
     x: float
@@ -53,7 +53,7 @@ class _Placement:
 
 @dataclass(frozen=True, slots=True)
 class _Ground:
-    """Points that fill what a drive may cover, about their middle, and the station where each first counts."""
+    """Points that fill the swept area of a drive, relative to its middle, and the first station that sweeps each."""
 
     points: Floats  #: (n, 2) [m]
     station: Floats  #: (n,) [m]
@@ -70,9 +70,9 @@ class _Ground:
 
 
 def fit(path: Path, geofence: Geofence, speed: float) -> Fit:
-    """Return the alignment under which a drive of the path at `speed` [m/s] has most room in the fence's lot.
+    """Return the alignment under which a drive of the path at `speed` [m/s] has most clearance in the lot.
 
-    Where no placement takes the whole path, the one that takes most of it, to about `CUT_RESOLUTION`. Raises
+    Where the whole path fits nowhere, it is the alignment that fits most of it, to about `CUT_RESOLUTION`. Raises
     ConfigError where not even the start fits.
     """
     drive = geofence.driven(path, speed)
@@ -121,7 +121,7 @@ def shortened(path: Path, geofence: Geofence, speed: float, station: float) -> P
 
 
 def _ground(geofence: Geofence, drive: list[Driven]) -> _Ground:
-    """Fill what the drive may cover with points: corners, edges and middles of the rectangles that it sweeps."""
+    """Fill the swept area of the drive with points: corners, edge middles and centres of its rectangles."""
     points, stations = [], []
     for place in [*drive[::SWEPT_SPACING], drive[-1]]:
         shapes = geofence.sweep(place.pose, place.steering, place.profile)
@@ -147,7 +147,7 @@ def _thinned(points: Floats, spacing: float) -> Floats:
 
 
 def _best(points: Floats, coarse: Raster, fine: Raster) -> _Placement | None:
-    """Return the placement with most room; None where none comes near to fitting."""
+    """Return the placement with most clearance; None where none comes near to fitting."""
     refined = [_refined(_thinned(points, 1.0), at, fine) for at in _candidates(points, coarse)]
     if not refined:
         return None
@@ -156,7 +156,7 @@ def _best(points: Floats, coarse: Raster, fine: Raster) -> _Placement | None:
 
 
 def _candidates(points: Floats, table: Raster) -> list[_Placement]:
-    """The best placements on a coarse grid, one a rotation, no two of them neighbours."""
+    """The best placements on a coarse grid, one per rotation, no two of neighbouring rotations."""
     cell = table.cell
     some = _thinned(points, cell)
     radius = float(np.sqrt((some * some).sum(axis=1)).max())

@@ -1,7 +1,7 @@
-"""Would the car, wherever it is left alone now, come to rest inside the lot?
+"""The geofence: checks that the car would come to rest inside the lot if it were stopped now.
 
-Three fallback paths are swept and must all stay inside. Geometry and arithmetic only: it commands nothing, knows no
-gateway and no bus, and its only answer is a reason code.
+The swept areas of three fallback paths must all stay inside. Geometry and arithmetic only: the module commands nothing,
+knows no gateway and no bus, and returns only a reason code.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ GEOFENCE_BREACH: Final = ("geofence_breach",)
 MAX_KNOTS: Final = 200
 #: what a setpoint may ask beyond the present acceleration grows with this until it expires [m/s3]; ISO 15622's comfort
 JERK: Final = 5.0
-#: a shorter rise is none [s]: its jerk is no number to compute with
+#: a shorter rise counts as 0 [s], its jerk would be too large to compute with
 MIN_RISE_TIME: Final = 1e-6
 #: how a controller is taken to drive a path: lateral acceleration in bends, slowing down ahead of them, speeding up
 LATERAL, SLOWING, SPEEDING_UP = 3.0, 1.5, 2.0  # [m/s2]
@@ -33,18 +33,18 @@ LATERAL, SLOWING, SPEEDING_UP = 3.0, 1.5, 2.0  # [m/s2]
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """How whoever stops the car is known to do it."""
+    """The braking of the gateway or of the DBW controller's watchdog."""
 
     deceleration: float  #: lowest, on the level [m/s2], positive
     delay: float  #: from the last good setpoint to the first deceleration, dead times and lags included [s]
     rise: float = 0.0  #: from the first deceleration to the full one, linearly [s]
-    drive_lag: float = 0.0  #: with which the drive force fades once the throttle is closed [s]
+    drive_lag: float = 0.0  #: time constant with which the drive force fades once the throttle is closed [s]
 
     def distance(self, speed: float, acceleration: float = 0.0, downhill: float = 0.0) -> float:
-        """Return the stopping distance [m] from `speed` [m/s, not negative], `downhill` being the slope; inf for never.
+        """Return the stopping distance [m] from `speed` [m/s, not negative], `downhill` being the slope; inf if never.
 
-        Until the brakes set in the car gains what it is gaining now, what `JERK` lets a setpoint add, and the slope's
-        share b. Then v t + b t^2 / 2 - j t^3 / 6 while the deceleration rises to a, and v^2 / (2 (a - b)).
+        Until the brakes set in, speed rises by the present acceleration, by what `JERK` lets a setpoint add, and by the
+        slope's share b. Then v t + b t^2 / 2 - j t^3 / 6 while the deceleration rises to a, and v^2 / (2 (a - b)).
         """
         pull = GRAVITY * downhill
         gained = max(acceleration, 0.0) * (self.delay + self.drive_lag) + 0.5 * JERK * self.delay * self.delay
@@ -72,10 +72,10 @@ class Driven(NamedTuple):
 
 
 class Geofence:
-    """Keeps every fallback path inside the lot.
+    """Checks that every fallback path stays inside the lot.
 
-    `alignment` lays the lot's map onto the street's, as `Placement` has it. `gateway` follows the fallback path, or
-    holds the wheel angle; `watchdog` is the DBW controller's, whose wheel may be anywhere between held and straight.
+    `alignment` maps the lot's map to the street's. `gateway` is the gateway's stop, on the fallback path or at a held
+    wheel angle; `watchdog` is that of the DBW controller, with a wheel angle anywhere between held and straight.
     `downhill` is the lot's worst slope, positive.
     """
 
@@ -92,8 +92,8 @@ class Geofence:
         """Return ("geofence_breach",) unless the car comes to rest inside the lot from this pose, whoever stops it.
 
         `pose` is the rear axle's in the street's map, `steering` the road-wheel angle that the car reports [rad, left
-        positive], `profile` the fallback path that the setpoint carries, None for none. What is not finite is no place
-        to be.
+        positive], `profile` the fallback path that the setpoint carries, None for none. A value that is not
+        finite is a breach.
         """
         distances = self._distances(pose, steering)
         if distances is None:
@@ -107,13 +107,13 @@ class Geofence:
         return ()
 
     def sweep(self, pose: Pose, steering: float, profile: FallbackPath | None) -> Floats | None:
-        """Return the ground that `check` looks at, as rectangles in the street's map, (n, 4, 2); None for no end."""
+        """Return the ground that `check` looks at, as rectangles in the map of `pose`, (n, 4, 2); None for no rest."""
         distances = self._distances(pose, steering)
         shapes = None if distances is None else self._shapes(pose.speed, distances, steering, profile)
         return None if shapes is None else as_pairs(shapes, pose.x, pose.y, pose.heading)
 
     def aligned(self, alignment: Alignment) -> Geofence:
-        """Return the same fence for another alignment."""
+        """Return the same geofence for another alignment."""
         other = copy(self)
         other._to_lot = alignment.inverse()
         return other
@@ -147,9 +147,9 @@ class Geofence:
         return drive
 
     def _distances(self, pose: Pose, steering: float) -> tuple[float, float] | None:
-        """Ways to rest by the gateway and by the watchdog [m], negative where the car rolls backwards.
+        """Stopping distances of gateway and watchdog [m], negative where the car rolls backwards.
 
-        None where there is no rest, or anything that is not finite.
+        None where the car does not come to rest, or a value is not finite.
         """
         speed, gaining, slope = abs(pose.speed), pose.acceleration, self._downhill
         gateway = self._gateway.distance(speed, gaining, slope)
@@ -161,7 +161,7 @@ class Geofence:
     def _shapes(
         self, speed: float, distances: tuple[float, float], steering: float, profile: FallbackPath | None
     ) -> Complexes | None:
-        """What the body covers on all fallback paths, in the rear axle's frame; None where a way has no end."""
+        """Swept area of all fallback paths, in the rear axle's frame; None where `profile` is invalid."""
         by_gateway, by_watchdog = distances
         # A held wheel angle turns the car tighter the slower it gets.
         tight = math.tan(steering) / self._wheelbase
@@ -179,7 +179,7 @@ class Geofence:
 
 
 def _knots(profile: FallbackPath, distance: float) -> Floats | None:
-    """The profile's curvature up to `distance` [m], its last one held beyond its end; None where it is no way."""
+    """The profile's curvature up to `distance` [m], its last one held beyond its end; None where it is invalid."""
     if not (profile.spacing > 0.0 and profile.curvature and distance <= MAX_KNOTS * profile.spacing):
         return None
     knots = np.array(profile.curvature[: MAX_KNOTS + 2], dtype=np.float64)

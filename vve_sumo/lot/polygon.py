@@ -1,4 +1,4 @@
-"""The surveyed lot as a polygon with holes, shrunk by its margin: may the car be there?
+"""The surveyed lot, a polygon with holes shrunk by its margin: checks whether the car may be at a place.
 
 Pure geometry in the lot's map; knows no car, no path and no receiver. The only module that imports shapely.
 """
@@ -19,7 +19,7 @@ from vve_sumo.values import Floats
 Pair = tuple[float, float]
 
 MIN_AREA: Final = 200.0  #: a lot that holds a car and its stopping distance from walking pace is larger [m2]
-MAX_AREA: Final = 25e6  #: of the largest proving grounds, and then some [m2]
+MAX_AREA: Final = 25e6  #: larger than the largest proving grounds [m2]
 ARC_STEPS: Final = 16  #: chords of a quarter circle where the margin rounds a corner
 MIN_CELL_SIZE: Final = 0.25  #: cell of a table of clearances [m]
 BORDER_CELLS: Final = 4  #: cells of such a table beyond the lot
@@ -29,7 +29,7 @@ class Lot:
     """Ground that the car may cover: inside the outline, outside the holes, `margin` [m] away from both.
 
     `outline` and `holes` are corners in the lot's map [m], in either direction, the last joined to the first. Raises
-    ConfigError for what is no such ground, naming "outline" or the hole.
+    ConfigError for invalid corners or margin, naming "outline", the hole or "margin".
     """
 
     def __init__(self, outline: Sequence[Pair], holes: Sequence[Sequence[Pair]] = (), margin: float = 1.0) -> None:
@@ -62,14 +62,14 @@ class Lot:
     def holds(self, shapes: Floats) -> bool:
         """Tell whether every convex shape lies inside; `shapes`: corners in order, map [m], (n, k, 2).
 
-        A number that is not finite lies nowhere.
+        False where a coordinate is not finite.
         """
         if not np.isfinite(shapes).all():
             return False
         return bool(shapely.covers(self._inner, shapely.polygons(shapes)).all())
 
     def holds_disc(self, x: float, y: float, radius: float) -> bool:
-        """Tell whether everything within `radius` of a place lies inside [m]; not what is not finite."""
+        """Tell whether everything within `radius` of a place lies inside [m]; False where a value is not finite."""
         place = shapely.Point(x, y)
         return bool(self._inner.contains(place)) and not bool(shapely.dwithin(self._edge, place, radius))
 
@@ -89,7 +89,7 @@ class Lot:
         columns, rows = (int(length) for length in np.ceil(span / cell) + 1)
         x, y = low[0] + cell * np.arange(columns), low[1] + cell * np.arange(rows)
         inside = shapely.contains_xy(self._inner, *np.meshgrid(x, y))
-        # Counted to the middle of the nearest cell across the edge, and the edge is half a cell nearer.
+        # The transform measures to the centre of the nearest cell across the edge; the edge is half a cell nearer.
         depth = np.where(inside, distance_transform_edt(inside) - 0.5, 0.5 - distance_transform_edt(~inside))
         return Raster(float(low[0]), float(low[1]), cell, cell * np.asarray(depth, dtype=np.float64))
 

@@ -1,4 +1,4 @@
-"""The ground that a car's body covers on its way, as convex shapes with nothing left out between them.
+"""Computes the swept area of a car's body along a path, as convex shapes without gaps between them.
 
 Pure geometry of a rectangle that moves along a curve of its rear axle; knows no lot, no car's brakes and no map. Places
 are complex numbers (x + iy) in the frame of the rear axle at the beginning: x forward, y left [m].
@@ -17,11 +17,11 @@ from vve_sumo.values import Floats, Vehicle
 
 Complexes = NDArray[np.complex128]
 
-SLICES: Final = 24  #: of a way of constant curvature
-FAN_SPACING: Final = 0.8  #: neighbouring ways of a fan end about this far from each other [m]
-FARTHER: Final = 1.0 / 80.0  #: by which a bent way reaches beyond a circle's end, over the square of its turn [1/rad2]
-SWING: Final = 0.25  #: by which a corner swings out then, over that turn [m/rad]; about a quarter of the width
-MAX_FAN_GAPS: Final = 10  #: between the ways of a fan
+SLICES: Final = 24  #: of a path of constant curvature
+FAN_SPACING: Final = 0.8  #: neighbouring paths of a fan end about this far from each other [m]
+FARTHER: Final = 1.0 / 80.0  #: extra length share of a relaxing path, over the square of its turn [1/rad2]
+SWING: Final = 0.25  #: by which a corner swings out besides, over that turn [m/rad]; about a quarter of the width
+MAX_FAN_GAPS: Final = 10  #: between the paths of a fan
 PANELS: Final = 2  #: of the integration, for each interval of a curvature's table
 
 
@@ -61,18 +61,18 @@ def fan(body: Body, low: float, high: float, distance: float) -> Complexes:
 
 
 def relaxing(body: Body, low: float, high: float, distance: float) -> Complexes:
-    """Return shapes, (n, 4), that cover the body on every way whose curvature stays between `low` and `high` [1/m].
+    """Return shapes, (n, 4), that cover the body on all paths of a curvature between `low` and `high` [1/m].
 
-    One that turns for a part of its length and is straight for the rest ends beyond every circle of that length: by a
-    hundredth where it turns by a radian, and in proportion to the square of that; and a corner of the body swings out
-    a little more. Both shares were found by trying, and the tests try again.
+    A path that turns for a part of its length and is straight for the rest ends beyond every circle of that length: by
+    a hundredth for a turn of 1 rad, in proportion to the square of the turn. A corner of the body swings out a little
+    more. Both shares (`FARTHER`, `SWING`) were found empirically; the tests check them.
     """
     angle = max(abs(low), abs(high)) * abs(distance)
     return fan(body, low, high, distance * (1.0 + angle * angle * FARTHER) + math.copysign(angle * SWING, distance))
 
 
 def trail(body: Body, curvature: Floats, spacing: float) -> Complexes:
-    """Return shapes, (n, 4), that cover the body on the way whose curvature [1/m] is given every `spacing` [m]."""
+    """Return shapes, (n, 4), that cover the body on a path of curvature [1/m] given every `spacing` [m]."""
     fine = spacing / PANELS
     knots = np.arange(len(curvature) * PANELS - PANELS + 1) / PANELS
     bends = np.interp(knots, np.arange(len(curvature)), curvature)
@@ -98,11 +98,11 @@ def as_pairs(shapes: Complexes, x: float, y: float, heading: float) -> Floats:
 
 
 def _covered(corners: Complexes, turned: Floats, loose: Floats) -> Complexes:
-    """Return a rectangle for each cell between two neighbouring ways and two stations.
+    """Return a rectangle for each cell between two neighbouring paths and two stations.
 
-    `corners`: (4, ways, stations); `turned`: headings, (ways, stations); `loose`: by how much a corner strays from the
+    `corners`: (4, paths, stations); `turned`: headings, (paths, stations); `loose`: how far a corner strays from the
     bilinear interpolation between its places at the ends of the cell [m], at most h^2 / 8 times its second derivative
-    in each direction. The interpolation stays in the hull of those places, and so in the rectangle. A single way is
+    in each direction. The interpolation stays in the hull of those places, and so in the rectangle. A single path is
     its own neighbour.
     """
     lower, upper = (slice(None, -1), slice(1, None)) if len(turned) > 1 else (slice(None), slice(None))

@@ -1,4 +1,4 @@
-"""Can a message's own time be true, given when it arrived and what arrived before it?
+"""Checks the time stamp of a message for plausibility against its arrival and the arrivals before it.
 
 It knows arrivals and the times that messages carry; it must not know their other content. A message can be late by any
 delay but never early: the path has a least delay, and two clocks drift apart slowly. So a time ahead of what the
@@ -13,10 +13,10 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-DRIFT: Final = 100e-6  #: the most that two clocks drift apart; twice that of a common quartz
-EARLINESS_SHARE: Final = 0.4  #: of the interval between messages: how much earlier than the fastest one may be
-MAX_EARLINESS: Final = 0.02  #: the same, however long the interval is [s]
-SETTLING_TIME: Final = 0.1  #: after the fastest so far the next may be earlier by what the user allows [s]
+DRIFT: Final = 100e-6  #: maximum drift between two clocks [s/s]; twice that of a common quartz
+EARLINESS_SHARE: Final = 0.4  #: share of the message interval by which a message may be earlier than the fastest
+MAX_EARLINESS: Final = 0.02  #: upper limit of that earliness, however long the interval is [s]
+SETTLING_TIME: Final = 0.1  #: for so long after a new fastest arrival, `at_once` is the tolerance [s]
 
 RUN_LENGTH: Final = 3  #: messages in a row that agree with each other alone are accepted, if the run lasts long enough
 SMALL_JUMP: Final = 0.05  #: up to this lead the path became faster [s], and the run has to last one interval
@@ -36,11 +36,11 @@ class Judged(enum.Enum):
 
 @dataclass(slots=True)
 class _Run:
-    """Messages in a row that are ahead and agree with each other."""
+    """Consecutive messages that are ahead and agree with each other."""
 
-    since: float  #: arrival of the first
-    newest: float  #: time of the last
-    lead: float  #: of the last
+    since: float  #: arrival of the first message
+    newest: float  #: time stamp of the last message
+    lead: float  #: time stamp minus arrival of the last message
     count: int = 1
 
 

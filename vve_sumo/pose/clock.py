@@ -1,4 +1,4 @@
-"""GNSS time against drive time: when, on the drive's own clock, was a fix made?
+"""Maps GNSS time to drive time: when, on the drive's own clock, a fix was made.
 
 It knows arrivals and the times that fixes carry; it must not know sockets, receivers or the content of a fix. A
 constant delay cannot be seen from arrivals: unless the host's clock is disciplined by PTP or PPS, the rig declares the
@@ -39,7 +39,7 @@ class ClockReport:
 
     age: AgeKind
     offset: float  #: drive time minus GNSS time since the epoch [s]
-    drift_ppm: float  #: of the drive's clock against GNSS, fast positive; median slope of the seconds' least delays
+    drift_ppm: float  #: of the drive's clock against GNSS, fast positive; median slope of the least delays per second
     jitter_p50: float  #: of arrivals, above the least delay of the window [s]
     jitter_p99: float  #: as jitter_p50
 
@@ -121,7 +121,7 @@ class Clock:
         self._seconds.append((second, lag))
 
     def _drift_ppm(self) -> float:
-        """Theil and Sen's slope: a few slow seconds do not tilt it."""
+        """Slope after Theil and Sen, robust against a few slow seconds [ppm]."""
         if len(self._seconds) < DRIFT_KNOWN:
             return math.nan
         slopes = ((lag - past) / (second - then) for (then, past), (second, lag) in combinations(self._seconds, 2))

@@ -21,7 +21,7 @@ from vve_sumo.values import Fix, FixQuality
 SYNC: Final = b"\xe7"
 LENGTH: Final = 72  #: of a packet [bytes]
 LOCKING, LOCKED = 3, 4  #: navigation statuses: catching up with the time; in real time
-NAVIGATION: Final = frozenset({2, LOCKING, LOCKED})  #: initialising is 2: time and position are there
+NAVIGATION: Final = frozenset({2, LOCKING, LOCKED})  #: status 2 is initialising: it already has time and position
 STRUCTURE_B: Final = 11  #: another layout under the same sync byte
 
 MINUTE: Final = 60_000  #: [ms]
@@ -64,7 +64,7 @@ class Outcome(enum.StrEnum):
 
 
 def checksums_hold(packet: bytes) -> bool:
-    """Whether all three running sums of a 72-byte packet are right."""
+    """Whether all three running checksums of a 72-byte packet are right."""
     first = sum(packet[1:22])
     if first & 0xFF != packet[22]:
         return False
@@ -94,7 +94,7 @@ def _read_differential_age(payload: bytes) -> float:
     return raw * 0.01 if raw >= 0 else math.nan
 
 
-#: GNSS position modes of channel 0. Those of Doppler alone measure a velocity and no position.
+#: Fix quality by the GNSS position mode of channel 0. Doppler modes measure a velocity and no position.
 QUALITIES: Final[dict[float, FixQuality]] = {
     **dict.fromkeys((0, 1, 2, 10, 11, 12, 20, 25), FixQuality.NONE),  # none, search, Doppler, no data, blanked
     **dict.fromkeys((3, 13, 21, 26), FixQuality.SINGLE),  # SPS; post-processed; gx, ix
@@ -115,7 +115,7 @@ MODES: Final = {
 
 
 def quality_of(mode: float) -> FixQuality:
-    """Return the quality that a position mode of channel 0 stands for; NaN is a mode that is not known."""
+    """Return the fix quality of a position mode of channel 0; NaN is a mode that is not known."""
     return QUALITIES.get(mode, FixQuality.UNKNOWN)
 
 
@@ -129,7 +129,7 @@ _READERS: Final[dict[int, Callable[[bytes], float]]] = {
 }
 
 
-#: Statuses without a fix whose status channel is valid all the same: raw IMU, status only, and the trigger packets
+#: Navigation statuses without a fix whose status channel is still valid: raw IMU, status only, and the trigger packets
 #: (interpolated, up to 30 ms late, and timed by their channel, not by bytes 1 and 2).
 _CHANNEL_ONLY: Final = {
     1: Outcome.NOT_NAVIGATION,
@@ -144,7 +144,7 @@ class StatusChannels:
     """Last values of the status channels; one channel travels with each packet, in turn."""
 
     def __init__(self) -> None:
-        self._heard: dict[int, tuple[int, float]] = {}  #: status channel to (clock when heard, value)
+        self._heard: dict[int, tuple[int, float]] = {}  #: status channel to (clock when received [ms], value)
 
     def hear(self, channel: int, payload: bytes, clock: int) -> None:
         """Take the 8 bytes of a channel, sent at `clock` [ms], unless it is not used or has newer bytes already."""
@@ -309,8 +309,8 @@ def _field(value: float, scale: float) -> bytes:
 def pack(fix: Fix, channel: int, payload: bytes) -> bytes:
     """Return the 72 bytes a unit sends for `fix`, with 8 bytes `payload` of status channel `channel`.
 
-    What a fix does not hold (lateral and vertical acceleration, roll and pitch rate) is sent as invalid. `fix.time`
-    must be finite; `time_received` and the qualities that travel in status channels are not read.
+    Quantities that a fix does not have (lateral and vertical acceleration, roll and pitch rate) are sent as invalid.
+    `fix.time` must be finite; `time_received` and what status channels carry (quality, sigmas, ages) are not read.
     """
     nothing = b"\x00\x00\x80"
     first = (

@@ -39,7 +39,7 @@ RATE_GAP: Final = 500  #: fixes further apart give no rate [ms]
 COURSE_LOST: Final = 0.2  #: receivers leave the course empty when slower than about this [m/s]
 KNOT: Final = 1852.0 / 3600.0  #: [m/s]
 
-#: GGA's quality; military PPS, estimated and others are unknown
+#: Fix quality by the quality indicator of GGA; military PPS, estimated and others are unknown.
 QUALITIES: Final = {1: FixQuality.SINGLE, 2: FixQuality.DIFFERENTIAL, 4: FixQuality.RTK_FIXED, 5: FixQuality.RTK_FLOAT}
 NEW: Final = frozenset({Judged.NEWER, Judged.CHANGED})
 NOT_MEASURED: Final = frozenset("NESM")  #: mode indicators: not valid, estimated, simulated, manual
@@ -49,15 +49,15 @@ class Outcome(enum.StrEnum):
     """Outcome of a sentence (first five) or of an epoch, which is all sentences of one time (the rest)."""
 
     READ = "read"
-    OTHER = "other_sentence"  #: a kind that is not read
+    OTHER = "other_sentence"  #: a sentence type that is not read
     WRONG_CHECKSUM = "wrong_checksum"
-    MALFORMED = "malformed"  #: its checksum is right, its fields are not
-    STRAY = "stray"  #: its epoch is not open: already complete, over, not begun, or dated ahead of what arrivals allow
+    MALFORMED = "malformed"  #: right checksum, wrong fields
+    STRAY = "stray"  #: its epoch is not open: complete, over, not begun, or ahead of what arrivals allow
     FIX = "fix"
     INCOMPLETE = "incomplete"  #: another epoch began before position, heading and velocity had arrived
     DATE_UNKNOWN = "date_unknown"  #: no RMC or ZDA yet
     NOT_INCREASING = "time_not_increasing"
-    NO_POSITION = "no_position"  #: the receiver has none
+    NO_POSITION = "no_position"  #: the receiver has no position
 
 
 class _Position(NamedTuple):
@@ -100,7 +100,7 @@ class _Epoch:
 
 
 def _number(value: Any) -> float:
-    """A field as a number; empty, not a number and infinite are NaN (pynmea2 leaves what it cannot read as text)."""
+    """A field as a number; NaN for empty, infinite or no number (pynmea2 leaves what it cannot read as text)."""
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -113,7 +113,7 @@ def _from_compass(degrees: float) -> float:
 
 
 def _nearest(step: int) -> int:
-    """A difference of times of day, the shorter way round [ms]."""
+    """A difference of times of day, wrapped to half a day either way [ms]."""
     return (step + DAY // 2) % DAY - DAY // 2
 
 
@@ -176,9 +176,9 @@ class Decoder:
     date on another day than the known one (`arrivals.Repeated`) are ignored until a run of them lasts.
 
     HDT and VTG carry no time. They belong to the epoch that the last sentence with a new time opened (GGA, RMC, PASHR
-    or GST), if they arrive within `MAX_PERIOD_SHARE` of a period: so the receiver must send one of those first. One
-    that sends HDT first gives no fix at all rather than headings of the wrong epoch; `counts` then shows INCOMPLETE
-    and STRAY.
+    or GST), if they arrive within `MAX_PERIOD_SHARE` of a period. The receiver must therefore send one of those first.
+    A receiver that sends HDT first gives no fix at all, rather than headings of the wrong epoch; `counts` then shows
+    INCOMPLETE and STRAY.
 
     NMEA has no yaw rate and acceleration: they are differences of heading and of speed along it over the last
     `RATE_WINDOW` (late by half of it, and blind where both are wrong together), NaN for the first fix and after a gap,
@@ -196,7 +196,7 @@ class Decoder:
         self._arrivals = Arrivals(MIN_EARLINESS, MAX_JUMP)
         self._begun = 0  #: time of day of the epoch, counted on beyond midnight [ms]
         self._day = Repeated()
-        self._period = 0.0  #: from epoch to epoch [s]
+        self._period = 0.0  #: between the last two epochs [s]
         self._await_pashr = False
         self._dated: int | None = None  #: a UTC time that is known with its date [ms since 1980-01-06]
         self._located = False  #: the newest GGA had a position; without one a receiver's date is only a guess
@@ -244,18 +244,18 @@ class Decoder:
             return Outcome.WRONG_CHECKSUM
         head = body.split(b",", 1)[0]
         reader = self._readers.get(head if head.startswith(b"P") else head[2:])
-        if reader is None or (head == b"PASHR" and not body[6:7].isdigit()):  # Ashtech's own ones have a name there
+        if reader is None or (head == b"PASHR" and not body[6:7].isdigit()):  # Ashtech's own have a name there
             return Outcome.OTHER
         try:
             sentence = pynmea2.parse(f"${body.decode('ascii')}*{checksum:02X}", check=True)
             return Outcome.READ if reader(sentence, received) else Outcome.STRAY
         except (ValueError, LookupError, AttributeError, TypeError, OverflowError):
-            return Outcome.MALFORMED  # pynmea2 raises any of these for one or another wrong field
+            return Outcome.MALFORMED  # pynmea2 raises any of these for a wrong field
 
     # --- epochs ---------------------------------------------------------------------------------------------------
 
     def _enter(self, time_of_day: int, received: float) -> _Epoch | None:
-        """The epoch of a sentence with a time, begun if it is a new one; None if it is over."""
+        """The epoch of a sentence with a time, begun if it is new; None if it is over or not plausible."""
         epoch = self._epoch
         step = _nearest(time_of_day - epoch.time_of_day) if epoch is not None else time_of_day
         if epoch is not None and step <= 0:
@@ -404,7 +404,7 @@ class Decoder:
         )
 
     def _rates(self, now: _Past) -> tuple[float, float]:
-        """Yaw rate and acceleration since the oldest fix of the window, at least the one before."""
+        """Yaw rate and acceleration since the oldest fix of the window, which holds at least the previous fix."""
         past = self._past
         if past and now.clock - past[-1].clock > RATE_GAP:
             past.clear()

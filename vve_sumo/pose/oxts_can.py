@@ -21,14 +21,14 @@ from vve_sumo.values import Fix, Frame
 POSITION: Final = 0x601  #: latitude, longitude [1e-7 deg]
 ALTITUDE: Final = 0x602  #: [mm], above mean sea level unless configured otherwise
 VELOCITY: Final = 0x603  #: north, east, down, horizontal [cm/s]
-ACCELERATION: Final = 0x605  #: of the vehicle's axes: forward, right, down, gravity's share included [cm/s2]
-ACCELERATION_LEVEL: Final = 0x606  #: as 0x605 in the horizontal plane, without gravity's share
+ACCELERATION: Final = 0x605  #: along the vehicle's axes: forward, right, down, gravity's share included [cm/s2]
+ACCELERATION_LEVEL: Final = 0x606  #: as 0x605, but in the horizontal plane and without gravity's share
 ATTITUDE: Final = 0x607  #: heading, pitch, roll [0.01 deg]
 RATE: Final = 0x608  #: about the vehicle's axes [0.01 deg/s]
 RATE_LEVEL: Final = 0x609  #: about the horizontal plane's axes
 TIME: Final = 0x630  #: milliseconds since 1980-01-06, 48 bits, then the UTC offset
 STATUS: Final = 0x500  #: plus the number of an NCOM status channel, the same 8 bytes
-#: those of the default map, read or not, and one for each status channel
+#: all of the default map, whether read or not, and one for each status channel
 IDENTIFIERS: Final = frozenset(range(0x500, 0x640))
 
 LAYOUTS: Final = {
@@ -43,7 +43,7 @@ LAYOUTS: Final = {
 }
 RANGES: Final = {"h": (-0x7FFF, 0x7FFF), "H": (0, 0xFFFF), "i": (-0x7FFFFFFF, 0x7FFFFFFF)}
 TIME_BYTES: Final = 7
-TIME_SET: Final = 60_000_000  #: an earlier time means that the unit does not know it [ms]; as NCOM's first 1000 minutes
+TIME_SET: Final = 60_000_000  #: an earlier time means an unknown time [ms]; as NCOM's first 1000 minutes
 TIME_LIMIT: Final = 1 << 43  #: year 2258 [ms]
 MAX_CYCLE_GAP: Final = 1_000  #: cycles further apart than this start anew [ms]
 BACK: Final = 3  #: this many time frames in a row that are not newer mean that the unit's clock went back: start anew
@@ -59,11 +59,11 @@ class Outcome(enum.StrEnum):
     PART = "part"  #: taken into the open cycle
     STATUS = "status"
     WRONG_LENGTH = "wrong_length"
-    FIX = "fix"  #: a time frame that closed a cycle with a fix; the rest are time frames that did not
+    FIX = "fix"  #: a time frame that closed a cycle with a fix; all below are time frames without a fix
     INCOMPLETE = "incomplete"  #: no position in the cycle
-    TIME_LOST = "time_lost"  #: the time frame before is missing, so parts may be of an older cycle
+    TIME_LOST = "time_lost"  #: the previous time frame is missing, so parts may be of an older cycle
     NO_POSITION = "no_position"  #: out of range
-    NO_TIME = "no_time"  #: the unit does not know it
+    NO_TIME = "no_time"  #: the unit does not know the time
     AHEAD = "dated_ahead"  #: the time is ahead of what arrivals so far allow
     NOT_INCREASING = "time_not_increasing"
 
@@ -86,15 +86,15 @@ class Decoder:
 
     def __init__(self) -> None:
         self.counts: dict[Outcome, int] = dict.fromkeys(Outcome, 0)
-        self.discarded = 0  #: frames of no identifier that is read
+        self.discarded = 0  #: frames with an identifier that is not read
         self._cycle: dict[int, tuple[int, ...]] = {}
-        self._status: dict[int, bytes] = {}  #: channels of the open cycle
+        self._status: dict[int, bytes] = {}  #: status channels of the open cycle
         self._channels = StatusChannels()
         self._arrivals = Arrivals(MIN_EARLINESS, MAX_JUMP)
         self._clock = 0  #: of the newest time frame [ms since 1980-01-06 GPS]
-        self._behind = 0  #: time frames since then that were not newer
+        self._behind = 0  #: time frames since then that are not newer
         self._period = MAX_CYCLE_GAP  #: least step of the time so far [ms]
-        self._since = 0  #: first time frame without a break up to now [ms]
+        self._since = 0  #: first time frame of the unbroken series up to now [ms]
         self._emitted = 0  #: time of the newest fix [ms]
 
     def feed_frames(self, frames: Iterable[Frame], time_received: float) -> list[Fix]:
@@ -204,14 +204,14 @@ def _scaled(raw: tuple[int, ...] | None, scale: float) -> tuple[float, float, fl
 
 
 def _acceleration(cycle: dict[int, tuple[int, ...]], pitch: float) -> float:
-    """Along the car's forward axis with gravity's share, which the level frame lacks [m/s2]."""
+    """Acceleration along the car's forward axis with gravity's share, which the level frame lacks [m/s2]."""
     if ACCELERATION in cycle:
         return _scaled(cycle[ACCELERATION], 0.01)[0]
     return _scaled(cycle.get(ACCELERATION_LEVEL), 0.01)[0] + GRAVITY * math.sin(pitch)
 
 
 def _pack(identifier: int, scale: float, *values: float) -> tuple[Frame, ...]:
-    """The frame of `values`; none where one of them is not known, saturated where one does not fit."""
+    """The frame of `values`; none where one of them is not known; values out of range saturate."""
     if not all(math.isfinite(value) for value in values):
         return ()
     layout = LAYOUTS[identifier]
@@ -227,7 +227,7 @@ class Encoder:
         self._turn = 0
 
     def encode(self, fix: Fix) -> tuple[Frame, ...]:
-        """Return the frames of one cycle; frames of what `fix` does not know are left out. `fix.time` is finite."""
+        """Return the frames of one cycle, without those whose values `fix` lacks. `fix.time` must be finite."""
         channel, write = WRITERS[self._turn]
         self._turn = (self._turn + 1) % len(WRITERS)
         hundredth = math.radians(0.01)

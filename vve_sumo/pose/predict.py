@@ -19,13 +19,13 @@ from vve_sumo.values import Point, Pose
 class Tuning:
     """Time constants and limits; the defaults suit RTK-GNSS with inertial sensors at 20 to 250 Hz."""
 
-    position: float = 0.3  #: pulls the position towards the measured one [s]
-    speed: float = 0.6  #: pulls the speeds towards the measured ones [s]
-    heading: float = 0.2  #: pulls the heading towards the measured one [s]
-    bias: float = 4.0  #: learns a constant error of the measured acceleration [s]
-    rates: float = 0.08  #: smooths the acceleration and yaw rate that a prediction extrapolates with [s]
-    grade: float = 0.5  #: smooths the grade [s]
-    innovation: float = 0.1  #: over which speed errors are averaged before they count as real [s]
+    position: float = 0.3  #: of the correction towards the measured position [s]
+    speed: float = 0.6  #: of the correction towards the measured speeds [s]
+    heading: float = 0.2  #: of the correction towards the measured heading [s]
+    bias: float = 4.0  #: of the estimate of the measured acceleration's bias [s]
+    rates: float = 0.08  #: of the smoothing of the acceleration and yaw rate that a prediction uses [s]
+    grade: float = 0.5  #: of the smoothing of the grade [s]
+    innovation: float = 0.1  #: over which speed errors, and motion signs at standstill, are averaged [s]
     innovation_limit: float = 0.06  #: averaged speed error that halves the speed's time constant [m/s]
     rest_speed: float = 0.05  #: below it the car counts as standing [m/s]
     rest_time: float = 0.3  #: how long it must stand before its pose is held [s]
@@ -33,7 +33,7 @@ class Tuning:
     rest_exit_distance: float = 0.05  #: averaged measured displacement that ends the hold [m]
     jump_limit: float = 1.0  #: a measured position further off starts the filter anew [m]
     gap_limit: float = 1.0  #: a longer time between poses starts the filter anew [s]
-    horizon: float = 1.0  #: nothing is extrapolated farther than this [s]
+    horizon: float = 1.0  #: maximum extrapolation time [s]
 
 
 def _finite(pose: Pose) -> bool:
@@ -57,7 +57,7 @@ class Predictor:
     _acceleration: float  #: smoothed, for extrapolation
     _yaw_rate: float  #: smoothed, for extrapolation
     _grade: float
-    _direction: float  #: +1 forward, -1 reverse, 0 not moved since the filter started or the car stood
+    _direction: float  #: +1 forward, -1 reverse, 0 not moved since the filter started or a standstill ended
     _measured_acceleration: float  #: of the newest pose, for integration
     _measured_yaw_rate: float  #: of the newest pose, for integration
     _bias: float  #: of the measured acceleration [m/s2]
@@ -73,7 +73,7 @@ class Predictor:
         self._resting = False
 
     def update(self, pose: Pose) -> None:
-        """Take in the rear axle's pose; times must increase, their spacing may vary."""
+        """Feed the filter with a pose of the rear axle; times must increase, their spacing may vary."""
         tuning = self._tuning
         if not _finite(pose):
             return
@@ -202,7 +202,7 @@ class Predictor:
         self._grade += (pose.grade - self._grade) * self._share(step, tuning.grade)
 
     def _rest(self, pose: Pose, step: float) -> None:
-        """Hold the pose, and watch for averaged signs of motion."""
+        """Hold the pose until averaged speed or displacement shows motion."""
         tuning = self._tuning
         share = step / (tuning.innovation + step)
         self._rest_speed += (pose.speed - self._rest_speed) * share

@@ -38,7 +38,7 @@ TIMES_SENT: Final = (MINUTES_SET * MINUTE / 1000.0, 4e9)  #: GNSS seconds that N
 
 
 def fixes(path: Path) -> Iterator[Fix]:
-    """Yield the fixes of a recorded drive: CSV where the file is named so, else raw NCOM bytes.
+    """Yield the fixes of a recorded drive: a file named .csv is read as CSV, any other as raw NCOM bytes.
 
     `time_received` is the time since the whole second of the first fix, as if each had arrived when it was made. Raises
     ConfigError naming file, line and column, or the byte count of a file without a single NCOM packet.
@@ -69,9 +69,9 @@ def decode(path: Path, decoder: Decoder) -> Iterator[Fix]:
 
 
 def portions(path: Path) -> Iterator[tuple[float, bytes]]:
-    """Yield a recorded drive as NCOM bytes, in portions that complete a fix, with the second when each is due.
+    """Yield a recorded drive as portions of NCOM bytes that each complete a fix, with the time each is due [s].
 
-    Seconds count from the first fix, by the fixes' own times. Raises ConfigError as `fixes` does.
+    Times count from the first fix, by the fixes' own times. Raises ConfigError as `fixes` does.
     """
     return _csv_portions(path) if path.suffix.lower() == ".csv" else _ncom_portions(path)
 
@@ -112,7 +112,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _from_hex(data: bytes) -> bytes:
-    """The bytes that hexadecimal text stands for; anything else as it is (a raw packet opens with a non-ASCII byte)."""
+    """The bytes of hexadecimal text; anything else unchanged (a raw packet begins with a non-ASCII byte)."""
     if data[:2].lower() != SYNC.hex().encode():
         return data
     try:
@@ -231,7 +231,7 @@ class _CsvDrive:
         return self._recent[-1].heading if held else math.nan
 
     def _rates(self, row: _Row) -> tuple[float, float]:
-        """Acceleration and yaw rate since the oldest row of the window; 0 where there is nothing to compare with."""
+        """Acceleration and yaw rate since the oldest row of the window; 0 where there is no earlier value."""
         recent = self._recent
         while len(recent) > 1 and recent[0].time < row.time - RATE_WINDOW:
             recent.popleft()

@@ -28,10 +28,10 @@ class Senders:
         self._source = source
         self._first: tuple[str, int] | None = None
         self._refused: Counter[str] = Counter()
-        self._last: dict[str, float] = {}  # code to the moment of its last datagram [s]
+        self._last: dict[str, float] = {}  # reason code to the time of its last datagram [s]
 
     def accepts(self, now: float, sender: tuple[str, int]) -> bool:
-        """Whether to take a datagram of `sender`, address and port, that is read at monotonic second `now`."""
+        """Whether to accept a datagram of `sender` (address, port) that is read at monotonic time `now` [s]."""
         if sender == self._first:
             return True
         ours = self._is_ours(sender[0])

@@ -1,4 +1,4 @@
-"""Where pose bytes come from: UDP, TCP, a serial line, or a recording played in real time.
+"""Sources of pose bytes: UDP, TCP, a serial line, or a recording played in real time.
 
 It opens sockets and devices and knows when each portion arrived; it must not know what the bytes mean. The reader may
 be busy elsewhere (SUMO holds the interpreter while it steps), so arrivals are the kernel's own stamps where it gives
@@ -53,7 +53,7 @@ REASONS: Final = {
 
 
 class Source(Protocol):
-    """Where pose bytes come from."""
+    """A source of pose bytes."""
 
     @property
     def lost(self) -> bool:
@@ -66,7 +66,7 @@ class Source(Protocol):
         """Return the monotonic second at which `receive` will have something that `fileno` does not signal, or inf."""
 
     def receive(self) -> list[tuple[float, bytes]]:
-        """Return all portions that wait, each with the monotonic second of its arrival; never blocks, never raises."""
+        """Return waiting portions, each with its monotonic arrival time [s]; never blocks, never raises."""
 
     def found(self) -> tuple[str, ...]:
         """Return reason codes of others that send in the receiver's place now."""
@@ -212,7 +212,7 @@ class _Playback(_Alone):
 
 
 def open_udp(address: str, port: int, source: str | None = None, where: str = "pose") -> Source:
-    """Listen to datagrams for `address`, `port` (IPv4; 0.0.0.0 hears broadcasts) that `source` sends, and no other.
+    """Listen on `address`, `port` (IPv4; 0.0.0.0 receives broadcasts) to the datagrams of `source` only.
 
     `source` is an IPv4 address, None the first sender of this machine: see `Senders`. `where` names the rig's table
     in errors. Raises RigError naming the key.
@@ -234,7 +234,7 @@ def open_udp(address: str, port: int, source: str | None = None, where: str = "p
 
 
 def open_tcp(address: str, port: int, where: str = "pose") -> Source:
-    """Connect to a server of pose bytes; a connection that it closes is `lost`. Raises RigError naming the key."""
+    """Connect to a server of pose bytes; `lost` once the server closes. Raises RigError naming the key."""
     try:
         opened = socket.create_connection((address, port), CONNECT_TIMEOUT)
     except OSError as error:
@@ -248,7 +248,7 @@ def open_tcp(address: str, port: int, where: str = "pose") -> Source:
 
 
 def open_serial(device: str, baud: int, where: str = "pose") -> Source:
-    """Open a serial line, 8N1, for this process alone. Raises RigError naming the key."""
+    """Open a serial line, 8N1, exclusively for this process. Raises RigError naming the key."""
     try:
         opened = serial.Serial(device, baud, timeout=0, exclusive=True)
     except ValueError:
@@ -256,7 +256,7 @@ def open_serial(device: str, baud: int, where: str = "pose") -> Source:
     except OSError as error:
         raise _refused(f"{where}.device", device, error) from None
     with contextlib.suppress(OSError, ValueError, NotImplementedError):
-        opened.set_low_latency_mode(True)  # else USB converters hold bytes for up to 16 ms
+        opened.set_low_latency_mode(True)  # otherwise USB converters hold bytes back for up to 16 ms
     return _Serial(opened)
 
 

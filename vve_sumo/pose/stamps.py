@@ -33,7 +33,7 @@ class Stamps:
     def __init__(self, ahead: Callable[[], float] = wall_ahead, now: Callable[[], float] = time.monotonic) -> None:
         self._ahead, self._now = ahead, now
         self._last = self._look()
-        self._was_set = False  # the wall clock, since before the oldest stamp that can be in the queue
+        self._was_set = False  # whether the wall clock was set since before the oldest stamp in the queue
 
     def begin(self) -> None:
         """Compare the clocks before reading."""

@@ -1,4 +1,4 @@
-"""The table that `vve-sumo pose decode` writes: one row for each fix of an NCOM file, with the trust gate's verdict.
+"""Writes the table of `vve-sumo pose decode`: one row for each fix of an NCOM file, with the trust gate's verdict.
 
 It knows the decoder, the gate and text; it must not know maps. A row is a packet with three right checksums, navigation
 status 2, 3 or 4, a known GNSS minute, a valid position, and a time later than the row before. Packets of status 1 and
@@ -53,7 +53,7 @@ def rows(path: Path, decoder: Decoder | None = None) -> Iterator[dict[str, str]]
 
 
 def write_csv(path: Path, out: Path) -> Decoder:
-    """Write the rows of the NCOM file `path` to `out`; return the decoder, whose counts say what else was there."""
+    """Write the rows of the NCOM file `path` to `out`; return the decoder, whose counts show what gave no row."""
     decoder = Decoder()
     table = list(rows(path, decoder))
     if out.exists() and out.samefile(path):
@@ -70,7 +70,7 @@ def _text(value: float, digits: int) -> str:
 
 
 def _compass(heading: float) -> str:
-    """Degrees clockwise from north of a heading counter-clockwise from east [rad]; never 360 by rounding."""
+    """Compass heading [deg, clockwise from north, below 360] of a heading [rad, counter-clockwise from east]."""
     return "" if math.isnan(heading) else f"{round(90.0 - math.degrees(heading), 6) % 360.0:.6f}"
 
 

@@ -1,4 +1,4 @@
-"""The trust gate: is this one fix good enough, given the fixes before it?
+"""The trust gate: decides whether a fix is good enough to drive on, given the fixes before it.
 
 It knows fixes and nothing of the car, the map, the controller or the gateway. It cannot be overridden: a fix is trusted
 when no reason speaks against it. Every comparison is written so that NaN fails it, except where NaN means that a
@@ -139,7 +139,7 @@ NMEA: Final = replace(
     yaw_rate_jump_limit=0.8,
 )
 
-#: Recordings: no quality, no real time, as few as 2 fixes a second; never a car.
+#: Recordings: no quality, no real time, as few as 2 fixes a second; a car is never armed on them.
 PLAYBACK: Final = TrustProfile(
     name="playback",
     may_arm=False,
@@ -299,7 +299,7 @@ def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
 #: a fix with one of these cannot be of this car: it is not kept, and the next fix is compared with the one before it
 _TRACELESS: Final = frozenset({"not_finite", "fix_from_future", "motion_absurd", "altitude_absurd", "tilt_absurd"})
 
-#: after one of these, fixes must agree among themselves for a while
+#: after one of these, fixes must agree among themselves for the profile's `settling`
 _UNSETTLING: Final = frozenset({"gap", "pose_jump", "pose_drift", "velocity_jump", "heading_jump", "heading_drift"})
 
 

@@ -1,6 +1,6 @@
-"""Writes what was measured into a rig file; comments and everything else in it stay.
+"""Writes measured values into a rig file; comments and everything else in it stay.
 
-Knows TOML and where a rig is judged; not what the numbers mean or who measured them.
+Knows TOML and how a rig is validated; not what the values mean or how they were measured.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ def lay(document: Any, values: Values) -> None:
 
 
 def put(file: Path, values: Values, emptied: Collection[str] = ()) -> Rig:
-    """Set keys of a rig file, in one step for whoever reads it meanwhile, and return the rig that it holds now.
+    """Set keys of a rig file, atomically for other readers, and return the rig that it holds now.
 
     Tables named in `emptied` lose all their other keys. Raises ConfigError, the file untouched, where it cannot be
     written or where the result would not load.
     """
     import tomlkit
 
-    load.load(file)  # refuses what is wrong already, in its own words
+    load.load(file)  # reports errors that the file already has
     document = tomlkit.parse(file.read_text(encoding="utf-8"))
     for table in emptied:
         for key in list(document.get(table, {})):

@@ -1,6 +1,6 @@
-"""Reads rig files and lays them over their vehicle models; a complaint is one line that names file and key.
+"""Reads rig files and merges them over their vehicle models; an error is one line that names file and key.
 
-Every complaint comes before anything is opened.
+All errors are raised before a bus, socket or device is opened.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def load(file: Path, working: Path | None = None) -> Rig:
 
 
 def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, Any]:
-    """Return a rig's table in which all that it does not say of its car is as its vehicle model says."""
+    """Return a rig's table completed with the values of its vehicle model."""
     said = {name: table.get(name, {}) for name in MODEL_TABLES}
     if not all(isinstance(one, dict) for one in said.values()):
         return table  # which the schema refuses in its own words
@@ -74,7 +74,7 @@ def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, A
 
 
 def _scale_brake_gain(whole: dict[str, Any], model: dict[str, Any]) -> None:
-    """Make a brake gain that was not measured the model's in proportion to mass times wheel radius."""
+    """Scale the model's brake gain, where none was measured, with mass times wheel radius."""
     factors = [whole["vehicle"][key] for key in ("mass_kg", "wheel_radius_m")]
     if all(type(factor) in (int, float) for factor in factors):  # anything else the schema refuses
         share = factors[0] * factors[1] / (model["mass_kg"] * model["wheel_radius_m"])
@@ -98,7 +98,7 @@ def _judged(table: dict[str, Any], file: Path, validate: Callable[[type[Rig], di
 def _with_its_receiver(table: dict[str, Any]) -> tuple[dict[str, Any], type[Rig]]:
     """Return a rig's table and its model, which `pose.kind` decides on; raises ConfigError naming the key.
 
-    A kind that is a file of somebody's counts from the working folder of now, whoever reads the record later.
+    A kind given as a file is resolved against the present working folder, so that a record can be read from anywhere.
     """
     pose = table.get("pose")
     if not isinstance(pose, dict):
@@ -117,7 +117,7 @@ def _with_its_receiver(table: dict[str, Any]) -> tuple[dict[str, Any], type[Rig]
 
 
 def _keys_of(table: dict[str, Any], model: type[Rig], said: str) -> str:
-    """Return what to say beside that a key of the receiver is unknown: those that its kind has."""
+    """Return the hint beside an unknown key of the receiver: the keys that its kind has."""
     if "unknown key 'pose." not in said:
         return ""
     keys = sorted(model.model_fields["pose"].annotation.model_fields)  # type: ignore[union-attr]

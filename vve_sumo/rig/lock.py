@@ -1,4 +1,4 @@
-"""One user of a rig at a time: two drives on one car's bus would be two masters."""
+"""Locks a rig for one process at a time: two drives would command the same car."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vve_sumo.errors import RigError
 
 @contextlib.contextmanager
 def held(rig_file: Path) -> Iterator[None]:
-    """Hold a rig while in the block; the system lets go of it when this process ends, however it ends.
+    """Lock a rig while in the block; the system releases the lock however this process ends.
 
     Raises RigError where another process holds it.
     """

@@ -1,6 +1,6 @@
-"""What a rig means to the rest: vehicle, limits, mounting, the lot and its fence, in SI units and CCW radians.
+"""Converts a rig to vehicle, limits, mounting, lot and geofence, in SI units and counter-clockwise radians.
 
-Every function raises ConfigError, without the file's name, for what cannot be; none of them opens anything.
+Functions raise ConfigError, without the file's name, for impossible values; none of them opens a bus or device.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def steering_wheel_bias_of(rig: Rig) -> float:
 
 
 def limits_of(rig: Rig) -> Limits:
-    """Return what the gateway keeps to."""
+    """Return the limits that the gateway enforces."""
     said, usual = in_si(rig.limits, "speed_mps"), Limits()
 
     def changed(prefix: str) -> dict[str, float]:
@@ -90,7 +90,7 @@ def receiver_of(rig: Rig) -> Receiver:
 
 
 def interface_of(rig: Rig) -> InterfaceConfig:
-    """Return the drive-by-wire interface; a file counts from the working folder of now, whoever loads it later."""
+    """Return the drive-by-wire interface; a file is resolved against the present working folder."""
     name, settings = rig.drive_by_wire.interface, dict(rig.drive_by_wire.settings)
     file, colon, function = name.rpartition(":")
     return InterfaceConfig(f"{Path(file).resolve()}:{function}" if colon else name, settings)
@@ -116,7 +116,7 @@ def lot_of(rig: Rig) -> Lot:
 
 
 def alignment_of(rig: Rig, network: str) -> Alignment | None:
-    """Return how the lot's map lies on the street's; None where it is matched at the start.
+    """Return the alignment of the lot's map with the street's; None where it is matched at the start.
 
     `network` is the name of the street's. Raises ConfigError for an alignment that was made for another one, and for
     surveyed pairs that do not fit each other.
@@ -148,7 +148,7 @@ def _surveyed(rig: Rig) -> Alignment:
 
 
 def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
-    """Return the fence around the lot, which `alignment` lays onto the street.
+    """Return the geofence of the lot, which `alignment` maps to the street.
 
     Where the watchdog was never tried (then the car cannot be armed), the gateway's own stop stands for it.
     """

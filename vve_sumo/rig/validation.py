@@ -1,6 +1,6 @@
-"""Rigs that nobody should drive with: what is wrong between one table of a rig file and another.
+"""Refuses rigs that are unsafe or contradictory from one table of the rig file to another.
 
-Looks at what the file says and at nothing else; opens no bus and no socket.
+Checks the contents of the file only; opens no bus and no socket.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def refuse(rig: Rig) -> None:
 
 
 def arming_obstacle(rig: Rig) -> str | None:
-    """Say why this rig may not command a car, though it may drive along with nothing enabled; None where it may."""
+    """Return why this rig may not command a car (shadow mode stays possible); None where it may."""
     test = rig.watchdog_test
     if not receiver_of(rig).profile.may_arm:
         return "pose.kind: a recording says nothing about where a car is now"

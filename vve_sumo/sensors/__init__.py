@@ -1,1 +1,1 @@
-"""What the twin's sensors make of the street around it."""
+"""Virtual sensors of the twin in the virtual street."""

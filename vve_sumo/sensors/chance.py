@@ -1,6 +1,6 @@
-"""What chance does to a radar: a stream of its own for every actor, and errors that hold on from scan to scan.
+"""Random numbers of a radar: one stream per actor, and errors that are correlated from scan to scan.
 
-Must not know what is measured, or what the units of an error are.
+Must not know what is measured, or the units of an error.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import numpy as np
 from numpy.random.bit_generator import ISeedSequence
 from numpy.typing import NDArray
 
-#: Draws made at once for an actor: one by one they would cost several times as much.
+#: Draws made at once for an actor; single draws would cost several times as much.
 BLOCK = 8
 
-#: What chance adds to one actor in one scan: uniform in [0, 1), and standard normal for range, azimuth and range rate.
+#: Random numbers of one actor in one scan: uniform in [0, 1), and standard normal for range, azimuth and range rate.
 Draw = tuple[float, float, float, float]
 
 
 class _NamedSeed(ISeedSequence):
-    """The state of a stream from the drive's seed and a name; a fraction of the cost of a SeedSequence."""
+    """Seeds a stream from the drive's seed and a name, at a fraction of the cost of a SeedSequence."""
 
     def __init__(self, seed: bytes, name: str) -> None:
         self._digest = hashlib.blake2b(name.encode(), key=seed).digest()
@@ -33,16 +33,16 @@ class _NamedSeed(ISeedSequence):
 
 
 def stream(seed: bytes, name: str) -> np.random.Generator:
-    """The stream of random numbers that belongs to a name alone."""
-    # numpy's own stubs know no seed but SeedSequence; at run time its interface suffices.
+    """The stream of random numbers of a name, which depends on seed and name only."""
+    # numpy's stubs accept a SeedSequence only; at run time its interface suffices.
     return np.random.Generator(np.random.PCG64(_NamedSeed(seed, name)))  # type: ignore[arg-type]
 
 
 class Luck:
-    """What chance does to one actor: first-order Gauss-Markov errors of variance 1, and a fresh uniform each time.
+    """Random numbers of one actor: first-order Gauss-Markov errors of variance 1, and a fresh uniform each time.
 
-    Errors a period apart are correlated by `correlation`, errors farther apart by the according power of it: one who
-    was not looked at for a while comes back with errors that know little of the old ones.
+    Errors a period apart are correlated by `correlation`, errors farther apart by the corresponding power of it: after
+    a long time without a scan, an actor's errors are nearly independent of the old ones.
     """
 
     def __init__(self, source: np.random.Generator, correlation: float, period: int) -> None:

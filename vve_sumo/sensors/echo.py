@@ -1,4 +1,4 @@
-"""What an antenna without error would measure of the actors: range, azimuth and range rate of what it sees of each.
+"""Computes error-free range, azimuth and range rate of each actor's nearest point that the antenna sees.
 
 Pure functions of the ego's pose and the actors. Must not know noise, cycles, or how boxes hide each other.
 """
@@ -26,7 +26,7 @@ class Mount:
 
 
 class Echo(NamedTuple):
-    """What an antenna without error would measure of one actor."""
+    """The error-free measurement of one actor."""
 
     row: int  #: of the actor
     range: float  #: antenna to seen point [m]
@@ -64,10 +64,10 @@ def antenna_at(pose: Pose, mount: Mount, vehicle: Vehicle) -> Antenna:
 
 
 def echoes(antenna: Antenna, actors: Actors, sectors: Sequence[Sector]) -> tuple[list[Echo], int]:
-    """The nearest visible point of every actor in view, in row order; and how many hold a value that is not finite.
+    """The nearest visible point of every actor in view, in row order; and the number of non-finite actors.
 
-    Those are left out and hide nothing. Actors hide each other, the ego's own body hides nothing. The point moves as
-    its actor's centre does, along the heading and across it.
+    Actors with a value that is not finite are left out and hide nothing. Other actors hide each other; the ego's
+    own body hides nothing. The point moves as its actor's centre does, along the heading and across it.
     """
     targets, refused = _in_view(antenna, actors, sectors)
     boxes = [target[3] for target in targets]
@@ -109,6 +109,6 @@ def _echo(antenna: Antenna, sight: Sight, row: int, speed: float, lateral: float
     speed_x = speed * box.cos - lateral * box.sin - antenna.speed
     speed_y = speed * box.sin + lateral * box.cos - antenna.lateral_speed
     distance = math.sqrt(x * x + y * y)
-    # Touching: the direction is lost, and what counts is the closing speed along the boresight.
+    # At contact the direction is undefined: take the speed along the boresight.
     range_rate = (speed_x * x + speed_y * y) / distance if distance > 0.0 else speed_x
     return Echo(row, distance, math.atan2(y, x), range_rate, sector)

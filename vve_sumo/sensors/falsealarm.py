@@ -1,6 +1,6 @@
-"""Detections of nothing: noise that passes the radar's threshold, anywhere in its field of view.
+"""Draws false alarms: noise that passes the radar's detection threshold, anywhere in its field of view.
 
-Must not know actors, cycles, or where the antenna is.
+Must not know actors, cycles, or the antenna's pose.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ RANGE_RATE_SPAN = 81.92
 
 
 class FalseAlarm(NamedTuple):
-    """What an antenna believes to see where nothing is."""
+    """A detection without a target."""
 
     range: float  #: from the antenna [m]
     azimuth: float  #: from the boresight [rad], left positive

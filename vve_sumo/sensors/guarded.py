@@ -1,7 +1,7 @@
-"""A sensor whose failures are values: what can be neither shown to a controller nor recorded is a reason code.
+"""Wraps a sensor so that its failures become reason codes instead of exceptions or invalid values.
 
-Knows the port and no sensor. What a guarded sensor gives is finite, of the kinds that the sensor's class declares, and
-can't be written to.
+Knows the port and no particular sensor. The output of a guarded sensor is finite, of the kinds that the sensor's class
+declares, and read-only.
 """
 
 from __future__ import annotations
@@ -27,30 +27,30 @@ _KINDS: Final = {np.dtype(number): kind for kind, number in _NUMBERS.items()}
 
 
 class NotFiniteError(Exception):
-    """A value of a sensor's is NaN or infinite."""
+    """A value of a sensor is NaN or infinite."""
 
 
 class WrongTypeError(Exception):
-    """What came is not what the sensor's class declares."""
+    """A value is not of the kind that the sensor's class declares."""
 
 
 class GuardedSensor:
-    """Steps a sensor and answers for it.
+    """Steps a sensor, checks what it returns, and reports failures as reason codes.
 
     Codes: sensor_raised, sensor_wrong_type, sensor_not_finite, sensor_late, actors_not_finite.
     """
 
     def __init__(self, name: str, settings: SensorSettings, vehicle: Vehicle, generator: np.random.Generator) -> None:
-        """Make the sensor; raises what its class raises, and TypeError where it has no fit output."""
+        """Make the sensor; raises what its class raises, and TypeError where its output is invalid."""
         self._name = name
         self._sensor: Sensor = settings.sensor(vehicle, generator)
         self._columns, self._max_age = settings.columns, float(settings.max_age())
         self._observation = settings.observation
         self._fields = tuple(field.name for field in dataclasses.fields(settings.observation) if field.name != "time")
         self._first = math.nan
-        self.output: SensorOutput = self._sensor.output  #: the newest that a controller may see
+        self.output: SensorOutput = self._sensor.output  #: the newest valid output, for the controller
         self.faults: tuple[str, ...] = ()  #: reason codes of the last step
-        self.text = ""  #: what the last failure said, for the record
+        self.text = ""  #: text of the last failure, for the record
         if not self._max_age > 0.0:
             raise ValueError(f"max_age returned {self._max_age}, expected a positive time [s]")
         if self.output.time != -math.inf:
@@ -58,7 +58,7 @@ class GuardedSensor:
         self._check(self.output)
 
     def step(self, time: float, pose: Pose, actors: Actors) -> tuple[Column, ...] | None:
-        """Look at drive time `time` [s]; return the columns of the reading that comes out, None where none does."""
+        """Step at drive time `time` [s]; return the columns of the reading that comes out, None where none does."""
         self.faults = ()
         columns = None
         try:
@@ -82,11 +82,11 @@ class GuardedSensor:
         return columns
 
     def _taken(self, columns: tuple[Column, ...], output: SensorOutput, now: float) -> tuple[Column, ...]:
-        """Return a reading's columns as the record takes them, and take its output; raises for what is not fit."""
+        """Return a reading's columns as the record takes them, and take its output; raises where one is invalid."""
         if len(columns) != len(self._columns):
             raise WrongTypeError(f"{len(columns)} columns, expected {len(self._columns)}")
         sound = self._check(output)
-        # What the controller is handed most often stands in the record too, and is looked at once.
+        # Most arrays of the output are columns of the record too and need only one check.
         fit = tuple(
             column if sound.get(id(column)) == declared.kind else _column(column, declared)
             for column, declared in zip(columns, self._columns, strict=True)
@@ -131,7 +131,7 @@ class GuardedSensor:
 
 
 def _column(column: Column, declared: SensorColumn) -> Column:
-    """Return a column as values of the kind declared, which nobody can write to."""
+    """Return a column as read-only values of the declared kind."""
     wanted = _NUMBERS.get(declared.kind)
     if wanted is None:
         if not all(isinstance(text, str) for text in column):
@@ -150,5 +150,5 @@ def _column(column: Column, declared: SensorColumn) -> Column:
 
 
 def _finite(values: NDArray[Any]) -> bool:
-    # A sum takes half as long as a look at each, and is finite only where all are.
+    # A sum takes half as long as a check of each value, and is finite only where all are.
     return math.isfinite(values.sum()) or bool(np.isfinite(values).all())

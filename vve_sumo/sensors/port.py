@@ -1,4 +1,4 @@
-"""The port of sensors: what a drive asks of a kind of virtual sensor, and how a kind is found by its name.
+"""The port of sensors: the interface of a kind of virtual sensor, and how a kind is found by its name.
 
 A kind is one class: the keys that a scenario may set, the columns of its table in the record, the observation that the
 controller is handed, and how a sensor is made from all this. Knows neither SUMO nor the controller, and names no
@@ -31,11 +31,11 @@ class SensorColumn(NamedTuple):
 
     name: str  #: with the unit at its end, such as `range_m`
     kind: ColumnKind  #: of its values
-    meaning: str  #: in words, for whoever reads the record
+    meaning: str  #: in words, for readers of the record
 
 
 class Reading(Protocol):
-    """What came out of a sensor at one tick, for the record."""
+    """The output of a sensor at one tick, for the record."""
 
     def columns(self) -> tuple[Column, ...]:
         """Return the rows as the columns of the sensor's table, all of one length, which may be 0."""
@@ -47,7 +47,7 @@ class Sensor(Protocol):
 
     @property
     def output(self) -> SensorOutput:
-        """What the sensor measured last; before the first reading empty and dated -inf."""
+        """The last measurement; before the first reading empty and dated -inf."""
         ...
 
     @property
@@ -56,7 +56,7 @@ class Sensor(Protocol):
         ...
 
     def step(self, time: float, pose: Pose, actors: Actors) -> Reading | None:
-        """Look at drive time `time` [s] from the rear axle's pose; return the reading that comes out, if any."""
+        """Measure at drive time `time` [s] from the rear axle's pose; return the reading that comes out, if any."""
         ...
 
 
@@ -97,7 +97,7 @@ def configured(kind: str, settings: Mapping[str, Any]) -> SensorSettings:
 
 
 def _wrong(kind: type[SensorSettings]) -> str:
-    """Return what of a kind's class is not as the port wants it; empty where all is."""
+    """Return what is wrong with a kind's class in one phrase; empty where nothing is."""
     declared = ("columns", "observation")
     own = ("max_age", "sensor")
     missing = [name for name in declared if not hasattr(kind, name)]

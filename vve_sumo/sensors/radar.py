@@ -1,6 +1,6 @@
-"""A geometric radar: what an antenna on the ego's front measures of the boxes on the street, once every cycle.
+"""A geometric radar: measures the boxes of the actors from an antenna on the ego's front, once every cycle.
 
-Must not know SUMO, the controller, or what an actor is for. Randomness comes from the generator passed in, time from
+Must not know SUMO, the controller, or an actor's role. Randomness comes from the generator passed in, time from
 the tick. A scan comes out some time after it was made, as a real sensor's does. Defaults are the Delphi ESR's where a
 source is named, and said to be assumptions where none is.
 """
@@ -27,9 +27,9 @@ from vve_sumo.values import Actors, Detections, Pose, Vehicle
 MICROSECONDS = 1_000_000
 #: Cross-section that `detection_probability` is stated for [m2]: a car seen from behind, 10 dBsm.
 REFERENCE_CROSS_SECTION = 10.0
-#: Name of what stands behind a false alarm: no actor has it.
+#: Actor name of a false alarm; no actor has it.
 NOBODY = ""
-#: What the record keeps of a scan, a row a detection.
+#: Columns of a scan in the record, one row per detection.
 COLUMNS = (
     SensorColumn("range_m", "float", "from the middle of the front bumper to the seen point"),
     SensorColumn("azimuth_rad", "float", "direction of the seen point from the front bumper, left positive"),
@@ -37,7 +37,7 @@ COLUMNS = (
     SensorColumn("mode", "int8", "0 long range, 1 medium range"),
     SensorColumn("actor", "str", "what was seen: truth that no controller is told"),
 )
-#: Dated before every drive, and empty: what a controller holds until the first scan.
+#: The output until the first scan: empty, dated before every drive.
 BEFORE_FIRST_SCAN = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
 
 
@@ -66,9 +66,9 @@ _QUANTA = ("range_quantum", "range_rate_quantum", "azimuth_quantum")
 
 @dataclass(frozen=True, slots=True)
 class RadarConfig:
-    """What is declared of a radar; a standard deviation or a quantum of 0 leaves the value as it is.
+    """Parameters of a radar; a standard deviation or a quantum of 0 leaves the value as it is.
 
-    Shorter sight needs no option of its own: a radar that is blind until 18 m is one whose modes reach 18 m.
+    A shorter range needs no option of its own: for a radar that sees up to 18 m, set the modes' range_max to 18 m.
     Raises ConfigError for values that no radar can have.
     """
 
@@ -163,7 +163,7 @@ def _signal_at_range_max(detection_probability: float, false_alarm_probability: 
 
 
 class Radar:
-    """Scans once every period, measures with the flaws of its configuration, and says so after its latency.
+    """Scans once every period, with the errors of its configuration, and puts each scan out after the latency.
 
     The generator gives one seed; from it and an actor's name every actor gets a stream of its own, so that the noise
     on one car does not change because another one drives by. False alarms have a stream of their own too.
@@ -186,9 +186,9 @@ class Radar:
         """Measure where a cycle begins, and return the scan that comes out at this tick; None where none does.
 
         A cycle begins with the first tick at or after each multiple of the period. Its scan is dated at that tick and
-        comes out at the first one at or after the end of the latency; of two that wait, the newer. Without a finite
-        pose of the rear axle nothing is measured and the cycle stays due: the last scan grows old, which is what tells
-        a controller.
+        comes out at the first one at or after the end of the latency; of two that are due, the newer. Without a finite
+        pose of the rear axle nothing is measured and the cycle stays due: a controller sees this by the age of the last
+        scan.
         """
         now, self.refused, out = round(time * MICROSECONDS), 0, None
         if now >= self._next_due and _finite(pose):
@@ -224,7 +224,7 @@ class Radar:
             yield self._reported(*alarm, NOBODY)
 
     def _reported(self, range_: float, azimuth: float, range_rate: float, mode: int, name: str) -> _Measurement:
-        """Bring what the antenna has measured into quanta, and to the bumper."""
+        """Quantise a measurement of the antenna and refer it to the bumper."""
         config = self._config
         reach = max(_quantised(range_, config.range_quantum), 0.0)
         side = _quantised(azimuth, config.azimuth_quantum)

@@ -1,7 +1,7 @@
-"""Which boxes a point antenna sees past each other, and the nearest point of each that it sees.
+"""Computes which boxes a point antenna sees past each other, and the nearest visible point of each.
 
 Plane geometry in the antenna's frame: the antenna at the origin, its boresight along +x, +y to the left. Must not
-know radar, noise, time or the street. Plain numbers, for the few boxes in view are too few for arrays to pay.
+know radar, noise, time or the street. Plain numbers, because arrays do not pay for the few boxes in view.
 
 The method: (x, y) -> (y/x, 1/x) maps what lies ahead of the antenna so that every ray becomes a vertical line and every
 straight edge stays straight (inverse depth is linear on the screen: Blinn, "W Pleasure, W Fun", IEEE CG&A 18(3), 1998).
@@ -143,7 +143,7 @@ def _slope(x: float, y: float, beside: float) -> float:
 
 
 def _hide(outlines: Sequence[_Outline], widest: float) -> None:
-    """Leave in each outline what is seen of it past the others.
+    """Reduce each outline to what is visible of it past the others.
 
     A box whose depths end before another's begin stands before it wherever they meet in view; all of those share the
     openings that they leave. The few boxes whose depths overlap are rivals.

@@ -1,1 +1,1 @@
-"""The port of receivers, and the kinds that are shipped: one file each, found by its name in `[pose] kind`."""
+"""The port of receivers, and the shipped kinds, one file each, selected by name in `[pose] kind`."""

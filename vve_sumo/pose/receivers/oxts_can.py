@@ -63,7 +63,7 @@ class FrameSource:
         self.lost = False
 
     def fileno(self) -> int:
-        """Return what to wait on."""
+        """Return the file descriptor to wait on."""
         return self._number
 
     def next_due(self) -> float:
@@ -71,7 +71,7 @@ class FrameSource:
         return math.inf
 
     def receive(self) -> list[tuple[float, bytes]]:
-        """Return the frames that wait; a bus that is down gives none."""
+        """Return the waiting frames; none, and the source is `lost`, where the bus is down."""
         try:
             frames = self._bus.drain()
         except RigError:
@@ -94,7 +94,7 @@ class FrameSource:
 
 
 class FrameDecoder:
-    """The decoder of what `FrameSource` gives."""
+    """Decodes the portions of `FrameSource`."""
 
     def __init__(self) -> None:
         self._decoder = oxts_can.Decoder()

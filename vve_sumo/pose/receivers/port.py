@@ -42,13 +42,13 @@ class FixDecoder(Protocol):
 
 
 class FrameBus(Protocol):
-    """A CAN bus as a receiver sees it."""
+    """The part of a CAN bus that a receiver uses."""
 
     def fileno(self) -> int | None:
         """Return the file descriptor that a frame makes readable; None where the driver has none."""
 
     def drain(self) -> list[Frame]:
-        """Return the frames that wait, without waiting; raises RigError where the bus is down."""
+        """Return the waiting frames, without blocking; raises RigError where the bus is down."""
 
     def close(self) -> None:
         """Close the bus."""
@@ -59,7 +59,7 @@ OpenBus = Callable[[str, str, int], FrameBus]
 
 
 class OnCan(NamedTuple):
-    """What a receiver occupies of a CAN bus."""
+    """The CAN bus of a receiver and the identifiers that it occupies there."""
 
     interface: str  #: python-can's
     channel: str  #: python-can's
@@ -79,7 +79,7 @@ class Receiver(Protocol):
         ...
 
     def decoder(self) -> FixDecoder:
-        """Return a fresh decoder of what the source gives."""
+        """Return a new decoder for the data of the source."""
         ...
 
     def place(self) -> str:
