@@ -15,8 +15,8 @@ from vve_sumo.values import Setpoint, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
-# Tolerated age of the receiver's data beyond what their epoch says [s]; it also covers the slip of braking tyres. A longer
-# constant delay shows in how the car drives (docs/studies.md): a wider tolerance here would hide false data.
+# Tolerated age of the receiver's data beyond what their epoch says [s]; it also covers the slip of braking tyres. A
+# longer constant delay shows in how the car drives (docs/studies.md): a wider tolerance here would hide false data.
 DELAY: Final = 0.30
 # Allowed difference of satellite and wheel speed: this for the noise of both, plus the wheels' calibrated scale error
 # and DELAY times the acceleration.
