@@ -97,7 +97,7 @@ class BrakeMonitor:
 
 
 def _added(excess: float, more: float) -> float:
-    """The cumulative sum, never below zero; an unknown increment adds nothing."""
+    """Return the cumulative sum, never below zero; NaN and +inf add nothing, -inf resets it to zero."""
     if more == -math.inf:
         return 0.0
     return max(excess + more, 0.0) if math.isfinite(more) else excess

@@ -1,8 +1,8 @@
 """Gateway, the last party before the car: monitors the car, the setpoints and its own timing, and commands the car.
 
 Setpoints, report frames and the time are handed in: the module has no map, controller, bus or clock, and only the
-drive-by-wire interface encodes and decodes frames. Every fault becomes a reason code, never an exception, and stops a
-commanded car, unless the driver has taken over.
+drive-by-wire interface encodes and decodes frames. Every fault that a step finds becomes a reason code, not an
+exception, and stops a commanded car, unless the driver has taken over.
 """
 
 from __future__ import annotations

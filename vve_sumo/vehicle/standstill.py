@@ -35,7 +35,7 @@ class Standstill:
     """Weighs the evidence step by step."""
 
     def __init__(self) -> None:
-        self._possible = 0.0  # the least that the car's speed can be by now [m/s]
+        self._possible = 0.0  # the speed that the car may still have [m/s]
         self._long = Debounce(REST_TIME)
         self._satellite_long = Debounce(SATELLITE_REST_TIME)
         self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
