@@ -99,7 +99,8 @@ class Actuation:
 
     def _hold(self, speed: float, elapsed: float) -> Pedals:
         if abs(speed) >= REST_SPEED and self._torque >= self._hold_target:
-            # The car rolls although it is held: the grade exceeds HOLD_GRADE. The full torque holds it for the rest of this stop.
+            # The car rolls although it is held: the grade exceeds HOLD_GRADE. The full torque then holds it until it is
+            # released.
             self._hold_target = self._calibration.brake_torque_limit
         change = HOLD_RATE * elapsed
         self._torque += min(max(self._hold_target - self._torque, -change), change)
