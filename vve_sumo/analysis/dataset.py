@@ -13,10 +13,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from vve_sumo.analysis import json_models
-from vve_sumo.analysis.groups import COUNTS, grouped, meanings
+from vve_sumo.analysis.groups import COUNTS, NEEDED, grouped, meanings, numbered, repeated_by_seed
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
@@ -143,7 +145,8 @@ class Sweep:
     def grouped(self, by: Sequence[str] | None = None, figures: Sequence[str] | None = None) -> pd.DataFrame:
         """Return what the runs come to by combination of `by`, all that was varied if not said; see `groups.grouped`.
 
-        `figures` are `self.figures` if not said; a truth value's mean is its share.
+        `figures` are `self.figures` if not said; a truth value's mean is its share. Intervals are given of runs that
+        chance made differ and nobody chose: repetitions of one combination by seed, and the points of a random design.
         """
         apart = self.parameters if by is None else list(by)
         wanted = self.figures if figures is None else list(figures)
@@ -154,8 +157,18 @@ class Sweep:
         counted = next((name for name in apart if name in COUNTS), None)
         if counted is not None:
             raise ConfigError(f"{self.folder}: by: {counted} is a column of what comes out, expected another")
-        frame = self.rows(list(dict.fromkeys([*apart, "passed", "fault", *wanted])))
-        return described(grouped(frame, apart, wanted), meanings(self._meanings))
+        needed = dict.fromkeys([*apart, *self.parameters, "seed", *NEEDED, *self.figures, *wanted])
+        frame = self.rows(list(needed))
+        return described(grouped(frame, apart, wanted, self._by_chance(frame, apart)), meanings(self._meanings))
+
+    def _by_chance(self, frame: pd.DataFrame, by: Sequence[str]) -> NDArray[np.bool_]:
+        """Return whether each run (n) belongs to a group by `by` whose runs differ by chance alone."""
+        spec, group = self._held.plan.spec, numbered(frame, by)
+        if spec.get("search") is not None:  # it chose its runs by what the others came to
+            return np.zeros(len(frame), bool)
+        if spec.get("design") == "random" and spec.get("seeds", 1) == 1:
+            return np.asarray(np.bincount(group)[group] > 1) if len(frame) else np.zeros(0, bool)
+        return repeated_by_seed(frame, group, self.parameters)
 
     def run(self, key: str) -> Run:
         """Return the record of a run; raises ConfigError where it was not kept, or where no run has the key."""
