@@ -34,23 +34,30 @@ HOSTILE = f"{CODE}\ud800"  #: with half a character, which JSON holds
 CONTRAST = 4.5
 READABLE = 14.0  #: least size of letters [CSS dots]
 TARGET = 32.0  #: least height of what a finger is to meet [CSS dots]
+DRAWN = 300  #: until what was unfolded is drawn [ms]
 
-#: of every text that is shown: its colour, what lies behind it, its size
+UNFOLD = "document.querySelectorAll('details').forEach(one => { one.open = true; })"
+#: of every text that is shown: its colour, what lies behind it, its size; of plots the size is that of the plot
 LOOKS = """() => {
-  document.querySelectorAll('details').forEach(one => { one.open = true; });
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), looks = [];
   while (walker.nextNode()) {
     if (!walker.currentNode.data.trim()) continue;
     const element = walker.currentNode.parentElement, style = getComputedStyle(element);
+    if (!element.checkVisibility() || element.closest('option')) continue;
+    const plot = element.closest('svg');
+    // Text upon a map of colours, which are the same in both schemes.
+    if (plot && element.getAttribute('class').startsWith('f')) continue;
     let behind = element;
     while (behind && getComputedStyle(behind).backgroundColor === 'rgba(0, 0, 0, 0)') behind = behind.parentElement;
-    looks.push([style.color, getComputedStyle(behind || document.body).backgroundColor, parseFloat(style.fontSize)]);
+    const paper = getComputedStyle(behind || document.body).backgroundColor;
+    looks.push(plot ? [style.fill, paper, 99] : [style.color, paper, parseFloat(style.fontSize)]);
   }
   return looks;
 }"""
-IMAGES = "() => [...document.images].map(one => [one.naturalWidth, one.complete, one.alt])"
+PLOTS = """() => [...document.querySelectorAll('svg.plot')].map(
+  one => [one.getBoundingClientRect().width, one.querySelectorAll('path').length, one.getAttribute('aria-label')])"""
 HEADINGS = "() => [...document.querySelectorAll('h1,h2,h3,h4')].map(one => Number(one.tagName[1]))"
-HEIGHTS = "() => [...document.querySelectorAll('nav a, summary')].map(one => one.getBoundingClientRect().height)"
+HEIGHTS = "() => [...document.querySelectorAll('summary, button, select')].filter(one => one.checkVisibility()).map(one => one.getBoundingClientRect().height)"
 
 
 class Folders(NamedTuple):
@@ -178,6 +185,8 @@ def test_the_page_stands_in_a_browser(folders: Folders, browser: Any, kind: str)
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on("request", lambda request: asked.append(request.url.split(",")[0]))
         page.goto(address)
+        page.evaluate(UNFOLD)
+        page.wait_for_timeout(DRAWN)
         looks = page.evaluate(LOOKS)
         assert len(looks) > 100
         assert min(size for _ink, _paper, size in looks) >= READABLE
@@ -185,13 +194,14 @@ def test_the_page_stands_in_a_browser(folders: Folders, browser: Any, kind: str)
         # With everything unfolded, too.
         assert page.evaluate("document.scrollingElement.scrollWidth") <= size["width"]
         assert min(page.evaluate(HEIGHTS)) >= TARGET
-        images, headings = page.evaluate(IMAGES), page.evaluate(HEADINGS)
-        assert len(images) >= 3
-        assert all(width > 0 and complete and alt for width, complete, alt in images)
+        plots, headings = page.evaluate(PLOTS), page.evaluate(HEADINGS)
+        assert len(plots) >= 3
+        assert all(width > 300.0 and paths > 10 and alt for width, paths, alt in plots)
+        assert page.locator(".chart canvas").count() == (1 if kind == "sweep" else len(page.query_selector_all(".panel")))
         assert headings[0] == 1
         assert headings.count(1) == 1
         assert all(below <= above + 1 for above, below in pairwise(headings))
-        assert page.evaluate("[window.hit, document.scripts.length, document.documentElement.lang]") == [None, 0, "en"]
+        assert page.evaluate("[window.hit, document.documentElement.lang]") == [None, "en"]
         context.close()
     assert said == []
     assert {one for one in asked if not one.startswith("data:")} == {address}
@@ -211,11 +221,11 @@ def test_names_that_are_code_are_text(folders: Folders, browser: Any) -> None:
     [
         ("drive", "passed", r"The car came to rest 4\.\d\d m before parked_car\."),
         ("killed", "broken off", r"The record ends after \d+\.\d\d s, with the car at \d+\.\d\d m/s"),
-        ("sweep", "FAILED", r"30 of 35 judged runs passed \(85\.7 %\), 5 failed; 1 more ended with a fault\."),
+        ("sweep", "explored", r"30 of 35 judged runs passed \(85\.7 %\), 5 failed; 1 more ended with a fault\."),
         (
             "hostile",
             "altered",
-            r"Changed since the drive: summary\.json, scenario\.json\. .*The simulation broke after",
+            r"(?s)Changed since the drive: summary\.json, scenario\.json\. .*The simulation broke after",
         ),
     ],
 )
@@ -228,7 +238,7 @@ def test_the_top_line_says_what_happened(folders: Folders, kind: str, verdict: s
 
 def test_the_worst_run_comes_first_with_the_line_that_drives_it_again(folders: Folders) -> None:
     page = (folders.sweep / "report.html").read_text(encoding="utf-8")
-    failed = page.partition("Failed runs</h3>")[2]
+    failed = page.partition("Failed runs</h2>")[2]
     # Of speed 5 against gap 0 there is a fault; the hardest impact that is known is 5 m/s at gap 1.
     assert f"vve-sumo sweep --rerun sweep {11:016x}" in failed
     assert re.findall(r"<code>(\w{16})</code>", failed)[0] == f"{11:016x}"

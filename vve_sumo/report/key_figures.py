@@ -88,8 +88,8 @@ def _worst(rows: pd.DataFrame, name: str) -> KeyFigure | None:
         return None
     lower = PER_DRIVE[name].worse == "lower"
     row = int(np.nanargmin(values) if lower else np.nanargmax(values))
-    note = f"run {rows['key'].iloc[row]}; of {integer(known)} of {integer(len(rows))} runs that have one"
-    label = f"{'least' if lower else 'greatest'} {label_of(name)} of all runs"
+    note = f"run {rows['key'].iloc[row]}; {integer(known)} of {integer(len(rows))} runs have one"
+    label = f"{label_of(name)}, {'least' if lower else 'greatest'} of all runs"
     return KeyFigure(label, number(float(values[row]), unit_of(name)), meaning_of(name), note)
 
 

@@ -15,6 +15,9 @@ from vve_sumo.report.svg import Drawing, drawing_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: of the PNG files: a harder compression takes three times as long and saves a tenth
+PNG = {"compress_level": 3}
+
 
 @dataclass(frozen=True, slots=True)
 class Picture:
@@ -34,6 +37,9 @@ class Picture:
 
 def picture_of(figure: Figure, name: str, alt: str, caption: str) -> Picture:
     """Return a figure as a picture; the same figure gives the same bytes."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     out = io.BytesIO()
-    figure.savefig(out, format="png", metadata={"Software": None}, facecolor="white")
+    # Not by `savefig`, which draws everything twice.
+    FigureCanvasAgg(figure).print_png(out, metadata={"Software": None}, pil_kwargs=PNG)
     return Picture(name, out.getvalue(), drawing_of(figure, name, alt), alt, caption)

@@ -57,6 +57,7 @@ def drawing_of(figure: Figure, name: str, alt: str) -> Drawing:
     The same figure gives the same text. The figure must have been drawn before, which lays it out; it is changed.
     """
     import matplotlib as mpl
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     for artist in _of_values(figure):
         artist.set_gid(_FIXED)
@@ -64,11 +65,10 @@ def drawing_of(figure: Figure, name: str, alt: str) -> Drawing:
         if axes.get_facecolor() == _WHITE:
             axes.patch.set_alpha(0.0)  # the page's own paper, and the cue that there is more to scroll to, show through
     figure.set_layout_engine("none")
+    figure.set_facecolor("none")
     out = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
-        figure.savefig(
-            out, format="svg", facecolor="none", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        )
+        FigureCanvasSVG(figure).print_svg(out, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     text = printable(out.getvalue())
     root = Tree.fromstring(text[text.index("<svg") :])
     shaping = _Shaping(name)
@@ -114,6 +114,8 @@ class _Shaping:
         for key, value in attributes.items():
             if key == "style":
                 element.set("class", self._class(value, fixed))
+            elif key in ("fill", "stroke") and value.startswith("#"):  # of hatches
+                element.set("class", self._class(f"{key}: {value}", fixed))
             elif key == "id":
                 if element.tag not in ("g", "svg", "text"):  # nothing refers to those
                     element.set("id", f"{self._name}-{value}")

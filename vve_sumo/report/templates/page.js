@@ -2,7 +2,6 @@
 // What scripts add to the page: curves and points that show their values. Without them the page lacks nothing else.
 (() => {
   const STEP = 10; // ticks or runs that an arrow key moves with Shift
-  const REACH = 40; // farthest from a run that it is meant [CSS dots]
 
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const add = (parent, tag, text = "", name = "") => {
@@ -72,7 +71,7 @@
       return { ...panel, place };
     });
     const make = () => panels.map((panel) => new uPlot({
-      width: width(area), height: 130, legend: { show: false },
+      width: width(area), height: 140, legend: { show: false },
       cursor: { sync: { key: "drive" }, y: false, drag: { x: true, y: false } },
       scales: {
         x: { time: false },
@@ -81,7 +80,7 @@
           return uPlot.rangeNum(Math.min(low, top), top, 0.08, true);
         } },
       },
-      axes: [axis(null, 28), axis(null, 56)],
+      axes: [axis(null, 28), { ...axis(null, 56), space: 24 }],
       series: [{}, ...panel.series.map((one, n) => ({
         label: one.label, stroke: colour(n ? "--second" : "--first"), width: 2, dash: n ? [6, 4] : undefined, points: { show: false },
       }))],
@@ -130,7 +129,7 @@
     const nearest = (plot) => {
       const { left, top } = plot.cursor;
       if (left === undefined || left < 0) return;
-      let best = REACH, found = null;
+      let best = Infinity, found = null;
       order.forEach((run, n) => {
         const far = Math.hypot(plot.valToPos(x().values[run], "x") - left, plot.valToPos(y().values[run], "y") - top);
         if (far < best) { best = far; found = n; }
