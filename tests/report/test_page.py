@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
-from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
-from tests.drive.street import altered
-from tests.isolated import REPOSITORY, command, isolated
-from tests.sweep.test_dataset import PLAN, content
+from tests.isolated import command
+from tests.report.made import CODE, Folders, swept
+from tests.sweep.test_dataset import content
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
 from vve_sumo.report import write_report
-from vve_sumo.sweep.dataset import Dataset
-from vve_sumo.sweep.job import Result
-from vve_sumo.sweep.run_specs import RunSpec
 
 PHONE, DESK = {"width": 360, "height": 800}, {"width": 1280, "height": 900}
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-#: what a user may call things
-CODE = "</title><script>window.hit=1</script><img src=x onerror='window.hit=1'>\"&amp; $\\frac{$ \u202e _x_"
-HOSTILE = f"{CODE}\ud800"  #: with half a character, which JSON holds
 #: WCAG 2.2, 1.4.3, of text that is not large
 CONTRAST = 4.5
 READABLE = 14.0  #: least size of letters [CSS dots]
@@ -57,101 +45,8 @@ LOOKS = """() => {
 PLOTS = """() => [...document.querySelectorAll('svg.plot')].map(
   one => [one.getBoundingClientRect().width, one.querySelectorAll('path').length, one.getAttribute('aria-label')])"""
 HEADINGS = "() => [...document.querySelectorAll('h1,h2,h3,h4')].map(one => Number(one.tagName[1]))"
-HEIGHTS = "() => [...document.querySelectorAll('summary, button, select')].filter(one => one.checkVisibility()).map(one => one.getBoundingClientRect().height)"
-
-
-class Folders(NamedTuple):
-    drive: Path
-    killed: Path
-    sweep: Path
-    hostile: Path
-
-
-def drive(folder: str) -> None:
-    """Drive to a car that is parked near the start; call it through `isolated`."""
-    from vve_sumo.drive import run as drives
-
-    drives.run(altered({"obstacles.0.at_m": 60.0, "road.demand": []}), Path(folder), REPOSITORY)
-
-
-def cut_short(record: Path, folder: Path) -> Path:
-    """Leave of a record what a kill does: tables that are streams still, and no summary."""
-    folder.mkdir()
-    for name in ("scenario.json", "pose.bin", "can.log"):
-        shutil.copy(record / name, folder)
-    for name in ("ticks", "readings", "sensor_radar", "actors"):
-        table = pq.read_table(record / f"{name}.parquet")
-        with pa.OSFile(str(folder / f"{name}.arrows"), "wb") as file, pa.ipc.new_stream(file, table.schema) as stream:
-            stream.write_table(table.slice(0, table.num_rows // 2))
-    return folder
-
-
-def spoiled(record: Path, folder: Path) -> Path:
-    """Write into a copy of a record what nobody should call anything."""
-    shutil.copytree(record, folder)
-    told = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
-    told["settings"] |= {"title": CODE, "description": HOSTILE}
-    told["settings"]["obstacles"][0]["id"] = HOSTILE
-    told["settings"]["controller"]["name"] = HOSTILE
-    (folder / "scenario.json").write_text(json.dumps(told), encoding="utf-8")
-    ended = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    ended |= {"outcome": "broken", "text": HOSTILE, "passed": False, "failed": [HOSTILE]}
-    (folder / "summary.json").write_text(json.dumps(ended), encoding="utf-8")
-    return folder
-
-
-def runs() -> Iterator[tuple[RunSpec, Result]]:
-    for number in range(36):
-        speed, gap = float(number % 6), float(number // 6)
-        hit = speed > gap + 2.0
-        figures: dict[str, Any] = {"outcome": "contact" if hit else "stopped", "passed": not hit, "collision": hit}
-        figures |= {"failed": CODE if hit else "", "stop_gap_m": None if hit else 1.0 + gap, "min_gap_m": gap - 1.0}
-        figures |= {"impact_speed_mps": speed if hit else 0.0, "meets_stop_gap_m": not hit, "min_ttc_s": 1.0 + gap}
-        figures |= {"stop_onset_speed_mps": speed + 5.0, "stop_distance_m": 10.0 + speed, "stop_bound_m": 12.0}
-        figures |= {"stop_demand_mps2": 5.0, "stop_reaction_s": 0.1, "record_sha256": "0"}
-        fault = "crashed: SIGSEGV <b>" if number == 5 else ""
-        values = {"ego.speed_mps": speed, "gap": gap}
-        yield RunSpec(number, f"{number:016x}", values, 1), Result("", {} if fault else figures, fault)
-
-
-def swept(folder: Path) -> Path:
-    table = {"title": CODE, "description": CODE, "criteria": {"stop_gap_m": {"min": 1.0}}}
-    table |= {"road": {"network": "linden"}, "parameters": {"gap": {"sets": ["a.b_m"], "meaning": CODE}}}
-    kinds: dict[str, Any] = {"ego.speed_mps": "float", "gap": "float"}
-    spec = {"title": "a sweep", "scenario": "s", "parameters": {"ego.speed_mps": [0.0, 5.0], "gap": [0.0, 5.0]}}
-    dataset = Dataset(folder, replace(PLAN, spec=spec, table=table, cells=36, parameters=kinds), resume=True)
-    for cell, result in runs():
-        if not dataset.holds(cell.number):
-            dataset.add(cell, result)
-    dataset.close()
-    return folder
-
-
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
-    above = tmp_path_factory.mktemp("reports")
-    isolated(drive, str(above / "drive"))
-    told = Folders(
-        above / "drive",
-        cut_short(above / "drive", above / "killed"),
-        swept(above / "sweep"),
-        spoiled(above / "drive", above / "hostile"),
-    )
-    for folder in told:
-        write_report(folder)
-    return told
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api", reason="the page's test needs playwright")
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
-        pytest.skip(f"no browser is installed: looked for {', '.join(BROWSERS)}")
-    with api.sync_playwright() as play:
-        chromium = play.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
+HEIGHTS = """() => [...document.querySelectorAll('summary, button, select')].filter(
+  one => one.checkVisibility()).map(one => one.getBoundingClientRect().height)"""
 
 
 def luminance(colour: str) -> float:
@@ -197,7 +92,9 @@ def test_the_page_stands_in_a_browser(folders: Folders, browser: Any, kind: str)
         plots, headings = page.evaluate(PLOTS), page.evaluate(HEADINGS)
         assert len(plots) >= 3
         assert all(width > 300.0 and paths > 10 and alt for width, paths, alt in plots)
-        assert page.locator(".chart canvas").count() == (1 if kind == "sweep" else len(page.query_selector_all(".panel")))
+        assert page.locator(".chart canvas").count() == (
+            1 if kind == "sweep" else len(page.query_selector_all(".panel"))
+        )
         assert headings[0] == 1
         assert headings.count(1) == 1
         assert all(below <= above + 1 for above, below in pairwise(headings))

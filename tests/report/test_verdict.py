@@ -129,7 +129,7 @@ FAULT = Result("", {}, "timed_out")
     ("results", "cells", "line"),
     [
         ([ran(True)], None, "passed: The one judged run passed. Over all runs: smallest gap at rest 2.00 m, no coll"),
-        ([ran(True), ran(False)], None, "explored: 1 of 2 judged runs passed (50 %), 1 failed. Over all runs: smallest"),
+        ([ran(True), ran(False)], None, "explored: 1 of 2 judged runs passed (50 %), 1 failed. Over all runs: small"),
         ([ran(True), FAULT], None, "not judged: The one judged run passed; 1 more ended with a fault. Over all runs:"),
         ([ran(False), FAULT], None, "explored: 0 of 1 judged runs passed (0 %), 1 failed; 1 more ended with a fault."),
         ([ran(True)], 3, "broken off: 1 of 3 runs are finished: the sweep was stopped or still runs. The one"),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from vve_sumo.report.glossary import Term, used_in
 from vve_sumo.report.svg import Drawing, drawing_of
+from vve_sumo.report.text import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,8 +39,12 @@ class Picture:
 def picture_of(figure: Figure, name: str, alt: str, caption: str) -> Picture:
     """Return a figure as a picture; the same figure gives the same bytes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.text import Text
 
+    for text in figure.findobj(Text):
+        text.set_text(printable(text.get_text()))  # half a character in a name is more than matplotlib can draw
     out = io.BytesIO()
     # Not by `savefig`, which draws everything twice.
-    FigureCanvasAgg(figure).print_png(out, metadata={"Software": None}, pil_kwargs=PNG)
+    canvas = FigureCanvasAgg(figure)
+    canvas.print_png(out, metadata={"Software": None}, pil_kwargs=PNG)  # type: ignore[no-untyped-call]
     return Picture(name, out.getvalue(), drawing_of(figure, name, alt), alt, caption)

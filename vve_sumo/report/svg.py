@@ -68,7 +68,8 @@ def drawing_of(figure: Figure, name: str, alt: str) -> Drawing:
     figure.set_facecolor("none")
     out = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
-        FigureCanvasSVG(figure).print_svg(out, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+        metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        FigureCanvasSVG(figure).print_svg(out, metadata=metadata)  # type: ignore[no-untyped-call]
     text = printable(out.getvalue())
     root = Tree.fromstring(text[text.index("<svg") :])
     shaping = _Shaping(name)
