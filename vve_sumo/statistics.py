@@ -43,15 +43,18 @@ def student(freedom: int) -> float:
 
 @dataclass(slots=True)
 class Mean:
-    """A mean that numbers are added to (Welford's recurrence); NaN of none."""
+    """A mean that numbers are added to (Welford's recurrence), with the least and the greatest; NaN of none."""
 
     count: int = 0
     mean: float = math.nan
+    least: float = math.nan
+    greatest: float = math.nan
     _squares: float = 0.0
 
     def add(self, value: float) -> None:
         """Take in one number."""
         self.count += 1
+        self.least, self.greatest = min(value, self.least), max(value, self.greatest)
         before = self.mean if self.count > 1 else 0.0
         self.mean = before + (value - before) / self.count
         self._squares += (value - before) * (value - self.mean)

@@ -197,7 +197,7 @@ def _results(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts) -> dict[str
         "search_sentence": search_results.sentence(sweep.found, units) if sweep.found is not None else None,
         "search_table": search_results.table_of(sweep.found, units) if sweep.found is not None else None,
         "searched": searched,
-        "overview": runs.overview(counted, searched),
+        "overview": runs.overview(sweep, counted, searched),
         "spread": runs.spread(rows, sweep.figures),
         "combinations": runs.combinations(sweep, rows, figures),
         "failed": runs.failed_runs(rows, sweep.parameters, figures),
