@@ -52,11 +52,36 @@ def _fcd(run: Run) -> Iterable[Part]:
     return fcd.of_drive(run)
 
 
+def _commonroad(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import commonroad
+
+    return commonroad.of_drive(run)
+
+
+def _openscenario(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import openscenario
+
+    return openscenario.of_drive(run)
+
+
 #: by name, in the order of the help
 FORMATS: dict[str, Format] = {
     one.name: one
     for one in (
         Format("csv", "tables for pandas, R, MATLAB, Excel", ".csv", _csv, _csv_of_sweep),
         Format("fcd", "SUMO's floating car data: ego and actors at every tick", ".fcd.xml", _fcd),
+        Format(
+            "commonroad",
+            "CommonRoad scenario (2020a): lanelets, obstacles, task",
+            ".commonroad.xml",
+            _commonroad,
+        ),
+        Format(
+            "openscenario",
+            "ASAM OpenSCENARIO XML 1.2: every body follows its trajectory",
+            ".xosc",
+            _openscenario,
+            needs="openscenario",
+        ),
     )
 }
