@@ -52,10 +52,11 @@ def figures(values: dict[str, float], chance: random.Random) -> dict[str, float 
     gap = 12.0 - 0.06 * values[SPEED] ** 2 - values[SPEED] * values[DELAY] + chance.gauss(0.0, 0.5)
     named = {"outcome": "stopped" if gap > 0.0 else "contact", "passed": gap > 2.0, "collision": gap <= 0.0}
     made: dict[str, float | str | bool | int] = {name: chance.gauss(5.0, 1.0) for name in FIGURES}
-    made |= {name: "" for name, kind in FIGURES.items() if kind == "str"}
-    made |= {name: False for name, kind in FIGURES.items() if kind == "bool"}
-    made |= {name: chance.randrange(3000) for name, kind in FIGURES.items() if kind == "int"}
+    made |= {name: "" for name, metric in FIGURES.items() if metric.kind == "str"}
+    made |= {name: False for name, metric in FIGURES.items() if metric.kind == "bool"}
+    made |= {name: chance.randrange(3000) for name, metric in FIGURES.items() if metric.kind == "int"}
     measured = {"stop_gap_m": max(gap, 0.0), "min_gap_m": gap, "min_ttc_s": max(gap, 0.01) / values[SPEED]}
+    measured |= {"meets_stop_gap_m": gap > 2.0}
     return made | named | measured | {"record_sha256": f"{chance.getrandbits(256):064x}"}
 
 

@@ -30,6 +30,7 @@ from vve_sumo.pose import trust
 from vve_sumo.pose.receivers.port import PORT, ReceiverTable
 from vve_sumo.pose.receivers.port import load as load_receiver
 from vve_sumo.record.layout import ROADS, ROADS_SCHEMA
+from vve_sumo.report import glossary
 from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.rig.schema import Rig
@@ -126,6 +127,7 @@ def _rig_keys() -> str:
 GENERATED = {
     ("faults.md", "faults"): matrix.table,
     ("faults.md", "kinds"): _kinds,
+    ("glossary.md", "glossary"): glossary.markdown,
     ("record.md", "reading columns"): lambda: _schema("readings"),
     ("record.md", "detection columns"): lambda: _schema("sensor_radar"),
     ("record.md", "actor columns"): lambda: _schema("actors"),

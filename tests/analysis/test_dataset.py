@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import random
 import sys
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from scipy import stats
 
 from tests.sweep.test_dataset import COUNT, ORDER, PLAN, cell, fill, result
 from vve_sumo.analysis import Sweep
+from vve_sumo.analysis.groups import grouped, numbered, repeated_by_seed
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.table import FIGURES
 from vve_sumo.record.sweep_folder import COLUMNS, MACHINE
@@ -77,7 +79,7 @@ def test_a_column_says_its_unit_its_meaning_and_what_is_missing(tmp_path: Path) 
     fill(tmp_path)
     rows = Sweep(tmp_path).rows()
     assert rows.attrs["units"]["stop_gap_m"] == "m"
-    assert rows.attrs["meanings"]["speed"] == "varied"
+    assert rows.attrs["meanings"]["speed"] == "the scenario's speed"
     assert all(rows.attrs["meanings"].values())
     assert set(COLUMNS) == {"number", "key", "seed", "fault", *FIGURES, *MACHINE}
     assert len(rows[~rows["passed"]]) == 1  # number 1; the run with a fault has neither passed nor failed
@@ -93,7 +95,7 @@ def made() -> Iterator[tuple[RunSpec, Result]]:
         gap = chance.gauss(4.0, 1.0) if number % 7 else None
         figures: dict[str, Any] = {"outcome": "stopped", "passed": passed, "collision": not passed, "stop_gap_m": gap}
         fault = "timed_out" if number % 11 == 0 else ""
-        yield RunSpec(number, f"{number:016x}", values, 1), Result("", {} if fault else figures, fault)
+        yield RunSpec(number, f"{number:016x}", values, number), Result("", {} if fault else figures, fault)
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +106,14 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Sweep:
         dataset.add(one, came)
     dataset.close()
     return Sweep(folder)
+
+
+def all_of(results: list[Result]) -> Iterator[tuple[bool, float]]:
+    """Collision and gap of those runs that have a gap or collided."""
+    for came in results:
+        hit, gap = bool(came.figures.get("collision")), came.figures.get("stop_gap_m") or math.nan
+        if hit or gap == gap:
+            yield hit, gap
 
 
 @pytest.mark.parametrize("by", [["speed", "kind"], ["kind"], []])
@@ -117,18 +127,83 @@ def test_groups_are_what_counting_by_hand_comes_to(sweep: Sweep, by: list[str]) 
         judged = [came.figures["passed"] for came in results if not came.fault]
         assert (row["runs"], row["faults"]) == (len(results), len(results) - len(judged))
         assert (row["judged"], row["passed"]) == (len(judged), sum(map(bool, judged)))
+        assert row["collisions"] == sum(bool(came.figures.get("collision")) for came in results)
         low, high = stats.binomtest(sum(map(bool, judged)), len(judged)).proportion_ci(0.95, "wilson")
         assert row["passed_share"] == np.mean(judged) == pytest.approx(1.0 - row["mean_collision"])
-        assert (row["passed_low_share"], row["passed_high_share"]) == pytest.approx((low, high))
+        wanted = (low, high) if len(by) == 2 else (np.nan, np.nan)  # else the runs differ by more than their seed
+        assert (row["passed_low_share"], row["passed_high_share"]) == pytest.approx(wanted, nan_ok=True)
         gaps = np.array([came.figures.get("stop_gap_m") or np.nan for came in results], float)
         gaps = gaps[np.isfinite(gaps)]
-        names = ("mean", "least", "p05", "p50", "p95", "greatest")
-        wanted = (gaps.mean(), gaps.min(), *np.quantile(gaps, (0.05, 0.5, 0.95)), gaps.max())
-        assert [row[f"{name}_stop_gap_m"] for name in names] == pytest.approx(wanted)
-        spread = stats.t.ppf(0.975, len(gaps) - 1) * stats.sem(gaps)
-        assert (row["half_width_stop_gap_m"], row["stop_gap_m_count"]) == (pytest.approx(spread), len(gaps))
+        names = ("mean", "least", "worst", "p05", "p50", "p95", "greatest")
+        figures = (gaps.mean(), gaps.min(), gaps.min(), *np.quantile(gaps, (0.05, 0.5, 0.95)), gaps.max())
+        assert [row[f"{name}_stop_gap_m"] for name in names] == pytest.approx(figures)
+        spread = stats.t.ppf(0.975, len(gaps) - 1) * stats.sem(gaps) if len(by) == 2 else np.nan
+        assert (row["half_width_stop_gap_m"], row["stop_gap_m_count"]) == (
+            pytest.approx(spread, nan_ok=True),
+            len(gaps),
+        )
+        assert row["stop_gap_m_share"] == pytest.approx(len(gaps) / len(results))
+        every = sorted(-math.inf if hit and not gap <= 0.0 else gap for hit, gap in all_of(results))
+        middle = (every[(len(every) - 1) // 2] + every[len(every) // 2]) / 2.0
+        median = middle if math.isfinite(middle) else math.nan
+        assert row["median_all_stop_gap_m"] == pytest.approx(median, nan_ok=True)
     assert groups.attrs["units"]["p05_stop_gap_m"] == "m"
     assert all(groups.attrs["meanings"].values())
+
+
+def rows_of(seeds: list[int], gaps: list[float], hits: list[bool], **more: Any) -> pd.DataFrame:
+    held = {"seed": seeds, "stop_gap_m": gaps, "collision": hits, "passed": [not hit for hit in hits]}
+    return pd.DataFrame({"speed": 1.0, "fault": "", "outcome": "stopped", **held, **more})
+
+
+def test_runs_that_collided_are_below_the_median_of_all_and_not_in_the_mean() -> None:
+    rows = rows_of([1, 2, 3, 4, 5], [4.0, math.nan, 2.0, 7.0, 3.0], [False, True, False, True, False])
+    (row,) = grouped(rows, ["speed"], ["stop_gap_m"]).to_dict("records")
+    assert (
+        row["mean_stop_gap_m"] == 4.0
+    )  # of 4, 2, 7 and 3: the gap behind an obstacle that was driven through is in it
+    assert row["median_all_stop_gap_m"] == 2.0  # of two below zero, 2, 3 and 4
+    assert (row["stop_gap_m_count"], row["stop_gap_m_share"], row["collisions"]) == (4, 0.8, 2)
+    half = grouped(rows.iloc[:4], ["speed"], ["stop_gap_m"])
+    assert half["median_all_stop_gap_m"].isna().all()
+
+
+@pytest.mark.parametrize(
+    ("rows", "by_chance"),
+    [
+        (rows_of([1, 2, 3], [1.0, 1.5, 2.0], [False] * 3), True),
+        (rows_of([1, 2, 3], [1.0, 1.0, 1.0], [False] * 3), False),  # the seeds change nothing
+        (rows_of([1, 1, 1], [1.0, 1.5, 2.0], [False] * 3), False),
+        (rows_of([1, 2, 3], [1.0, 1.5, 2.0], [False] * 3, speed=[1.0, 2.0, 3.0]), False),  # the mixture of a grid
+        (rows_of([1], [1.0], [False]), False),
+    ],
+)
+def test_there_are_intervals_of_repetitions_alone(rows: pd.DataFrame, by_chance: bool) -> None:
+    repeated = repeated_by_seed(rows, numbered(rows, []), ["speed"])
+    assert repeated.tolist() == [by_chance] * len(rows)
+    (row,) = grouped(rows, [], ["stop_gap_m"], repeated).to_dict("records")
+    assert math.isfinite(row["passed_low_share"]) == by_chance
+    assert math.isfinite(row["half_width_stop_gap_m"]) == by_chance
+
+
+@pytest.mark.parametrize(
+    ("spec", "by_chance"),
+    [
+        ({"design": "random", "samples": 5}, True),
+        ({"design": "sobol", "samples": 5}, False),
+        ({"search": {"along": "speed"}}, False),
+    ],
+)
+def test_points_drawn_at_random_are_a_sample_and_those_of_a_search_are_none(
+    tmp_path: Path, spec: dict[str, Any], by_chance: bool
+) -> None:
+    dataset = Dataset(tmp_path / "sweep", replace(PLAN, cells=5, spec=spec), resume=False)
+    for number in range(5):
+        figures: dict[str, Any] = {"passed": number < 3, "collision": False, "stop_gap_m": float(number)}
+        dataset.add(RunSpec(number, f"{number:016x}", {"speed": 0.3 * number, "kind": "a"}, 1), Result("", figures, ""))
+    dataset.close()
+    low = Sweep(tmp_path / "sweep").grouped([], [])["passed_low_share"]
+    assert low.notna().tolist() == [by_chance]
 
 
 def test_sql_answers_as_the_rows_do(sweep: Sweep) -> None:

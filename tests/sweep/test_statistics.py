@@ -16,12 +16,10 @@ from vve_sumo.sweep.statistics import outcome
 
 
 @given(st.integers(1, 500), st.data())
-def test_wilsons_interval_is_the_closed_form(judged: int, data: st.DataObject) -> None:
+def test_wilsons_interval_is_scipys(judged: int, data: st.DataObject) -> None:
     passed = data.draw(st.integers(0, judged))
-    z, share = 1.959963984540054, passed / judged
-    middle = (share + z * z / (2 * judged)) / (1 + z * z / judged)
-    half = z / (1 + z * z / judged) * math.sqrt(share * (1 - share) / judged + z * z / (4 * judged * judged))
-    assert wilson(passed, judged) == pytest.approx((middle - half, middle + half), abs=1e-9)
+    found = stats.binomtest(passed, judged).proportion_ci(0.95, method="wilson")
+    assert wilson(passed, judged) == pytest.approx((found.low, found.high), abs=1e-12)
 
 
 def test_nothing_judged_says_nothing() -> None:
@@ -34,6 +32,7 @@ def test_a_mean_and_its_interval_are_scipys(values: list[float]) -> None:
     for value in values:
         mean.add(value)
     assert mean.mean == pytest.approx(np.mean(values), abs=1e-9)
+    assert (mean.least, mean.greatest) == (min(values), max(values))
     assert mean.half == pytest.approx(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1), rel=1e-6, abs=1e-9)
 
 
@@ -46,15 +45,29 @@ def test_a_single_number_has_no_interval() -> None:
 
 
 def row(speed: float, passed: bool | None, gap: float | None, fault: str = "") -> dict[str, Any]:
-    return {"speed": speed, "passed": passed, "gap": gap, "fault": fault}
+    hit = None if passed is None else not passed
+    return {"speed": speed, "passed": passed, "stop_gap_m": gap, "fault": fault, "collision": hit, "outcome": None}
 
 
-def test_runs_are_grouped_and_faults_stand_beside() -> None:
+def test_runs_are_grouped_and_faults_and_collisions_stand_beside() -> None:
     rows = [row(1.0, True, 5.0), row(2.0, False, None), row(1.0, None, None, "timed_out"), row(1.0, True, 6.0)]
-    came = outcome(rows, ["speed"], ["gap"])
+    came = outcome(rows, ["speed"], ["stop_gap_m"])
     first, second = came.groups[(1.0,)], came.groups[(2.0,)]
     assert list(came.groups) == [(1.0,), (2.0,)]
-    assert (first.runs, first.judged, first.passed, first.means["gap"].mean) == (3, 2, 2, 5.5)
-    assert (second.runs, second.judged, second.passed, second.means["gap"].count) == (1, 1, 0, 0)
+    assert (first.runs, first.judged, first.passed, first.means["stop_gap_m"].mean) == (3, 2, 2, 5.5)
+    assert (first.faults, first.collisions, first.worst("stop_gap_m")) == (1, 0, 5.0)
+    assert (second.runs, second.judged, second.passed, second.means["stop_gap_m"].count) == (1, 1, 0, 0)
+    assert second.collisions == 1
     assert (came.all.runs, came.all.judged, came.all.passed) == (4, 3, 2)
     assert list(came.lines()) == ["1 x timed_out"]
+
+
+@pytest.mark.parametrize(
+    ("gaps", "by_chance"), [([5.0, 5.0, 5.0], False), ([5.0, 5.0, 5.1], True), ([5.0], False), ([5.0, None], True)]
+)
+def test_there_is_an_interval_where_seeds_made_the_runs_differ(gaps: list[float | None], by_chance: bool) -> None:
+    group = outcome([row(1.0, True, gap) for gap in gaps], ["speed"], ["stop_gap_m"]).groups[(1.0,)]
+    assert group.interval == (wilson(len(gaps), len(gaps)) if by_chance else None)
+    known = [gap for gap in gaps if gap is not None]
+    spread = stats.sem(known) * stats.t.ppf(0.975, len(known) - 1) if by_chance and len(known) > 1 else math.nan
+    assert group.half("stop_gap_m") == pytest.approx(spread, nan_ok=True)

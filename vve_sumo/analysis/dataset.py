@@ -13,17 +13,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from vve_sumo.analysis import json_models
-from vve_sumo.analysis.groups import COUNTS, grouped, meanings
+from vve_sumo.analysis.groups import COUNTS, NEEDED, grouped, meanings, numbered, repeated_by_seed
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import NUMBERS
-from vve_sumo.record.sweep_folder import COLUMNS, Held
+from vve_sumo.record.sweep_folder import Held
 
 if TYPE_CHECKING:
     import duckdb
@@ -127,7 +128,14 @@ class Sweep:
         with tempfile.TemporaryDirectory() as spill:
             settings: dict[str, Any] = {"temp_directory": spill, "python_enable_replacements": "false"}
             with duckdb.connect(":memory:", config=settings) as connection:
-                return described(self._answer(connection, query), self._meanings)
+                return self._described(self._answer(connection, query))
+
+    def _described(self, answer: pd.DataFrame) -> pd.DataFrame:
+        """Return an answer whose `attrs` know the columns of `rows`, of `machine` and of `grouped` by their names."""
+        known = meanings(self._meanings)
+        frame = described(answer, {name: known.get(name, "computed by the query") for name in map(str, answer)})
+        frame.attrs["units"] |= {name: unit for name, unit in self._held.plan.units().items() if name in frame}
+        return frame
 
     def _answer(self, connection: duckdb.DuckDBPyConnection, query: str) -> pd.DataFrame:
         import duckdb
@@ -143,7 +151,8 @@ class Sweep:
     def grouped(self, by: Sequence[str] | None = None, figures: Sequence[str] | None = None) -> pd.DataFrame:
         """Return what the runs come to by combination of `by`, all that was varied if not said; see `groups.grouped`.
 
-        `figures` are `self.figures` if not said; a truth value's mean is its share.
+        `figures` are `self.figures` if not said; a truth value's mean is its share. Intervals are given of runs that
+        chance made differ and nobody chose: repetitions of one combination by seed, and the points of a random design.
         """
         apart = self.parameters if by is None else list(by)
         wanted = self.figures if figures is None else list(figures)
@@ -154,8 +163,18 @@ class Sweep:
         counted = next((name for name in apart if name in COUNTS), None)
         if counted is not None:
             raise ConfigError(f"{self.folder}: by: {counted} is a column of what comes out, expected another")
-        frame = self.rows(list(dict.fromkeys([*apart, "passed", "fault", *wanted])))
-        return described(grouped(frame, apart, wanted), meanings(self._meanings))
+        needed = dict.fromkeys([*apart, *self.parameters, "seed", *NEEDED, *self.figures, *wanted])
+        frame = self.rows(list(needed))
+        return described(grouped(frame, apart, wanted, self._by_chance(frame, apart)), meanings(self._meanings))
+
+    def _by_chance(self, frame: pd.DataFrame, by: Sequence[str]) -> NDArray[np.bool_]:
+        """Return whether each run (n) belongs to a group by `by` whose runs differ by chance alone."""
+        spec, group = self._held.plan.spec, numbered(frame, by)
+        if spec.get("search") is not None:  # it chose its runs by what the others came to
+            return np.zeros(len(frame), bool)
+        if spec.get("design") == "random" and spec.get("seeds", 1) == 1:
+            return np.asarray(np.bincount(group)[group] > 1) if len(frame) else np.zeros(0, bool)
+        return repeated_by_seed(frame, group, self.parameters)
 
     def run(self, key: str) -> Run:
         """Return the record of a run; raises ConfigError where it was not kept, or where no run has the key."""
@@ -187,18 +206,9 @@ class Sweep:
             name: missing[kinds[name]] for name in table.column_names if name not in sure and kinds.get(name) in missing
         }
         frame = described(table.to_pandas().astype(better), self._meanings)
-        frame.attrs["units"] |= {name: unit for name, unit in self._declared_units.items() if name in frame}
+        frame.attrs["units"] |= {name: unit for name, unit in self._held.plan.units().items() if name in frame}
         return frame
 
     @cached_property
-    def _declared_units(self) -> dict[str, str]:
-        """Units of parameters that the scenario declares: those of the keys that they set."""
-        declared = self._held.plan.table.get("parameters", {})
-        return {name: unit_of(declared[name]["sets"][0]) for name in self.parameters if name in declared}
-
-    @cached_property
     def _meanings(self) -> dict[str, str]:
-        plan = self._held.plan
-        varied = dict.fromkeys(plan.parameters, "varied")
-        met = {f"meets_{name}": f"whether the criterion {name} was met" for name in plan.criteria}
-        return {name: column.meaning for name, column in COLUMNS.items()} | varied | met
+        return self._held.plan.meanings()

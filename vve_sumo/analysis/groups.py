@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vve_sumo.analysis.survivors import BELOW_ZERO_AFTER_COLLISION, with_collisions
+from vve_sumo.metrics.table import METRICS
 from vve_sumo.statistics import student, wilson
 from vve_sumo.values import Floats
 
@@ -20,72 +22,143 @@ if TYPE_CHECKING:
 #: quantiles of a figure, by how their columns begin
 QUANTILES = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
 
-#: what a figure's columns begin with, and what they are
+#: what a figure's columns begin with, and what they are, over the runs that have it
 SPREAD = {
-    "mean": "mean",
-    "half_width": "half of Student's 95 % interval of the mean, which fewer than two runs do not have",
+    "mean": "mean over the runs that have it",
+    "half_width": "half of Student's 95 % interval of the mean; none where chance did not make the runs differ",
+    "worst": "worst; none of a figure of which neither way is worse",
     "least": "least",
     **{name: f"quantile {share:g}" for name, share in QUANTILES.items()},
     "greatest": "greatest",
 }
+#: how the column begins that also counts runs which collided, and what it is
+MEDIAN_OF_ALL = "median_all"
+MEDIAN_OF_ALL_MEANS = (
+    "median over all runs that have it or collided, a collision as a value below 0; none where half did"
+)
 
 COUNTS = {
     "runs": "finished runs",
     "faults": "of them with a fault: without figures, neither passed nor failed",
+    "collisions": "of them with a collision",
+    "stopped_by_gateway": "of them that the gateway stopped for a reason code: the outcome is fault",
     "judged": "of them that passed or failed",
     "passed": "of them that passed",
-    "passed_share": "passed over judged; NaN for none",
-    "passed_low_share": "lower end of Wilson's 95 % interval of that share",
+    "passed_share": "passed over judged; none where none was judged",
+    "passed_low_share": "lower end of Wilson's 95 % interval of that share; none as for half_width",
     "passed_high_share": "its upper end",
 }
+#: columns of the rows that the counts take
+NEEDED = ("passed", "fault", "collision", "outcome")
 
 
-def grouped(rows: pd.DataFrame, by: Sequence[str], figures: Sequence[str]) -> pd.DataFrame:
+def grouped(
+    rows: pd.DataFrame, by: Sequence[str], figures: Sequence[str], repeated: NDArray[np.bool_] | None = None
+) -> pd.DataFrame:
     """Return a row for every combination of values in the columns `by`, in the order in which they first come.
 
     Beside them the columns of COUNTS and for every figure those of SPREAD, such as `mean_min_ttc_s`, over the runs that
-    have it, and how many those are: `min_ttc_s_count`. `rows` has `passed` and `fault` too.
+    have it, how many those are, `min_ttc_s_count`, and their share of the runs, `min_ttc_s_share`. A figure that a
+    collision leaves below zero has `median_all_…` too. `rows` has the columns NEEDED too. `repeated` says of every run
+    (n) whether the runs of its group are repetitions by chance: only of those there are intervals; all if not said.
     """
     import pandas as pd
 
     by = list(by)
-    group: NDArray[np.int64] = np.zeros(len(rows), np.int64)
-    if by:
-        group = np.asarray(rows.groupby(by, sort=False, dropna=False).ngroup(), np.int64)
+    group = numbered(rows, by)
     heads = rows[by].drop_duplicates().reset_index(drop=True) if by else pd.DataFrame(index=range(min(len(rows), 1)))
-    columns: dict[str, Any] = {**{name: heads[name] for name in by}, **_counts(rows, group, len(heads))}
+    sure = np.ones(len(heads), bool)
+    if repeated is not None:
+        sure[group[~repeated]] = False
+    columns: dict[str, Any] = {**{name: heads[name] for name in by}, **_counts(rows, group, sure)}
     for name in figures:
-        columns |= _spread(name, rows[name].to_numpy(np.float64, na_value=np.nan), group)
+        columns |= _spread(name, rows, group, sure)
     return pd.DataFrame(columns, index=heads.index)
+
+
+def numbered(rows: pd.DataFrame, by: Sequence[str]) -> NDArray[np.int64]:
+    """Return for every run (n) the number of its group, from 0 in the order in which the groups first come."""
+    if not by:
+        return np.zeros(len(rows), np.int64)
+    return np.asarray(rows.groupby(list(by), sort=False, dropna=False).ngroup(), np.int64)
+
+
+def repeated_by_seed(rows: pd.DataFrame, group: NDArray[np.int64], parameters: Sequence[str]) -> NDArray[np.bool_]:
+    """Return whether each run (n) belongs to a group of repetitions that differ by their seed alone, and do differ.
+
+    Where the values of a parameter differ within the group, its runs are cells of a design that somebody chose, and
+    where every figure is the same with every seed, chance has no part in the runs: neither has a sampling error.
+    `rows` has `seed`, the parameters, and the figures by which runs are told apart.
+    """
+    import pandas as pd
+
+    parts = rows.groupby(group)
+    alone = pd.Series(True, index=parts.size().index)
+    for name in parameters:
+        alone &= parts[name].nunique(dropna=False) == 1
+    told = [name for name in rows.columns if name in METRICS]
+    differ = pd.Series(False, index=alone.index)
+    for name in told:
+        differ |= parts[name].nunique(dropna=False) > 1
+    repetitions = alone & differ & (parts["seed"].nunique() > 1)
+    which: NDArray[np.bool_] = repetitions.to_numpy(bool)[group] if len(rows) else np.zeros(0, bool)
+    return which
 
 
 def meanings(of: Mapping[str, str]) -> dict[str, str]:
     """Return what the columns of such a table mean, given what those of the rows do."""
     spread = {f"{name}_{figure}": f"{what}: {of[figure]}" for figure in of for name, what in SPREAD.items()}
-    return {**of, **COUNTS, **spread, **{f"{figure}_count": f"runs that have {figure}" for figure in of}}
+    censored = {
+        f"{MEDIAN_OF_ALL}_{figure}": f"{MEDIAN_OF_ALL_MEANS}: {of[figure]}"
+        for figure in BELOW_ZERO_AFTER_COLLISION
+        if figure in of
+    }
+    counts = {f"{figure}_count": f"runs that have {figure}" for figure in of}
+    shares = {f"{figure}_share": f"share of the finished runs that have {figure}" for figure in of}
+    return {**of, **COUNTS, **spread, **censored, **counts, **shares}
 
 
-def _counts(rows: pd.DataFrame, group: NDArray[np.int64], groups: int) -> dict[str, Any]:
+def _counts(rows: pd.DataFrame, group: NDArray[np.int64], sure: NDArray[np.bool_]) -> dict[str, Any]:
     passed = rows["passed"].to_numpy(np.float64, na_value=np.nan)
+    groups = len(sure)
 
     def count(which: NDArray[np.bool_]) -> NDArray[np.int64]:
         return np.bincount(group[which], minlength=groups)
 
     judged, good = count(np.isfinite(passed)), count(passed == 1.0)
-    intervals = np.array([wilson(*pair) for pair in zip(good.tolist(), judged.tolist(), strict=True)]).reshape(-1, 2)
     share = np.divide(good, judged, out=np.full(groups, np.nan), where=judged > 0)
-    faults = count(rows["fault"].to_numpy() != "")
-    all_of_them = count(np.ones(len(rows), bool))
-    return dict(zip(COUNTS, (all_of_them, faults, judged, good, share, *intervals.T), strict=True))
+    said = (
+        count(np.ones(len(rows), bool)),
+        count(rows["fault"].fillna("").to_numpy() != ""),
+        count(rows["collision"].eq(True).fillna(False).to_numpy(bool)),
+        count(rows["outcome"].eq("fault").fillna(False).to_numpy(bool)),
+    )
+    return dict(zip(COUNTS, (*said, judged, good, share, *_intervals(good, judged, sure)), strict=True))
 
 
-def _spread(name: str, values: Floats, group: NDArray[np.int64]) -> dict[str, Any]:
+def _intervals(good: NDArray[np.int64], judged: NDArray[np.int64], sure: NDArray[np.bool_]) -> Floats:
+    """Return lower and upper ends of Wilson's intervals (2 x n); NaN of groups that are no repetitions."""
+    found = [
+        wilson(*pair) if known else (np.nan, np.nan)
+        for *pair, known in zip(good.tolist(), judged.tolist(), sure.tolist(), strict=True)
+    ]
+    return np.array(found, np.float64).reshape(-1, 2).T
+
+
+def _spread(name: str, rows: pd.DataFrame, group: NDArray[np.int64], sure: NDArray[np.bool_]) -> dict[str, Any]:
     import pandas as pd
 
-    groups = pd.Series(values).groupby(group)
-    count, mean = groups.count(), groups.mean()
-    reach = np.array([student(int(number) - 1) for number in count])
+    groups = pd.Series(rows[name].to_numpy(np.float64, na_value=np.nan)).groupby(group)
+    count, mean, least, greatest = groups.count(), groups.mean(), groups.min(), groups.max()
+    reach = np.array([student(int(number) - 1) for number in count]) if len(count) else np.zeros(0)
     quantiles = groups.quantile(np.array(list(QUANTILES.values()))).unstack()
-    said = (mean, reach * groups.sem(), groups.min(), *(quantiles[q] for q in QUANTILES.values()), groups.max())
+    worse = METRICS[name].worse if name in METRICS else None
+    worst = {"lower": least, "higher": greatest, None: pd.Series(np.nan, index=mean.index)}[worse]
+    half = (groups.sem() * reach).where(sure)
+    said = (mean, half, worst, least, *(quantiles[q] for q in QUANTILES.values()), greatest)
     columns = {f"{which}_{name}": each for which, each in zip(SPREAD, said, strict=True)}
-    return {**columns, f"{name}_count": count}
+    if name in BELOW_ZERO_AFTER_COLLISION and "collision" in rows:
+        # The order alone decides a median: what is known to lie below need not be known itself.
+        middle = pd.Series(with_collisions(rows, name)).groupby(group).median()
+        columns[f"{MEDIAN_OF_ALL}_{name}"] = middle.where(np.isfinite(middle))
+    return {**columns, f"{name}_count": count, f"{name}_share": count / groups.size()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -132,6 +133,7 @@ def _conclude_search(out: Path, query: SweepQuery, search: AdaptiveSearch) -> in
 
 
 def _show(out: Path, query: SweepQuery, came: Outcome) -> None:
+    from vve_sumo.statistics import wilson
     from vve_sumo.sweep.conclusion import COMBINATIONS, first_failed
 
     console = plain_console()
@@ -142,9 +144,11 @@ def _show(out: Path, query: SweepQuery, came: Outcome) -> None:
     every, faults = came.all, came.all.runs - came.all.judged
     share = ""
     if query.spec.design == "random" and query.cells.count == query.cells.points:
-        share = f" ({_percent(every)} of those drawn)"
+        low, high = wilson(every.passed, every.judged)
+        share = f" ({_percent(low, high)} of those drawn)" if every.judged else ""
     failed = every.judged - every.passed
-    console.print(f"{every.runs} runs: {every.passed} passed{share}, {failed} failed, {faults} with a fault")
+    hit = f"; {every.collisions} with a collision" if every.collisions else ""
+    console.print(f"{every.runs} runs: {every.passed} passed{share}, {failed} failed, {faults} with a fault{hit}")
     for number, line in enumerate(came.lines()):
         if number == MAX_FAULTS:
             console.print(f"  … and {len(came.faults) - MAX_FAULTS} other faults")
@@ -166,13 +170,31 @@ def _table(query: SweepQuery, came: Outcome) -> Table:
     figures = (said or list(USUAL_FIGURES))[:MAX_FIGURES]
     title = query.spec.title or query.plan.scenario
     table = Table(title=title, title_justify="left", box=box.SIMPLE)
-    for name in (*_tails(list(query.plan.parameters)), "passed", "share, 95 %", *figures):
+    shown = list(came.groups.items())[:MAX_ROWS]
+    beside = _beside([group for _values, group in shown])
+    for name in (*_tails(list(query.plan.parameters)), "passed", *beside, *figures):
         table.add_column(name, justify="right", overflow="fold")
-    for values, group in list(came.groups.items())[:MAX_ROWS]:
-        means = (group.means[name] for name in figures)
-        said_means = (_spread(mean.mean, mean.half) for mean in means)
-        table.add_row(*map(_short, values), f"{group.passed} of {group.judged}", _percent(group), *said_means)
+    for values, group in shown:
+        counts = (f"{group.passed} of {group.judged}", *(cell(group) for cell in beside.values()))
+        table.add_row(*map(_short, values), *counts, *(_spread(group, name) for name in figures))
+    if any(group.runs > 1 for _values, group in shown):
+        table.caption = "mean of the runs that have the figure, how many of all that is, and the worst of them"
+        table.caption_justify = "left"
     return table
+
+
+def _beside(groups: Sequence[Group]) -> dict[str, Callable[[Group], str]]:
+    """Return the columns that stand beside the passes, as far as they say anything: each head and what makes a cell."""
+    columns: dict[str, Callable[[Group], str]] = {}
+    if any(group.interval for group in groups):
+        columns["share, 95 %"] = lambda group: _percent(*group.interval) if group.interval else "none"
+    if any(group.collisions for group in groups):
+        columns["collisions"] = lambda group: str(group.collisions)
+    if any(group.stopped_by_gateway for group in groups):
+        columns["stopped by gateway"] = lambda group: str(group.stopped_by_gateway)
+    if any(group.faults for group in groups):
+        columns["faults"] = lambda group: str(group.faults)
+    return columns
 
 
 def _tails(names: list[str]) -> list[str]:
@@ -185,15 +207,18 @@ def _short(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _percent(group: Group) -> str:
-    low, high = group.interval
-    return f"{100.0 * low:.0f} to {100.0 * high:.0f} %" if group.judged else "none"
+def _percent(low: float, high: float) -> str:
+    return f"{100.0 * low:.0f} to {100.0 * high:.0f} %"
 
 
-def _spread(mean: float, half: float) -> str:
-    if math.isnan(mean):
+def _spread(group: Group, figure: str) -> str:
+    """Return a figure's mean with its interval, how many runs have it where some lack it, and the worst of them."""
+    mean, half, worst = group.means[figure], group.half(figure), group.worst(figure)
+    if mean.count == 0:
         return "none"
-    return f"{mean:.3g}" if math.isnan(half) else f"{mean:.3f} ± {half:.3f}"
+    said = f"{mean.mean:.3g}" if math.isnan(half) else f"{mean.mean:.3f} ± {half:.3f}"
+    said += f" ({mean.count} of {group.runs})" if mean.count < group.runs else ""
+    return said if group.runs == 1 or math.isnan(worst) else f"{said}, worst {worst:.3g}"
 
 
 def rerun(folder: Path, key: str, out: Path | None) -> int:

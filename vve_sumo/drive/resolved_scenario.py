@@ -15,7 +15,6 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from vve_sumo import workspace
 from vve_sumo.config_file import read_json
@@ -284,6 +283,8 @@ def _lanes_along(path: Path, lanes: list[Lane]) -> tuple[Lane, ...]:
     """Return those of the lanes that come within MAX_DISTANCE_FROM_PATH of the path."""
     if not lanes:
         return ()
+    from scipy.spatial import KDTree  # a fifth of a second, for those who drive only
+
     tree = KDTree(_dense(np.array(path.points)))
     lines = [_dense(lane.shape) for lane in lanes]
     distance, _nearest = tree.query(np.vstack(lines))
@@ -296,6 +297,8 @@ def _on_the_roads(places: list[str], points: Floats, lanes: list[Lane], network:
     """Raise ConfigError at the first point that is far from every lane: a wrong network or wrong coordinates."""
     if len(points) == 0:
         return
+    from scipy.spatial import KDTree  # a fifth of a second, for those who drive only
+
     spots = np.vstack([_dense(lane.shape) for lane in lanes]) if lanes else np.zeros((0, 2))
     distance = KDTree(spots).query(points)[0] if len(spots) else np.full(len(points), np.inf)
     far = np.flatnonzero(distance > MAX_DISTANCE_FROM_LANES)

@@ -16,7 +16,6 @@ from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.report.formatting import integer, number, share, short
 from vve_sumo.report.tables import Cell, Column, Row, Table, cell, head_of, named
-from vve_sumo.statistics import wilson
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 #: rows of a table on the page at most; all of them are in the dataset
 MAX_ROWS = 200
 #: of the runs that did not pass, how many are listed at most
-MAX_FAILED = 100
+MAX_FAILED = 500
 #: figures that are shown where no criterion asks for others
 MAIN = ("stop_gap_m", "min_gap_m", "min_ttc_s", "max_deceleration_mps2")
 #: metrics in the order in which they decide which run is worse
@@ -62,11 +61,12 @@ def counts(sweep: Sweep, rows: pd.DataFrame) -> Counts:
     return Counts(sweep.asked, len(rows), int((passed == 1.0).sum()), int((passed == 0.0).sum()), faults)
 
 
-def overview(of: Counts, search: bool) -> Table:
-    """Return how many runs passed, with Wilson's interval of that share."""
-    low, high = wilson(of.passed, of.judged)
-    passed = f"{share(of.passed / of.judged)} of those judged; " if of.judged else ""
-    interval = f"95 % interval {share(low)} to {share(high)}" if of.judged else ""
+def overview(sweep: Sweep, of: Counts, search: bool) -> Table:
+    """Return how many runs passed, with Wilson's interval of that share where chance alone made the runs differ."""
+    (all_runs,) = sweep.grouped([], []).to_dict("records")
+    low, high = all_runs["passed_low_share"], all_runs["passed_high_share"]
+    passed = f"{share(of.passed / of.judged)} of those judged" if of.judged else ""
+    interval = f"; 95 % interval {share(low)} to {share(high)}" if of.judged and low == low else ""
     rows = [
         ("planned", integer(of.planned), "at most: the search chooses which" if search else ""),
         ("finished", integer(of.finished), ""),
@@ -94,7 +94,7 @@ def spread(rows: pd.DataFrame, figures: Sequence[str]) -> Table:
 
 def combinations(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Table:
     """Return the results by combination of values, the worst first; no rows where each was driven once."""
-    heads = ["runs", "passed", "share, 95 %", *map(head_of, figures)]
+    heads = ["runs", "passed", "share, 95 %", "collisions", *map(head_of, figures)]
     units = rows.attrs.get("units", {})
     columns = [Column(head, True) for head in (*(head_of(name, units) for name in sweep.parameters), *heads)]
     if not sweep.parameters or not 1 < len(rows[sweep.parameters].drop_duplicates()) < len(rows):
@@ -106,14 +106,19 @@ def combinations(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Ta
 
 
 def _combination(row: Mapping[Hashable, Any], parameters: Sequence[str], figures: Sequence[str]) -> list[str]:
-    interval = f"{share(row['passed_low_share'])} to {share(row['passed_high_share'])}"
+    low, high = row["passed_low_share"], row["passed_high_share"]
+    interval = f"{share(low)} to {share(high)}" if row["judged"] and low == low else "none"
     cells = [short(row[name]) for name in parameters]
-    cells += [short(row["runs"]), f"{row['passed']} of {row['judged']}", interval if row["judged"] else "none"]
-    return cells + [_mean(row[f"mean_{name}"], row[f"half_width_{name}"]) for name in figures]
+    cells += [short(row["runs"]), f"{row['passed']} of {row['judged']}", interval, short(row["collisions"])]
+    return cells + [_mean(row, name) for name in figures]
 
 
-def _mean(mean: float, half: float) -> str:
-    return number(mean) if half != half or mean != mean else f"{number(mean)} ± {number(half)}"
+def _mean(row: Mapping[Hashable, Any], figure: str) -> str:
+    """Return a figure's mean with its interval, how many runs have it where some lack it, and the worst of them."""
+    mean, half, worst = (row[f"{which}_{figure}"] for which in ("mean", "half_width", "worst"))
+    said = number(mean) if half != half or mean != mean else f"{number(mean)} ± {number(half)}"
+    said += f" ({row[f'{figure}_count']} of {row['runs']})" if row[f"{figure}_count"] < row["runs"] else ""
+    return said if worst != worst else f"{said}, worst {number(worst)}"
 
 
 def failed_runs(rows: pd.DataFrame, parameters: Sequence[str], figures: Sequence[str]) -> Table:

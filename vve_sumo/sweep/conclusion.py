@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.sweep_folder import read_tables
 from vve_sumo.sweep.plan import MAX_RUNS, SweepQuery
-from vve_sumo.sweep.statistics import Outcome, outcome
+from vve_sumo.sweep.statistics import Group, Outcome, outcome
 
 COMBINATIONS, FOUND = "combinations.csv", "search.json"
 
@@ -19,7 +20,7 @@ COMBINATIONS, FOUND = "combinations.csv", "search.json"
 def conclude(folder: Path, query: SweepQuery) -> Outcome:
     """Return what a finished sweep came to; write `combinations.csv` beside its rows, unless it has very many."""
     parameters = list(query.plan.parameters) if query.cells.points < MAX_RUNS else []
-    columns = [*parameters, "passed", "fault", *NUMBERS]
+    columns = [*parameters, "passed", "fault", "collision", "outcome", *NUMBERS]
     rows = (row for table in read_tables(folder) for row in table.select(columns).to_pylist())
     came = outcome(rows, parameters, NUMBERS)
     if parameters:
@@ -30,12 +31,26 @@ def conclude(folder: Path, query: SweepQuery) -> Outcome:
 def _write(file: Path, parameters: Sequence[str], came: Outcome) -> None:
     with file.open("w", encoding="utf-8", newline="") as out:
         lines = csv.writer(out, lineterminator="\n")
-        means = [f"{name}{which}" for name in NUMBERS for which in ("", "_half_width")]
-        lines.writerow([*parameters, "runs", "judged", "passed", "share_low", "share_high", *means])
+        heads = [f"{name}{which}" for name in NUMBERS for which in ("", "_half_width", "_worst", "_count")]
+        counts = ["runs", "judged", "passed", "share_low", "share_high", "faults", "collisions", "stopped_by_gateway"]
+        lines.writerow([*parameters, *counts, *heads])
         for values, group in came.groups.items():
-            figures = [each for name in NUMBERS for each in (group.means[name].mean, group.means[name].half)]
-            counts = (group.runs, group.judged, group.passed, *group.interval)
-            lines.writerow([*values, *counts, *("" if one != one else one for one in figures)])
+            lines.writerow([*values, *map(_cell, [*_counts(group), *_figures(group)])])
+
+
+def _counts(group: Group) -> list[float]:
+    share = group.interval or (math.nan, math.nan)
+    return [group.runs, group.judged, group.passed, *share, group.faults, group.collisions, group.stopped_by_gateway]
+
+
+def _figures(group: Group) -> Iterator[float]:
+    """Mean, half width, worst value and count of every figure."""
+    for name in NUMBERS:
+        yield from (group.means[name].mean, group.half(name), group.worst(name), group.means[name].count)
+
+
+def _cell(value: float) -> float | str:
+    return "" if math.isnan(value) else value
 
 
 def keep_found(folder: Path, found: Mapping[str, Any]) -> None:

@@ -1,16 +1,18 @@
 """What a sweep's rows come to: how often each combination of values passed, and its mean figures, with intervals.
 
 Knows rows; neither files nor how they are shown. Runs with a fault have neither passed nor failed; they are counted
-beside.
+beside, and so are the runs that lack a figure and are in no mean of it.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from vve_sumo.metrics.table import METRICS
 from vve_sumo.statistics import Interval, Mean, wilson
 
 
@@ -21,19 +23,38 @@ class Group:
     runs: int = 0
     judged: int = 0  #: that came to an end at which they passed or failed
     passed: int = 0
+    faults: int = 0  #: without figures
+    collisions: int = 0
+    stopped_by_gateway: int = 0  #: for a reason code: the outcome is fault
     means: dict[str, Mean] = field(default_factory=dict)  #: of figures, over the runs that have one
+    differ: bool = False  #: whether any figure is another in one of the runs than in the first
+    _first: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def interval(self) -> Interval:
-        """Wilson's interval of the share that pass."""
-        return wilson(self.passed, self.judged)
+    def interval(self) -> Interval | None:
+        """Wilson's interval of the share that pass; None where chance did not make the runs differ."""
+        return wilson(self.passed, self.judged) if self.differ and self.judged else None
+
+    def half(self, figure: str) -> float:
+        """Half of Student's interval of a figure's mean; NaN where chance did not make the runs differ."""
+        return self.means[figure].half if self.differ else math.nan
+
+    def worst(self, figure: str) -> float:
+        """Worst value of a figure; NaN of one of which neither way is worse."""
+        mean, worse = self.means[figure], METRICS[figure].worse if figure in METRICS else None
+        return {"lower": mean.least, "higher": mean.greatest, None: math.nan}[worse]
 
     def add(self, row: Mapping[str, Any], figures: Sequence[str]) -> None:
         """Take in a run."""
         self.runs += 1
+        self.faults += bool(row["fault"])
+        self.collisions += bool(row["collision"])
+        self.stopped_by_gateway += row["outcome"] == "fault"
         if row["passed"] is not None:
             self.judged += 1
             self.passed += row["passed"]
+        self._first = self._first or {name: row[name] for name in ("passed", "collision", *figures)}
+        self.differ = self.differ or any(row[name] != value for name, value in self._first.items())
         for name in figures:
             mean = self.means.setdefault(name, Mean())
             if row[name] is not None:
