@@ -79,7 +79,7 @@ def test_a_column_says_its_unit_its_meaning_and_what_is_missing(tmp_path: Path) 
     fill(tmp_path)
     rows = Sweep(tmp_path).rows()
     assert rows.attrs["units"]["stop_gap_m"] == "m"
-    assert rows.attrs["meanings"]["speed"] == "varied"
+    assert rows.attrs["meanings"]["speed"] == "the scenario's speed"
     assert all(rows.attrs["meanings"].values())
     assert set(COLUMNS) == {"number", "key", "seed", "fault", *FIGURES, *MACHINE}
     assert len(rows[~rows["passed"]]) == 1  # number 1; the run with a fault has neither passed nor failed

@@ -21,6 +21,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.metrics.table import label_of
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -61,6 +62,8 @@ MEANINGS = {
     "shift_m": "how much farther along the path the other is; likewise",
     "n": "points that both had",
 }
+#: sides of a comparison, and which record each is
+SIDES: Final = {"one": "first", "other": "second"}
 OUTCOME_MEANINGS = {
     "unit": "of the figure; empty for words",
     "one": "what the first record came to",
@@ -197,6 +200,7 @@ def _pair(one: _Side, other: _Side, name: str, axis: str, grid: Floats) -> pd.Da
         # Gaps to two different actors are two different things.
         leaders = [np.array(side.data.lead.actor, object)[_nearest(side.time, grid)] for side in (one, other)]
         table.loc[leaders[0] != leaders[1], :] = np.nan
+    described(table, {which: f"{label_of(name)} of the {order} record" for which, order in SIDES.items()})
     table.attrs["units"] = dict.fromkeys(sides, unit_of(name)) | {axis: unit_of(axis)}
     return table
 

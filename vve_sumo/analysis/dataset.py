@@ -23,9 +23,8 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import NUMBERS
-from vve_sumo.record.sweep_folder import COLUMNS, Held
+from vve_sumo.record.sweep_folder import Held
 
 if TYPE_CHECKING:
     import duckdb
@@ -129,7 +128,14 @@ class Sweep:
         with tempfile.TemporaryDirectory() as spill:
             settings: dict[str, Any] = {"temp_directory": spill, "python_enable_replacements": "false"}
             with duckdb.connect(":memory:", config=settings) as connection:
-                return described(self._answer(connection, query), self._meanings)
+                return self._described(self._answer(connection, query))
+
+    def _described(self, answer: pd.DataFrame) -> pd.DataFrame:
+        """Return an answer whose `attrs` know the columns of `rows`, of `machine` and of `grouped` by their names."""
+        known = meanings(self._meanings)
+        frame = described(answer, {name: known.get(name, "computed by the query") for name in map(str, answer)})
+        frame.attrs["units"] |= {name: unit for name, unit in self._held.plan.units().items() if name in frame}
+        return frame
 
     def _answer(self, connection: duckdb.DuckDBPyConnection, query: str) -> pd.DataFrame:
         import duckdb
@@ -200,18 +206,9 @@ class Sweep:
             name: missing[kinds[name]] for name in table.column_names if name not in sure and kinds.get(name) in missing
         }
         frame = described(table.to_pandas().astype(better), self._meanings)
-        frame.attrs["units"] |= {name: unit for name, unit in self._declared_units.items() if name in frame}
+        frame.attrs["units"] |= {name: unit for name, unit in self._held.plan.units().items() if name in frame}
         return frame
 
     @cached_property
-    def _declared_units(self) -> dict[str, str]:
-        """Units of parameters that the scenario declares: those of the keys that they set."""
-        declared = self._held.plan.table.get("parameters", {})
-        return {name: unit_of(declared[name]["sets"][0]) for name in self.parameters if name in declared}
-
-    @cached_property
     def _meanings(self) -> dict[str, str]:
-        plan = self._held.plan
-        varied = dict.fromkeys(plan.parameters, "varied")
-        met = {f"meets_{name}": f"whether the criterion {name} was met" for name in plan.criteria}
-        return {name: column.meaning for name, column in COLUMNS.items()} | varied | met
+        return self._held.plan.meanings()

@@ -37,7 +37,7 @@ def over_time(run: Run) -> pd.DataFrame:
 
 
 def exposure(frame: pd.DataFrame) -> pd.Series:
-    """Return what a table of `over_time`, or a stretch of it, adds up to; `attrs` hold units and meanings.
+    """Return what a table of `over_time`, or a stretch of it, adds up to, with units, labels and meanings in `attrs`.
 
     Each tick holds until the next. A tick at which nothing closes in, or nothing is known, counts as time without
     exposure. A share is NaN where the stretch takes no time. Raises ConfigError for a table that no longer says what
@@ -50,8 +50,8 @@ def exposure(frame: pd.DataFrame) -> pd.Series:
         raise ConfigError("exposure: expected a table of over_time with its attrs, this one has lost them")
     columns = {str(name): column.to_numpy() for name, column in frame.items()}
     series = pd.Series(EXPOSURE.measure(Stretch(columns, limit)), name="exposure")
-    units, meanings = ({name: getattr(row, what) for name, row in EXPOSURE.items()} for what in ("unit", "meaning"))
-    series.attrs.update(units=units, meanings=meanings)
+    for about, field in (("units", "unit"), ("labels", "label"), ("meanings", "meaning")):
+        series.attrs[about] = {name: getattr(row, field) for name, row in EXPOSURE.items()}
     return series
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.columns import described_schema
 from vve_sumo.sensors.port import SensorColumn
 from vve_sumo.values import GatewayRow, LatencyRow, TickRow
 
@@ -26,29 +27,20 @@ _ARROW: dict[str, pa.DataType] = {
 
 
 def _row_schema(row: type[TickRow | GatewayRow | LatencyRow]) -> pa.Schema:
-    return pa.schema(
-        [
-            pa.field(f.name, _ARROW[str(f.type)], metadata={"meaning": f.metadata["meaning"]})
-            for f in dataclasses.fields(row)
-        ]
-    )
-
-
-def _schema(columns: Sequence[tuple[str, pa.DataType, str]]) -> pa.Schema:
-    return pa.schema([pa.field(name, kind, metadata={"meaning": meaning}) for name, kind, meaning in columns])
+    return described_schema((f.name, _ARROW[str(f.type)], f.metadata["meaning"]) for f in dataclasses.fields(row))
 
 
 _TICK = ("tick", pa.int64(), "number of the tick")
 
 
 def _sensor_schema(columns: Sequence[SensorColumn]) -> pa.Schema:
-    return _schema([_TICK, *((column.name, _ARROW[column.kind], column.meaning) for column in columns)])
+    return described_schema([_TICK, *((column.name, _ARROW[column.kind], column.meaning) for column in columns)])
 
 
 #: tables that every record has
 SCHEMAS: dict[str, pa.Schema] = {
     "ticks": _row_schema(TickRow),
-    "readings": _schema(
+    "readings": described_schema(
         [
             ("tick", pa.int64(), "number of the tick at which the reading came out"),
             ("sensor", pa.string(), "name of the sensor"),
@@ -56,7 +48,7 @@ SCHEMAS: dict[str, pa.Schema] = {
             ("rows", pa.int64(), "rows that it has in the sensor's own table"),
         ]
     ),
-    "actors": _schema(
+    "actors": described_schema(
         [
             ("tick", pa.int64(), "number of the tick that looks at this snapshot, or would have after the last"),
             ("actor", pa.string(), "name in SUMO"),

@@ -18,8 +18,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics.metric import Kind, Metric
+from vve_sumo.metrics.metric import Kind, Metric, unit_of
 from vve_sumo.metrics.table import FIGURES, rows
+from vve_sumo.record.columns import described_schema
+from vve_sumo.scenario.descriptions import meaning_of_key
 
 if TYPE_CHECKING:
     from pyarrow.dataset import Dataset
@@ -47,6 +49,7 @@ MACHINE = rows(
 #: every column that is not a parameter; no parameter may have one of these names
 COLUMNS: dict[str, Metric] = {**RUN, **FIGURES, **MACHINE}
 MACHINE_KINDS: dict[str, Kind] = {name: column.kind for name, column in MACHINE.items()}
+MACHINE_SCHEMA = described_schema((name, _ARROW[column.kind], column.meaning) for name, column in MACHINE.items())
 
 Row = dict[str, Any]
 
@@ -72,6 +75,25 @@ class Plan:
         figures: dict[str, Kind] = {name: metric.kind for name, metric in FIGURES.items()}
         return {"number": "int", "key": "str", **self.parameters, "seed": "int", "fault": "str", **figures, **met}
 
+    def units(self) -> dict[str, str]:
+        """Return the units of the parameters that the scenario declares: those of the keys that they set."""
+        declared = self.table.get("parameters", {})
+        return {name: unit_of(declared[name]["sets"][0]) for name in self.parameters if name in declared}
+
+    def meanings(self) -> dict[str, str]:
+        """Return what every column of a row, and of the machine's table, means."""
+        declared = self.table.get("parameters", {})
+        varied = {name: _meaning_of_parameter(name, declared.get(name, {})) for name in self.parameters}
+        met = {f"meets_{name}": f"whether the criterion {name} was met" for name in self.criteria}
+        return {name: column.meaning for name, column in COLUMNS.items()} | varied | met
+
+    def schema(self) -> pa.Schema:
+        """Return the Arrow schema of a part, with unit and meaning of every column."""
+        meanings = self.meanings()
+        return described_schema(
+            ((name, _ARROW[kind], meanings[name]) for name, kind in self.columns().items()), self.units()
+        )
+
     def text(self) -> str:
         """Return the text of `sweep.json`."""
         return json.dumps({"version": VERSION} | asdict(self), indent=1) + "\n"
@@ -94,6 +116,12 @@ class Plan:
         if wrong:
             raise ConfigError(f"{file}: not what a sweep writes: {wrong}")
         return cls(**{field.name: data[field.name] for field in fields(cls)})
+
+
+def _meaning_of_parameter(name: str, declared: Mapping[str, Any]) -> str:
+    """Return what the scenario declares of a parameter, or what the key means that it sets."""
+    key = declared["sets"][0] if declared else name
+    return str(declared.get("meaning") or "") or meaning_of_key(key) or f"the scenario's {key}"
 
 
 def _who(data: Mapping[str, Any]) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any, get_origin
+
+from vve_sumo.config_file import alternatives, inside, is_table
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
 from vve_sumo.scenario.schema import Actor, Band, Criteria, Event, Scenario, When
@@ -15,6 +18,21 @@ CONDITIONS = {
     "ego_arrives_in_s": "the ego is {:g} s away",
     "ego_speed_mps": "the ego drives {:g} m/s",
 }
+
+
+def meaning_of_key(key: str) -> str:
+    """Return what the value at a scenario's dotted key means; empty for what no table of a scenario describes.
+
+    A part of the key that names a table of an array may be any name.
+    """
+    kinds: list[Any] = [Scenario]
+    meaning = ""
+    for part in key.split("."):
+        fields = [kind.model_fields[part] for kind in kinds if is_table(kind) and part in kind.model_fields]
+        meaning = next((field.description for field in fields if field.description), "")
+        in_array = any(get_origin(kind) is tuple for kind in kinds)
+        kinds = list(alternatives(one for kind in kinds for one in inside(kind, 0 if in_array else part)))
+    return meaning
 
 
 def condition(when: When) -> str:

@@ -29,8 +29,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.metrics.metric import Kind
-from vve_sumo.record.sweep_folder import MACHINE_KINDS, Plan, Row, journal, parts, table_of
+from vve_sumo.record.sweep_folder import MACHINE_SCHEMA, Plan, Row, journal, parts
 from vve_sumo.sweep.job import Result
 from vve_sumo.sweep.run_specs import RunSpec
 
@@ -171,8 +170,8 @@ class Dataset:
         first = part * self._per_part
         rows = [self._open[number] for number in range(first, first + self._size(part))]
         name = f"part-{part:05d}.parquet"
-        _put(self.folder / "machine" / name, _parquet(rows, MACHINE_KINDS))
-        _put(self.folder / "rows" / name, _parquet(rows, self.plan.columns()))
+        _put(self.folder / "machine" / name, _parquet(rows, MACHINE_SCHEMA))
+        _put(self.folder / "rows" / name, _parquet(rows, self.plan.schema()))
         self._sealed[part] = len(rows)
         del self._finished_in[part]
         for row in rows:
@@ -234,10 +233,10 @@ def _line(row: Row) -> bytes:
     return json.dumps(row, separators=(",", ":"), allow_nan=False).encode() + b"\n"
 
 
-def _parquet(rows: list[Row], columns: Mapping[str, Kind]) -> bytes:
+def _parquet(rows: list[Row], schema: pa.Schema) -> bytes:
     """Return the bytes of a Parquet file; the same for the same rows."""
     sink = pa.BufferOutputStream()
-    pq.write_table(table_of(rows, columns), sink, use_dictionary=False, compression="zstd")
+    pq.write_table(pa.Table.from_pylist(rows, schema), sink, use_dictionary=False, compression="zstd")
     data: bytes = sink.getvalue().to_pybytes()
     return data
 
