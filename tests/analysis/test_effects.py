@@ -75,7 +75,15 @@ def test_numbers_that_matter_become_axes_and_the_controller_never_does() -> None
     parameters = ["controller.name", "road", "c", "b", "a"]
     assert chosen_axes(rows, "gap_m", parameters) == Axes("a", "b", "controller.name")
     assert chosen_axes(rows[rows["controller.name"] == "one"], "gap_m", parameters) == Axes("a", "b", None)
-    assert chosen_axes(rows[rows["b"] == rows["c"]], "gap_m", ["road", "a"]) == Axes("a", None, "controller.name")
+    assert chosen_axes(rows[rows["b"] == rows["c"]], "gap_m", ["road", "a"]) == Axes("a", None, None)
+
+
+def test_a_second_axis_is_what_matters_where_the_first_is_the_same() -> None:
+    """Over all runs neither of the other two explains much; at one speed the delay explains everything."""
+    cells = itertools.product((1.0, 20.0, 40.0), (0.0, 1.0, 2.0), (1.0, 2.0), (1, 2))
+    rows = pd.DataFrame(cells, columns=["speed", "delay", "lot", "seed"])
+    rows["gap_m"] = 10.0 * rows["speed"] - 2.0 * rows["delay"] + 0.5 * rows["lot"]
+    assert chosen_axes(rows, "gap_m", ["lot", "delay", "speed"]) == Axes("speed", "delay", None)
 
 
 def test_a_column_that_is_not_there_is_one_line() -> None:

@@ -63,14 +63,31 @@ def variance_explained(rows: pd.DataFrame, figure: str, parameters: Sequence[str
 def chosen_axes(rows: pd.DataFrame, figure: str, parameters: Sequence[str]) -> Axes:
     """Return which parameters show a figure best: those that vary, in the order of the variance that they explain.
 
-    Numbers become axes. Texts, such as the controller's name, have no order: one of them tells lines or panels apart,
-    the controller before any other.
+    Numbers become axes: the one that explains most within each value of `by`, then the one that explains most of what
+    is left between the runs that have the value of both in common. Texts, such as the controller's name, have no
+    order: one of them tells lines or panels apart, the controller before any other.
     """
     varied = [name for name in parameters if rows[name].nunique() > 1]
-    ordered = [str(name) for name in variance_explained(rows, figure, varied).index]
-    x, y, *_rest = [*(name for name in ordered if is_number(rows[name])), None, None]
-    texts = [name for name in ordered if not is_number(rows[name])]
-    return Axes(x, y, controller_of(rows) or next(iter(texts), None))
+    texts = [name for name in varied if not is_number(rows[name])]
+    controller = controller_of(rows)
+    by = controller if controller in texts else _best(rows, figure, texts, [])
+    numbers = [name for name in varied if is_number(rows[name])]
+    x = _best(rows, figure, numbers, [by])
+    return Axes(x, _best(rows, figure, [name for name in numbers if name != x], [by, x]), by)
+
+
+def _best(rows: pd.DataFrame, figure: str, parameters: Sequence[str], within: Sequence[str | None]) -> str | None:
+    """Return the parameter that explains most of what is left of a figure within the levels of other parameters."""
+    import pandas as pd
+
+    if not parameters:
+        return None
+    left = pd.Series(rows[figure].to_numpy(np.float64, na_value=np.nan))
+    levels = [_levels(rows[name]) for name in within if name is not None]
+    if levels:
+        left = left - left.groupby(levels).transform("mean")
+    found = variance_explained(rows.assign(**{figure: left.to_numpy()}), figure, parameters)
+    return str(found.index[0])
 
 
 def is_number(column: pd.Series[Any]) -> bool:
@@ -78,9 +95,9 @@ def is_number(column: pd.Series[Any]) -> bool:
     return column.dtype.kind in "iuf"
 
 
-def controller_of(rows: pd.DataFrame) -> str | None:
-    """Return the column that says which controller drove a run; None where one controller drove them all."""
-    named = [name for name in rows.columns if name in ("controller", "controller.name")]
+def controller_of(rows: pd.DataFrame, but: str | None = None) -> str | None:
+    """Return the column that says which controller drove a run; None where one drove them all, and for column `but`."""
+    named = [name for name in rows.columns if name in ("controller", "controller.name") and name != but]
     return next((name for name in named if rows[name].nunique() > 1), None)
 
 
