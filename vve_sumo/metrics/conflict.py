@@ -27,6 +27,8 @@ HORIZON = 10.0
 MARGIN = 0.5
 #: before and after a contact, the part of an actor's way in which it may cross the ego's path [m], and its samples
 ZONE, ZONE_SAMPLES = 25.0, 101
+#: distances [m], speeds [m/s] and times [s] are not divided by less
+MIN_ROOM = 1e-9
 
 
 class Ego(NamedTuple):
@@ -121,7 +123,7 @@ class _Search:
     def pairs(self, ego: Ego, at: Indices) -> tuple[Indices, Pairs]:
         """Return the rows of actors that may meet the ego, and the time in which they may."""
         own, speed = ego.station[at], np.where(np.abs(ego.speed[at]) < AT_REST, 0.0, np.maximum(ego.speed[at], 0.0))
-        other = np.abs(self._boxes.speed)
+        other = np.where(np.abs(self._boxes.speed) < MIN_ROOM, 0.0, np.abs(self._boxes.speed))
         first, last = (edge[self._places.way] - self._places.along for edge in self._reach)
         with np.errstate(divide="ignore", invalid="ignore"):
             begin = np.where(other > 0.0, first / other, np.where(first <= 0.0, 0.0, np.inf))
@@ -154,23 +156,23 @@ class _Search:
         return np.minimum(needed, MAX_DECELERATION)
 
     def _crossing(self, pairs: Pairs, time: Floats) -> Floats:
-        """Return the least deceleration with which the ego reaches the shared zone after the actor has left it."""
+        """Return the least deceleration that keeps the bumper short of actors while they are in the ego's way."""
         since = np.linspace(-ZONE, ZONE, ZONE_SAMPLES) / pairs.other_speed[:, None]
         moments = np.maximum(time[:, None] + since, 0.0)
         start, clearance = self._occupied(pairs, moments)
         number, contact = np.arange(ZONE_SAMPLES), ZONE_SAMPLES // 2
         clear = clearance >= 0.0
-        enters = np.max(np.where(clear & (number < contact), number, 0), axis=1)
-        leaves = np.min(np.where(clear & (number > contact), number, ZONE_SAMPLES - 1), axis=1)
-        rows = np.arange(len(time))
-        inner, outer = clearance[rows, leaves - 1], clearance[rows, leaves]
-        out = clear[rows, leaves]
-        share = np.divide(inner, inner - outer, out=np.zeros(len(time)), where=out & (inner < 0.0))
-        left = moments[rows, leaves - 1] + share * (moments[rows, leaves] - moments[rows, leaves - 1])
-        left = np.where(out, left, np.inf)
+        enters = np.max(np.where(clear & (number < contact), number, -1), axis=1) + 1
+        leaves = np.min(np.where(clear & (number > contact), number, ZONE_SAMPLES), axis=1) - 1
+        # Between its last sample in the ego's way and the next one an actor goes on out of it.
+        rows, after = np.arange(len(time)), np.minimum(leaves + 1, ZONE_SAMPLES - 1)
+        inner, outer = clearance[rows, leaves], clearance[rows, after]
+        share = np.divide(inner, inner - outer, out=np.zeros(len(time)), where=(inner < 0.0) & (outer >= 0.0))
+        moments[rows, leaves] += share * (moments[rows, after] - moments[rows, leaves])
         there = (number >= enters[:, None]) & (number <= leaves[:, None])
-        bumper = pairs.station + self.prediction.vehicle.rear_axle_to_bumper
-        return yielding(pairs.speed, np.min(start, axis=1, where=there, initial=np.inf) - bumper, left)
+        room = start - (pairs.station + self.prediction.vehicle.rear_axle_to_bumper)[:, None]
+        needed: Floats = np.max(yielding(pairs.speed[:, None], room, moments), axis=1, where=there, initial=0.0)
+        return needed
 
     def _occupied(self, pairs: Pairs, moments: Floats) -> tuple[Floats, Floats]:
         """Return where along the path actors begin, and how far beside what the ego sweeps they are [m].
@@ -190,13 +192,12 @@ class _Search:
 
 
 def yielding(speed: Floats, distance: Floats, time: Floats) -> Floats:
-    """Return the least constant deceleration with which one is not there before a time [m/s2].
+    """Return the least constant deceleration with which one has not gone farther than a distance by a time [m/s2].
 
-    speed: [m/s], distance: to where it must not be [m], time: until which it must not [s], inf for ever. It arrives
-    there just then, with 2 (v t - d) / t^2, or, where that would bring it to rest sooner (d < v t / 2), stops there,
-    with v^2 / 2 d. inf where it is there already.
+    speed: [m/s], distance: [m], time: [s]. It arrives there just then, with 2 (v t - d) / t^2, or, where it would be at
+    rest sooner (d < v t / 2), stops there, with v^2 / 2 d. inf where it is there already.
     """
-    room = np.where(distance > 0.0, distance, np.nan)
-    late = np.minimum(time, 2.0 * room / np.maximum(speed, 1e-9))
+    room, moving = np.maximum(distance, MIN_ROOM), np.maximum(speed, MIN_ROOM)
     # A stop is an arrival at the time that the stop takes, 2 d / v.
-    return np.where(np.isnan(room), np.inf, np.maximum(2.0 * (speed * late - room) / (late * late), 0.0))
+    late = np.maximum(np.minimum(time, 2.0 * room / moving), MIN_ROOM)
+    return np.where(distance > 0.0, np.maximum(2.0 * (speed * late - room) / (late * late), 0.0), np.inf)
