@@ -164,12 +164,11 @@ class _Search:
         clear = clearance >= 0.0
         enters = np.max(np.where(clear & (number < contact), number, -1), axis=1) + 1
         leaves = np.min(np.where(clear & (number > contact), number, ZONE_SAMPLES), axis=1) - 1
-        # Between its last sample in the ego's way and the next one an actor goes on out of it.
-        rows, after = np.arange(len(time)), np.minimum(leaves + 1, ZONE_SAMPLES - 1)
-        inner, outer = clearance[rows, leaves], clearance[rows, after]
-        share = np.divide(inner, inner - outer, out=np.zeros(len(time)), where=(inner < 0.0) & (outer >= 0.0))
-        moments[rows, leaves] += share * (moments[rows, after] - moments[rows, leaves])
+        _reach_out(moments, start, clearance, enters, np.maximum(enters - 1, 0))
+        _reach_out(moments, start, clearance, leaves, np.minimum(leaves + 1, ZONE_SAMPLES - 1))
         there = (number >= enters[:, None]) & (number <= leaves[:, None])
+        # Of two samples next to each other the nearer holds until the later: nothing in between asks for more.
+        start[:, 1:] = np.where(there[:, :-1] & there[:, 1:], np.minimum(start[:, :-1], start[:, 1:]), start[:, 1:])
         room = start - (pairs.station + self.prediction.vehicle.rear_axle_to_bumper)[:, None]
         needed: Floats = np.max(yielding(pairs.speed[:, None], room, moments), axis=1, where=there, initial=0.0)
         return needed
@@ -189,6 +188,17 @@ class _Search:
         left, right = (side[sample] for side in self._sweep)
         clearance = np.maximum(d.min(axis=0) - left, -right - d.max(axis=0))
         return np.where(sample < 0, np.inf, s.min(axis=0)), np.where(sample < 0, np.inf, clearance)
+
+
+def _reach_out(moments: Floats, start: Floats, clearance: Floats, inside: Indices, outside: Indices) -> None:
+    """Move a sample of each row outwards, to where the clearance towards its neighbour is 0; a row a pair."""
+    rows = np.arange(len(inside))
+    inner, outer = clearance[rows, inside], clearance[rows, outside]
+    crosses = (inner < 0.0) & (outer >= 0.0) & np.isfinite(outer)
+    share = np.divide(inner, inner - outer, out=np.zeros(len(rows)), where=crosses)
+    for column in (moments, start):
+        here, there = column[rows, inside], np.where(crosses, column[rows, outside], 0.0)
+        column[rows, inside] = here + share * (there - here)
 
 
 def yielding(speed: Floats, distance: Floats, time: Floats) -> Floats:
