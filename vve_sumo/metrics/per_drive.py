@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from vve_sumo.metrics.braked_for import hardest_braking_for, last_stop_for
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.metric import MetricTable
 from vve_sumo.metrics.stopping import AT_REST, Stop
@@ -44,6 +45,8 @@ metric(
     "path, along the path; negative is overlap, none where nothing is within 150 m",
     _stop_gap,
     worse="lower",
+    missing="the car did not end at rest with an object ahead",
+    actor="braked_for",
 )
 metric(
     "min_ttc_s",
@@ -53,6 +56,7 @@ metric(
     worse="lower",
     source="Hayward 1972",
     absent=math.inf,
+    missing="nothing was ever closed in on",
 )
 metric(
     "max_drac_mps2",
@@ -63,6 +67,7 @@ metric(
     worse="higher",
     source="Almqvist, Hydén and Risser 1991",
     absent=0.0,
+    missing="nothing was ever closed in on",
 )
 metric(
     "min_gap_m",
@@ -71,6 +76,7 @@ metric(
     lambda drive: least(drive.lead.gap),
     worse="lower",
     absent=math.inf,
+    missing="nothing was ever ahead",
 )
 
 
@@ -104,6 +110,7 @@ metric(
     "without contact",
     impact_speed,
     worse="higher",
+    missing="the record ends before it holds what was touched",
 )
 
 
@@ -120,6 +127,7 @@ metric(
     "of the true rear axle from the path; of the estimated one where there is no truth",
     _max_lateral_deviation,
     worse="higher",
+    missing="the car's place was never known",
 )
 metric(
     "max_deceleration_mps2",
@@ -127,6 +135,8 @@ metric(
     "of the rear axle along its heading",
     lambda drive: max(0.0, -least(drive.motion.acceleration)),
     worse="higher",
+    missing="the car's motion was never known",
+    actor="hardest_braking_for",
 )
 metric(
     "max_speed_mps",
@@ -200,6 +210,24 @@ _of_stop(
     lambda stop, _vehicle: stop.mfdd,
     worse="lower",
     source="UN R13-H",
+)
+
+
+metric(
+    "braked_for",
+    "braked for",
+    "actor that the last stop was for: the one ahead that called for the most deceleration meanwhile; empty for none",
+    last_stop_for,
+    kind="str",
+    criterion=False,
+)
+metric(
+    "hardest_braking_for",
+    "braked hardest for",
+    "actor that the hardest braking of the drive was for, as braked_for; empty for none",
+    hardest_braking_for,
+    kind="str",
+    criterion=False,
 )
 
 
