@@ -16,12 +16,10 @@ from vve_sumo.sweep.statistics import outcome
 
 
 @given(st.integers(1, 500), st.data())
-def test_wilsons_interval_is_the_closed_form(judged: int, data: st.DataObject) -> None:
+def test_wilsons_interval_is_scipys(judged: int, data: st.DataObject) -> None:
     passed = data.draw(st.integers(0, judged))
-    z, share = 1.959963984540054, passed / judged
-    middle = (share + z * z / (2 * judged)) / (1 + z * z / judged)
-    half = z / (1 + z * z / judged) * math.sqrt(share * (1 - share) / judged + z * z / (4 * judged * judged))
-    assert wilson(passed, judged) == pytest.approx((middle - half, middle + half), abs=1e-9)
+    found = stats.binomtest(passed, judged).proportion_ci(0.95, method="wilson")
+    assert wilson(passed, judged) == pytest.approx((found.low, found.high), abs=1e-12)
 
 
 def test_nothing_judged_says_nothing() -> None:
@@ -62,6 +60,16 @@ def test_runs_are_grouped_and_faults_and_collisions_stand_beside() -> None:
     assert second.collisions == 1
     assert (came.all.runs, came.all.judged, came.all.passed) == (4, 3, 2)
     assert list(came.lines()) == ["1 x timed_out"]
+
+
+def test_what_runs_did_not_meet_is_counted_by_criterion_the_most_frequent_first() -> None:
+    gap, hit = "stop_gap_m is 4.100, expected 4.5 to 5.5", "collision is True, expected False"
+    missed = [f"{gap}; {hit}", f"{hit}", "", None]
+    came = outcome([row(1.0, not line, 5.0) | {"failed": line} for line in missed], ["speed"], [])
+    assert list(came.unmet_lines()) == [
+        f"collision not met by 2 of 4, as: {hit}",
+        f"gap at rest not met by 1 of 4, as: {gap}",
+    ]
 
 
 @pytest.mark.parametrize(

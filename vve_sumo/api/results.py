@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vve_sumo.analysis import dataset, run
+from vve_sumo.analysis.effects import chosen_axes
 from vve_sumo.analysis.load import open_folder
 from vve_sumo.metrics.key_figures import key_figures
 from vve_sumo.metrics.metric import unit_of
@@ -40,6 +41,20 @@ class Run(run.Run):
 
         return drive_overview(self)
 
+    def export(self, form: str, out: str | Path | None = None) -> list[Path]:
+        """Write the drive as "csv", "fcd", "commonroad" or "openscenario"; return the files.
+
+        `out` is a file that does not exist yet, or a folder; by default the working folder. Raises ConfigError for a
+        format that there is not or that is not installed, and where a file exists.
+
+        >>> import vve_sumo as vve
+        >>> [file.name for file in vve.load("mine").export("csv")]
+        ['mine.csv', 'mine.actors.csv', 'mine.columns.csv']
+        """
+        from vve_sumo.export.write import export
+
+        return export(self, form, out)
+
     def __repr__(self) -> str:
         return f"<Run {self.name} in {self.folder}: {self._verdict}>"
 
@@ -69,19 +84,46 @@ class Sweep(dataset.Sweep):
         """Return the record of a run; raises ConfigError where it was not kept, or where no run has the key."""
         return Run(super().run(key).folder)
 
-    def plot(self, figure: str = "stop_gap_m", x: str | None = None, y: str | None = None) -> Figure:
-        """Draw the mean of a figure over two parameters: `x` and `y`, or the first two with several values.
+    def export(self, form: str = "csv", out: str | Path | None = None) -> list[Path]:
+        """Write the rows as "csv", beside them what their columns mean; return the files. `out` is as in `Run.export`.
 
-        Where there are fewer, it is the figure's distribution, for each value of the parameter.
+        >>> import vve_sumo as vve
+        >>> [file.name for file in vve.load("probe").export()]
+        ['probe.csv', 'probe.columns.csv']
         """
-        from vve_sumo.plotting import distribution, heat_map
+        from vve_sumo.export.write import export
 
-        varied = self.rows(self.parameters)
-        others = iter(name for name in self.parameters if name not in (x, y) and varied[name].nunique() > 1)
-        x = x or next(others, None)
-        y = y or next(others, None)
-        rows = self.rows([name for name in dict.fromkeys((x, y, figure)) if name is not None])
-        return distribution(rows, figure, x) if x is None or y is None else heat_map(rows, x, y, figure)
+        return export(self, form, out)
+
+    def plot(
+        self,
+        figure: str = "stop_gap_m",
+        x: str | None = None,
+        y: str | None = None,
+        *,
+        by: str | None = None,
+        facet: str | None = None,
+    ) -> Figure:
+        """Draw the mean of a figure over two parameters: `x` and `y`, or the two that explain most of its variance.
+
+        Only numbers become axes that are not asked for. Of one, the figure is drawn over it; of none, its distribution.
+        `by` and `facet` are parameters whose values have lines or panels of their own; the controller where there are
+        several and nothing else is said, or another text that was varied.
+        """
+        from vve_sumo.plotting import distribution, heat_map, response
+
+        asked = [name for name in (x, y, by, facet) if name is not None]
+        rows = self.rows(list(dict.fromkeys([*self.parameters, "seed", "collision", figure, *asked])))
+        chosen = chosen_axes(rows, figure, [name for name in self.parameters if name not in asked])
+        first, second = (name for name in [*(one for one in chosen[:2] if one), None, None][:2])
+        y = y or (first if x else second)
+        x = x or first
+        by = by or (chosen.by if chosen.by not in (x, y, facet) else None)
+        if x is None:
+            return distribution(rows, figure, by, facet=facet)
+        if y is None:
+            return response(rows, x, figure, by=by, facet=facet)
+        return heat_map(rows, x, y, figure, by=by, facet=facet)
 
     def __repr__(self) -> str:
         return f"<Sweep {self.title} in {self.folder}: {self._counts}>"
