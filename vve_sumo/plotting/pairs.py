@@ -26,7 +26,8 @@ def paired(compared: PairedComparison, figure: str = "stop_gap_m", *, by: str | 
     """Draw a figure of every pair: the other's over the one's, and the share of pairs up to each difference.
 
     On the diagonal both are the same; a difference is the vertical axis minus the horizontal one. Pairs of which one
-    run lacks the figure stand at the edge of the other's axis. `by` is a parameter of the pairs whose values have a colour and curve each.
+    run lacks the figure stand at the edge of the other's axis. `by` is a parameter of the pairs whose values have a
+    colour and curve each.
     """
     one, other = (compared.values(figure, side) for side in ("one", "other"))
     both, unit = finite(one, other), unit_of(figure)
