@@ -184,6 +184,8 @@ def figures(run: Run, live: Run, tmp_path_factory: pytest.TempPathFactory) -> di
     return {
         "overview": plotting.drive_overview(run),
         "safety": plotting.safety_over_time(run),
+        "string": plotting.string_stability(run),
+        "headways": plotting.headways(run),
         "approach": plotting.gap_against_speed(run),
         "gaps": plotting.gap_against_speed(rows),
         "stops": plotting.stopping_distance(rows),
@@ -477,7 +479,10 @@ def test_a_poor_record_makes_plots_that_say_so(poor: str, tmp_path: Path) -> Non
     if poor != "at rest":
         put(folder, "actors", [BOX | {"tick": row["tick"], "actor": "parked", "x_m": 12.0} for row in STILL])
     run = Run(folder)
-    per_run = plotting.drive_overview, plotting.safety_over_time, plotting.gap_against_speed, plotting.latency_over_time
+    per_run = (
+        plotting.drive_overview, plotting.safety_over_time, plotting.gap_against_speed, plotting.latency_over_time,
+        plotting.string_stability, plotting.headways,
+    )  # fmt: skip
     for plot in per_run:
         figure = plot(run)
         just_draw(figure)

@@ -12,6 +12,7 @@ from vve_sumo.analysis.over_time import encroachment_of, exposure, over_time, zo
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import braked_for_nothing, radar_statistics
 from vve_sumo.analysis.stopping_bound import StoppingBoundCheck, stopping_bound_check, stopping_bound_checks
+from vve_sumo.analysis.string_stability import headway_distribution, string_stability, time_gap_error_of
 from vve_sumo.metrics.drive_data import Motion
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "compare",
     "encroachment_of",
     "exposure",
+    "headway_distribution",
     "latency_breakdown",
     "latency_margin_of",
     "legs_over_time",
@@ -37,5 +39,7 @@ __all__ = [
     "stop_of",
     "stopping_bound_check",
     "stopping_bound_checks",
+    "string_stability",
+    "time_gap_error_of",
     "zone_times",
 ]
