@@ -14,6 +14,7 @@ from vve_sumo.analysis.paired import PairedComparison, compare_rows, compare_swe
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import braked_for_nothing, radar_statistics
 from vve_sumo.analysis.stopping_bound import StoppingBoundCheck, stopping_bound_check, stopping_bound_checks
+from vve_sumo.analysis.string_stability import headway_distribution, string_stability, time_gap_error_of
 from vve_sumo.metrics.drive_data import Motion
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "compare_within",
     "encroachment_of",
     "exposure",
+    "headway_distribution",
     "latency_breakdown",
     "latency_margin_of",
     "legs_over_time",
@@ -43,6 +45,8 @@ __all__ = [
     "stop_of",
     "stopping_bound_check",
     "stopping_bound_checks",
+    "string_stability",
+    "time_gap_error_of",
     "variance_explained",
     "zone_times",
 ]

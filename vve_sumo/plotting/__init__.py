@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from vve_sumo.plotting.car_following import headways, string_stability
 from vve_sumo.plotting.comparisons import comparison
 from vve_sumo.plotting.drives import drive_overview, safety_over_time
 from vve_sumo.plotting.grids import distribution, heat_map
@@ -19,6 +20,7 @@ __all__ = [
     "distribution",
     "drive_overview",
     "gap_against_speed",
+    "headways",
     "heat_map",
     "latency_margin",
     "latency_over_time",
@@ -27,4 +29,5 @@ __all__ = [
     "safety_over_time",
     "save",
     "stopping_distance",
+    "string_stability",
 ]
