@@ -15,6 +15,9 @@ from vve_sumo.values import Floats
 
 #: a time to collision below this counts as exposure [s]; the value that conflict studies use most for cars
 TTC_THRESHOLD = 1.5
+#: a deceleration that would avoid a crash is not counted beyond this [m/s2]: no road car brakes so hard, which would
+#: take a friction coefficient above 1.2, and next to contact the formulas grow without bound
+MAX_DECELERATION = 12.0
 
 
 class Rss(NamedTuple):
@@ -28,6 +31,9 @@ class Rss(NamedTuple):
 
 #: ad-rss 5.0, "Parameter discussion"
 RSS = Rss()
+#: ordinary following: reaction and braking of the competent and careful driver of UN R157 (0.75 s, 0.774 g). Assumed
+#: besides: a follower does not accelerate meanwhile, and its leader brakes no harder than that driver either
+RSS_FOLLOWING = Rss(response=0.75, acceleration=0.0, least_braking=7.59, greatest_braking=7.59)
 
 
 def headway(gap: ArrayLike, speed: ArrayLike) -> Floats:
