@@ -106,16 +106,19 @@ class Page:
         return self.seen.events[-1].time if self.seen.events else self.seen.moments[-1].time
 
 
-def draw(resolved: ResolvedScenario, file: FilePath) -> None:
-    """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there."""
+def draw(resolved: ResolvedScenario, file: FilePath, circumstances: Sequence[str] = ()) -> None:
+    """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there.
+
+    `circumstances` are lines about what cannot be drawn, for the list beside the picture.
+    """
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
-        _save(picture(resolved), file)
+        _save(picture(resolved, circumstances), file)
 
 
-def picture(resolved: ResolvedScenario) -> Figure:
-    """Return the picture of a scenario."""
+def picture(resolved: ResolvedScenario, circumstances: Sequence[str] = ()) -> Figure:
+    """Return the picture of a scenario; `circumstances` as in `draw`."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -128,7 +131,7 @@ def picture(resolved: ResolvedScenario) -> Figure:
         _street(panel(figure, LEFT, TOP - HIGH, WIDE, HIGH), page)
         _over_time(panel(figure, CURVES, BOTTOM, CURVES_WIDTH, LOW_HEIGHT), page)
         _whole_way(panel(figure, WAY, BOTTOM, WAY_WIDTH, LOW_HEIGHT), page)
-        _list(figure, page)
+        _list(figure, page, circumstances)
         _head(figure, resolved)
         return figure
 
@@ -411,8 +414,8 @@ def _whole_way(axes: Axes, page: Page) -> None:
     axes.set_xlabel(f"{page.resolved.path.length:.0f} m from the circle on", labelpad=3)
 
 
-def _list(figure: Figure, page: Page) -> None:
-    """Write what happens, numbered as in the street, and what makes the drive pass."""
+def _list(figure: Figure, page: Page, circumstances: Sequence[str]) -> None:
+    """Write what happens, numbered as in the street, what makes the drive pass, and what cannot be drawn."""
     actors = page.resolved.scenario.actors
     lines = [
         line for actor in actors if not _enters_later(page, actor.id) for line in _wrapped(_entering(page, actor), "-")
@@ -424,6 +427,7 @@ def _list(figure: Figure, page: Page) -> None:
         contact = page.seen.contact
         lines += _wrapped(f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o")
     lines += ["", *_wrapped(f"passes if: {descriptions.passes(page.resolved.scenario.criteria)}", "")]
+    lines += [line for text in circumstances for line in _wrapped(text, "·")]
     if len(lines) > MAX_LINES:
         lines = [*lines[: MAX_LINES - 1], "…"]
     place: dict[str, Any] = {"va": "top", "linespacing": 1.25, "fontsize": 10}
