@@ -39,9 +39,9 @@ def circumstances(resolved: ResolvedScenario, working: Path) -> list[str]:
     manoeuvre = _manoeuvre(resolved.scenario.controller, working)
     found = ", ".join(f"{at:.0f} m" for at in signals_on_the_way(resolved))
     return [
-        *said,
         *([f"manoeuvre: {manoeuvre}"] if manoeuvre else []),
         *([f"signals at {found} of the path: the traffic obeys, no sensor shows them"] if found else []),
+        *said,
     ]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -63,10 +63,8 @@ MARK = 7.0
 LEAD_IN, LEAD_OUT = 3.0, 1.0
 #: time shown before a contact where no actor has a trigger [s]
 APPROACH = 8.0
-#: characters in a line of the list of events
-COLUMN = 52
-#: lines of that list that the page has room for
-MAX_LINES = 15
+#: letters' size, characters in a line, and lines that the page has room for, of the list of events; the first that fits
+SETTINGS = ((10.0, 52, 15), (8.8, 60, 17), (7.8, 68, 19))
 #: an actor on a way that differs from the ego's by less than this goes along it [deg]
 ALONG = 30.0
 #: steps from the ground's colour to that of a line on it, in the written file
@@ -416,22 +414,34 @@ def _whole_way(axes: Axes, page: Page) -> None:
 
 def _list(figure: Figure, page: Page, circumstances: Sequence[str]) -> None:
     """Write what happens, numbered as in the street, what makes the drive pass, and what cannot be drawn."""
-    actors = page.resolved.scenario.actors
-    lines = [
-        line for actor in actors if not _enters_later(page, actor.id) for line in _wrapped(_entering(page, actor), "-")
+    texts = [*_texts(page, circumstances)]
+    laid = [
+        [line for text, mark in texts for line in _wrapped(text, mark, column)] for _size, column, _most in SETTINGS
     ]
+    fits = (number for number, (_size, _column, most) in enumerate(SETTINGS) if len(laid[number]) <= most)
+    chosen = next(fits, len(SETTINGS) - 1)
+    (size, _column, most), lines = SETTINGS[chosen], laid[chosen]
+    if len(lines) > most:
+        lines = [*lines[: most - 1], "…"]
+    place: dict[str, Any] = {"va": "top", "linespacing": 1.25, "fontsize": size}
+    figure.text(WORDS / SIZE[0], (BOTTOM + LOW_HEIGHT + 0.1) / SIZE[1], "\n".join(lines), **place)
+
+
+def _texts(page: Page, circumstances: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield the texts of the list, each with the mark before it."""
+    for actor in page.resolved.scenario.actors:
+        if not _enters_later(page, actor.id):
+            yield _entering(page, actor), "-"
     for number, event in enumerate(page.seen.events, 1):
-        lines += _wrapped(_happening(page, event), str(number))
-    lines += [line for text in _still_to_come(page) for line in _wrapped(text, "-")]
+        yield _happening(page, event), str(number)
+    for text in _still_to_come(page):
+        yield text, "-"
     if page.seen.contact is not None:
         contact = page.seen.contact
-        lines += _wrapped(f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o")
-    lines += ["", *_wrapped(f"passes if: {descriptions.passes(page.resolved.scenario.criteria)}", "")]
-    lines += [line for text in circumstances for line in _wrapped(text, "·")]
-    if len(lines) > MAX_LINES:
-        lines = [*lines[: MAX_LINES - 1], "…"]
-    place: dict[str, Any] = {"va": "top", "linespacing": 1.25, "fontsize": 10}
-    figure.text(WORDS / SIZE[0], (BOTTOM + LOW_HEIGHT + 0.1) / SIZE[1], "\n".join(lines), **place)
+        yield f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o"
+    yield f"passes if: {descriptions.passes(page.resolved.scenario.criteria)}", "✓"
+    for text in circumstances:
+        yield text, "·"
 
 
 def _still_to_come(page: Page) -> list[str]:
@@ -465,9 +475,9 @@ def _happening(page: Page, event: TriggeredEvent) -> str:
     return f"{event.time:.1f} s: " + (f"{when}; " if when else "") + f"{descriptions.name(actor)} {does}"
 
 
-def _wrapped(text: str, mark: str) -> list[str]:
-    first, *rest = textwrap.wrap(text, COLUMN)
-    return [f"{mark}  {first}".strip(), *(f"     {line}" if mark else line for line in rest)]
+def _wrapped(text: str, mark: str, column: int) -> list[str]:
+    first, *rest = textwrap.wrap(text, column)
+    return [f"{mark}  {first}", *(f"     {line}" for line in rest)]
 
 
 def _head(figure: Figure, resolved: ResolvedScenario) -> None:

@@ -53,7 +53,20 @@ def entrance(actor: Actor) -> str:
     """Return where and how fast an actor enters."""
     place = f"at {actor.at_m:g} m" if actor.at_m is not None else f"{actor.ahead_m:g} m ahead"
     aside = f", {beside(actor.offset_m)}" if actor.offset_m else ""
-    return f"enters {place}{aside}" + (f", {actor.speed_mps:g} m/s" if actor.speed_mps else ", stands")
+    return f"enters {place}{aside}{_facing(actor.turned_deg)}" + (
+        f", {actor.speed_mps:g} m/s" if actor.speed_mps else ", stands"
+    )
+
+
+def _facing(turned: float) -> str:
+    """Return where an actor goes, as an angle to the path [deg], left positive; empty along the path."""
+    if turned == 0.0:
+        return ""
+    return (
+        ", against the path"
+        if abs(turned) == 180.0
+        else f", turned {abs(turned):g}° {'left' if turned > 0.0 else 'right'}"
+    )
 
 
 def action(event: Event) -> str:
@@ -61,6 +74,7 @@ def action(event: Event) -> str:
     said = []
     if event.speed_mps is not None:
         rate = "" if event.acceleration_mps2 is None else f" at {event.acceleration_mps2:g} m/s²"
+        rate += f", built up in {event.build_up_s:g} s" if event.build_up_s else ""
         said.append(f"changes its speed to {event.speed_mps:g} m/s{rate}")
     if event.speeds is not None:
         said.append(f"drives as recorded in {event.speeds}")
@@ -101,14 +115,14 @@ def circumstances(scenario: Scenario) -> list[str]:
     return [
         line
         for line in (
-            _traffic(scenario),
+            _fault(scenario),
             _controller(scenario),
-            _changed("the simulated vehicle differs from the car as declared", scenario.ego.car),
             _changed("the radar differs from the usual one", scenario.radar),
             *(f"sensor {one.name!r}: {one.kind}" for one in scenario.sensors),
             _changed("the weather", scenario.weather),
-            _fault(scenario),
             _end(scenario),
+            _traffic(scenario),
+            _changed("the simulated vehicle differs from the car as declared", scenario.ego.car),
         )
         if line
     ]
