@@ -131,7 +131,7 @@ FAULT = Result("", {}, "timed_out")
         ([ran(True)], None, "passed: The one judged run passed. Over all runs: smallest gap at rest 2.00 m, no coll"),
         ([ran(True), ran(False)], None, "explored: 1 of 2 judged runs met the criteria (50 %), 1 did not. Over all"),
         ([ran(True), FAULT], None, "not judged: The one judged run passed; 1 more ended with a fault. Over all runs:"),
-        ([ran(False), FAULT], None, "explored: 0 of 1 judged runs met the criteria (0 %), 1 did not; 1 more ended with"),
+        ([ran(False), FAULT], None, "explored: 0 of 1 judged runs met the criteria (0 %), 1 did not; 1 more ended"),
         ([ran(True)], 3, "broken off: 1 of 3 runs are finished: the sweep was stopped or still runs. The one"),
         ([ran(False, collision=True, stop_gap_m=-0.1)], None,
          "explored: 0 of 1 judged runs met the criteria (0 %), 1 did not. Over all runs: 1 run with a collision."),
