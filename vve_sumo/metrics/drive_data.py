@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vve_sumo.geometry import Boxes, time_to_collision_2d, vehicle_boxes
 from vve_sumo.metrics.conflict import HORIZON as PREDICTED
 from vve_sumo.metrics.conflict import Contacts, Ego, contacts
+from vve_sumo.metrics.lanes import Lanes, along_lanes
 from vve_sumo.metrics.lead_vehicle import BOX_COLUMNS, HORIZON, LeadVehicle, index_of_tick, lead_vehicle, own_stations
 from vve_sumo.metrics.predicted_ways import recorded_ways
 from vve_sumo.metrics.slope import slope
@@ -77,9 +78,18 @@ class ActorRows(NamedTuple):
 class DriveData:
     """The tables of a drive, and what several metrics need of them."""
 
-    def __init__(self, ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle, period: float) -> None:
-        """`period` is a tick's [s]."""
+    def __init__(
+        self,
+        ticks: pa.Table,
+        actors: pa.Table,
+        path: Path,
+        vehicle: Vehicle,
+        period: float,
+        roads: pa.Table | None = None,
+    ) -> None:
+        """`period` is a tick's [s]; `roads` are the lanes around the path, without which actors keep to no lane."""
         self.ticks, self.actors, self.path, self.vehicle, self.period = ticks, actors, path, vehicle, period
+        self.roads = roads
 
     def column(self, name: str) -> Floats:
         """Return a column of the ticks."""
@@ -131,6 +141,8 @@ class DriveData:
         """What is predicted of the ego and each actor: an entry a row of `actor_rows`."""
         actors = self.actor_rows
         ways, places = recorded_ways(self.motion.time[actors.at], actors.code, actors.boxes, PREDICTED)
+        if self.roads is not None:
+            ways, places = along_lanes(Lanes.from_table(self.roads), ways, places, actors.boxes, PREDICTED)
         ego = Ego(self.station, self.motion.speed, self.ego_boxes)
         return contacts(ego, actors.at, actors.boxes, ways, places, self.path, self.vehicle)
 
