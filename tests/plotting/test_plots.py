@@ -24,6 +24,7 @@ from vve_sumo import plotting
 from vve_sumo.analysis import latency_margin as study
 from vve_sumo.analysis.comparison import compare
 from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.paired import compare_rows
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive import latency_monitor
 from vve_sumo.errors import ConfigError
@@ -196,6 +197,7 @@ def figures(run: Run, live: Run, tmp_path_factory: pytest.TempPathFactory) -> di
         "response": plotting.response(rows, "ego.speed_mps", "stop_gap_m", by="delay"),
         "panels": plotting.distribution(rows, "stop_gap_m", "seed", facet="delay"),
         "laws": plotting.stopping_distance(rows, by="delay"),
+        "pairs": plotting.paired(compare_rows(rows, rows.assign(stop_gap_m=2.0), ["number"])),
         "boundary": plotting.boundary(searched(folder / "b", {"along": "pace", "criterion": "collision"}, BOUNDARY)),
         "worst": plotting.boundary(searched(folder / "w", worst, worst | {"search": "worst", "worst": None})),
         "latency": plotting.latency_over_time(live),
@@ -237,7 +239,7 @@ def drawn(text: Text, figure: Figure) -> bool:
 
 
 PLOTS = ("overview", "safety", "approach", "gaps", "stops", "map", "shares", "distribution", "boundary", "worst")
-PLOTS += ("latency", "comparison", "cliff", "response", "panels", "laws")
+PLOTS += ("latency", "comparison", "cliff", "response", "panels", "laws", "pairs")
 
 
 @pytest.mark.parametrize("name", PLOTS)
@@ -456,6 +458,16 @@ def test_rarer_texts_are_taken_together_and_missing_ones_apart() -> None:
     rows = pd.DataFrame({"kind": ["a", "b", "b", "c", "c", "c", "d", None]})
     found = {part.word: np.flatnonzero(part.which).tolist() for part in parts.parts_of(rows, "kind", 4)}
     assert found == {"c": [3, 4, 5], "b": [1, 2], "2 other values of kind": [0, 6], "without kind": [7]}
+
+
+def test_pairs_are_drawn_one_over_the_other_with_their_differences() -> None:
+    one, two = (part.assign(seed=1) for _name, part in survivors().groupby("controller.name"))
+    figure = plotting.paired(compare_rows(one, two, ["ego.speed_mps"], "one", "two"))
+    assert labelled(figure, "^8 pairs")[:, :8].tolist() == [list(range(25, 17, -1)), list(range(10, 2, -1))]
+    assert labelled(figure, r"^two has none \(2\)").tolist() == [[17.0, 16.0], [0.0, 0.0]]
+    x, share = labelled(figure, "^median -15")
+    assert set(x) == {-15.0}
+    assert share[-1] == 80.0  # of ten pairs
 
 
 @pytest.mark.parametrize(
