@@ -16,7 +16,17 @@ from vve_sumo.geometry import Boxes, time_to_collision_2d, vehicle_boxes
 from vve_sumo.metrics.conflict import HORIZON as PREDICTED
 from vve_sumo.metrics.conflict import Contacts, Ego, contacts
 from vve_sumo.metrics.lanes import Lanes, along_lanes
-from vve_sumo.metrics.lead_vehicle import BOX_COLUMNS, HORIZON, LeadVehicle, index_of_tick, lead_vehicle, own_stations
+from vve_sumo.metrics.lead_vehicle import (
+    BOX_COLUMNS,
+    HORIZON,
+    InStrip,
+    LeadVehicle,
+    in_strip,
+    in_the_way,
+    index_of_tick,
+    lead_vehicle,
+    own_stations,
+)
 from vve_sumo.metrics.predicted_ways import recorded_ways
 from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import Stop, last_stop
@@ -116,9 +126,13 @@ class DriveData:
         return own_stations(self.path, self.motion.x, self.motion.y, self.column("s_m"))
 
     @cached_property
+    def _in_strip(self) -> InStrip:
+        return in_strip(self.ticks, self.actors, self.path, self.vehicle, self.station)
+
+    @cached_property
     def strip_lead(self) -> LeadVehicle:
         """The nearest actor in the strip of the ego's width around the path, wherever it goes, and its gap."""
-        return lead_vehicle(self.ticks, self.actors, self.path, self.vehicle, self.station, self.motion.speed)
+        return lead_vehicle(self._in_strip, self.actors, self.motion.speed)
 
     @cached_property
     def lead(self) -> LeadVehicle:
@@ -132,9 +146,8 @@ class DriveData:
         since = np.full(len(actors.names), len(self.station))
         np.minimum.at(since, actors.code[met], actors.at[met])
         conflicting[actors.rows] = actors.at >= since[actors.code]
-        return lead_vehicle(
-            self.ticks, self.actors, self.path, self.vehicle, self.station, self.motion.speed, conflicting
-        )
+        counted = in_the_way(self._in_strip, self.path, self.vehicle, conflicting)
+        return lead_vehicle(counted, self.actors, self.motion.speed)
 
     @cached_property
     def contacts(self) -> Contacts:
