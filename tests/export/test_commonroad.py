@@ -88,7 +88,9 @@ def read(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     place = os.environ.get("VVE_COMMONROAD")
     if place is None:
         pytest.skip("commonroad-io is not there (VVE_COMMONROAD; see tests/export/commonroad.txt)")
-    files = export(with_roads(tmp_path_factory.mktemp("commonroad") / "mine_1"), "commonroad", tmp_path_factory.mktemp("out"))
+    files = export(
+        with_roads(tmp_path_factory.mktemp("commonroad") / "mine_1"), "commonroad", tmp_path_factory.mktemp("out")
+    )
     assert [file.name for file in files] == ["mine_1.commonroad.xml", "mine_1.commonroad.with_ego.xml"]
     reader = [sys.executable, "-m", "tests.export.commonroad_reader", *map(str, files)]
     run = subprocess.run(
