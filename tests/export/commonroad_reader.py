@@ -28,7 +28,7 @@ def read(file: str) -> dict[str, Any]:
             "size": [one.obstacle_shape.length, one.obstacle_shape.width],
             "states": [[s.time_step, *s.position.tolist(), s.orientation, s.velocity] for s in states],
             "on": [network.find_lanelet_by_position([s.position])[0] for s in states],
-            "reaches_goal": problem.goal.is_reached(states[-1]),
+            "reaches_goal": bool(problem.goal.is_reached(states[-1])),
         }
     initial = problem.initial_state
     return {

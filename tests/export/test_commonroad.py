@@ -11,41 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, Point
 
 from tests.conftest import REPOSITORY
-from tests.export.made import HEADING, RADIUS, SPEED, TICKS, TIME, X, Y, box_at, record
+from tests.export.made import HEADING, ROADS, SPEED, TICKS, TIME, X, Y, box_at, record, with_roads
 from vve_sumo.analysis import Run
 from vve_sumo.cli import main
 from vve_sumo.export.commonroad import bounds
 from vve_sumo.export.write import export
-from vve_sumo.record.layout import ROADS_SCHEMA
 
-#: the street up to where the ego begins, its left lane, the bend that the ego takes, and ways on foot
-BEND = np.linspace(0.0, 0.8, 17)
-ROADS: list[dict[str, Any]] = [
-    {"lane": "street_0", "kind": "lane", "width_m": 3.0, "x_m": [0.0, 0.0, 0.0], "y_m": [-60.0, -20.0, 0.0],
-     "successors": [":bend_0_0", "beyond_0"]},
-    {"lane": "street_1", "kind": "lane", "width_m": 3.0, "x_m": [-3.0, -3.0], "y_m": [-60.0, 0.0], "successors": []},
-    {"lane": ":bend_0_0", "kind": "junction", "width_m": 3.4, "x_m": (RADIUS * np.cos(BEND) - RADIUS).tolist(),
-     "y_m": (RADIUS * np.sin(BEND)).tolist(), "successors": []},
-    {"lane": ":bend_c0_0", "kind": "crossing", "width_m": 4.0, "x_m": [-10.0, 10.0, 10.0], "y_m": [-3.0] * 3,
-     "successors": []},
-    {"lane": "side_0", "kind": "walkway", "width_m": 2.0, "x_m": [5.0, 5.0], "y_m": [-60.0, 0.0], "successors": []},
-    {"lane": "dot_0", "kind": "lane", "width_m": 2.0, "x_m": [5.0, 5.0], "y_m": [0.0, 0.0], "successors": []},
-]  # fmt: skip
 STREET, LEFT, TURN, CROSSING, SIDE = "12345"
-
-
-def with_roads(folder: Path) -> Run:
-    record(folder, {"outcome": "timeout"})
-    pq.write_table(pa.Table.from_pylist(ROADS, ROADS_SCHEMA), folder / "roads.parquet")
-    return Run(folder)
 
 
 def test_a_record_without_roads_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -89,12 +67,12 @@ def read(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     if place is None:
         pytest.skip("commonroad-io is not there (VVE_COMMONROAD; see tests/export/commonroad.txt)")
     files = export(
-        with_roads(tmp_path_factory.mktemp("commonroad") / "mine_1"), "commonroad", tmp_path_factory.mktemp("out")
+        Run(with_roads(tmp_path_factory.mktemp("commonroad") / "mine_1")), "commonroad", tmp_path_factory.mktemp("out")
     )
     assert [file.name for file in files] == ["mine_1.commonroad.xml", "mine_1.commonroad.with_ego.xml"]
     reader = [sys.executable, "-m", "tests.export.commonroad_reader", *map(str, files)]
     run = subprocess.run(
-        reader, cwd=REPOSITORY, env=os.environ | {"PYTHONPATH": place}, check=True, capture_output=True, timeout=120
+        reader, cwd=REPOSITORY, env=os.environ | {"PYTHONPATH": place}, check=True, stdout=subprocess.PIPE, timeout=120
     )
     found: list[dict[str, Any]] = json.loads(run.stdout)
     return found

@@ -58,7 +58,9 @@ def places(lanes: Sequence[Lane], x: Floats, y: Floats, heading: Floats) -> Plac
         near = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
         if len(near):
             distance, along, turn = _beside(lane.line, x[near], y[near], heading[near])
-            cost = distance + LENGTH_PER_TURN * np.abs(turn)
+            if lane.kind in ON_FOOT:  # people walk it both ways
+                turn = np.minimum(turn, np.pi - turn)
+            cost = distance + LENGTH_PER_TURN * turn
             better = (distance <= reach) & (cost < least[near])
             rows = near[better]
             on[rows], position[rows], least[rows] = number, along[better], cost[better]
@@ -66,7 +68,7 @@ def places(lanes: Sequence[Lane], x: Floats, y: Floats, heading: Floats) -> Plac
 
 
 def _beside(line: Floats, x: Floats, y: Floats, heading: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return distance from a line [m], position along it [m] and turn from its direction [rad] of points.
+    """Return distance from a line [m], position along it [m] and size of the turn from its direction [rad] of points.
 
     The distance is inf of a point before its first or after its last point.
     """
@@ -84,5 +86,5 @@ def _beside(line: Floats, x: Floats, y: Floats, heading: Floats) -> tuple[Floats
     )
     starts = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
     directions = np.arctan2(ways[:, 1], ways[:, 0])[nearest]
-    turn = np.remainder(heading - directions + np.pi, 2.0 * np.pi) - np.pi
+    turn = np.abs(np.remainder(heading - directions + np.pi, 2.0 * np.pi) - np.pi)
     return np.where(beyond, np.inf, apart[rows, nearest]), starts[nearest] + held[rows, nearest], turn
