@@ -70,6 +70,8 @@ class FollowAndStop:
 
     def __init__(self, vehicle: Vehicle, law: SteeringLaw, tuning: dict[str, float]) -> None:
         self._law, self._steering_limit = law, vehicle.steering_limit
+        #: for the gain design; None where it steers by another law
+        self.preview_tuning = law.tuning if isinstance(law, PreviewSteering) else None
         self._lateral = tuning["lateral_acceleration_m_s2"]
         self._observer = DeviationObserver(vehicle)
         self._trim = SteeringTrim(
