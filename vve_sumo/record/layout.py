@@ -66,6 +66,25 @@ SCHEMAS: dict[str, pa.Schema] = {
 #: Columns of the actors' table that hold numbers, as `Actors` orders them.
 ACTOR_COLUMNS: Final = tuple(SCHEMAS["actors"].names[2:])
 
+#: name of the table of the lanes around the path
+ROADS: Final = "roads"
+#: its columns. It is written once, when the drive begins. The record's hash leaves it out, because it follows from
+#: network and path, which `scenario.json` holds the hash and the points of.
+ROADS_SCHEMA: Final = described_schema(
+    [
+        ("lane", pa.string(), "name in SUMO"),
+        (
+            "kind",
+            pa.string(),
+            "`lane`, `junction` (a lane inside a junction), `crossing`, or `walkway` (for pedestrians alone)",
+        ),
+        ("width_m", pa.float64(), "of the lane"),
+        ("x_m", pa.list_(pa.float64()), "centre line in driving direction, map"),
+        ("y_m", pa.list_(pa.float64()), "centre line in driving direction, map"),
+        ("successors", pa.list_(pa.string()), "lanes that it leads into, those inside junctions included"),
+    ]
+)
+
 #: tables that only a live drive has
 LIVE_SCHEMAS: dict[str, pa.Schema] = {"gateway": _row_schema(GatewayRow), "latency": _row_schema(LatencyRow)}
 
