@@ -137,7 +137,7 @@ TERMS: tuple[Term, ...] = (
         "ttc_s",
         "TTC",
         "time to collision",
-        remark=", at constant speeds; in the plane where the name says 2D or boxes",
+        remark="; of bodies in the plane where the name says 2D or boxes",
     ),
     Term("virtual road (street)", "the road in SUMO on which the twin drives"),
     Term(
