@@ -27,12 +27,16 @@ def need(rows: pd.DataFrame, *columns: str) -> None:
 def numbers(rows: pd.DataFrame, column: str) -> Floats:
     """Return a column (n), NaN where a run has none; a truth value as 0 or 100 %.
 
-    Raises ConfigError for a column that the rows do not have.
+    Raises ConfigError for a column that the rows do not have, and for one of texts.
     """
     need(rows, column)
     if is_truth(rows, column):
         return np.select([holds(rows, column), holds(rows, column, False)], [100.0, 0.0], np.nan)
-    values: Floats = rows[column].to_numpy(np.float64, na_value=np.nan)
+    try:
+        values: Floats = rows[column].to_numpy(np.float64, na_value=np.nan)
+    except (TypeError, ValueError):
+        known = ", ".join(map(str, rows.select_dtypes("number").columns))
+        raise ConfigError(f"column {column!r} holds texts, expected one of numbers; there are {known}") from None
     return values
 
 

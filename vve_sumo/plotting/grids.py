@@ -250,8 +250,8 @@ def distribution(
     or below, as it does a gap at rest, so that such a curve begins with the share of collisions. `band` is the least
     and the greatest value that passes; `facet` is a column that has a panel for every value.
     """
-    need(rows, figure)
-    values = numbers(rows, figure) if is_truth(rows, figure) else with_collisions(rows, figure)
+    values = numbers(rows, figure)
+    values = values if is_truth(rows, figure) else with_collisions(rows, figure)
     with page(height=tall(rows, facet, 4.2, 3.4)) as drawn:
         drawn_panels = panels(drawn, rows, facet)
         name(drawn, f"Distribution of {label_of(figure)}: {np.isfinite(values).sum():,} of {len(rows):,} runs have it")

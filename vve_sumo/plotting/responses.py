@@ -43,7 +43,8 @@ def response(rows: pd.DataFrame, x: str, figure: str, *, by: str | None = None, 
         raise ConfigError(f"response: x: expected a column of numbers, got {x!r}; texts go with by or facet")
     parts, at = parts_of(rows, by or controller_of(rows, facet)), numbers(rows, x)
     share = is_truth(rows, figure)
-    values = numbers(rows, figure) if share else with_collisions(rows, figure)
+    values = numbers(rows, figure)
+    values = values if share else with_collisions(rows, figure)
     levels, level = portions(at, LEVELS)
     with page(height=tall(rows, facet, 4.2, 3.4)) as drawn:
         drawn_panels = panels(drawn, rows, facet)
