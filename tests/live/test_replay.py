@@ -383,7 +383,7 @@ def open_with_every_tool(folder: Path) -> None:
     summary = summarise(resolved, DriveEnd(Outcome.BROKEN, ()), folder, hash_parts(folder))
     assert summary["ticks"] > 100
     (folder / "drive.png").unlink(missing_ok=True)
-    draw_drive(resolved, drives.Drive(folder, summary))
+    draw_drive(drives.Drive(folder, summary))
     assert (folder / "drive.png").stat().st_size > 10_000
     assert cli.main(["redrive", str(folder), "--controller", "follow_and_stop"]) == 0
 

@@ -103,7 +103,7 @@ def drive_and_draw(folder: str) -> None:
     from vve_sumo.plotting.drive_record import draw_drive
 
     resolved = altered({"duration_s": 3.0})
-    draw_drive(resolved, drives.run(resolved, FilePath(folder), REPOSITORY))
+    draw_drive(drives.run(resolved, FilePath(folder), REPOSITORY))
 
 
 def test_a_real_drive_fills_every_panel(tmp_path: FilePath) -> None:

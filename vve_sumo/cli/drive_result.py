@@ -19,7 +19,7 @@ def draw_and_show(resolved: ResolvedScenario, drive: Drive) -> None:
 
     picture = None
     with contextlib.suppress(VveError, OSError):
-        picture = draw_drive(resolved, drive) if drive.summary["ticks"] else None
+        picture = draw_drive(drive) if drive.summary["ticks"] else None
     show_drive(drive, picture)
 
 

@@ -237,5 +237,5 @@ def rerun(folder: Path, key: str, out: Path | None) -> int:
     if done.folder.is_dir():
         print(f"record: {done.folder}")
     if done.result.figures:
-        print(f"picture: {draw_drive(done.resolved(), done.drive())}")
+        print(f"picture: {draw_drive(done.drive())}")
     return 0 if done.same else 1

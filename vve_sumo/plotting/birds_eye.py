@@ -40,6 +40,8 @@ MARGIN = 25.0
 MAX_GAP_SHOWN = 40.0
 #: parts of the way at which an arrow says where the car drives to
 ARROWS = (0.2, 0.5, 0.8)
+#: a vehicle is at least so wide [m]
+NARROWEST_VEHICLE = 1.3
 #: side of the mark that stands for a car too small to see [point]
 MARK = 7.0
 
@@ -83,6 +85,13 @@ def rotated(x: Floats, y: Floats, angle: float) -> Floats:
     return np.column_stack((x * cos - y * sin, x * sin + y * cos))
 
 
+def _word(row: dict[str, Any]) -> str:
+    """Return in words what the actor is at the end that the ego stands before or has touched."""
+    if row["width_m"] < NARROWEST_VEHICLE:
+        return "person or two-wheeler at the end"
+    return "vehicle met, at the end" if row["speed_mps"] > 0.2 else "standing vehicle at the end"
+
+
 def _ego(page: DrivePage) -> DrawnCar:
     x, y, heading = (column[-1:] for column in trace(page.ticks))
     boxes = vehicle_boxes(x, y, heading, np.zeros_like(x), page.vehicle)
@@ -93,23 +102,29 @@ def _actors(page: DrivePage) -> list[DrawnCar]:
     """Return the actors at the last tick; last among them what the ego stands before or has touched."""
     last = page.actors.filter(np.equal(page.actors["tick"].to_numpy(), page.ticks["tick"][-1].as_py()))
     met = {page.lead.actor[-1], *"+".join(page.ticks["contacts"].to_pylist()).split("+")}
-    columns = (last[name].to_pylist() for name in ("actor", "x_m", "y_m", "heading_rad", "length_m", "width_m"))
+    sizes = ("x_m", "y_m", "heading_rad", "length_m", "width_m")
     cars = [
-        DrawnCar(Box(*place), *((OBSTACLE, "obstacle") if actor in met else (PAPER, "other traffic")))
-        for actor, *place in zip(*columns, strict=True)
+        DrawnCar(
+            Box(*(row[name] for name in sizes)),
+            *((OBSTACLE, _word(row)) if row["actor"] in met else (PAPER, "other traffic")),
+        )
+        for row in last.to_pylist()
     ]
-    return sorted(cars, key=lambda car: car.name, reverse=True)
+    return sorted(cars, key=lambda car: car.colour == OBSTACLE)
 
 
-def _map(axes: Axes, page: DrivePage, view: View, edge: str) -> None:
-    """Draw lanes, path and trace in a turned window; `edge` is the colour between two lanes."""
+def draw_map(axes: Axes, page: DrivePage, view: View, edge: str, end: int | None = None) -> None:
+    """Draw lanes, path and trace in a turned window; `edge` is the colour between two lanes.
+
+    The trace ends at the row `end` of the ticks, else at the last.
+    """
     from matplotlib.collections import PolyCollection
 
     roads = [view.place(*ribbon(line, width).T) for line, width in page.lanes if len(line) > 1]
     axes.add_collection(PolyCollection(roads, facecolor=ROAD, edgecolor=edge, linewidth=0.7, zorder=1))
     points = np.array([page.path.at(float(s))[:2] for s in np.arange(0.0, page.path.length, 2.0)])
     axes.plot(*view.place(*points.T).T, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=2, label="path")
-    x, y, _ = trace(page.ticks)
+    x, y, _ = trace(page.ticks if end is None else page.ticks.slice(0, end + 1))
     axes.plot(*view.place(x, y).T, color=EGO, linewidth=2.2, zorder=3, label="ego, rear axle")
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
     axes.set(xticks=(), yticks=())
@@ -150,7 +165,7 @@ def draw_car(axes: Axes, view: View, box: Box, colour: str) -> None:
 
 def draw_overview(axes: Axes, page: DrivePage, view: View) -> None:
     """Draw where the drive went, and who stood where when it ended."""
-    _map(axes, page, view, ROAD)
+    draw_map(axes, page, view, ROAD)
     _directions(axes, page, view)
     _cars(axes, page, view)
     x, y, _ = trace(page.ticks)
@@ -199,7 +214,7 @@ def _cross(axes: Axes, page: DrivePage, view: View) -> None:
 
 def draw_close_up(axes: Axes, page: DrivePage, view: View) -> None:
     """Draw where the ego stood at the end, and how far from what."""
-    _map(axes, page, view, PAPER)
+    draw_map(axes, page, view, PAPER)
     _cars(axes, page, view)
     _cross(axes, page, view)
     gap, station = float(page.lead.gap[-1]), page.ticks["s_m"][-1].as_py()

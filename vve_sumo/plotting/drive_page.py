@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.plotting.birds_eye import MARGIN, MAX_GAP_SHOWN, View, draw_close_up, draw_overview, rotated
+from vve_sumo.plotting.moment import draw_dated_traces, draw_moment, moment_view, title_of
 from vve_sumo.plotting.page import (
     BETWEEN,
     BOTTOM,
@@ -25,6 +26,7 @@ from vve_sumo.plotting.page import (
     TOP,
     DrivePage,
     panel,
+    prefix,
     say,
     trace,
 )
@@ -110,9 +112,14 @@ def _from_above(figure: Figure, page: DrivePage) -> None:
     draw_overview(whole, page, view)
     whole.set_title("the street from above", loc="left", pad=5)
     close = panel(figure, LEFT, BOTTOM, LEFT_WIDTH, TOP - BOTTOM - BETWEEN - height)
-    bumper = page.vehicle.rear_axle_to_bumper
-    draw_close_up(close, page, _close_up(page.ticks, bumper, float(page.lead.gap[-1]), _left_over(view)))
-    close.set_title("where it ended, driving to the right", loc="left", pad=5)
+    if page.moment is not None and math.isfinite(page.ticks[f"{prefix(page.ticks)}x_m"][page.moment.row].as_py()):
+        draw_dated_traces(whole, page, view)
+        draw_moment(close, page, page.moment, moment_view(page, page.moment, _left_over(view)))
+        close.set_title(title_of(page, page.moment), loc="left", pad=5)
+    else:
+        bumper = page.vehicle.rear_axle_to_bumper
+        draw_close_up(close, page, _close_up(page.ticks, bumper, float(page.lead.gap[-1]), _left_over(view)))
+        close.set_title("where it ended, driving to the right", loc="left", pad=5)
     named = {
         name: mark for axes in (close, whole) for mark, name in zip(*axes.get_legend_handles_labels(), strict=True)
     }

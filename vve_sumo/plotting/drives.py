@@ -19,7 +19,8 @@ from vve_sumo.metrics.following import TTC_THRESHOLD
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting import drive_page
-from vve_sumo.plotting.page import INK, OBSTACLE, QUIET, SIZE, DrivePage, contact, said
+from vve_sumo.plotting.drive_record import page_of
+from vve_sumo.plotting.page import INK, OBSTACLE, QUIET, SIZE, contact
 from vve_sumo.plotting.style import FIRST, LIMIT, OVER, SECOND, THIRD, UNDER, WIDTH, Look, explain, name, page, plain
 from vve_sumo.values import Floats
 
@@ -39,22 +40,12 @@ Curves = tuple[tuple[str, Look, str], ...]
 
 
 def drive_overview(run: Run) -> Figure:
-    """Draw the page of a drive from its record alone: path, trace and actors from above, and curves over time.
+    """Draw the page of a drive from its record alone: the street from above, the moment that matters, and curves.
 
-    The record holds no lanes, so the street is bare. A drive that was killed is drawn up to its last tick.
+    A drive that was killed is drawn up to its last tick. A record of layout 7 holds no lanes, so its street is bare.
     """
-    content = DrivePage(
-        title=run.title,
-        subtitle=f"killed: the record ends at {run.time[-1]:.2f} s" if run.summary is None else said(run.summary),
-        ticks=run.arrow("ticks"),
-        actors=run.arrow("actors"),
-        lead=run.lead,
-        path=run.path,
-        vehicle=run.vehicle,
-        lanes=(),
-    )
     with page(*SIZE, arranged=False) as figure:
-        drive_page.paint(figure, content)
+        drive_page.paint(figure, page_of(run))
         return figure
 
 

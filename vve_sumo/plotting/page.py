@@ -6,7 +6,7 @@ It must not know what any one part draws, nor SUMO, nor how the drive was run.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from vve_sumo.metrics.key_figures import braked_hardest_for, unmet
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
+from vve_sumo.metrics.moment import Moment
 from vve_sumo.path import Path
 from vve_sumo.values import Floats, Vehicle
 
@@ -58,6 +59,9 @@ class DrivePage:
     path: Path
     vehicle: Vehicle
     lanes: Sequence[tuple[Floats, float]]  #: centre line (n x 2) [m] and width [m] of each lane
+    moment: Moment | None = None  #: the one that matters; None where no actor came near
+    unseen: frozenset[str] = frozenset()  #: actors that the radar did not detect around the moment
+    asked: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  #: least and greatest value of metrics
 
 
 def said(summary: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vve_sumo.metrics.stopping import AT_REST
-from vve_sumo.metrics.table import axis_of
+from vve_sumo.metrics.table import axis_of, label_of
 from vve_sumo.plotting.page import (
     ALARM,
     BETWEEN,
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: the criterion of the shipped scenarios, drawn for scale [m]
-DEVIATION_GUIDE = 0.15
-#: where the car left the path by this many times the guide, the guides would be one line
-GUIDE_READABLE = 10.0
+#: the deviation's axis spans at least this to either side [m]
+LEAST_DEVIATION_SHOWN = 0.2
+#: the last metres of the gap take half of its axis [m]
+LAST_METRES = 10.0
 
 
 def _curves(
@@ -78,6 +78,7 @@ def _speed(axes: Axes, page: DrivePage) -> None:
     title = f"{'true' if prefix(page.ticks) else 'estimated'} speed [m/s]"
     if _curves(axes, title, page, [(speed, {"color": EGO})], "no pose"):
         _from_zero(axes, speed, 1.0)
+        _asked(axes, page, "max_speed_mps")
 
 
 def _gap(axes: Axes, page: DrivePage) -> None:
@@ -87,10 +88,32 @@ def _gap(axes: Axes, page: DrivePage) -> None:
     gap[:-1][np.array(changed, bool)] = np.nan
     if not _curves(axes, axis_of("gap_m"), page, [(gap, {"color": OBSTACLE})], "nothing ahead"):
         return
+    _asked(axes, page, "stop_gap_m", "min_gap_m")
     _from_zero(axes, gap, 1.0)
+    _enlarge_last_metres(axes, float(np.nanmax(gap)))
     if math.isfinite(gap[-1]):
         axes.plot(page.ticks["time_s"][-1].as_py(), gap[-1], "o", color=OBSTACLE, markersize=5.0, clip_on=False)
         axes.set_title(f"{gap[-1]:.2f} m at the end", loc="right", pad=5)
+
+
+def _enlarge_last_metres(axes: Axes, most: float) -> None:
+    """Give the last metres of the gap half of the axis where the whole gap would leave them a narrow strip."""
+    if most < 2.0 * LAST_METRES:
+        return
+    share = LAST_METRES / (most - LAST_METRES)
+
+    def forward(gap: Floats) -> Floats:
+        return np.where(gap > LAST_METRES, LAST_METRES + (gap - LAST_METRES) * share, gap)
+
+    def backward(height: Floats) -> Floats:
+        return np.where(height > LAST_METRES, LAST_METRES + (height - LAST_METRES) / share, height)
+
+    low = axes.get_ylim()[0]
+    axes.set_yscale("function", functions=(forward, backward))
+    step = next(step for step in (10.0, 20.0, 50.0, 100.0, 200.0) if (most - LAST_METRES) / step <= 3.0)
+    axes.set_yticks([0.0, 2.0, 5.0, LAST_METRES, *np.arange(step * math.ceil(1.5 * LAST_METRES / step), most, step)])
+    axes.set_ylim(low, most)
+    axes.axhline(LAST_METRES, color=QUIET, linewidth=0.6)
 
 
 def _acceleration(axes: Axes, page: DrivePage) -> None:
@@ -121,12 +144,23 @@ def _deviation(axes: Axes, page: DrivePage) -> None:
     title = f"{word} lateral deviation [m], left positive"
     if not _curves(axes, title, page, [(deviation, {"color": EGO})], "no pose on the path"):
         return
-    _include(axes, -1.3 * DEVIATION_GUIDE, 1.3 * DEVIATION_GUIDE)
-    if np.nanmax(np.abs(deviation)) > GUIDE_READABLE * DEVIATION_GUIDE:
-        return
-    for guide in (-DEVIATION_GUIDE, DEVIATION_GUIDE):
-        label = f"±{DEVIATION_GUIDE:g} m" if guide > 0.0 else ""
-        axes.axhline(guide, color=QUIET, linewidth=1.0, linestyle=(0, (2, 3)), label=label)
+    _include(axes, -LEAST_DEVIATION_SHOWN, LEAST_DEVIATION_SHOWN)
+    if (most := page.asked.get("max_lateral_deviation_m", {}).get("max")) is not None:
+        _bound(axes, most, f"asked: ±{most:g} m")
+        _bound(axes, -most, "")
+
+
+def _bound(axes: Axes, value: float, label: str) -> None:
+    """Draw a bound that the scenario's criteria set."""
+    axes.axhline(value, color=QUIET, linewidth=1.0, linestyle=(0, (2, 3)), label=label)
+
+
+def _asked(axes: Axes, page: DrivePage, *metrics: str, sign: float = 1.0) -> None:
+    """Draw the bounds that the scenario's criteria set to some metrics."""
+    for metric in metrics:
+        for end, word in (("min", "at least"), ("max", "at most")):
+            if (bound := page.asked.get(metric, {}).get(end)) is not None and math.isfinite(bound):
+                _bound(axes, sign * bound, f"asked: {label_of(metric)} {word} {bound:g}")
 
 
 def _engaged(ticks: pa.Table) -> NDArray[np.bool_]:

@@ -25,7 +25,7 @@ from vve_sumo.values import GatewayRow, LatencyRow, TickRow
 #: of the radar's alone, and the hashes of the code of interface and receiver; 8 added the lanes around the path.
 LAYOUT = 8
 #: layouts that can be read: a record of layout 7 is one of layout 8 without the lanes around the path
-READABLE_LAYOUTS: Final = (7, 8)
+READABLE_LAYOUTS = (7, 8)
 #: numpy's type of each numeric column
 NUMPY_KINDS = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
 _ARROW: dict[str, pa.DataType] = {

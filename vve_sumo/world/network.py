@@ -116,6 +116,16 @@ def _lanes(edge: ET.Element) -> Iterator[tuple[str, tuple[str, float, Floats]]]:
         yield lane.attrib["id"], ("walkway" if on_foot else kind, width, _shape(lane.attrib["shape"]))
 
 
+def signals(path: Path) -> dict[str, tuple[float, float]]:
+    """Return the place [m] of every junction with a signal by its name; raises ConfigError as read_network does."""
+    junctions = (one.attrib for one in _elements(path, "junction"))
+    return {
+        one["id"]: (float(one["x"]), float(one["y"]))
+        for one in junctions
+        if one.get("type", "").startswith("traffic_light")
+    }
+
+
 def _located(path: Path, attributes: dict[str, str]) -> Network:
     projection = attributes.get("projParameter", "!")
     if projection in {"!", "-", "."}:
