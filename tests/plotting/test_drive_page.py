@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from pathlib import Path as FilePath
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib import image
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from tests import vehicles
 from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
 from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.moment import Measure, Moment
 from vve_sumo.path import Path
 from vve_sumo.plotting import birds_eye, drive_page, page
 from vve_sumo.record.layout import SCHEMAS
@@ -240,13 +245,41 @@ def test_a_view_keeps_lengths_and_turns_its_heading_to_the_right(
     assert np.abs(up) == pytest.approx(height / 2.0, abs=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.lists(st.tuples(coordinate, coordinate, angle), min_size=1, max_size=8))
-def test_the_bounds_hold_the_trace_and_the_street_beside_it(poses: list[tuple[float, float, float]]) -> None:
-    rows = [{"true_x_m": x, "true_y_m": y, "true_heading_rad": heading} for x, y, heading in poses]
-    left, low, right, high = drive_page.bounds(page_of(rows, []).ticks)
-    x, y, _ = zip(*poses, strict=True)
-    assert left <= min(x) - drive_page.CLOSE_UP / 2.0
-    assert right >= max(x) + drive_page.CLOSE_UP / 2.0
-    assert low <= min(y) - drive_page.CLOSE_UP / 2.0
-    assert high >= max(y) + drive_page.CLOSE_UP / 2.0
+def test_a_drive_with_a_moment_writes_every_word_on_the_page_and_none_over_another() -> None:
+    """A car that drives up to another one: words of the two windows neither leave the page nor cross."""
+    speed = {"true_speed_mps": 8.0, "speed_mps": 8.0}
+    rows = driving(200, begin=100.0, **speed, lateral_deviation_m=0.0)
+    others = [{"tick": tick, "actor": "other", "x_m": 230.0, "radar_cross_section_m2": 10.0} for tick in range(200)]
+    content = page_of(rows, others)
+    content = dataclasses.replace(
+        content,
+        moment=Moment(150, 3.0, Measure.TIME_TO_COLLISION, 2.5, "other"),
+        unseen=frozenset({"other"}),
+        asked={"stop_gap_m": {"min": 4.5, "max": 6.5}, "max_lateral_deviation_m": {"max": 0.15}},
+    )
+    with mpl.rc_context(page.STYLE):
+        figure = Figure(figsize=page.SIZE, dpi=page.DOTS_PER_INCH)
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        drive_page.paint(figure, content)
+        figure.draw(renderer)
+        words = [text for axes in figure.axes for text in (*axes.texts, axes._left_title, axes._right_title)]
+        legends = [text for axes in figure.axes if axes.get_legend() for text in axes.get_legend().get_texts()]
+        boxes = {text.get_text(): text.get_window_extent(renderer) for text in (*words, *legends) if text.get_text()}
+    assert {"standing vehicle", "not seen by the radar"} <= {*boxes}
+    assert any(word.startswith("closest at 3.00 s: TTC 2.50 s") for word in boxes)
+    assert {"ego 8.0 m/s", "standing vehicle 0.0 m/s", "±0.15 m", "1, 2, 3 s later"} <= {
+        word.removeprefix("asked: ") for word in boxes
+    }
+    for word, box in boxes.items():
+        assert box.x0 >= 0.0, word
+        assert box.y0 >= 0.0, word
+        assert box.x1 <= PIXELS[1], word
+    for (word, box), (other, another) in itertools.combinations(boxes.items(), 2):
+        assert not box.overlaps(another), (word, other)
+
+
+def test_a_deviation_nobody_asked_for_has_no_guides() -> None:
+    figure = Figure(figsize=page.SIZE)
+    content = page_of(driving(20, lateral_deviation_m=0.05), [])
+    drive_page.paint(figure, content)
+    assert len(figure.axes[-1].lines) == 1

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 MAX_DISTANCE: Final = 60.0
 
 
+#: a greater least gap says nothing of a conflict [m]
+MAX_GAP: Final = 30.0
+
+
 class Measure(StrEnum):
     """By what a moment was chosen."""
 
@@ -43,8 +47,8 @@ class Moment:
 def moment_of(drive: DriveData) -> Moment | None:
     """Return the moment of the first contact; without one that of the least time to collision by predicted paths.
 
-    Without such a time it is the moment of the least gap, else that of the least distance between the centres of the
-    ego and any actor; None where no actor came within MAX_DISTANCE.
+    Without such a time it is the moment of the least gap, if that is below MAX_GAP, else that of the least distance
+    between the centres of the ego and any actor; None where no actor came within MAX_DISTANCE.
     """
     touched = next((row for row, names in enumerate(drive.ticks["contacts"].to_pylist()) if names), None)
     if touched is not None:
@@ -52,7 +56,7 @@ def moment_of(drive: DriveData) -> Moment | None:
         return Moment(touched, float(drive.motion.time[touched]), Measure.CONTACT, 0.0, actor)
     candidates = (
         (Measure.TIME_TO_COLLISION, drive.conflict.time, drive.conflict.actor),
-        (Measure.GAP, drive.lead.gap, drive.lead.actor),
+        (Measure.GAP, np.where(drive.lead.gap <= MAX_GAP, drive.lead.gap, np.nan), drive.lead.actor),
         (Measure.DISTANCE, *_nearest(drive)),
     )
     for measure, values, actors in candidates:

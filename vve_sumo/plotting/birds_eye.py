@@ -40,8 +40,6 @@ MARGIN = 25.0
 MAX_GAP_SHOWN = 40.0
 #: parts of the way at which an arrow says where the car drives to
 ARROWS = (0.2, 0.5, 0.8)
-#: a vehicle is at least so wide [m]
-NARROWEST_VEHICLE = 1.3
 #: side of the mark that stands for a car too small to see [point]
 MARK = 7.0
 
@@ -85,17 +83,12 @@ def rotated(x: Floats, y: Floats, angle: float) -> Floats:
     return np.column_stack((x * cos - y * sin, x * sin + y * cos))
 
 
-def _word(row: dict[str, Any]) -> str:
-    """Return in words what the actor is at the end that the ego stands before or has touched."""
-    if row["width_m"] < NARROWEST_VEHICLE:
-        return "person or two-wheeler at the end"
-    return "vehicle met, at the end" if row["speed_mps"] > 0.2 else "standing vehicle at the end"
-
-
 def _ego(page: DrivePage) -> DrawnCar:
     x, y, heading = (column[-1:] for column in trace(page.ticks))
     boxes = vehicle_boxes(x, y, heading, np.zeros_like(x), page.vehicle)
-    return DrawnCar(Box(*(float(column[0]) for column in boxes[:5])), EGO, "ego at the end")
+    return DrawnCar(
+        Box(*(float(column[0]) for column in boxes[:5])), EGO, "ego at the end" if page.moment is None else "_"
+    )
 
 
 def _actors(page: DrivePage) -> list[DrawnCar]:
@@ -106,7 +99,11 @@ def _actors(page: DrivePage) -> list[DrawnCar]:
     cars = [
         DrawnCar(
             Box(*(row[name] for name in sizes)),
-            *((OBSTACLE, _word(row)) if row["actor"] in met else (PAPER, "other traffic")),
+            *(
+                (OBSTACLE, "actor met" if page.moment is None else "_")
+                if row["actor"] in met
+                else (PAPER, "other traffic")
+            ),
         )
         for row in last.to_pylist()
     ]

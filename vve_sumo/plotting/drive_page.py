@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import textwrap
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -46,16 +46,6 @@ CLOSE_UP = 20.0
 HAS_DIRECTION = 5.0
 #: the overview is turned by the look of at most about this many points of the trace
 MAX_POINTS = 2000
-
-
-def bounds(ticks: pa.Table) -> tuple[float, float, float, float]:
-    """Return least x, least y, greatest x and greatest y of what the picture shows of the street [m]."""
-    if len(trace(ticks)[0]) == 0:
-        return (0.0, 0.0, 1.0, 1.0)
-    whole = _overview(ticks)
-    corners = np.vstack((whole.corners(), _close_up(ticks, 0.0, MAX_GAP_SHOWN, _left_over(whole)).corners()))
-    (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
-    return (float(left), float(low), float(right), float(high))
 
 
 def long_axis(x: Floats, y: Floats, heading: float) -> float:
@@ -123,7 +113,8 @@ def _from_above(figure: Figure, page: DrivePage) -> None:
     named = {
         name: mark for axes in (close, whole) for mark, name in zip(*axes.get_legend_handles_labels(), strict=True)
     }
-    close.legend([*named.values()], [*named], loc="upper left", bbox_to_anchor=(0.0, -0.01), ncols=4, borderaxespad=0.2)
+    place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.01), "borderaxespad": 0.2}
+    close.legend([*named.values()], [*named], ncols=4, columnspacing=1.4, handletextpad=0.5, **place)
 
 
 def paint(figure: Figure, page: DrivePage) -> None:

@@ -28,6 +28,8 @@ MARGIN, NARROWEST, WIDEST = 5.0, 34.0, 110.0
 LINE, LETTER = 0.2, 0.088
 #: an actor slower than this stands [m/s]
 STANDING: Final = 0.2
+#: an actor that was faster than this at any time has stopped, and did not stand all the time [m/s]
+MOVED: Final = 1.0
 #: radar cross sections that the record gives to people and two-wheelers [m2], with their names
 SMALL: Final = ((0.3, "child"), (0.6, "pedestrian"), (1.5, "scooter"), (2.5, "bicyclist"), (6.0, "two-wheeler"))
 #: a vehicle is at least so wide [m]; a narrower body is told by its radar cross section
@@ -111,7 +113,7 @@ def what_it_is(track: Track, ego: Track, time: float) -> str:
     ((ahead, aside),) = rotated(*away, -float(ego.heading[own]))
     beside = abs(aside) > (track.width + ego.width) / 2.0
     if standing:
-        return "standing vehicle"
+        return "stopped vehicle" if track.speed.max() > MOVED else "standing vehicle"
     if turn > math.radians(135.0):
         return "oncoming vehicle"
     if turn > math.radians(35.0):
@@ -125,13 +127,12 @@ def title_of(page: DrivePage, moment: Moment) -> str:
     """Return when the moment was and what makes it the one that matters."""
     track = tracks(page).get(moment.actor)
     word = what_it_is(track, ego_track(page), moment.time) if track else "actor"
-    value = {
-        Measure.CONTACT: f"contact with {word}",
-        Measure.TIME_TO_COLLISION: f"{moment.value:.2f} s to collision with {word}",
-        Measure.GAP: f"least gap, {moment.value:.2f} m to {word}",
-        Measure.DISTANCE: f"nearest, {moment.value:.1f} m from {word} (centres), no conflict",
+    return {
+        Measure.CONTACT: f"contact at {moment.time:.2f} s, with {word}",
+        Measure.TIME_TO_COLLISION: f"closest at {moment.time:.2f} s: TTC {moment.value:.2f} s, {word}",
+        Measure.GAP: f"closest at {moment.time:.2f} s: gap {moment.value:.2f} m, {word}",
+        Measure.DISTANCE: f"no conflict; nearest at {moment.time:.2f} s: {word}",
     }[moment.measure]
-    return f"the moment that matters, {moment.time:.2f} s: {value}"
 
 
 def moment_view(page: DrivePage, moment: Moment, shape: float) -> View:
@@ -164,6 +165,8 @@ def draw_moment(axes: Axes, page: DrivePage, moment: Moment, view: View) -> None
     other = others.get(moment.actor)
     for name, track in others.items():
         if np.abs(track.time - moment.time).min() <= 0.03 and name != moment.actor:
+            way = view.place(*track.during(moment.time - BEFORE, moment.time + AFTER))
+            axes.plot(*way.T, color=QUIET, linewidth=1.0, linestyle=(0, (1, 1)), zorder=4)
             _body(axes, view, track.box(moment.time), PAPER, "other traffic", name in page.unseen)
     if other is not None:
         word = what_it_is(other, ego, moment.time)
@@ -179,7 +182,8 @@ def _body(axes: Axes, view: View, box: Box, colour: str, name: str, unseen: bool
     if unseen:
         placed = view.place(*np.array(box.corners()).T)
         style: dict[str, Any] = {"facecolor": "none", "edgecolor": INK, "linewidth": 0.8, "hatch": "xxxx"}
-        axes.fill(*placed.T, **style, zorder=7, label="not detected by the radar")
+        shown = "not seen by the radar" if view.holds(box.x, box.y) else "_"
+        axes.fill(*placed.T, **style, zorder=7, label=shown)
     label = name if view.holds(box.x, box.y) else "_"
     axes.plot(math.nan, math.nan, "s", color=colour, markeredgecolor=INK, markersize=7.0, label=label)
 
@@ -238,7 +242,7 @@ def draw_dated_traces(axes: Axes, page: DrivePage, view: View) -> None:
 
 
 #: an actor that came within this distance of the ego is traced, while within the second distance [m]
-NEAR, TRACE_SHOWN = 15.0, 80.0
+NEAR, TRACE_SHOWN = 25.0, 80.0
 #: between two dates on the page [inch]; and steps that dates may have [s]
 BETWEEN_DATES, STEPS = 0.55, (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
 
@@ -259,13 +263,21 @@ def _dates(axes: Axes, view: View, ego: Track, main: Track | None) -> None:
             x, y = _at(track, float(time))
             ((right, up),) = view.place(np.array([x]), np.array([y]))
             axes.plot(right, up, "o", color=colour, markersize=3.5, markeredgecolor=PAPER, zorder=6)
-            label = up + (-0.13 if below else 0.13) * view.width / LEFT_WIDTH
-            apart = [math.hypot(right - a, 2.5 * (label - b)) / view.width * LEFT_WIDTH for a, b in written]
-            inside = abs(right) < 0.47 * view.width and abs(label) < 0.5 * view.height - 0.1 * view.width / LEFT_WIDTH
+            aside, over = _beside(float(track.heading[track.row(float(time))]) - view.heading, below, view.width)
+            x, y = float(right) + aside, float(up) + over
+            apart = [math.hypot(x - a, 2.5 * (y - b)) / view.width * LEFT_WIDTH for a, b in written]
+            inside = abs(x) < 0.47 * view.width and abs(y) < 0.5 * view.height - 0.1 * view.width / LEFT_WIDTH
             if inside and min(apart, default=math.inf) > BETWEEN_DATES * 0.8:
-                written.append((float(right), float(label)))
+                written.append((x, y))
                 style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8.5, "zorder": 7}
-                axes.text(right, label, f"{time:g} s", color=colour, **style)
+                axes.text(x, y, f"{time:g} s", color=colour, **style)
+
+
+def _beside(heading: float, below: bool, width: float) -> tuple[float, float]:
+    """Return from a trace of a heading [rad] to its date, in a window of a width [m]: below or left of it, or not."""
+    right, up = -math.sin(heading), math.cos(heading)
+    side = -1.0 if (up > 0.0 if abs(up) > 0.3 else right > 0.0) == below else 1.0
+    return side * 0.24 * right * width / LEFT_WIDTH, side * 0.14 * up * width / LEFT_WIDTH
 
 
 def _at(track: Track, time: float) -> tuple[float, float]:

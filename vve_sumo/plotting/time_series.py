@@ -15,7 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vve_sumo.metrics.stopping import AT_REST
-from vve_sumo.metrics.table import axis_of, label_of
+from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.page import (
     ALARM,
     BETWEEN,
@@ -78,7 +78,7 @@ def _speed(axes: Axes, page: DrivePage) -> None:
     title = f"{'true' if prefix(page.ticks) else 'estimated'} speed [m/s]"
     if _curves(axes, title, page, [(speed, {"color": EGO})], "no pose"):
         _from_zero(axes, speed, 1.0)
-        _asked(axes, page, "max_speed_mps")
+        _asked(axes, page, "max_speed_mps", "")
 
 
 def _gap(axes: Axes, page: DrivePage) -> None:
@@ -88,7 +88,8 @@ def _gap(axes: Axes, page: DrivePage) -> None:
     gap[:-1][np.array(changed, bool)] = np.nan
     if not _curves(axes, axis_of("gap_m"), page, [(gap, {"color": OBSTACLE})], "nothing ahead"):
         return
-    _asked(axes, page, "stop_gap_m", "min_gap_m")
+    _asked(axes, page, "stop_gap_m", "at rest ")
+    _asked(axes, page, "min_gap_m", "")
     _from_zero(axes, gap, 1.0)
     _enlarge_last_metres(axes, float(np.nanmax(gap)))
     if math.isfinite(gap[-1]):
@@ -111,7 +112,7 @@ def _enlarge_last_metres(axes: Axes, most: float) -> None:
     low = axes.get_ylim()[0]
     axes.set_yscale("function", functions=(forward, backward))
     step = next(step for step in (10.0, 20.0, 50.0, 100.0, 200.0) if (most - LAST_METRES) / step <= 3.0)
-    axes.set_yticks([0.0, 2.0, 5.0, LAST_METRES, *np.arange(step * math.ceil(1.5 * LAST_METRES / step), most, step)])
+    axes.set_yticks([0.0, 5.0, LAST_METRES, *np.arange(step * math.ceil(1.5 * LAST_METRES / step), most, step)])
     axes.set_ylim(low, most)
     axes.axhline(LAST_METRES, color=QUIET, linewidth=0.6)
 
@@ -155,12 +156,16 @@ def _bound(axes: Axes, value: float, label: str) -> None:
     axes.axhline(value, color=QUIET, linewidth=1.0, linestyle=(0, (2, 3)), label=label)
 
 
-def _asked(axes: Axes, page: DrivePage, *metrics: str, sign: float = 1.0) -> None:
-    """Draw the bounds that the scenario's criteria set to some metrics."""
-    for metric in metrics:
-        for end, word in (("min", "at least"), ("max", "at most")):
-            if (bound := page.asked.get(metric, {}).get(end)) is not None and math.isfinite(bound):
-                _bound(axes, sign * bound, f"asked: {label_of(metric)} {word} {bound:g}")
+def _asked(axes: Axes, page: DrivePage, metric: str, word: str) -> None:
+    """Draw the bounds that the scenario's criteria set to a metric, with words at the panel's left edge."""
+    for end, sign, side in (("min", "≥", "top"), ("max", "≤", "bottom")):
+        if (bound := page.asked.get(metric, {}).get(end)) is not None and math.isfinite(bound):
+            _bound(axes, bound, "")
+            place: dict[str, Any] = {"xycoords": axes.get_yaxis_transform(), "textcoords": "offset points"}
+            aside = (2.0, -1.5 if side == "top" else 1.5)
+            axes.annotate(
+                f"asked: {word}{sign} {bound:g}", (0.0, bound), aside, va=side, fontsize=8.5, color=QUIET, **place
+            )
 
 
 def _engaged(ticks: pa.Table) -> NDArray[np.bool_]:
