@@ -460,6 +460,18 @@ def test_rarer_texts_are_taken_together_and_missing_ones_apart() -> None:
     assert found == {"c": [3, 4, 5], "b": [1, 2], "2 other values of kind": [0, 6], "without kind": [7]}
 
 
+@pytest.mark.parametrize("ended", [0, 3])
+def test_runs_that_the_gateway_stopped_are_told_of_beside_a_gap(ended: int) -> None:
+    rows = survivors().assign(outcome=["fault"] * ended + ["stopped"] * (20 - ended))
+    for figure in (
+        plotting.heat_map(rows, "ego.speed_mps", "weather", "stop_gap_m"),
+        plotting.distribution(rows, "stop_gap_m"),
+        plotting.response(rows, "ego.speed_mps", "stop_gap_m"),
+        plotting.gap_against_speed(rows),
+    ):
+        assert ("the gateway stopped 3 runs of these" in figure.get_suptitle()) == bool(ended)
+
+
 def test_pairs_are_drawn_one_over_the_other_with_their_differences() -> None:
     one, two = (part.assign(seed=1) for _name, part in survivors().groupby("controller.name"))
     figure = plotting.paired(compare_rows(one, two, ["ego.speed_mps"], "one", "two"))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.survivors import with_collisions
 from vve_sumo.metrics.table import axis_of, label_of
-from vve_sumo.plotting.columns import is_truth, need, numbers
+from vve_sumo.plotting.columns import cautions, is_truth, need, numbers
 from vve_sumo.plotting.page import INK, PAPER, QUIET
 from vve_sumo.plotting.parts import ACROSS, MAX_PANELS, Part, axis_said, outer, panels, parts_of, short, tall
 from vve_sumo.plotting.style import LIMIT, WIDTH, blank, explain, name, page, plain
@@ -125,7 +125,11 @@ def heat_map(
         kind = "Share" if is_truth(rows, figure) else "Mean"
         known = sum(int(one.having.sum()) for one in grids)
         one_each = ", 1 in each cell" if look.single else ""
-        name(drawn, f"{kind} of {label_of(figure)} over {known:,} of {len(rows):,} runs{one_each}")
+        name(
+            drawn,
+            f"{kind} of {label_of(figure)} over {known:,} of {len(rows):,} runs{one_each}",
+            *cautions(rows, figure),
+        )
         if known == 0:
             blank(drawn.subplots(), f"no run has a {label_of(figure)}")
             return drawn
@@ -254,7 +258,8 @@ def distribution(
     values = values if is_truth(rows, figure) else with_collisions(rows, figure)
     with page(height=tall(rows, facet, 4.2, 3.4)) as drawn:
         drawn_panels = panels(drawn, rows, facet)
-        name(drawn, f"Distribution of {label_of(figure)}: {np.isfinite(values).sum():,} of {len(rows):,} runs have it")
+        title = f"Distribution of {label_of(figure)}: {np.isfinite(values).sum():,} of {len(rows):,} runs have it"
+        name(drawn, title, *cautions(rows, figure))
         for axes, panel in drawn_panels:
             plain(axes)
             if not np.isfinite(values[panel.which]).any():
