@@ -57,6 +57,16 @@ def faults(rows: pd.DataFrame) -> NDArray[np.bool_]:
     return rows["fault"].fillna("").ne("").to_numpy(bool)
 
 
+def cautions(rows: pd.DataFrame, figure: str) -> list[str]:
+    """Return what must be known of a plot of a figure: that runs which the gateway stopped have a gap of no stop."""
+    if figure != "stop_gap_m" or "outcome" not in rows:
+        return []
+    ended = holds(rows, "outcome", "fault") & np.isfinite(numbers(rows, figure))
+    return (
+        [f"the gateway stopped {runs(ended)} of these for a reason code, wherever the car was"] if ended.any() else []
+    )
+
+
 def runs(which: NDArray[np.bool_]) -> str:
     """Return in words how many runs are meant."""
     return f"{which.sum():,} run{'s' * bool(which.sum() != 1)}"
