@@ -392,10 +392,15 @@ def survivors() -> pd.DataFrame:
 
 def test_a_distribution_counts_who_drove_through_as_below_zero() -> None:
     figure = plotting.distribution(survivors(), "stop_gap_m", "controller.name")
-    x, share = labelled(figure, r"^two \(8 of 10 runs, 2 collided\)")
+    x, share = labelled(figure, r"^two \(8 of 10 runs, 2 collided without\)")
     assert x.tolist() == [0.0, 0.0, *range(3, 11)]
     assert share.tolist() == [0.0, *range(20, 110, 10)]
     assert labelled(figure, r"^one \(10 runs\)")[1][-1] == 100.0
+    rows = survivors()
+    rows.loc[rows["ego.speed_mps"].eq(14.0) & rows["collision"], "stop_gap_m"] = -3.0  # an overlap that was measured
+    x, share = labelled(plotting.distribution(rows, "stop_gap_m", "controller.name"), r"^two \(9 of 10 runs")
+    assert x.tolist() == [-3.0, -3.0, -3.0, *range(3, 11)]
+    assert share.tolist() == [0.0, 10.0, 20.0, *range(30, 110, 10)]
 
 
 def test_a_median_over_all_runs_counts_who_drove_through_and_ends_where_half_did() -> None:

@@ -285,10 +285,11 @@ def _curve(axes: Axes, values: Floats, part: Part) -> None:
     below = len(known) - len(ordered)
     some = np.unique(np.linspace(0, len(ordered) - 1, min(STEPS, len(ordered))).round().astype(int))
     share = 100.0 * (below + some + 1) / len(values)
-    begin, level = ([0.0, 0.0], [0.0, 100.0 * below / len(values)]) if below else (ordered[:1].tolist(), [0.0])
+    first = min(0.0, *ordered[:1]) if below else ordered[:1]
+    begin, level = np.repeat(first, 1 + (below > 0)), [0.0, 100.0 * below / len(values)]
     x, y = np.append(begin, ordered[some]), np.append(level[: len(begin)], share)
     lacking = f"{len(ordered):,} of {len(values):,} runs" if len(ordered) < len(values) else f"{len(values):,} runs"
-    lacking += f", {below:,} collided" if below else ""
+    lacking += f", {below:,} collided without" if below else ""
     style: dict[str, Any] = {"color": part.look.colour, "linestyle": part.look.stroke}
     axes.step(x, y, where="post", label=f"{part.word or 'all'} ({lacking})", **style)
     if 0 < len(known) < len(values):
