@@ -13,6 +13,7 @@ from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.plotting.drive_page import bounds, draw
 from vve_sumo.plotting.page import DrivePage, said
 from vve_sumo.record.reader import read_table
+from vve_sumo.record.roads import roads_table
 from vve_sumo.world.network import lane_shapes
 
 PICTURE = "drive.png"
@@ -26,7 +27,7 @@ def draw_drive(resolved: ResolvedScenario, drive: Drive) -> FilePath:
         subtitle=said(drive.summary),
         ticks=ticks,
         actors=actors,
-        lead=DriveData(ticks, actors, resolved.path, resolved.vehicle, PERIOD).lead,
+        lead=DriveData(ticks, actors, resolved.path, resolved.vehicle, PERIOD, roads_table(resolved.lanes)).lead,
         path=resolved.path,
         vehicle=resolved.vehicle,
         lanes=lane_shapes(resolved.network.path, bounds(ticks)),
