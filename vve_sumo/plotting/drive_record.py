@@ -34,6 +34,7 @@ def page_of(run: Run) -> DrivePage:
         path=run.path,
         vehicle=run.vehicle,
         lanes=[(np.column_stack((x, y)), width) for x, y, width in roads],
+        approach=run.data.approach,
         moment=moment,
         unseen=_unseen(run, moment) if moment else frozenset(),
         asked={name: bound for name, bound in (run.resolved["settings"].get("criteria") or {}).items() if bound},
