@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from vve_sumo.metrics.approach import HUNTING, REVERSED, pressed
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.metric import MetricTable
-from vve_sumo.metrics.stopping import AT_REST, Stop
+from vve_sumo.metrics.stopping import AT_REST, MIN_RELEASE_TIME, REGAINED, Stop, commanded_deceleration
 from vve_sumo.values import ArmingState, Floats, Vehicle
 
 PER_DRIVE: MetricTable[DriveData] = MetricTable()
@@ -200,6 +201,60 @@ _of_stop(
     lambda stop, _vehicle: stop.mfdd,
     worse="lower",
     source="UN R13-H",
+)
+
+
+def stop_episodes(drive: DriveData) -> int:
+    """Return how many braking episodes ended in a release or at rest; the last stop's counts however gentle it was."""
+    course, speed, stop = commanded_deceleration(drive.ticks), drive.motion.speed, drive.stop
+    return sum(
+        (pressed(course, one) or (stop is not None and one.start <= stop.onset < one.end))
+        and (one.end < len(course) or abs(speed[-1]) < AT_REST)
+        for one in drive.braking_episodes
+    )
+
+
+metric(
+    "stop_episodes",
+    "braking episodes",
+    "how many the drive held that ended in a release or at rest; brakings are one episode unless between them the car "
+    f"gained back {100 * REGAINED:g} % of the speed lost, stood for {MIN_RELEASE_TIME:g} s, or was released for "
+    f"{MIN_RELEASE_TIME:g} s",
+    stop_episodes,
+    kind="int",
+    criterion=False,
+)
+metric(
+    "approach_distance_m",
+    "approach distance",
+    "from the first braking episode from which on what the car stopped for stood ahead, to rest; stop_distance_m where "
+    "that is the last stop's own; none as stop_onset_speed_mps",
+    lambda drive: drive.approach.distance if drive.approach else math.nan,
+    criterion=False,
+)
+metric(
+    "approach_duration_s",
+    "approach time",
+    "of approach_distance_m",
+    lambda drive: drive.approach.duration if drive.approach else math.nan,
+    criterion=False,
+)
+metric(
+    "hunting_reversals",
+    "hunting reversals",
+    f"sign changes of the acceleration on the approach, where it exceeds ±{REVERSED:g} m/s²; 0 without a stop",
+    lambda drive: drive.approach.reversals if drive.approach else 0,
+    kind="int",
+    worse="higher",
+)
+metric(
+    "hunting",
+    "hunting",
+    f"whether hunting_reversals is {HUNTING} or more: on its way to rest the car gained speed and braked again, twice "
+    "or more often",
+    lambda drive: drive.approach is not None and drive.approach.hunting,
+    kind="bool",
+    worse="higher",
 )
 
 
