@@ -129,12 +129,12 @@ FAULT = Result("", {}, "timed_out")
     ("results", "cells", "line"),
     [
         ([ran(True)], None, "passed: The one judged run passed. Over all runs: smallest gap at rest 2.00 m, no coll"),
-        ([ran(True), ran(False)], None, "FAILED: 1 of 2 judged runs passed (50 %), 1 failed. Over all runs: smallest"),
+        ([ran(True), ran(False)], None, "explored: 1 of 2 judged runs passed (50 %), 1 failed. Over all runs: small"),
         ([ran(True), FAULT], None, "not judged: The one judged run passed; 1 more ended with a fault. Over all runs:"),
-        ([ran(False), FAULT], None, "FAILED: 0 of 1 judged runs passed (0 %), 1 failed; 1 more ended with a fault."),
+        ([ran(False), FAULT], None, "explored: 0 of 1 judged runs passed (0 %), 1 failed; 1 more ended with a fault."),
         ([ran(True)], 3, "broken off: 1 of 3 runs are finished: the sweep was stopped or still runs. The one"),
         ([ran(False, collision=True, stop_gap_m=-0.1)], None,
-         "FAILED: 0 of 1 judged runs passed (0 %), 1 failed. Over all runs: 1 run with a collision."),
+         "explored: 0 of 1 judged runs passed (0 %), 1 failed. Over all runs: 1 run with a collision."),
     ],
 )  # fmt: skip
 def test_the_word_of_a_sweep_is_that_of_its_runs(
@@ -143,6 +143,17 @@ def test_the_word_of_a_sweep_is_that_of_its_runs(
     of = swept(tmp_path / "s", *results, cells=cells)
     rows = runs.read(of)
     assert sweep.verdict(of, rows, runs.counts(of, rows), None).line.startswith(line)
+
+
+@pytest.mark.parametrize(("results", "word"), [([ran(True), ran(False)], "FAILED"), ([ran(True)] * 2, "passed")])
+def test_a_sweep_that_varies_nothing_but_the_seed_is_judged(tmp_path: Path, results: list[Result], word: str) -> None:
+    dataset = Dataset(tmp_path / "s", replace(PLAN, cells=2, parameters={}), resume=True)
+    for number, result in enumerate(results):
+        dataset.add(RunSpec(number, f"{number:016x}", {}, number), result)
+    dataset.close()
+    of = Sweep(tmp_path / "s")
+    rows = runs.read(of)
+    assert sweep.verdict(of, rows, runs.counts(of, rows), None).word == word
 
 
 def test_of_runs_that_all_came_to_a_fault_nothing_is_known(tmp_path: Path) -> None:
@@ -211,13 +222,13 @@ def text_of(cell: Cell | str) -> str:
     return cell if isinstance(cell, str) else cell.text
 
 
-def test_each_criterion_says_what_it_asks_and_whether_that_was_met() -> None:
+def test_each_criterion_says_what_was_found_what_it_asks_and_whether_that_was_met() -> None:
     assert criteria(True) == [
         ["outcome", "stopped", "stopped", "✓ met"],
-        ["collision", "no", "yes", "✗ not met"],
-        ["gap at rest", "4.5 to 5.5 m", "4.499 m", "✗ not met"],
-        ["minimum gap", "at least 1 m", "none", "✓ met"],
-        ["drive time", "at most 60 s", "59.000 s", "✓ met"],
+        ["collision", "yes", "no", "✗ not met"],
+        ["gap at rest", "4.499 m", "4.5 to 5.5 m", "✗ not met"],
+        ["minimum gap", "none", "at least 1 m", "✓ met"],
+        ["drive time", "59.000 s", "at most 60 s", "✓ met"],
     ]
     assert {row[-1] for row in criteria(False)} == {"not judged"}
 

@@ -87,6 +87,15 @@ class _Controlled(JsonModel):
     name: Text
 
 
+class _Obstacle(JsonModel):
+    id: Text
+
+
+class _Actor(JsonModel):
+    id: Text
+    kind: Text
+
+
 class _Settings(_Asked):
     """What a record keeps of it: all of it."""
 
@@ -94,6 +103,8 @@ class _Settings(_Asked):
     seed: int
     controller: _Controlled
     radar: RadarSettings
+    obstacles: Annotated[tuple[_Obstacle, ...], Field(strict=False)] = ()
+    actors: Annotated[tuple[_Actor, ...], Field(strict=False)] = ()
 
 
 class _Latency(JsonModel):

@@ -40,6 +40,20 @@ class Run(run.Run):
 
         return drive_overview(self)
 
+    def export(self, form: str, out: str | Path | None = None) -> list[Path]:
+        """Write the drive as "csv", "fcd", "commonroad" or "openscenario"; return the files.
+
+        `out` is a file that does not exist yet, or a folder; by default the working folder. Raises ConfigError for a
+        format that there is not or that is not installed, and where a file exists.
+
+        >>> import vve_sumo as vve
+        >>> [file.name for file in vve.load("mine").export("csv")]
+        ['mine.csv', 'mine.actors.csv', 'mine.columns.csv']
+        """
+        from vve_sumo.export.write import export
+
+        return export(self, form, out)
+
     def __repr__(self) -> str:
         return f"<Run {self.name} in {self.folder}: {self._verdict}>"
 
@@ -68,6 +82,17 @@ class Sweep(dataset.Sweep):
     def run(self, key: str) -> Run:
         """Return the record of a run; raises ConfigError where it was not kept, or where no run has the key."""
         return Run(super().run(key).folder)
+
+    def export(self, form: str = "csv", out: str | Path | None = None) -> list[Path]:
+        """Write the rows as "csv", beside them what their columns mean; return the files. `out` is as in `Run.export`.
+
+        >>> import vve_sumo as vve
+        >>> [file.name for file in vve.load("probe").export()]
+        ['probe.csv', 'probe.columns.csv']
+        """
+        from vve_sumo.export.write import export
+
+        return export(self, form, out)
 
     def plot(self, figure: str = "stop_gap_m", x: str | None = None, y: str | None = None) -> Figure:
         """Draw the mean of a figure over two parameters: `x` and `y`, or the first two with several values.

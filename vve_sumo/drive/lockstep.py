@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from itertools import count, groupby
 from operator import itemgetter
 from pathlib import Path as FilePath
@@ -17,6 +18,7 @@ from pathlib import Path as FilePath
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD, ResolvedScenario
+from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
@@ -147,6 +149,7 @@ class Lockstep:
         self._resolved = resolved
         self._road = VirtualRoad(open_world(resolved), scenario_engine(resolved))
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
+        self._rest = RestObserver(resolved.scenario, resolved.path, resolved.vehicle)
         self._end_trigger = None if resolved.scenario.end_trigger == EndTrigger() else resolved.scenario.end_trigger
         self._operator = ScriptedOperator()
 
@@ -185,7 +188,8 @@ class Lockstep:
             watch(tick, now, speed, s)
             if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked)):
                 return drive_end(Outcome.COMPLETED, (why, *status.reasons), self._pipeline, self._road)
-            outcome = self._termination.step(now, speed, s, status.state, contact)
+            ahead = partial(self._rest.ahead, ticked.truth, s, ticked.actors)
+            outcome = self._termination.step(now, speed, s, status.state, contact, ahead)
             if outcome is None and tick >= last:
                 outcome = Outcome.TIMEOUT
             if outcome is not None:

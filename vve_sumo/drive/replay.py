@@ -29,9 +29,10 @@ from vve_sumo.drive.resolved_scenario import (
     resolve_scenario,
     versions,
 )
+from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.tick_rows import result_columns, status_columns
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.layout import ACTOR_COLUMNS, LIVE_SCHEMAS, SCHEMAS, sensor_table
+from vve_sumo.record.layout import LIVE_SCHEMAS, SCHEMAS, sensor_table
 from vve_sumo.record.reader import read_pose_chunks, read_table, sensor_tables
 from vve_sumo.scenario.load import parse
 from vve_sumo.values import Actors, Frame
@@ -56,9 +57,6 @@ class RecordedReading(NamedTuple):
 
     measured: float  #: drive time of the measurement [s]
     rows: list[tuple[Any, ...]]  #: of the sensor's table, without the tick
-
-
-NO_ACTORS = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +144,7 @@ def read_pipeline_inputs(folder: FilePath) -> PipelineInputs:
     """
     ticks, actors = (read_rows(folder, name) for name in ("ticks", "actors"))
     pose = read_pose_chunks(folder / "pose.bin")
-    inputs = PipelineInputs(pose, _snapshots(actors), _readings(folder), ticks.to_pylist(), 0)
+    inputs = PipelineInputs(pose, snapshots(actors), _readings(folder), ticks.to_pylist(), 0)
     whole = _whole_ticks(inputs)
     return replace(inputs, ticks=inputs.ticks[:whole], torn=len(inputs.ticks) - whole)
 
@@ -178,18 +176,6 @@ def read_car_frames(folder: FilePath, epoch: float, interface: InterfaceConfig =
         else:
             frames.reports[math.ceil((time - epoch - TIME_TOLERANCE) / PERIOD)].append(frame)
     return frames
-
-
-def _snapshots(table: pa.Table) -> dict[int, Actors]:
-    numbers = [table[name].to_numpy() for name in ACTOR_COLUMNS]
-    names, tick = table["actor"].to_pylist(), table["tick"].to_numpy()
-    edges = np.flatnonzero(np.diff(tick)) + 1
-    found = {}
-    for start, end in zip([0, *edges.tolist()], [*edges.tolist(), len(tick)], strict=True):
-        if end > start:
-            at = int(tick[start])
-            found[at] = Actors(at * PERIOD, tuple(names[start:end]), *(column[start:end] for column in numbers))
-    return found
 
 
 def _readings(folder: FilePath) -> dict[int, dict[str, RecordedReading]]:

@@ -15,7 +15,6 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from vve_sumo import workspace
 from vve_sumo.config_file import read_json
@@ -258,6 +257,8 @@ def _on_the_roads(places: list[str], placed: list[tuple[float, float]], network:
     points = np.array(placed).reshape(-1, 2)
     if len(points) == 0:
         return
+    from scipy.spatial import KDTree  # a fifth of a second, for those who drive only
+
     low, high = points.min(axis=0) - MAX_DISTANCE_FROM_LANES, points.max(axis=0) + MAX_DISTANCE_FROM_LANES
     lanes = lane_shapes(network.path, (low[0], low[1], high[0], high[1]))
     spots = np.vstack([_dense(line) for line, _width in lanes]) if lanes else np.zeros((0, 2))

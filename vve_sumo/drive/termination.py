@@ -6,9 +6,10 @@ Sees one tick after the other; knows neither SUMO nor the record.
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from vve_sumo.drive.rest import Ahead
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import ArmingState
 
@@ -20,6 +21,12 @@ MOVING_SPEED = 0.5
 ARRIVAL_DISTANCE = 10.0
 #: a drive whose car has not driven off by this drive time ends [s]
 START_TIMEOUT = 30.0
+#: time that a car on a road with traffic has to drive off once nothing is ahead of it any more [s]: it was at rest for
+#: a vehicle that has passed, and a controller lets go of its brakes a second or two after that
+DRIVE_OFF_TIME = 5.0
+#: a rest that lasts this long is the end, even behind traffic [s]: longer than a cycle of the networks' signals, and
+#: than the 60 s after which the virtual road ends a standoff
+MAX_REST = 120.0
 
 
 class Outcome(enum.StrEnum):
@@ -67,30 +74,51 @@ def end_reason(wanted: EndTrigger, contact: bool, bumper: float, deviation: floa
 
 @dataclass(slots=True)
 class TerminationMonitor:
-    """Watches for the end of a closed-loop drive."""
+    """Watches for the end of a closed-loop drive.
+
+    A rest counts while the car stands before something that stays, before nothing, or at the end of its path. Behind
+    traffic it does not: while the car is engaged, its controller may drive on as soon as the traffic does.
+    """
 
     path_length: float  #: [m]
     rest: float  #: how long the car must be at standstill before the drive is over [s]
     collided: bool = False  #: whether anything was touched so far
     _moved: bool = False
     _standing_since: float | None = None
+    _traffic_until: float | None = None  #: when the car last stood behind traffic during this rest [s]
 
-    def step(self, time: float, speed: float, station: float, state: ArmingState, contact: bool) -> Outcome | None:
+    def step(
+        self, time: float, speed: float, station: float, state: ArmingState, contact: bool, ahead: Callable[[], Ahead]
+    ) -> Outcome | None:
         """Return the outcome if the drive has ended at drive time `time` [s], or None while it goes on.
 
-        `speed` [m/s] and `station` (s along the path [m]) are the rear axle's; NaN before there is a pose.
+        `speed` [m/s] and `station` (s along the path [m]) are the rear axle's; NaN before there is a pose. `ahead` is
+        called at rest only, and returns what the car stands before.
         """
         self.collided |= contact
         self._moved |= speed > MOVING_SPEED
         if not abs(speed) < STANDSTILL_SPEED:
-            self._standing_since = None
+            self._standing_since = self._traffic_until = None
             return None
         if self._standing_since is None:
             self._standing_since = time
-        rested = time - self._standing_since >= self.rest
         if not self._moved:
             return self._never_started(time, state)
-        return self._name(station, state) if rested else None
+        outcome = self._name(station, state)
+        lasting = self._lasts(time, ahead()) if outcome is Outcome.STOPPED else time - self._standing_since >= self.rest
+        return outcome if lasting else None
+
+    def _lasts(self, time: float, ahead: Ahead) -> bool:
+        """Return whether the rest of an engaged car on its way has lasted long enough to be the end."""
+        assert self._standing_since is not None
+        if ahead is Ahead.MOVES_ON:
+            self._traffic_until = time
+        since, needed = self._standing_since, self.rest
+        if self._traffic_until is not None or ahead is Ahead.TRAFFIC:
+            needed = max(self.rest, DRIVE_OFF_TIME)
+        if self._traffic_until is not None:
+            since = self._traffic_until
+        return time - since >= needed or time - self._standing_since >= max(self.rest, MAX_REST)
 
     def _never_started(self, time: float, state: ArmingState) -> Outcome | None:
         """Return the outcome of a car that never drove off: a fault, or STOPPED where it may drive but does not."""

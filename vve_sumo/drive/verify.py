@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, Final
 
@@ -19,6 +20,8 @@ import pyarrow as pa
 from vve_sumo.drive import provenance
 from vve_sumo.drive.latency_monitor import latency_summary
 from vve_sumo.drive.resolved_scenario import PERIOD, read_resolved
+from vve_sumo.drive.rest import RestObserver
+from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.summary import summary_of
 from vve_sumo.drive.termination import MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
@@ -29,13 +32,15 @@ from vve_sumo.record.reader import read_table, sensor_tables
 from vve_sumo.record.summary import SUMMARY_HASH_KEY, sealed
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import EndTrigger, Scenario
-from vve_sumo.values import ArmingState, Vehicle
+from vve_sumo.values import ArmingState, Point, Pose, Vehicle
 
 SUMMARY: Final = "summary.json"
 #: relative and absolute tolerance of a figure: another processor rounds differently
 RELATIVE_TOLERANCE: Final = 1e-9
 #: outcomes of a lockstep drive that did not end by the car's motion or the time limit
 ENDED_OTHERWISE: Final = frozenset({Outcome.COMPLETED, Outcome.INTERRUPTED, Outcome.BROKEN})
+#: columns of the true pose of the rear axle
+TRUE_POSE: Final = ("true_x_m", "true_y_m", "true_heading_rad", "true_speed_mps")
 #: reason codes of a live drive's summary, for a lost process, that no row of the ticks or the gateway has
 WITHOUT_ROW: Final = frozenset({"drive_lost", "gateway_gone"})
 
@@ -244,11 +249,14 @@ def _ending(
         if outcome not in (Outcome.PLAYED, Outcome.INTERRUPTED, Outcome.BROKEN):
             yield f"outcome is {outcome}, of a playback"
     else:
-        yield from _lockstep_ending(outcome, reasons, ticks, recorded)
+        ended = _ended(ticks, read_table(folder, "actors"), recorded)
+        yield from _lockstep_ending(outcome, reasons, ticks, recorded, ended)
 
 
-def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, recorded: RecordedDrive) -> Iterator[str]:
-    ended = _ended(ticks, recorded)
+def _lockstep_ending(
+    outcome: Outcome, reasons: list[str], ticks: pa.Table, recorded: RecordedDrive, ended: Outcome | None
+) -> Iterator[str]:
+    """Compare outcome and reasons of a lockstep drive with those of its rows; `ended` is the outcome that they show."""
     if outcome in ENDED_OTHERWISE:
         if ended is not None and outcome is not Outcome.COMPLETED:
             yield f"outcome is {outcome}, the ticks come to {ended}"
@@ -262,13 +270,17 @@ def _lockstep_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, reco
         yield f"reasons are {said}, the last tick's are {last}"
 
 
-def _ended(ticks: pa.Table, recorded: RecordedDrive) -> Outcome | None:
+def _ended(ticks: pa.Table, actors: pa.Table, recorded: RecordedDrive) -> Outcome | None:
     """Return a lockstep drive's outcome by the first of its rows that shows an end; None where no row does."""
     ending = TerminationMonitor(recorded.path.length, recorded.scenario.after_stop_s)
+    rest, seen = RestObserver(recorded.scenario, recorded.path, recorded.vehicle), snapshots(actors)
     last = round(recorded.scenario.duration_s / PERIOD) - 1
-    names = ("tick", "time_s", "true_speed_mps", "s_m", "state", "contacts")
-    for tick, time, speed, station, state, contacts in zip(*(ticks[name].to_pylist() for name in names), strict=True):
-        outcome = ending.step(time, speed, station, ArmingState(state), bool(contacts))
+    names = ("tick", "time_s", "s_m", "state", "contacts", *TRUE_POSE)
+    for row in zip(*(ticks[name].to_pylist() for name in names), strict=True):
+        tick, time, station, state, contacts, x, y, heading, speed = row
+        pose = Pose(time, Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, 0.0, 0.0)
+        ahead = partial(rest.ahead, pose, station, seen.get(tick, NO_ACTORS))
+        outcome = ending.step(time, speed, station, ArmingState(state), bool(contacts), ahead)
         if outcome is None and tick >= last:
             outcome = Outcome.TIMEOUT
         if outcome is not None:

@@ -15,6 +15,7 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, Final
 
@@ -23,6 +24,7 @@ from vve_sumo.drive.latency_monitor import LatencyMonitor
 from vve_sumo.drive.lockstep import WAITING
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.resolved_scenario import PERIOD
+from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import CompletedTick, DueTick, Tick
 from vve_sumo.drive.tick_scheduler import ScheduledTick, TickScheduler
@@ -68,6 +70,7 @@ class LiveDrive:
         self._latency = LatencyMonitor(rig.latency.budget_ms / 1000.0, rig.latency.breaches)
         self._scheduler = TickScheduler(self._clock(), PERIOD, rig.latency.deadline_ms / 1000.0)
         self._termination = TerminationMonitor(self._resolved.path.length, self._resolved.scenario.after_stop_s)
+        self._rest = RestObserver(self._resolved.scenario, self._resolved.path, self._resolved.vehicle)
         self._feedback: link.Feedback | None = None
         self._scheduled_faults: tuple[str, ...] = ()  # of the tick under way
         self._latency_faults: tuple[str, ...] = ()  # of the tick before
@@ -140,7 +143,7 @@ class LiveDrive:
         due = DueTick(begun.tick, begun.due, self._scheduler.next_due, begun.catch_up)
         done = self._tick.step(due, steering)
         self._measure(begun, done, decoded)
-        self._watch_for_the_end(begun.due, done.result, done.status)
+        self._watch_for_the_end(begun.due, done)
         self._recorder.flush()
         self._send_status(begun, done.result)
         if begun.tick % HOUSEKEEPING_TICKS == 0:
@@ -209,8 +212,9 @@ class LiveDrive:
     def _state(self) -> ArmingState:
         return self._feedback.verdict.state if self._feedback else ArmingState.DISARMED
 
-    def _watch_for_the_end(self, now: float, result: TickResult, status: GatewayStatus) -> None:
+    def _watch_for_the_end(self, now: float, done: CompletedTick) -> None:
         """Find the drive's outcome; its duration counts from the operator's go."""
+        result, status = done.result, done.status
         if status.state in ENDING:
             self._stop_reasons = status.reasons
         if self._outcome is not None or status.state not in COMMANDING | {ArmingState.FAULT}:
@@ -224,7 +228,8 @@ class LiveDrive:
             self._road.operator_says_go()
         pose, contact = result.pose, bool(self._road.contacts)
         speed, driven = pose.speed if pose else math.nan, now - self._went_at
-        outcome = self._termination.step(driven, speed, result.s, status.state, contact)
+        ahead = partial(self._rest.ahead, pose, result.s, done.actors)
+        outcome = self._termination.step(driven, speed, result.s, status.state, contact, ahead)
         if outcome is None and driven > self._resolved.scenario.duration_s:
             outcome = Outcome.TIMEOUT
         if outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.TIMEOUT):

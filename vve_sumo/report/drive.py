@@ -19,7 +19,8 @@ from vve_sumo.drive.verify import altered_parts
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import OF_STOP, PER_DRIVE
 from vve_sumo.metrics.table import PLAYBACK
-from vve_sumo.report import formatting, pictures, settings, stops
+from vve_sumo.report import formatting, key_figures, pictures, settings, stops
+from vve_sumo.report.curves import curves
 from vve_sumo.report.formatting import NONE, integer, number, share, short
 from vve_sumo.report.page import Report, hashes, versions
 from vve_sumo.report.sources import open_street_map
@@ -55,9 +56,11 @@ def report(run: Run) -> Report:
         kind=f"Report of a {kind_of(run, figures)}",
         title=run.title,
         verdict=altered(verdict, changed) if changed else verdict,
+        key_figures=key_figures.of_drive(figures, run.resolved["settings"].get("criteria") or {}),
         pictures=pictures.of_drive(run),
         sources=open_street_map(run.resolved["settings"], [str(run.resolved["files_sha256"].get("network"))]),
         content=_settings(run, figures) | _results(run, figures) | _provenance(run, figures),
+        data=curves(run),
     )
 
 
@@ -82,6 +85,7 @@ def _settings(run: Run, figures: Figures) -> dict[str, object]:
         "every_setting": settings.every_setting(scenario),
         "parameters": settings.parameters(scenario),
         "criteria": settings.criteria(scenario.get("criteria") or {}, figures, judged),
+        "failed": [str(line) for line in figures.get("failed") or ()],
     }
 
 
@@ -91,6 +95,7 @@ def _results(run: Run, figures: Figures) -> dict[str, object]:
         "figures": _figures(figures),
         **stops.stop(run),
         **stops.bound_check(run),
+        **stops.status(run),
         "exposure": _exposure(run),
         "radar": of_frame(radar, "radar statistics", "actor", RADAR, MAX_ACTORS),
         "radar_figures": of_frame(radar, "radar", "actor", most=MAX_ACTORS),

@@ -5,21 +5,19 @@ Knows the templates' names; neither how they set the content nor whether it is a
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from vve_sumo.report.assets import assets_of
+from vve_sumo.report.key_figures import KeyFigure
 from vve_sumo.report.picture import Picture
 from vve_sumo.report.tables import Cell, Table
+from vve_sumo.report.text import printable
 from vve_sumo.report.verdict import Verdict
-
-#: no page may hold these: control characters, halves of characters, and marks that turn the reading direction round
-_UNFIT = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,25 +28,31 @@ class Report:
     kind: str  #: what it is a report of
     title: str
     verdict: Verdict
-    pictures: Sequence[Picture]  #: the first one stands at the top of what happened
+    key_figures: Sequence[KeyFigure]  #: beside the verdict
+    pictures: Sequence[Picture]  #: the first one stands beside the verdict
     sources: Sequence[str]  #: whom its data is of
     content: Mapping[str, object]  #: of its sections, by the names that the template uses
+    data: Mapping[str, Any] | None = None  #: what `page.js` draws; None for nothing
 
     def page(self) -> str:
         """Return the page."""
-        return _UNFIT.sub("\ufffd", _templates().get_template(self.template).render(self.content, report=self))
+        assets = assets_of((picture.drawing for picture in self.pictures), interactive=self.data is not None)
+        return printable(_templates().get_template(self.template).render(self.content, report=self, assets=assets))
 
 
 @cache
 def _templates() -> Environment:
     """Return the templates: every text is escaped as it is set, and a name that the content lacks is an error."""
-    return Environment(
+    environment = Environment(
         loader=PackageLoader(__package__),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    # As characters, not as escapes, so that `printable` sees them.
+    environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
+    return environment
 
 
 def hashes(digests: Sequence[tuple[str, str]], name: str) -> Table:

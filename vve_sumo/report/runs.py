@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 #: rows of a table on the page at most; all of them are in the dataset
 MAX_ROWS = 200
 #: of the runs that did not pass, how many are listed at most
-MAX_FAILED = 100
+MAX_FAILED = 500
 #: figures that are shown where no criterion asks for others
 MAIN = ("stop_gap_m", "min_gap_m", "min_ttc_s", "max_deceleration_mps2")
 #: metrics in the order in which they decide which run is worse

@@ -10,10 +10,9 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from vve_sumo.metrics.metric import unit_of
-from vve_sumo.metrics.table import label_of
 from vve_sumo.report import formatting
 from vve_sumo.report.formatting import NONE, flatten, number, short
-from vve_sumo.report.tables import Cell, Column, Table
+from vve_sumo.report.tables import Cell, Column, Table, named
 
 #: settings that a reader looks for first
 MAIN: dict[str, str] = {
@@ -92,17 +91,17 @@ def parameters(scenario: Mapping[str, Any]) -> Table:
 
 
 def criteria(wanted: Mapping[str, Any], figures: Mapping[str, Any], judged: bool) -> Table:
-    """Return the criteria: what each asks, what was reached, and whether that meets it.
+    """Return the criteria: what was found, what each asks, and whether that meets it.
 
     `figures` hold `failed`, the lines of what was not met, where the drive was judged.
     """
     failed = [str(line) for line in figures.get("failed") or ()]
     rows = [
-        (label_of(key), formatting.criterion(key, want), _reached(key, figures.get(key)), _met(key, failed, judged))
+        (named(key), _reached(key, figures.get(key)), formatting.criterion(key, want), _met(key, failed, judged))
         for key, want in wanted.items()
         if want is not None
     ]
-    return Table("criteria", ("criterion", "required", "reached", "met"), rows)
+    return Table("criteria", ("criterion", "found", "asked", "met"), rows)
 
 
 def _reached(key: str, value: object) -> str:

@@ -91,6 +91,14 @@ def bound_check(run: Run) -> dict[str, object]:
     }
 
 
+def status(run: Run) -> dict[str, object]:
+    """Return in a few words what the section on the stop holds, and whether it says that something is wrong."""
+    check = stopping_bound_check(run)
+    if not (check.held or check.broken):
+        return {"stop_status": "", "stop_wrong": False}
+    return {"stop_status": f"stopping bound {'BROKEN' if check.broken else 'kept'}", "stop_wrong": check.broken}
+
+
 def _distance(check: StoppingBoundCheck) -> Cell:
     if math.isnan(check.excess):
         return Cell("The stopping distance cannot be checked: the record does not hold the latency of the loop.")

@@ -14,12 +14,12 @@ import numpy as np
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.latency_margin import LatencyMargin
 from vve_sumo.metrics.metric import unit_of
-from vve_sumo.metrics.table import label_of
-from vve_sumo.report import formatting, pictures, runs, search_results, settings, stops, study
+from vve_sumo.report import formatting, key_figures, pictures, runs, search_results, settings, stops, study
 from vve_sumo.report.formatting import count, integer, number, share, short
 from vve_sumo.report.page import Report, hashes, versions
+from vve_sumo.report.points import points
 from vve_sumo.report.sources import open_street_map
-from vve_sumo.report.tables import Cell, Column, Table, meanings, of_frame
+from vve_sumo.report.tables import Cell, Column, Table, meanings, named, of_frame
 from vve_sumo.report.verdict import Verdict, Word
 
 if TYPE_CHECKING:
@@ -39,9 +39,11 @@ def report(sweep: Sweep) -> Report:
         kind="Report of a study" if margin else ("Report of a search" if _search(sweep) else "Report of a sweep"),
         title=sweep.title,
         verdict=verdict(sweep, rows, counted, margin),
+        key_figures=key_figures.of_sweep(rows, counted.passed, counted.judged, _figures(sweep)),
         pictures=plots,
         sources=open_street_map(sweep.plan["table"], sweep.plan["files_sha256"].get("network") or ()),
         content=_settings(sweep, rows) | _study(margin) | _results(sweep, rows, counted) | _provenance(sweep),
+        data=points(rows, sweep.parameters, _figures(sweep)),
     )
 
 
@@ -51,20 +53,30 @@ def _search(sweep: Sweep) -> dict[str, Any] | None:
 
 
 def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, margin: LatencyMargin | None) -> Verdict:
-    """Return the verdict on a sweep; a search or a study is not judged, for its runs are meant to fail."""
+    """Return the verdict on a sweep.
+
+    It is `passed` where every run met its criteria. Where some did not, a sweep that varies nothing but the seed
+    repeats one drive and has `FAILED`; one that varies a parameter looks for where its criteria hold, as a search or a
+    study does, and is `explored`.
+    """
     exploring = _search(sweep) is not None or margin is not None
     ends = (_driven(counted) if exploring else _judged(counted), *_extremes(rows))
     if _search(sweep) is not None:
         if sweep.found is None:
             return Verdict("broken off", ("The search was stopped or still runs.", *ends))
-        return Verdict("not judged", (search_results.sentence(sweep.found, rows.attrs.get("units", {})), *ends))
+        return Verdict("explored", (search_results.sentence(sweep.found, rows.attrs.get("units", {})), *ends))
     if counted.finished < counted.planned:
         part = f"{integer(counted.finished)} of {count(counted.planned, 'run')} are finished"
         return Verdict("broken off", (f"{part}: the sweep was stopped or still runs.", *ends))
     if margin is not None:
-        return Verdict("not judged", (*study.sentences(margin), *ends))
-    word: Word = "FAILED" if counted.failed else ("not judged" if counted.faults or not counted.judged else "passed")
-    return Verdict(word, ends)
+        return Verdict("explored", (*study.sentences(margin), *ends))
+    return Verdict(_word(counted, repeated=not sweep.parameters), ends)
+
+
+def _word(counted: runs.Counts, repeated: bool) -> Word:
+    if counted.failed:
+        return "FAILED" if repeated else "explored"
+    return "not judged" if counted.faults or not counted.judged else "passed"
 
 
 def _driven(counted: runs.Counts) -> str:
@@ -166,8 +178,8 @@ def _criteria(sweep: Sweep, rows: pd.DataFrame) -> Table:
         part = f"{integer(good)} of {integer(judged)}"
         result = Cell(part, kind="quiet") if not judged else Cell(part, kind="yes" if good == judged else "no")
         wanted = "set by a parameter" if name in varied else formatting.criterion(name, stated.get(name, False))
-        lines.append((label_of(name), wanted, result, share(good / judged) if judged else "none"))
-    columns = ("criterion", "required", Column("runs that met it", True), Column("share", True))
+        lines.append((named(name), result, wanted, share(good / judged) if judged else "none"))
+    columns = ("criterion", Column("runs that met it", True), "asked", Column("share", True))
     return Table("criteria", columns, lines)
 
 

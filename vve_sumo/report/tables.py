@@ -26,6 +26,7 @@ class Column(NamedTuple):
 
     head: str
     number: bool = False  #: whether it holds numbers, which are aligned to the right
+    meaning: str = ""  #: what the head means
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,7 @@ class Cell:
     """A cell that is more than plain text."""
 
     text: str
-    meaning: str = ""  #: what the text is about, shown beneath it
+    meaning: str = ""  #: what the text means, which the reader unfolds
     kind: Literal["", "code", "hash", "yes", "no", "quiet"] = ""  #: how the text is set
 
 
@@ -61,6 +62,11 @@ def head_of(column: str, units: Mapping[str, str] | None = None, labels: Mapping
     return f"{label} [{unit}]" if unit else label
 
 
+def headed(column: str, units: Mapping[str, str] | None = None) -> Column:
+    """Return the column of a figure or parameter, which holds numbers, with the meaning of its head."""
+    return Column(head_of(column, units), True, meaning_of(column))
+
+
 def named(key: str) -> Cell:
     """Return the label of a figure with its meaning."""
     return Cell(label_of(key), meaning_of(key))
@@ -74,7 +80,11 @@ def of_frame(
     `keep` chooses columns, in their order; those that the frame has not are left out. `most` limits the rows.
     """
     shown = frame[[column for column in keep if column in frame.columns]] if keep else frame
-    columns = [Column(_head(frame, str(name)), kind.kind in "iuf") for name, kind in shown.dtypes.items()]
+    stated = frame.attrs.get("meanings", {})
+    columns = [
+        Column(_head(frame, str(name)), kind.kind in "iuf", str(stated.get(str(name)) or ""))
+        for name, kind in shown.dtypes.items()
+    ]
     rows = [list(map(cell, row)) for row in shown.head(most).astype(object).itertuples(index=False, name=None)]
     if first:
         columns = [Column(first), *columns]

@@ -1,4 +1,4 @@
-"""The top line of a report: passed, FAILED, not judged or broken off, and how the drive ended with its key figures.
+"""The top line of a report: its word (passed, FAILED, explored …), and how the drive ended with its key figures.
 
 Reads figures that others measured; must not know how the page looks.
 """
@@ -16,7 +16,7 @@ from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.report.formatting import SPACE, number
 
 #: the verdict itself
-Word = Literal["passed", "FAILED", "not judged", "broken off", "altered"]
+Word = Literal["passed", "FAILED", "explored", "not judged", "broken off", "altered"]
 #: gaps that differ by less are the same to a reader [m]
 SAME = 0.005
 

@@ -300,7 +300,8 @@ class Scenario(Table):
         default=180.0, description="the drive is ended then, wherever it is"
     )
     after_stop_s: Annotated[float, Field(ge=0.0, le=600.0)] = Field(
-        default=2.0, description="the drive is over when the car has been at rest this long"
+        default=2.0,
+        description="the drive is over when the car has been at rest this long; behind traffic a rest does not count",
     )
     road: Road
     ego: Ego

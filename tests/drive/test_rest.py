@@ -1,0 +1,108 @@
+"""What a car at rest stands before, and that a short rest for traffic does not end a drive."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.drive.street import drive_once
+from tests.isolated import isolated
+from tests.vehicles import FUSION
+from vve_sumo.drive.rest import REACH, Ahead, RestObserver
+from vve_sumo.path import Path
+from vve_sumo.scenario.load import parse
+from vve_sumo.scenario.schema import Scenario
+from vve_sumo.values import Actors, Point, Pose
+
+STATION = 100.0  #: of the rear axle on a straight path along +x [m]
+BUMPER = STATION + FUSION.vehicle.rear_axle_to_bumper
+LENGTH, WIDTH = 4.0, 1.8  #: of everybody on the road [m]
+
+
+def scenario(*demand: str) -> Scenario:
+    ego = {"path": "p", "speed_mps": 5.0, "lot": {"latitude_deg": 0.0, "longitude_deg": 0.0, "heading_deg": 0.0}}
+    table: dict[str, Any] = {
+        "title": "a straight road",
+        "road": {"network": "n", "demand": list(demand)},
+        "ego": ego,
+        "obstacles": [{"id": "parked", "at_m": 0.0}],
+        "actors": [{"id": "lead", "at_m": 0.0}],
+    }
+    return parse(table, FilePath("straight.toml"))
+
+
+def ahead(*road: tuple[str, float, float, float], demand: tuple[str, ...] = ("light",)) -> Ahead:
+    """Return what the car stands before: `road` are names, gaps ahead of its bumper [m], offsets [m], speeds [m/s]."""
+    path = Path.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
+    pose = Pose(0.0, Point.REAR_AXLE, STATION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    names, gaps, offsets, speeds = zip(*road, strict=True) if road else ((), (), (), ())
+    column = np.array
+    actors = Actors(
+        time=0.0,
+        ids=tuple(names),
+        x=column([BUMPER + gap + LENGTH / 2.0 for gap in gaps], np.float64),
+        y=column(offsets, np.float64),
+        heading=np.zeros(len(names)),
+        speed=column(speeds, np.float64),
+        length=np.full(len(names), LENGTH),
+        width=np.full(len(names), WIDTH),
+        radar_cross_section=np.full(len(names), 10.0),
+        lateral_speed=np.zeros(len(names)),
+    )
+    return RestObserver(scenario(*demand), path, FUSION.vehicle).ahead(pose, STATION, actors)
+
+
+def test_an_obstacle_stays_and_so_does_a_standing_actor_of_the_scenario() -> None:
+    assert ahead(("parked", 5.0, 0.0, 0.0)) is Ahead.STAYS
+    assert ahead(("lead", 5.0, 0.0, 0.0)) is Ahead.STAYS
+
+
+def test_traffic_moves_on_whether_it_stands_or_not_and_so_does_a_moving_actor() -> None:
+    assert ahead(("sedan.7", 5.0, 0.0, 0.0)) is Ahead.MOVES_ON
+    assert ahead(("sedan.7", 5.0, 0.0, 3.0)) is Ahead.MOVES_ON
+    assert ahead(("lead", 5.0, 0.0, 1.4)) is Ahead.MOVES_ON
+
+
+def test_the_nearest_in_the_strip_decides() -> None:
+    assert ahead(("sedan.7", 3.0, 0.0, 0.0), ("parked", 15.0, 0.0, 0.0)) is Ahead.MOVES_ON
+    assert ahead(("parked", 3.0, 0.0, 0.0), ("sedan.7", 15.0, 0.0, 8.0)) is Ahead.STAYS
+    assert ahead(("sedan.7", 3.0, 3.5, 8.0), ("parked", 5.0, 0.0, 0.0)) is Ahead.STAYS
+
+
+@pytest.mark.parametrize(("demand", "nothing"), [(("light",), Ahead.TRAFFIC), ((), Ahead.NOTHING)])
+def test_nothing_is_ahead_beside_the_strip_too_far_away_or_behind(demand: tuple[str, ...], nothing: Ahead) -> None:
+    assert ahead(demand=demand) is nothing
+    assert ahead(("sedan.7", 5.0, 3.5, 0.0), demand=demand) is nothing
+    assert ahead(("sedan.7", REACH + 0.1, 0.0, 0.0), demand=demand) is nothing
+    assert ahead(("sedan.7", -20.0, 0.0, 0.0), demand=demand) is nothing
+
+
+def test_a_car_whose_place_is_unknown_stands_before_nothing() -> None:
+    path = Path.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
+    pose = Pose(0.0, Point.REAR_AXLE, STATION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    empty = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
+    observer = RestObserver(scenario(), path, FUSION.vehicle)
+    assert observer.ahead(None, STATION, empty) is Ahead.NOTHING
+    assert observer.ahead(pose, math.nan, empty) is Ahead.NOTHING
+
+
+def test_a_drive_goes_on_after_a_rest_for_a_car_that_crossed() -> None:
+    """In ordinary light traffic a car crosses Louis Avenue at 18 m/s before the ego, which rests for 3 s."""
+    summary = isolated(
+        drive_once,
+        {
+            "seed": 1,
+            "after_stop_s": 2.0,
+            "ego.speed_mps": 5.0,
+            "road.demand": ["linden_light"],
+            "end_trigger": {"ego_at_m": 280.0},
+        },
+    )
+    assert summary["emergency_used"] is True
+    assert summary["collision"] is False
+    assert summary["reasons"] == ["end_ego_at"]
+    assert summary["outcome"] == "completed"

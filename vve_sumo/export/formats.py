@@ -1,0 +1,87 @@
+"""The formats that a drive or a sweep can be exported to: what each is called, what it needs, what makes its files.
+
+To add one, write its module beside this one and enter a row in FORMATS. A maker returns the content of its files and
+writes nothing. What a maker imports is imported when it is called.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from vve_sumo.analysis.dataset import Sweep
+    from vve_sumo.analysis.run import Run
+
+
+class Part(NamedTuple):
+    """The content of one file of an export."""
+
+    name: str  #: what the file's name has before its ending; empty for the file that the export is named for
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One format."""
+
+    name: str  #: of the option, without dashes, and in Python
+    summary: str  #: for the help
+    ending: str  #: of its files
+    of_drive: Callable[[Run], Iterable[Part]]
+    of_sweep: Callable[[Sweep], Iterable[Part]] | None = None  #: None where a sweep has no such form
+    needs: str = ""  #: extra of vve-sumo that has to be installed
+
+
+def _csv(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import csv_tables
+
+    return csv_tables.of_drive(run)
+
+
+def _csv_of_sweep(sweep: Sweep) -> Iterable[Part]:
+    from vve_sumo.export import csv_tables
+
+    return csv_tables.of_sweep(sweep)
+
+
+def _fcd(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import fcd
+
+    return fcd.of_drive(run)
+
+
+def _commonroad(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import commonroad
+
+    return commonroad.of_drive(run)
+
+
+def _openscenario(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import openscenario
+
+    return openscenario.of_drive(run)
+
+
+#: by name, in the order of the help
+FORMATS: dict[str, Format] = {
+    one.name: one
+    for one in (
+        Format("csv", "tables for pandas, R, MATLAB, Excel", ".csv", _csv, _csv_of_sweep),
+        Format("fcd", "SUMO's floating car data: ego and actors at every tick", ".fcd.xml", _fcd),
+        Format(
+            "commonroad",
+            "CommonRoad scenario (2020a): lanelets, obstacles, task",
+            ".commonroad.xml",
+            _commonroad,
+        ),
+        Format(
+            "openscenario",
+            "ASAM OpenSCENARIO XML 1.2: every body follows its trajectory",
+            ".xosc",
+            _openscenario,
+            needs="openscenario",
+        ),
+    )
+}

@@ -1,0 +1,68 @@
+"""Writes an export: where its files go, and that none replaces a file that is there.
+
+Must not know what any format holds.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.run import Run
+from vve_sumo.errors import ConfigError
+from vve_sumo.export.formats import FORMATS, Format, Part
+
+
+def export(held: Run | Sweep, name: str, out: Path | str | None = None) -> list[Path]:
+    """Write a drive or a sweep in a format of FORMATS; return the files, the one that was asked for first.
+
+    `out` is a file that does not exist yet, or a folder that does; by default it is the working folder, and the file is
+    named after the record's or the sweep's folder. Raises ConfigError, before anything is written, for a format that is
+    unknown, not installed or none for a sweep, and for files that exist.
+    """
+    if name not in FORMATS:
+        raise ConfigError(f"no format {name!r} to export to; there are {', '.join(FORMATS)}")
+    form = FORMATS[name]
+    file = _place(held.folder, form, Path("." if out is None else out))
+    parts = [*_parts(held, form)]
+    files = [_named(file, part.name) for part in parts]
+    taken = next((file for file in files if file.exists()), None)
+    if taken is not None:
+        raise ConfigError(f"{taken}: there already; choose another place with --out")
+    _write(files, parts)
+    return files
+
+
+def _parts(held: Run | Sweep, form: Format) -> list[Part]:
+    if isinstance(held, Run):
+        return [*form.of_drive(held)]
+    if form.of_sweep is None:
+        records = held.folder / "records" / "KEY"
+        raise ConfigError(f"{held.folder}: a sweep's folder; {form.name} is of one drive: a record, such as {records}")
+    return [*form.of_sweep(held)]
+
+
+def _place(folder: Path, form: Format, out: Path) -> Path:
+    """Return the file that an export is to be written to."""
+    file = out / f"{folder.resolve().name}{form.ending}" if out.is_dir() else out
+    if not file.parent.is_dir():
+        raise ConfigError(f"{file.parent}: no such folder for {file.name}")
+    return file
+
+
+def _named(file: Path, part: str) -> Path:
+    return file.with_name(f"{file.stem}.{part}{file.suffix}") if part else file
+
+
+def _write(files: list[Path], parts: list[Part]) -> None:
+    """Write files, all of them or none."""
+    begun: list[Path] = []
+    try:
+        for file, part in zip(files, parts, strict=True):
+            with file.open("xb") as sink:
+                begun.append(file)
+                sink.write(part.content)
+    except OSError:
+        for file in begun:
+            file.unlink(missing_ok=True)
+        raise
