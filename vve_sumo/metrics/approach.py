@@ -11,12 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.metrics.stopping import PRESSED, Episode, Stop, onset_of
+from vve_sumo.metrics.stopping import PRESSED, Episode, Stop, onset_of, sign_changes
 from vve_sumo.values import Floats
 
-#: an acceleration that is smaller than this either way says nothing of its sign [m/s2]: drag, an idling engine's push,
-#: a grade of 3 % and the estimate's noise give no more
-REVERSED: Final = 0.3
 #: as many sign changes of the acceleration on the way to rest are hunting: the car braked, gained speed, braked, gained
 #: speed and braked again. Two may have a reason, such as a target that drove on once; a regulated stop has none
 HUNTING: Final = 4
@@ -55,17 +52,6 @@ def approach_of(
     reversals = sign_changes(acceleration[onset : stop.rest])
     duration = float(time[stop.rest] - time[onset])
     return Approach(onset, stop.rest, duration, earlier + stop.distance, reversals)
-
-
-def sign_changes(acceleration: Floats) -> int:
-    """Return how often an acceleration [m/s2] changed its sign since it first was below -REVERSED.
-
-    It has a sign where it is larger than REVERSED either way, and keeps it until it is so large the other way.
-    """
-    sign = np.where(acceleration > REVERSED, 1, np.where(acceleration < -REVERSED, -1, 0))
-    known = sign[sign != 0]
-    braking = np.flatnonzero(known < 0)
-    return int(np.count_nonzero(np.diff(known[braking[0] :]))) if len(braking) else 0
 
 
 def brakings(time: Floats, course: Floats, episodes: list[Episode]) -> list[int]:

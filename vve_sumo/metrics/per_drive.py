@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from vve_sumo.metrics.approach import HUNTING, REVERSED, pressed
+from vve_sumo.metrics.approach import HUNTING, pressed
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.metric import MetricTable
-from vve_sumo.metrics.stopping import AT_REST, MIN_RELEASE_TIME, REGAINED, Stop, commanded_deceleration
+from vve_sumo.metrics.stopping import AT_REST, MIN_RELEASE_TIME, REGAINED, REVERSED, Stop, commanded_deceleration
+from vve_sumo.metrics.stopping_tolerance import tolerance
 from vve_sumo.values import ArmingState, Floats, Vehicle
 
 PER_DRIVE: MetricTable[DriveData] = MetricTable()
@@ -173,6 +174,15 @@ _of_stop(
     "with its brake lag, at the demand",
     lambda stop, vehicle: stop.bound(vehicle),
 )
+OF_STOP.append("stop_tolerance_m")
+metric(
+    "stop_tolerance_m",
+    "stopping-distance tolerance",
+    "distance by which the last stop may exceed its bound without a fault, from what is not known exactly: strength of "
+    "the brakes and mass, grade, speed, the tick of the onset; none where the car gained speed on the way",
+    lambda drive: tolerance(drive.stop, drive.vehicle, drive.period).total if drive.stop else math.nan,
+    criterion=False,
+)
 _of_stop(
     "stop_demand_mps2",
     "deceleration demand",
@@ -209,7 +219,7 @@ def stop_episodes(drive: DriveData) -> int:
     course, speed, stop = commanded_deceleration(drive.ticks), drive.motion.speed, drive.stop
     return sum(
         (pressed(course, one) or (stop is not None and one.start <= stop.onset < one.end))
-        and (one.end < len(course) or abs(speed[-1]) < AT_REST)
+        and (one.end < len(course) or bool(abs(speed[-1]) < AT_REST))
         for one in drive.braking_episodes
     )
 

@@ -37,6 +37,9 @@ RISING: Final = 0.5
 #: so long a release, or so long a rest, ends an episode [s]: a loop that oscillates at the comfort envelope's limits
 #: with half a second of delay lets go for less; a driver or a program who has another reason to brake again takes more
 MIN_RELEASE_TIME: Final = 2.0
+#: an acceleration that is smaller than this either way says nothing of its sign [m/s2]: drag, an idling engine's push,
+#: a grade of 3 % and the estimate's noise give no more
+REVERSED: Final = 0.3
 #: shares of the rise of deceleration that a straight line is laid through
 LOW, HIGH = 0.1, 0.9
 #: over so many ticks the deceleration before the braking is averaged
@@ -65,6 +68,8 @@ class Stop:
     build_up: Part  #: until it has risen
     braking: Part  #: until rest
     mfdd: float  #: mean fully developed deceleration [m/s2], of UN R13-H; NaN where the record is too coarse for it
+    ripple: float  #: root mean square of what the course differed from the demand by [m/s2]
+    reversals: int  #: sign changes of the acceleration, see `sign_changes`; 0 where the car never gained speed
 
     @property
     def duration(self) -> float:
@@ -182,11 +187,25 @@ def last_stop(ticks: pa.Table, speed: Floats, acceleration: Floats, limit: float
     if not episodes or _coasted(time, speed, episodes[-1].end, rest):
         return None
     onset = onset_of(time, course, episodes[-1])
-    demand = _demand(time[onset : rest + 1], np.minimum(course[onset:rest], limit), float(speed[onset]))
+    granted = np.minimum(course[onset:rest], limit)
+    demand = _demand(time[onset : rest + 1], granted, float(speed[onset]))
     before = slice(max(0, onset - TICKS_BEFORE + 1), onset + 1)
     way = _way(time[onset : rest + 1], speed[onset : rest + 1], acceleration[onset : rest + 1])
     gaining = float(np.mean(acceleration[before]))
-    return Stop(onset, rest, float(speed[onset]), gaining, demand, *_parts(way, -gaining, demand), _mfdd(way))
+    ripple = math.sqrt(float(np.mean((granted - demand) ** 2)))
+    parts, reversals = _parts(way, -gaining, demand), sign_changes(acceleration[onset:rest])
+    return Stop(onset, rest, float(speed[onset]), gaining, demand, *parts, _mfdd(way), ripple, reversals)
+
+
+def sign_changes(acceleration: Floats) -> int:
+    """Return how often an acceleration [m/s2] changed its sign since it first was below -REVERSED.
+
+    It has a sign where it is larger than REVERSED either way, and keeps it until it is so large the other way.
+    """
+    sign = np.where(acceleration > REVERSED, 1, np.where(acceleration < -REVERSED, -1, 0))
+    known = sign[sign != 0]
+    braking = np.flatnonzero(known < 0)
+    return int(np.count_nonzero(np.diff(known[braking[0] :]))) if len(braking) else 0
 
 
 def _rest(speed: Floats) -> int | None:
