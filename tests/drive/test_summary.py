@@ -44,9 +44,17 @@ def test_a_drive_that_meets_its_criteria_passes() -> None:
         ({"collision": True}, "collision is True, expected False"),
         ({"stop_gap_m": 5.6}, "stop_gap_m is 5.600, expected 4.5 to 5.5"),
         ({"stop_gap_m": 4.4}, "stop_gap_m is 4.400"),
-        ({"stop_gap_m": math.nan}, "stop_gap_m is nan"),
+        (
+            {"stop_gap_m": math.nan},
+            "stop_gap_m is none (the car did not end at rest with an object ahead), expected 4.5 to 5.5",
+        ),
+        (
+            {"outcome": "fault", "reasons": ["off_path", "pose_stale"]},
+            "outcome is fault (the car is farther off its path than allowed, no trusted fix",
+        ),
+        ({"stop_gap_m": 5.6, "braked_for": "truck.7"}, "stop_gap_m is 5.600 (braked for truck.7), expected 4.5 to 5.5"),
         ({"max_lateral_deviation_m": 0.16}, "expected at most 0.15"),
-        ({"max_lateral_deviation_m": math.nan}, "max_lateral_deviation_m is nan"),
+        ({"max_lateral_deviation_m": math.nan}, "max_lateral_deviation_m is none (the car's place was never known)"),
     ],
 )
 def test_each_criterion_fails_by_itself(changes: dict[str, Any], words: str) -> None:

@@ -48,7 +48,9 @@ def test_the_figures_of_a_drive_with_a_leader_are_the_closed_form() -> None:
     lead = {"actor": "lead", "x_m": 60.0, "heading_rad": math.pi / 3, "speed_mps": 4.0}
     actors = actors_of([{"tick": 0, **lead}, {"tick": 1, **lead, "speed_mps": 0.0}])
     measured = PER_DRIVE.measure(drive_of(ticks_of(rows), actors))
-    assert measured["min_ttc_s"] == pytest.approx((gap - half) / (8.0 - 2.0), abs=1e-9)
+    assert measured["strip_min_ttc_s"] == pytest.approx((gap - half) / (8.0 - 2.0), abs=1e-9)
+    assert math.isnan(measured["min_ttc_s"])  # by then it has left the path: it goes sideways at 3.5 m/s
+    assert measured["min_ttc_actor"] == ""
     assert measured["stop_gap_m"] == pytest.approx(gap - half - 30.0, abs=1e-9)
 
 
@@ -65,8 +67,8 @@ def test_least_gap_and_greatest_deceleration_needed_are_those_of_the_whole_drive
     at = [10.0 + CAR.rear_axle_to_bumper + gap + 2.0 for gap in gaps]
     boxes = [{"tick": tick, "actor": "lead", "x_m": x, "speed_mps": 3.0} for tick, x in enumerate(at)]
     measured = PER_DRIVE.measure(drive_of(ticks_of(rows), actors_of(boxes)))
-    assert measured["max_drac_mps2"] == pytest.approx(2.0**2 / (2.0 * 1.0), abs=1e-9)
-    assert measured["min_gap_m"] == pytest.approx(-0.4, abs=1e-9)
+    assert measured["strip_max_drac_mps2"] == pytest.approx(2.0**2 / (2.0 * 1.0), abs=1e-9)
+    assert measured["min_gap_m"] == measured["strip_min_gap_m"] == pytest.approx(-0.4, abs=1e-9)
     nothing = PER_DRIVE.measure(drive_of(ticks_of(rows), actors_of([])))
     assert math.isnan(nothing["max_drac_mps2"])
     assert math.isnan(nothing["min_gap_m"])

@@ -62,6 +62,16 @@ def test_runs_are_grouped_and_faults_and_collisions_stand_beside() -> None:
     assert list(came.lines()) == ["1 x timed_out"]
 
 
+def test_what_runs_did_not_meet_is_counted_by_criterion_the_most_frequent_first() -> None:
+    gap, hit = "stop_gap_m is 4.100, expected 4.5 to 5.5", "collision is True, expected False"
+    missed = [f"{gap}; {hit}", f"{hit}", "", None]
+    came = outcome([row(1.0, not line, 5.0) | {"failed": line} for line in missed], ["speed"], [])
+    assert list(came.unmet_lines()) == [
+        f"collision not met by 2 of 4, as: {hit}",
+        f"gap at rest not met by 1 of 4, as: {gap}",
+    ]
+
+
 @pytest.mark.parametrize(
     ("gaps", "by_chance"), [([5.0, 5.0, 5.0], False), ([5.0, 5.0, 5.1], True), ([5.0], False), ([5.0, None], True)]
 )

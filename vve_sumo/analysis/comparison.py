@@ -278,7 +278,9 @@ def _came_to(side: _Side) -> dict[str, float | str]:
     }
 
 
-def _in_words(value: float | bool) -> float | str:
+def _in_words(value: float | bool | str) -> float | str:
+    if isinstance(value, str):
+        return value or "none"
     return ("yes" if value else "no") if isinstance(value, bool) else float(value)
 
 

@@ -151,7 +151,7 @@ class Run:
 
     @property
     def lead(self) -> LeadVehicle:
-        """What was ahead in the ego's strip, and its gap, tick by tick."""
+        """What was ahead in the ego's way, and its gap, tick by tick."""
         return self.data.lead
 
     def engaged(self) -> NDArray[np.bool_]:

@@ -145,14 +145,14 @@ def braked_for_nothing(run: Run) -> pd.DataFrame:
     """Return a row for each stretch in which the controller braked, the radar showed something, and the way was free.
 
     Braking is an emergency, or less than BRAKING asked for, of an engaged car that moves; free is a way without an
-    actor in the strip that the ego covers (`Run.lead`). It is a list to look at and no verdict: a car brakes before a
-    bend and before somebody who is about to step into its way, and `notes` say so.
+    actor in the strip that the ego covers (`DriveData.strip_lead`). It is a list to look at and no verdict: a car
+    brakes before a bend and before somebody who is about to step into its way, and `notes` say so.
     """
     import pandas as pd
 
     columns = ("acceleration_setpoint_mps2", "emergency", "note")
     wanted, emergency, notes = (run.arrow("ticks")[name].to_numpy(zero_copy_only=False) for name in columns)
-    alone = np.array([actor == "" for actor in run.lead.actor], bool)
+    alone = np.array([actor == "" for actor in run.data.strip_lead.actor], bool)
     names = _newest_scan(run)
     tempted = alone & np.array([bool(seen) for seen in names], bool)
     braked = run.engaged() & (run.motion.speed > AT_REST) & tempted & (emergency.astype(bool) | (wanted < BRAKING))

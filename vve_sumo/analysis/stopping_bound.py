@@ -94,7 +94,9 @@ def _late(found: Interval, declared: float) -> bool:
 #: of a stop that the closed form says nothing of
 UNCHECKED: Final = Tolerance(*[math.nan] * 4)
 #: of a drive without a stop
-NONE: Final = StoppingBoundCheck(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, UNCHECKED, UNKNOWN)
+NONE: Final = StoppingBoundCheck(
+    math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, UNCHECKED, UNKNOWN
+)
 
 
 def stopping_bound_check(run: Run) -> StoppingBoundCheck:
@@ -104,6 +106,7 @@ def stopping_bound_check(run: Run) -> StoppingBoundCheck:
     declared dead time, and their declared lag. Nothing in it was measured on the brakes: a car that answers
     late or gives less than was granted breaks it. But a loop that closes over speed makes up for what late brakes lost,
     and the distance hardly shows it. So dead time and lag are fitted to the commanded torque and judged by themselves.
+    The distance may exceed the bound by `stopping_tolerance.tolerance`, and is not judged where the car gained speed.
     """
     stop = stop_of(run)
     if stop is None:

@@ -149,6 +149,8 @@ def _show(out: Path, query: SweepQuery, came: Outcome) -> None:
     failed = every.judged - every.passed
     hit = f"; {every.collisions} with a collision" if every.collisions else ""
     console.print(f"{every.runs} runs: {every.passed} passed{share}, {failed} failed, {faults} with a fault{hit}")
+    for line in came.unmet_lines():
+        console.print(f"  {line}")
     for number, line in enumerate(came.lines()):
         if number == MAX_FAULTS:
             console.print(f"  … and {len(came.faults) - MAX_FAULTS} other faults")

@@ -6,15 +6,18 @@ Knows tables and figures; neither how a drive is run nor how a summary is shown.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path as FilePath
 from typing import Any, Protocol
 
 import pyarrow as pa
 
+from vve_sumo.drive.reasons import in_words
 from vve_sumo.drive.resolved_scenario import PERIOD, versions
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.metrics.table import label_of
 from vve_sumo.path import Path
 from vve_sumo.record.hashes import hash_files, whole
 from vve_sumo.record.reader import read_table
@@ -77,8 +80,11 @@ def summary_of(
     return summary | {"passed": passed, "failed": failed} | hashes
 
 
-def unmet_criteria(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
-    """Return a line for every criterion that a drive's summary does not meet."""
+def unmet_criteria(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
+    """Return a line for every criterion that a drive's summary does not meet: its name, what came, what was expected.
+
+    A value that is missing is `none`, with what that means; a value that is about an actor names the actor.
+    """
     if summary["outcome"] == Outcome.PLAYED:
         return []
     failed = []
@@ -87,17 +93,34 @@ def unmet_criteria(criteria: Criteria, summary: dict[str, Any]) -> list[str]:
             continue
         got = summary[name]
         if isinstance(wanted, Band):
-            got = PER_DRIVE[name].absent if math.isnan(got) else got
-            good = (wanted.min is None or got >= wanted.min) and (wanted.max is None or got <= wanted.max)
-            if not good:
-                failed.append(f"{name} is {got:.3f}, expected {_band(wanted)}")
+            if not _within(wanted, PER_DRIVE[name].absent if math.isnan(got) else got):
+                failed.append(f"{name} is {_found(name, got, summary)}, expected {_band(wanted)}")
         elif got != wanted:
-            failed.append(f"{name} is {got}, expected {wanted}")
+            failed.append(f"{name} is {got}{_why(name, summary)}, expected {wanted}")
     if summary["outcome"] in (Outcome.BROKEN, Outcome.INTERRUPTED):
-        failed.append(f"the drive was {summary['outcome']}")
+        failed.append(f"the drive was {summary['outcome']}{_why('outcome', summary)}")
     if summary["outcome"] == Outcome.FAULT and criteria.outcome is None:
-        failed.append("a fault ended the drive")
+        failed.append(f"a fault ended the drive{_why('outcome', summary)}")
     return failed
+
+
+def _within(band: Band, value: float) -> bool:
+    return (band.min is None or value >= band.min) and (band.max is None or value <= band.max)
+
+
+def _found(name: str, value: float, summary: Mapping[str, Any]) -> str:
+    """Return the value of a figure that missed its band, with whom it is about, or with what it means to have none."""
+    metric = PER_DRIVE[name]
+    if math.isnan(value):
+        return f"none ({metric.missing or 'nothing was measured'})"
+    about = summary.get(metric.actor) if metric.actor else ""
+    return f"{value:.3f} ({label_of(metric.actor)} {about})" if about else f"{value:.3f}"
+
+
+def _why(name: str, summary: Mapping[str, Any]) -> str:
+    """Return in words for which reasons a drive ended as it did; empty for another name than the outcome's."""
+    codes = summary.get("reasons") or ()
+    return f" ({', '.join(map(in_words, codes))})" if name == "outcome" and codes else ""
 
 
 def _band(band: Band) -> str:

@@ -14,7 +14,11 @@ from numpy.typing import NDArray
 
 from vve_sumo.geometry import Boxes, time_to_collision_2d, vehicle_boxes
 from vve_sumo.metrics.approach import Approach, approach_of, brakings
-from vve_sumo.metrics.lead_vehicle import BOX_COLUMNS, HORIZON, LeadVehicle, index_of_tick, lead_vehicle
+from vve_sumo.metrics.braked_for import last_stop_for
+from vve_sumo.metrics.conflict import HORIZON as PREDICTED
+from vve_sumo.metrics.conflict import Contacts, Ego, contacts
+from vve_sumo.metrics.lead_vehicle import BOX_COLUMNS, HORIZON, LeadVehicle, index_of_tick, lead_vehicle, own_stations
+from vve_sumo.metrics.predicted_ways import recorded_ways
 from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import MOVING, Episode, Stop, braking_episodes, commanded_deceleration, last_stop
 from vve_sumo.metrics.tracking import WINDOW, Tracking, track
@@ -48,9 +52,18 @@ class LeadMotion(NamedTuple):
     acceleration: Floats  #: likewise [m/s2]
 
 
+class Conflict(NamedTuple):
+    """What ego and actors come to if all go on along their paths at their present speed: one entry a tick."""
+
+    time: Floats  #: until the ego's body meets an actor's, the least of all actors [s]; 0 at contact, NaN for none
+    deceleration: Floats  #: constant one of the ego that avoids that, the greatest of all actors [m/s2], capped
+    actor: list[str]  #: that it would meet first, empty for none
+
+
 class ActorRows(NamedTuple):
     """The rows of the table of actors that belong to a tick of the record."""
 
+    rows: Indices  #: numbers of the rows in the table
     at: Indices  #: index of the tick
     code: Indices  #: number of the actor, an index of `names`
     names: list[str]
@@ -84,10 +97,47 @@ class DriveData:
         return vehicle_boxes(motion.x, motion.y, motion.heading, motion.speed, self.vehicle)
 
     @cached_property
+    def station(self) -> Floats:
+        """Where the rear axle was on the path, tick by tick [m]."""
+        return own_stations(self.path, self.motion.x, self.motion.y, self.column("s_m"))
+
+    @cached_property
+    def strip_lead(self) -> LeadVehicle:
+        """The nearest actor in the strip of the ego's width around the path, wherever it goes, and its gap."""
+        return lead_vehicle(self.ticks, self.actors, self.path, self.vehicle, self.station, self.motion.speed)
+
+    @cached_property
     def lead(self) -> LeadVehicle:
-        """What was ahead in the ego's strip, and its gap, tick by tick."""
-        motion = self.motion
-        return lead_vehicle(self.ticks, self.actors, self.path, self.vehicle, motion.x, motion.y, motion.speed)
+        """What was ahead in the ego's way, and its gap, tick by tick.
+
+        Of what is in the strip before the path's end: what stands there or goes the ego's way, and what is or was in
+        conflict with the ego. Crossing and oncoming traffic that the ego would not have met is left out.
+        """
+        conflicting = np.zeros(self.actors.num_rows, np.bool_)
+        actors, met = self.actor_rows, np.isfinite(self.contacts.time)
+        since = np.full(len(actors.names), len(self.station))
+        np.minimum.at(since, actors.code[met], actors.at[met])
+        conflicting[actors.rows] = actors.at >= since[actors.code]
+        return lead_vehicle(
+            self.ticks, self.actors, self.path, self.vehicle, self.station, self.motion.speed, conflicting
+        )
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """What is predicted of the ego and each actor: an entry a row of `actor_rows`."""
+        actors = self.actor_rows
+        ways, places = recorded_ways(self.motion.time[actors.at], actors.code, actors.boxes, PREDICTED)
+        ego = Ego(self.station, self.motion.speed, self.ego_boxes)
+        return contacts(ego, actors.at, actors.boxes, ways, places, self.path, self.vehicle)
+
+    @cached_property
+    def conflict(self) -> Conflict:
+        """What the ego and the actors come to by their predicted paths, tick by tick."""
+        found, at = self.contacts, self.actor_rows.at
+        time, names = self._first_of(found.time)
+        deceleration = np.full(len(time), -np.inf)
+        np.fmax.at(deceleration, at, found.deceleration)
+        return Conflict(time, np.where(np.isfinite(deceleration), deceleration, np.nan), names)
 
     @cached_property
     def stop(self) -> Stop | None:
@@ -107,7 +157,7 @@ class DriveData:
         stop, motion, lead = self.stop, self.motion, self.lead
         if stop is None:
             return None
-        target = lead.actor[stop.rest]
+        target = last_stop_for(self)
         ahead = np.array([name == target != "" for name in lead.actor], bool)
         standing = ahead & (np.abs(motion.speed - lead.closing_speed) < MOVING)
         onsets = brakings(motion.time, commanded_deceleration(self.ticks), self.braking_episodes)
@@ -127,7 +177,7 @@ class DriveData:
         names = self.actors["actor"].combine_chunks().dictionary_encode()
         boxes = Boxes(*(self.actors[column].to_numpy()[rows] for column in BOX_COLUMNS))
         code = names.indices.to_numpy()[rows].astype(np.int64)
-        return ActorRows(at[rows], code, names.dictionary.to_pylist(), boxes)
+        return ActorRows(rows, at[rows], code, names.dictionary.to_pylist(), boxes)
 
     @cached_property
     def lead_motion(self) -> LeadMotion:
@@ -157,8 +207,12 @@ class DriveData:
     @cached_property
     def first_touch(self) -> tuple[Floats, list[str]]:
         """The least time to collision of boxes [s], tick by tick, and with whom; NaN and empty for none."""
+        actors = self.actor_rows
+        return self._first_of(time_to_collision_2d(self.ego_boxes.select(actors.at), actors.boxes))
+
+    def _first_of(self, times: Floats) -> tuple[Floats, list[str]]:
+        """Return the least of the times of all actors at each tick [s], and whose it is; NaN and empty for none."""
         actors, ticks = self.actor_rows, self.ticks.num_rows
-        times = time_to_collision_2d(self.ego_boxes.select(actors.at), actors.boxes)
         least, names = np.full(ticks, np.inf), [""] * ticks
         np.fmin.at(least, actors.at, times)
         rows = np.flatnonzero(np.isfinite(times) & (times == least[actors.at]))

@@ -15,6 +15,9 @@ from vve_sumo.values import Floats
 
 #: a time to collision below this counts as exposure [s]; the value that conflict studies use most for cars
 TTC_THRESHOLD = 1.5
+#: a deceleration that would avoid a crash is not counted beyond this [m/s2]: no road car brakes so hard, which would
+#: take a friction coefficient above 1.2, and next to contact the formulas grow without bound
+MAX_DECELERATION = 12.0
 
 
 class Rss(NamedTuple):

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from vve_sumo.metrics.metric import unit_of
-from vve_sumo.metrics.table import PLAYBACK, label_of
+from vve_sumo.metrics.table import METRICS, PLAYBACK, label_of
 
 #: metrics with a number and a unit, in their order
 SHOWN = ("stop_gap_m", "min_gap_m", "min_ttc_s", "max_drac_mps2", "max_lateral_deviation_m", "max_deceleration_mps2")
@@ -22,10 +22,24 @@ def key_figures(summary: Mapping[str, Any]) -> dict[str, str]:
         label_of("outcome"): str(summary["outcome"]),
         label_of("collision"): hit,
         **{label_of(name): _number(summary, name) for name in SHOWN},
+        label_of("braked_for"): str(summary.get("braked_for") or "nobody"),
+        **({label_of("hardest_braking_for"): hardest} if (hardest := braked_hardest_for(summary)) else {}),
         label_of("emergency_used"): "braked" if summary["emergency_used"] else "not needed",
         label_of("duration_s"): f"{summary['duration_s']:.1f} s, {summary['ticks']} ticks",
         **{label_of(name): _number(summary, name) for name in PLAYBACK if name in summary},
     }
+
+
+def braked_hardest_for(summary: Mapping[str, Any]) -> str:
+    """Return the actor that the car braked hardest for, where that is another than the one its last stop was for."""
+    hardest = str(summary.get("hardest_braking_for") or "")
+    return "" if hardest == summary.get("braked_for") else hardest
+
+
+def unmet(summary: Mapping[str, Any]) -> list[str]:
+    """Return the labels of the criteria that a drive did not meet, in the order of the lines in `failed`."""
+    names = (str(line).partition(" is ")[0] for line in summary.get("failed") or ())
+    return [label_of(name) for name in names if name in METRICS]
 
 
 def _number(summary: Mapping[str, Any], name: str) -> str:

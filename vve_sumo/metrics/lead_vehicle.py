@@ -1,5 +1,8 @@
 """The lead vehicle: which actor is ahead in the strip that the ego covers along its path, and how far.
 
+Of a whole drive, either every actor in the strip counts, or those alone that the ego may come to: before the path's
+end, and on the ego's way or in conflict with the ego.
+
 Knows actors' boxes and the path, of a record's tables or of one tick under way; neither SUMO nor how a drive is run.
 """
 
@@ -34,6 +37,10 @@ WINDOW = 10.0
 CORNER_WINDOW = 15.0
 #: below this closing speed a time to collision is not counted: at rest, noise would divide by nothing [m/s]
 CLOSING_FLOOR = 0.05
+#: a slower actor stands [m/s]
+AT_REST = 0.05
+#: two whose headings differ by less go the same way [rad]
+SAME_WAY = math.pi / 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,25 +64,39 @@ class LeadVehicle:
 
     @property
     def required_deceleration(self) -> Floats:
-        """Deceleration rate to avoid a crash (DRAC) [m/s2]; NaN where `time_to_collision` is."""
-        return np.where(self.closes, following.required_deceleration(self.gap, self.closing_speed), np.nan)
+        """Deceleration rate to avoid a crash (DRAC), MAX_DECELERATION at most [m/s2]; NaN as `time_to_collision`."""
+        needed = following.required_deceleration(self.gap, self.closing_speed)
+        return np.where(self.closes, np.minimum(needed, following.MAX_DECELERATION), np.nan)
+
+
+def own_stations(path: Path, x: Floats, y: Floats, near: Floats) -> Floats:
+    """Return the stations [m] of places of the ego on its path, each near where the drive placed it; NaN for none."""
+    own = np.full(len(x), np.nan)
+    placed = np.flatnonzero(np.isfinite(x) & np.isfinite(near))
+    own[placed], _, _ = path.project_many(x[placed], y[placed], near[placed], WINDOW)
+    return own
 
 
 def lead_vehicle(
-    ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle, x: Floats, y: Floats, speed: Floats
+    ticks: pa.Table,
+    actors: pa.Table,
+    path: Path,
+    vehicle: Vehicle,
+    own: Floats,
+    speed: Floats,
+    conflicting: NDArray[np.bool_] | None = None,
 ) -> LeadVehicle:
     """Return, for every tick, the nearest actor in the strip of the ego's width around the path, and its gap.
 
     The strip follows the path; the gap counts along it from the ego's front bumper to the nearest corner of the box.
-    x, y [m] and speed [m/s] are the ego's rear axle's, an entry a tick.
+    own [m] and speed [m/s] are the ego's rear axle's on the path, an entry a tick. `conflicting` says of every row of
+    `actors` that it is in conflict with the ego: then an actor counts that is, or stands, or goes the ego's way, and
+    none beyond the path's end. Without it every actor in the strip counts.
     """
-    station = ticks["s_m"].to_numpy()
-    own = np.full(ticks.num_rows, np.nan)
-    placed = np.flatnonzero(np.isfinite(x) & np.isfinite(station))
-    own[placed], _, _ = path.project_many(x[placed], y[placed], station[placed], WINDOW)
     rows, at = _rows_near(ticks, actors, own, path)
     boxes = Boxes(*(actors[name].to_numpy()[rows] for name in BOX_COLUMNS))
-    gap, closing, nearest = _nearest(at, boxes, own, speed, path, vehicle)
+    chosen = None if conflicting is None else conflicting[rows]
+    gap, closing, nearest = _nearest(at, boxes, own, speed, path, vehicle, chosen)
     names, found = [""] * ticks.num_rows, np.flatnonzero(nearest >= 0)
     for tick, name in zip(found.tolist(), actors["actor"].take(rows[nearest[found]]).to_pylist(), strict=True):
         names[tick] = name
@@ -83,8 +104,9 @@ def lead_vehicle(
 
 
 def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: Path, vehicle: Vehicle) -> LeadVehicle:
-    """Return what `lead_vehicle` says of one tick while the drive goes on: one entry.
+    """Return what `lead_vehicle` says of one tick while the drive goes on: one entry, of every actor in the strip.
 
+    While the drive goes on nothing is known of what actors do later, so nothing is judged by predicted paths here.
     `ego` is the rear axle's pose on the street, `station` [m] near its own, NaN where nobody knows it yet.
     """
     if not math.isfinite(station):
@@ -98,11 +120,18 @@ def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: Path, vehi
 
 
 def _nearest(
-    at: Indices, boxes: Boxes, own: Floats, speed: Floats, path: Path, vehicle: Vehicle
+    at: Indices,
+    boxes: Boxes,
+    own: Floats,
+    speed: Floats,
+    path: Path,
+    vehicle: Vehicle,
+    conflicting: NDArray[np.bool_] | None = None,
 ) -> tuple[Floats, Floats, Indices]:
     """Return gap [m], closing speed [m/s] and row of the nearest box ahead for every tick; NaN and -1 for none.
 
-    `at` is the index of each box's tick; `own` [m] and `speed` [m/s] are the ego's rear axle's, tick by tick.
+    `at` is the index of each box's tick; `own` [m] and `speed` [m/s] are the ego's rear axle's, tick by tick;
+    `conflicting`, of each box, as `lead_vehicle` has it.
     """
     # What lies beside or behind the middle of the ego is not ahead of it.
     middle = vehicle.rear_axle_to_bumper - vehicle.length / 2.0
@@ -114,7 +143,11 @@ def _nearest(
     s, d = np.array(corners).swapaxes(0, 1)
     in_strip = (d.min(axis=0) < half) & (d.max(axis=0) > -half)
     row_gap = s.min(axis=0) - bumper
-    counted = np.flatnonzero(in_strip & (centre > own[at] + middle) & (row_gap < HORIZON))
+    counts = in_strip & (centre > own[at] + middle) & (row_gap < HORIZON)
+    if conflicting is not None:
+        counts &= (along > math.cos(SAME_WAY)) | (np.abs(boxes.speed) < AT_REST) | conflicting
+        counts &= s.min(axis=0) < path.length + vehicle.rear_axle_to_bumper
+    counted = np.flatnonzero(counts)
     # The farthest first: of several boxes at one tick the last one written stays.
     order = counted[np.argsort(-row_gap[counted], kind="stable")]
     nearest = np.full(len(own), -1, np.int64)

@@ -14,7 +14,10 @@ from typing import Any
 import numpy as np
 
 from vve_sumo.metrics.approach import HUNTING, pressed
+from vve_sumo.metrics.braked_for import hardest_braking_for, last_stop_for
+from vve_sumo.metrics.conflict import HORIZON
 from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.metric import MetricTable
 from vve_sumo.metrics.stopping import AT_REST, MIN_RELEASE_TIME, REGAINED, REVERSED, Stop, commanded_deceleration
 from vve_sumo.metrics.stopping_tolerance import tolerance
@@ -36,7 +39,7 @@ metric(
 
 def _stop_gap(drive: DriveData) -> float:
     speed = drive.motion.speed
-    return float(drive.lead.gap[-1]) if len(speed) and abs(speed[-1]) < AT_REST else math.nan
+    return float(drive.strip_lead.gap[-1]) if len(speed) and abs(speed[-1]) < AT_REST else math.nan
 
 
 metric(
@@ -46,31 +49,84 @@ metric(
     "path, along the path; negative is overlap, none where nothing is within 150 m",
     _stop_gap,
     worse="lower",
+    missing="the car did not end at rest with an object ahead",
+    actor="braked_for",
 )
 metric(
     "min_ttc_s",
     "minimum TTC",
-    "time to collision, gap over closing speed, the least at any tick; none where nothing was ever closed in on",
-    lambda drive: least(drive.lead.time_to_collision),
+    "time to collision: until the ego's body meets an actor's if both keep their speed, the ego along its path and the "
+    "actor along its lane or way; the least at any tick, 0 at contact; none where no contact was ever less than "
+    f"{HORIZON:g} s away",
+    lambda drive: least(drive.conflict.time),
+    worse="lower",
+    source="Hayward 1972",
+    absent=math.inf,
+    missing="nothing was ever closed in on",
+)
+
+
+def _min_ttc_actor(drive: DriveData) -> str:
+    time = drive.conflict.time
+    return drive.conflict.actor[int(np.nanargmin(time))] if np.isfinite(time).any() else ""
+
+
+metric(
+    "min_ttc_actor",
+    "actor of the minimum TTC",
+    "actor that the ego would have met at min_ttc_s; empty for none",
+    _min_ttc_actor,
+    kind="str",
+    criterion=False,
+)
+metric(
+    "max_drac_mps2",
+    "maximum DRAC",
+    "deceleration rate to avoid a crash that min_ttc_s sees coming: the least constant one of the ego that avoids it, "
+    f"the greatest at any tick; counted up to {MAX_DECELERATION:g} m/s², which no road car can do; none as min_ttc_s",
+    lambda drive: greatest(drive.conflict.deceleration),
+    worse="higher",
+    source="Almqvist, Hydén and Risser 1991",
+    absent=0.0,
+    missing="nothing was ever closed in on",
+)
+metric(
+    "min_gap_m",
+    "minimum gap",
+    "least gap at any tick, along the path, to what was in the ego's strip before the path's end and stood, went the "
+    "ego's way, or was or had been in conflict with the ego as min_ttc_s sees one; negative is overlap, none where "
+    "nothing ever was",
+    lambda drive: least(drive.lead.gap),
+    worse="lower",
+    absent=math.inf,
+    missing="nothing was ever ahead",
+)
+metric(
+    "strip_min_ttc_s",
+    "minimum TTC in the strip",
+    "gap over closing speed to the nearest box in the strip of the ego's width around the path, wherever that goes; "
+    "the least at any tick, none where nothing was ever closed in on",
+    lambda drive: least(drive.strip_lead.time_to_collision),
     worse="lower",
     source="Hayward 1972",
     absent=math.inf,
 )
 metric(
-    "max_drac_mps2",
-    "maximum DRAC",
-    "deceleration rate to avoid a crash, closing speed squared over twice the gap, the greatest at any tick; none as "
-    "min_ttc_s",
-    lambda drive: greatest(drive.lead.required_deceleration),
+    "strip_max_drac_mps2",
+    "maximum DRAC in the strip",
+    "closing speed squared over twice the gap of strip_min_ttc_s, the greatest at any tick; counted up to "
+    f"{MAX_DECELERATION:g} m/s²; none as strip_min_ttc_s",
+    lambda drive: greatest(drive.strip_lead.required_deceleration),
     worse="higher",
     source="Almqvist, Hydén and Risser 1991",
     absent=0.0,
 )
 metric(
-    "min_gap_m",
-    "minimum gap",
-    "least gap at any tick to what was ahead in the ego's way; negative is overlap, none where nothing ever was",
-    lambda drive: least(drive.lead.gap),
+    "strip_min_gap_m",
+    "minimum gap in the strip",
+    "least gap at any tick to the nearest box in the strip of the ego's width around the path, also beyond the path's "
+    "end; negative is overlap, none where nothing ever was",
+    lambda drive: least(drive.strip_lead.gap),
     worse="lower",
     absent=math.inf,
 )
@@ -106,6 +162,7 @@ metric(
     "without contact",
     impact_speed,
     worse="higher",
+    missing="the record ends before it holds what was touched",
 )
 
 
@@ -122,6 +179,7 @@ metric(
     "of the true rear axle from the path; of the estimated one where there is no truth",
     _max_lateral_deviation,
     worse="higher",
+    missing="the car's place was never known",
 )
 metric(
     "max_deceleration_mps2",
@@ -129,6 +187,8 @@ metric(
     "of the rear axle along its heading",
     lambda drive: max(0.0, -least(drive.motion.acceleration)),
     worse="higher",
+    missing="the car's motion was never known",
+    actor="hardest_braking_for",
 )
 metric(
     "max_speed_mps",
@@ -265,6 +325,22 @@ metric(
     lambda drive: drive.approach is not None and drive.approach.hunting,
     kind="bool",
     worse="higher",
+)
+metric(
+    "braked_for",
+    "braked for",
+    "actor that the last stop was for: the one ahead that called for the most deceleration meanwhile; empty for none",
+    last_stop_for,
+    kind="str",
+    criterion=False,
+)
+metric(
+    "hardest_braking_for",
+    "braked hardest for",
+    "actor that the hardest braking of the drive was for, as braked_for; empty for none",
+    hardest_braking_for,
+    kind="str",
+    criterion=False,
 )
 
 

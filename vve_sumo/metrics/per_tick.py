@@ -36,8 +36,16 @@ metric(
 metric(
     "gap_m",
     "gap",
-    "front bumper to the nearest box in the ego's strip, along the path; negative is overlap",
+    "front bumper to the nearest box, along the path, of what is in the ego's strip before the path's end and stands, "
+    "goes the ego's way, or is or was in conflict with the ego; negative is overlap",
     lambda drive: drive.lead.gap,
+    worse="lower",
+)
+metric(
+    "strip_gap_m",
+    "gap in the strip",
+    "front bumper to the nearest box in the ego's strip, wherever that goes, along the path; negative is overlap",
+    lambda drive: drive.strip_lead.gap,
     worse="lower",
 )
 metric(
@@ -75,8 +83,24 @@ metric(
 metric(
     "ttc_s",
     "TTC",
-    "time to collision: gap over closing speed",
-    lambda drive: drive.lead.time_to_collision,
+    "time to collision: until the ego's body meets an actor's, the ego on its path and the actor on its lane or way, "
+    "both at their present speed; behind a leader gap over closing speed",
+    lambda drive: drive.conflict.time,
+    worse="lower",
+    source="Hayward 1972",
+)
+metric(
+    "ttc_actor",
+    "actor of the TTC",
+    "actor of ttc_s; empty where the ego would meet nobody",
+    lambda drive: drive.conflict.actor,
+    kind="str",
+)
+metric(
+    "strip_ttc_s",
+    "TTC in the strip",
+    "gap over closing speed to the nearest box in the ego's strip, wherever that goes",
+    lambda drive: drive.strip_lead.time_to_collision,
     worse="lower",
     source="Hayward 1972",
 )
@@ -99,8 +123,18 @@ metric(
 metric(
     "drac_mps2",
     "DRAC",
-    "deceleration rate to avoid a crash: closing speed squared over twice the gap, braking positive",
-    lambda drive: drive.lead.required_deceleration,
+    "deceleration rate to avoid the crash of ttc_s, braking positive: behind a leader closing speed squared over twice "
+    "the gap, before one that crosses the least that stops short of the shared zone or comes there when it is left; "
+    f"{following.MAX_DECELERATION:g} stands for that and more, which no road car can do",
+    lambda drive: drive.conflict.deceleration,
+    worse="higher",
+    source="Almqvist, Hydén and Risser 1991",
+)
+metric(
+    "strip_drac_mps2",
+    "DRAC in the strip",
+    f"closing speed squared over twice the gap of strip_ttc_s; {following.MAX_DECELERATION:g} stands for that and more",
+    lambda drive: drive.strip_lead.required_deceleration,
     worse="higher",
     source="Almqvist, Hydén and Risser 1991",
 )
@@ -109,13 +143,14 @@ metric(
 def _mdrac(drive: DriveData) -> Floats:
     lead = drive.lead
     needed = following.required_deceleration(lead.gap, lead.closing_speed, drive.vehicle.brake_delay)
-    return np.where(lead.closes, needed, np.nan)
+    return np.where(lead.closes, np.minimum(needed, following.MAX_DECELERATION), np.nan)
 
 
 metric(
     "required_deceleration_mps2",
     "MDRAC",
-    "DRAC after the declared dead time of the brakes; inf where that uses up the gap",
+    "closing speed squared over twice the gap of the lead vehicle that the declared dead time of the brakes leaves; "
+    f"{following.MAX_DECELERATION:g} stands for that and more",
     _mdrac,
     worse="higher",
     source="SUMO's safety device, MDRAC",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from vve_sumo.metrics.key_figures import braked_hardest_for, unmet
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path
 from vve_sumo.values import Floats, Vehicle
@@ -65,7 +66,11 @@ def said(summary: Mapping[str, Any]) -> str:
     stood = "" if gap is None or gap != gap else f", gap {gap:.2f} m"
     drawn = "" if seed is None else f" · seed {seed}"
     judged = {True: "passed", False: "FAILED", None: "not judged"}[summary.get("passed")]
-    return f"{summary['outcome']}{stood}{drawn} · {judged}"
+    why = f": {', '.join(missed)}" if summary.get("passed") is False and (missed := unmet(summary)) else ""
+    halted = f" for {summary['braked_for']}" if summary.get("braked_for") and summary["outcome"] == "stopped" else ""
+    hardest = f" · braked hardest for {actor}" if (actor := braked_hardest_for(summary)) else ""
+    line = f"{summary['outcome']}{halted}{stood}{hardest}{drawn} · {judged}{why}"
+    return line.encode(errors="replace").decode()  # half a surrogate pair, as JSON may hold, cannot be drawn
 
 
 def prefix(ticks: pa.Table) -> str:

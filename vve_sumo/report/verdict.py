@@ -12,7 +12,9 @@ from typing import Any, Literal
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.reasons import in_words
+from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.metrics.table import label_of
 from vve_sumo.report.formatting import SPACE, number
 
 #: the verdict itself
@@ -52,13 +54,45 @@ def of_drive(run: Run, figures: Mapping[str, Any]) -> Verdict:
         return Verdict("broken off", (_ending(run, outcome, figures), *_closest(figures)))
     passed = figures.get("passed")
     word: Word = "not judged" if passed is None else ("passed" if passed else "FAILED")
-    return Verdict(word, (_ending(run, outcome, figures), *_closest(figures)))
+    ending = _ending(run, outcome, figures)
+    return Verdict(
+        word, (ending, *_hunting(figures), *_braked_for(figures, ending), *_closest(figures), *_unmet(figures))
+    )
 
 
 def altered(verdict: Verdict, parts: Sequence[str]) -> Verdict:
     """Return the verdict on a record of which `parts` are not as the drive left them, which makes it worth nothing."""
     warning = f"Changed since the drive: {', '.join(parts)}. The following is what the record says now."
     return Verdict("altered", (warning, *verdict.sentences))
+
+
+def _hunting(figures: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return a sentence on an approach on which the car gained speed and braked again, time after time."""
+    if not figures.get("hunting"):
+        return ()
+    times = int(_number(figures, "hunting_reversals"))
+    return (f"It was hunting on its way to rest: its acceleration changed sign {times} times.",)
+
+
+def _braked_for(figures: Mapping[str, Any], ending: str) -> tuple[str, ...]:
+    """Return a sentence on whom the car braked hardest for, unless the sentence `ending` names that actor."""
+    actor = str(figures.get("hardest_braking_for") or figures.get("braked_for") or "")
+    if not actor or actor in ending:
+        return ()
+    return (f"It braked hardest, with {number(_number(figures, 'max_deceleration_mps2'), 'm/s²')}, for {actor}.",)
+
+
+def _unmet(figures: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return a sentence with every criterion that the drive did not meet, what came and what was expected."""
+    if figures.get("passed") is not False:
+        return ()
+    lines = [_in_words(str(line)) for line in figures.get("failed") or ()]
+    return (f"Not met: {'; '.join(lines)}.",) if lines else ()
+
+
+def _in_words(line: str) -> str:
+    key, found, rest = line.partition(" is ")
+    return f"{label_of(key)}{found}{rest} {unit_of(key)}".rstrip() if found else line
 
 
 def _cut_short(run: Run, figures: Mapping[str, Any]) -> str:

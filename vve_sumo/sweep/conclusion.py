@@ -20,7 +20,7 @@ COMBINATIONS, FOUND = "combinations.csv", "search.json"
 def conclude(folder: Path, query: SweepQuery) -> Outcome:
     """Return what a finished sweep came to; write `combinations.csv` beside its rows, unless it has very many."""
     parameters = list(query.plan.parameters) if query.cells.points < MAX_RUNS else []
-    columns = [*parameters, "passed", "fault", "collision", "outcome", *NUMBERS]
+    columns = [*parameters, "passed", "failed", "fault", "collision", "outcome", *NUMBERS]
     rows = (row for table in read_tables(folder) for row in table.select(columns).to_pylist())
     came = outcome(rows, parameters, NUMBERS)
     if parameters:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from vve_sumo.metrics.table import METRICS
+from vve_sumo.metrics.table import METRICS, label_of
 from vve_sumo.statistics import Interval, Mean, wilson
 
 
@@ -69,6 +69,13 @@ class Outcome:
     groups: dict[tuple[Any, ...], Group] = field(default_factory=dict)  #: by the parameters' values, in cell order
     faults: Counter[str] = field(default_factory=Counter)  #: how often each, of the runs without figures
 
+    unmet: dict[str, list[str]] = field(default_factory=dict)  #: by criterion: what each run that missed it says
+
+    def unmet_lines(self) -> Iterator[str]:
+        """Return a line for every criterion that a run did not meet, the most frequent first, with one such run."""
+        for name, said in sorted(self.unmet.items(), key=lambda one: -len(one[1])):
+            yield f"{label_of(name)} not met by {len(said)} of {self.all.judged}, as: {said[0]}"
+
     def lines(self) -> Iterator[str]:
         """Return a line for every kind of fault, the most frequent first."""
         return (f"{count} x {fault}" for fault, count in self.faults.most_common())
@@ -83,4 +90,6 @@ def outcome(rows: Iterable[Mapping[str, Any]], parameters: Sequence[str], figure
         came.all.add(row, ())
         if row["fault"]:
             came.faults[row["fault"]] += 1
+        for line in filter(None, (row.get("failed") or "").split("; ")):
+            came.unmet.setdefault(line.partition(" is ")[0], []).append(line)
     return came

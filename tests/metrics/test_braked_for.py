@@ -1,0 +1,98 @@
+"""Whom the car braked for, against drives in which that is known because one actor alone can have been the reason."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.metrics.tables import CAR, PERIOD, actors_of, drive_of, ticks_of
+from vve_sumo.metrics.braked_for import hardest_braking_for, last_stop_for
+from vve_sumo.metrics.drive_data import DriveData
+
+CRUISE, SPEED = 3.0, 10.0  #: [s], [m/s]
+BRAKING = 2.5  #: [m/s2]
+BEGIN = 20.0  #: of the rear axle along the straight path [m]
+
+
+def motion(deceleration: float = BRAKING) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return place [m], speed [m/s] and acceleration [m/s2] of a car that cruises, brakes to rest and stands."""
+    time = np.arange(0.0, CRUISE + SPEED / deceleration + 1.0, PERIOD)
+    braked = np.clip(time - CRUISE, 0.0, SPEED / deceleration)
+    place = BEGIN + SPEED * np.minimum(time, CRUISE) + SPEED * braked - 0.5 * deceleration * braked**2
+    acceleration = np.where((time >= CRUISE) & (braked < SPEED / deceleration), -deceleration, 0.0)
+    return place, SPEED - deceleration * braked, acceleration
+
+
+def drive(*others: dict[str, object], deceleration: float = BRAKING) -> DriveData:
+    """Return a drive: `others` are actors, whose x_m, y_m may be functions of the time [s] since braking began."""
+    place, speed, acceleration = motion(deceleration)
+    rows = [
+        {
+            "time_s": tick * PERIOD,
+            "s_m": x,
+            "true_x_m": x,
+            "true_speed_mps": v,
+            "true_acceleration_mps2": a,
+            "granted_acceleration_mps2": a,
+            "state": "engaged",
+        }
+        for tick, (x, v, a) in enumerate(zip(place.tolist(), speed.tolist(), acceleration.tolist(), strict=True))
+    ]
+    seen = [
+        {"tick": tick}
+        | {key: value(tick * PERIOD - CRUISE) if callable(value) else value for key, value in one.items()}
+        for tick in range(len(rows))
+        for one in others
+    ]
+    return drive_of(ticks_of(rows), actors_of(seen))
+
+
+REST = motion()[0][-1] + CAR.rear_axle_to_bumper  #: of the front bumper [m]
+PARKED: dict[str, object] = {"actor": "parked", "x_m": REST + 5.0 + 2.0}
+FAR: dict[str, object] = {"actor": "far", "x_m": REST + 90.0}
+#: crosses from the left at 15 m/s; 2.3 s after the braking began it is where the car would be had it not braked
+CROSSER: dict[str, object] = {
+    "actor": "crosser",
+    "x_m": REST + 4.0,
+    "y_m": lambda since: 15.0 * (2.3 - since),
+    "heading_rad": -math.pi / 2.0,
+    "speed_mps": 15.0,
+}
+
+
+@pytest.mark.parametrize(
+    ("others", "name"),
+    [
+        ((PARKED,), "parked"),
+        ((FAR, PARKED), "parked"),
+        ((CROSSER,), "crosser"),
+        ((FAR, CROSSER), "crosser"),
+        ((FAR,), ""),  # 90 m beyond where the car stopped called for no braking of 2.5 m/s2
+        ((), ""),
+    ],
+)
+def test_the_actor_that_called_for_the_braking_is_named(others: tuple[dict[str, object], ...], name: str) -> None:
+    assert last_stop_for(drive(*others)) == name
+    assert hardest_braking_for(drive(*others)) == name
+
+
+def test_one_who_was_on_a_collision_course_is_found_though_it_was_never_in_the_strip() -> None:
+    """It comes to rest one metre beside the strip."""
+
+    def beside(since: float) -> float:
+        return max(15.0 * (2.3 - since), CAR.width / 2.0 + 2.0 + 1.0)
+
+    stops_beside = CROSSER | {"y_m": beside}
+    assert last_stop_for(drive(stops_beside)) == "crosser"
+
+
+def test_a_car_that_hardly_slows_down_brakes_for_nobody() -> None:
+    assert hardest_braking_for(drive(PARKED, deceleration=0.3)) == ""
+
+
+def test_a_drive_without_a_known_motion_brakes_for_nobody() -> None:
+    ticks = ticks_of([{"true_x_m": math.nan, "x_m": math.nan, "acceleration_mps2": math.nan}])
+    nothing = drive_of(ticks, actors_of([]))
+    assert (last_stop_for(nothing), hardest_braking_for(nothing)) == ("", "")

@@ -1,0 +1,67 @@
+"""Names the actor that the car braked for: over its last stop, and over the hardest braking of the drive.
+
+Reads columns of ticks and what was ahead; it must not know the controller, which alone knows its reasons. So the name
+is what the motion shows: the actor that called for the most deceleration while the car slowed down.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from vve_sumo.geometry import time_to_collision_2d
+
+if TYPE_CHECKING:
+    from vve_sumo.metrics.drive_data import DriveData
+
+#: a car that slows down by more than this is braked; drag and an idling engine do less [m/s2]
+BRAKED: Final = 0.5
+#: a controller brakes for what it saw so long before the braking shows [s]
+SEEN_BEFORE: Final = 1.0
+#: what calls for less than this share of the deceleration that was braked with is not what was braked for
+LEAST_SHARE: Final = 0.2
+
+
+def last_stop_for(drive: DriveData) -> str:
+    """Return the actor that the last commanded stop was for; empty for none, and where there was no such stop."""
+    return _called_for(drive, drive.stop.onset, drive.stop.rest) if drive.stop else ""
+
+
+def hardest_braking_for(drive: DriveData) -> str:
+    """Return the actor that the car braked hardest for; empty for none, and where it hardly braked at all."""
+    acceleration = drive.motion.acceleration
+    known = np.flatnonzero(np.isfinite(acceleration))
+    if not len(known):
+        return ""
+    hardest = int(known[np.argmin(acceleration[known])])
+    if not acceleration[hardest] < -BRAKED:
+        return ""
+    released = np.flatnonzero(~(acceleration[:hardest] < -BRAKED))
+    return _called_for(drive, int(released[-1]) + 1 if len(released) else 0, hardest)
+
+
+def _called_for(drive: DriveData, begin: int, end: int) -> str:
+    """Return the actor ahead in the car's strip that called for the most deceleration (DRAC) between two ticks.
+
+    Where none called for enough, it is the actor that the car would have touched soonest at constant velocities, before
+    it came to rest.
+    """
+    time, acceleration = drive.motion.time, drive.motion.acceleration
+    seen = slice(int(np.searchsorted(time, time[begin] - SEEN_BEFORE)), end + 1)
+    braked = -float(np.fmin.reduce(acceleration[begin : end + 1], initial=0.0))
+    needed = np.nan_to_num(drive.lead.required_deceleration[seen])
+    if needed.max(initial=0.0) > LEAST_SHARE * braked:
+        return drive.lead.actor[seen.start + int(np.argmax(needed))]
+    return _first_touched(drive, seen, SEEN_BEFORE + float(drive.motion.speed[begin]) / braked) if braked > 0.0 else ""
+
+
+def _first_touched(drive: DriveData, ticks: slice, within: float) -> str:
+    """Return the actor with the least time to collision of boxes at some ticks, if that is below `within` [s]."""
+    actors = drive.actor_rows
+    rows = np.flatnonzero((actors.at >= ticks.start) & (actors.at < ticks.stop))
+    times = time_to_collision_2d(drive.ego_boxes.select(actors.at[rows]), actors.boxes.select(rows))
+    times = np.where(np.isfinite(times), times, np.inf)
+    if not times.min(initial=np.inf) < within:
+        return ""
+    return actors.names[int(actors.code[rows[int(np.argmin(times))]])]
