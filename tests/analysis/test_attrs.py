@@ -84,6 +84,9 @@ OF_A_SWEEP: dict[str, Callable[[Sweep], Mapping[str, Any]]] = {
     },
     "grouped": lambda sweep: {"groups": sweep.grouped(), "of two": sweep.grouped(["speed"], ["stop_gap_m", "passed"])},
     "stopping_bound_checks": lambda sweep: {"bounds": analysis.stopping_bound_checks(sweep.rows())},
+    "variance_explained": lambda sweep: {
+        "variance": analysis.variance_explained(sweep.rows(), "stop_gap_m", sweep.parameters)
+    },
     "LatencyMargin": lambda sweep: _of_margin(sweep),
 }
 

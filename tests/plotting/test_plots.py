@@ -26,7 +26,8 @@ from vve_sumo.analysis.comparison import compare
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive import latency_monitor
-from vve_sumo.plotting import crowd, latencies, style
+from vve_sumo.errors import ConfigError
+from vve_sumo.plotting import crowd, latencies, parts, style
 from vve_sumo.plotting.page import SIZE
 from vve_sumo.record.sweep_folder import Plan
 from vve_sumo.report import write_report
@@ -190,6 +191,9 @@ def figures(run: Run, live: Run, tmp_path_factory: pytest.TempPathFactory) -> di
         "map": plotting.heat_map(rows, "ego.speed_mps", "delay", "stop_gap_m", zero="contact"),
         "shares": plotting.heat_map(rows, "delay", "seed", "passed"),
         "distribution": plotting.distribution(rows, "stop_gap_m", "delay", (0.5, math.inf)),
+        "response": plotting.response(rows, "ego.speed_mps", "stop_gap_m", by="delay"),
+        "panels": plotting.distribution(rows, "stop_gap_m", "seed", facet="delay"),
+        "laws": plotting.stopping_distance(rows, by="delay"),
         "boundary": plotting.boundary(searched(folder / "b", {"along": "pace", "criterion": "collision"}, BOUNDARY)),
         "worst": plotting.boundary(searched(folder / "w", worst, worst | {"search": "worst", "worst": None})),
         "latency": plotting.latency_over_time(live),
@@ -231,7 +235,7 @@ def drawn(text: Text, figure: Figure) -> bool:
 
 
 PLOTS = ("overview", "safety", "approach", "gaps", "stops", "map", "shares", "distribution", "boundary", "worst")
-PLOTS += ("latency", "comparison", "cliff")
+PLOTS += ("latency", "comparison", "cliff", "response", "panels", "laws")
 
 
 @pytest.mark.parametrize("name", PLOTS)
@@ -329,7 +333,10 @@ def test_a_heat_map_holds_the_means_and_misses_what_is_missing() -> None:
     (mesh,) = [one for one in figure.axes[0].collections if one.get_array() is not None]
     wanted = rows.pivot_table(index="b", columns="a", values="gap_m").to_numpy()
     assert np.asarray(mesh.get_array().filled(np.nan)) == pytest.approx(wanted, nan_ok=True)
-    assert [text.get_text() for text in figure.axes[0].texts] == ["2", "7", "5"]
+    # Beneath each mean how many runs it is of; there is one that lacks the figure.
+    assert [text.get_text() for text in figure.axes[0].texts] == ["2", "n = 2", "7", "n = 1", "5", "1 of 2"]
+    hatched = [patch.get_xy() for patch in figure.axes[0].patches if patch.get_hatch() == "..."]
+    assert hatched == [(0.5, 0.5)]
     assert mesh.cmap.name == "cividis"
     assert [text.get_text() for text in figure.axes[0].get_xticklabels()] == ["1", "2", "3"]
 
@@ -355,11 +362,112 @@ def test_a_drawn_parameter_is_cut_into_portions(figures: dict[str, Figure]) -> N
 
 def test_a_distribution_rises_by_the_share_of_the_runs(figures: dict[str, Figure]) -> None:
     rows = rows_of(300)
-    part = np.sort(rows[rows["delay"] == 0.1]["stop_gap_m"].dropna())
-    x, share = lines(figures["distribution"], "delay 0.1 s")[0]
+    every = rows[rows["delay"] == 0.1]
+    part = np.sort(every["stop_gap_m"].dropna())
+    x, share = labelled(figures["distribution"], f"^delay 0.1 s \\({len(part)} of {len(every)} runs")
     assert x[1:] == pytest.approx(part)
-    assert share[1:] == pytest.approx(100.0 * np.arange(1, len(part) + 1) / len(part))
+    assert share[1:] == pytest.approx(100.0 * np.arange(1, len(part) + 1) / len(every))  # it ends below 100 %
     assert lines(figures["distribution"], "limit")[0][0].tolist() == [0.5, 0.5]
+
+
+def survivors() -> pd.DataFrame:
+    """Ten runs of each of two controllers; those of the second drive through the obstacle above 12 m/s."""
+    speed = np.tile(np.arange(5.0, 15.0), 2)
+    second = np.arange(20) >= 10
+    hit = second & (speed > 12.0)
+    gap = np.where(hit, np.nan, np.where(second, 15.0 - speed, 30.0 - speed))
+    demand = np.where(second, 2.0, 3.0)
+    frame = {"ego.speed_mps": speed, "controller.name": np.where(second, "two", "one"), "fault": "", "collision": hit}
+    frame |= {"stop_gap_m": gap, "passed": ~hit, "weather": np.where(speed > 9.0, "wet", "dry")}
+    frame |= {"stop_onset_speed_mps": speed, "stop_demand_mps2": demand, "stop_reaction_s": 0.0}
+    frame |= {"stop_distance_m": speed**2 / 2.0 / demand, "stop_bound_m": speed**2 / 2.0 / demand}
+    return pd.DataFrame(frame)
+
+
+def test_a_distribution_counts_who_drove_through_as_below_zero() -> None:
+    figure = plotting.distribution(survivors(), "stop_gap_m", "controller.name")
+    x, share = labelled(figure, r"^two \(8 of 10 runs, 2 collided\)")
+    assert x.tolist() == [0.0, 0.0, *range(3, 11)]
+    assert share.tolist() == [0.0, *range(20, 110, 10)]
+    assert labelled(figure, r"^one \(10 runs\)")[1][-1] == 100.0
+
+
+def test_a_median_over_all_runs_counts_who_drove_through_and_ends_where_half_did() -> None:
+    rows = survivors()
+    rows["step"] = np.floor(rows["ego.speed_mps"] / 3.0)  # 5; 6, 7, 8; 9, 10, 11; 12, 13, 14
+    figure = plotting.response(rows, "step", "stop_gap_m")
+    x, middle = labelled(figure, r"^two: 8 of 10 runs")
+    assert x.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert middle == pytest.approx([10.0, 8.0, 5.0, math.nan], nan_ok=True)
+    assert labelled(figure, r"^two: collided \(2\)")[0].tolist() == [4.0]
+    _x, share = labelled(plotting.response(rows, "step", "passed", facet="controller.name"), r"^10 runs")
+    assert share.tolist() == [100.0] * 4
+    with pytest.raises(ConfigError, match="expected a column of numbers, got 'weather'"):
+        plotting.response(rows, "weather", "stop_gap_m")
+
+
+def test_a_stopping_law_is_that_of_one_controller() -> None:
+    figure = plotting.stopping_distance(survivors())
+    for word, demand in (("one", 3.0), ("two", 2.0)):
+        v, law = labelled(figure, f"^{word}: τ = 0 ms, a = {demand:.2f}")
+        assert law == pytest.approx(v * v / 2.0 / demand)
+    beside = plotting.stopping_distance(survivors(), facet="controller.name")
+    assert len(beside.axes) == 4
+    assert labelled(beside, "τ = 0 ms, a = 2.00").size  # each in a panel of its own
+
+
+def test_gaps_of_controllers_have_looks_of_their_own_and_marks_of_their_own() -> None:
+    figure = plotting.gap_against_speed(survivors())
+    assert labelled(figure, r"^one: gap at rest \(10 runs\)")[1].tolist() == list(range(25, 15, -1))
+    assert labelled(figure, r"^two: collision, no gap at rest \(2 runs\)")[0].tolist() == [13.0, 14.0]
+
+
+def test_panels_hold_the_rows_of_their_value_on_the_same_axes_and_colours() -> None:
+    figure = plotting.heat_map(survivors(), "ego.speed_mps", "weather", "stop_gap_m", by="controller.name")
+    meshes = [one for axes in figure.axes[:2] for one in axes.collections if one.get_array() is not None]
+    assert [axes.get_title("left") for axes in figure.axes[:2]] == ["one", "two"]
+    assert meshes[0].get_clim() == meshes[1].get_clim() == (3.0, 25.0)
+    assert meshes[1].get_array().compressed().tolist() == list(map(float, range(10, 2, -1)))
+    # Text has neither unit nor number.
+    assert figure.axes[0].get_ylabel() == "weather"
+    both = plotting.heat_map(survivors(), "ego.speed_mps", "fault", "passed", by="controller.name", facet="weather")
+    assert [axes.get_title("left").replace("\n", " ") for axes in both.axes[:4]] == [
+        "dry, one",
+        "dry, two",
+        "wet, one",
+        "wet, two",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("by", "most"), [("ego.speed_mps", 3), ("ego.speed_mps", 20), ("controller.name", 6), (None, 6)]
+)
+def test_parts_hold_every_run_once(by: str | None, most: int) -> None:
+    found = parts.parts_of(survivors(), by, most)
+    assert len(found) <= most
+    assert sum(part.which.astype(int) for part in found).tolist() == [1] * 20  # type: ignore[union-attr]
+
+
+def test_rarer_texts_are_taken_together_and_missing_ones_apart() -> None:
+    rows = pd.DataFrame({"kind": ["a", "b", "b", "c", "c", "c", "d", None]})
+    found = {part.word: np.flatnonzero(part.which).tolist() for part in parts.parts_of(rows, "kind", 4)}
+    assert found == {"c": [3, 4, 5], "b": [1, 2], "2 other values of kind": [0, 6], "without kind": [7]}
+
+
+@pytest.mark.parametrize(
+    "plot",
+    [
+        lambda rows: plotting.heat_map(rows, "nix", "weather", "passed"),
+        lambda rows: plotting.distribution(rows, "nix"),
+        lambda rows: plotting.distribution(rows, "passed", "nix"),
+        lambda rows: plotting.response(rows, "nix", "passed"),
+        lambda rows: plotting.gap_against_speed(rows, by="nix"),
+        lambda rows: plotting.stopping_distance(rows, facet="nix"),
+    ],
+)
+def test_an_unknown_column_is_one_line(plot: Callable[[pd.DataFrame], Figure]) -> None:
+    with pytest.raises(ConfigError, match=r"^the rows have no column 'nix'; there are ego\.speed_mps, controller"):
+        plot(survivors())
 
 
 def test_a_boundary_shows_every_run_and_where_it_flips(figures: dict[str, Figure]) -> None:
@@ -453,6 +561,9 @@ def test_poor_rows_make_a_plot_that_says_so(poor: str) -> None:
         plotting.stopping_distance(rows),
         plotting.heat_map(rows, "ego.speed_mps", "delay", "passed"),
         plotting.distribution(rows, "stop_gap_m", "delay"),
+        plotting.response(rows, "delay", "stop_gap_m", facet="seed"),
+        plotting.heat_map(rows, "seed", "delay", "stop_gap_m", by="seed", facet="delay"),
+        plotting.stopping_distance(rows, by="delay", facet="seed"),
     ):
         just_draw(figure)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from vve_sumo.analysis.braking import Comfort, Stop, comfort, stop_of
 from vve_sumo.analysis.comparison import Comparison, compare
 from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.effects import variance_explained
 from vve_sumo.analysis.latency import latency_breakdown, legs_over_time
 from vve_sumo.analysis.latency_margin import LatencyMargin, latency_margin_of
 from vve_sumo.analysis.load import load
@@ -37,5 +38,6 @@ __all__ = [
     "stop_of",
     "stopping_bound_check",
     "stopping_bound_checks",
+    "variance_explained",
     "zone_times",
 ]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vve_sumo.analysis import dataset, run
+from vve_sumo.analysis.effects import chosen_axes
 from vve_sumo.analysis.load import open_folder
 from vve_sumo.metrics.key_figures import key_figures
 from vve_sumo.metrics.metric import unit_of
@@ -94,19 +95,35 @@ class Sweep(dataset.Sweep):
 
         return export(self, form, out)
 
-    def plot(self, figure: str = "stop_gap_m", x: str | None = None, y: str | None = None) -> Figure:
-        """Draw the mean of a figure over two parameters: `x` and `y`, or the first two with several values.
+    def plot(
+        self,
+        figure: str = "stop_gap_m",
+        x: str | None = None,
+        y: str | None = None,
+        *,
+        by: str | None = None,
+        facet: str | None = None,
+    ) -> Figure:
+        """Draw the mean of a figure over two parameters: `x` and `y`, or the two that explain most of its variance.
 
-        Where there are fewer, it is the figure's distribution, for each value of the parameter.
+        Only numbers become axes that are not asked for. Of one, the figure is drawn over it; of none, its distribution.
+        `by` and `facet` are parameters whose values have lines or panels of their own; the controller where there are
+        several and nothing else is said, or another text that was varied.
         """
-        from vve_sumo.plotting import distribution, heat_map
+        from vve_sumo.plotting import distribution, heat_map, response
 
-        varied = self.rows(self.parameters)
-        others = iter(name for name in self.parameters if name not in (x, y) and varied[name].nunique() > 1)
-        x = x or next(others, None)
-        y = y or next(others, None)
-        rows = self.rows([name for name in dict.fromkeys((x, y, figure)) if name is not None])
-        return distribution(rows, figure, x) if x is None or y is None else heat_map(rows, x, y, figure)
+        asked = [name for name in (x, y, by, facet) if name is not None]
+        rows = self.rows(list(dict.fromkeys([*self.parameters, "seed", "collision", figure, *asked])))
+        chosen = chosen_axes(rows, figure, [name for name in self.parameters if name not in asked])
+        first, second = (name for name in [*(one for one in chosen[:2] if one), None, None][:2])
+        y = y or (first if x else second)
+        x = x or first
+        by = by or (chosen.by if chosen.by not in (x, y, facet) else None)
+        if x is None:
+            return distribution(rows, figure, by, facet=facet)
+        if y is None:
+            return response(rows, x, figure, by=by, facet=facet)
+        return heat_map(rows, x, y, figure, by=by, facet=facet)
 
     def __repr__(self) -> str:
         return f"<Sweep {self.title} in {self.folder}: {self._counts}>"

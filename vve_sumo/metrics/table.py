@@ -80,10 +80,11 @@ _WORDS = {
 def label_of(name: str) -> str:
     """Return what a column is called, without its unit; of one that is no metric, the words of its name.
 
-    `min_ttc_s` is "minimum TTC", the parameter `ego.speed_mps` "ego speed".
+    `min_ttc_s` is "minimum TTC", the parameter `ego.speed_mps` "ego speed", and `controller.name` "controller".
     """
     if name in METRICS:
         return METRICS[name].label
+    name = name.removesuffix(".name")
     last = [part for part in name.removesuffix(ending_of(name)).split(".") if not part.isdigit()][-2:]
     return " ".join(_WORDS.get(word, word) for part in last for word in part.split("_"))
 

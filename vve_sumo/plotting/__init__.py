@@ -7,6 +7,7 @@ from vve_sumo.plotting.drives import drive_overview, safety_over_time
 from vve_sumo.plotting.grids import distribution, heat_map
 from vve_sumo.plotting.latencies import latency_over_time
 from vve_sumo.plotting.latency_margins import latency_margin
+from vve_sumo.plotting.responses import response
 from vve_sumo.plotting.searches import boundary
 from vve_sumo.plotting.stops import gap_against_speed, stopping_distance
 from vve_sumo.plotting.style import save
@@ -20,6 +21,7 @@ __all__ = [
     "heat_map",
     "latency_margin",
     "latency_over_time",
+    "response",
     "safety_over_time",
     "save",
     "stopping_distance",

@@ -10,14 +10,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vve_sumo.errors import ConfigError
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
+def need(rows: pd.DataFrame, *columns: str) -> None:
+    """Raise ConfigError in one line unless the rows have these columns."""
+    missing = next((name for name in columns if name not in rows), None)
+    if missing is not None:
+        raise ConfigError(f"the rows have no column {missing!r}; there are {', '.join(map(str, rows.columns))}")
+
+
 def numbers(rows: pd.DataFrame, column: str) -> Floats:
-    """Return a column (n), NaN where a run has none; a truth value as 0 or 100 %."""
+    """Return a column (n), NaN where a run has none; a truth value as 0 or 100 %.
+
+    Raises ConfigError for a column that the rows do not have.
+    """
+    need(rows, column)
     if is_truth(rows, column):
         return np.select([holds(rows, column), holds(rows, column, False)], [100.0, 0.0], np.nan)
     values: Floats = rows[column].to_numpy(np.float64, na_value=np.nan)

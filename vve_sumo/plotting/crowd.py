@@ -36,13 +36,13 @@ class Bands(NamedTuple):
         return self.x, self.y[2]
 
 
-def portions(x: Floats) -> tuple[Floats, NDArray[np.intp]]:
-    """Return the x of every portion (n) and, for every point, the number of its portion."""
+def portions(x: Floats, most: int = PORTIONS) -> tuple[Floats, NDArray[np.intp]]:
+    """Return the x of every portion (n), `most` of them at most, and, for every point, the number of its portion."""
     values, number = np.unique(x, return_inverse=True)
-    if len(values) <= PORTIONS:
+    if len(values) <= most:
         return values, number
-    edges = np.linspace(values[0], values[-1], PORTIONS + 1)
-    number = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, PORTIONS - 1)
+    edges = np.linspace(values[0], values[-1], most + 1)
+    number = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, most - 1)
     return (edges[1:] + edges[:-1]) / 2.0, number
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from vve_sumo.analysis.effects import controller_of
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.stopping_bound import TOLERANCE, stopping_bound_checks
 from vve_sumo.laws import stopping_distance as closed_form
@@ -19,6 +20,7 @@ from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.columns import faults, holds, numbers, runs
 from vve_sumo.plotting.crowd import MAX_POINTS, bands, crowd, thinned
 from vve_sumo.plotting.page import INK, PAPER, QUIET, contact
+from vve_sumo.plotting.parts import Part, outer, panels, parts_of, tall
 from vve_sumo.plotting.style import BAD, FIRST, LIMIT, SECOND, blank, explain, finite, name, page, plain, widened
 from vve_sumo.values import Floats
 
@@ -31,18 +33,21 @@ SPEEDS: Final = ("ego.speed_mps", "stop_onset_speed_mps", "max_speed_mps")
 ARROWS: Final = (0.35, 0.7)
 #: the panel is so many times as high as the longest distance that is needed to stop, and at least so high [m]
 ENOUGH, LEAST = 4.0, 60.0
+#: pairs of panels of a figure at most
+MAX_PAIRS: Final = 2
 #: points of a curve
 STEPS: Final = 100
 
 
-def gap_against_speed(of: Run | pd.DataFrame) -> Figure:
+def gap_against_speed(of: Run | pd.DataFrame, *, by: str | None = None, facet: str | None = None) -> Figure:
     """Draw gap over speed.
 
     Of a drive: how it closed in on what was ahead, beside the distance that the car as declared needs to stop from each
     speed. Of rows, a run each: the gap at rest over the speed; runs that touched something are marked, and at the
-    edge those that have no gap.
+    edge those that have no gap. Of rows, `by` is a column whose values have looks of their own, the controller if not
+    said and there are several, and `facet` one whose values have a panel each.
     """
-    return _approach(of) if isinstance(of, Run) else _gaps_at_rest(of)
+    return _approach(of) if isinstance(of, Run) else _gaps_at_rest(of, by, facet)
 
 
 def _approach(run: Run) -> Figure:
@@ -111,29 +116,38 @@ def _ends(axes: Axes, run: Run, speed: Floats, gap: Floats) -> None:
         axes.plot(speed[touched], gap[touched], label="first contact", clip_on=False, zorder=6, **BAD)
 
 
-def _gaps_at_rest(rows: pd.DataFrame) -> Figure:
-    with page() as figure:
-        axes = figure.subplots()
-        plain(axes)
+def _gaps_at_rest(rows: pd.DataFrame, by: str | None, facet: str | None) -> Figure:
+    by = by or controller_of(rows, facet)
+    with page(height=tall(rows, facet, 4.2, 3.6)) as figure:
+        drawn = panels(figure, rows, facet)
         name(figure, f"Gap at rest over speed, {len(rows):,} runs")
         column = next((one for one in SPEEDS if one in rows and rows[one].notna().any()), None)
+        for axes, _panel in drawn:
+            plain(axes)
+            if column is None:
+                blank(axes, "no run has a speed")
         if column is None:
-            blank(axes, "no run has a speed")
             return figure
         speed, gap = numbers(rows, column), numbers(rows, "stop_gap_m")
-        crowd(axes, speed, np.where(holds(rows, "collision"), np.nan, gap), FIRST, "gap at rest")
-        axes.axhline(0.0, color=INK, linewidth=1.0)
-        _without(axes, rows, speed, gap)
+        stood = np.where(holds(rows, "collision"), np.nan, gap)
+        for axes, panel in drawn:
+            for place, part in enumerate(parts_of(rows, by)):
+                both = panel.which & part.which
+                crowd(axes, speed[both], stood[both], part.look, part.says("gap at rest"))
+                _without(axes, rows[both], speed[both], gap[both], part, place)
+            axes.axhline(0.0, color=INK, linewidth=1.0)
+            explain(axes, 2, panel.word)
         known = speed[np.isfinite(speed)]
-        axes.set(
-            xlabel=axis_of(column), ylabel=axis_of("stop_gap_m"), xlim=widened(float(known.min()), float(known.max()))
-        )
-        explain(axes, 2)
+        drawn[0][0].set_xlim(*widened(float(known.min()), float(known.max())))
+        outer(drawn, axis_of(column), axis_of("stop_gap_m"))
         return figure
 
 
-def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats) -> None:
-    """Mark runs with a collision, and along the edge those that have no gap: with a collision, a fault or no rest."""
+def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats, part: Part, place: int) -> None:
+    """Mark runs with a collision, and along the edge those that have no gap: with a collision, a fault or no rest.
+
+    The marks of each part of the rows stand in a line of their own, the number `place` from the edge.
+    """
     hit, fault = holds(rows, "collision"), faults(rows)
     gone, moving = hit & ~np.isfinite(gap), ~hit & ~fault & ~np.isfinite(gap)
     deep = hit & ~gone
@@ -141,7 +155,9 @@ def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats) -> None
         at, depth = speed[deep], gap[deep]
         if len(at) > MAX_POINTS:
             at, depth = bands(at[np.isfinite(at)], depth[np.isfinite(at)]).middle()
-        axes.plot(at, depth, label=f"collision ({runs(deep)})", zorder=4, clip_on=False, **BAD)
+        own = {"color": part.look.colour} if part.word else {}
+        word = part.says(f"collision ({runs(deep)})")
+        axes.plot(at, depth, label=word, zorder=4, clip_on=False, **BAD | own)
     across = axes.get_xaxis_transform()
     edge = (
         (gone, "x", "collision, no gap at rest"),
@@ -149,59 +165,79 @@ def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats) -> None
         (moving, "|", "no rest, or nothing ahead at rest"),
     )
     axes.margins(y=0.12)  # that no cross at the bottom hides them
+    colour = part.look.colour if part.word else QUIET
     for which, mark, word in edge:
         if which.any():
             x = thinned(speed[which])
-            style: dict[str, Any] = {"color": QUIET, "markersize": 6.0, "fillstyle": "none", "transform": across}
-            axes.plot(x, np.full(len(x), 0.025), mark, label=f"{word} ({runs(which)})", **style)
+            style: dict[str, Any] = {"color": colour, "markersize": 6.0, "fillstyle": "none", "transform": across}
+            height = np.full(len(x), 0.025 + 0.045 * place)
+            axes.plot(x, height, mark, label=part.says(f"{word} ({runs(which)})"), **style)
 
 
-def stopping_distance(rows: pd.DataFrame) -> Figure:
+def stopping_distance(rows: pd.DataFrame, *, by: str | None = None, facet: str | None = None) -> Figure:
     """Draw the distance from onset to rest over the onset's speed, and below how far it is from each run's own bound.
 
     The curve is v tau + v^2 / 2 a with the median demand a and the median reaction tau of the runs; the band goes from
     the 5th to the 95th percentile of the demand. The bound is the run's own: its speed and demand, the declared delay.
-    Runs that stopped beyond their bound are marked.
+    Runs that stopped beyond their bound are marked. `by` is a column whose values have curves and looks of their own,
+    the controller if not said and there are several, for a median over controllers is that of none; `facet` is a column
+    whose values have a pair of panels each.
     """
     columns = ("stop_onset_speed_mps", "stop_distance_m", "stop_bound_m", "stop_demand_mps2", "stop_reaction_s")
-    with page(height=5.6) as figure:
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1.0))
+    parts, beside = parts_of(rows, by or controller_of(rows, facet)), parts_of(rows, facet, MAX_PAIRS)
+    with page(height=5.6 + 0.3 * (len(parts) - 1) * len(beside)) as figure:
+        pairs = figure.subplots(2, len(beside), sharex=True, sharey="row", height_ratios=(1.7, 1.0), squeeze=False)
         speed, distance, bound, demand, reaction = (numbers(rows, one) for one in columns)
         known = finite(speed, distance, demand) & (demand > 0.0)
-        name(figure, f"Stopping distance: {known.sum():,} stops of {len(rows):,} runs")
-        for axes in (upper, lower):
+        curves = "; curves: v τ + v²/2a" if parts[0].word else ""
+        name(figure, f"Stopping distance: {known.sum():,} stops of {len(rows):,} runs{curves}")
+        for axes in pairs.ravel():
             plain(axes)
         if not known.any():
-            for axes in (upper, lower):
+            for axes in pairs.ravel():
                 blank(axes, "no run has a stop")
             return figure
         flagged = stopping_bound_checks(rows)["broken"].to_numpy(bool) & known
-        _law(upper, float(speed[known].max()), demand[known], reaction[known])
-        for axes, values in ((upper, distance), (lower, distance - bound)):
-            crowd(axes, np.where(known, speed, np.nan), values, FIRST, "stops")
-            if flagged.any():
-                axes.plot(speed[flagged], values[flagged], label=f"bound broken ({runs(flagged)})", **BAD)
-        lower.axhline(0.0, color=INK, linewidth=1.0)
-        lower.axhline(TOLERANCE, **LIMIT)
-        place: dict[str, Any] = {"xytext": (-4, 2), "textcoords": "offset points", "ha": "right", "va": "bottom"}
-        lower.annotate("broken above", (1.0, TOLERANCE), xycoords=("axes fraction", "data"), fontsize=9.5, **place)
-        lower.margins(y=0.15)
-        upper.set(ylabel="onset to rest [m]", xlim=(0.0, 1.05 * float(speed[known].max())), ylim=(0.0, None))
-        lower.set(xlabel=axis_of(columns[0]), ylabel="beyond own\nbound [m]")
-        explain(upper, 2)
+        fastest = float(speed[known].max())
+        for (upper, lower), panel in zip(pairs.T, beside, strict=True):
+            for part in parts:
+                both = known & panel.which & part.which
+                if both.any():
+                    _law(upper, fastest, demand[both], reaction[both], part)
+                for axes, values in ((upper, distance), (lower, distance - bound)):
+                    crowd(axes, np.where(both, speed, np.nan), values, part.look, part.says("stops"))
+            _broken(upper, lower, speed, distance, bound, flagged & panel.which)
+            explain(upper, 2, panel.word)
+        pairs[0, 0].set(ylabel="onset to rest [m]", xlim=(0.0, 1.05 * fastest), ylim=(0.0, None))
+        pairs[1, 0].set_ylabel("beyond own\nbound [m]")
+        for lower in pairs[1]:
+            lower.set_xlabel(axis_of(columns[0]))
         return figure
 
 
-def _law(axes: Axes, fastest: float, demand: Floats, reaction: Floats) -> None:
+def _broken(upper: Axes, lower: Axes, speed: Floats, distance: Floats, bound: Floats, flagged: Any) -> None:
+    """Mark the runs that stopped beyond their bound, and where that begins."""
+    for axes, values in ((upper, distance), (lower, distance - bound)):
+        if flagged.any():
+            axes.plot(speed[flagged], values[flagged], label=f"bound broken ({runs(flagged)})", **BAD)
+    lower.axhline(0.0, color=INK, linewidth=1.0)
+    lower.axhline(TOLERANCE, **LIMIT)
+    place: dict[str, Any] = {"xytext": (-4, 2), "textcoords": "offset points", "ha": "right", "va": "bottom"}
+    lower.annotate("broken above", (1.0, TOLERANCE), xycoords=("axes fraction", "data"), fontsize=9.5, **place)
+    lower.margins(y=0.15)
+
+
+def _law(axes: Axes, fastest: float, demand: Floats, reaction: Floats, part: Part) -> None:
     """Draw the closed form for the demands that there are."""
     speeds = np.linspace(0.0, 1.05 * fastest, STEPS)
     delay = float(np.nanmedian(reaction)) if np.isfinite(reaction).any() else 0.0
     hard, middle, soft = np.quantile(demand, (0.95, 0.5, 0.05))
-    word = f"v τ + v²/2a, τ = {1000.0 * delay:.0f} ms, a = {middle:.2f} m/s²"
-    axes.plot(
-        speeds, speeds * delay + speeds**2 / (2.0 * middle), color=SECOND.colour, linestyle=SECOND.stroke, label=word
-    )
+    look = part.look if part.word else SECOND
+    law = f"τ = {1000.0 * delay:.0f} ms, a = {middle:.2f} m/s²"
+    word = f"{part.word}: {law}" if part.word else f"v τ + v²/2a, {law}"
+    distance = speeds * delay + speeds**2 / (2.0 * middle)
+    axes.plot(speeds, distance, color=look.colour, linestyle=look.stroke, label=word)
     if hard > 1.01 * soft:
         low, high = (speeds * delay + speeds**2 / (2.0 * one) for one in (hard, soft))
-        word = f"a = {soft:.2f} to {hard:.2f} m/s²"
-        axes.fill_between(speeds, low, high, color=SECOND.colour, alpha=0.15, linewidth=0.0, label=word)
+        word = "_its band" if part.word else f"a = {soft:.2f} to {hard:.2f} m/s²"
+        axes.fill_between(speeds, low, high, color=look.colour, alpha=0.15, linewidth=0.0, label=word)

@@ -111,11 +111,20 @@ def plain(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
+def _panels(axes: Axes) -> int:
+    """Return how many panels stand side by side with these axes."""
+    spec = axes.get_subplotspec()
+    return 1 if spec is None else spec.get_gridspec().ncols
+
+
+def _room(axes: Axes) -> float:
+    """Return the width of axes [inch]."""
+    return axes.figure.bbox.width / axes.figure.dpi / _panels(axes) - BESIDE
+
+
 def _columns(axes: Axes, words: Sequence[str], most: int) -> int:
     """Return how many columns a legend over axes has room for."""
-    spec = axes.get_subplotspec()
-    beside = 1 if spec is None else spec.get_gridspec().ncols
-    room = axes.figure.bbox.width / axes.figure.dpi / beside - BESIDE
+    room = _room(axes)
     for columns in range(most, 1, -1):
         parts = np.array_split([len(word) for word in words], columns)
         if sum(ENTRY + LETTER * part.max(initial=0) for part in parts) <= room:
@@ -123,18 +132,23 @@ def _columns(axes: Axes, words: Sequence[str], most: int) -> int:
     return 1
 
 
-def explain(axes: Axes, most: int = IN_A_LINE) -> None:
+def explain(axes: Axes, most: int = IN_A_LINE, title: str = "") -> None:
     """Put a legend over axes, where nothing is drawn; of things with one name the first stands for all.
 
-    It has so many entries in a line at most.
+    It has so many entries in a line at most, and a title where one is given, as a panel's.
     """
     named = {word: mark for mark, word in reversed([*zip(*axes.get_legend_handles_labels(), strict=True)])}
-    if named:
+    if named or title:
         words = [*named][::-1]
+        # Beside other panels, what is too long for one takes a line more.
+        letters = int((_room(axes) - ENTRY + BESIDE / 2.0) / LETTER) if _panels(axes) > 1 else 1000
         place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
         space: dict[str, Any] = {"columnspacing": 1.2, "handlelength": 2.3, "handletextpad": 0.5}
         columns = _columns(axes, words, most)
-        axes.legend([named[word] for word in words], words, ncols=columns, **place, **space)
+        if title:
+            space |= {"title": title, "alignment": "left", "title_fontproperties": {"weight": "bold", "size": 10.5}}
+        lines = [textwrap.fill(word, letters) for word in words]
+        axes.legend([named[word] for word in words], lines, ncols=columns, **place, **space)
 
 
 def blank(axes: Axes, why: str) -> None:

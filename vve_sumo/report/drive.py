@@ -85,7 +85,6 @@ def _settings(run: Run, figures: Figures) -> dict[str, object]:
         "every_setting": settings.every_setting(scenario),
         "parameters": settings.parameters(scenario),
         "criteria": settings.criteria(scenario.get("criteria") or {}, figures, judged),
-        "failed": [str(line) for line in figures.get("failed") or ()],
     }
 
 

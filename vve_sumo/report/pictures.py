@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.effects import chosen_axes
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.table import label_of
 from vve_sumo.report.picture import Picture, picture_of
@@ -48,8 +49,8 @@ BOUNDARY = "Every run of the search where it was driven, whether it met the crit
 WORST = "The figure of every run in the order of the search with the worst so far, and the parameters of every run."
 #: of a map
 LACKING = (
-    "Runs without that figure, such as the gap of a run that drove through the obstacle, are in no mean; a cell "
-    "without other runs is hatched."
+    "Runs without that figure, such as the gap of a run that drove through the obstacle, are in no mean: a cell says "
+    "how many of its runs have the figure, and is dotted where some lack it and hatched where all do."
 )
 
 
@@ -102,20 +103,22 @@ def _search(sweep: Sweep) -> Iterator[Picture]:
 
 
 def _maps(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[Picture]:
-    """Heat maps over the first two parameters that were varied, where there are two."""
+    """Heat maps over the two numbers that explain most of a figure, where there are two; a panel each controller."""
     from vve_sumo import plotting
 
-    varied = [name for name in sweep.parameters if rows[name].nunique() > 1]
-    if len(varied) < 2:
-        return
-    x, y, *others = varied
-    over = f" Every cell holds the runs of all values of {', '.join(others)}." if others else ""
     for figure in ("passed", *figures[:2]):
         if not rows[figure].notna().any():
             continue
+        x, y, by = chosen_axes(rows, figure, sweep.parameters)
+        if x is None or y is None:
+            continue
+        others = [name for name in sweep.parameters if name not in (x, y, by) and rows[name].nunique() > 1]
+        over = f" Every cell holds the runs of all values of {', '.join(others)}." if others else ""
+        over += f" Each value of {by} has a panel." if by else ""
         what = "share of runs that passed" if figure == "passed" else f"mean {label_of(figure)}"
         caption = f"The {what} over {x} to the right and {y} upwards.{over} {LACKING}"
-        yield picture_of(plotting.heat_map(rows, x, y, figure), f"map_{figure}", f"{what} over {x} and {y}", caption)
+        picture = plotting.heat_map(rows, x, y, figure, by=by)
+        yield picture_of(picture, f"map_{figure}", f"{what} over {x} and {y}", caption)
 
 
 def _distribution(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[Picture]:
@@ -125,11 +128,15 @@ def _distribution(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> I
     figure = next((name for name in figures if rows[name].notna().any()), None)
     if figure is None:
         return
-    by = next((name for name in sweep.parameters if rows[name].nunique() > 1), None)
+    x, _y, text = chosen_axes(rows, figure, sweep.parameters)
+    by = text or x
     what = f"distribution of {label_of(figure)}"
-    apart = f", one line for each of some values of {by}" if by else ""
+    apart = f", one line for each value of {by}, or each part of its range" if by else ""
     band = _band(sweep, figure)
-    caption = f"The share of the runs that have at most the {label_of(figure)} to the right{apart}."
+    caption = (
+        f"The share of all runs that have at most the {label_of(figure)} to the right{apart}. A curve ends at the "
+    )
+    caption += "share of the runs that have it; runs that collided have no positive gap at rest and count as 0 of it."
     caption += " The shaded part does not pass." if band else ""
     yield picture_of(plotting.distribution(rows, figure, by, band), f"distribution_{figure}", what, caption)
 

@@ -33,7 +33,9 @@ def report(sweep: Sweep) -> Report:
     """Return the report of a sweep, finished or not."""
     rows = runs.read(sweep)
     counted, margin = runs.counts(sweep, rows), study.study_of(sweep)
-    plots = (*([study.picture(margin)] if margin else []), *pictures.of_sweep(sweep, rows, _figures(sweep)))
+    drawn = (*([study.picture(margin)] if margin else []), *pictures.of_sweep(sweep, rows, _figures(sweep)))
+    # Where all runs are alike in it, the map of the share that passed says nothing that the verdict does not.
+    plots = sorted(drawn, key=lambda one: one.name == "map_passed" and rows["passed"].nunique() < 2)
     return Report(
         template="sweep.html.j2",
         kind="Report of a study" if margin else ("Report of a search" if _search(sweep) else "Report of a sweep"),
