@@ -2,8 +2,8 @@
 
 `python -m benchmarks.stopping_bound FOLDER [--nominal N] [--planted N] [--processes N]`: 1,000 nominal drives and 20 of
 each fault take about an hour of one processor. What FOLDER has already is not driven again, so a run that was killed
-goes on. Every drive is drawn from its own number: scenario, speed, controller, tuning, seed, and for half of the nominal
-ones an error of mass, brake gain and grade that a sound car may have. Prints; changes nothing but FOLDER.
+goes on. Every drive is drawn from its own number: scenario, speed, controller, tuning, seed, and for half of the
+nominal ones an error of mass, brake gain and grade that a sound car may have. Prints; changes nothing but FOLDER.
 """
 
 from __future__ import annotations
