@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from tests.metrics.tables import actors_of, drive_of, ticks_of
 from tests.metrics.test_stopping import PERIOD, Columns, find, found, joined, steady
-from vve_sumo.metrics.approach import HUNTING, REVERSED, approach_of, brakings, sign_changes
+from vve_sumo.metrics.approach import HUNTING, approach_of, brakings
 from vve_sumo.metrics.per_drive import PER_DRIVE
-from vve_sumo.metrics.stopping import MIN_RELEASE_TIME, braking_episodes
+from vve_sumo.metrics.stopping import MIN_RELEASE_TIME, REVERSED, braking_episodes, sign_changes
 
 CRUISE = 1.0  #: before and after each made course [s]
 

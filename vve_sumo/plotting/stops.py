@@ -183,8 +183,8 @@ def stopping_distance(rows: pd.DataFrame, *, by: str | None = None, facet: str |
     the 5th to the 95th percentile of the demand. The bound is the run's own: its speed and demand, the declared delay.
     Runs that stopped beyond their bound and tolerance are marked. Runs that hunted on their approach are marked apart,
     and are left out of the curve and of the lower panel: neither is of anything but a single braking. `by` is a column
-    whose values have curves and looks of their own, the controller if not said and there are several, for a median over controllers is that of none; `facet` is a column
-    whose values have a pair of panels each.
+    whose values have curves and looks of their own, the controller if not said and there are several, for a median over
+    controllers is that of none; `facet` is a column whose values have a pair of panels each.
     """
     columns = ("stop_onset_speed_mps", "stop_distance_m", "stop_bound_m", "stop_demand_mps2", "stop_reaction_s")
     parts, beside = parts_of(rows, by or controller_of(rows, facet)), parts_of(rows, facet, MAX_PAIRS)
