@@ -32,7 +32,7 @@ class BrakeAt:
     """Follows the path at the desired speed; brakes once."""
 
     def __init__(self, vehicle: Vehicle, tuning: dict[str, float]) -> None:
-        preview = PreviewTuning()
+        self.preview_tuning = preview = PreviewTuning()  # for the gain design
         self._trigger, self._deceleration = tuning["trigger_m"], tuning["deceleration_m_s2"]
         self._steering_limit = vehicle.steering_limit
         self._answer = vehicle.brake_delay + vehicle.brake_lag + PERIOD

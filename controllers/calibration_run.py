@@ -148,7 +148,7 @@ class CalibrationRun:
     """Goes through the plan; the path is followed as everywhere, steering manoeuvres come on top."""
 
     def __init__(self, vehicle: Vehicle, tuning: dict[str, float]) -> None:
-        preview = PreviewTuning()
+        self.preview_tuning = preview = PreviewTuning()  # for the gain design
         self._vehicle, self._tuning = vehicle, tuning
         self._phases: tuple[Phase, ...] | None = None
         self._steering_limit = vehicle.steering_limit

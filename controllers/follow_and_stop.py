@@ -5,6 +5,7 @@ It composes the other files of this folder; the tuning keys are below, with thei
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 from vve_sumo.controller import Tuning, settle
@@ -65,11 +66,29 @@ class SteeringLaw(Protocol):
         ...
 
 
+class CarFollowing(Protocol):
+    """What all car-following laws have in common."""
+
+    def acceleration(self, speed: float, desired: float, gap: float, lead_speed: float) -> float:
+        """Return the acceleration [m/s2]; infinite where the law sets no limit.
+
+        `speed` and the `desired` speed of the own car [m/s]; `gap` from the front bumper to the target [m], infinite
+        for none; `lead_speed` of the target along the path [m/s].
+        """
+        ...
+
+
 class FollowAndStop:
     """One step: station, deviation, steering; target, goals, acceleration."""
 
-    def __init__(self, vehicle: Vehicle, law: SteeringLaw, tuning: dict[str, float]) -> None:
+    def __init__(
+        self, vehicle: Vehicle, law: SteeringLaw, tuning: dict[str, float], following: CarFollowing | None = None
+    ) -> None:
+        """`following` decides what is done behind a target; without it, the target is approached as a goal."""
+        self._following = following
         self._law, self._steering_limit = law, vehicle.steering_limit
+        #: for the gain design; None where it steers by another law
+        self.preview_tuning = law.tuning if isinstance(law, PreviewSteering) else None
         self._lateral = tuning["lateral_acceleration_m_s2"]
         self._observer = DeviationObserver(vehicle)
         self._trim = SteeringTrim(
@@ -125,6 +144,9 @@ class FollowAndStop:
         for note, goal in goals.items():
             if goal is not NOWHERE:
                 candidates[note] = self._approach.acceleration(goal, speed, measured)
+        if self._following is not None:
+            gap, lead_speed = (math.inf, 0.0) if target is None else (target.gap, max(target.speed, 0.0))
+            candidates["target"] = self._following.acceleration(speed, observation.desired_speed, gap, lead_speed)
         note = min(candidates, key=candidates.__getitem__)
         self._cruising = note == "cruise"
         nearest = min(goals.values())

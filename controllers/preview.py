@@ -46,11 +46,11 @@ class PreviewSteering:
     """PD on the previewed deviation, the bend's own angle fed forward."""
 
     def __init__(self, vehicle: Vehicle, tuning: PreviewTuning) -> None:
-        self._vehicle, self._tuning = vehicle, tuning
+        self._vehicle, self.tuning = vehicle, tuning
 
     def steer(self, deviation: Deviation, observation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
-        look_ahead, proportional, derivative = self._tuning.at(self._vehicle, deviation.speed)
+        look_ahead, proportional, derivative = self.tuning.at(self._vehicle, deviation.speed)
         sine = math.sin(deviation.heading_error)
         previewed = deviation.offset + look_ahead * sine
         rate = deviation.speed * sine + look_ahead * deviation.yaw_rate_error

@@ -30,7 +30,7 @@ ONE_THREAD = {
     "MKL_NUM_THREADS": "1",
     "JE_ARROW_MALLOC_CONF": "background_thread:false",
 }
-WARM = ("vve_sumo.cli", "vve_sumo.drive.run", "libsumo", "pandas", "pytest")
+WARM = ("vve_sumo.cli.dispatch", "vve_sumo.drive.run", "libsumo", "pandas", "pytest")
 
 
 class IsolatedError(AssertionError):

@@ -35,6 +35,7 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
+from vve_sumo.sweep.controllers import VariedController
 from vve_sumo.sweep.spec import Boundary, Spec, Worst, parse_spec
 from vve_sumo.values import TickRow
 from vve_sumo.vehicle import arming, diagram
@@ -135,6 +136,7 @@ GENERATED = {
     ("rigs.md", "keys"): _rig_keys,
     ("rigs.md", "receivers"): _receivers,
     ("sweeps.md", "keys"): lambda: keys(Spec),
+    ("sweeps.md", "controllers keys"): lambda: keys(VariedController, "controllers[]."),
     ("sweeps.md", "boundary keys"): lambda: keys(Boundary, "search."),
     ("sweeps.md", "worst keys"): lambda: keys(Worst, "search."),
     ("vehicle.md", "keys"): lambda: keys(VehicleFile),
@@ -189,8 +191,9 @@ def _held(table: Any, place: str) -> Any:
 def test_the_sweeps_in_the_documentation_are_some() -> None:
     text = (DOCS / "sweeps.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    grid, *searches = (parse_spec(tomllib.loads(block), DOCS / "sweeps.md") for block in blocks)
+    grid, compared, *searches = (parse_spec(tomllib.loads(block), DOCS / "sweeps.md") for block in blocks)
     assert list(grid.parameters) == ["ego.speed_mps", "ego.car.gnss_delay_s"]
+    assert [one.count for one in compared.controllers] == [2, 1]
     assert [type(one.search) for one in searches] == [Boundary, Worst]
 
 

@@ -15,7 +15,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.ports import Origin, Port, error_text
 from vve_sumo.values import ControlCommand, Observation, Vehicle
 
-PORT: Final = Port("controller", "vve_sumo.controllers", "(vehicle, tuning)")
+PORT: Final = Port("controller", "vve_sumo.controllers", "(vehicle, tuning)", library="vve_sumo.controllers")
 
 TuningValue = float | str | bool
 Tuning = Mapping[str, TuningValue]

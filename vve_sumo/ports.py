@@ -11,7 +11,7 @@ import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
@@ -25,6 +25,8 @@ Make = Callable[..., Any]
 
 #: prefix of the name of the package that a part's folder becomes; a hash of folder and file follows
 PACKAGE = "vve_sumo_workspace_"
+#: prefix of the names of modules that are no part's own: those of a library of shipped parts
+OWN = "vve_sumo."
 #: number of characters of a name that a message repeats, where the name cannot be looked up
 LONGEST = 80
 
@@ -39,6 +41,9 @@ class Origin(NamedTuple):
     def file(self, module: str) -> Folder | None:
         """Return the file that an import of one of the part's modules would run; None where there is none."""
         importlib.invalidate_caches()
+        if module.startswith(OWN):
+            spec = importlib.util.find_spec(module)
+            return Folder(spec.origin) if spec is not None and spec.origin else None
         places, found = [str(self.root)], None
         for part in module.split("."):
             # With a slash in the name the finder would search outside the root.
@@ -57,6 +62,7 @@ class Port:
     group: str  #: group of entry points
     arguments: str  #: arguments of `make`, for messages
     shipped: Mapping[str, str] = field(default_factory=dict)  #: from the names of shipped parts to their modules
+    library: str = ""  #: package of shipped parts that the code of others may import; empty for none
 
     def find(self, name: str, search: Sequence[Folder] = ()) -> Make:
         """Return the function that makes the part of a name; a file is read again at every call."""
@@ -115,8 +121,9 @@ class Port:
     def sources(self, name: str, search: Sequence[Folder] = ()) -> dict[str, Folder]:
         """Return the code files of a part that was just found, by the names of their modules.
 
-        For a part from a file these are the file and the neighbours that it imported; for an entry point every file of
-        its outermost package. Empty for a shipped part, and where the code lies in no file.
+        For a part from a file these are the file, the neighbours that it imported, and what both took of the `library`,
+        by its full name; for an entry point every file of its outermost package. Empty for a shipped part, and where
+        the code lies in no file.
         """
         try:
             place = self.origin(name, search)
@@ -128,8 +135,21 @@ class Port:
         modules = {
             key.removeprefix(f"{package}."): sys.modules[key] for key in sys.modules if key.startswith(f"{package}.")
         }
+        modules |= self._of_library(modules.values())
         files = {module: getattr(modules[module], "__file__", None) for module in sorted(modules)}
         return {module: Folder(file) for module, file in files.items() if file}
+
+    def _of_library(self, users: Iterable[ModuleType]) -> dict[str, ModuleType]:
+        """Return the modules of the library that modules took names from, and those that these took names from."""
+        found: dict[str, ModuleType] = {}
+        left = list(users) if self.library else []
+        while left:
+            for value in list(vars(left.pop()).values()):
+                name = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
+                if isinstance(name, str) and name.startswith(f"{self.library}.") and name not in found:
+                    found[name] = sys.modules[name]
+                    left.append(found[name])
+        return found
 
     def _installed(self, name: str, module: str) -> Origin:
         """Return where an entry point's module lies; only its outermost package is looked up, which runs no code."""

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from tests import vehicles
 from tests.record.declared import LIVE_TABLES, RESOLVED, TABLES
-from vve_sumo.drive.resolved_scenario import LAYOUT
+from vve_sumo.record.layout import LAYOUT
 from vve_sumo.record.summary import write_summary
 from vve_sumo.values import TickRow
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.controllers.street import FUSION, Obstacle, drive
+from tests.controllers.test_car_following import steady_gap
 from tests.drive.street import drive_once
 from tests.isolated import isolated
 from vve_sumo.controller import load
@@ -28,7 +29,7 @@ def told(page, pattern):
 @pytest.fixture
 def example(page, tmp_path):
     """The page's controller, saved as it stands there."""
-    (text,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    text, _of_parts = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     said = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     assert len(said) <= 30
     file = tmp_path / "mine.py"
@@ -46,6 +47,16 @@ def test_the_example_passes_the_shipped_scenario(page, example):
         assert least <= summary["stop_gap_m"] <= most
         assert summary["max_lateral_deviation_m"] <= within
         assert summary["failed"] == []
+
+
+def test_the_example_made_of_shipped_parts_keeps_its_gap(page, tmp_path, monkeypatch):
+    """In a folder of its own, where no `controllers/` lies; the gap in equilibrium is the law's closed form."""
+    _first, text = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    assert sum(bool(line.strip()) for line in text.splitlines()) <= 20
+    (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    gap, speed = steady_gap("mine.py:make", {}, 6.0)
+    assert gap == pytest.approx(5.0 + 0.15 * speed**2, abs=0.3)
 
 
 @pytest.mark.slow

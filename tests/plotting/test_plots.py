@@ -24,6 +24,7 @@ from vve_sumo import plotting
 from vve_sumo.analysis import latency_margin as study
 from vve_sumo.analysis.comparison import compare
 from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.paired import compare_rows
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive import latency_monitor
 from vve_sumo.errors import ConfigError
@@ -185,6 +186,8 @@ def figures(run: Run, live: Run, tmp_path_factory: pytest.TempPathFactory) -> di
     return {
         "overview": plotting.drive_overview(run),
         "safety": plotting.safety_over_time(run),
+        "string": plotting.string_stability(run),
+        "headways": plotting.headways(run),
         "approach": plotting.gap_against_speed(run),
         "gaps": plotting.gap_against_speed(rows),
         "stops": plotting.stopping_distance(rows),
@@ -194,6 +197,7 @@ def figures(run: Run, live: Run, tmp_path_factory: pytest.TempPathFactory) -> di
         "response": plotting.response(rows, "ego.speed_mps", "stop_gap_m", by="delay"),
         "panels": plotting.distribution(rows, "stop_gap_m", "seed", facet="delay"),
         "laws": plotting.stopping_distance(rows, by="delay"),
+        "pairs": plotting.paired(compare_rows(rows, rows.assign(stop_gap_m=2.0), ["number"])),
         "boundary": plotting.boundary(searched(folder / "b", {"along": "pace", "criterion": "collision"}, BOUNDARY)),
         "worst": plotting.boundary(searched(folder / "w", worst, worst | {"search": "worst", "worst": None})),
         "latency": plotting.latency_over_time(live),
@@ -235,7 +239,7 @@ def drawn(text: Text, figure: Figure) -> bool:
 
 
 PLOTS = ("overview", "safety", "approach", "gaps", "stops", "map", "shares", "distribution", "boundary", "worst")
-PLOTS += ("latency", "comparison", "cliff", "response", "panels", "laws")
+PLOTS += ("latency", "comparison", "cliff", "response", "panels", "laws", "pairs")
 
 
 @pytest.mark.parametrize("name", PLOTS)
@@ -269,7 +273,9 @@ def test_safety_is_the_closed_form_over_time(figures: dict[str, Figure]) -> None
                            ("bumper to bumper", gap / v), ("front to front", (gap + 4.0) / v)):  # fmt: skip
         (drawn_line,) = lines(figure, word)
         assert drawn_line[0] == pytest.approx(TIME)
-        assert drawn_line[1][moving_then] == pytest.approx(expected, abs=1e-6), word
+        # What is more than 10 s away is no conflict.
+        known = gap / v < 9.99 if word in ("on the path", "DRAC") else v > 0.0
+        assert drawn_line[1][moving_then][known] == pytest.approx(expected[known], abs=1e-6), word
     assert lines(figure, "asked: at least 1 s")[0][1].tolist() == [1.0, 1.0]
     assert lines(figure, "asked: at most 4 m/s²")[0][1].tolist() == [4.0, 4.0]
     assert lines(figure, f"declared {CAR.deceleration_limit:g} m/s²")[0][1][0] == CAR.deceleration_limit
@@ -454,6 +460,16 @@ def test_rarer_texts_are_taken_together_and_missing_ones_apart() -> None:
     assert found == {"c": [3, 4, 5], "b": [1, 2], "2 other values of kind": [0, 6], "without kind": [7]}
 
 
+def test_pairs_are_drawn_one_over_the_other_with_their_differences() -> None:
+    one, two = (part.assign(seed=1) for _name, part in survivors().groupby("controller.name"))
+    figure = plotting.paired(compare_rows(one, two, ["ego.speed_mps"], "one", "two"))
+    assert labelled(figure, "^8 pairs")[:, :8].tolist() == [list(range(25, 17, -1)), list(range(10, 2, -1))]
+    assert labelled(figure, r"^two has none \(2\)").tolist() == [[17.0, 16.0], [0.0, 0.0]]
+    x, share = labelled(figure, "^median -15")
+    assert set(x) == {-15.0}
+    assert share[-1] == 80.0  # of ten pairs
+
+
 @pytest.mark.parametrize(
     "plot",
     [
@@ -588,7 +604,10 @@ def test_a_poor_record_makes_plots_that_say_so(poor: str, tmp_path: Path) -> Non
     if poor != "at rest":
         put(folder, "actors", [BOX | {"tick": row["tick"], "actor": "parked", "x_m": 12.0} for row in STILL])
     run = Run(folder)
-    per_run = plotting.drive_overview, plotting.safety_over_time, plotting.gap_against_speed, plotting.latency_over_time
+    per_run = (
+        plotting.drive_overview, plotting.safety_over_time, plotting.gap_against_speed, plotting.latency_over_time,
+        plotting.string_stability, plotting.headways,
+    )  # fmt: skip
     for plot in per_run:
         figure = plot(run)
         just_draw(figure)

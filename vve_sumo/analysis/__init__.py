@@ -10,9 +10,11 @@ from vve_sumo.analysis.latency import latency_breakdown, legs_over_time
 from vve_sumo.analysis.latency_margin import LatencyMargin, latency_margin_of
 from vve_sumo.analysis.load import load
 from vve_sumo.analysis.over_time import encroachment_of, exposure, over_time, zone_times
+from vve_sumo.analysis.paired import PairedComparison, compare_rows, compare_sweeps, compare_within
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import braked_for_nothing, radar_statistics
 from vve_sumo.analysis.stopping_bound import StoppingBoundCheck, stopping_bound_check, stopping_bound_checks
+from vve_sumo.analysis.string_stability import headway_distribution, string_stability, time_gap_error_of
 from vve_sumo.metrics.drive_data import Motion
 
 __all__ = [
@@ -20,6 +22,7 @@ __all__ = [
     "Comparison",
     "LatencyMargin",
     "Motion",
+    "PairedComparison",
     "Run",
     "Stop",
     "StoppingBoundCheck",
@@ -27,8 +30,12 @@ __all__ = [
     "braked_for_nothing",
     "comfort",
     "compare",
+    "compare_rows",
+    "compare_sweeps",
+    "compare_within",
     "encroachment_of",
     "exposure",
+    "headway_distribution",
     "latency_breakdown",
     "latency_margin_of",
     "legs_over_time",
@@ -38,6 +45,8 @@ __all__ = [
     "stop_of",
     "stopping_bound_check",
     "stopping_bound_checks",
+    "string_stability",
+    "time_gap_error_of",
     "variance_explained",
     "zone_times",
 ]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.similarity import pearson, rms, shift_of, theil_u
 from vve_sumo.analysis.units import described
-from vve_sumo.drive.verify import altered_parts
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.metric import unit_of
@@ -305,6 +304,8 @@ def _notes(one: Run, other: Run, true: bool) -> tuple[str, ...]:
     notes += [
         f"{run.folder}: the drive was broken off, its record ends early" for run in (one, other) if not run.complete
     ]
+    from vve_sumo.drive.verify import altered_parts  # all that drives, for those who compare records
+
     notes += [
         f"{run.folder}: changed since the drive: {', '.join(altered)}"
         for run in (one, other)

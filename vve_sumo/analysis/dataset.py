@@ -202,6 +202,8 @@ class Sweep:
         missing = {"bool": "boolean", "int": "Int64"}
         kinds = self._held.plan.columns()
         sure = {"number", "seed", *self.parameters}
+        if self._held.plan.spec.get("controllers"):  # of which each has keys of its own
+            sure = {name for name in sure if not name.startswith("controller.tuning.")}
         better = {
             name: missing[kinds[name]] for name in table.column_names if name not in sure and kinds.get(name) in missing
         }

@@ -24,7 +24,7 @@ LEVELS: Final = 10
 
 MEANINGS: Final = {
     "levels": "values of the parameter, or portions of its range, among the runs that have the figure",
-    "runs": "runs that have the figure",
+    "runs": "runs that have the figure and the parameter, which another controller may not have",
     "explained_share": "eta squared: sum of squares between the levels over the total one",
     "adjusted_share": "epsilon squared: the same less what as many levels would explain by chance; may be below 0",
 }
@@ -53,8 +53,10 @@ def variance_explained(rows: pd.DataFrame, figure: str, parameters: Sequence[str
     if missing is not None:
         raise ConfigError(f"no column {missing!r}; there are {', '.join(map(str, rows.columns))}")
     values: Floats = rows[figure].to_numpy(np.float64, na_value=np.nan)
-    known = np.isfinite(values)
-    found = [_explained(values[known], _levels(rows.loc[known, name])) for name in parameters]
+    found = []
+    for name in parameters:
+        known = np.isfinite(values) & rows[name].notna().to_numpy(bool)
+        found.append(_explained(values[known], _levels(rows.loc[known, name])))
     table = pd.DataFrame(found, pd.Index(list(parameters), name="parameter"), list(MEANINGS))
     order = table["adjusted_share"].fillna(table["explained_share"]).sort_values(ascending=False, kind="stable")
     return described(table.loc[order.index], MEANINGS)

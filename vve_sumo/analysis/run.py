@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 from vve_sumo.analysis import json_models
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
-from vve_sumo.drive.resolved_scenario import check_layout
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_data import DriveData, Motion
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path
-from vve_sumo.record.layout import LIVE_SCHEMAS, PROVENANCE, SCHEMAS, sensor_schemas, sensor_table
+from vve_sumo.record.layout import LIVE_SCHEMAS, PROVENANCE, SCHEMAS, check_layout, sensor_schemas, sensor_table
 from vve_sumo.record.reader import read_table
 from vve_sumo.values import Floats, Vehicle
 

@@ -151,10 +151,13 @@ class Sweep(dataset.Sweep):
         """Return a row a combination of what was varied, its columns by label and unit."""
         figures = self._shown_figures()
         groups = self.grouped(figures=figures)
-        shown = groups[[*self.parameters, "passed", "judged", *(f"mean_{name}" for name in figures)]]
+        kept = [column.format(name) for name in figures for column in ("mean_{}", "{}_count", "worst_{}")]
+        shown = groups[[*self.parameters, "runs", "passed", "judged", "collisions", *kept]]
         units = self.rows(self.parameters).attrs["units"]
         heads = {name: _head(label_of(name), units[name]) for name in self.parameters}
-        heads |= {f"mean_{name}": f"mean {_head(label_of(name), unit_of(name))}" for name in figures}
+        heads |= {f"{name}_count": f"runs with {label_of(name)}" for name in figures}
+        for which in ("mean", "worst"):
+            heads |= {f"{which}_{name}": f"{which} {_head(label_of(name), unit_of(name))}" for name in figures}
         return shown.rename(columns=heads)
 
 

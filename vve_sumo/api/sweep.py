@@ -23,6 +23,7 @@ def sweep(
     what: str | Path | Scenario | Mapping[str, Any],
     *,
     vary: Mapping[str, Any] | None = None,
+    controllers: Mapping[str, Mapping[str, Any]] | Sequence[str] | None = None,
     seeds: int | Sequence[int] | None = None,
     workers: int | None = None,
     out: str | Path | None = None,
@@ -30,10 +31,12 @@ def sweep(
 ) -> Sweep:
     """Drive a scenario many times, each run in a process of its own, and return the dataset.
 
-    With `vary` or `seeds`, `what` is a scenario: a name, a .toml file or a `Scenario`. `vary` says for each dotted key
-    or parameter of it a list of values, or what a sweep's file may say, such as {"from": 5, "to": 14, "step": 3}; every
-    value is driven with every other. `seeds` is how often, or a list of seeds. Without both, `what` is a sweep's name
-    or file, or a mapping of what such a file says.
+    With `vary`, `controllers` or `seeds`, `what` is a scenario: a name, a .toml file or a `Scenario`. `vary` says for
+    each dotted key or parameter of it a list of values, or what a sweep's file may say, such as
+    {"from": 5, "to": 14, "step": 3}; every value is driven with every other. `controllers` are names, or by each name
+    what its tuning goes through: every point is driven with each controller, whose tuning keys are no other's.
+    `seeds` is how often, or a list of seeds. Without these, `what` is a sweep's name or file, or a mapping of what such
+    a file says.
 
     `workers` runs go on at a time, by default as many as there are processors. `out` is the folder of the dataset, by
     default a new one under runs/. Where it holds this very sweep already, only what is not finished is driven.
@@ -47,7 +50,7 @@ def sweep(
     2
     """
     working = Path.cwd()
-    query = _query(what, vary, seeds, working)
+    query = _query(what, vary, controllers, seeds, working)
     folder = new_run_folder(query.plan.scenario, working) if out is None else Path(out)
     begun = (folder / "sweep.json").exists()
     again = f"vve.sweep(…, out={str(folder)!r})"
@@ -72,19 +75,30 @@ def sweep(
 def _query(
     what: str | Path | Scenario | Mapping[str, Any],
     vary: Mapping[str, Any] | None,
+    controllers: Mapping[str, Mapping[str, Any]] | Sequence[str] | None,
     seeds: int | Sequence[int] | None,
     working: Path,
 ) -> SweepQuery:
-    if vary is None and seeds is None:
+    if vary is None and controllers is None and seeds is None:
         if isinstance(what, Scenario):
-            raise ConfigError("vve.sweep: a scenario alone is one drive; expected vary={…} or seeds=…")
+            raise ConfigError("vve.sweep: a scenario alone is one drive; expected vary={…}, controllers={…} or seeds=…")
         if isinstance(what, Mapping):
             return planned(plain(what), CALLED, working, yes=False)
         return query_of(str(what), working, yes=False)
     if isinstance(what, Mapping):
-        raise ConfigError("vve.sweep: a mapping says itself what is varied; leave out vary and seeds")
+        raise ConfigError("vve.sweep: a mapping says itself what is varied; leave out vary, controllers and seeds")
     scenario = what if isinstance(what, Scenario) else Scenario(what)
     said: dict[str, Any] = {"scenario": scenario.name, "parameters": plain(vary or {})}
+    if controllers is not None:
+        said["controllers"] = _controllers(controllers)
     if seeds is not None:
         said["seeds"] = plain(seeds)
     return planned(said, CALLED, working, yes=False, scenario=(scenario.file.absolute(), scenario.table))
+
+
+def _controllers(said: Mapping[str, Mapping[str, Any]] | Sequence[str]) -> list[dict[str, Any]]:
+    """Return what a sweep's file would say of controllers, given by name with their tuning, or by name alone."""
+    if isinstance(said, str) or not said:
+        raise ConfigError(f"vve.sweep: controllers: expected names, or {{name: {{key: values}}}}, got {said!r}")
+    tunings: Mapping[str, Mapping[str, Any]] = said if isinstance(said, Mapping) else {}
+    return [{"name": name, "tuning": plain(tunings.get(name, {}))} for name in said]

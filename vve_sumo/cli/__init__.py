@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
-from vve_sumo.cli.dispatch import main
+from collections.abc import Sequence
 
 __all__ = ["main"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code; an interrupt from the keyboard is 130, also while modules load."""
+    try:
+        from vve_sumo.cli import dispatch
+    except KeyboardInterrupt:
+        return 130
+    return dispatch.main(arguments)

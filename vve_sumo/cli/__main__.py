@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from vve_sumo.cli.dispatch import main
+from vve_sumo.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,4 +1,4 @@
-"""`vve-sumo compare`: two records laid together, and how far apart they are."""
+"""`vve-sumo compare`: two records laid together, and how far apart they are; two sweeps, pair by pair."""
 
 from __future__ import annotations
 
@@ -20,37 +20,52 @@ if TYPE_CHECKING:
 
 EXIT_CODES = """exit codes:
   0  compared, however far apart they are
-  2  wrong use, or not the records of two drives
+  2  wrong use, or neither the records of two drives nor sweeps whose runs make pairs
 """
 
-SUMMARY = "compare two records: a real drive and its virtual twin, or any two"
+SUMMARY = "compare two records, as a real drive and its virtual twin, or two sweeps pair by pair"
 TEXT = """\
 Lay two records together at first motion and say how far apart they are: RMSE, correlation, Theil's U and
-time shift of each signal, and what each drive came to.
+time shift of each signal, and what each drive came to. Of two sweeps, or two controllers of one, compare the
+runs that have seed and parameters in common, pair by pair.
 
 examples:
   vve-sumo compare runs/lot runs/lockstep               a live drive and its twin in lockstep
   vve-sumo compare runs/a runs/b --out difference.png   two of anything, and a picture
+  vve-sumo compare old_sweep new_sweep                  two sweeps, paired by seed and parameters
+  vve-sumo compare sweep --by controller.name           the two controllers of one sweep
 """
 
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
-    parser.add_argument("one", type=Path, metavar="ONE", help="folder of a drive")
-    parser.add_argument("other", type=Path, metavar="OTHER", help="folder of another; differences are other minus one")
+    parser.add_argument("one", type=Path, metavar="ONE", help="folder of a drive or of a sweep")
+    parser.add_argument(
+        "other", type=Path, nargs="?", metavar="OTHER", help="folder of another; differences are other minus one"
+    )
+    parser.add_argument("--by", metavar="PARAMETER", help="of one sweep: compare the two values of this parameter")
+    parser.add_argument("--figure", default="stop_gap_m", metavar="FIGURE", help="of sweeps: what the picture shows")
     parser.add_argument("--out", type=Path, metavar="PNG", help="picture to write")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compare two records, print what differs, draw it where that is asked for; return the exit code, 0."""
     from vve_sumo.analysis.comparison import compare
+    from vve_sumo.analysis.dataset import Sweep
+    from vve_sumo.analysis.load import load
+    from vve_sumo.cli import compare_sweeps as sweeps
 
     out = arguments.out
     if out is not None and out.suffix.lower() != ".png":
         raise ConfigError(f"--out: expected a file that ends in .png, got {out.name}")
     if out is not None and not out.parent.is_dir():
         raise ConfigError(f"--out: no folder {out.parent} for the picture")
-    compared = compare(_record(arguments.one), _record(arguments.other))
+    one = load(arguments.one)
+    if isinstance(one, Sweep):
+        return sweeps.run(one, arguments.other, arguments.by, arguments.figure, out)
+    if arguments.by is not None or arguments.other is None:
+        raise ConfigError(f"{arguments.one}: the record of one drive; expected OTHER, and --by with a sweep alone")
+    compared = compare(one, _record(arguments.other))
     _show(compared)
     if out is not None:
         from vve_sumo.plotting import comparison, save

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
+#: exit code of a command that was interrupted from the keyboard: 128 and the number of SIGINT, as shells count
+INTERRUPTED = 130
 #: characters of a line where there is no terminal to say
 WIDTH = 160
 

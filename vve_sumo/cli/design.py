@@ -10,8 +10,9 @@ from vve_sumo.errors import ConfigError
 
 SUMMARY = "margins of the steering loop over speed; refuses what the latency would eat"
 TEXT = """\
-Print gain, phase and delay margin of the shipped steering gains over the speed range, by python-control.
-Refuses (exit 2) a design whose delay margin is below the stated latency.
+Print gain, phase and delay margin of a scenario's preview steering over the speed range, by python-control.
+Refuses (exit 2) a design whose delay margin is below the stated latency, and a controller that does not say
+that it steers by the preview law: nothing is known of its margins.
 """
 
 

@@ -28,7 +28,7 @@ from vve_sumo.cli import (
     suite,
     sweep,
 )
-from vve_sumo.cli.console import complain
+from vve_sumo.cli.console import INTERRUPTED, complain
 from vve_sumo.cli.parser import EXIT_CODES, Parser, add_command
 from vve_sumo.errors import VveError
 from vve_sumo.version import __version__
@@ -82,8 +82,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    parsed = _parser().parse_args(arguments)
     try:
+        parsed = _parser().parse_args(arguments)
         code: int = parsed.run(parsed)
     except VveError as error:
         complain(str(error))
@@ -95,5 +95,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt as interrupt:
         complain(str(interrupt) or "interrupted")
-        return 130
+        return INTERRUPTED
     return code

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
 from vve_sumo.cli import live_drive
-from vve_sumo.cli.console import complain
+from vve_sumo.cli.console import INTERRUPTED, complain
 from vve_sumo.cli.drive_result import draw_and_show
 from vve_sumo.cli.parser import Parser
 from vve_sumo.errors import ConfigError, SimulationError
+
+if TYPE_CHECKING:
+    from vve_sumo.drive.run import Drive
 
 SUMMARY = "drive a scenario: in lockstep, live on a rig, or with a recorded drive"
 TEXT = """\
@@ -96,6 +100,15 @@ def _lockstep(arguments: argparse.Namespace) -> int:
     if done.summary["outcome"] == Outcome.BROKEN:
         complain(f"the simulation broke: {done.summary['text']}")
         return SimulationError.exit_code
+    return _exit_code(done)
+
+
+def _exit_code(done: Drive) -> int:
+    """Return the exit code of a drive that did not break: passed, failed, or ended from the keyboard."""
+    from vve_sumo.drive.termination import Outcome
+
+    if done.summary["outcome"] == Outcome.INTERRUPTED:
+        return INTERRUPTED
     return 0 if done.passed else 1
 
 
@@ -121,4 +134,4 @@ def _live(arguments: argparse.Namespace) -> int:
     draw_and_show(plan.resolved, done)
     if done.summary["outcome"] == Outcome.BROKEN:
         return SimulationError.exit_code
-    return 0 if done.passed else 1
+    return _exit_code(done)

@@ -13,10 +13,11 @@ EXIT_CODES = """exit codes:
   2  wrong use, or the folder holds one of them; nothing was written
 """
 
-SUMMARY = "copy out four Jupyter notebooks to begin an analysis with"
+SUMMARY = "copy out five Jupyter notebooks to begin an analysis with"
 TEXT = """\
-Copy four notebooks into a folder: the paper's drive, stopping over a sweep of speeds, the latency cliff, a
-recording through the pipeline. Each makes its own records, under runs/ beside it, and explains what it shows.
+Copy five notebooks into a folder: the paper's drive, stopping over a sweep of speeds, the latency cliff, a
+recording through the pipeline, two controllers over 200 drives. Each makes its own records, under runs/ beside it,
+and explains what it shows.
 """
 
 

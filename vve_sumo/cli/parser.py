@@ -11,7 +11,7 @@ EXIT_CODES = """exit codes:
   2  wrong use or configuration; nothing was written
   3  the rig is not ready
   4  the simulation broke
-  130  interrupted from the keyboard before the drive began
+  130  interrupted from the keyboard
 """
 
 

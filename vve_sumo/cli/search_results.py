@@ -51,14 +51,14 @@ def _own_flips(line: Found) -> Iterator[Found]:
 
 
 def _boundaries(found: Found, title: str) -> Table:
-    names = list(found["boundaries"][0]["values"])
+    names = list(dict.fromkeys(name for line in found["boundaries"] for name in line["values"]))
     repeats = len(found["boundaries"][0]["seeds"])
     apart = ["over the seeds"] if repeats > 1 else []
     along = f"{found['along'].rpartition('.')[2]}"
     columns = (*(name.rpartition(".")[2] for name in names), f"{along} meets", "fails", *apart, "why")
     table = _empty(f"{title}: {found['criterion']} along {found['along']}", columns)
     for line in found["boundaries"][:MAX_SHOWN]:
-        values = [_short(line["values"][name]) for name in names]
+        values = [_short(line["values"].get(name, "")) for name in names]
         for flip in line["flips"]:
             near = _near(flip, line)
             spread = [_spread([one["fails"] for one in near])] if apart else []

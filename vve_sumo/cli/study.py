@@ -127,7 +127,7 @@ def _design_margin(name: str, working: Path) -> tuple[float, str]:
     try:
         return margins_at_speed(resolved, working).delay, ""
     except ConfigError as error:
-        return math.nan, f"no design margin: {error}"
+        return math.nan, str(error)
 
 
 def _show(found: LatencyMargin, why: str) -> None:

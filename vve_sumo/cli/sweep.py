@@ -206,6 +206,8 @@ def _tails(names: list[str]) -> list[str]:
 
 
 def _short(value: object) -> str:
+    if value is None:  # a key of another controller's tuning
+        return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

@@ -25,6 +25,7 @@ from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
+from vve_sumo.record.layout import LAYOUT, check_layout
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import SensorSettings, configured
 from vve_sumo.values import Floats, Vehicle
@@ -36,11 +37,6 @@ from vve_sumo.world.network import Network, lane_shapes, read_network
 if TYPE_CHECKING:
     from vve_sumo.rig.schema import Rig
 
-#: Version of a record's layout. Layout 2 added path and car; 3 added provenance.json and the summary's hash of itself;
-#: 4 added the actors' lateral speed and the time of measurement of a scan; 5 added, for live drives, the actors of
-#: SUMO's last step, under the tick after the last; 6 added the vehicle model; 7 added a table for each sensor in place
-#: of the radar's alone, and the hashes of the code of interface and receiver.
-LAYOUT = 7
 PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the DBW controller expects commands
 #: GNSS second of drive time 0 where no receiver gives one: 2026-01-01 00:00 UTC, with 18 leap seconds
 DEFAULT_EPOCH = 1_451_260_818.0
@@ -160,13 +156,6 @@ def recorded_model(resolved: Mapping[str, Any]) -> VehicleModel:
         return VehicleModel.from_dict({**resolved["vehicle_model"], "vehicle": resolved["vehicle"]})
     except (KeyError, TypeError) as error:
         raise ConfigError(f"scenario.json: no vehicle model of this version: {error!r}") from None
-
-
-def check_layout(resolved: Mapping[str, Any], file: FilePath) -> None:
-    """Raise ConfigError for a record of another layout than this version writes; `file` is its `scenario.json`."""
-    layout = resolved.get("layout", 1)
-    if layout != LAYOUT:
-        raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")
 
 
 def resolve_scenario(

@@ -1,5 +1,7 @@
 """Computes how much latency a scenario's steering bears: the gain design's margins, which cover the preview law only.
 
+A controller says itself that it steers by that law; of any other nothing is known.
+
 The design is a file among the controllers, found by the workspace. It imports python-control, which takes seconds.
 """
 
@@ -8,12 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, Final
 
 from vve_sumo import workspace
-from vve_sumo.controller import module, sources
+from vve_sumo.controller import module
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
+
+#: attribute of a controller that steers by the preview law: the `PreviewTuning` of that law
+DECLARATION: Final = "preview_tuning"
+#: what the design takes of it
+DESIGN_FIELDS: Final = ("look_ahead_time", "look_ahead_least", "derivative_time")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,29 +48,33 @@ class SteeringMargins:
 def steering_margins(resolved: ResolvedScenario, working: FilePath) -> SteeringMargins:
     """Return the margins of a scenario's preview steering over the design's speed range.
 
-    Raises ConfigError for tuning that the controller refuses, and for another steering law.
+    Raises ConfigError for tuning that the controller refuses, and where it does not declare that it steers by the
+    preview law: then nothing is known of its steering's margin.
     """
-    resolved.controller(working)
     return _margins(resolved, working)
 
 
 def margins_at_speed(resolved: ResolvedScenario, working: FilePath) -> SteeringMargins:
-    """Return the margins at the scenario's own speed.
-
-    Raises ConfigError also where the scenario's controller does not steer by the preview law.
-    """
-    name = resolved.scenario.controller.name
-    resolved.controller(working)
-    if "preview" not in sources(name, workspace.controller_folders(working)):
-        raise ConfigError(f"the design knows the preview steering, which {name} does not use")
+    """Return the margins at the scenario's own speed; raises ConfigError as `steering_margins` does."""
     return _margins(resolved, working, [resolved.scenario.ego.speed_mps])
 
 
 def _margins(resolved: ResolvedScenario, working: FilePath, *speeds: Sequence[float]) -> SteeringMargins:
-    tuning = resolved.scenario.controller.tuning
-    if tuning.get("steering", "preview") != "preview":
-        raise ConfigError(f"{resolved.name}: the design knows the preview steering, got {tuning['steering']!r}")
+    name = resolved.scenario.controller.name
+    declared = getattr(resolved.controller(working), DECLARATION, None)
+    if declared is None:
+        raise ConfigError(
+            f"controller {name}{_of_law(resolved)}: nothing is known of the margin of its steering: the gain design "
+            f"knows the preview law alone, and the controller does not declare it by an attribute {DECLARATION}"
+        )
     design: Any = module("design", workspace.controller_folders(working))
-    keys = {"look_ahead_time": "look_ahead_time_s", "look_ahead_least": "look_ahead_least_m"}
-    stated = {field: float(tuning[key]) for field, key in keys.items() if key in tuning}
+    try:
+        stated = {field: float(getattr(declared, field)) for field in DESIGN_FIELDS}
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ConfigError(f"controller {name}: {DECLARATION}: expected a PreviewTuning: {error}") from None
     return SteeringMargins(design, design.margins(resolved.vehicle, replace(design.DEFAULT, **stated), *speeds))
+
+
+def _of_law(resolved: ResolvedScenario) -> str:
+    law = resolved.scenario.controller.tuning.get("steering")
+    return "" if law is None else f" with the steering law {law!r}"

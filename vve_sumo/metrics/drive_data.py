@@ -21,6 +21,7 @@ from vve_sumo.metrics.lead_vehicle import BOX_COLUMNS, HORIZON, LeadVehicle, ind
 from vve_sumo.metrics.predicted_ways import recorded_ways
 from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import MOVING, Episode, Stop, braking_episodes, commanded_deceleration, last_stop
+from vve_sumo.metrics.string_stability import Amplification, speed_amplification
 from vve_sumo.metrics.tracking import WINDOW, Tracking, track
 from vve_sumo.path import Path
 from vve_sumo.values import Floats, Vehicle
@@ -29,6 +30,11 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 Indices = NDArray[np.int64]
+
+#: a car follows another while both go faster [m/s]
+FOLLOWING_SPEED = 2.0
+#: of one leader, for a disturbance and its answer to be seen [s]
+MIN_FOLLOWED = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +203,29 @@ class DriveData:
         motion.speed[at] = boxes.speed * along
         motion.acceleration[at] = acceleration[rows] * along
         return motion
+
+    @cached_property
+    def behind_leader(self) -> NDArray[np.bool_]:
+        """Whether the ego follows an actor that goes its way, tick by tick: both move, and there is a gap."""
+        moving = (self.motion.speed > FOLLOWING_SPEED) & (self.lead_motion.speed > FOLLOWING_SPEED)
+        behind: NDArray[np.bool_] = moving & (self.lead.gap > 0.0)
+        return behind
+
+    @cached_property
+    def following(self) -> Indices:
+        """The ticks of the longest time behind one leader; none where that is shorter than MIN_FOLLOWED."""
+        names = np.where(self.behind_leader, self.lead.actor, "")
+        starts = np.flatnonzero(np.append(True, names[1:] != names[:-1])[: len(names)])
+        stretches = [rows for rows in np.split(np.arange(len(names)), starts[1:]) if len(rows) and names[rows[0]]]
+        longest = max(stretches, key=len, default=np.zeros(0, np.int64))
+        time = self.motion.time[longest]
+        return longest if len(time) and time[-1] - time[0] >= MIN_FOLLOWED else longest[:0]
+
+    @cached_property
+    def speed_amplification(self) -> Amplification:
+        """How much larger the ego's disturbance is than its leader's, in the longest time behind one."""
+        rows = self.following
+        return speed_amplification(self.lead_motion.speed[rows], self.motion.speed[rows])
 
     def _path_heading(self, at: Indices, boxes: Boxes) -> Floats:
         """Return the path's heading [rad] at boxes that are ahead of the ego at these ticks."""

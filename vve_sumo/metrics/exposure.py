@@ -56,12 +56,17 @@ metric(
 )
 
 
-def _rss_share(stretch: Stretch) -> float:
+def _share_below(distance: str, stretch: Stretch) -> float:
     columns = stretch.columns
-    return following.crash_potential_index(columns["time_s"], columns["rss_distance_m"] - columns["gap_m"], 0.0)
+    return following.crash_potential_index(columns["time_s"], columns[distance] - columns["gap_m"], 0.0)
 
 
-metric("rss_share", "gap below RSS", "share of the time with gap_m below rss_distance_m", _rss_share, worse="higher")
+for name, label, distance in (
+    ("rss_share", "gap below RSS", "rss_distance_m"),
+    ("rss_following_share", "gap below RSS, ordinary following", "rss_following_distance_m"),
+):
+    meaning = f"share of the time with gap_m below {distance}"
+    metric(name, label, meaning, partial(_share_below, distance), worse="higher")
 metric(
     "max_jerk_mps3",
     "maximum jerk",

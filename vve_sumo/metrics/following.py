@@ -31,6 +31,9 @@ class Rss(NamedTuple):
 
 #: ad-rss 5.0, "Parameter discussion"
 RSS = Rss()
+#: ordinary following: reaction and braking of the competent and careful driver of UN R157 (0.75 s, 0.774 g). Assumed
+#: besides: a follower does not accelerate meanwhile, and its leader brakes no harder than that driver either
+RSS_FOLLOWING = Rss(response=0.75, acceleration=0.0, least_braking=7.59, greatest_braking=7.59)
 
 
 def headway(gap: ArrayLike, speed: ArrayLike) -> Floats:

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from vve_sumo.metrics import following
 from vve_sumo.metrics.approach import HUNTING, pressed
 from vve_sumo.metrics.braked_for import hardest_braking_for, last_stop_for
 from vve_sumo.metrics.conflict import HORIZON
-from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.drive_data import FOLLOWING_SPEED, MIN_FOLLOWED, DriveData
 from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.metric import MetricTable
 from vve_sumo.metrics.stopping import AT_REST, MIN_RELEASE_TIME, REGAINED, REVERSED, Stop, commanded_deceleration
@@ -129,6 +131,49 @@ metric(
     lambda drive: least(drive.strip_lead.gap),
     worse="lower",
     absent=math.inf,
+)
+
+
+def _speed_amplification(norm: str, drive: DriveData) -> float:
+    return float(getattr(drive.speed_amplification, norm))
+
+
+for name, label, norm, size in (
+    ("speed_amplification_l2", "speed amplification, L2", "l2", "root of the sum of squares"),
+    ("speed_amplification_linf", "speed amplification, L∞", "linf", "greatest size"),
+):
+    metric(
+        name,
+        label,
+        f"string stability: {size} of the ego's speed over that of its leader, both counted from the leader's median "
+        "speed, in the longest time behind one moving leader; above 1 the ego amplifies; none below "
+        f"{MIN_FOLLOWED:g} s or behind a leader of steady speed",
+        partial(_speed_amplification, norm),
+        worse="higher",
+        source="Ploeg, van de Wouw and Nijmeijer 2014",
+    )
+
+
+def _headway_quantile(share: float, drive: DriveData) -> float:
+    rows = np.flatnonzero(drive.behind_leader)
+    headways = following.headway(drive.lead.gap[rows], drive.motion.speed[rows])
+    return float(np.quantile(headways, share)) if len(rows) else math.nan
+
+
+metric(
+    "headway_median_s",
+    "median time headway",
+    f"gap over the ego's speed behind a leader while both go faster than {FOLLOWING_SPEED:g} m/s, the median of the "
+    "ticks; none where the ego followed nobody",
+    partial(_headway_quantile, 0.5),
+    worse="lower",
+)
+metric(
+    "headway_p05_s",
+    "short time headway",
+    "as headway_median_s, the headway that a twentieth of the ticks fall short of",
+    partial(_headway_quantile, 0.05),
+    worse="lower",
 )
 
 

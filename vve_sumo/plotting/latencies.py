@@ -17,7 +17,6 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.drive.latency_monitor import LEGS, TOTAL
 from vve_sumo.plotting.page import ACTOR, ALARM, EGO, EGO_PALE, INK, OBSTACLE, QUIET, ROAD
 from vve_sumo.plotting.style import LIMIT, LINE_STYLES, WIDTH, blank, explain, name, page, plain
-from vve_sumo.rig.schema import Latency
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -62,7 +61,11 @@ def _budget(run: Run) -> float:
     if not run.live:
         return math.nan
     declared = (run.resolved["rig"].get("latency") or {}).get("budget_ms")
-    return Latency().budget_ms if declared is None else float(declared)
+    if declared is not None:
+        return float(declared)
+    from vve_sumo.rig.schema import Latency  # with all receivers that a rig can name
+
+    return Latency().budget_ms
 
 
 def slowest(table: pd.DataFrame) -> tuple[Floats, pd.DataFrame]:

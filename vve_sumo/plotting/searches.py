@@ -89,7 +89,12 @@ def _lines(rows: pd.DataFrame, others: list[str]) -> list[tuple[Any, ...]]:
     """Return the combinations of the other parameters that were driven, in their order."""
     if not others:
         return [()]
-    return [tuple(values) for values in rows[others].drop_duplicates().itertuples(index=False)]
+    return list(dict.fromkeys(_combinations(rows, others)))
+
+
+def _combinations(rows: pd.DataFrame, others: list[str]) -> list[tuple[Any, ...]]:
+    """Return the values of the other parameters of every row; None for a key of another controller's tuning."""
+    return list(rows[others].astype(object).where(rows[others].notna(), None).itertuples(index=False, name=None))
 
 
 def _runs(
@@ -103,7 +108,7 @@ def _runs(
 ) -> None:
     """Draw every run on its line, its seed a little beside the others."""
     of_line = {values: place for place, values in enumerate(lines)}
-    place = np.array([of_line[tuple(values)] for values in rows[others].itertuples(index=False)] if others else 0.0)
+    place = np.array([of_line[values] for values in _combinations(rows, others)] if others else 0.0)
     beside = {seed: 0.5 * (n - (len(seeds) - 1) / 2.0) / max(len(seeds), 2) for n, seed in enumerate(seeds)}
     y = place + rows["seed"].map(beside).to_numpy(float)
     x, fault = numbers(rows, along), faults(rows)

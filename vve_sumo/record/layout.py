@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import struct
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +19,11 @@ from vve_sumo.record.columns import described_schema
 from vve_sumo.sensors.port import SensorColumn
 from vve_sumo.values import GatewayRow, LatencyRow, TickRow
 
+#: Version of a record's layout. Layout 2 added path and car; 3 added provenance.json and the summary's hash of itself;
+#: 4 added the actors' lateral speed and the time of measurement of a scan; 5 added, for live drives, the actors of
+#: SUMO's last step, under the tick after the last; 6 added the vehicle model; 7 added a table for each sensor in place
+#: of the radar's alone, and the hashes of the code of interface and receiver.
+LAYOUT = 7
 #: numpy's type of each numeric column
 NUMPY_KINDS = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
 _ARROW: dict[str, pa.DataType] = {
@@ -104,3 +110,10 @@ def sensor_schemas(resolved: Mapping[str, Any]) -> dict[str, pa.Schema]:
         return {sensor_table(name): _sensor_schema(columns) for name, columns in declared.items()}
     except (AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"scenario.json: sensors: no columns of this version: {error!r}") from None
+
+
+def check_layout(resolved: Mapping[str, Any], file: Path) -> None:
+    """Raise ConfigError for a record of another layout than this version writes; `file` is its `scenario.json`."""
+    layout = resolved.get("layout", 1)
+    if layout != LAYOUT:
+        raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")

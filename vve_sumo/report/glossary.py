@@ -42,8 +42,8 @@ TERMS: tuple[Term, ...] = (
     Term("alignment", "the transformation from the lot to the virtual road: a turn and a shift"),
     Term(
         "approach",
-        "from the first braking from which on what the car stopped for stood ahead, to rest; a stop is its last braking "
-        "episode",
+        "from the first braking from which on what the car stopped for stood ahead, to rest; a stop is its last "
+        "braking episode",
     ),
     Term("arming state", "the gateway's state: disarmed, ready, engaged, stopping, stopped, fault"),
     Term(
@@ -91,8 +91,8 @@ TERMS: tuple[Term, ...] = (
     ),
     Term(
         "hunting",
-        "braking, gaining speed and braking again, time after time on the way to rest: the acceleration changes its sign "
-        "four times or more",
+        "braking, gaining speed and braking again on the way to rest: the acceleration changes its sign four times or "
+        "more",
         ("hunting", "hunted", "HUNTING"),
     ),
     _metric("jerk", "jerk_mps3"),
@@ -148,7 +148,7 @@ TERMS: tuple[Term, ...] = (
         "ttc_s",
         "TTC",
         "time to collision",
-        remark=", at constant speeds; in the plane where the name says 2D or boxes",
+        remark="; of bodies in the plane where the name says 2D or boxes",
     ),
     Term("virtual road (street)", "the road in SUMO on which the twin drives"),
     Term(

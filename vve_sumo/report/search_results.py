@@ -86,7 +86,7 @@ def table_of(result: SearchResult, units: Units) -> Table:
 
 def _boundaries(result: SearchResult, units: Units) -> Table:
     lines: Sequence[SearchResult] = result["boundaries"]
-    names = list(lines[0]["values"]) if lines else []
+    names = list(dict.fromkeys(name for line in lines for name in line["values"]))
     ends = (f"{head_of(result['along'], units)}, last met", "first not met", "first not met by the single seeds")
     heads = [*(head_of(name, units) for name in names), *ends]
     columns = [*(Column(head, True) for head in heads), Column("a run that fails")]
@@ -95,7 +95,7 @@ def _boundaries(result: SearchResult, units: Units) -> Table:
 
 
 def _boundary(line: SearchResult, names: Sequence[str]) -> list[Row]:
-    values = [short(line["values"][name]) for name in names]
+    values = [short(line["values"].get(name)) for name in names]
     fails = _fails(line)
     seeds = _range(fails) if fails else NONE
     keys = (flip["key_fails"] for seed in line["seeds"] for flip in seed["flips"])

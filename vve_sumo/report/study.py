@@ -5,6 +5,7 @@ Knows the tables of a latency margin; computes none of them.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from vve_sumo.analysis.dataset import Sweep
@@ -28,7 +29,10 @@ def study_of(sweep: Sweep) -> LatencyMargin | None:
 
 def sentences(margin: LatencyMargin) -> tuple[str, ...]:
     """Return the result of the study, a sentence for each noise factor."""
-    return tuple(f"{line[:1].upper()}{line[1:]}." for line in margin.verdicts())
+    lines = [*margin.verdicts()]
+    if not math.isfinite(margin.design_margin):
+        lines.append("nothing is known of the delay that the controller's steering bears by its design")
+    return tuple(f"{line[:1].upper()}{line[1:]}." for line in lines)
 
 
 def in_ms(table: pd.DataFrame) -> pd.DataFrame:

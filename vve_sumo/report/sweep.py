@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -140,14 +141,25 @@ def _settings(sweep: Sweep, rows: pd.DataFrame) -> dict[str, object]:
 def _varied(sweep: Sweep, rows: pd.DataFrame) -> Table:
     declared = sweep.plan["table"].get("parameters") or {}
     units = rows.attrs.get("units", {})
-    spec = sweep.plan["spec"].get("parameters") or {}
+    spec, compared = sweep.plan["spec"].get("parameters") or {}, sweep.plan["spec"].get("controllers") or []
     lines = []
     for name in sweep.parameters:
         parameter = declared.get(name) or {}
         meaning = parameter.get("meaning") or ", ".join(parameter.get("sets") or ())
-        values = f"{_values(_in_spec(spec, name))} {units.get(name) or unit_of(name)}"
+        values = (
+            f"{_values(_of_controllers(compared, name) or _in_spec(spec, name))} {units.get(name) or unit_of(name)}"
+        )
         lines.append((Cell(name, str(meaning), "code"), values.strip()))
     return Table("what was varied", ("parameter", "values"), lines)
+
+
+def _of_controllers(compared: Sequence[Mapping[str, Any]], name: str) -> str:
+    """Return what the compared controllers have under a column's name, each with its own; empty for none of them."""
+    if name == "controller.name":
+        return ", ".join(one["name"] for one in compared)
+    key = name.removeprefix("controller.tuning.")
+    tunings = {one["name"]: (one.get("tuning") or {}).get(key) for one in compared}
+    return "; ".join(f"{_values(said)} ({name})" for name, said in tunings.items() if said is not None)
 
 
 def _in_spec(parameters: dict[str, Any], name: str) -> object:

@@ -16,7 +16,7 @@ OF_PAGE = {"#ffffff": "--paper", "#000000": "--ink", "#1b1b1b": "--ink"}
 #: Oklab lightness of ink and paper of the page in the light scheme and in the dark one
 INK_LIGHT, PAPER_LIGHT, INK_DARK, PAPER_DARK = 0.22, 1.0, 0.94, 0.21
 #: above 1, so that colours of middle lightness come out light enough to be read on dark paper
-GAMMA = 1.35
+GAMMA = 1.6
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}\b")
 
 

@@ -10,6 +10,7 @@ import hashlib
 import json
 import logging
 import shutil
+import socket
 import time
 import uuid
 import warnings
@@ -30,6 +31,7 @@ from vve_sumo.sweep.remote import Site, refuse_mixed
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+KNOCK = 3.0  #: for anything to listen at the address [s]
 CONNECT = 10.0  #: for the scheduler to answer [s]
 JOIN = 60.0  #: for a first worker [s]
 QUERY_TIMEOUT = 10.0  #: for all workers to say something; one that is stuck keeps nobody longer [s]
@@ -74,10 +76,8 @@ class Cluster:
         for name in ("distributed", "distributed.client", "tornado", "tornado.application"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         warnings.simplefilter("ignore", VersionMismatchWarning)
-        try:
-            client = Client(self._address, timeout=CONNECT, set_as_default=False)
-        except (OSError, TimeoutError, ValueError) as error:
-            raise ConfigError(f"cluster {self._address}: no scheduler answers there: {_line(error)}") from None
+        _knock(self._address)
+        client = _connected(Client, self._address)
         try:
             try:
                 client.wait_for_workers(1, timeout=JOIN)
@@ -86,6 +86,48 @@ class Cluster:
             yield client
         finally:
             _within(QUERY_TIMEOUT, client.close)
+
+
+def _knock(address: str) -> None:
+    """Raise ConfigError where an address is none, or nothing listens there; Dask would try again for many seconds."""
+    from distributed.comm.addressing import parse_address, parse_host_port
+
+    try:
+        host, port = parse_host_port(parse_address(address)[1])
+    except ValueError:
+        raise ConfigError(
+            f"--cluster: expected a scheduler's address with its port, such as tcp://10.0.0.1:8786, got {address!r}"
+        ) from None
+    try:
+        socket.create_connection((host, port), timeout=KNOCK).close()
+    except (OSError, OverflowError) as error:
+        raise ConfigError(f"cluster {address}: no scheduler answers there: {_line(error)}") from None
+
+
+def _connected(client_type: Any, address: str) -> Client:
+    """Return a client of the scheduler at an address; raises ConfigError where none answers in time."""
+    client: Client = client_type.__new__(client_type)
+    failures: list[Exception] = [TimeoutError("nothing there speaks as a scheduler does")]
+
+    def connect() -> None:
+        try:
+            client_type.__init__(client, address, timeout=CONNECT, set_as_default=False)
+            failures.clear()
+        except Exception as error:
+            failures.insert(0, error)
+
+    # In a thread of its own: where something else than a scheduler listens, Dask waits for ever.
+    thread = Thread(target=connect, daemon=True)
+    thread.start()
+    try:
+        thread.join(CONNECT + KNOCK)
+        if failures:
+            raise ConfigError(f"cluster {address}: no scheduler answers there: {_line(failures[0])}")
+    except BaseException:
+        # A client that never connected would else wait 20 s for its end when it is collected, and print why.
+        client.status = "closed"
+        raise
+    return client
 
 
 class _Shift:

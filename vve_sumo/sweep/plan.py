@@ -21,6 +21,7 @@ from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.overrides import Value, apply_overrides, choose, places
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep import worst
+from vve_sumo.sweep.controllers import NAME, columns
 from vve_sumo.sweep.job import Job
 from vve_sumo.sweep.preflight import Look, look
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, cells_of
@@ -88,7 +89,7 @@ def planned(
         file=str(scenario_file.absolute()),
         working=str(working.absolute()),
         cells=cells.count,
-        parameters={name: axis.kind for name, axis in spec.parameters.items()},
+        parameters=spec.varied,
         criteria=criteria,
         files_sha256={},
         versions=versions(),
@@ -109,13 +110,19 @@ def job_of(plan: Plan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job:
     return Job(
         key=cell.key,
         name=plan.scenario,
-        table=apply_overrides(plan.table, cell.values) | {"seed": cell.seed},
+        table=_table(plan, cell.values) | {"seed": cell.seed},
         file=Path(plan.file),
         working=Path(plan.working),
         keep=keep,
         time_limit_s=spec.time_limit_s,
         memory_limit_mb=spec.memory_limit_mb,
     )
+
+
+def _table(plan: Plan, values: Values) -> dict[str, Any]:
+    """Return a run's scenario; the tuning in the scenario's file goes to the controller that the file names alone."""
+    name = str(values[NAME]) if plan.spec.get("controllers") and NAME in values else None
+    return apply_overrides(choose(plan.table, controller=name), values)
 
 
 def _sought(search: Boundary | Worst | None, criteria: list[str], file: Path) -> None:
@@ -151,7 +158,7 @@ def _looked_at(plan: Plan, spec: Spec, cells: RunSpecs, file: Path) -> Plan:
     for judge in (read_only, made):
         for values, seen in zip(trials, judge(trials), strict=False):
             if seen.complaint:
-                raise ConfigError(_blame(judge, values, seen.complaint, plan, file))
+                raise ConfigError(_blame(judge, values, seen.complaint, plan, spec, file))
             for role, digest in seen.files_sha256.items():
                 files.setdefault(role, set()).add(digest)
     return replace(plan, files_sha256={role: sorted(digests) for role, digests in sorted(files.items())})
@@ -160,16 +167,27 @@ def _looked_at(plan: Plan, spec: Spec, cells: RunSpecs, file: Path) -> Plan:
 def _read(plan: Plan, values: Values) -> Look:
     """Return what is wrong with a run's table, whatever the files that it names are like."""
     try:
-        parse(apply_overrides(plan.table, values), Path(plan.file))
+        parse(_table(plan, values), Path(plan.file))
     except ConfigError as error:
         return Look(str(error), {})
     return Look("", {})
 
 
 def _trials(spec: Spec, cells: RunSpecs) -> Iterator[Values]:
-    """Return the runs to look at: the first rows of a list, else the corner and what lies at the end of each axis."""
+    """Return the runs to look at: every point of `_points` with every controller, and its outermost tunings."""
+    points = list(_points(spec, cells))
+    if not spec.controllers:
+        yield from points
+    for controller in spec.controllers:
+        corner, *others = controller.trials()
+        yield from ({**corner, **point} for point in points)
+        yield from ({**other, **points[0]} for other in others)
+
+
+def _points(spec: Spec, cells: RunSpecs) -> Iterator[Values]:
+    """Return the points to look at: the first rows of a list, else the corner and what lies at the end of each axis."""
     if spec.design == "list":
-        yield from (cell.values for cell in itertools.islice(cells, 0, TRIED * len(cells.seeds), len(cells.seeds)))
+        yield from itertools.islice(cells.design(), TRIED)
         return
     corner = {name: axis.ends()[0] for name, axis in spec.parameters.items()}
     yield corner
@@ -177,13 +195,21 @@ def _trials(spec: Spec, cells: RunSpecs) -> Iterator[Values]:
         yield from (corner | {name: value} for value in axis.ends()[1:])
 
 
-def _blame(judge: Judge, values: Values, complaint: str, plan: Plan, file: Path) -> str:
+def _blame(judge: Judge, values: Values, complaint: str, plan: Plan, spec: Spec, file: Path) -> str:
     """Return what is wrong with a run, naming the parameter that it is wrong by, or the scenario if it is so itself."""
-    alone: list[Values] = [{}, *({name: value} for name, value in values.items())]
+    controller = {NAME: values[NAME]} if spec.controllers else {}
+    alone: list[Values] = [{}, *({**controller, name: value} for name, value in values.items())]
     itself, *each = judge(alone)
     if itself.complaint:
         return itself.complaint
     for name, seen in zip(values, each, strict=False):
         if seen.complaint:
-            return f"{file}: parameters.{name}: {seen.complaint.removeprefix(f'{plan.file}: ')}"
+            return f"{file}: {_key(spec, name, values)}: {seen.complaint.removeprefix(f'{plan.file}: ')}"
     return f"{file}: parameters, taken together: {complaint.removeprefix(f'{plan.file}: ')}"
+
+
+def _key(spec: Spec, name: str, values: Values) -> str:
+    """Return where a spec states what is varied under a name."""
+    if name not in columns(spec.controllers):
+        return f"parameters.{name}"
+    return f"controllers.{values[NAME]}" + ("" if name == NAME else name.removeprefix("controller"))

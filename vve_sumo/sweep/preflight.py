@@ -41,6 +41,7 @@ def look(jobs: Sequence[Job]) -> list[Look]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": search_path()},
+        start_new_session=True,  # an interrupt from the keyboard is this process's, which then ends that one
     )
     assert child.stdin is not None
     assert child.stdout is not None

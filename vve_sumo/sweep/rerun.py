@@ -83,7 +83,9 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
         claim(record)
     except ConfigError as error:
         raise ConfigError(f"{error}; name another with --out DIR") from None
-    run = RunSpec(row["number"], key, {name: row[name] for name in plan.parameters}, row["seed"])
+    run = RunSpec(
+        row["number"], key, {name: row[name] for name in plan.parameters if row[name] is not None}, row["seed"]
+    )
     job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), run, record)
     parts = plugged_in.of_scenario(parse(job.table, job.file), job.working)
     if changed := [line for part in parts for line in part.changed(plan.files_sha256)]:

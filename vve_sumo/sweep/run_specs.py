@@ -20,6 +20,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.overrides import Value
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sweep.axes import Axis, Between
+from vve_sumo.sweep.controllers import combinations
 from vve_sumo.sweep.spec import MAX_SEED, SAMPLED, Spec, Worst
 
 #: points that are drawn at a time; a power of two, for Sobol's sequence
@@ -31,7 +32,7 @@ class RunSpec(NamedTuple):
 
     number: int  #: in the order of the design, from 0; seeds go round fastest
     key: str  #: the same in every sweep that drives the same
-    values: dict[str, Value]  #: of every parameter
+    values: dict[str, Value]  #: of every parameter, and of the controller's name and tuning where these are varied
     seed: int
 
 
@@ -57,6 +58,11 @@ class RunSpecs:
     @property
     def points(self) -> int:
         """How many combinations of values there are; exact, however many. Of a search: the most that it may drive."""
+        return self._points * (sum(one.count for one in self.spec.controllers) if self.spec.controllers else 1)
+
+    @property
+    def _points(self) -> int:
+        """How many points the design has, each of which is driven with every controller."""
         if isinstance(self.spec.search, Worst):
             return self.spec.search.points
         if self.spec.samples is not None:
@@ -75,21 +81,24 @@ class RunSpecs:
     def unless(self, finished: Callable[[int], bool]) -> Iterator[RunSpec]:
         """Return every cell whose number is not finished, in order."""
         numbers = itertools.count()
-        for values in self._values():
-            for seed in self.seeds:
-                if not finished(number := next(numbers)):
-                    yield RunSpec(number, key_of(self.name, values, seed), values, seed)
+        for controller in combinations(self.spec.controllers):
+            for point in self.design():
+                values = {**controller, **point}
+                for seed in self.seeds:
+                    if not finished(number := next(numbers)):
+                        yield RunSpec(number, key_of(self.name, values, seed), values, seed)
 
-    def _values(self) -> Iterator[dict[str, Value]]:
+    def design(self) -> Iterator[dict[str, Value]]:
+        """Yield the points of the design: the parameters' values, without the controllers."""
         names, axes = tuple(self.spec.parameters), tuple(self.spec.parameters.values())
         if self.spec.design in SAMPLED:
             return (
                 {name: drawn(axis, share) for name, axis, share in zip(names, axes, point, strict=True)}
-                for point in shares(self.spec.design, len(axes), self.points, self.spec.design_seed)
+                for point in shares(self.spec.design, len(axes), self._points, self.spec.design_seed)
             )
         return (
             {name: _listed(axis, at) for name, axis, at in zip(names, axes, self._places(point), strict=True)}
-            for point in range(self.points)
+            for point in range(self._points)
         )
 
     def _places(self, point: int) -> tuple[int, ...]:

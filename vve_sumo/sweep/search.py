@@ -15,6 +15,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.overrides import Value
 from vve_sumo.sweep import boundary, worst
 from vve_sumo.sweep.axes import Axis, Between, Steps
+from vve_sumo.sweep.controllers import combinations
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, drawn, key_of
 from vve_sumo.sweep.spec import Boundary, Spec, Worst
 
@@ -115,7 +116,7 @@ def _boundary(cells: RunSpecs, search: Boundary) -> Course:
     def point(ask: boundary.Ask) -> Point:
         values, seed = lines[ask.row]
         along = values | {search.along: axis[ask.place]}
-        return Point({name: along[name] for name in cells.spec.parameters}, seed)
+        return Point({name: along[name] for name in cells.spec.varied if name in along}, seed)
 
     rows: dict[boundary.Ask, Row] = {}
     known: list[dict[int, bool]] = [{} for _ in lines]
@@ -187,10 +188,14 @@ def _along(spec: Spec, search: Boundary) -> Steps:
 
 
 def _others(spec: Spec, search: Boundary) -> list[dict[str, Value]]:
-    """Return every combination of the values of the other parameters; the last goes round fastest."""
+    """Return every combination of the values of the other parameters; the last goes round fastest.
+
+    Each stands once for every controller, and every combination of its tuning, where these are varied.
+    """
     names = [name for name in spec.parameters if name != search.along]
-    values = itertools.product(*(_every(spec.parameters[name]) for name in names))
-    return [dict(zip(names, one, strict=True)) for one in values]
+    values = list(itertools.product(*(_every(spec.parameters[name]) for name in names)))
+    every = itertools.product(combinations(spec.controllers), values)
+    return [{**controller, **dict(zip(names, one, strict=True))} for controller, one in every]
 
 
 def _every(axis: Axis) -> Iterator[Value]:

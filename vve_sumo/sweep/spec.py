@@ -11,13 +11,15 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationError, model_validator
+from pydantic import AfterValidator, Discriminator, Field, PlainValidator, Tag, ValidationError, model_validator
 
 from vve_sumo.config_file import Name, Positive, Table, complaint
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.metric import Kind
 from vve_sumo.scenario.overrides import check_bounds, places
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sweep.axes import Axis, Between, Choice, Steps, axes
+from vve_sumo.sweep.controllers import VariedController, columns, compared
 
 #: designs that draw `samples` points, and those that take every value that is listed
 SAMPLED, LISTED = ("latin_hypercube", "sobol", "random"), ("grid", "list")
@@ -118,6 +120,9 @@ class Spec(Table):
     parameters: Annotated[Mapping[str, Axis], PlainValidator(axes)] = Field(
         default={}, description="what is varied: dotted keys of the scenario, or parameters that it declares"
     )
+    controllers: Annotated[tuple[VariedController, ...], AfterValidator(compared)] = Field(
+        default=(), strict=False, description="controllers to compare: every point is driven with each of them"
+    )
     search: Search | None = Field(default=None, description="what is looked for, instead of driving every combination")
 
     @model_validator(mode="after")
@@ -138,6 +143,8 @@ class Spec(Table):
             if not isinstance(self.parameters.get(search.along), Steps):
                 raise ValueError(f"search.along: expected a parameter with {{ from, to, step }}, got {search.along!r}")
             self._listed()
+        elif self.controllers:
+            raise ValueError("controllers: a search for the worst case takes one, expected it in the scenario")
         elif not any(isinstance(axis, Between) for axis in self.parameters.values()):
             raise ValueError("search: expected a parameter with { min, max } to choose from")
 
@@ -150,7 +157,7 @@ class Spec(Table):
     def _listed(self) -> None:
         if self.samples is not None:
             raise ValueError(f"design {self.design}: samples: goes with {', '.join(SAMPLED)}")
-        if not self.parameters and self.repeats < 2:
+        if not self.parameters and not self.controllers and self.repeats < 2:
             raise ValueError(f"an empty {self.design}: nothing is varied, expected [parameters] or seeds")
         for key, axis in self.parameters.items():
             if isinstance(axis, Between):
@@ -170,6 +177,11 @@ class Spec(Table):
         for key, values in choices.items():
             if len(set(values)) < len(values):
                 raise ValueError(f"parameters.{key}: {_twice(values)} stands twice, expected each value once")
+
+    @property
+    def varied(self) -> dict[str, Kind]:
+        """Name and kind of everything that tells one point from another: the controllers' columns, the parameters."""
+        return {**columns(self.controllers), **{name: axis.kind for name, axis in self.parameters.items()}}
 
     @property
     def repeats(self) -> int:
@@ -199,7 +211,7 @@ def fit(spec: Spec, file: Path, table: Mapping[str, Any], taken: frozenset[str])
     `taken` are columns of a row that no parameter may be called by. Values are judged against the bounds that the
     scenario declares; what else a scenario refuses, it refuses when the values are laid in.
     """
-    setters: dict[str, str] = {}
+    setters = dict.fromkeys(columns(spec.controllers), "controllers")
     for name, axis in spec.parameters.items():
         key = f"{file}: parameters.{name}"
         _known(key, name, table)

@@ -6,8 +6,10 @@ Combines the other modules of this package; must not know controllers or wire fo
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Final
 
 import libsumo
 
@@ -26,6 +28,11 @@ from vve_sumo.world.surroundings import Surroundings, table
 
 #: Gap that traffic needs to an ego that enters among moving vehicles [m]: SUMO's standstill gap.
 ENTRY_GAP = 2.5
+
+#: SUMO's warning of a vehicle that was moved farther than it can drive: where from, where to, how far [m]
+MOVED: Final = re.compile(r"moved by TraCI from (\S+),(\S+) to (\S+),(\S+) \(dist (\S+)\)")
+#: A move along a bent lane is longer than the straight line between its places, within one step by less than this [m].
+MOVE_TOLERANCE: Final = 5.0
 
 
 class World:
@@ -79,8 +86,11 @@ class World:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """SUMO's warnings so far, one line each, without those about proxies, which overlap on purpose."""
-        return tuple(line for line in self._simulation.warnings if EGO_PROXY_TYPE not in line)
+        """SUMO's warnings so far, one line each.
+
+        Without those about proxies, which overlap on purpose, and without moves that did not happen.
+        """
+        return tuple(line for line in self._simulation.warnings if EGO_PROXY_TYPE not in line and is_true(line))
 
     @property
     def cleared(self) -> tuple[str, ...]:
@@ -249,6 +259,19 @@ class World:
             return table(self._start, ())
         x, y, players = self._pose.x, self._pose.y, self._players.seen()
         return self._surroundings.snapshot(self._time(), x, y, self._hidden(), players)
+
+
+def is_true(warning: str) -> bool:
+    """Return whether a warning of SUMO may be true: false for a move whose distance is not that between its places.
+
+    SUMO measures a move along the vehicle's route. On a route that is a loop, a place a millimetre behind the last one
+    is found a whole loop farther on: a car that stands is said to have moved by kilometres, at 200 km/s.
+    """
+    moved = MOVED.search(warning)
+    if moved is None:
+        return True
+    from_x, from_y, to_x, to_y, distance = map(float, moved.groups())
+    return distance <= math.hypot(to_x - from_x, to_y - from_y) + MOVE_TOLERANCE
 
 
 def _clear(body: Box, speed: float, keep: frozenset[str]) -> tuple[str, ...]:

@@ -1,0 +1,81 @@
+"""Pairs of runs: differences, signs and two-by-two tables against counting by hand; what cannot be paired."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vve_sumo.analysis.paired import SEED, VERDICTS, compare_rows
+from vve_sumo.errors import ConfigError
+
+
+def side(change: float, seeds: range = range(1, 4), **more: Any) -> pd.DataFrame:
+    """Runs over speed and seed whose gap changes with both, and by so much everywhere; below zero they have none."""
+    rows = pd.DataFrame(itertools.product((5.0, 10.0), seeds), columns=["speed", SEED])
+    gap = 4.0 - 0.35 * rows["speed"] + 0.1 * rows[SEED] + change
+    columns = {"passed": gap > 1.0, "collision": gap < 0.0, "stop_gap_m": gap.where(gap >= 0.0)}
+    return rows.assign(**columns, **more).astype({"passed": "boolean", "collision": "boolean"})
+
+
+def test_pairs_have_the_seed_and_the_parameters_in_common_in_whatever_order_they_come() -> None:
+    one, other = side(0.0), side(0.25, range(2, 6)).iloc[::-1]
+    compared = compare_rows(one, other, ["speed"], figures=["stop_gap_m"])
+    assert len(compared.pairs) == 4
+    assert compared.unpaired == (2, 4)
+    assert compared.difference("stop_gap_m") == pytest.approx([0.25] * 4)
+    row = compared.figures.loc["stop_gap_m"]
+    assert (row["pairs"], row["lower"], row["same"], row["higher"]) == (4, 0, 0, 4)
+    assert row["median_difference"] == pytest.approx(0.25)
+    assert row["worse"] == "lower"
+
+
+def test_who_has_no_gap_is_counted_and_in_no_difference() -> None:
+    compared = compare_rows(side(0.0), side(-1.0), ["speed"], figures=["stop_gap_m"])
+    row = compared.figures.loc["stop_gap_m"]
+    # At 10 m/s gaps of 0.6 to 0.8 m become collisions.
+    assert (row["pairs"], row["only_one"], row["only_other"], row["lower"]) == (3, 3, 0, 3)
+    assert compared.verdicts.loc["collision"].tolist() == [0, 0, 3, 3]
+    assert compared.verdicts.loc["passed"].tolist() == [3, 0, 0, 3]
+
+
+@given(st.lists(st.tuples(*[st.sampled_from([1.0, 2.0, math.nan])] * 2, *[st.sampled_from([True, False, None])] * 2)))
+def test_every_pair_is_counted_once(pairs: list[tuple[float, float, bool | None, bool | None]]) -> None:
+    if not pairs:
+        return
+    sides = []
+    for number in range(2):
+        verdicts = pd.array([pair[2 + number] for pair in pairs], "boolean")
+        gaps = [pair[number] for pair in pairs]
+        sides.append(pd.DataFrame({SEED: range(len(pairs)), "stop_gap_m": gaps, "passed": verdicts}))
+    compared = compare_rows(*sides, [], figures=["stop_gap_m"])
+    row = compared.figures.loc["stop_gap_m"]
+    both = [(a, b) for a, b, *_ in pairs if a == a and b == b]
+    signs = [int(np.sign(b - a)) for a, b in both]
+    assert [row["lower"], row["same"], row["higher"]] == [signs.count(-1), signs.count(0), signs.count(1)]
+    assert (row["only_one"], row["only_other"]) == (
+        sum(a == a and b != b for a, b, *_ in pairs),
+        sum(a != a and b == b for a, b, *_ in pairs),
+    )
+    wanted = np.median([b - a for a, b in both]) if both else math.nan
+    assert row["median_difference"] == pytest.approx(wanted, nan_ok=True)
+    verdicts = [pair[2:] for pair in pairs]
+    kinds = [(True, True), (True, False), (False, True), (False, False)]
+    assert compared.verdicts.loc["passed", list(VERDICTS)].tolist() == [verdicts.count(kind) for kind in kinds]
+
+
+def test_what_cannot_be_paired_is_one_line() -> None:
+    with pytest.raises(ConfigError, match=r"one: several runs have seed = 1: pick one of each by its other parameters"):
+        compare_rows(side(0.0), side(1.0), [])
+    with pytest.raises(ConfigError, match="one and other have no pair: no run of both has the same speed, seed"):
+        compare_rows(side(0.0), side(0.0).assign(speed=7.0).drop_duplicates("seed"), ["speed"])
+    with pytest.raises(ConfigError, match="other: no column 'speed' to pair by; there are seed"):
+        compare_rows(side(0.0), side(0.0)[["seed"]], ["speed"])
+    with pytest.raises(ConfigError, match="the pairs have no figure 'nix'; there are stop_gap_m"):
+        compare_rows(side(0.0), side(1.0), ["speed"], figures=["stop_gap_m"]).difference("nix")

@@ -1,0 +1,99 @@
+"""`vve-sumo compare` of sweeps: their runs pair by pair, as tables for people."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vve_sumo.cli.console import plain_console
+from vve_sumo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vve_sumo.analysis.dataset import Sweep
+    from vve_sumo.analysis.paired import PairedComparison
+
+#: columns of the table of figures: head, and the column of the comparison
+COLUMNS = {
+    "pairs": "pairs",
+    "one alone": "only_one",
+    "other alone": "only_other",
+    "one, median": "median_one",
+    "other, median": "median_other",
+    "difference, median": "median_difference",
+    "least": "least_difference",
+    "greatest": "greatest_difference",
+    "less": "lower",
+    "same": "same",
+    "more": "higher",
+    "worse is": "worse",
+}
+
+
+def run(one: Sweep, other: Path | None, by: str | None, figure: str, out: Path | None) -> int:
+    """Compare two sweeps, or two values of a parameter of one; print what differs, draw it; return the exit code, 0."""
+    compared = _compared(one, other, by)
+    _show(compared)
+    if out is not None:
+        from vve_sumo.plotting import paired, save
+
+        save(paired(compared, figure), out)
+        print(f"picture: {out}")
+    return 0
+
+
+def _compared(one: Sweep, other: Path | None, by: str | None) -> PairedComparison:
+    from vve_sumo.analysis.dataset import Sweep
+    from vve_sumo.analysis.load import load
+    from vve_sumo.analysis.paired import compare_sweeps, compare_within
+
+    if (other is None) == (by is None):
+        raise ConfigError(f"{one.folder}: a sweep; expected either another sweep or --by PARAMETER")
+    if by is not None:
+        return compare_within(one, by)
+    assert other is not None
+    second = load(other)
+    if not isinstance(second, Sweep):
+        raise ConfigError(f"{other}: the record of one drive; expected a sweep, as {one.folder} is one")
+    return compare_sweeps(one, second)
+
+
+def _show(compared: PairedComparison) -> None:
+    console = plain_console()
+    console.print(f"one:   {compared.one}")
+    console.print(f"other: {compared.other}")
+    alone = f"; without a partner: {compared.unpaired[0]} of one, {compared.unpaired[1]} of other"
+    console.print(f"{len(compared.pairs)} pairs by {', '.join(compared.by)}{alone if any(compared.unpaired) else ''}")
+    _print_verdicts(compared)
+    _print_figures(compared)
+
+
+def _print_verdicts(compared: PairedComparison) -> None:
+    rows = [[str(name), *(str(count) for count in row)] for name, row in compared.verdicts.iterrows()]
+    _print("Pairs by what is true of them", ["", "of both", "of one alone", "of other alone", "of neither"], rows)
+
+
+def _print_figures(compared: PairedComparison) -> None:
+    rows = []
+    for name, row in compared.figures.iterrows():
+        if row["pairs"] + row["only_one"] + row["only_other"]:
+            rows.append([str(name), *(_cell(row[column]) for column in COLUMNS.values())])
+    _print("Figures; differences are other minus one, over the pairs that both have it", ["", *COLUMNS], rows)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return "none" if math.isnan(value) else f"{value:.4g}"
+    return str(value)
+
+
+def _print(title: str, heads: list[str], rows: list[list[str]]) -> None:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE)
+    for number, head in enumerate(heads):
+        table.add_column(head, justify="right" if number else "left", overflow="fold", no_wrap=not number)
+    for row in rows:
+        table.add_row(*row)
+    plain_console().print(table)
