@@ -139,8 +139,8 @@ def stopping_bound_checks(rows: pd.DataFrame) -> pd.DataFrame:
         raise ConfigError(f"stopping-bound check: the rows have no column {missing[0]}: another vve-sumo drove them")
     distance, bound, tolerated = (rows[column].astype("float64") for column in ROW_COLUMNS)
     excess = distance - bound
-    columns = {"distance_m": distance, "bound_m": bound, "excess_m": excess, "tolerance_m": tolerated}
-    columns |= {"held": excess <= tolerated, "broken": excess > tolerated}
+    figures = {"distance_m": distance, "bound_m": bound, "excess_m": excess, "tolerance_m": tolerated}
+    columns = {**figures, "held": excess <= tolerated, "broken": excess > tolerated}
     return described(pd.DataFrame(columns), MEANINGS)
 
 

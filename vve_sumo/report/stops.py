@@ -180,7 +180,7 @@ def bound_checks(rows: pd.DataFrame) -> dict[str, object]:
     keys = rows.loc[shown.index, "key"].astype(str)
     lines: list[Row] = [(Cell(key, kind="code"), *map(number, those)) for key, those in zip(keys, figures, strict=True)]
     heads = ("took [m]", "bound [m]", "beyond it [m]", "tolerated [m]")
-    columns = ("run", *(Column(head, True) for head in heads))
+    columns: tuple[Column | str, ...] = ("run", *(Column(head, True) for head in heads))
     return {
         "bound_checks": Cell(text, kind="" if broken.empty and not hunting else "no"),
         "broken_bounds": Table("runs that broke their bound", columns, lines, len(broken)),
