@@ -53,9 +53,11 @@ def drive(name: str, seed: int) -> dict[str, Any]:
 def paint(name: str) -> None:
     """Draw a scenario's picture."""
     from vve_sumo.drive.run import resolve_by_name
+    from vve_sumo.drive.scenario_text import circumstances
     from vve_sumo.plotting.scenario import draw
 
-    draw(resolve_by_name(name, REPOSITORY), PICTURES / f"{name}.png")
+    resolved = resolve_by_name(name, REPOSITORY)
+    draw(resolved, PICTURES / f"{name}.png", circumstances(resolved, REPOSITORY))
 
 
 def row(name: str, summaries: Sequence[dict[str, Any]]) -> str:

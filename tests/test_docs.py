@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, get_origin
 
+import pyarrow as pa
 import pytest
 from pydantic import BaseModel
 
@@ -28,6 +29,7 @@ from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
 from vve_sumo.pose.receivers.port import PORT, ReceiverTable
 from vve_sumo.pose.receivers.port import load as load_receiver
+from vve_sumo.record.layout import ROADS, ROADS_SCHEMA
 from vve_sumo.report import glossary
 from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
@@ -86,8 +88,13 @@ def _codes(reasons: Mapping[str, str]) -> str:
 
 
 def _schema(table: str) -> str:
-    rows = (f"| `{f.name}` | {f.type} | {f.metadata[b'meaning'].decode()} |" for f in LIVE_TABLES[table])
+    schema = (LIVE_TABLES | {ROADS: ROADS_SCHEMA})[table]
+    rows = (f"| `{f.name}` | {_type(f)} | {f.metadata[b'meaning'].decode()} |" for f in schema)
     return "\n".join(["| column | type | meaning |", "|---|---|---|", *rows])
+
+
+def _type(field: pa.Field) -> str:
+    return f"list of {field.type.value_type}" if pa.types.is_list(field.type) else str(field.type)
 
 
 def _kinds() -> str:
@@ -125,6 +132,7 @@ GENERATED = {
     ("record.md", "reading columns"): lambda: _schema("readings"),
     ("record.md", "detection columns"): lambda: _schema("sensor_radar"),
     ("record.md", "actor columns"): lambda: _schema("actors"),
+    ("record.md", "road columns"): lambda: _schema("roads"),
     ("record.md", "gateway columns"): lambda: _schema("gateway"),
     ("record.md", "latency columns"): lambda: _schema("latency"),
     ("record.md", "columns"): columns,

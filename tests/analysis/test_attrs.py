@@ -72,6 +72,8 @@ OF_A_RUN: dict[str, Callable[[Run], Mapping[str, Any]]] = {
     "legs_over_time": lambda run: {"legs": analysis.legs_over_time(run)},
     "radar_statistics": lambda run: {"radar statistics": analysis.radar_statistics(run)},
     "braked_for_nothing": lambda run: {"braked for nothing": analysis.braked_for_nothing(run)},
+    "string_stability": lambda run: {"string": analysis.string_stability(run)},
+    "headway_distribution": lambda run: {"headways": analysis.headway_distribution(run)},
     "Comparison": lambda run: _of_comparison(analysis.compare(run, run)),
 }
 OF_A_SWEEP: dict[str, Callable[[Sweep], Mapping[str, Any]]] = {
@@ -87,12 +89,17 @@ OF_A_SWEEP: dict[str, Callable[[Sweep], Mapping[str, Any]]] = {
     "variance_explained": lambda sweep: {
         "variance": analysis.variance_explained(sweep.rows(), "stop_gap_m", sweep.parameters)
     },
+    "PairedComparison": lambda sweep: _of_pairs(analysis.compare_sweeps(sweep, sweep)),
     "LatencyMargin": lambda sweep: _of_margin(sweep),
 }
 
 
 def _of_comparison(compared: analysis.Comparison) -> Mapping[str, pd.DataFrame]:
     return {"signals": compared.signals, "outcomes": compared.outcomes, **compared.series}
+
+
+def _of_pairs(compared: analysis.PairedComparison) -> Mapping[str, pd.DataFrame]:
+    return {"pairs": compared.pairs, "figures": compared.figures, "verdicts": compared.verdicts}
 
 
 def _of_margin(sweep: Sweep) -> Mapping[str, pd.DataFrame]:

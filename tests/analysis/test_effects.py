@@ -75,6 +75,8 @@ def test_numbers_that_matter_become_axes_and_the_controller_never_does() -> None
     parameters = ["controller.name", "road", "c", "b", "a"]
     assert chosen_axes(rows, "gap_m", parameters) == Axes("a", "b", "controller.name")
     assert chosen_axes(rows[rows["controller.name"] == "one"], "gap_m", parameters) == Axes("a", "b", None)
+    rows["tuning"] = rows["b"].where(rows["controller.name"] == "one")  # of which the other has none
+    assert chosen_axes(rows, "gap_m", ["controller.name", "tuning", "a"]) == Axes("a", None, "controller.name")
     assert chosen_axes(rows[rows["b"] == rows["c"]], "gap_m", ["road", "a"]) == Axes("a", None, None)
 
 

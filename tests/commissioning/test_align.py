@@ -243,7 +243,7 @@ def test_a_path_too_long_is_cut_where_it_still_fits(tmp_path: Path) -> None:
     # 160 m less margins, the car, and the fallback path from 8 m/s at 2.4 m/s2 with what comes before it.
     assert 100.0 < station < 160.0 - 2.0 - 4.9 - 8.0**2 / (2.0 * 2.5)
     loaded, site = rigs.load(rig), align.site_of("calibration", str(rig), tmp_path)
-    path, route = read_path(tmp_path / "short.csv", site.resolved.map_frame, site.resolved.network)
+    path, route, _lanes = read_path(tmp_path / "short.csv", site.resolved.map_frame, site.resolved.network)
     assert station - 3.0 < path.length <= station + 0.5
     assert route == site.resolved.route
     start, whole = path.at(0.0), site.resolved.path.at(0.0)

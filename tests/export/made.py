@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from tests.analysis.made import BOX, PERIOD, put, write
+from vve_sumo.record.layout import ROADS_SCHEMA
 
 TICKS = 151
 TIME = np.arange(TICKS) * PERIOD
@@ -33,6 +36,21 @@ SETTINGS = {
     "obstacles": [{"id": "parked"}],
     "actors": [{"id": "walker", "kind": "pedestrian"}],
 }
+
+
+#: the street up to where the ego begins, its left lane, the bend that the ego takes, and ways on foot
+BEND = np.linspace(0.0, 0.8, 17)
+ROADS: list[dict[str, Any]] = [
+    {"lane": "street_0", "kind": "lane", "width_m": 3.0, "x_m": [0.0, 0.0, 0.0], "y_m": [-60.0, -20.0, 0.0],
+     "successors": [":bend_0_0", "beyond_0"]},
+    {"lane": "street_1", "kind": "lane", "width_m": 3.0, "x_m": [-3.0, -3.0], "y_m": [-60.0, 0.0], "successors": []},
+    {"lane": ":bend_0_0", "kind": "junction", "width_m": 3.4, "x_m": (RADIUS * np.cos(BEND) - RADIUS).tolist(),
+     "y_m": (RADIUS * np.sin(BEND)).tolist(), "successors": []},
+    {"lane": ":bend_c0_0", "kind": "crossing", "width_m": 4.0, "x_m": [-10.0, 10.0, 10.0], "y_m": [-3.0] * 3,
+     "successors": []},
+    {"lane": "side_0", "kind": "walkway", "width_m": 2.0, "x_m": [5.0, 5.0], "y_m": [-60.0, 0.0], "successors": []},
+    {"lane": "dot_0", "kind": "lane", "width_m": 2.0, "x_m": [5.0, 5.0], "y_m": [0.0, 0.0], "successors": []},
+]  # fmt: skip
 
 
 def away(actor: str, tick: int) -> bool:
@@ -65,4 +83,11 @@ def record(folder: Path, summary: Any, ticks: int = TICKS, speed: float = SPEED,
     ]
     write(folder, rows, summary, **({"settings": SETTINGS} | changes))
     put(folder, "actors", (box_at(actor, t) for t in range(ticks) for actor in ACTORS if not away(actor, t)))
+    return folder
+
+
+def with_roads(folder: Path) -> Path:
+    """Write the record with the lanes of ROADS."""
+    record(folder, {"outcome": "timeout"})
+    pq.write_table(pa.Table.from_pylist(ROADS, ROADS_SCHEMA), folder / "roads.parquet")
     return folder

@@ -12,12 +12,13 @@ import pytest
 import sumolib
 import xmlschema
 
-from tests.export.made import ACTORS, HEADING, TICKS, TIME, X, Y, away, box_at, record
+from tests.export.made import ACTORS, HEADING, ROADS, TICKS, TIME, X, Y, away, box_at, record, with_roads
 from vve_sumo.analysis import Run
 from vve_sumo.export.write import export
 
 sumo = pytest.importorskip("sumo", reason="SUMO's tools and schemas come with eclipse-sumo")
 CENTIMETRE = 0.01
+SCHEMA = Path(sumo.SUMO_HOME) / "data" / "xsd" / "fcd_file.xsd"
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def file(run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_it_is_named_after_the_record_and_valid_by_sumos_schema(file: Path) -> None:
     assert file.name == "mine.fcd.xml"
-    xmlschema.XMLSchema(str(Path(sumo.SUMO_HOME) / "data" / "xsd" / "fcd_file.xsd")).validate(str(file))
+    xmlschema.XMLSchema(str(SCHEMA)).validate(str(file))
 
 
 def test_sumolib_reads_every_body_within_a_centimetre(run: Run, file: Path) -> None:
@@ -73,3 +74,30 @@ def test_a_car_that_rolls_back_has_no_negative_speed(tmp_path: Path) -> None:
     (file,) = export(Run(record(tmp_path / "back", {"outcome": "timeout"}, speed=-0.5)), "fcd", tmp_path)
     speeds = [float(one.speed) for step in sumolib.xml.parse(str(file), "timestep") for one in step.vehicle]
     assert min(speeds) == 0.0
+
+
+def test_lanes_and_positions_are_those_that_sumolib_measures(tmp_path: Path) -> None:
+    (file,) = export(Run(with_roads(tmp_path / "mine")), "fcd", tmp_path)
+    xmlschema.XMLSchema(str(SCHEMA)).validate(str(file))
+    lines = {road["lane"]: [*zip(road["x_m"], road["y_m"], strict=True)] for road in ROADS}
+    for step in sumolib.xml.parse(str(file), "timestep"):
+        found = {one.id: one for one in step.getChildList()}
+        ego = found["ego"]
+        assert ego.lane == ":bend_0_0"  # which overlaps with none of the others
+        at = sumolib.geomhelper.polygonOffsetWithMinimumDistanceToPoint((float(ego.x), float(ego.y)), lines[ego.lane])
+        assert float(ego.pos) == pytest.approx(at, abs=CENTIMETRE)
+        assert (found["parked"].lane, found["parked"].pos) == ("", None)  # beside every lane
+        x = float(found["walker"].x)
+        assert found["walker"].edge == (":bend_c0" if abs(x) <= 10.0 else "")
+        if found["walker"].edge:
+            assert float(found["walker"].pos) == pytest.approx(10.0 + x, abs=CENTIMETRE)
+
+
+def test_sumos_plot_of_trajectories_finds_every_vehicle(tmp_path: Path) -> None:
+    """The tool wants a lane of every vehicle."""
+    (file,) = export(Run(with_roads(tmp_path / "mine")), "fcd", tmp_path)
+    tool, out = Path(sumo.SUMO_HOME) / "tools" / "plot_trajectories.py", tmp_path / "t.csv"
+    arguments = ["-t", "ts", "--blind", "--csv-output", str(out), "-o", str(tmp_path / "t.png"), str(file)]
+    subprocess.run([sys.executable, str(tool), *arguments], check=True, capture_output=True, timeout=120)
+    rows = [line for line in out.read_text().splitlines() if line[:1].isdecimal()]
+    assert len(rows) == 3 * TICKS - 20  # ego, parked, and the lorry while it is there

@@ -54,7 +54,7 @@ def drive(
 ) -> Told:
     """Drive as a driver means to for so long, from a share of the path on."""
     network = read_network(REPOSITORY / "networks" / "linden.net.xml")
-    path, route = read_path(REPOSITORY / "routes" / f"{along}.csv", network.frame(), network)
+    path, route, _lanes = read_path(REPOSITORY / "routes" / f"{along}.csv", network.frame(), network)
     ego = OddEgo(path, FUSION.vehicle, start * (path.length - 200.0), means)
     demand = [REPOSITORY / "routes" / f"linden_{level}.rou.xml"]
     told, memory, touched = Told(seed), Memory(PERIOD), dict[str, float]()

@@ -392,10 +392,15 @@ def survivors() -> pd.DataFrame:
 
 def test_a_distribution_counts_who_drove_through_as_below_zero() -> None:
     figure = plotting.distribution(survivors(), "stop_gap_m", "controller.name")
-    x, share = labelled(figure, r"^two \(8 of 10 runs, 2 collided\)")
+    x, share = labelled(figure, r"^two \(8 of 10 runs, 2 collided without\)")
     assert x.tolist() == [0.0, 0.0, *range(3, 11)]
     assert share.tolist() == [0.0, *range(20, 110, 10)]
     assert labelled(figure, r"^one \(10 runs\)")[1][-1] == 100.0
+    rows = survivors()
+    rows.loc[rows["ego.speed_mps"].eq(14.0) & rows["collision"], "stop_gap_m"] = -3.0  # an overlap that was measured
+    x, share = labelled(plotting.distribution(rows, "stop_gap_m", "controller.name"), r"^two \(9 of 10 runs")
+    assert x.tolist() == [-3.0, -3.0, -3.0, *range(3, 11)]
+    assert share.tolist() == [0.0, 10.0, 20.0, *range(30, 110, 10)]
 
 
 def test_a_median_over_all_runs_counts_who_drove_through_and_ends_where_half_did() -> None:
@@ -458,6 +463,18 @@ def test_rarer_texts_are_taken_together_and_missing_ones_apart() -> None:
     rows = pd.DataFrame({"kind": ["a", "b", "b", "c", "c", "c", "d", None]})
     found = {part.word: np.flatnonzero(part.which).tolist() for part in parts.parts_of(rows, "kind", 4)}
     assert found == {"c": [3, 4, 5], "b": [1, 2], "2 other values of kind": [0, 6], "without kind": [7]}
+
+
+@pytest.mark.parametrize("ended", [0, 3])
+def test_runs_that_the_gateway_stopped_are_told_of_beside_a_gap(ended: int) -> None:
+    rows = survivors().assign(outcome=["fault"] * ended + ["stopped"] * (20 - ended))
+    for figure in (
+        plotting.heat_map(rows, "ego.speed_mps", "weather", "stop_gap_m"),
+        plotting.distribution(rows, "stop_gap_m"),
+        plotting.response(rows, "ego.speed_mps", "stop_gap_m"),
+        plotting.gap_against_speed(rows),
+    ):
+        assert ("the gateway stopped 3 runs of these" in figure.get_suptitle()) == bool(ended)
 
 
 def test_pairs_are_drawn_one_over_the_other_with_their_differences() -> None:

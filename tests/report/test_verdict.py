@@ -130,12 +130,12 @@ FAULT = Result("", {}, "timed_out")
     ("results", "cells", "line"),
     [
         ([ran(True)], None, "passed: The one judged run passed. Over all runs: smallest gap at rest 2.00 m, no coll"),
-        ([ran(True), ran(False)], None, "explored: 1 of 2 judged runs passed (50 %), 1 failed. Over all runs: small"),
+        ([ran(True), ran(False)], None, "explored: 1 of 2 judged runs met the criteria (50 %), 1 did not. Over all"),
         ([ran(True), FAULT], None, "not judged: The one judged run passed; 1 more ended with a fault. Over all runs:"),
-        ([ran(False), FAULT], None, "explored: 0 of 1 judged runs passed (0 %), 1 failed; 1 more ended with a fault."),
+        ([ran(False), FAULT], None, "explored: 0 of 1 judged runs met the criteria (0 %), 1 did not; 1 more ended"),
         ([ran(True)], 3, "broken off: 1 of 3 runs are finished: the sweep was stopped or still runs. The one"),
         ([ran(False, collision=True, stop_gap_m=-0.1)], None,
-         "explored: 0 of 1 judged runs passed (0 %), 1 failed. Over all runs: 1 run with a collision."),
+         "explored: 0 of 1 judged runs met the criteria (0 %), 1 did not. Over all runs: 1 run with a collision."),
     ],
 )  # fmt: skip
 def test_the_word_of_a_sweep_is_that_of_its_runs(

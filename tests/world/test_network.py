@@ -6,6 +6,7 @@ import gzip
 import heapq
 import math
 import random
+import subprocess
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import sumolib
 
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.network import LANE_WIDTH, Roads, lane_shapes, read_network
+from vve_sumo.world.network import LANE_WIDTH, Roads, lane_shapes, lanes_near, read_network
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +112,38 @@ def test_lane_shapes_are_those_of_sumolib_that_meet_the_box(linden, reference, b
     found = [(tuple(shape[:, 0]), tuple(shape[:, 1]), width) for shape, width in lane_shapes(linden, box)]
     assert sorted(found) == sorted(expected)
     assert all(width == LANE_WIDTH for _, _, width in found)
+
+
+@pytest.mark.parametrize("box", [(1400.0, 1000.0, 1600.0, 1100.0), (0.0, 0.0, 300.0, 300.0)])
+def test_lanes_lead_where_sumolib_says(linden, reference, box):
+    found = lanes_near(linden, box)
+    assert [tuple(map(tuple, lane.shape)) for lane in found] == [
+        tuple(map(tuple, shape)) for shape, _ in lane_shapes(linden, box)
+    ]
+    assert {lane.kind for lane in found} == {"lane", "junction"}
+    for lane in found:
+        known = reference.getLane(lane.name)
+        assert lane.width == known.getWidth()
+        assert [tuple(point[:2]) for point in known.getShape()] == [*map(tuple, lane.shape)]
+        assert (lane.kind == "junction") == (known.getEdge().getFunction() == "internal")
+        ways = {link.getViaLaneID() or link.getToLane().getID() for link in known.getOutgoing()}
+        assert set(lane.successors) == ways
+
+
+def test_lanes_on_foot_are_told_apart(tmp_path):
+    sumo = pytest.importorskip("sumo", reason="eclipse-sumo (netgenerate) is not installed")
+    file = tmp_path / "grid.net.xml"
+    options = ["--grid", "--grid.number", "3", "--sidewalks.guess", "--crossings.guess", "--no-warnings"]
+    subprocess.run([f"{sumo.SUMO_HOME}/bin/netgenerate", *options, "-o", str(file)], check=True, capture_output=True)
+    found = {lane.name: lane.kind for lane in lanes_near(file, (-1e4, -1e4, 1e4, 1e4))}
+    kinds = {"internal": "junction", "crossing": "crossing", "walkingarea": None}
+    expected = {
+        lane.getID(): kinds.get(edge.getFunction(), "walkway" if {*lane.getPermissions()} == {"pedestrian"} else "lane")
+        for edge in sumolib.net.readNet(str(file), withInternal=True).getEdges(withInternal=True)
+        for lane in edge.getLanes()
+    }
+    assert found == {name: kind for name, kind in expected.items() if kind is not None}
+    assert {"lane", "junction", "walkway", "crossing"} == {*found.values()}
 
 
 def _shortest(reference, start, end) -> float:

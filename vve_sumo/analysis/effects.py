@@ -65,15 +65,16 @@ def variance_explained(rows: pd.DataFrame, figure: str, parameters: Sequence[str
 def chosen_axes(rows: pd.DataFrame, figure: str, parameters: Sequence[str]) -> Axes:
     """Return which parameters show a figure best: those that vary, in the order of the variance that they explain.
 
-    Numbers become axes: the one that explains most within each value of `by`, then the one that explains most of what
-    is left between the runs that have the value of both in common. Texts, such as the controller's name, have no
-    order: one of them tells lines or panels apart, the controller before any other.
+    Numbers that every run has become axes: the one that explains most within each value of `by`, then the one that
+    explains most of what is left between the runs that have the value of both in common. Texts, such as the
+    controller's name, have no order: one of them tells lines or panels apart, the controller before any other.
     """
     varied = [name for name in parameters if rows[name].nunique() > 1]
     texts = [name for name in varied if not is_number(rows[name])]
     controller = controller_of(rows)
     by = controller if controller in texts else _best(rows, figure, texts, [])
-    numbers = [name for name in varied if is_number(rows[name])]
+    # A key of one controller's tuning would leave the others without a place.
+    numbers = [name for name in varied if is_number(rows[name]) and rows[name].notna().all()]
     x = _best(rows, figure, numbers, [by])
     return Axes(x, _best(rows, figure, [name for name in numbers if name != x], [by, x]), by)
 

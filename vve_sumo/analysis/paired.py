@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics.table import METRICS, NUMBERS
+from vve_sumo.metrics.table import METRICS, NUMBERS, label_of, meaning_of
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -38,7 +38,12 @@ FIGURES: Final = {
     "higher": "pairs in which the other has more",
     "worse": "which way the figure is worse: lower, higher, or neither",
 }
-VERDICTS: Final = ("both", "only_one", "only_other", "neither")
+VERDICTS: Final = {
+    "both": "pairs of which it is true of both runs",
+    "only_one": "pairs of which it is true of the run of the one alone",
+    "only_other": "pairs of which it is true of the run of the other alone",
+    "neither": "pairs of which it is true of neither run",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,9 +141,21 @@ def compare_rows(
         raise ConfigError(f"{one_name} and {other_name} have no pair: no run of both has the same {', '.join(keys)}")
     told = [_figure(pairs, name) for name in wanted]
     table = described(pd.DataFrame(told, pd.Index(wanted, name="figure"), list(FIGURES)), FIGURES)
-    verdicts = pd.DataFrame([_verdict(pairs, name) for name in judged], judged, list(VERDICTS))
+    verdicts = described(pd.DataFrame([_verdict(pairs, name) for name in judged], judged, list(VERDICTS)), VERDICTS)
+    pairs = described(pairs, _meanings(one, other, keys, kept))
     unpaired = (len(one) - len(pairs), len(other) - len(pairs))
     return PairedComparison(one_name, other_name, tuple(keys), pairs, table, verdicts, unpaired)
+
+
+def _meanings(one: pd.DataFrame, other: pd.DataFrame, keys: Sequence[str], kept: Sequence[str]) -> dict[str, str]:
+    """Return what the columns of the pairs mean, by what those of the two tables do."""
+
+    def of(rows: pd.DataFrame, name: str) -> str:
+        return rows.attrs.get("meanings", {}).get(name) or meaning_of(name) or label_of(name)
+
+    sides = {"one": one, "other": other}
+    own = {f"{side}_{name}": f"{side}: {of(rows, name)}" for side, rows in sides.items() for name in kept}
+    return {key: of(one, key) for key in keys} | own
 
 
 def _once(rows: pd.DataFrame, keys: Sequence[str], name: str) -> None:

@@ -24,8 +24,18 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_data import DriveData, Motion
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path
-from vve_sumo.record.layout import LIVE_SCHEMAS, PROVENANCE, SCHEMAS, check_layout, sensor_schemas, sensor_table
+from vve_sumo.record.layout import (
+    LIVE_SCHEMAS,
+    PROVENANCE,
+    ROADS,
+    ROADS_SCHEMA,
+    SCHEMAS,
+    check_layout,
+    sensor_schemas,
+    sensor_table,
+)
 from vve_sumo.record.reader import read_table
+from vve_sumo.record.roads import read_roads
 from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
@@ -89,8 +99,9 @@ class Run:
     def arrow(self, name: str) -> pa.Table:
         """Return a table of the record, read once.
 
-        Tables are ticks, actors, readings, one of each sensor (`sensor_radar`), and of a live drive gateway, latency.
-        Raises ConfigError where it is not there or cannot be read.
+        Tables are ticks, actors, readings, one of each sensor (`sensor_radar`), roads (the lanes around the path; no
+        rows in a record of an earlier layout), and of a live drive gateway, latency. Raises ConfigError where it is not
+        there or cannot be read.
         """
         known: dict[str, pa.Table] = self.__dict__.setdefault("_tables", {})
         if name not in known:
@@ -164,10 +175,10 @@ class Run:
         return _last_whole(self._read("ticks"), self._read("actors"), self._read("readings"), sensors)
 
     def _read(self, name: str) -> pa.Table:
-        known = SCHEMAS | sensor_schemas(self.resolved) | LIVE_SCHEMAS
+        known = SCHEMAS | sensor_schemas(self.resolved) | LIVE_SCHEMAS | {ROADS: ROADS_SCHEMA}
         if name not in known:
             raise ConfigError(f"{self.folder}: no table {name!r} in a record; there are {', '.join(known)}")
-        table = read_table(self.folder, name)
+        table = read_roads(self.folder) if name == ROADS else read_table(self.folder, name)
         missing = [column for column in known[name].names if column not in table.schema.names]
         if missing:
             raise ConfigError(f"{self.folder}: its table {name} has no column {missing[0]}: another vve-sumo wrote it")

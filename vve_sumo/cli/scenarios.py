@@ -33,9 +33,10 @@ def arguments(parser: Parser) -> None:
     show = add_command(
         inner,
         "show",
-        "draw a scenario as a PNG file",
-        "Draw the street from above, the ego's path, everybody's line of motion, and where and when triggers fire if\n"
-        "the ego never braked. Nothing is driven.",
+        "say what a scenario is, and draw it as a PNG file",
+        "Say in words what the scenario is: traffic, signals, what is wrong with the car, faults, who does what when,\n"
+        "what passes. Draw the street from above, the ego's path, everybody's line of motion, and where and when\n"
+        "triggers fire if the ego never braked. Nothing is driven.",
     )
     show.add_argument("scenario", nargs="?", help="name or .toml file")
     show.add_argument("--out", type=Path, metavar="PNG", help="picture to write (default: NAME.png here)")
@@ -81,7 +82,7 @@ def _show(arguments: argparse.Namespace) -> int:
     if (name is None) == (every is None):
         raise ConfigError("scenarios show: expected either a scenario's name or --all DIR")
     if every is None:
-        _draw(name, out if out is not None else Path(f"{Path(name).name.removesuffix('.toml')}.png"))
+        _draw(name, out if out is not None else Path(f"{Path(name).name.removesuffix('.toml')}.png"), text=True)
         return 0
     if out is not None:
         raise ConfigError("scenarios show: --out names the picture of one scenario, --all DIR has a folder of them")
@@ -89,11 +90,12 @@ def _show(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--all: {every} is a file, expected a folder for the pictures")
     every.mkdir(parents=True, exist_ok=True)
     for one in workspace.known("scenario", Path.cwd()):
-        _draw(one, every / f"{one}.png")
+        _draw(one, every / f"{one}.png", text=False)
     return 0
 
 
-def _draw(name: str, file: Path) -> None:
+def _draw(name: str, file: Path, *, text: bool) -> None:
+    """Draw a scenario into a PNG file; with `text` print also what it says."""
     from vve_sumo.drive.run import resolve_by_name
 
     if not file.parent.is_dir():
@@ -102,9 +104,12 @@ def _draw(name: str, file: Path) -> None:
         raise ConfigError(f"--out: expected the name of a PNG file, got {file}")
     resolved = resolve_by_name(name, Path.cwd())
     # Only now: matplotlib leaves folders of its own behind, also where the name is wrong.
+    from vve_sumo.drive.scenario_text import circumstances, lines
     from vve_sumo.plotting.scenario import draw
 
-    draw(resolved, file)
+    draw(resolved, file, circumstances(resolved, Path.cwd()))
+    if text:
+        print("\n  ".join([f"{resolved.name}: {resolved.scenario.title}", *lines(resolved, Path.cwd())]))
     print(f"{name}: drawn into {file}")
 
 

@@ -12,7 +12,7 @@ from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.version import __version__
-from vve_sumo.world.network import Network, lane_shapes, read_network
+from vve_sumo.world.network import Lane, Network, lanes_near, read_network
 
 if TYPE_CHECKING:
     from vve_sumo.rig.schema import Rig
@@ -47,12 +47,22 @@ PATH_COLUMNS = ("latitude_deg", "longitude_deg")
 MAX_DISTANCE_FROM_LANES = 50.0
 #: greatest spacing of the points on lanes with which the path is compared [m]
 LANE_POINT_SPACING = 10.0
+#: lanes that come within this distance of the path are kept for the record [m]; it reaches what the sensors see
+MAX_DISTANCE_FROM_PATH = 150.0
 #: comment in a path's file that names the edges it runs along
 EDGES_COMMENT = "# edges:"
 
 
+class LaidPath(NamedTuple):
+    """A path's file, laid in a network's map."""
+
+    path: Path  #: on the network's map
+    edges: tuple[str, ...]  #: that the path runs along, as the file's comment names them; empty without that comment
+    lanes: tuple[Lane, ...]  #: that come within MAX_DISTANCE_FROM_PATH of the path, in the network's order
+
+
 ReadNetwork = Callable[[FilePath], Network]
-ReadPath = Callable[[FilePath, MapFrame, Network], tuple[Path, tuple[str, ...]]]
+ReadPath = Callable[[FilePath, MapFrame, Network], LaidPath]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +76,7 @@ class ResolvedScenario:
     map_frame: MapFrame  #: of the network
     path: Path  #: of the rear axle, on the virtual road's map
     route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
+    lanes: tuple[Lane, ...]  #: that come within MAX_DISTANCE_FROM_PATH of the path
     model: VehicleModel  #: of the car that drives
     files: dict[str, FilePath]  #: what was read, by role
     actor_paths: dict[str, Path]  #: paths of actors, by the names that they use, on the virtual road's map
@@ -187,7 +198,8 @@ def resolve_scenario(
         map_frame = network.frame()
     except ConfigError as error:
         raise ConfigError(f"{network.path}: {error}") from None
-    path, route = (path_in or read_path)(path_file, map_frame, network)
+    laid = (path_in or read_path)(path_file, map_frame, network)
+    path = laid.path
     for obstacle in scenario.obstacles:
         if obstacle.at_m > path.length:
             raise ConfigError(
@@ -195,7 +207,7 @@ def resolve_scenario(
             )
 
     def read(of: FilePath) -> Path:
-        return (path_in or read_path)(of, map_frame, network)[0]
+        return (path_in or read_path)(of, map_frame, network).path
 
     followed = find_actor_paths(scenario.actors, file, path, find, read)
     files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files}
@@ -207,7 +219,8 @@ def resolve_scenario(
         demand=demand,
         map_frame=map_frame,
         path=path,
-        route=route,
+        route=laid.edges,
+        lanes=laid.lanes,
         model=load_vehicle(vehicle_file),
         files=files,
         actor_paths=followed.lines,
@@ -216,8 +229,8 @@ def resolve_scenario(
     )
 
 
-def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
-    """Return the path in a CSV file, laid in the network's map, and the edges that the file's comment names.
+def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> LaidPath:
+    """Return the path in a CSV file, laid in the network's map, with its edges and the lanes around it.
 
     Raises ConfigError naming file and line for an invalid coordinate, and for a point outside the network or more than
     MAX_DISTANCE_FROM_LANES from every lane.
@@ -234,23 +247,45 @@ def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> tuple[Pa
         placed.append(map_frame.to_map(math.radians(latitude), math.radians(longitude)))
     for where, (x, y) in zip(places, placed, strict=True):
         _inside(where, x, y, network)
-    _on_the_roads(places, placed, network)
+    points = np.array(placed).reshape(-1, 2)
+    lanes = _lanes_around(points, network)
+    _on_the_roads(places, points, lanes, network)
     try:
-        return Path.from_points([x for x, _y in placed], [y for _x, y in placed]), edges
+        path = Path.from_points([x for x, _y in placed], [y for _x, y in placed])
     except ConfigError as error:
         raise ConfigError(f"{table.name}: {error}") from None
+    return LaidPath(path, edges, _lanes_along(path, lanes))
 
 
-def _on_the_roads(places: list[str], placed: list[tuple[float, float]], network: Network) -> None:
+def _lanes_around(points: Floats, network: Network) -> list[Lane]:
+    """Return the lanes near the box that holds a path's points (n, 2)."""
+    if len(points) == 0:
+        return []
+    low, high = points.min(axis=0) - MAX_DISTANCE_FROM_PATH, points.max(axis=0) + MAX_DISTANCE_FROM_PATH
+    return lanes_near(network.path, (low[0], low[1], high[0], high[1]))
+
+
+def _lanes_along(path: Path, lanes: list[Lane]) -> tuple[Lane, ...]:
+    """Return those of the lanes that come within MAX_DISTANCE_FROM_PATH of the path."""
+    if not lanes:
+        return ()
+    from scipy.spatial import KDTree  # a fifth of a second, for those who drive only
+
+    tree = KDTree(_dense(np.array(path.points)))
+    lines = [_dense(lane.shape) for lane in lanes]
+    distance, _nearest = tree.query(np.vstack(lines))
+    first = np.cumsum([0, *map(len, lines[:-1])])
+    near = np.minimum.reduceat(distance, first) <= MAX_DISTANCE_FROM_PATH
+    return tuple(lane for lane, kept in zip(lanes, near.tolist(), strict=True) if kept)
+
+
+def _on_the_roads(places: list[str], points: Floats, lanes: list[Lane], network: Network) -> None:
     """Raise ConfigError at the first point that is far from every lane: a wrong network or wrong coordinates."""
-    points = np.array(placed).reshape(-1, 2)
     if len(points) == 0:
         return
     from scipy.spatial import KDTree  # a fifth of a second, for those who drive only
 
-    low, high = points.min(axis=0) - MAX_DISTANCE_FROM_LANES, points.max(axis=0) + MAX_DISTANCE_FROM_LANES
-    lanes = lane_shapes(network.path, (low[0], low[1], high[0], high[1]))
-    spots = np.vstack([_dense(line) for line, _width in lanes]) if lanes else np.zeros((0, 2))
+    spots = np.vstack([_dense(lane.shape) for lane in lanes]) if lanes else np.zeros((0, 2))
     distance = KDTree(spots).query(points)[0] if len(spots) else np.full(len(points), np.inf)
     far = np.flatnonzero(distance > MAX_DISTANCE_FROM_LANES)
     if len(far):

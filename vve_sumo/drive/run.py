@@ -24,6 +24,7 @@ from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record.hashes import hash_files
 from vve_sumo.record.layout import PROVENANCE
+from vve_sumo.record.roads import write_roads
 from vve_sumo.record.writer import MemoryRecorder, Record, claim
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
@@ -108,6 +109,7 @@ def run(
         record = Record(folder, settings, shell.lot.epoch) if kept else MemoryRecorder(settings, shell.lot.epoch)
         if kept:
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+            write_roads(folder, resolved.lanes)
             record.attach(PROVENANCE, provenance.text_of(provenance.provenance(resolved, now)))
         try:
             done = run_guarded(shell, record, watch)

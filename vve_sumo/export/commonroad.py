@@ -14,7 +14,7 @@ import xml.etree.ElementTree as ET
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from itertools import count
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
 from vve_sumo.export.bodies import Body, bodies, obstacles
 from vve_sumo.export.formats import Part
+from vve_sumo.export.lanes import ON_FOOT, Lane, lanes_of
 from vve_sumo.values import Floats
 from vve_sumo.version import __version__
 
@@ -39,20 +40,8 @@ UNKNOWN_PLACE: Final = {"geoNameId": "-999", "gpsLatitude": "999", "gpsLongitude
 OBSTACLE_TYPES: Final = {"van": "car", "child": "pedestrian"}
 #: CommonRoad's name of a kind of lane; the record does not tell streets of a town from others
 LANELET_TYPES: Final = {"junction": "intersection", "crossing": "crosswalk", "walkway": "sidewalk"}
-#: of kinds of lanes, who may use them and how; of the others vehicles in one direction
-ON_FOOT: Final = frozenset({"crossing", "walkway"})
 #: greatest factor by which a bound lies farther out at a corner of its centre line
 MAX_MITRE: Final = 2.0
-
-
-class Lane(NamedTuple):
-    """A row of the table of roads."""
-
-    name: str
-    kind: str
-    width: float  #: [m]
-    line: Floats  #: centre line (n, 2), map [m]
-    successors: tuple[str, ...]
 
 
 def of_drive(run: Run) -> Iterator[Part]:
@@ -60,7 +49,7 @@ def of_drive(run: Run) -> Iterator[Part]:
 
     Raises ConfigError for a record without roads.
     """
-    lanes = _lanes(run)
+    lanes = lanes_of(run)
     if not lanes:
         raise ConfigError(
             f"{run.folder}: the record holds no roads, which CommonRoad needs; an earlier vve-sumo wrote it: drive the "
@@ -126,17 +115,6 @@ def _camel(name: str) -> str:
     """Return a name of letters and digits alone, as CommonRoad's names of scenarios have them."""
     words = re.findall(r"[A-Za-z0-9]+", name)
     return "".join(word[0].upper() + word[1:] for word in words) or "Drive"
-
-
-def _lanes(run: Run) -> list[Lane]:
-    """Return the lanes of a record, without points that stand twice and lanes of a single point."""
-    found = []
-    for row in run.arrow("roads").to_pylist():
-        line = np.array([row["x_m"], row["y_m"]], np.float64).T
-        line = line[np.append(True, np.any(np.diff(line, axis=0) != 0.0, axis=1))] if len(line) else line
-        if len(line) > 1:
-            found.append(Lane(row["lane"], row["kind"], row["width_m"], line, tuple(row["successors"])))
-    return found
 
 
 def bounds(line: Floats, width: float) -> tuple[Floats, Floats]:

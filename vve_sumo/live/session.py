@@ -34,6 +34,7 @@ from vve_sumo.live.summary import summarise
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
 from vve_sumo.record.reader import read_table
+from vve_sumo.record.roads import write_roads
 from vve_sumo.record.summary import SUMMARY_HASH_KEY, write_summary
 from vve_sumo.record.writer import claim
 from vve_sumo.rig import load as rigs
@@ -153,6 +154,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
         scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
         scenario_content["gateway"]["shadow"] = plan.shadow
         scenario_content["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
+        _write_roads(plan, notify)
         processes = _processes(plan, scenario_content, _provenance(plan, doctor), ground, car, notify)
         screen = Screen(terminal)
         console = Console(processes, keys, screen, plan.rig.operator.automatic)
@@ -244,6 +246,14 @@ def _processes(
     )
     process, to_car = (car.process, car.channel) if car is not None else (None, None)
     return ProcessGroup(gateway, drive, recorder, process, console_gateway, console_drive, to_car)
+
+
+def _write_roads(plan: Plan, notify: Notify) -> None:
+    """Write the lanes around the path; a disk that is full is the recorder's to report, and stops no drive."""
+    try:
+        write_roads(plan.folder, plan.resolved.lanes)
+    except OSError as error:
+        notify(f"{plan.folder / 'roads.parquet'} cannot be written: {error.strerror}; make room")
 
 
 def _note_processes(plan: Plan, processes: ProcessGroup) -> None:

@@ -17,7 +17,18 @@ from vve_sumo.metrics.approach import Approach, approach_of, brakings
 from vve_sumo.metrics.braked_for import last_stop_for
 from vve_sumo.metrics.conflict import HORIZON as PREDICTED
 from vve_sumo.metrics.conflict import Contacts, Ego, contacts
-from vve_sumo.metrics.lead_vehicle import BOX_COLUMNS, HORIZON, LeadVehicle, index_of_tick, lead_vehicle, own_stations
+from vve_sumo.metrics.lanes import Lanes, along_lanes
+from vve_sumo.metrics.lead_vehicle import (
+    BOX_COLUMNS,
+    HORIZON,
+    InStrip,
+    LeadVehicle,
+    in_strip,
+    in_the_way,
+    index_of_tick,
+    lead_vehicle,
+    own_stations,
+)
 from vve_sumo.metrics.predicted_ways import recorded_ways
 from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import MOVING, Episode, Stop, braking_episodes, commanded_deceleration, last_stop
@@ -79,9 +90,18 @@ class ActorRows(NamedTuple):
 class DriveData:
     """The tables of a drive, and what several metrics need of them."""
 
-    def __init__(self, ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle, period: float) -> None:
-        """`period` is a tick's [s]."""
+    def __init__(
+        self,
+        ticks: pa.Table,
+        actors: pa.Table,
+        path: Path,
+        vehicle: Vehicle,
+        period: float,
+        roads: pa.Table | None = None,
+    ) -> None:
+        """`period` is a tick's [s]; `roads` are the lanes around the path, without which actors keep to no lane."""
         self.ticks, self.actors, self.path, self.vehicle, self.period = ticks, actors, path, vehicle, period
+        self.roads = roads
 
     def column(self, name: str) -> Floats:
         """Return a column of the ticks."""
@@ -108,9 +128,13 @@ class DriveData:
         return own_stations(self.path, self.motion.x, self.motion.y, self.column("s_m"))
 
     @cached_property
+    def _in_strip(self) -> InStrip:
+        return in_strip(self.ticks, self.actors, self.path, self.vehicle, self.station)
+
+    @cached_property
     def strip_lead(self) -> LeadVehicle:
         """The nearest actor in the strip of the ego's width around the path, wherever it goes, and its gap."""
-        return lead_vehicle(self.ticks, self.actors, self.path, self.vehicle, self.station, self.motion.speed)
+        return lead_vehicle(self._in_strip, self.actors, self.motion.speed)
 
     @cached_property
     def lead(self) -> LeadVehicle:
@@ -124,15 +148,16 @@ class DriveData:
         since = np.full(len(actors.names), len(self.station))
         np.minimum.at(since, actors.code[met], actors.at[met])
         conflicting[actors.rows] = actors.at >= since[actors.code]
-        return lead_vehicle(
-            self.ticks, self.actors, self.path, self.vehicle, self.station, self.motion.speed, conflicting
-        )
+        counted = in_the_way(self._in_strip, self.path, self.vehicle, conflicting)
+        return lead_vehicle(counted, self.actors, self.motion.speed)
 
     @cached_property
     def contacts(self) -> Contacts:
         """What is predicted of the ego and each actor: an entry a row of `actor_rows`."""
         actors = self.actor_rows
         ways, places = recorded_ways(self.motion.time[actors.at], actors.code, actors.boxes, PREDICTED)
+        if self.roads is not None:
+            ways, places = along_lanes(Lanes.from_table(self.roads), ways, places, actors.boxes, PREDICTED)
         ego = Ego(self.station, self.motion.speed, self.ego_boxes)
         return contacts(ego, actors.at, actors.boxes, ways, places, self.path, self.vehicle)
 

@@ -44,4 +44,7 @@ def unmet(summary: Mapping[str, Any]) -> list[str]:
 
 def _number(summary: Mapping[str, Any], name: str) -> str:
     value = summary[name]
-    return "none" if value is None or value != value else f"{value:.3f} {unit_of(name)}"
+    if value is None or value != value:
+        return "none"
+    cap = METRICS[name].cap
+    return f"{cap:g} {unit_of(name)} or more" if value >= cap else f"{value:.3f} {unit_of(name)}"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,8 @@ BOX_COLUMNS = ("x_m", "y_m", "heading_rad", "length_m", "width_m", "speed_mps")
 WINDOW = 10.0
 #: how far along the path a box's corner may be from its centre [m]
 CORNER_WINDOW = 15.0
+#: a box's corner may be so much farther beside a bent path than its size says [m]
+CORNER_MARGIN = 1.0
 #: below this closing speed a time to collision is not counted: at rest, noise would divide by nothing [m/s]
 CLOSING_FLOOR = 0.05
 #: a slower actor stands [m/s]
@@ -77,34 +79,55 @@ def own_stations(path: Path, x: Floats, y: Floats, near: Floats) -> Floats:
     return own
 
 
-def lead_vehicle(
-    ticks: pa.Table,
-    actors: pa.Table,
-    path: Path,
-    vehicle: Vehicle,
-    own: Floats,
-    speed: Floats,
-    conflicting: NDArray[np.bool_] | None = None,
-) -> LeadVehicle:
-    """Return, for every tick, the nearest actor in the strip of the ego's width around the path, and its gap.
+class InStrip(NamedTuple):
+    """Actors that are ahead in the strip of the ego's width around its path: an entry an actor and tick."""
 
-    The strip follows the path; the gap counts along it from the ego's front bumper to the nearest corner of the box.
-    own [m] and speed [m/s] are the ego's rear axle's on the path, an entry a tick. `conflicting` says of every row of
-    `actors` that it is in conflict with the ego: then an actor counts that is, or stands, or goes the ego's way, and
-    none beyond the path's end. Without it every actor in the strip counts.
+    row: Indices  #: number of the actor's row among those that were looked at
+    at: Indices  #: index of the tick
+    gap: Floats  #: from the ego's front bumper to the nearest corner of the box, along the path [m]
+    begins: Floats  #: station of that corner [m]
+    along: Floats  #: cosine of the box's heading against the path's
+    speed: Floats  #: of the box along its heading [m/s]
+
+    def select(self, chosen: NDArray[np.bool_]) -> InStrip:
+        """Return those that are chosen."""
+        row, at, *rest = self
+        gap, begins, along, speed = (column[chosen] for column in rest)
+        return InStrip(row[chosen], at[chosen], gap, begins, along, speed)
+
+
+def in_strip(ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle, own: Floats) -> InStrip:
+    """Return the rows of the table of actors that are ahead in the strip; own: station of the rear axle, tick by tick.
+
+    The strip follows the path, and so does the gap.
     """
     rows, at = _rows_near(ticks, actors, own, path)
     boxes = Boxes(*(actors[name].to_numpy()[rows] for name in BOX_COLUMNS))
-    chosen = None if conflicting is None else conflicting[rows]
-    gap, closing, nearest = _nearest(at, boxes, own, speed, path, vehicle, chosen)
-    names, found = [""] * ticks.num_rows, np.flatnonzero(nearest >= 0)
-    for tick, name in zip(found.tolist(), actors["actor"].take(rows[nearest[found]]).to_pylist(), strict=True):
+    found = _boxes_in_strip(at, boxes, own, path, vehicle)
+    return found._replace(row=rows[found.row])
+
+
+def in_the_way(strip: InStrip, path: Path, vehicle: Vehicle, conflicting: NDArray[np.bool_]) -> InStrip:
+    """Return what the ego may come to: before its path's end, and on its way or in conflict with it.
+
+    conflicting: of every row of the table of actors. On the ego's way is what stands or goes the same way.
+    """
+    counts = (strip.along > math.cos(SAME_WAY)) | (np.abs(strip.speed) < AT_REST) | conflicting[strip.row]
+    return strip.select(counts & (strip.begins < path.length + vehicle.rear_axle_to_bumper))
+
+
+def lead_vehicle(strip: InStrip, actors: pa.Table, speed: Floats) -> LeadVehicle:
+    """Return the nearest of what is in the strip for every tick; speed: of the ego, tick by tick [m/s]."""
+    gap, closing, nearest = _nearest(strip, speed)
+    names, found = [""] * len(speed), np.flatnonzero(nearest >= 0)
+    rows = strip.row[nearest[found]]
+    for tick, name in zip(found.tolist(), actors["actor"].take(rows).to_pylist(), strict=True):
         names[tick] = name
     return LeadVehicle(gap, closing, names)
 
 
 def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: Path, vehicle: Vehicle) -> LeadVehicle:
-    """Return what `lead_vehicle` says of one tick while the drive goes on: one entry, of every actor in the strip.
+    """Return the lead vehicle of one tick while the drive goes on: one entry, the nearest of every actor in the strip.
 
     While the drive goes on nothing is known of what actors do later, so nothing is judged by predicted paths here.
     `ego` is the rear axle's pose on the street, `station` [m] near its own, NaN where nobody knows it yet.
@@ -113,49 +136,38 @@ def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: Path, vehi
         return LeadVehicle(np.full(1, np.nan), np.full(1, np.nan), [""])
     own, _, _ = path.project_many(np.array([ego.x]), np.array([ego.y]), np.array([station]), WINDOW)
     boxes = Boxes(actors.x, actors.y, actors.heading, actors.length, actors.width, actors.speed)
-    gap, closing, nearest = _nearest(
-        np.zeros(len(actors.ids), np.int64), boxes, own, np.array([ego.speed]), path, vehicle
-    )
-    return LeadVehicle(gap, closing, [actors.ids[nearest[0]] if nearest[0] >= 0 else ""])
+    strip = _boxes_in_strip(np.zeros(len(actors.ids), np.int64), boxes, own, path, vehicle)
+    gap, closing, nearest = _nearest(strip, np.array([ego.speed]))
+    return LeadVehicle(gap, closing, [actors.ids[strip.row[nearest[0]]] if nearest[0] >= 0 else ""])
 
 
-def _nearest(
-    at: Indices,
-    boxes: Boxes,
-    own: Floats,
-    speed: Floats,
-    path: Path,
-    vehicle: Vehicle,
-    conflicting: NDArray[np.bool_] | None = None,
-) -> tuple[Floats, Floats, Indices]:
-    """Return gap [m], closing speed [m/s] and row of the nearest box ahead for every tick; NaN and -1 for none.
-
-    `at` is the index of each box's tick; `own` [m] and `speed` [m/s] are the ego's rear axle's, tick by tick;
-    `conflicting`, of each box, as `lead_vehicle` has it.
-    """
+def _boxes_in_strip(at: Indices, boxes: Boxes, own: Floats, path: Path, vehicle: Vehicle) -> InStrip:
     # What lies beside or behind the middle of the ego is not ahead of it.
     middle = vehicle.rear_axle_to_bumper - vehicle.length / 2.0
     half = vehicle.width / 2.0
-    bumper = own[at] + vehicle.rear_axle_to_bumper
-    centre, _, path_heading = path.project_many(boxes.x, boxes.y, bumper + HORIZON / 2.0, HORIZON / 2.0 + 30.0)
-    along = np.cos(boxes.heading - path_heading)
+    near = own[at] + vehicle.rear_axle_to_bumper + HORIZON / 2.0
+    centre, beside, path_heading = path.project_many(boxes.x, boxes.y, near, HORIZON / 2.0 + 30.0)
+    reach = half + 0.5 * np.hypot(boxes.length, boxes.width) + CORNER_MARGIN
+    rows = np.flatnonzero((np.abs(beside) < reach) & (centre > own[at] + middle))
+    at, boxes, centre, path_heading = at[rows], boxes.select(rows), centre[rows], path_heading[rows]
     corners = [path.project_many(x, y, centre, CORNER_WINDOW)[:2] for x, y in zip(*boxes.corners(), strict=True)]
     s, d = np.array(corners).swapaxes(0, 1)
-    in_strip = (d.min(axis=0) < half) & (d.max(axis=0) > -half)
-    row_gap = s.min(axis=0) - bumper
-    counts = in_strip & (centre > own[at] + middle) & (row_gap < HORIZON)
-    if conflicting is not None:
-        counts &= (along > math.cos(SAME_WAY)) | (np.abs(boxes.speed) < AT_REST) | conflicting
-        counts &= s.min(axis=0) < path.length + vehicle.rear_axle_to_bumper
-    counted = np.flatnonzero(counts)
+    begins = s.min(axis=0)
+    gap = begins - (own[at] + vehicle.rear_axle_to_bumper)
+    found = InStrip(rows, at, gap, begins, np.cos(boxes.heading - path_heading), boxes.speed)
+    return found.select((d.min(axis=0) < half) & (d.max(axis=0) > -half) & (gap < HORIZON))
+
+
+def _nearest(strip: InStrip, speed: Floats) -> tuple[Floats, Floats, Indices]:
+    """Return gap [m], closing speed [m/s] and entry of the nearest for every tick; NaN and -1 for none."""
     # The farthest first: of several boxes at one tick the last one written stays.
-    order = counted[np.argsort(-row_gap[counted], kind="stable")]
-    nearest = np.full(len(own), -1, np.int64)
-    nearest[at[order]] = order
-    gap, closing = np.full(len(own), np.nan), np.full(len(own), np.nan)
+    order = np.argsort(-strip.gap, kind="stable")
+    nearest = np.full(len(speed), -1, np.int64)
+    nearest[strip.at[order]] = order
+    gap, closing = np.full(len(speed), np.nan), np.full(len(speed), np.nan)
     found = np.flatnonzero(nearest >= 0)
-    row = nearest[found]
-    gap[found], closing[found] = row_gap[row], speed[found] - boxes.speed[row] * along[row]
+    entry = nearest[found]
+    gap[found], closing[found] = strip.gap[entry], speed[found] - strip.speed[entry] * strip.along[entry]
     return gap, closing, nearest
 
 
@@ -182,6 +194,7 @@ def _rows_near(ticks: pa.Table, actors: pa.Table, own: Floats, path: Path) -> tu
     known[known] = np.isfinite(own[at[known]])
     centres = np.column_stack((actors["x_m"].to_numpy(), actors["y_m"].to_numpy()))
     tree = KDTree(np.column_stack((path.samples.x, path.samples.y)))
-    distance, _ = tree.query(centres, distance_upper_bound=CLOSE_TO_PATH)
-    rows = np.flatnonzero(known & np.isfinite(distance))
+    distance = np.full(len(centres), np.inf)
+    distance[known], _ = tree.query(centres[known], distance_upper_bound=CLOSE_TO_PATH)
+    rows = np.flatnonzero(np.isfinite(distance))
     return rows, at[rows]

@@ -64,6 +64,7 @@ class Metric:
     kind: Kind = "float"
     criterion: bool = True  #: whether a scenario's criteria may judge a drive by it
     absent: float = math.nan  #: what a criterion takes a missing value for; a NaN meets no criterion
+    cap: float = math.inf  #: value that stands for itself and everything beyond
     missing: str = ""  #: what it says of a drive that the value is missing
     actor: str = ""  #: the metric that names the actor which the value is about; empty for none
 

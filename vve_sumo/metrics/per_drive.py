@@ -88,6 +88,7 @@ metric(
     f"the greatest at any tick; counted up to {MAX_DECELERATION:g} m/s², which no road car can do; none as min_ttc_s",
     lambda drive: greatest(drive.conflict.deceleration),
     worse="higher",
+    cap=MAX_DECELERATION,
     source="Almqvist, Hydén and Risser 1991",
     absent=0.0,
     missing="nothing was ever closed in on",
@@ -120,6 +121,7 @@ metric(
     f"{MAX_DECELERATION:g} m/s²; none as strip_min_ttc_s",
     lambda drive: greatest(drive.strip_lead.required_deceleration),
     worse="higher",
+    cap=MAX_DECELERATION,
     source="Almqvist, Hydén and Risser 1991",
     absent=0.0,
 )

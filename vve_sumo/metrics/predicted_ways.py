@@ -72,6 +72,17 @@ class Ways:
         x, y, heading = (np.concatenate([way[i] for way in sampled] or [np.zeros(0)]) for i in range(3))
         return cls(x, y, heading, first, count)
 
+    def with_lines(self, lines: Sequence[Line]) -> Ways:
+        """Return these ways and, after them, those of more lines."""
+        more = Ways.from_lines(lines)
+        return Ways(
+            np.concatenate((self.x, more.x)),
+            np.concatenate((self.y, more.y)),
+            np.concatenate((self.heading, more.heading)),
+            np.concatenate((self.first, more.first + len(self.x))),
+            np.concatenate((self.count, more.count)),
+        )
+
     def at(self, way: Indices, along: Floats) -> WayPoints:
         """Return the points of ways at arc lengths [m]."""
         place = along / SPACING

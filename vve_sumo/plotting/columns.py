@@ -27,12 +27,16 @@ def need(rows: pd.DataFrame, *columns: str) -> None:
 def numbers(rows: pd.DataFrame, column: str) -> Floats:
     """Return a column (n), NaN where a run has none; a truth value as 0 or 100 %.
 
-    Raises ConfigError for a column that the rows do not have.
+    Raises ConfigError for a column that the rows do not have, and for one of texts.
     """
     need(rows, column)
     if is_truth(rows, column):
         return np.select([holds(rows, column), holds(rows, column, False)], [100.0, 0.0], np.nan)
-    values: Floats = rows[column].to_numpy(np.float64, na_value=np.nan)
+    try:
+        values: Floats = rows[column].to_numpy(np.float64, na_value=np.nan)
+    except (TypeError, ValueError):
+        known = ", ".join(map(str, rows.select_dtypes("number").columns))
+        raise ConfigError(f"column {column!r} holds texts, expected one of numbers; there are {known}") from None
     return values
 
 
@@ -51,6 +55,16 @@ def holds(rows: pd.DataFrame, column: str, value: Any = True) -> NDArray[np.bool
 def faults(rows: pd.DataFrame) -> NDArray[np.bool_]:
     """Return which runs came to a fault (n)."""
     return rows["fault"].fillna("").ne("").to_numpy(bool)
+
+
+def cautions(rows: pd.DataFrame, figure: str) -> list[str]:
+    """Return what must be known of a plot of a figure: that runs which the gateway stopped have a gap of no stop."""
+    if figure != "stop_gap_m" or "outcome" not in rows:
+        return []
+    ended = holds(rows, "outcome", "fault") & np.isfinite(numbers(rows, figure))
+    return (
+        [f"the gateway stopped {runs(ended)} of these for a reason code, wherever the car was"] if ended.any() else []
+    )
 
 
 def runs(which: NDArray[np.bool_]) -> str:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.survivors import with_collisions
 from vve_sumo.metrics.table import axis_of, label_of
-from vve_sumo.plotting.columns import is_truth, need, numbers
+from vve_sumo.plotting.columns import cautions, is_truth, need, numbers
 from vve_sumo.plotting.page import INK, PAPER, QUIET
 from vve_sumo.plotting.parts import ACROSS, MAX_PANELS, Part, axis_said, outer, panels, parts_of, short, tall
 from vve_sumo.plotting.style import LIMIT, WIDTH, blank, explain, name, page, plain
@@ -125,7 +125,11 @@ def heat_map(
         kind = "Share" if is_truth(rows, figure) else "Mean"
         known = sum(int(one.having.sum()) for one in grids)
         one_each = ", 1 in each cell" if look.single else ""
-        name(drawn, f"{kind} of {label_of(figure)} over {known:,} of {len(rows):,} runs{one_each}")
+        name(
+            drawn,
+            f"{kind} of {label_of(figure)} over {known:,} of {len(rows):,} runs{one_each}",
+            *cautions(rows, figure),
+        )
         if known == 0:
             blank(drawn.subplots(), f"no run has a {label_of(figure)}")
             return drawn
@@ -250,11 +254,12 @@ def distribution(
     or below, as it does a gap at rest, so that such a curve begins with the share of collisions. `band` is the least
     and the greatest value that passes; `facet` is a column that has a panel for every value.
     """
-    need(rows, figure)
-    values = numbers(rows, figure) if is_truth(rows, figure) else with_collisions(rows, figure)
+    values = numbers(rows, figure)
+    values = values if is_truth(rows, figure) else with_collisions(rows, figure)
     with page(height=tall(rows, facet, 4.2, 3.4)) as drawn:
         drawn_panels = panels(drawn, rows, facet)
-        name(drawn, f"Distribution of {label_of(figure)}: {np.isfinite(values).sum():,} of {len(rows):,} runs have it")
+        title = f"Distribution of {label_of(figure)}: {np.isfinite(values).sum():,} of {len(rows):,} runs have it"
+        name(drawn, title, *cautions(rows, figure))
         for axes, panel in drawn_panels:
             plain(axes)
             if not np.isfinite(values[panel.which]).any():
@@ -280,10 +285,11 @@ def _curve(axes: Axes, values: Floats, part: Part) -> None:
     below = len(known) - len(ordered)
     some = np.unique(np.linspace(0, len(ordered) - 1, min(STEPS, len(ordered))).round().astype(int))
     share = 100.0 * (below + some + 1) / len(values)
-    begin, level = ([0.0, 0.0], [0.0, 100.0 * below / len(values)]) if below else (ordered[:1].tolist(), [0.0])
+    first = min(0.0, *ordered[:1]) if below else ordered[:1]
+    begin, level = np.repeat(first, 1 + (below > 0)), [0.0, 100.0 * below / len(values)]
     x, y = np.append(begin, ordered[some]), np.append(level[: len(begin)], share)
     lacking = f"{len(ordered):,} of {len(values):,} runs" if len(ordered) < len(values) else f"{len(values):,} runs"
-    lacking += f", {below:,} collided" if below else ""
+    lacking += f", {below:,} collided without" if below else ""
     style: dict[str, Any] = {"color": part.look.colour, "linestyle": part.look.stroke}
     axes.step(x, y, where="post", label=f"{part.word or 'all'} ({lacking})", **style)
     if 0 < len(known) < len(values):

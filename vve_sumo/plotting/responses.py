@@ -15,7 +15,7 @@ from vve_sumo.analysis.effects import LEVELS, controller_of, is_number
 from vve_sumo.analysis.survivors import with_collisions
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.table import label_of
-from vve_sumo.plotting.columns import is_truth, need, numbers
+from vve_sumo.plotting.columns import cautions, is_truth, need, numbers
 from vve_sumo.plotting.crowd import MAX_POINTS, portions, thinned
 from vve_sumo.plotting.grids import said
 from vve_sumo.plotting.page import PAPER
@@ -43,12 +43,14 @@ def response(rows: pd.DataFrame, x: str, figure: str, *, by: str | None = None, 
         raise ConfigError(f"response: x: expected a column of numbers, got {x!r}; texts go with by or facet")
     parts, at = parts_of(rows, by or controller_of(rows, facet)), numbers(rows, x)
     share = is_truth(rows, figure)
-    values = numbers(rows, figure) if share else with_collisions(rows, figure)
+    values = numbers(rows, figure)
+    values = values if share else with_collisions(rows, figure)
     levels, level = portions(at, LEVELS)
     with page(height=tall(rows, facet, 4.2, 3.4)) as drawn:
         drawn_panels = panels(drawn, rows, facet)
         kind, known = "Share of" if share else "Median", np.isfinite(values)
-        name(drawn, f"{kind} {label_of(figure)} over {label_of(x)}: {known.sum():,} of {len(rows):,} runs")
+        title = f"{kind} {label_of(figure)} over {label_of(x)}: {known.sum():,} of {len(rows):,} runs"
+        name(drawn, title, *cautions(rows, figure))
         for axes, panel in drawn_panels:
             plain(axes)
             if not known[panel.which].any():

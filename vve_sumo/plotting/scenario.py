@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -63,10 +63,8 @@ MARK = 7.0
 LEAD_IN, LEAD_OUT = 3.0, 1.0
 #: time shown before a contact where no actor has a trigger [s]
 APPROACH = 8.0
-#: characters in a line of the list of events
-COLUMN = 52
-#: lines of that list that the page has room for
-MAX_LINES = 15
+#: letters' size, characters in a line, and lines that the page has room for, of the list of events; the first that fits
+SETTINGS = ((10.0, 52, 15), (8.8, 60, 17), (7.8, 68, 19))
 #: an actor on a way that differs from the ego's by less than this goes along it [deg]
 ALONG = 30.0
 #: steps from the ground's colour to that of a line on it, in the written file
@@ -106,16 +104,19 @@ class Page:
         return self.seen.events[-1].time if self.seen.events else self.seen.moments[-1].time
 
 
-def draw(resolved: ResolvedScenario, file: FilePath) -> None:
-    """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there."""
+def draw(resolved: ResolvedScenario, file: FilePath, circumstances: Sequence[str] = ()) -> None:
+    """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there.
+
+    `circumstances` are lines about what cannot be drawn, for the list beside the picture.
+    """
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
-        _save(picture(resolved), file)
+        _save(picture(resolved, circumstances), file)
 
 
-def picture(resolved: ResolvedScenario) -> Figure:
-    """Return the picture of a scenario."""
+def picture(resolved: ResolvedScenario, circumstances: Sequence[str] = ()) -> Figure:
+    """Return the picture of a scenario; `circumstances` as in `draw`."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -128,7 +129,7 @@ def picture(resolved: ResolvedScenario) -> Figure:
         _street(panel(figure, LEFT, TOP - HIGH, WIDE, HIGH), page)
         _over_time(panel(figure, CURVES, BOTTOM, CURVES_WIDTH, LOW_HEIGHT), page)
         _whole_way(panel(figure, WAY, BOTTOM, WAY_WIDTH, LOW_HEIGHT), page)
-        _list(figure, page)
+        _list(figure, page, circumstances)
         _head(figure, resolved)
         return figure
 
@@ -411,23 +412,36 @@ def _whole_way(axes: Axes, page: Page) -> None:
     axes.set_xlabel(f"{page.resolved.path.length:.0f} m from the circle on", labelpad=3)
 
 
-def _list(figure: Figure, page: Page) -> None:
-    """Write what happens, numbered as in the street, and what makes the drive pass."""
-    actors = page.resolved.scenario.actors
-    lines = [
-        line for actor in actors if not _enters_later(page, actor.id) for line in _wrapped(_entering(page, actor), "-")
+def _list(figure: Figure, page: Page, circumstances: Sequence[str]) -> None:
+    """Write what happens, numbered as in the street, what makes the drive pass, and what cannot be drawn."""
+    texts = [*_texts(page, circumstances)]
+    laid = [
+        [line for text, mark in texts for line in _wrapped(text, mark, column)] for _size, column, _most in SETTINGS
     ]
+    fits = (number for number, (_size, _column, most) in enumerate(SETTINGS) if len(laid[number]) <= most)
+    chosen = next(fits, len(SETTINGS) - 1)
+    (size, _column, most), lines = SETTINGS[chosen], laid[chosen]
+    if len(lines) > most:
+        lines = [*lines[: most - 1], "…"]
+    place: dict[str, Any] = {"va": "top", "linespacing": 1.25, "fontsize": size}
+    figure.text(WORDS / SIZE[0], (BOTTOM + LOW_HEIGHT + 0.1) / SIZE[1], "\n".join(lines), **place)
+
+
+def _texts(page: Page, circumstances: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield the texts of the list, each with the mark before it."""
+    for actor in page.resolved.scenario.actors:
+        if not _enters_later(page, actor.id):
+            yield _entering(page, actor), "-"
     for number, event in enumerate(page.seen.events, 1):
-        lines += _wrapped(_happening(page, event), str(number))
-    lines += [line for text in _still_to_come(page) for line in _wrapped(text, "-")]
+        yield _happening(page, event), str(number)
+    for text in _still_to_come(page):
+        yield text, "-"
     if page.seen.contact is not None:
         contact = page.seen.contact
-        lines += _wrapped(f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o")
-    lines += ["", *_wrapped(f"passes if: {descriptions.passes(page.resolved.scenario.criteria)}", "")]
-    if len(lines) > MAX_LINES:
-        lines = [*lines[: MAX_LINES - 1], "…"]
-    place: dict[str, Any] = {"va": "top", "linespacing": 1.25, "fontsize": 10}
-    figure.text(WORDS / SIZE[0], (BOTTOM + LOW_HEIGHT + 0.1) / SIZE[1], "\n".join(lines), **place)
+        yield f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o"
+    yield f"passes if: {descriptions.passes(page.resolved.scenario.criteria)}", "✓"
+    for text in circumstances:
+        yield text, "·"
 
 
 def _still_to_come(page: Page) -> list[str]:
@@ -461,9 +475,9 @@ def _happening(page: Page, event: TriggeredEvent) -> str:
     return f"{event.time:.1f} s: " + (f"{when}; " if when else "") + f"{descriptions.name(actor)} {does}"
 
 
-def _wrapped(text: str, mark: str) -> list[str]:
-    first, *rest = textwrap.wrap(text, COLUMN)
-    return [f"{mark}  {first}".strip(), *(f"     {line}" if mark else line for line in rest)]
+def _wrapped(text: str, mark: str, column: int) -> list[str]:
+    first, *rest = textwrap.wrap(text, column)
+    return [f"{mark}  {first}", *(f"     {line}" for line in rest)]
 
 
 def _head(figure: Figure, resolved: ResolvedScenario) -> None:

@@ -17,7 +17,7 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.stopping_bound import stopping_bound_checks
 from vve_sumo.laws import stopping_distance as closed_form
 from vve_sumo.metrics.table import axis_of
-from vve_sumo.plotting.columns import faults, holds, numbers, runs
+from vve_sumo.plotting.columns import cautions, faults, holds, numbers, runs
 from vve_sumo.plotting.crowd import MAX_POINTS, bands, crowd, thinned
 from vve_sumo.plotting.page import INK, PAPER, QUIET, contact
 from vve_sumo.plotting.parts import Part, outer, panels, parts_of, tall
@@ -122,7 +122,7 @@ def _gaps_at_rest(rows: pd.DataFrame, by: str | None, facet: str | None) -> Figu
     by = by or controller_of(rows, facet)
     with page(height=tall(rows, facet, 4.2, 3.6)) as figure:
         drawn = panels(figure, rows, facet)
-        name(figure, f"Gap at rest over speed, {len(rows):,} runs")
+        name(figure, f"Gap at rest over speed, {len(rows):,} runs", *cautions(rows, "stop_gap_m"))
         column = next((one for one in SPEEDS if one in rows and rows[one].notna().any()), None)
         for axes, _panel in drawn:
             plain(axes)

@@ -21,6 +21,7 @@ from vve_sumo.record.layout import (
     NUMPY_KINDS,
     PROVENANCE,
     RAW_PARTS,
+    ROADS,
     SCHEMAS,
     SENSOR_TABLE,
     UNHASHED,
@@ -92,7 +93,7 @@ def hash_files(folder: Path) -> dict[str, str]:
 
 def hashed_files(folder: Path) -> list[Path]:
     """Return the files that `hash_files` covers."""
-    tables = [folder / f"{name}{CLOSED_ENDING}" for name in SCHEMAS | LIVE_SCHEMAS]
+    tables = [folder / f"{name}{CLOSED_ENDING}" for name in (*SCHEMAS, *LIVE_SCHEMAS, ROADS)]
     files = [*tables, *sorted(folder.glob(f"{SENSOR_TABLE}*{CLOSED_ENDING}")), folder / PROVENANCE]
     return [file for file in files if file.is_file()]
 

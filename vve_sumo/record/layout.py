@@ -22,8 +22,10 @@ from vve_sumo.values import GatewayRow, LatencyRow, TickRow
 #: Version of a record's layout. Layout 2 added path and car; 3 added provenance.json and the summary's hash of itself;
 #: 4 added the actors' lateral speed and the time of measurement of a scan; 5 added, for live drives, the actors of
 #: SUMO's last step, under the tick after the last; 6 added the vehicle model; 7 added a table for each sensor in place
-#: of the radar's alone, and the hashes of the code of interface and receiver.
-LAYOUT = 7
+#: of the radar's alone, and the hashes of the code of interface and receiver; 8 added the lanes around the path.
+LAYOUT = 8
+#: layouts that can be read: a record of layout 7 is one of layout 8 without the lanes around the path
+READABLE_LAYOUTS = (7, 8)
 #: numpy's type of each numeric column
 NUMPY_KINDS = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
 _ARROW: dict[str, pa.DataType] = {
@@ -72,6 +74,25 @@ SCHEMAS: dict[str, pa.Schema] = {
 #: Columns of the actors' table that hold numbers, as `Actors` orders them.
 ACTOR_COLUMNS: Final = tuple(SCHEMAS["actors"].names[2:])
 
+#: name of the table of the lanes around the path
+ROADS: Final = "roads"
+#: its columns. It is written once, when the drive begins. The record's hash leaves it out, because it follows from
+#: network and path, which `scenario.json` holds the hash and the points of.
+ROADS_SCHEMA: Final = described_schema(
+    [
+        ("lane", pa.string(), "name in SUMO"),
+        (
+            "kind",
+            pa.string(),
+            "`lane`, `junction` (a lane inside a junction), `crossing`, or `walkway` (for pedestrians alone)",
+        ),
+        ("width_m", pa.float64(), "of the lane"),
+        ("x_m", pa.list_(pa.float64()), "centre line in driving direction, map"),
+        ("y_m", pa.list_(pa.float64()), "centre line in driving direction, map"),
+        ("successors", pa.list_(pa.string()), "lanes that it leads into, those inside junctions included"),
+    ]
+)
+
 #: tables that only a live drive has
 LIVE_SCHEMAS: dict[str, pa.Schema] = {"gateway": _row_schema(GatewayRow), "latency": _row_schema(LatencyRow)}
 
@@ -113,7 +134,8 @@ def sensor_schemas(resolved: Mapping[str, Any]) -> dict[str, pa.Schema]:
 
 
 def check_layout(resolved: Mapping[str, Any], file: Path) -> None:
-    """Raise ConfigError for a record of another layout than this version writes; `file` is its `scenario.json`."""
+    """Raise ConfigError for a record of a layout that this version cannot read; `file` is its `scenario.json`."""
     layout = resolved.get("layout", 1)
-    if layout != LAYOUT:
-        raise ConfigError(f"{file}: layout {layout} of a record, expected {LAYOUT}: another vve-sumo wrote it")
+    if layout not in READABLE_LAYOUTS:
+        readable = " or ".join(map(str, READABLE_LAYOUTS))
+        raise ConfigError(f"{file}: layout {layout} of a record, expected {readable}: another vve-sumo wrote it")

@@ -51,6 +51,10 @@ TERMS: tuple[Term, ...] = (
         "time from a commanded torque to its first effect, and the first-order time constant after that",
         ("dead time", "brake lag"),
     ),
+    Term(
+        "censored value",
+        "a value of which only one side is known: the gap at rest of a car that collided is 0 or less",
+    ),
     Term("controller", "the system under test: gets an observation each tick, returns a control command"),
     Term("control command", "what a controller asks for: steering (road-wheel angle) and acceleration"),
     Term(
@@ -141,6 +145,10 @@ TERMS: tuple[Term, ...] = (
         "whether a stop was as short as the declared brakes promise",
         ("stopping-bound check", "stopping bound"),
     ),
+    Term(
+        "survivors",
+        "the runs that have a figure, such as the gap at rest of those that did not drive through; means are theirs",
+    ),
     Term("tick", "one pass of the loop, every 20 ms"),
     Term("trust gate", "decides for each fix whether it may be used, given those before it", ("trust gate",)),
     _metric(
@@ -151,6 +159,10 @@ TERMS: tuple[Term, ...] = (
         remark="; of bodies in the plane where the name says 2D or boxes",
     ),
     Term("virtual road (street)", "the road in SUMO on which the twin drives"),
+    Term(
+        "variance explained (eta squared)",
+        "share of a figure's variance over the runs that lies between the values of one parameter",
+    ),
     Term(
         "Wilson interval",
         "95 % interval of a share of independent random runs: where the share of very many such runs would lie",

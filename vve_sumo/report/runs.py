@@ -49,9 +49,16 @@ class Counts:
 
 
 def read(sweep: Sweep) -> pd.DataFrame:
-    """Return the rows of a sweep with the columns that a report needs."""
+    """Return the rows of a sweep with the columns that a report needs.
+
+    Of the columns' `attrs` only those of parameters are kept: metrics have theirs in the metrics' table, and pandas
+    copies all `attrs` deeply whenever a column is taken.
+    """
     met = [column for column in sweep.columns if column.startswith("meets_")]
-    return sweep.rows(list(dict.fromkeys([*NEEDED, *sweep.parameters, *sweep.figures, *met])))
+    rows = sweep.rows(list(dict.fromkeys([*NEEDED, *sweep.parameters, *sweep.figures, *met])))
+    for what, of in rows.attrs.items():
+        rows.attrs[what] = {name: of[name] for name in sweep.parameters if name in of}
+    return rows
 
 
 def counts(sweep: Sweep, rows: pd.DataFrame) -> Counts:

@@ -95,8 +95,8 @@ def _judged(counted: runs.Counts) -> str:
     if counted.failed == 0:
         every = "The one judged run" if counted.judged == 1 else f"All {integer(counted.judged)} judged runs"
         return f"{every} passed{faults}."
-    part = f"{integer(counted.passed)} of {integer(counted.judged)} judged runs passed"
-    return f"{part} ({share(counted.passed / counted.judged)}), {integer(counted.failed)} failed{faults}."
+    part = f"{integer(counted.passed)} of {integer(counted.judged)} judged runs met the criteria"
+    return f"{part} ({share(counted.passed / counted.judged)}), {integer(counted.failed)} did not{faults}."
 
 
 def _extremes(rows: pd.DataFrame) -> tuple[str, ...]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, get_origin
 
+from pydantic import BaseModel
+
 from vve_sumo.config_file import alternatives, inside, is_table
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
@@ -50,8 +52,21 @@ def name(actor: Actor) -> str:
 def entrance(actor: Actor) -> str:
     """Return where and how fast an actor enters."""
     place = f"at {actor.at_m:g} m" if actor.at_m is not None else f"{actor.ahead_m:g} m ahead"
-    beside = f", {_beside(actor.offset_m)}" if actor.offset_m else ""
-    return f"enters {place}{beside}" + (f", {actor.speed_mps:g} m/s" if actor.speed_mps else ", stands")
+    aside = f", {beside(actor.offset_m)}" if actor.offset_m else ""
+    return f"enters {place}{aside}{_facing(actor.turned_deg)}" + (
+        f", {actor.speed_mps:g} m/s" if actor.speed_mps else ", stands"
+    )
+
+
+def _facing(turned: float) -> str:
+    """Return where an actor goes, as an angle to the path [deg], left positive; empty along the path."""
+    if turned == 0.0:
+        return ""
+    return (
+        ", against the path"
+        if abs(turned) == 180.0
+        else f", turned {abs(turned):g}° {'left' if turned > 0.0 else 'right'}"
+    )
 
 
 def action(event: Event) -> str:
@@ -59,18 +74,20 @@ def action(event: Event) -> str:
     said = []
     if event.speed_mps is not None:
         rate = "" if event.acceleration_mps2 is None else f" at {event.acceleration_mps2:g} m/s²"
+        rate += f", built up in {event.build_up_s:g} s" if event.build_up_s else ""
         said.append(f"changes its speed to {event.speed_mps:g} m/s{rate}")
     if event.speeds is not None:
         said.append(f"drives as recorded in {event.speeds}")
     if event.offset_m is not None:
         over = "" if event.over_s is None else f" in {event.over_s:g} s"
-        said.append(f"goes over to {_beside(event.offset_m)}{over}")
+        said.append(f"goes over to {beside(event.offset_m)}{over}")
     if event.leaves:
         said.append("leaves")
     return ", ".join(said) or "goes on"
 
 
-def _beside(offset: float) -> str:
+def beside(offset: float) -> str:
+    """Return where beside the path an offset [m], left positive, is."""
     return (
         f"{abs(offset):g} m {'left' if offset > 0.0 else 'right'} of the path" if offset else "the middle of the path"
     )
@@ -91,6 +108,77 @@ def _between(band: Band) -> str:
     if band.min is None:
         return f"at most {band.max:g}" if band.max is not None else "measured"
     return f"at least {band.min:g}" if band.max is None else f"{band.min:g} to {band.max:g}"
+
+
+def circumstances(scenario: Scenario) -> list[str]:
+    """Return a line for everything besides actors and obstacles that makes the drive another than the usual one."""
+    return [
+        line
+        for line in (
+            _fault(scenario),
+            _controller(scenario),
+            _changed("the radar differs from the usual one", scenario.radar),
+            *(f"sensor {one.name!r}: {one.kind}" for one in scenario.sensors),
+            _changed("the weather", scenario.weather),
+            _end(scenario),
+            _traffic(scenario),
+            _changed("the simulated vehicle differs from the car as declared", scenario.ego.car),
+        )
+        if line
+    ]
+
+
+def _traffic(scenario: Scenario) -> str:
+    if not scenario.road.demand:
+        return "no traffic"
+    warm_up = f", which drives for {scenario.road.warm_up_s:g} s before" if scenario.road.warm_up_s else ""
+    return f"traffic {', '.join(scenario.road.demand)}{warm_up}"
+
+
+def _controller(scenario: Scenario) -> str:
+    control = scenario.controller
+    if control == type(control)():
+        return ""
+    tuned = ", ".join(f"{key} = {value}" for key, value in control.tuning.items())
+    return f"controller {control.name}" + (f" with {tuned}" if tuned else "")
+
+
+def _changed(what: str, table: BaseModel) -> str:
+    """Return the values of a table that are not its defaults, after what the table is; empty where all are."""
+    usual = type(table)()
+    said = [
+        f"{label_of(key)} {_value(key, value)}"
+        for key in type(table).model_fields
+        if (value := getattr(table, key)) != getattr(usual, key)
+    ]
+    return f"{what}: {', '.join(said)}" if said else ""
+
+
+def _value(key: str, value: object) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return f"{value:g} {unit_of(key)}".strip() if isinstance(value, float) else str(value)
+
+
+def _fault(scenario: Scenario) -> str:
+    """Return what the gateway stops the car for, where that is not the usual or where it is what the drive is about."""
+    limit, due = scenario.ego.deviation_limit_m, scenario.criteria.outcome == "fault"
+    usual = type(scenario.ego).model_fields["deviation_limit_m"].default
+    if limit == usual and not due:
+        return ""
+    which = "fault: " if due else ""
+    return f"{which}the gateway stops the car where it is more than {limit:g} m off its path"
+
+
+def _end(scenario: Scenario) -> str:
+    """Return when the drive ends before its time."""
+    end = scenario.end_trigger
+    said = ["at the first contact"] if end.contact else []
+    said += [f"when the ego's bumper is at {end.ego_at_m:g} m"] if end.ego_at_m is not None else []
+    if end.lateral_deviation_m is not None:
+        said.append(f"when the ego is more than {end.lateral_deviation_m:g} m off its path")
+    said += [f"when the time to collision is below {end.ttc_s:g} s"] if end.ttc_s is not None else []
+    return f"ends {' or '.join(said)}" if said else ""
 
 
 def others(scenario: Scenario) -> str:

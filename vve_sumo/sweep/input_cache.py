@@ -10,10 +10,9 @@ from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, NamedTuple, TypeVar
 
-from vve_sumo.drive.resolved_scenario import ResolvedScenario, read_path, resolve_scenario
+from vve_sumo.drive.resolved_scenario import LaidPath, ResolvedScenario, read_path, resolve_scenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
-from vve_sumo.path import Path
 from vve_sumo.scenario.load import parse
 from vve_sumo.sweep.job import Job
 from vve_sumo.world.network import Network, read_network
@@ -36,13 +35,13 @@ class InputCache:
 
     def __init__(self) -> None:
         self._networks: dict[_Stamp, Network] = {}
-        self._paths: dict[tuple[_Stamp, _Stamp], tuple[Path, tuple[str, ...]]] = {}
+        self._paths: dict[tuple[_Stamp, _Stamp], LaidPath] = {}
 
     def network(self, file: FilePath) -> Network:
         """Return what `read_network` does."""
         return self._kept(self._networks, _stamp(file), partial(read_network, file))
 
-    def path(self, file: FilePath, street: MapFrame, network: Network) -> tuple[Path, tuple[str, ...]]:
+    def path(self, file: FilePath, street: MapFrame, network: Network) -> LaidPath:
         """Return what `read_path` does; `street` is the network's."""
         stamps = _stamp(file), _stamp(network.path)
         return self._kept(self._paths, stamps, partial(read_path, file, street, network))

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ Box = tuple[float, float, float, float]  #: least x, least y, greatest x, greate
 Movement = tuple[str, str]  #: a way through a junction: the edge before it and the edge after it
 
 LANE_WIDTH = 3.2  #: SUMO's default, for a lane without a stated width [m]
+#: kind of a lane, by its edge's function; a walking area has an outline and no centre line
+KINDS: Final = {"normal": "lane", "connector": "lane", "internal": "junction", "crossing": "crossing"}
 GZIP_MAGIC = b"\x1f\x8b"
 
 
@@ -43,6 +45,17 @@ class Network:
     def frame(self) -> MapFrame:
         """Return the transformation between geodetic coordinates and this network's map coordinates."""
         return MapFrame(self.projection, self.offset)
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """A lane as it lies on the map, and where it leads."""
+
+    name: str  #: SUMO's
+    kind: str  #: "lane", "junction" (inside a junction), "crossing", or "walkway" (for pedestrians alone)
+    width: float  #: [m]
+    shape: Floats  #: centre line in driving direction (n, 2), map [m]
+    successors: tuple[str, ...]  #: names of the lanes that it leads into, those inside junctions included
 
 
 class LanePoint(NamedTuple):
@@ -73,6 +86,46 @@ def lane_shapes(path: Path, box: Box) -> list[tuple[Floats, float]]:
     return [(shape, width) for shape, width in shapes if _meets(shape, width, box)]
 
 
+def lanes_near(path: Path, box: Box) -> list[Lane]:
+    """Return the lanes near the box, as `lane_shapes` does, with their names, kinds and successors.
+
+    Pedestrian crossings are included, walking areas are not. Raises ConfigError as read_network does.
+    """
+    found: dict[str, tuple[str, float, Floats]] = {}
+    leads: dict[str, list[str]] = {}
+    for element in _elements(path, "edge", "connection"):
+        if element.tag == "edge":
+            found |= {name: drawn for name, drawn in _lanes(element) if _meets(drawn[2], drawn[1], box)}
+        elif (start := f"{element.get('from')}_{element.get('fromLane')}") in found:
+            # A network lists its connections after all edges.
+            leads.setdefault(start, []).append(element.get("via") or f"{element.get('to')}_{element.get('toLane')}")
+    return [
+        Lane(name, kind, width, shape, tuple(dict.fromkeys(leads.get(name, ()))))
+        for name, (kind, width, shape) in found.items()
+    ]
+
+
+def _lanes(edge: ET.Element) -> Iterator[tuple[str, tuple[str, float, Floats]]]:
+    """Yield name, kind, width [m] and centre line of each lane of an edge that has a centre line."""
+    kind = KINDS.get(edge.get("function", "normal"))
+    if kind is None:
+        return
+    for lane in edge.iter("lane"):
+        on_foot = kind == "lane" and lane.get("allow") == "pedestrian"
+        width = float(lane.get("width", LANE_WIDTH))
+        yield lane.attrib["id"], ("walkway" if on_foot else kind, width, _shape(lane.attrib["shape"]))
+
+
+def signals(path: Path) -> dict[str, tuple[float, float]]:
+    """Return the place [m] of every junction with a signal by its name; raises ConfigError as read_network does."""
+    junctions = (one.attrib for one in _elements(path, "junction"))
+    return {
+        one["id"]: (float(one["x"]), float(one["y"]))
+        for one in junctions
+        if one.get("type", "").startswith("traffic_light")
+    }
+
+
 def _located(path: Path, attributes: dict[str, str]) -> Network:
     projection = attributes.get("projParameter", "!")
     if projection in {"!", "-", "."}:
@@ -96,7 +149,7 @@ def _numbers(path: Path, attributes: dict[str, str], key: str, count: int) -> li
 
 
 def _shape(text: str) -> Floats:
-    return np.array([point.split(",")[:2] for point in text.split()], dtype=np.float64)
+    return np.array([[float(number) for number in point.split(",")[:2]] for point in text.split()])
 
 
 def _meets(shape: Floats, width: float, box: Box) -> bool:
@@ -116,8 +169,8 @@ def _opened(path: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
             yield plain
 
 
-def _elements(path: Path, tag: str) -> Iterator[ET.Element]:
-    """Stream the elements of one tag; each is cleared after use, so that memory stays small."""
+def _elements(path: Path, *tags: str) -> Iterator[ET.Element]:
+    """Stream the elements of some tags; each is cleared after use, so that memory stays small."""
     try:
         with _opened(path) as file:
             events = ET.iterparse(file, events=("start", "end"))
@@ -126,7 +179,7 @@ def _elements(path: Path, tag: str) -> Iterator[ET.Element]:
                 raise ConfigError(f"{path}: expected a SUMO network with root <net>, got <{root.tag}>")
             for event, element in events:
                 if event == "end":
-                    if element.tag == tag:
+                    if element.tag in tags:
                         yield element
                     if element.tag in {"edge", "junction", "connection", "tlLogic"}:
                         root.clear()

@@ -1,0 +1,92 @@
+"""Actors that keep to their lanes: against the lanes' own geometry."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from tests.metrics.tables import CAR, PERIOD, actors_of, straight, ticks_of
+from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.lanes import Lanes
+
+#: centre lines; the ego's path is y = 0, and the lane side_0 forks into left_0, straight on, and right_0, to the path
+LINES = {
+    "own_0": ([0.0, 300.0], [0.0, 0.0], []),
+    "next_0": ([0.0, 300.0], [3.5, 3.5], []),
+    "side_0": ([80.0, 80.0], [60.0, 30.0], [":fork_0_0", ":fork_1_0"]),
+    ":fork_0_0": ([80.0, 80.0], [30.0, 20.0], ["on_0"]),
+    "on_0": ([80.0, 80.0], [20.0, -60.0], []),
+    ":fork_1_0": ([80.0, 78.0, 72.0, 70.0], [30.0, 25.0, 21.0, 20.0], ["away_0"]),
+    "away_0": ([70.0, 0.0], [20.0, 20.0], []),
+}
+ROADS = pa.Table.from_pylist(
+    [
+        {"lane": lane, "kind": "junction" if lane[0] == ":" else "lane", "width_m": 3.2, "x_m": x, "y_m": y}
+        | {"successors": after}
+        for lane, (x, y, after) in LINES.items()
+    ]
+)
+BUMPER = 20.0 + CAR.rear_axle_to_bumper
+
+
+def driven(track: list[tuple[float, float, float]], speed: float, other: float, length: float = 4.0) -> DriveData:
+    """A drive whose first tick is judged: the ego at 20 m, an actor that is put along a track (x, y, heading) later."""
+    unknown = {"true_x_m": math.nan, "x_m": math.nan, "s_m": math.nan}
+    ego = [{"time_s": PERIOD * i, **unknown} for i in range(len(track))]
+    ego[0] = {"true_x_m": 20.0, "s_m": 20.0, "true_speed_mps": speed}
+    actors = [
+        {"tick": i, "actor": "other", "x_m": x, "y_m": y, "heading_rad": heading, "speed_mps": other}
+        | {"length_m": length}
+        for i, (x, y, heading) in enumerate(track)
+    ]
+    return DriveData(ticks_of(ego), actors_of(actors), straight(), CAR, PERIOD, ROADS)
+
+
+def test_one_that_will_change_into_the_egos_lane_is_no_conflict_before_its_body_is_there() -> None:
+    """Where it keeps to no lane, as a pedestrian does, the way that it took later counts at once."""
+    track = [(BUMPER + 15.0 + 0.1 * i, max(0.0, 3.5 - 0.05 * max(0, i - 10)), 0.0) for i in range(600)]
+    assert math.isnan(driven(track, 12.0, 5.0).conflict.time[0])
+    assert math.isfinite(driven(track, 12.0, 5.0, length=0.5).conflict.time[0])
+    # Half way between two lanes its body is in the ego's way, and stays there.
+    beside = [(BUMPER + 15.0 + 0.1 * i, 1.7, 0.0) for i in range(10)]
+    gap = 15.0 - 2.0
+    assert driven(beside, 12.0, 5.0).conflict.time[0] == pytest.approx(gap / 7.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("taken", "meets"), [("on_0", True), ("away_0", False), ("none", True)])
+def test_at_a_fork_the_branch_counts_that_was_taken_later_else_the_straightest(taken: str, meets: bool) -> None:
+    """It comes from the side and is 57 m before the ego's path, where both would be at the same time."""
+    side = [(80.0, 57.0 - 0.3 * i, -math.pi / 2) for i in range(80)]
+    onward = {
+        "on_0": [(80.0, 33.0 - 0.3 * i, -math.pi / 2) for i in range(1, 80)],
+        "away_0": [(80.0, 31.0, -1.6), (79.2, 28.0, -1.8), (78.0, 25.0, -2.0), (75.0, 23.0, -2.4), (72.0, 21.0, -2.6)]
+        + [(70.0 - 0.3 * i, 20.0, math.pi) for i in range(80)],
+        "none": [],
+    }[taken]
+    drive = driven(side[:10] if taken == "none" else side + onward, 10.0, 10.0)
+    assert np.isfinite(drive.conflict.time[0]) == meets
+
+
+def test_an_actor_is_in_the_nearest_lane_that_goes_its_way() -> None:
+    lanes = Lanes.from_table(ROADS)
+    x, y, heading = np.array([50.0, 50.0, 50.0, 50.0, 80.0]), np.array([0.3, 2.0, 0.0, 6.0, 0.0]), np.zeros(5)
+    heading[2:] = math.pi, 0.0, -math.pi / 2
+    names = [*LINES]
+    assert [names[lane] if lane >= 0 else "" for lane in lanes.at(x, y, heading)] == ["own_0", "next_0", "", "", "on_0"]
+
+
+def test_where_an_actor_is_on_its_lane_its_box_is_where_it_was() -> None:
+    """Whatever its place and turn in the lane: with both at rest nothing is predicted but what is."""
+    for y, heading in ((3.9, 0.2), (3.0, -0.3), (1.9, 0.0)):
+        drive = driven([(BUMPER + 10.0, y, heading)], 8.0, 0.0)
+        bare = DriveData(drive.ticks, drive.actors, drive.path, CAR, PERIOD)
+        np.testing.assert_allclose(drive.conflict.time, bare.conflict.time, rtol=1e-6)
+
+
+def test_a_table_without_lanes_is_as_none() -> None:
+    drive = driven([(BUMPER + 10.0, 0.0, 0.0)], 8.0, 3.0)
+    drive.roads = ROADS.slice(0, 0)
+    assert drive.conflict.time[0] == pytest.approx(8.0 / 5.0, rel=1e-6)

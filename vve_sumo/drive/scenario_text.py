@@ -1,0 +1,84 @@
+"""Says in lines of text all that a scenario is: road, ego, traffic, signals, controller, faults, actors, what passes.
+
+Reads the scenario and its files; drives nothing, and runs no code of a controller.
+"""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+from vve_sumo import workspace
+from vve_sumo.controller import origin
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.errors import ConfigError
+from vve_sumo.scenario import descriptions
+from vve_sumo.scenario.schema import Actor, Control
+from vve_sumo.world.network import signals
+
+#: a junction whose middle is this near to the path lies on it [m]
+ON_THE_WAY = 12.0
+
+
+def lines(resolved: ResolvedScenario, working: Path) -> list[str]:
+    """Return the lines of a scenario's text, without its title."""
+    scenario = resolved.scenario
+    road = f"{scenario.road.network}, path {scenario.ego.path} of {resolved.path.length:.0f} m"
+    return [
+        f"{road}, ego at {scenario.ego.speed_mps:g} m/s, seed {scenario.seed}",
+        *circumstances(resolved, working),
+        *(_standing(one.id, one.at_m, one.offset_m) for one in scenario.obstacles),
+        *(line for actor in scenario.actors for line in _of_actor(actor)),
+        f"passes if: {descriptions.passes(scenario.criteria)}",
+    ]
+
+
+def circumstances(resolved: ResolvedScenario, working: Path) -> list[str]:
+    """Return a line for everything besides actors and obstacles that makes the drive another than the usual one."""
+    said = descriptions.circumstances(resolved.scenario)
+    manoeuvre = _manoeuvre(resolved.scenario.controller, working)
+    found = ", ".join(f"{at:.0f} m" for at in signals_on_the_way(resolved))
+    return [
+        *([f"manoeuvre: {manoeuvre}"] if manoeuvre else []),
+        *([f"signals at {found} of the path: the traffic obeys, no sensor shows them"] if found else []),
+        *said,
+    ]
+
+
+def signals_on_the_way(resolved: ResolvedScenario) -> list[float]:
+    """Return where along the path [m] junctions with signals lie on it, in order."""
+    path, found = resolved.path, []
+    for x, y in signals(resolved.network.path).values():
+        foot = path.project(x, y)
+        if abs(foot.offset) <= ON_THE_WAY and 0.0 <= foot.s <= path.length:
+            found.append(foot.s)
+    return sorted(found)
+
+
+def _manoeuvre(control: Control, working: Path) -> str:
+    """Return what another controller than the usual one does, as the first sentence of its file says."""
+    if control.name == type(control)().name:
+        return ""
+    try:
+        place = origin(control.name, workspace.controller_folders(working))
+        file = place.file(place.main)
+        text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) if file else None
+    except (ConfigError, OSError, SyntaxError, ValueError):
+        return ""
+    return " ".join((text or "").partition("\n\n")[0].split())
+
+
+def _standing(name: str, at: float, offset: float) -> str:
+    beside = f", {descriptions.beside(offset)}" if offset else ""
+    return f"{name!r} stands at {at:g} m{beside}"
+
+
+def _of_actor(actor: Actor) -> list[str]:
+    """Return how an actor enters, and each of its events."""
+    name, when = descriptions.name(actor), descriptions.condition(actor.enters)
+    entered = f"{name} {descriptions.entrance(actor)}" + (f" when {when}" if when else "")
+    events = (
+        f"{name}: {descriptions.condition(event.when) or 'at once'}, {descriptions.action(event)}"
+        for event in actor.events
+    )
+    return [entered, *events]
