@@ -141,7 +141,7 @@ def _side(run: Run, true: bool) -> _Side:
         place = ticks.schema.get_field_index("true_x_m")
         ticks = ticks.set_column(place, ticks.schema.field(place), pa.array(np.full(ticks.num_rows, np.nan)))
     prefix = "true_" if true else ""
-    data = DriveData(ticks, run.arrow("actors"), run.path, run.vehicle, run.period)
+    data = DriveData(ticks, run.arrow("actors"), run.path, run.vehicle, run.period, run.arrow("roads"))
     signals = {
         "speed_mps": ticks[f"{prefix}speed_mps"].to_numpy(),
         "acceleration_mps2": ticks[f"{prefix}acceleration_mps2"].to_numpy(),

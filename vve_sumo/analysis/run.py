@@ -146,7 +146,8 @@ class Run:
     @cached_property
     def data(self) -> DriveData:
         """The tables as metrics read them."""
-        return DriveData(self.arrow("ticks"), self.arrow("actors"), self.path, self.vehicle, self.period)
+        tables = self.arrow("ticks"), self.arrow("actors")
+        return DriveData(*tables, self.path, self.vehicle, self.period, self.arrow("roads"))
 
     @property
     def motion(self) -> Motion:

@@ -24,7 +24,7 @@ from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record.hashes import hash_files
 from vve_sumo.record.layout import PROVENANCE
-from vve_sumo.record.roads import write_roads
+from vve_sumo.record.roads import roads_table, write_roads
 from vve_sumo.record.writer import MemoryRecorder, Record, claim
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
@@ -119,7 +119,8 @@ def run(
     finally:
         shell.close()
     parts = record.close()
-    summary = summary_of(resolved, done, record.tables["ticks"], record.tables["actors"], parts)
+    tables, roads = record.tables, roads_table(resolved.lanes)
+    summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads)
     if isinstance(record, Record):
         summary |= {"record_files_sha256": hash_files(folder)}
         record.summarise(summary)

@@ -21,6 +21,7 @@ from vve_sumo.metrics.table import label_of
 from vve_sumo.path import Path
 from vve_sumo.record.hashes import hash_files, whole
 from vve_sumo.record.reader import read_table
+from vve_sumo.record.roads import read_roads
 from vve_sumo.scenario.schema import Band, Criteria, Scenario
 from vve_sumo.values import Vehicle
 
@@ -51,14 +52,23 @@ class DrivenScenario(Protocol):
 
 def summarise(driven: DrivenScenario, done: DriveEnd, folder: FilePath, parts: dict[str, str]) -> dict[str, Any]:
     """Return the content of `summary.json` for the record in `folder`; `parts` are the hashes of its parts."""
-    summary = summary_of(driven, done, read_table(folder, "ticks"), read_table(folder, "actors"), parts)
+    ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
+    summary = summary_of(driven, done, ticks, actors, parts, read_roads(folder))
     return summary | {"record_files_sha256": hash_files(folder)}
 
 
 def summary_of(
-    driven: DrivenScenario, done: DriveEnd, ticks: pa.Table, actors: pa.Table, parts: dict[str, str]
+    driven: DrivenScenario,
+    done: DriveEnd,
+    ticks: pa.Table,
+    actors: pa.Table,
+    parts: dict[str, str],
+    roads: pa.Table | None = None,
 ) -> dict[str, Any]:
-    """Return a drive's summary without the hashes of files; `parts` are the hashes of the record's parts."""
+    """Return a drive's summary without the hashes of files.
+
+    `parts` are the hashes of the record's parts; without `roads` actors are expected to keep to no lane.
+    """
     summary: dict[str, Any] = {
         "scenario": driven.name,
         "title": driven.scenario.title,
@@ -66,7 +76,7 @@ def summary_of(
         "controller": driven.scenario.controller.name,
         "outcome": done.outcome.value,
         "reasons": list(done.reasons),
-        **PER_DRIVE.measure(DriveData(ticks, actors, driven.path, driven.vehicle, PERIOD)),
+        **PER_DRIVE.measure(DriveData(ticks, actors, driven.path, driven.vehicle, PERIOD, roads)),
         **done.extra,
         "removed_at_entry": list(done.cleared),
         "removed_after_standoff": list(done.standoffs),

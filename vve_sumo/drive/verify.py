@@ -29,6 +29,7 @@ from vve_sumo.path import Path
 from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
 from vve_sumo.record.layout import CLOSED_ENDING, LIVE_SCHEMAS, PROVENANCE, RAW_PARTS, SCHEMAS, UNHASHED
 from vve_sumo.record.reader import read_table, sensor_tables
+from vve_sumo.record.roads import read_roads
 from vve_sumo.record.summary import SUMMARY_HASH_KEY, sealed
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import EndTrigger, Scenario
@@ -207,7 +208,7 @@ def _figures(folder: FilePath, recorded: RecordedDrive, summary: dict[str, Any])
         tuple(summary["removed_after_standoff"]),
     )
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
-    again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"])
+    again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"], read_roads(folder))
     again |= {"versions": read_resolved(folder)["versions"]}
     if _is_live(folder, summary):
         again |= {"gateway_steps": read_table(folder, "gateway").num_rows}

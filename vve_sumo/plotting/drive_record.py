@@ -13,6 +13,7 @@ from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.plotting.drive_page import bounds, draw
 from vve_sumo.plotting.page import DrivePage, said
 from vve_sumo.record.reader import read_table
+from vve_sumo.record.roads import roads_table
 from vve_sumo.world.network import lane_shapes
 
 PICTURE = "drive.png"
@@ -21,7 +22,7 @@ PICTURE = "drive.png"
 def draw_drive(resolved: ResolvedScenario, drive: Drive) -> FilePath:
     """Write `drive.png` into the record of a drive and return its place."""
     ticks, actors = read_table(drive.folder, "ticks"), read_table(drive.folder, "actors")
-    data = DriveData(ticks, actors, resolved.path, resolved.vehicle, PERIOD)
+    data = DriveData(ticks, actors, resolved.path, resolved.vehicle, PERIOD, roads_table(resolved.lanes))
     page = DrivePage(
         title=resolved.scenario.title,
         subtitle=said(drive.summary),

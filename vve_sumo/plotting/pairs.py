@@ -31,7 +31,8 @@ def paired(compared: PairedComparison, figure: str = "stop_gap_m", *, by: str | 
     """
     one, other = (compared.values(figure, side) for side in ("one", "other"))
     both, unit = finite(one, other), unit_of(figure)
-    with page(WIDTH, 4.4) as drawn:
+    parts = parts_of(compared.pairs, by)
+    with page(WIDTH, 4.1 + 0.3 * len(parts)) as drawn:  # the legend takes lines of its own
         left, right = drawn.subplots(1, 2)
         name(drawn, f"{label_of(figure).capitalize()} of {both.sum():,} pairs", _counted(compared, figure))
         for axes in (left, right):
@@ -40,7 +41,7 @@ def paired(compared: PairedComparison, figure: str = "stop_gap_m", *, by: str | 
             for axes in (left, right):
                 blank(axes, f"no pair has a {label_of(figure)}")
             return drawn
-        for part in parts_of(compared.pairs, by):
+        for part in parts:
             look: dict[str, Any] = {"color": part.look.colour, "alpha": 0.75, "markersize": 4.5}
             word = part.says(f"{(part.which & both).sum():,} pairs")
             left.plot(one[part.which], other[part.which], part.look.mark, linestyle="", label=word, **look)

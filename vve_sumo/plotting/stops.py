@@ -235,8 +235,8 @@ def _tolerated(axes: Axes, speed: Floats, tolerance: Floats, which: Any) -> None
         return
     at, most = thinned(speed[known]), thinned(tolerance[known])
     axes.plot(at, most, "_", color=LIMIT["color"], markersize=7.0)
-    place: dict[str, Any] = {"fontsize": 9.5, "ha": "right", "va": "top", "color": LIMIT["color"]}
-    axes.annotate("dashes: own tolerance, broken above", (0.995, 0.97), xycoords="axes fraction", **place)
+    place: dict[str, Any] = {"fontsize": 9.5, "ha": "right", "va": "bottom", "color": LIMIT["color"]}
+    axes.annotate("dashes: own tolerance, broken above", (0.995, 0.03), xycoords="axes fraction", **place)
 
 
 def _broken(upper: Axes, lower: Axes, speed: Floats, distance: Floats, bound: Floats, flagged: Any) -> None:

@@ -122,9 +122,10 @@ def _say_hunting(axes: Axes, page: DrivePage) -> None:
         return
     time, across = page.ticks["time_s"].to_numpy(), axes.get_xaxis_transform()
     axes.plot(time[[approach.onset, approach.rest]], [0.02, 0.02], color=ALARM, linewidth=4.0, transform=across)
-    place: dict[str, Any] = {"xytext": (0, 5), "textcoords": "offset points", "ha": "right", "va": "bottom"}
+    place: dict[str, Any] = {"xytext": (0, 6), "textcoords": "offset points", "ha": "right", "va": "bottom"}
+    ground = {"facecolor": "white", "edgecolor": ALARM, "boxstyle": "round,pad=0.2"}
     text = f"hunting: {approach.reversals} reversals"
-    axes.annotate(text, (time[approach.rest], 0.02), xycoords=across, color=ALARM, weight="bold", **place)
+    axes.annotate(text, (time[approach.rest], 0.02), xycoords=across, color=INK, bbox=ground, **place)
 
 
 def _deviation(axes: Axes, page: DrivePage) -> None:

@@ -16,8 +16,8 @@ from vve_sumo.record.reader import read_table
 from vve_sumo.world.network import Lane
 
 
-def write_roads(folder: Path, lanes: Sequence[Lane]) -> None:
-    """Write the table of these lanes into a record; raises OSError."""
+def roads_table(lanes: Sequence[Lane]) -> pa.Table:
+    """Return the table of these lanes."""
     columns = (
         [lane.name for lane in lanes],
         [lane.kind for lane in lanes],
@@ -26,10 +26,14 @@ def write_roads(folder: Path, lanes: Sequence[Lane]) -> None:
         [lane.shape[:, 1].tolist() for lane in lanes],
         [lane.successors for lane in lanes],
     )
-    table = pa.table(
+    return pa.table(
         [pa.array(column, kind) for column, kind in zip(columns, ROADS_SCHEMA.types, strict=True)], schema=ROADS_SCHEMA
     )
-    pq.write_table(table, folder / f"{ROADS}{CLOSED_ENDING}", compression="zstd")
+
+
+def write_roads(folder: Path, lanes: Sequence[Lane]) -> None:
+    """Write the table of these lanes into a record; raises OSError."""
+    pq.write_table(roads_table(lanes), folder / f"{ROADS}{CLOSED_ENDING}", compression="zstd")
 
 
 def read_roads(folder: Path) -> pa.Table:
