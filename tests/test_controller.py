@@ -181,7 +181,7 @@ def test_tuning_is_laid_over_the_defaults():
 @pytest.mark.parametrize(
     ("tuning", "says"),
     [
-        ({"gap": 5.0}, "tuning key 'gap' is unknown; allowed are gap_m, law, on"),
+        ({"gap": 5.0}, "tuning key 'gap' is unknown, did you mean 'gap_m'?; allowed are gap_m, law, on"),
         ({"gap_m": "5"}, "tuning key 'gap_m' must be a finite number, got '5'"),
         ({"gap_m": True}, "tuning key 'gap_m' must be a finite number, got True"),
         ({"gap_m": math.nan}, "tuning key 'gap_m' must be a finite number, got nan"),
@@ -233,7 +233,9 @@ def test_a_good_setpoint_passes_untouched():
 def test_the_shipped_controller_has_its_name_and_says_what_it_cannot_take(repository):
     search = [repository / "controllers"]
     assert "follow_and_stop" in known(search)
-    with pytest.raises(ConfigError, match="follow_and_stop: tuning key 'gap' is unknown; allowed are comfort, emerg"):
+    with pytest.raises(
+        ConfigError, match=r"follow_and_stop: tuning key 'gap' is unknown, did .*; allowed are comfort, emerg"
+    ):
         load("follow_and_stop", FUSION, {"gap": 4.0}, search)
     with pytest.raises(ConfigError, match="'steering' must be preview, pure_pursuit, stanley or lqr, got 'mpc'"):
         load("follow_and_stop", FUSION, {"steering": "mpc"}, search)

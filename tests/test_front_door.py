@@ -199,7 +199,7 @@ def _children() -> list[str]:
         (lambda: vve.sweep(vve.Scenario("parked_car")), "expected vary={…}, controllers={…} or seeds=…"),
         (lambda: vve.sweep({"scenario": "parked_car"}, seeds=2), "leave out vary, controllers and seeds"),
         (lambda: vve.load("nowhere"), "nowhere: not there"),
-        (lambda: vve.Scenario("parked_car").replace(spede=3), "unknown key 'spede'"),
+        (lambda: vve.Scenario("parked_car").replace(spede=3), "spede: unknown to the scenario; did you mean 'speed'?"),
         (lambda: vve.Scenario("parked_car").replace(speed=50), "speed: the scenario declares max 15.6, got 50"),
         (lambda: vve.Scenario("parked_car").replace({"obstacles.car.at_m": 3}), "no 'car' in obstacles"),
         (lambda: vve.Scenario("parked_car")["ego.sped_mps"], "unknown key 'ego.sped_mps', did you mean 'speed_mps'?"),

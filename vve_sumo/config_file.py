@@ -8,8 +8,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
-from difflib import get_close_matches
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Final, Union, get_args, get_origin
@@ -17,7 +16,8 @@ from typing import Annotated, Any, ClassVar, Final, Union, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, closest
+from vve_sumo.units import converted, dimension_of, is_quantity
 
 Name = Annotated[str, Field(min_length=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -84,6 +84,72 @@ def in_si(table: Table, *left_out: str) -> dict[str, float]:
     return said
 
 
+def in_key_units(table: dict[str, Any], model: Any) -> dict[str, Any]:
+    """Return a table with every quantity such as "25 mph" as a number under the key that names its unit.
+
+    `model` is what the table should hold. A key without its unit takes a quantity: `speed = "25 mph"` is
+    `speed_mps = 11.176`. What is wrong otherwise is left as it is. Raises ValueError, naming the key, for a unit that
+    is none of the key's, and for a quantity that is there twice.
+    """
+    fields = {name: field.annotation for name, field in model.model_fields.items()}
+    said: dict[str, Any] = {}
+    for key, value in table.items():
+        try:
+            name, inner = key_and_number(key, value, fields), _inside_in_key_units(value, fields.get(key))
+        except ValueError as error:
+            raise ValueError(f"{key}{'.' if isinstance(value, (dict, list)) else ': '}{error}") from None
+        if name[0] in said or (name[0] != key and name[0] in table):
+            raise ValueError(f"{key}: is there beside {name[0]}, expected one of them")
+        said[name[0]] = inner if name == (key, value) else name[1]
+    return said
+
+
+def key_and_number(key: str, value: object, fields: Collection[str]) -> tuple[str, object]:
+    """Return the field that a quantity belongs to and its number there; what is no quantity comes as it is.
+
+    Raises ValueError for a unit that is none of the field's.
+    """
+    if not is_quantity(value):
+        return key, value
+    named = (
+        [key] if key in fields else [name for name in fields if dimension_of(name) and name.rpartition("_")[0] == key]
+    )
+    dimension = dimension_of(named[0]) if len(named) == 1 else None
+    return (key, value) if dimension is None else (named[0], converted(str(value), dimension))
+
+
+def _inside_in_key_units(value: Any, annotation: Any) -> Any:
+    if isinstance(value, list):
+        return [_numbered(number, one, annotation) for number, one in enumerate(value)]
+    kinds = list(alternatives([annotation])) if isinstance(value, dict) else []
+    tables = [kind for kind in kinds if is_table(kind)]
+    if len(tables) == 1:
+        return in_key_units(value, tables[0])
+    of_all = [get_args(kind)[1] for kind in kinds if get_origin(kind) is dict]
+    return {key: _inside_in_key_units(one, of_all[0]) for key, one in value.items()} if of_all else value
+
+
+def _numbered(number: int, value: Any, annotation: Any) -> Any:
+    kinds = [inner for kind in alternatives([annotation]) for inner in inside(kind, number)]
+    try:
+        return _inside_in_key_units(value, kinds[0]) if kinds else value
+    except ValueError as error:
+        raise ValueError(f"{number}.{error}") from None
+
+
+def read_as(file: Path, kind: str, model: type[BaseModel]) -> dict[str, Any]:
+    """Return the table in a TOML file as `read` does, its quantities as `in_key_units` returns them."""
+    return numbers_of(read(file, kind), file, model)
+
+
+def numbers_of(table: dict[str, Any], file: Path | str, model: type[BaseModel]) -> dict[str, Any]:
+    """Return what `in_key_units` does; raises ConfigError that names the file and the key."""
+    try:
+        return in_key_units(table, model)
+    except ValueError as error:
+        raise ConfigError(f"{file}: {error}") from None
+
+
 def complaint(file: Path | str, error: ValidationError, model: type[BaseModel]) -> str:
     """Say in one line what is wrong with a file that should hold a `model`: file, key, what was expected, what came."""
     complaints = error.errors(include_url=False)
@@ -96,7 +162,11 @@ def complaint(file: Path | str, error: ValidationError, model: type[BaseModel]) 
         if place[-1] in former:
             return f"{file}: key {key!r} is now {former[place[-1]]!r}"
         meant = _meant(str(place[-1]), [name for kind in kinds for name in kind.model_fields])
-        return f"{file}: unknown key {key!r}" + (f", did you mean {meant!r}?" if meant else "")
+        without = dimension_of(meant) is not None and meant.rpartition("_")[0] == str(place[-1])
+        needs = (
+            f' A key without its unit takes a text with one: {place[-1]} = "5 {meant_unit(meant)}"' if without else ""
+        )
+        return f"{file}: unknown key {key!r}" + (f", did you mean {meant!r}?{needs}" if meant else "")
     if first["type"] == "missing":
         return f"{file}: key {key!r} is missing"
     # Where a value may be of several kinds there is a complaint of each; together they say what is allowed.
@@ -178,13 +248,20 @@ def _key(part: int | str) -> str:
     return text if text.isprintable() and len(text) <= MAX_VALUE_LENGTH else spelt(text)
 
 
+def meant_unit(key: str) -> str:
+    """Return the first unit that may be written for a key whose name ends in one."""
+    dimension = dimension_of(key)
+    return "" if dimension is None else next(iter(dimension.units))
+
+
 def _meant(key: str, known: list[str]) -> str:
     """The known key that differs in its unit only, or else by little; empty for none."""
     stem = key.rsplit("_", 1)[0]
     others = [
         one for one in known if stem and one in (f"{stem}_{one.rsplit('_', 1)[-1]}", f"{key}_{one[len(key) + 1 :]}")
     ]
-    return next(iter(others or get_close_matches(key, known, 1, 0.7)), "")
+    stems = {one.rpartition("_")[0]: one for one in known if dimension_of(one)}
+    return next(iter(others), "") or closest(key, known) or stems.get(closest(key, stems), "")
 
 
 def read(file: Path, kind: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from pathlib import Path as Folder
 from types import ModuleType
 from typing import Final, Protocol, runtime_checkable
 
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.ports import Origin, Port, error_text
 from vve_sumo.values import ControlCommand, Observation, Vehicle
 
@@ -77,7 +77,9 @@ def settle(
     """
     for key, value in tuning.items():
         if key not in defaults:
-            raise ConfigError(f"tuning key {key!r} is unknown; allowed are {', '.join(sorted(defaults))}")
+            near = did_you_mean(key, defaults)
+            unknown = f"tuning key {key!r} is unknown{f', {near}' if near else ''}"
+            raise ConfigError(f"{unknown}; allowed are {', '.join(sorted(defaults))}")
         wanted, number = defaults[key], isinstance(value, (int, float)) and not isinstance(value, bool)
         if isinstance(wanted, float):
             if not number or not math.isfinite(value):  # type: ignore[arg-type]

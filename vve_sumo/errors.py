@@ -1,5 +1,10 @@
 """Errors, named by what the person who meets one can do about it."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class VveError(Exception):
     """Base of every error that the package raises on purpose; its text is one line for a person.
@@ -49,3 +54,20 @@ class SimulationError(VveError, RuntimeError):
     """
 
     exit_code = 4
+
+
+def closest(name: str, known: Iterable[str]) -> str:
+    """Return the known name that is spelt most like one that is not known; empty for none that is near."""
+    return next(iter(get_close_matches(name, list(known), 1, 0.65)), "")
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return `closest` as a question; empty for none that is near."""
+    near = closest(name, known)
+    return f"did you mean {near!r}?" if near else ""
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """Return `did_you_mean`, where a known name is near, and all that are known."""
+    there = list(known)
+    return "; ".join(filter(None, (did_you_mean(name, there), f"there are {', '.join(there) or 'none'}")))

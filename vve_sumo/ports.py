@@ -19,7 +19,7 @@ from pathlib import Path as Folder
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, did_you_mean
 
 Make = Callable[..., Any]
 
@@ -170,7 +170,10 @@ class Port:
             raise ConfigError(f"{self.kind} {name[:LONGEST]}…: cannot be looked up: {error.strerror}") from None
 
     def _unknown(self, name: str, search: Sequence[Folder]) -> ConfigError:
-        return ConfigError(f"{self.kind} {name}: unknown; known are {', '.join(self.known(search)) or 'none'}")
+        known = self.known(search)
+        near = did_you_mean(name, known)
+        unknown = f"{self.kind} {name}: unknown{f', {near}' if near else ''}"
+        return ConfigError(f"{unknown}; known are {', '.join(known) or 'none'}")
 
     def _loaded_entry(self, name: str, load_it: Callable[[], Make]) -> Make:
         try:

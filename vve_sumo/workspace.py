@@ -8,7 +8,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, did_you_mean
 
 #: what a name of each kind is looked up as: folder and the endings that it may have
 KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -69,7 +69,9 @@ def find(kind: str, name: str, working: Path, *, beside: Path | None = None) -> 
         raise ConfigError(f"{kind} file {name!r} does not exist (looked from {beside or working})")
     found = known(kind, working)
     if name not in found:
-        raise ConfigError(f"no {kind} named {name!r}; known: {', '.join(found) or 'none'}")
+        near = did_you_mean(name, found)
+        unknown = f"no {kind} named {name!r}{f', {near}' if near else ''}"
+        raise ConfigError(f"{unknown}; known: {', '.join(found) or 'none'}")
     return found[name]
 
 

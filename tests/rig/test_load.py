@@ -183,7 +183,8 @@ def test_a_rig_survives_its_record() -> None:
         (put("pose.kind", "ncom\nudp"), "pose.kind: expected the name of a kind of receiver"),
         (
             put("pose.kind", "ncom"),
-            "pose.kind: receiver ncom: unknown; known are file, ncom_udp, nmea_serial, nmea_tcp, nmea_udp, oxts_can",
+            "pose.kind: receiver ncom: unknown, did you mean 'ncom_udp'?; known are file, ncom_udp, nmea_serial, "
+            "nmea_tcp, nmea_udp, oxts_can",
         ),
         (put("pose.kind", "nowhere/mine.py:make"), "nowhere/mine.py:make: there is no file"),
         (put("pose", {"kind": "oxts_can", "interface": "pcan"}), "key 'pose.channel' is missing"),

@@ -178,7 +178,7 @@ def test_a_node_is_given_a_signal_on_request(town, speeds, tmp_path):
 
 def test_without_netconvert_the_missing_extra_is_named(town, speeds, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "sumo", None)  # what Python itself does for a package that is known to be absent
-    with pytest.raises(ConfigError, match=re.escape("pip install eclipse-sumo==1.28.0")):
+    with pytest.raises(ConfigError, match=re.escape("pip install 'vve-sumo[network]'")):
         build_network(town, tmp_path / "t.net.xml", speeds=speeds)
 
 

@@ -22,7 +22,7 @@ from vve_sumo.analysis.groups import COUNTS, NEEDED, grouped, meanings, numbered
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, hint
 from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.sweep_folder import Held
 
@@ -194,7 +194,7 @@ class Sweep:
             return None
         unknown = next((name for name in columns if name not in self.columns), None)
         if unknown is not None:
-            raise ConfigError(f"{self.folder}: no column {unknown!r}; there are {', '.join(self.columns)}")
+            raise ConfigError(f"{self.folder}: no column {unknown!r}; {hint(unknown, self.columns)}")
         return list(columns)
 
     def _frame(self, table: pa.Table) -> pd.DataFrame:

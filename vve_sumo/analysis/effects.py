@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.analysis.units import described
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, hint
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def variance_explained(rows: pd.DataFrame, figure: str, parameters: Sequence[str
 
     missing = next((name for name in (figure, *parameters) if name not in rows), None)
     if missing is not None:
-        raise ConfigError(f"no column {missing!r}; there are {', '.join(map(str, rows.columns))}")
+        raise ConfigError(f"no column {missing!r}; {hint(missing, map(str, rows.columns))}")
     values: Floats = rows[figure].to_numpy(np.float64, na_value=np.nan)
     found = []
     for name in parameters:

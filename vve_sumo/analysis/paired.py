@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.units import described
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, hint
 from vve_sumo.metrics.table import METRICS, NUMBERS, label_of, meaning_of
 from vve_sumo.values import Floats
 
@@ -161,7 +161,7 @@ def _meanings(one: pd.DataFrame, other: pd.DataFrame, keys: Sequence[str], kept:
 def _once(rows: pd.DataFrame, keys: Sequence[str], name: str) -> None:
     missing = next((key for key in keys if key not in rows), None)
     if missing is not None:
-        raise ConfigError(f"{name}: no column {missing!r} to pair by; there are {', '.join(map(str, rows.columns))}")
+        raise ConfigError(f"{name}: no column {missing!r} to pair by; {hint(missing, map(str, rows.columns))}")
     twice = rows[rows.duplicated(list(keys))]
     if len(twice):
         values = ", ".join(f"{key} = {twice[key].iloc[0]}" for key in keys)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vve_sumo.analysis import json_models
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, hint
 from vve_sumo.metrics.drive_data import DriveData, Motion
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path
@@ -178,7 +178,7 @@ class Run:
     def _read(self, name: str) -> pa.Table:
         known = SCHEMAS | sensor_schemas(self.resolved) | LIVE_SCHEMAS | {ROADS: ROADS_SCHEMA}
         if name not in known:
-            raise ConfigError(f"{self.folder}: no table {name!r} in a record; there are {', '.join(known)}")
+            raise ConfigError(f"{self.folder}: no table {name!r} in a record; {hint(name, known)}")
         table = read_roads(self.folder) if name == ROADS else read_table(self.folder, name)
         missing = [column for column in known[name].names if column not in table.schema.names]
         if missing:

@@ -21,7 +21,7 @@ NO_LIMIT = 1e9
 def drive(
     scenario: str | Path | Scenario,
     *,
-    speed: float | None = None,
+    speed: float | str | None = None,
     seed: int | None = None,
     controller: str | None = None,
     vehicle: str | None = None,
@@ -31,11 +31,11 @@ def drive(
 ) -> Run:
     """Drive a scenario in lockstep with the simulated vehicle and return the drive.
 
-    `scenario` is a name under scenarios/, a .toml file or a `Scenario`. Instead of the scenario's own: `speed` [m/s] to
-    keep where nothing forbids it, `seed`, `controller` (a shipped name, "file.py:make" or an entry point) and `vehicle`
-    (a name under vehicles/ or a .toml file). `pose` is a recorded drive (NCOM bytes or CSV) to play instead of driving;
-    then commands are computed and nobody obeys. `out` is the folder of the record, absent or empty; by default it is a
-    new one under runs/. `progress` shows a bar meanwhile.
+    `scenario` is a name under scenarios/, a .toml file or a `Scenario`. Instead of the scenario's own: `speed` to keep
+    where nothing forbids it ([m/s], or a text such as "25 mph"), `seed`, `controller` (a shipped name, "file.py:make"
+    or an entry point) and `vehicle` (a name under vehicles/ or a .toml file). `pose` is a recorded drive (NCOM bytes or
+    CSV) to play instead of driving; then commands are computed and nobody obeys. `out` is the folder of the record,
+    absent or empty; by default it is a new one under runs/. `progress` shows a bar meanwhile.
 
     Raises ConfigError, before anything is driven, for what is wrong; SimulationError for a drive that crashed or broke.
 

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vve_sumo import workspace
-from vve_sumo.config_file import read
-from vve_sumo.scenario import overrides
+from vve_sumo.config_file import read_as
+from vve_sumo.errors import did_you_mean
+from vve_sumo.scenario import overrides, schema
 from vve_sumo.scenario.listing import COLUMNS, Row, listing, row_of
 from vve_sumo.scenario.load import parse
 
@@ -32,7 +33,7 @@ class Scenario:
     def __init__(self, scenario: str | Path, /) -> None:
         """Read a scenario; raises ConfigError, naming file and key, for what is missing or wrong."""
         self._file = workspace.find("scenario", str(scenario), Path.cwd())
-        self._take(read(self._file, "scenario"))
+        self._take(read_as(self._file, "scenario", schema.Scenario))
 
     def _take(self, table: dict[str, Any]) -> None:
         self._settings = parse(table, self._file)
@@ -70,15 +71,16 @@ class Scenario:
     def replace(self, values: Mapping[str, Any] | None = None, /, **named: Any) -> Scenario:
         """Return the scenario with other values of dotted keys, such as "ego.speed_mps", or of its `parameters`.
 
+        A number may be a text with a unit: {"ego.speed": "25 mph"} is the same as {"ego.speed_mps": 11.176}.
         Keys without dots may be given by keyword: `replace(seed=3)`. Raises ConfigError, naming the key, for what no
         scenario's file may say.
         """
         said = {key: plain(value) for key, value in {**(values or {}), **named}.items()}
-        for key, value in said.items():
-            overrides.check_bounds(f"{self._file}: {key}", [value], self._table.get("parameters", {}).get(key, {}))
-        return self._with(overrides.apply_overrides(self._table, said))
+        return self._with(overrides.checked(self._table, said, f"{self._file}: "))
 
-    def chosen(self, *, seed: int | None, speed: float | None, controller: str | None, vehicle: str | None) -> Scenario:
+    def chosen(
+        self, *, seed: int | None, speed: float | str | None, controller: str | None, vehicle: str | None
+    ) -> Scenario:
         """Return the scenario with another seed, speed [m/s], controller or vehicle model, where one is given."""
         seed, speed = plain(seed), plain(speed)
         return self._with(overrides.choose(self._table, seed=seed, speed=speed, controller=controller, vehicle=vehicle))
@@ -125,7 +127,7 @@ class Scenarios(Mapping[str, Scenario]):
 
     def __getitem__(self, name: str) -> Scenario:
         if name not in self._rows:
-            raise KeyError(name)
+            raise KeyError(f"{name!r} is no scenario; {did_you_mean(name, self._rows) or 'vve.scenarios() lists them'}")
         return Scenario(name)
 
     def __iter__(self) -> Iterator[str]:

@@ -10,7 +10,7 @@ from vve_sumo import progress_bar
 from vve_sumo.cli import live_drive
 from vve_sumo.cli.console import INTERRUPTED, complain
 from vve_sumo.cli.drive_result import draw_and_show
-from vve_sumo.cli.parser import Parser
+from vve_sumo.cli.parser import Parser, setting, values_of
 from vve_sumo.errors import ConfigError, SimulationError
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ summary.json and drive.png.
 examples:
   vve-sumo drive                                the paper's drive: a car parked in the middle of the road
   vve-sumo drive parked_car --seed 7 --out a    another seed, record in folder a
+  vve-sumo drive --set 'ego.speed=25 mph' --set controller.tuning.gap_m=8   other values of any key
   vve-sumo drive --controller mine.py:make      your own controller
   vve-sumo drive --vehicle lincoln_mkz          another car
   vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it
@@ -42,6 +43,16 @@ def arguments(parser: Parser) -> None:
     parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
     parser.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's seed")
+    parser.add_argument(
+        "--set",
+        type=setting,
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="values",
+        help="instead of the scenario's: a dotted key such as ego.speed_mps, or a parameter that it declares; a number "
+        "may have a unit, such as 'ego.speed=25 mph'; may be given several times",
+    )
     parser.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
     parser.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
     parser.add_argument(
@@ -92,6 +103,7 @@ def _lockstep(arguments: argparse.Namespace) -> int:
         controller=arguments.controller,
         vehicle=arguments.vehicle,
         rig=arguments.rig,
+        values=values_of(arguments.values),
     )
     folder = arguments.out if arguments.out is not None else new_run_folder(resolved.name, working)
     with progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
@@ -127,6 +139,7 @@ def _live(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         controller=arguments.controller,
         shadow=arguments.shadow,
+        values=values_of(arguments.values),
     )
     plan = live_drive.named(plan, arguments.operator, arguments.driver)
     with session.removed_when_empty(plan.folder):

@@ -12,7 +12,7 @@ from vve_sumo.errors import ConfigError
 SUMMARY = "build networks and their traffic"
 BUILD_TEXT = """\
 Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and US rules.
-Needs netconvert: pip install eclipse-sumo==1.28.0.
+Needs netconvert: pip install 'vve-sumo[network]'.
 """
 EDGES_TEXT = (
     "List the edges whose street's name holds a text: name, length, lanes, and from where to where in the map [m]."

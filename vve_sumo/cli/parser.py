@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from typing import TypeAlias
+import re
+import tomllib
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+from vve_sumo.errors import ConfigError, did_you_mean
 
 EXIT_CODES = """exit codes:
   0  good
@@ -15,12 +20,19 @@ EXIT_CODES = """exit codes:
 """
 
 
+#: argparse's message about a command or a value that is none of those that there are
+_CHOICES = re.compile(r"invalid choice: '(?P<name>.*)' \(choose from (?P<known>.*)\)$")
+_NAME = re.compile(r"[^\s',]+")
+
+
 class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, then where to read on."""
 
     def error(self, message: str) -> None:  # type: ignore[override]
         """Exit with one line and code 2."""
-        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+        choices = _CHOICES.search(message)
+        near = did_you_mean(choices["name"], _NAME.findall(choices["known"])) if choices else ""
+        self.exit(2, f"{self.prog}: {message}{f'; {near}' if near else ''} (see {self.prog} --help)\n")
 
 
 #: what a command is added to
@@ -37,6 +49,26 @@ def add_command(commands: Commands, name: str, summary: str, text: str, codes: s
 def add_subcommands(command: Parser, *, required: bool = True) -> Commands:
     """Give a command commands of its own."""
     return command.add_subparsers(dest="what", metavar="WHAT", required=required, parser_class=Parser)
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """Return key and value of KEY=VALUE; a value that TOML does not know is a text."""
+    key, equals, value = text.partition("=")
+    if not key.strip() or not equals or not value.strip():
+        raise argparse.ArgumentTypeError(f"expected KEY=VALUE such as ego.speed_mps=12, got {text!r}")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return key.strip(), value.strip()
+
+
+def values_of(settings: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the settings by key; raises ConfigError for a key that is set twice."""
+    keys = [key for key, _value in settings]
+    twice = next((key for at, key in enumerate(keys) if key in keys[:at]), None)
+    if twice is not None:
+        raise ConfigError(f"--set {twice}: is set twice, expected each key once")
+    return dict(settings)
 
 
 def names(text: str) -> tuple[str, ...]:

@@ -8,12 +8,13 @@ from __future__ import annotations
 import datetime
 import time
 import traceback
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, Protocol
 
 from vve_sumo import workspace
-from vve_sumo.config_file import read
+from vve_sumo.config_file import read_as
 from vve_sumo.drive import provenance
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.lockstep import Lockstep, Watch
@@ -28,6 +29,7 @@ from vve_sumo.record.roads import roads_table, write_roads
 from vve_sumo.record.writer import MemoryRecorder, Record, claim
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
+from vve_sumo.scenario.schema import Scenario
 
 
 class Shell(Protocol):
@@ -65,17 +67,21 @@ def resolve_by_name(
     controller: str | None = None,
     vehicle: str | None = None,
     rig: str | None = None,
+    values: Mapping[str, Any] | None = None,
 ) -> ResolvedScenario:
     """Resolve a scenario by name or file, with another seed, controller or vehicle model where one is given.
+
+    `values` are those of further dotted keys, or of parameters that the scenario declares.
 
     With a `rig`, the rig's car is simulated.
 
     Raises ConfigError for anything that is missing or wrong.
     """
     file = workspace.find("scenario", name, working)
-    table = read(file, "scenario")
+    table = read_as(file, "scenario", Scenario)
     parse(table, file)
-    scenario = parse(overrides.choose(table, seed=seed, controller=controller, vehicle=vehicle), file)
+    chosen = overrides.choose(table, seed=seed, controller=controller, vehicle=vehicle)
+    scenario = parse(overrides.checked(chosen, values or {}, "--set "), file)
     resolved = resolve_scenario(file.name.removesuffix(".toml"), scenario, file, working)
     if rig is not None:
         from vve_sumo.rig.load import load as load_rig

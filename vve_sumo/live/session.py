@@ -82,6 +82,7 @@ def plan(
     seed: int | None,
     controller: str | None,
     shadow: bool,
+    values: Mapping[str, Any] | None = None,
 ) -> Plan:
     """Find scenario and rig by name and refuse what nobody should drive with; opens no device and writes nothing.
 
@@ -91,7 +92,7 @@ def plan(
     loaded = rigs.load(rig_file, working)
     if not shadow and (reason := arming_obstacle(loaded)) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
-    resolved = resolve_by_name(scenario, working, seed=seed, controller=controller)
+    resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, values=values)
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:

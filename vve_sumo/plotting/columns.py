@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, hint
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ def need(rows: pd.DataFrame, *columns: str) -> None:
     """Raise ConfigError in one line unless the rows have these columns."""
     missing = next((name for name in columns if name not in rows), None)
     if missing is not None:
-        raise ConfigError(f"the rows have no column {missing!r}; there are {', '.join(map(str, rows.columns))}")
+        raise ConfigError(f"the rows have no column {missing!r}; {hint(missing, map(str, rows.columns))}")
 
 
 def numbers(rows: pd.DataFrame, column: str) -> Floats:

@@ -13,13 +13,14 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from vve_sumo import workspace
-from vve_sumo.config_file import complaint, read
+from vve_sumo.config_file import complaint, numbers_of, read, read_as
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.receivers import port as receivers
 from vve_sumo.rig.schema import Rig, rig_with
 from vve_sumo.rig.validation import refuse
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.vehicle import load as vehicles
+from vve_sumo.vehicle.schema import VehicleFile
 
 _UNSURVEYED: Final = ": a lot that nobody has surveyed is refused; survey it, write down its corners and the day"
 #: what to say beside that a key is missing
@@ -34,7 +35,7 @@ def parse(table: dict[str, Any], file: Path, working: Path | None = None) -> Rig
     The model is looked up from the folder of `file` and from `working`, by default the current one; `file` is named in
     the ConfigError of a wrong rig.
     """
-    whole = _over_model(table, file, working or Path.cwd())
+    whole = _over_model(numbers_of(table, file, Rig), file, working or Path.cwd())
     return _judged(whole, file, lambda model, rig: model.model_validate(rig))
 
 
@@ -64,7 +65,7 @@ def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, A
     except ConfigError as error:
         raise ConfigError(f"{file}: vehicle.model: {error}") from None
     vehicles.load(found)  # refuses what is wrong in the model's own file
-    model = read(found, "vehicle")
+    model = read_as(found, "vehicle", VehicleFile)
     whole = {one: {k: v for k, v in model[one].items() if k != "sources"} | said[one] for one in MODEL_TABLES}
     if "brake_gain_kgm" not in said["calibration"]:
         _scale_brake_gain(whole, model["vehicle"])

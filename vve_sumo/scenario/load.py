@@ -7,7 +7,7 @@ from typing import Any, get_origin
 
 from pydantic import ValidationError
 
-from vve_sumo.config_file import alternatives, complaint, inside, is_table, read, spelt
+from vve_sumo.config_file import alternatives, complaint, inside, is_table, numbers_of, read, spelt
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.schema import Scenario
 
@@ -15,7 +15,7 @@ from vve_sumo.scenario.schema import Scenario
 def parse(table: dict[str, Any], file: Path) -> Scenario:
     """Return the scenario that a parsed table holds; `file` is named in the ConfigError of a wrong one."""
     try:
-        scenario = Scenario.model_validate(table)
+        scenario = Scenario.model_validate(numbers_of(table, file, Scenario))
     except ValidationError as error:
         raise ConfigError(complaint(file, error, Scenario)) from None
     names = [one.id for one in scenario.obstacles] + [one.id for one in scenario.actors]

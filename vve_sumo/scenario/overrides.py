@@ -8,11 +8,11 @@ from __future__ import annotations
 import copy
 import operator
 from collections.abc import Iterable, Mapping, Sequence
-from difflib import get_close_matches
-from typing import Any
+from typing import Any, get_origin
 
-from vve_sumo.errors import ConfigError
-from vve_sumo.scenario.schema import Control
+from vve_sumo.config_file import alternatives, inside, is_table, key_and_number
+from vve_sumo.errors import ConfigError, did_you_mean
+from vve_sumo.scenario.schema import Control, Scenario
 
 #: what a parameter may be set to
 Value = bool | int | float | str
@@ -37,11 +37,13 @@ def choose(
     table: Mapping[str, Any],
     *,
     seed: int | None = None,
-    speed: float | None = None,
+    speed: float | str | None = None,
     controller: str | None = None,
     vehicle: str | None = None,
 ) -> dict[str, Any]:
     """Return a scenario's table with another seed, speed [m/s], controller or vehicle model, where one is given.
+
+    The speed may be a text with a unit, such as "25 mph".
 
     Another controller comes without the tuning, which would be no other's. Raises ConfigError for what is no seed; what
     else is wrong is found when the table is parsed.
@@ -51,7 +53,7 @@ def choose(
     changed: dict[str, Any] = copy.deepcopy(dict(table))
     for key, value in (("seed", seed), ("ego.speed_mps", speed), ("ego.vehicle", vehicle)):
         if value is not None:
-            _lay(changed, key, value)
+            _lay(changed, *numbered(key, value))
     if controller is not None and controller != changed.get("controller", {}).get("name", Control().name):
         changed["controller"] = {"name": controller}
     return changed
@@ -66,8 +68,50 @@ def apply_overrides(table: Mapping[str, Any], values: Mapping[str, Any]) -> dict
     changed: dict[str, Any] = copy.deepcopy(dict(table))
     for name, value in values.items():
         for place in places(table, name):
-            _lay(changed, place, value)
+            _lay(changed, *numbered(place, value))
     return changed
+
+
+def numbered(place: str, value: Any) -> tuple[str, Any]:
+    """Return the dotted key and the number that a quantity such as "25 mph" stands for; other values as they are.
+
+    Raises ConfigError, naming the key, for a unit that is none of the key's.
+    """
+    kinds: list[Any] = [Scenario]
+    *parents, last = place.split(".")
+    for part in parents:
+        kinds = list(
+            alternatives(one for kind in kinds for one in inside(kind, 0 if get_origin(kind) is tuple else part))
+        )
+    fields = [name for kind in kinds if is_table(kind) for name in kind.model_fields]
+    try:
+        key, number = key_and_number(last, value, fields)
+    except ValueError as error:
+        raise ConfigError(f"{place}: {error}") from None
+    return ".".join([*parents, key]), number
+
+
+def checked(table: Mapping[str, Any], values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return a scenario's table with values laid in that somebody typed; `where` begins each ConfigError.
+
+    Raises ConfigError for a key that no scenario has, and for a value outside the bounds that the scenario declares;
+    what else is wrong is found when the table is parsed.
+    """
+    for key, value in values.items():
+        refuse_unknown(f"{where}{key}", key, table)
+        numbers = [numbered(place, value)[1] for place in places(table, key)]
+        check_bounds(f"{where}{key}", numbers, table.get("parameters", {}).get(key, {}))
+    return apply_overrides(table, values)
+
+
+def refuse_unknown(where: str, name: str, table: Mapping[str, Any]) -> None:
+    """Raise ConfigError, beginning with `where`, for a name that neither is declared nor begins a key of a scenario."""
+    declared, first = table.get("parameters", {}), name.partition(".")[0]
+    if name in declared or first in Scenario.model_fields:
+        return
+    near = did_you_mean(first, [*declared, *(field for field in Scenario.model_fields if field != "seed")])
+    has = f"it declares {', '.join(declared)}" if declared else "it declares no parameters"
+    raise ConfigError(f"{where}: unknown to the scenario; {near or has}")
 
 
 def value_at(table: Mapping[str, Any], place: str) -> Any:
@@ -79,8 +123,8 @@ def value_at(table: Mapping[str, Any], place: str) -> Any:
         elif isinstance(inner, dict) and part in inner:
             inner = inner[part]
         else:
-            near = get_close_matches(part, inner if isinstance(inner, dict) else [], 1, 0.6)
-            raise ConfigError(f"unknown key {place!r}" + (f", did you mean {near[0]!r}?" if near else ""))
+            near = did_you_mean(part, inner if isinstance(inner, dict) else ())
+            raise ConfigError(f"unknown key {place!r}" + (f", {near}" if near else ""))
     return inner
 
 
@@ -111,6 +155,5 @@ def _number(rows: Sequence[Any], part: str, place: str, before: str) -> int:
         return ids.index(part)
     if part.isdecimal() and int(part) < len(rows):
         return int(part)
-    near = get_close_matches(part, [one for one in ids if one], 1, 0.6)
-    known = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(filter(None, ids)) or len(rows)}"
+    known = did_you_mean(part, filter(None, ids)) or f"there are {', '.join(filter(None, ids)) or len(rows)}"
     raise ConfigError(f"{place}: no {part!r} in {before}, {known}")

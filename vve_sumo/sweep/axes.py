@@ -100,19 +100,20 @@ def axes(raw: object) -> dict[str, Axis]:
     if not isinstance(raw, dict):
         raise ValueError(f"expected a table, got {raw!r}")
     found: dict[str, Axis] = {}
-    for key, said in _flat(raw, ""):
+    for key, said in flattened(raw):
         if key in found:
             raise ValueError(f"{key}: stands twice")
         found[key] = _axis(key, said)
     return found
 
 
-def _flat(table: Mapping[str, Any], before: str) -> Iterator[tuple[str, object]]:
+def flattened(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, object]]:
+    """Yield what a `[parameters]` table says by dotted key; raises ValueError for a table that is empty."""
     for key, said in table.items():
         if isinstance(said, dict) and (not said or any(isinstance(one, (dict, list)) for one in said.values())):
             if not said:
                 raise ValueError(f"{before}{key}: is empty, {EXPECTED}")
-            yield from _flat(said, f"{before}{key}.")
+            yield from flattened(said, f"{before}{key}.")
         else:
             yield f"{before}{key}", said
 

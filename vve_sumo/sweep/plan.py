@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from vve_sumo import workspace
-from vve_sumo.config_file import read
+from vve_sumo.config_file import read, read_as
 from vve_sumo.drive.resolved_scenario import versions
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.sweep_folder import COLUMNS, Plan
 from vve_sumo.scenario.load import parse
@@ -26,7 +26,7 @@ from vve_sumo.sweep.job import Job
 from vve_sumo.sweep.preflight import Look, look
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, cells_of
 from vve_sumo.sweep.search import least_runs
-from vve_sumo.sweep.spec import Boundary, Spec, Worst, fit, parse_spec
+from vve_sumo.sweep.spec import Boundary, Spec, Worst, fit, parse_spec, with_numbers
 
 #: runs that nobody starts by mistake
 MAX_RUNS = 100_000
@@ -69,10 +69,15 @@ def planned(
 
     `scenario` is the file and the table of the scenario, where it is another than the file says.
     """
+    given = scenario
+    if given is None and isinstance(said.get("scenario"), str) and said["scenario"]:
+        given = _scenario(said["scenario"], file, working)
+    if given is not None:
+        said = with_numbers(said, file, given[1])
     spec = parse_spec(said, file)
     if search and spec.search is None:
         raise ConfigError(f"{file}: --search: expected a table [search] that says what to look for")
-    scenario_file, table = _scenario(spec, file, working) if scenario is None else scenario
+    scenario_file, table = given if given is not None else _scenario(spec.scenario, file, working)
     settings = parse(table, scenario_file)
     if vehicle is not None:
         table = choose(table, vehicle=vehicle)
@@ -97,12 +102,12 @@ def planned(
     return SweepQuery(spec, _looked_at(plan, spec, cells, file), cells)
 
 
-def _scenario(spec: Spec, file: Path, working: Path) -> tuple[Path, dict[str, Any]]:
+def _scenario(name: str, file: Path, working: Path) -> tuple[Path, dict[str, Any]]:
     try:
-        found = workspace.find("scenario", spec.scenario, working, beside=file.parent)
+        found = workspace.find("scenario", name, working, beside=file.parent)
     except ConfigError as error:
         raise ConfigError(f"{file}: scenario: {error}") from None
-    return found, read(found, "scenario")
+    return found, read_as(found, "scenario", Scenario)
 
 
 def job_of(plan: Plan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job:
@@ -134,7 +139,9 @@ def _sought(search: Boundary | Worst | None, criteria: list[str], file: Path) ->
     elif search is not None:
         if search.figure not in NUMBERS:
             goal = "highest" if search.highest else "lowest"
-            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(NUMBERS)}, got {search.figure!r}")
+            near = did_you_mean(search.figure, NUMBERS)
+            said = f"got {search.figure!r}{f', {near}' if near else ''}"
+            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(NUMBERS)}, {said}")
         worst.need()
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -16,9 +15,8 @@ from pydantic import AfterValidator, Discriminator, Field, PlainValidator, Tag, 
 from vve_sumo.config_file import Name, Positive, Table, complaint
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.metric import Kind
-from vve_sumo.scenario.overrides import check_bounds, places
-from vve_sumo.scenario.schema import Scenario
-from vve_sumo.sweep.axes import Axis, Between, Choice, Steps, axes
+from vve_sumo.scenario.overrides import check_bounds, numbered, places, refuse_unknown
+from vve_sumo.sweep.axes import Axis, Between, Choice, Steps, axes, flattened
 from vve_sumo.sweep.controllers import VariedController, columns, compared
 
 #: designs that draw `samples` points, and those that take every value that is listed
@@ -205,6 +203,39 @@ def parse_spec(table: Mapping[str, Any], file: Path) -> Spec:
         raise ConfigError(complaint(file, error, Spec)) from None
 
 
+def with_numbers(said: Mapping[str, Any], file: Path, table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a sweep's file says with numbers in place of quantities such as "25 mph" under `[parameters]`.
+
+    `table` is the scenario's, whose keys say the units. Raises ConfigError for a unit that is none of a key's.
+    """
+    parameters = said.get("parameters")
+    if not isinstance(parameters, dict):
+        return dict(said)
+    found: dict[str, Any] = {}
+    try:
+        for key, values in flattened(parameters):
+            named, numbers = _numbers(key, values, table)
+            if named in found:
+                raise ConfigError(f"{named}: stands twice")
+            found[named] = numbers
+    except ConfigError as error:
+        raise ConfigError(f"{file}: parameters.{error}") from None
+    except ValueError:
+        return dict(said)  # which the schema refuses in its own words
+    return {**said, "parameters": found}
+
+
+def _numbers(key: str, values: object, table: Mapping[str, Any]) -> tuple[str, object]:
+    """Return the name of a parameter and its values, with numbers for quantities; a declared one keeps its name."""
+    place = places(table, key)[0]
+    if not isinstance(values, (list, dict)):
+        return key, values
+    laid = [numbered(place, value) for value in (values.values() if isinstance(values, dict) else values)]
+    numbers = [number for _place, number in laid]
+    named = next((where for where, _number in laid if where != place), place) if place == key else key
+    return named, dict(zip(values, numbers, strict=True)) if isinstance(values, dict) else numbers
+
+
 def fit(spec: Spec, file: Path, table: Mapping[str, Any], taken: frozenset[str]) -> None:
     """Raise ConfigError, naming the spec's file and the key, unless its parameters go with a scenario's valid table.
 
@@ -214,7 +245,7 @@ def fit(spec: Spec, file: Path, table: Mapping[str, Any], taken: frozenset[str])
     setters = dict.fromkeys(columns(spec.controllers), "controllers")
     for name, axis in spec.parameters.items():
         key = f"{file}: parameters.{name}"
-        _known(key, name, table)
+        refuse_unknown(key, name, table)
         for place in places(table, name):
             if place == "seed":
                 raise ConfigError(f"{key}: seeds have a key of their own, expected seeds = [ … ]")
@@ -224,12 +255,3 @@ def fit(spec: Spec, file: Path, table: Mapping[str, Any], taken: frozenset[str])
         if name in taken:
             raise ConfigError(f"{key}: every row has a column of that name; declare it in the scenario by another")
         check_bounds(key, axis.ends(), table.get("parameters", {}).get(name, {}))
-
-
-def _known(key: str, name: str, table: Mapping[str, Any]) -> None:
-    declared, first = table.get("parameters", {}), name.partition(".")[0]
-    if name in declared or first in Scenario.model_fields:
-        return
-    near = get_close_matches(first, [*declared, *(field for field in Scenario.model_fields if field != "seed")], 1, 0.6)
-    has = f"it declares {', '.join(declared)}" if declared else "it declares no parameters"
-    raise ConfigError(f"{key}: unknown to the scenario; " + (f"did you mean {near[0]!r}?" if near else has))

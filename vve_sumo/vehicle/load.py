@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from vve_sumo.config_file import complaint, in_si, read
+from vve_sumo.config_file import complaint, in_si, numbers_of, read
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
 from vve_sumo.values import Vehicle
@@ -47,7 +47,7 @@ def simulated(table: Simulated) -> SimulatedParameters:
 def parse(table: dict[str, Any], file: Path) -> VehicleModel:
     """Return the vehicle that a parsed table holds; `file` is named in the ConfigError of a wrong one."""
     try:
-        said = VehicleFile.model_validate(table)
+        said = VehicleFile.model_validate(numbers_of(table, file, VehicleFile))
     except ValidationError as error:
         raise ConfigError(complaint(file, error, VehicleFile)) from None
     try:

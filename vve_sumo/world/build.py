@@ -101,7 +101,7 @@ def _sumo_home() -> Path:
     found = importlib.util.find_spec("sumo")  # looked up, not imported: the import changes the environment
     home = Path(found.origin).parent if found is not None and found.origin is not None else None
     if home is None or not (home / "bin" / "netconvert").is_file():
-        raise ConfigError("building a network takes netconvert: pip install eclipse-sumo==1.28.0")
+        raise ConfigError("building a network takes netconvert: pip install 'vve-sumo[network]'")
     return home
 
 
