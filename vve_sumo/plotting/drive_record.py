@@ -22,15 +22,17 @@ PICTURE = "drive.png"
 def draw_drive(resolved: ResolvedScenario, drive: Drive) -> FilePath:
     """Write `drive.png` into the record of a drive and return its place."""
     ticks, actors = read_table(drive.folder, "ticks"), read_table(drive.folder, "actors")
+    data = DriveData(ticks, actors, resolved.path, resolved.vehicle, PERIOD, roads_table(resolved.lanes))
     page = DrivePage(
         title=resolved.scenario.title,
         subtitle=said(drive.summary),
         ticks=ticks,
         actors=actors,
-        lead=DriveData(ticks, actors, resolved.path, resolved.vehicle, PERIOD, roads_table(resolved.lanes)).lead,
+        lead=data.lead,
         path=resolved.path,
         vehicle=resolved.vehicle,
         lanes=lane_shapes(resolved.network.path, bounds(ticks)),
+        approach=data.approach,
     )
     file = drive.folder / PICTURE
     draw(page, file)

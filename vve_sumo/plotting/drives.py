@@ -52,6 +52,7 @@ def drive_overview(run: Run) -> Figure:
         path=run.path,
         vehicle=run.vehicle,
         lanes=(),
+        approach=run.data.approach,
     )
     with page(*SIZE, arranged=False) as figure:
         drive_page.paint(figure, content)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from vve_sumo.metrics.approach import Approach
 from vve_sumo.metrics.key_figures import braked_hardest_for, unmet
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import Path
@@ -58,6 +59,7 @@ class DrivePage:
     path: Path
     vehicle: Vehicle
     lanes: Sequence[tuple[Floats, float]]  #: centre line (n x 2) [m] and width [m] of each lane
+    approach: Approach | None = None  #: of the last stop
 
 
 def said(summary: Mapping[str, Any]) -> str:
