@@ -21,6 +21,7 @@ from vve_sumo.analysis.brake_response import UNKNOWN, BrakeAnswer, Interval, bra
 from vve_sumo.analysis.braking import stop_of
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.stopping_bound import LATE, NONE, StoppingBoundCheck, stopping_bound_check
+from vve_sumo.metrics.stopping_tolerance import Tolerance
 from vve_sumo.report import stops
 from vve_sumo.values import Floats
 
@@ -168,7 +169,8 @@ def test_the_stopping_bound_check_says_which_part_was_not_held() -> None:
         one, other = (Interval(v, v - unsure, v + unsure) for v in (reaction, build_up))
         whole = reaction + build_up
         given = BrakeAnswer(one, other, Interval(whole, whole, whole))
-        told = StoppingBoundCheck(12.0, 2.0, 0.0, 0.025, 0.015, 40.0, 40.0, given)
+        terms = Tolerance(0.1, 0.0, 0.0, 0.0)
+        told = StoppingBoundCheck(12.0, 2.0, 0.0, 0.025, 0.015, 40.0, 40.0, terms, given)
         assert told.held is (not told.missed)
         assert told.broken is bool(told.missed)
         return told.missed

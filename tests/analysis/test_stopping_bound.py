@@ -19,7 +19,7 @@ from tests.isolated import isolated
 from tests.metrics.test_stopping import braked
 from vve_sumo import laws
 from vve_sumo.analysis.run import Run
-from vve_sumo.analysis.stopping_bound import MEANINGS, TOLERANCE, stopping_bound_check, stopping_bound_checks
+from vve_sumo.analysis.stopping_bound import MEANINGS, stopping_bound_check, stopping_bound_checks
 from vve_sumo.errors import ConfigError
 
 A, V = 5.0, 12.0
@@ -66,6 +66,7 @@ def test_the_car_as_declared_keeps_its_bound_and_any_other_breaks_it(driven: tup
         assert (given.held, given.broken) == (as_declared, not as_declared), name
         assert (by_row["held"], by_row["broken"]) == (given.held, given.broken)
         assert by_row["excess_m"] == pytest.approx(given.excess, abs=1e-12)
+        assert by_row["tolerance_m"] == pytest.approx(given.tolerance, abs=1e-12)
         if as_declared:  # and it is no generous bound
             assert given.distance > 0.97 * given.bound
     assert told.loc["hard, snow", "excess_m"] > 5.0
@@ -123,29 +124,35 @@ def test_a_delay_that_nobody_declared_breaks_the_bound_beyond_the_tolerance(
     tmp_path: Path, beyond: float, broken: bool
 ) -> None:
     """A car that answers later than declared by what costs the tolerance, and a little less or more."""
-    undeclared = DECLARED[0] + 0.5 * DECLARED[1] + (TOLERANCE + beyond) / V
+    tolerance = stopping_bound_check(Run(record(tmp_path / "in_time", braked(V, A, DECLARED[0])))).tolerance
+    undeclared = DECLARED[0] + 0.5 * DECLARED[1] + (tolerance + beyond) / V
     given = stopping_bound_check(Run(record(tmp_path / "late", braked(V, A, undeclared))))
-    assert given.excess == pytest.approx(TOLERANCE + beyond, abs=0.005)
+    assert given.excess == pytest.approx(tolerance + beyond, abs=0.005)
     assert (given.broken, given.held) == (broken, not broken)
 
 
 def test_a_drive_that_never_stops_has_no_check(tmp_path: Path) -> None:
     granted, speed, acceleration = braked(V, A)
     given = stopping_bound_check(Run(record(tmp_path / "goes_on", (granted[:90], speed[:90], acceleration[:90]))))
-    assert all(math.isnan(value) for name, value in asdict(given).items() if name != "answer")
-    assert all(math.isnan(value) for part in given.answer for value in part)
+    assert all(math.isnan(value) for name, value in asdict(given).items() if name not in ("answer", "terms"))
+    assert all(math.isnan(value) for part in (*given.answer, given.terms) for value in part)
     assert not given.held
     assert not given.broken
 
 
-def test_rows_without_a_stop_are_neither_held_nor_broken() -> None:
+def test_rows_without_a_stop_or_a_tolerance_are_neither_held_nor_broken() -> None:
     rows = pd.DataFrame(
-        {"stop_distance_m": [10.0, 10.2, np.nan, None], "stop_bound_m": [10.0, 10.0, np.nan, None]}, index=[7, 3, 5, 9]
+        {
+            "stop_distance_m": [10.0, 10.2, np.nan, None, 11.0],
+            "stop_bound_m": [10.0, 10.0, np.nan, None, 10.0],
+            "stop_tolerance_m": [0.1, 0.1, np.nan, None, np.nan],
+        },
+        index=[7, 3, 5, 9, 4],
     )
     told = stopping_bound_checks(rows)
-    assert told.index.tolist() == [7, 3, 5, 9]
-    assert told["held"].tolist() == [True, False, False, False]
-    assert told["broken"].tolist() == [False, True, False, False]
+    assert told.index.tolist() == [7, 3, 5, 9, 4]
+    assert told["held"].tolist() == [True, False, False, False, False]
+    assert told["broken"].tolist() == [False, True, False, False, False]
     assert told["broken"].dtype == bool
     assert list(told.columns) == list(MEANINGS)
     assert told.attrs["units"]["bound_m"] == "m"

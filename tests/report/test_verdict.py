@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -253,7 +254,19 @@ def test_a_flip_is_told_the_right_way_round() -> None:
 
 
 def test_the_runs_that_broke_their_bound_are_listed_and_no_others() -> None:
-    rows = pd.DataFrame({"key": ["kept", "broke"], "stop_distance_m": [10.0, 10.5], "stop_bound_m": [10.0, 10.0]})
+    rows = pd.DataFrame(
+        {
+            "key": ["kept", "broke", "tolerated", "hunted"],
+            "stop_distance_m": [10.0, 10.5, 10.5, 60.0],
+            "stop_bound_m": [10.0, 10.0, 10.0, 70.0],
+            "stop_tolerance_m": [0.1, 0.1, 0.6, math.nan],
+            "hunting": [False, False, False, True],
+        }
+    )
     checks = stops.bound_checks(rows)
     assert [text_of(row[0]) for row in checks["broken_bounds"].rows] == ["broke"]
     assert checks["bound_checks"].kind == "no"
+    assert checks["bound_checks"].text.startswith("3 runs braked to rest at once; 1 took longer")
+    assert "1 run hunted on the approach, and is not judged." in checks["bound_checks"].text
+    assert stops.bound_checks(rows.iloc[[0, 2]])["bound_checks"].kind == ""
+    assert stops.bound_checks(rows.iloc[[3]])["bound_checks"].kind == "no"

@@ -11,7 +11,6 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from tests.isolated import isolated
-from vve_sumo.analysis.stopping_bound import TOLERANCE
 from vve_sumo.scenario.load import load, parse
 from vve_sumo.scenario.overrides import apply_overrides
 
@@ -107,4 +106,5 @@ def test_driving_a_scenario_meets_its_criteria(part: int) -> None:
         if not math.isnan(summary["stop_distance_m"]):
             # The car as declared keeps the bound that its stop sets itself, and the bound is no generous one.
             assert 0.93 * summary["stop_bound_m"] < summary["stop_distance_m"], name
-            assert summary["stop_distance_m"] <= summary["stop_bound_m"] + TOLERANCE, name
+            assert summary["stop_distance_m"] <= summary["stop_bound_m"] + summary["stop_tolerance_m"], name
+            assert summary["stop_tolerance_m"] < 0.03 * summary["stop_distance_m"] + 0.06, name

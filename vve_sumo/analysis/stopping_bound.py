@@ -16,27 +16,25 @@ from vve_sumo.analysis.braking import Stop, stop_of
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.stopping_tolerance import Tolerance, tolerance
 
 if TYPE_CHECKING:
     import pandas as pd
-
-#: a stop longer than its bound by no more than this keeps it [m]: a pose that is trusted may be so far off, and no
-#: distance of a record is known better
-TOLERANCE: Final = 0.10
 
 #: brakes that answer later or build up more slowly than declared by no more than this are as declared [s]; of nominal
 #: drives the fit says 15 ms too much at most, at the lower end of its interval and on an estimated speed
 LATE: Final = 0.03
 
 #: columns of a sweep's rows that the check takes
-ROW_COLUMNS: Final = ("stop_distance_m", "stop_bound_m")
+ROW_COLUMNS: Final = ("stop_distance_m", "stop_bound_m", "stop_tolerance_m")
 
 MEANINGS: Final = {
     "distance_m": "from the onset of the last stop to rest",
     "bound_m": "what the car as declared needs for it at most",
     "excess_m": "distance_m beyond bound_m; negative is better than promised",
-    "held": "whether there was a stop, and distance_m lies within the bound and the tolerance",
-    "broken": "whether there was a stop, and distance_m lies beyond them",
+    "tolerance_m": "what a sound car may take beyond bound_m; none where the car gained speed on the way",
+    "held": "whether there was a stop to check, and distance_m lies within the bound and the tolerance",
+    "broken": "whether there was a stop to check, and distance_m lies beyond them",
 }
 
 
@@ -51,12 +49,18 @@ class StoppingBoundCheck:
     brake_lag: float  #: declared lag of the brakes [s]
     bound: float  #: the closed form of them [m]
     distance: float  #: what the car took [m]
+    terms: Tolerance  #: of what a sound car may take beyond the bound [m]; NaN where the car gained speed on the way
     answer: BrakeAnswer  #: how the brakes did answer, as far as the record tells
 
     @property
     def excess(self) -> float:
         """Distance beyond the bound [m]; negative is better than promised."""
         return self.distance - self.bound
+
+    @property
+    def tolerance(self) -> float:
+        """What a sound car may take beyond the bound [m]."""
+        return self.terms.total
 
     @property
     def missed(self) -> tuple[str, ...]:
@@ -69,12 +73,12 @@ class StoppingBoundCheck:
         late = [name for name, found, promised in parts if _late(found, promised)]
         if not late and _late(answer.together, sum(declared)):
             late = ["reaction or build-up"]
-        return (*(["distance"] if self.excess > TOLERANCE else []), *late)
+        return (*(["distance"] if self.excess > self.tolerance else []), *late)
 
     @property
     def held(self) -> bool:
         """Whether there was a stop, it kept its bound, and its brakes did not answer late, as far as that is known."""
-        return self.excess <= TOLERANCE and not self.missed
+        return self.excess <= self.tolerance and not self.missed
 
     @property
     def broken(self) -> bool:
@@ -87,8 +91,12 @@ def _late(found: Interval, declared: float) -> bool:
     return found.low > declared + LATE
 
 
+#: of a stop that the closed form says nothing of
+UNCHECKED: Final = Tolerance(*[math.nan] * 4)
 #: of a drive without a stop
-NONE: Final = StoppingBoundCheck(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, UNKNOWN)
+NONE: Final = StoppingBoundCheck(
+    math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, UNCHECKED, UNKNOWN
+)
 
 
 def stopping_bound_check(run: Run) -> StoppingBoundCheck:
@@ -98,6 +106,7 @@ def stopping_bound_check(run: Run) -> StoppingBoundCheck:
     declared dead time, and their declared lag. Nothing in it was measured on the brakes: a car that answers
     late or gives less than was granted breaks it. But a loop that closes over speed makes up for what late brakes lost,
     and the distance hardly shows it. So dead time and lag are fitted to the commanded torque and judged by themselves.
+    The distance may exceed the bound by `stopping_tolerance.tolerance`, and is not judged where the car gained speed.
     """
     stop = stop_of(run)
     if stop is None:
@@ -111,6 +120,7 @@ def stopping_bound_check(run: Run) -> StoppingBoundCheck:
         car.brake_lag,
         stop.bound(car, latency),
         stop.distance,
+        tolerance(stop, car, run.period),
         brake_answer(run, stop),
     )
 
@@ -127,10 +137,10 @@ def stopping_bound_checks(rows: pd.DataFrame) -> pd.DataFrame:
     missing = [column for column in ROW_COLUMNS if column not in rows]
     if missing:
         raise ConfigError(f"stopping-bound check: the rows have no column {missing[0]}: another vve-sumo drove them")
-    distance, bound = (rows[column].astype("float64") for column in ROW_COLUMNS)
+    distance, bound, tolerated = (rows[column].astype("float64") for column in ROW_COLUMNS)
     excess = distance - bound
-    held, broken = excess <= TOLERANCE, excess > TOLERANCE
-    columns = {"distance_m": distance, "bound_m": bound, "excess_m": excess, "held": held, "broken": broken}
+    figures = {"distance_m": distance, "bound_m": bound, "excess_m": excess, "tolerance_m": tolerated}
+    columns = {**figures, "held": excess <= tolerated, "broken": excess > tolerated}
     return described(pd.DataFrame(columns), MEANINGS)
 
 

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.geometry import Boxes, time_to_collision_2d, vehicle_boxes
+from vve_sumo.metrics.approach import Approach, approach_of, brakings
+from vve_sumo.metrics.braked_for import last_stop_for
 from vve_sumo.metrics.conflict import HORIZON as PREDICTED
 from vve_sumo.metrics.conflict import Contacts, Ego, contacts
 from vve_sumo.metrics.lanes import Lanes, along_lanes
@@ -29,7 +31,7 @@ from vve_sumo.metrics.lead_vehicle import (
 )
 from vve_sumo.metrics.predicted_ways import recorded_ways
 from vve_sumo.metrics.slope import slope
-from vve_sumo.metrics.stopping import Stop, last_stop
+from vve_sumo.metrics.stopping import MOVING, Episode, Stop, braking_episodes, commanded_deceleration, last_stop
 from vve_sumo.metrics.string_stability import Amplification, speed_amplification
 from vve_sumo.metrics.tracking import WINDOW, Tracking, track
 from vve_sumo.path import Path
@@ -173,6 +175,24 @@ class DriveData:
         """The last stop that was commanded; None where the drive holds none."""
         motion = self.motion
         return last_stop(self.ticks, motion.speed, motion.acceleration, self.vehicle.deceleration_limit)
+
+    @cached_property
+    def braking_episodes(self) -> list[Episode]:
+        """Its braking episodes, trim among them."""
+        motion = self.motion
+        return braking_episodes(motion.time, commanded_deceleration(self.ticks), motion.speed)
+
+    @cached_property
+    def approach(self) -> Approach | None:
+        """The approach of the last stop; None where the drive holds none."""
+        stop, motion, lead = self.stop, self.motion, self.lead
+        if stop is None:
+            return None
+        target = last_stop_for(self)
+        ahead = np.array([name == target != "" for name in lead.actor], bool)
+        standing = ahead & (np.abs(motion.speed - lead.closing_speed) < MOVING)
+        onsets = brakings(motion.time, commanded_deceleration(self.ticks), self.braking_episodes)
+        return approach_of(stop, onsets, motion.time, motion.speed, motion.acceleration, standing)
 
     @cached_property
     def tracking(self) -> Tracking:

@@ -15,12 +15,14 @@ from typing import Any
 import numpy as np
 
 from vve_sumo.metrics import following
+from vve_sumo.metrics.approach import HUNTING, pressed
 from vve_sumo.metrics.braked_for import hardest_braking_for, last_stop_for
 from vve_sumo.metrics.conflict import HORIZON
 from vve_sumo.metrics.drive_data import FOLLOWING_SPEED, MIN_FOLLOWED, DriveData
 from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.metric import MetricTable
-from vve_sumo.metrics.stopping import AT_REST, Stop
+from vve_sumo.metrics.stopping import AT_REST, MIN_RELEASE_TIME, REGAINED, REVERSED, Stop, commanded_deceleration
+from vve_sumo.metrics.stopping_tolerance import tolerance
 from vve_sumo.values import ArmingState, Floats, Vehicle
 
 PER_DRIVE: MetricTable[DriveData] = MetricTable()
@@ -279,6 +281,15 @@ _of_stop(
     "with its brake lag, at the demand",
     lambda stop, vehicle: stop.bound(vehicle),
 )
+OF_STOP.append("stop_tolerance_m")
+metric(
+    "stop_tolerance_m",
+    "stopping-distance tolerance",
+    "distance by which the last stop may exceed its bound without a fault, from what is not known exactly: strength of "
+    "the brakes and mass, grade, speed, the tick of the onset; none where the car gained speed on the way",
+    lambda drive: tolerance(drive.stop, drive.vehicle, drive.period).total if drive.stop else math.nan,
+    criterion=False,
+)
 _of_stop(
     "stop_demand_mps2",
     "deceleration demand",
@@ -310,6 +321,58 @@ _of_stop(
 )
 
 
+def stop_episodes(drive: DriveData) -> int:
+    """Return how many braking episodes ended in a release or at rest; the last stop's counts however gentle it was."""
+    course, speed, stop = commanded_deceleration(drive.ticks), drive.motion.speed, drive.stop
+    return sum(
+        (pressed(course, one) or (stop is not None and one.start <= stop.onset < one.end))
+        and (one.end < len(course) or bool(abs(speed[-1]) < AT_REST))
+        for one in drive.braking_episodes
+    )
+
+
+metric(
+    "stop_episodes",
+    "braking episodes",
+    "how many the drive held that ended in a release or at rest; brakings are one episode unless between them the car "
+    f"gained back {100 * REGAINED:g} % of the speed lost, stood for {MIN_RELEASE_TIME:g} s, or was released for "
+    f"{MIN_RELEASE_TIME:g} s",
+    stop_episodes,
+    kind="int",
+    criterion=False,
+)
+metric(
+    "approach_distance_m",
+    "approach distance",
+    "from the first braking episode from which on what the car stopped for stood ahead, to rest; stop_distance_m where "
+    "that is the last stop's own; none as stop_onset_speed_mps",
+    lambda drive: drive.approach.distance if drive.approach else math.nan,
+    criterion=False,
+)
+metric(
+    "approach_duration_s",
+    "approach time",
+    "of approach_distance_m",
+    lambda drive: drive.approach.duration if drive.approach else math.nan,
+    criterion=False,
+)
+metric(
+    "hunting_reversals",
+    "hunting reversals",
+    f"sign changes of the acceleration on the approach, where it exceeds ±{REVERSED:g} m/s²; 0 without a stop",
+    lambda drive: drive.approach.reversals if drive.approach else 0,
+    kind="int",
+    worse="higher",
+)
+metric(
+    "hunting",
+    "hunting",
+    f"whether hunting_reversals is {HUNTING} or more: on its way to rest the car gained speed and braked again, twice "
+    "or more often",
+    lambda drive: drive.approach is not None and drive.approach.hunting,
+    kind="bool",
+    worse="higher",
+)
 metric(
     "braked_for",
     "braked for",

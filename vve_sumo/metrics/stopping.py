@@ -1,4 +1,4 @@
-"""The last stop of a drive: where its braking began, what was demanded, and how the car came to rest.
+"""The braking episodes of a drive, and its last stop: where its braking began, what was demanded, how the car stopped.
 
 Reads columns of a drive's ticks after the drive. It must not know the street, the controller or who asks.
 """
@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vve_sumo.laws import stopping_distance
 from vve_sumo.values import DRIVE_LAG, Floats, Vehicle
@@ -22,16 +23,23 @@ if TYPE_CHECKING:
 AT_REST: Final = 0.05
 #: above this speed it has left its rest: what an estimate of a standing car's speed shows is far less [m/s]
 MOVING: Final = 0.5
-#: it was not being stopped yet where it gained this much speed afterwards [m/s]
+#: a car that gains less than this between two brakings coasts, or creeps on an idling engine [m/s]
 GAINED: Final = 0.3
+#: a car that gains back this share of the speed that an episode had taken from it drives on: of a stop that loses
+#: 0.3 m/s2 or more on average, a loop that oscillates by as much as 2 m/s within 3 s gains back less
+REGAINED: Final = 0.75
 #: more than drag and an idling engine do: asked for this much the car is being braked, not trimmed [m/s2]
 PRESSED: Final = 0.5
 #: asked for less than this it coasts [m/s2]; a stop that never asks for more has no braking
 RELEASED: Final = 0.1
 #: a demand that grows more slowly is trim, not the set-in of a braking [m/s3]
 RISING: Final = 0.5
-#: so long a release ends a braking: the next one is another [s]
-MIN_RELEASE_TIME: Final = 1.0
+#: so long a release, or so long a rest, ends an episode [s]: a loop that oscillates at the comfort envelope's limits
+#: with half a second of delay lets go for less; a driver or a program who has another reason to brake again takes more
+MIN_RELEASE_TIME: Final = 2.0
+#: an acceleration that is smaller than this either way says nothing of its sign [m/s2]: drag, an idling engine's push,
+#: a grade of 3 % and the estimate's noise give no more
+REVERSED: Final = 0.3
 #: shares of the rise of deceleration that a straight line is laid through
 LOW, HIGH = 0.1, 0.9
 #: over so many ticks the deceleration before the braking is averaged
@@ -60,6 +68,8 @@ class Stop:
     build_up: Part  #: until it has risen
     braking: Part  #: until rest
     mfdd: float  #: mean fully developed deceleration [m/s2], of UN R13-H; NaN where the record is too coarse for it
+    ripple: float  #: root mean square of what the course differed from the demand by [m/s2]
+    reversals: int  #: sign changes of the acceleration, see `sign_changes`; 0 where the car never gained speed
 
     @property
     def duration(self) -> float:
@@ -93,64 +103,134 @@ class _Way(NamedTuple):
     deceleration: Floats
 
 
+class Episode(NamedTuple):
+    """Braking from its first command to a release after which the car clearly drove on, or to rest."""
+
+    start: int  #: index of the first tick at which braking may have begun: the end of the episode before, or 0
+    end: int  #: index after the last tick that commanded braking
+
+
+def commanded_deceleration(ticks: pa.Table) -> Floats:
+    """Return the deceleration [m/s2] that the gateway commanded at every tick, acceleration negative; 0 for none."""
+    granted = ticks["granted_acceleration_mps2"].to_numpy()
+    return np.where(_commanded(ticks) & np.isfinite(granted), -granted, 0.0)
+
+
+def _commanded(ticks: pa.Table) -> NDArray[np.bool_]:
+    # Arrow's own `array`, which its `is_in` wants, imports pandas.
+    return np.array([state in _COMMANDING for state in ticks["state"].to_pylist()], bool)
+
+
+def braking_episodes(time: Floats, course: Floats, speed: Floats) -> list[Episode]:
+    """Return the braking episodes of a course of decelerations, in their order; trim below PRESSED among them.
+
+    Time [s], deceleration [m/s2] and speed [m/s], an entry a tick. Brakings, each at RELEASED or more, belong to one
+    episode unless the car clearly drove on between them: it gained back the share REGAINED of the speed that the
+    episode had taken from it (and GAINED at least), it had stood for MIN_RELEASE_TIME, or it was released for
+    MIN_RELEASE_TIME and then gained speed or was braked by PRESSED again. A loop that lets go and brakes again on its
+    way to rest so holds one episode, not many, and a brake that is eased off belongs to its stop.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], course >= RELEASED, [False])).astype(np.int8)))
+    episodes: list[Episode] = []
+    first = start = end = 0
+    for begin, after in edges.reshape(-1, 2).tolist():
+        pressed = bool(course[begin:after].max() >= PRESSED)
+        if end and _drives_on(time, speed, (first, end, begin), pressed):
+            episodes.append(Episode(start, end))
+            first, start = begin, end
+        elif not end:
+            first = begin
+        end = after
+    return [*episodes, Episode(start, end)] if end else []
+
+
+def _drives_on(time: Floats, speed: Floats, marks: tuple[int, int, int], pressed: bool) -> bool:
+    """Whether the car drove on between two brakings.
+
+    `marks` are the ticks at which the episode began, the first braking ended and the next one began; `pressed` says
+    whether that one is more than trim.
+    """
+    first, end, begin = marks
+    since, after = speed[first : begin + 1], speed[end : begin + 1]
+    least = np.fmin.reduce(since)
+    released = time[begin] - time[end] > MIN_RELEASE_TIME
+    if released and (pressed or _gain(after) > GAINED):
+        return True
+    regained = np.fmax.reduce(after) - least
+    return bool(regained > max(GAINED, REGAINED * (speed[first] - least))) or _stood(time[first:begin], since[:-1])
+
+
+def _gain(speed: Floats) -> float:
+    """Return the most that a speed rises above what it was before [m/s]."""
+    return float(np.fmax.reduce(speed - np.fmin.accumulate(speed)))
+
+
+def _stood(time: Floats, speed: Floats) -> bool:
+    """Whether the car stood for MIN_RELEASE_TIME at once."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], np.abs(speed) < AT_REST, [False])).astype(np.int8)))
+    return any(time[after - 1] - time[begin] > MIN_RELEASE_TIME for begin, after in edges.reshape(-1, 2).tolist())
+
+
 def last_stop(ticks: pa.Table, speed: Floats, acceleration: Floats, limit: float = math.inf) -> Stop | None:
-    """Return the last stop that was commanded; None where the drive holds none.
+    """Return the last stop that was commanded: the braking episode that ended at rest; None where there is none.
 
     `speed` [m/s] and `acceleration` [m/s2] are the rear axle's, an entry a tick; the car promises no more than a
     deceleration of `limit` [m/s2], whatever it is granted. The demand is v^2 / 2 d: d is the way in which a car that
     did at once what was granted, up to the limit, would have stopped from the onset's speed v.
     """
-    window = _slowing(speed)
-    if window is None:
+    rest = _rest(speed)
+    if rest is None or not _commanded(ticks)[rest]:
         return None
-    time, granted = ticks["time_s"].to_numpy(), ticks["granted_acceleration_mps2"].to_numpy()
-    # Arrow's own `array`, which its `is_in` wants, imports pandas.
-    commanded = np.array([state in _COMMANDING for state in ticks["state"].to_pylist()], bool)
-    start, rest = window
-    course = np.where(commanded & np.isfinite(granted), -granted, 0.0)
-    # A car that gained speed, or that nobody saw, while it was to brake already: late brakes are no later onset.
-    start -= int(np.argmin(np.append(course[:start][::-1] >= RELEASED, False)))
-    begun = _begun(time[start : rest + 1], np.maximum(course[start : rest + 1], 0.0))
+    time, course = ticks["time_s"].to_numpy(), commanded_deceleration(ticks)
     # What is first asked for at rest holds a car that came to rest without it.
-    if begun is None or start + begun == rest or not commanded[rest]:
+    episodes = braking_episodes(time[:rest], course[:rest], speed[:rest])
+    if not episodes or _coasted(time, speed, episodes[-1].end, rest):
         return None
-    onset = start + begun
-    demand = _demand(time[onset : rest + 1], np.minimum(course[onset:rest], limit), float(speed[onset]))
+    onset = onset_of(time, course, episodes[-1])
+    granted = np.minimum(course[onset:rest], limit)
+    demand = _demand(time[onset : rest + 1], granted, float(speed[onset]))
     before = slice(max(0, onset - TICKS_BEFORE + 1), onset + 1)
     way = _way(time[onset : rest + 1], speed[onset : rest + 1], acceleration[onset : rest + 1])
     gaining = float(np.mean(acceleration[before]))
-    return Stop(onset, rest, float(speed[onset]), gaining, demand, *_parts(way, -gaining, demand), _mfdd(way))
+    ripple = math.sqrt(float(np.mean((granted - demand) ** 2)))
+    parts, reversals = _parts(way, -gaining, demand), sign_changes(acceleration[onset:rest])
+    return Stop(onset, rest, float(speed[onset]), gaining, demand, *parts, _mfdd(way), ripple, reversals)
 
 
-def _slowing(speed: Floats) -> tuple[int, int] | None:
-    """Return the ticks from which on the car gained no speed any more before its last rest, and of that rest."""
+def sign_changes(acceleration: Floats) -> int:
+    """Return how often an acceleration [m/s2] changed its sign since it first was below -REVERSED.
+
+    It has a sign where it is larger than REVERSED either way, and keeps it until it is so large the other way.
+    """
+    sign = np.where(acceleration > REVERSED, 1, np.where(acceleration < -REVERSED, -1, 0))
+    known = sign[sign != 0]
+    braking = np.flatnonzero(known < 0)
+    return int(np.count_nonzero(np.diff(known[braking[0] :]))) if len(braking) else 0
+
+
+def _rest(speed: Floats) -> int | None:
+    """Return the tick of the last rest after motion; None where there is none."""
     standing = np.flatnonzero(np.abs(speed) < AT_REST)
     moving = np.flatnonzero(speed[: standing[-1]] > MOVING) if len(standing) else standing
-    if not len(moving):
-        return None
-    rest = int(standing[np.searchsorted(standing, moving[-1])])
-    backwards = speed[rest::-1]
-    gained = np.flatnonzero(~(backwards > np.fmax.accumulate(backwards) - GAINED))
-    return rest + 1 - (int(gained[0]) if len(gained) else len(backwards)), rest
+    return int(standing[np.searchsorted(standing, moving[-1])]) if len(moving) else None
 
 
-def _begun(time: Floats, course: Floats) -> int | None:
-    """Return the index at which the last braking of a course of decelerations begins; None where there is none.
+def _coasted(time: Floats, speed: Floats, end: int, rest: int) -> bool:
+    """Whether the car drove on after the last braking, and came to rest without another."""
+    return bool(time[rest] - time[end] > MIN_RELEASE_TIME and _gain(speed[end : rest + 1]) > GAINED)
 
-    It goes on through any release shorter than MIN_RELEASE_TIME. What was asked for before it first exceeded PRESSED
-    (or half of the most that a gentle stop asks for) is trim, but for the rise that led there.
+
+def onset_of(time: Floats, course: Floats, episode: Episode) -> int:
+    """Return the tick at which the braking of an episode begins.
+
+    What was asked for before it first exceeded PRESSED (or half of the most that a gentle episode asks for) is trim,
+    but for the rise that led there.
     """
-    most = float(course.max())
-    if not most >= RELEASED:
-        return None
-    pressed = np.flatnonzero(course >= min(PRESSED, 0.5 * most))
-    held = np.flatnonzero(course[: pressed[-1] + 1] >= min(RELEASED, 0.5 * most))
-    pauses = np.flatnonzero(np.diff(time[held]) > MIN_RELEASE_TIME)
-    since = held[pauses[-1] + 1] if len(pauses) else 0
-    first = int(pressed[np.searchsorted(pressed, since)])
-    slowly = RISING * np.diff(time[: first + 1], prepend=time[0])
-    not_rising = np.flatnonzero(~(np.diff(course[: first + 1], prepend=0.0) > slowly))
-    return min(int(not_rising[-1]) + 1, first) if len(not_rising) else 0
+    times, asked = time[episode.start : episode.end], np.maximum(course[episode.start : episode.end], 0.0)
+    first = int(np.argmax(asked >= min(PRESSED, 0.5 * float(asked.max()))))
+    slowly = RISING * np.diff(times[: first + 1], prepend=times[0])
+    not_rising = np.flatnonzero(~(np.diff(asked[: first + 1], prepend=0.0) > slowly))
+    return episode.start + (min(int(not_rising[-1]) + 1, first) if len(not_rising) else 0)
 
 
 def _demand(time: Floats, course: Floats, speed: float) -> float:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from vve_sumo.metrics.approach import Approach
 from vve_sumo.metrics.key_figures import braked_hardest_for, unmet
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.metrics.moment import Moment
@@ -62,6 +63,7 @@ class DrivePage:
     moment: Moment | None = None  #: the one that matters; None where no actor came near
     unseen: frozenset[str] = frozenset()  #: actors that the radar did not detect around the moment
     asked: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  #: least and greatest value of metrics
+    approach: Approach | None = None  #: of the last stop
 
 
 def said(summary: Mapping[str, Any]) -> str:

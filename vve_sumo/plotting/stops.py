@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from vve_sumo.analysis.effects import controller_of
 from vve_sumo.analysis.run import Run
-from vve_sumo.analysis.stopping_bound import TOLERANCE, stopping_bound_checks
+from vve_sumo.analysis.stopping_bound import stopping_bound_checks
 from vve_sumo.laws import stopping_distance as closed_form
 from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.columns import cautions, faults, holds, numbers, runs
@@ -35,6 +35,8 @@ ARROWS: Final = (0.35, 0.7)
 ENOUGH, LEAST = 4.0, 60.0
 #: pairs of panels of a figure at most
 MAX_PAIRS: Final = 2
+#: colour of runs that hunted on their approach
+HUNTING: Final = "#9a5fb4"
 #: points of a curve
 STEPS: Final = 100
 
@@ -179,9 +181,10 @@ def stopping_distance(rows: pd.DataFrame, *, by: str | None = None, facet: str |
 
     The curve is v tau + v^2 / 2 a with the median demand a and the median reaction tau of the runs; the band goes from
     the 5th to the 95th percentile of the demand. The bound is the run's own: its speed and demand, the declared delay.
-    Runs that stopped beyond their bound are marked. `by` is a column whose values have curves and looks of their own,
-    the controller if not said and there are several, for a median over controllers is that of none; `facet` is a column
-    whose values have a pair of panels each.
+    Runs that stopped beyond their bound and tolerance are marked. Runs that hunted on their approach are marked apart,
+    and are left out of the curve and of the lower panel: neither is of anything but a single braking. `by` is a column
+    whose values have curves and looks of their own, the controller if not said and there are several, for a median over
+    controllers is that of none; `facet` is a column whose values have a pair of panels each.
     """
     columns = ("stop_onset_speed_mps", "stop_distance_m", "stop_bound_m", "stop_demand_mps2", "stop_reaction_s")
     parts, beside = parts_of(rows, by or controller_of(rows, facet)), parts_of(rows, facet, MAX_PAIRS)
@@ -197,15 +200,19 @@ def stopping_distance(rows: pd.DataFrame, *, by: str | None = None, facet: str |
             for axes in pairs.ravel():
                 blank(axes, "no run has a stop")
             return figure
-        flagged = stopping_bound_checks(rows)["broken"].to_numpy(bool) & known
+        checks, hunting = stopping_bound_checks(rows), holds(rows, "hunting") & known
+        flagged, tolerance = checks["broken"].to_numpy(bool) & known, checks["tolerance_m"].to_numpy(float)
+        clean = known & ~hunting
         fastest = float(speed[known].max())
         for (upper, lower), panel in zip(pairs.T, beside, strict=True):
             for part in parts:
-                both = known & panel.which & part.which
+                both = clean & panel.which & part.which
                 if both.any():
                     _law(upper, fastest, demand[both], reaction[both], part)
                 for axes, values in ((upper, distance), (lower, distance - bound)):
                     crowd(axes, np.where(both, speed, np.nan), values, part.look, part.says("stops"))
+            _hunting(upper, speed, distance, hunting & panel.which)
+            _tolerated(lower, speed, tolerance, clean & panel.which)
             _broken(upper, lower, speed, distance, bound, flagged & panel.which)
             explain(upper, 2, panel.word)
         pairs[0, 0].set(ylabel="onset to rest [m]", xlim=(0.0, 1.05 * fastest), ylim=(0.0, None))
@@ -215,15 +222,29 @@ def stopping_distance(rows: pd.DataFrame, *, by: str | None = None, facet: str |
         return figure
 
 
+def _hunting(axes: Axes, speed: Floats, distance: Floats, which: Any) -> None:
+    """Mark the runs whose stop was no single braking, by squares."""
+    if which.any():
+        word = f"hunting, not in the curve ({runs(which)})"
+        axes.plot(speed[which], distance[which], "s", color=HUNTING, markersize=6.0, fillstyle="none", label=word)
+
+
+def _tolerated(axes: Axes, speed: Floats, tolerance: Floats, which: Any) -> None:
+    """Mark what each run may exceed its bound by, and say so."""
+    if not (known := which & np.isfinite(tolerance)).any():
+        return
+    at, most = thinned(speed[known]), thinned(tolerance[known])
+    axes.plot(at, most, "_", color=LIMIT["color"], markersize=7.0)
+    place: dict[str, Any] = {"fontsize": 9.5, "ha": "right", "va": "bottom", "color": LIMIT["color"]}
+    axes.annotate("dashes: own tolerance, broken above", (0.995, 0.03), xycoords="axes fraction", **place)
+
+
 def _broken(upper: Axes, lower: Axes, speed: Floats, distance: Floats, bound: Floats, flagged: Any) -> None:
-    """Mark the runs that stopped beyond their bound, and where that begins."""
+    """Mark the runs that stopped beyond their bound and tolerance."""
     for axes, values in ((upper, distance), (lower, distance - bound)):
         if flagged.any():
             axes.plot(speed[flagged], values[flagged], label=f"bound broken ({runs(flagged)})", **BAD)
     lower.axhline(0.0, color=INK, linewidth=1.0)
-    lower.axhline(TOLERANCE, **LIMIT)
-    place: dict[str, Any] = {"xytext": (-4, 2), "textcoords": "offset points", "ha": "right", "va": "bottom"}
-    lower.annotate("broken above", (1.0, TOLERANCE), xycoords=("axes fraction", "data"), fontsize=9.5, **place)
     lower.margins(y=0.15)
 
 

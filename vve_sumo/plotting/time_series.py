@@ -136,6 +136,20 @@ def _acceleration(axes: Axes, page: DrivePage) -> None:
     ]
     if _curves(axes, axis_of("acceleration_mps2"), page, curves, "no pose"):
         _include(axes, -0.5, 0.5)
+        _say_hunting(axes, page)
+
+
+def _say_hunting(axes: Axes, page: DrivePage) -> None:
+    """Mark the approach on which the car gained speed and braked again, and how often its acceleration changed sign."""
+    approach = page.approach
+    if approach is None or not approach.hunting:
+        return
+    time, across = page.ticks["time_s"].to_numpy(), axes.get_xaxis_transform()
+    axes.plot(time[[approach.onset, approach.rest]], [0.02, 0.02], color=ALARM, linewidth=4.0, transform=across)
+    place: dict[str, Any] = {"xytext": (0, 6), "textcoords": "offset points", "ha": "right", "va": "bottom"}
+    ground = {"facecolor": "white", "edgecolor": ALARM, "boxstyle": "round,pad=0.2"}
+    text = f"hunting: {approach.reversals} reversals"
+    axes.annotate(text, (time[approach.rest], 0.02), xycoords=across, color=INK, bbox=ground, **place)
 
 
 def _deviation(axes: Axes, page: DrivePage) -> None:

@@ -40,6 +40,11 @@ TERMS: tuple[Term, ...] = (
         "gear",
     ),
     Term("alignment", "the transformation from the lot to the virtual road: a turn and a shift"),
+    Term(
+        "approach",
+        "from the first braking from which on what the car stopped for stood ahead, to rest; a stop is its last "
+        "braking episode",
+    ),
     Term("arming state", "the gateway's state: disarmed, ready, engaged, stopping, stopped, fault"),
     Term(
         "brake dead time, brake lag",
@@ -88,6 +93,12 @@ TERMS: tuple[Term, ...] = (
         "part of the age of a pose that its time stamp does not show, so that the prediction cannot make up for it",
         ("hidden delay",),
     ),
+    Term(
+        "hunting",
+        "braking, gaining speed and braking again on the way to rest: the acceleration changes its sign four times or "
+        "more",
+        ("hunting", "hunted", "HUNTING"),
+    ),
     _metric("jerk", "jerk_mps3"),
     Term(
         "latency margin",
@@ -107,7 +118,7 @@ TERMS: tuple[Term, ...] = (
     _metric("MFDD", "mfdd_mps2"),
     Term("no-brake preview", "how a scenario would go if the ego never braked"),
     Term("observation", "all that a controller may know at one tick"),
-    Term("onset", "the tick that first commanded the braking that ended at rest", ("onset",)),
+    Term("onset", "the tick that first commanded the braking episode that ended at rest", ("onset",)),
     Term("operator command", "engage, go, stop, end, disarm"),
     Term("pose", "place, heading, speed and yaw rate of a named point of the car at a stated time"),
     Term("proxy vehicle", "what SUMO's traffic sees of the ego on a lane that its body cuts"),

@@ -12,7 +12,6 @@ from vve_sumo.analysis.braking import Stop, comfort, stop_of
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.stopping_bound import (
     LATE,
-    TOLERANCE,
     StoppingBoundCheck,
     stopping_bound_check,
     stopping_bound_checks,
@@ -37,7 +36,23 @@ def stop(run: Run) -> dict[str, object]:
     begin = f"Braking was first commanded at {number(braking.onset_s, 's')}, at {number(braking.onset_speed, 'm/s')}"
     demand = f"as hard as a constant {number(braking.demand, 'm/s²')} would be"
     text = f"{begin}, {demand}; the car stood at {number(braking.rest_s, 's')}."
-    return {"stop": text, "stop_parts": _split(braking), "stop_comfort": _comfort(run, braking)}
+    return {
+        "stop": text,
+        "stop_hunting": _hunting(run),
+        "stop_parts": _split(braking),
+        "stop_comfort": _comfort(run, braking),
+    }
+
+
+def _hunting(run: Run) -> Cell | None:
+    """Return the warning of an approach on which the car gained speed and braked again, time after time."""
+    approach = run.data.approach
+    if approach is None or not approach.hunting:
+        return None
+    count = f"{approach.reversals} sign changes of the acceleration"
+    way = f"over {number(approach.distance, 'm')} and {number(approach.duration, 's')}"
+    text = f"HUNTING on the approach: {count} {way}. The car gained speed and braked again on its way to rest."
+    return Cell(text, kind="no")
 
 
 def _split(braking: Stop) -> Table:
@@ -72,7 +87,7 @@ def bound_check(run: Run) -> dict[str, object]:
     `bound_check` is None where the drive holds no stop to check.
     """
     check = stopping_bound_check(run)
-    if not (check.held or check.broken):
+    if math.isnan(check.distance):
         return {"bound_check": None}
     rows = [
         (label_of("stop_onset_speed_mps"), number(check.onset_speed, "m/s")),
@@ -82,6 +97,8 @@ def bound_check(run: Run) -> dict[str, object]:
         ("bound: what the car as declared needs at most", number(check.bound, "m")),
         ("stopping distance", number(check.distance, "m")),
         ("stopping distance less the bound; negative is within the bound", number(check.excess, "m")),
+        ("tolerated of that", number(check.tolerance, "m")),
+        *((f"… for {name}", number(term, "m")) for name, term in _terms(check).items()),
     ]
     return {
         "bound_check": Table("stopping-bound check", ("what", Column("value", True)), rows),
@@ -91,22 +108,31 @@ def bound_check(run: Run) -> dict[str, object]:
     }
 
 
+def _terms(check: StoppingBoundCheck) -> dict[str, float]:
+    """Return the terms of the tolerance by what is not known exactly; none where nothing is judged."""
+    words = ("brakes and mass, and the ripple of the course", "grade", "speed", "the tick of the onset")
+    return {} if math.isnan(check.tolerance) else dict(zip(words, check.terms, strict=True))
+
+
 def status(run: Run) -> dict[str, object]:
     """Return in a few words what the section on the stop holds, and whether it says that something is wrong."""
-    check = stopping_bound_check(run)
-    if not (check.held or check.broken):
-        return {"stop_status": "", "stop_wrong": False}
-    return {"stop_status": f"stopping bound {'BROKEN' if check.broken else 'kept'}", "stop_wrong": check.broken}
+    check, hunting = stopping_bound_check(run), _hunting(run) is not None
+    words = ["HUNTING"] * hunting
+    if check.held or check.broken:
+        words.append(f"stopping bound {'BROKEN' if check.broken else 'kept'}")
+    return {"stop_status": ", ".join(words), "stop_wrong": check.broken or hunting}
 
 
 def _distance(check: StoppingBoundCheck) -> Cell:
     if math.isnan(check.excess):
         return Cell("The stopping distance cannot be checked: the record does not hold the latency of the loop.")
+    if math.isnan(check.tolerance):
+        return Cell("The stopping distance is not checked: the car gained speed on its way to rest.")
     broke = "distance" in check.missed
     kept = f"{'BROKE' if broke else 'kept'} its bound of {number(check.bound, 'm')}"
     text = (
         f"The stop took {number(check.distance, 'm')} and {kept}, which a car with the declared brakes needs at most "
-        f"for what was commanded; {number(TOLERANCE, 'm')} more are tolerated."
+        f"for what was commanded; {number(check.tolerance, 'm')} more are tolerated."
     )
     return Cell(text, kind="no" if broke else "")
 
@@ -140,17 +166,22 @@ def bound_checks(rows: pd.DataFrame) -> dict[str, object]:
     """Return the stopping-bound checks of a sweep's runs; `bound_checks` is None where no run braked to rest."""
     checks = stopping_bound_checks(rows)
     stopped = int((checks["held"] | checks["broken"]).sum())
-    if stopped == 0:
+    hunting = int(rows["hunting"].eq(True).sum()) if "hunting" in rows else 0
+    if stopped + hunting == 0:
         return {"bound_checks": None}
     broken = checks[checks["broken"]].sort_values("excess_m", ascending=False, kind="stable")
     longer = f"{integer(len(broken)) if len(broken) else 'none'} took longer than what the car as declared needs"
-    text = f"{count(stopped, 'run')} braked to rest; {longer}, by more than {number(TOLERANCE, 'm')}."
+    text = f"{count(stopped, 'run')} braked to rest at once; {longer}, by more than its own tolerance."
+    if hunting:
+        text += f" {count(hunting, 'run')} hunted on the approach, and {'is' if hunting == 1 else 'are'} not judged."
     shown = broken.head(MAX_ROWS)
-    figures = zip(*(shown[name].to_numpy(float) for name in ("distance_m", "bound_m", "excess_m")), strict=True)
+    names = ("distance_m", "bound_m", "excess_m", "tolerance_m")
+    figures = zip(*(shown[name].to_numpy(float) for name in names), strict=True)
     keys = rows.loc[shown.index, "key"].astype(str)
     lines: list[Row] = [(Cell(key, kind="code"), *map(number, those)) for key, those in zip(keys, figures, strict=True)]
-    columns = ("run", Column("took [m]", True), Column("bound [m]", True), Column("beyond it [m]", True))
+    heads = ("took [m]", "bound [m]", "beyond it [m]", "tolerated [m]")
+    columns: tuple[Column | str, ...] = ("run", *(Column(head, True) for head in heads))
     return {
-        "bound_checks": Cell(text, kind="" if broken.empty else "no"),
+        "bound_checks": Cell(text, kind="" if broken.empty and not hunting else "no"),
         "broken_bounds": Table("runs that broke their bound", columns, lines, len(broken)),
     }

@@ -55,13 +55,23 @@ def of_drive(run: Run, figures: Mapping[str, Any]) -> Verdict:
     passed = figures.get("passed")
     word: Word = "not judged" if passed is None else ("passed" if passed else "FAILED")
     ending = _ending(run, outcome, figures)
-    return Verdict(word, (ending, *_braked_for(figures, ending), *_closest(figures), *_unmet(figures)))
+    return Verdict(
+        word, (ending, *_hunting(figures), *_braked_for(figures, ending), *_closest(figures), *_unmet(figures))
+    )
 
 
 def altered(verdict: Verdict, parts: Sequence[str]) -> Verdict:
     """Return the verdict on a record of which `parts` are not as the drive left them, which makes it worth nothing."""
     warning = f"Changed since the drive: {', '.join(parts)}. The following is what the record says now."
     return Verdict("altered", (warning, *verdict.sentences))
+
+
+def _hunting(figures: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return a sentence on an approach on which the car gained speed and braked again, time after time."""
+    if not figures.get("hunting"):
+        return ()
+    times = int(_number(figures, "hunting_reversals"))
+    return (f"It was hunting on its way to rest: its acceleration changed sign {times} times.",)
 
 
 def _braked_for(figures: Mapping[str, Any], ending: str) -> tuple[str, ...]:
