@@ -69,7 +69,7 @@ def edited(old: str, new: str) -> str:
 
 WRONG_SCENARIOS = {
     "unknown key": (edited("speed_mps = 11.176", "speed_kmh = 40.0"), ["speed"]),
-    "wrong unit in a value": (edited("speed_mps = 11.176", 'speed_mps = "25 mph"'), ["ego.speed_mps", "25 mph"]),
+    "wrong unit in a value": (edited("speed_mps = 11.176", 'speed_mps = "25 kg"'), ["ego.speed_mps", "25 kg"]),
     "value out of range": (edited("speed_mps = 11.176", "speed_mps = -3.0"), ["ego.speed_mps", "-3.0"]),
     "not a number": (edited("speed_mps = 11.176", "speed_mps = nan"), ["ego.speed_mps"]),
     "unknown network": (edited('network = "linden"', 'network = "atlantis"'), ["atlantis", "linden"]),
