@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
-from vve_sumo.metrics.stopping import RELEASED, Stop, commanded_deceleration
+from vve_sumo.metrics.stopping import Stop
 from vve_sumo.values import DRIVE_LAG, Floats
 from vve_sumo.vehicle.calibration import AIR_DENSITY
 from vve_sumo.vehicle.identification import MIN_SAMPLES, RESIDUAL_CORRELATION_TIME, FirstOrderResponse, Series, sigmas
@@ -90,8 +90,6 @@ def _stretch(run: Run, stop: Stop) -> NDArray[np.intp]:
     time, speed = run.motion.time, run.motion.speed
     onset = time[stop.onset]
     slow = np.flatnonzero(~(speed[stop.onset : stop.rest] > MIN_SPEED))
-    if stop.reversals:  # a single braking tells of the brakes: the throttle's answer is not known well enough
-        slow = np.union1d(slow, np.flatnonzero(commanded_deceleration(run.arrow("ticks"))[stop.onset :] < RELEASED))
     end = stop.onset + int(slow[0]) if len(slow) else stop.rest
     return np.flatnonzero((time[:end] >= onset - TIME_BEFORE_ONSET) & (time[:end] <= onset + TIME_AFTER_ONSET))
 
