@@ -103,5 +103,6 @@ def test_lockstep_has_the_poses_age_alone(tmp_path: Path) -> None:
 def test_the_report_says_beneath_each_leg_what_it_is(live: tuple[Path, dict]) -> None:
     page = report(Run(live[0])).page()
     for leg, meaning in MEANINGS.items():
-        assert f'{leg.replace("_", " ")}<span class="about">{meaning}'.replace("'", "&#39;") in page
+        words = f'<summary>{leg.replace("_", " ")}</summary><div class="about">{meaning}'
+        assert words.replace("'", "&#39;") in page
     assert "&lt;" not in page

@@ -75,7 +75,9 @@ def test_what_cannot_be_paired_is_one_line() -> None:
         compare_rows(side(0.0), side(1.0), [])
     with pytest.raises(ConfigError, match="one and other have no pair: no run of both has the same speed, seed"):
         compare_rows(side(0.0), side(0.0).assign(speed=7.0).drop_duplicates("seed"), ["speed"])
-    with pytest.raises(ConfigError, match="other: no column 'speed' to pair by; there are seed"):
+    with pytest.raises(
+        ConfigError, match=r"other: no column 'speed' to pair by; did you mean 'seed'\?; there are seed"
+    ):
         compare_rows(side(0.0), side(0.0)[["seed"]], ["speed"])
     with pytest.raises(ConfigError, match="the pairs have no figure 'nix'; there are stop_gap_m"):
         compare_rows(side(0.0), side(1.0), ["speed"], figures=["stop_gap_m"]).difference("nix")

@@ -86,11 +86,13 @@ def test_a_figure_that_the_rows_do_not_come_to(
 ) -> None:
     folder = Path(shutil.copytree(records["contact"], tmp_path / "r"))
     seal_again(folder, **{key: CHANGES[key]})
-    (found,) = alterations(folder)
-    assert found.part == "summary.json"
-    assert key in found.why
+    found = alterations(folder)
+    # What a drive failed for names its reasons: with those, it no longer comes to it either.
+    assert len(found) == (2 if key == "reasons" else 1)
+    assert all(each.part == "summary.json" for each in found)
+    (about,) = (each for each in found if each.why.startswith(key))
     assert cli.main(["replay", str(folder)]) == 1
-    assert str(found) in capsys.readouterr().out
+    assert str(about) in capsys.readouterr().out
 
 
 def test_a_figure_that_is_gone_is_found(records: dict[str, Path], tmp_path: Path) -> None:

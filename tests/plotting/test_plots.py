@@ -107,11 +107,13 @@ def rows_of(count: int, seed: int = 1) -> pd.DataFrame:
             "stop_onset_speed_mps": speed,
             "stop_distance_m": distance + np.where(np.arange(count) % 7 == 1, 0.2, 0.0),
             "stop_bound_m": distance,
+            "stop_tolerance_m": 0.1,
             "stop_demand_mps2": demand,
             "stop_reaction_s": reaction,
+            "hunting": False,
         }
-    ).astype({"collision": "boolean", "passed": "boolean"})
-    frame.loc[fault, ["collision", "passed"]] = pd.NA
+    ).astype({"collision": "boolean", "passed": "boolean", "hunting": "boolean"})
+    frame.loc[fault, ["collision", "passed", "hunting"]] = pd.NA
     frame.loc[fault, [name for name in frame if name.startswith("stop_")]] = np.nan
     frame.attrs["units"] = {"delay": "s"}
     return frame
@@ -387,6 +389,7 @@ def survivors() -> pd.DataFrame:
     frame |= {"stop_gap_m": gap, "passed": ~hit, "weather": np.where(speed > 9.0, "wet", "dry")}
     frame |= {"stop_onset_speed_mps": speed, "stop_demand_mps2": demand, "stop_reaction_s": 0.0}
     frame |= {"stop_distance_m": speed**2 / 2.0 / demand, "stop_bound_m": speed**2 / 2.0 / demand}
+    frame |= {"stop_tolerance_m": 0.1, "hunting": False}
     return pd.DataFrame(frame)
 
 

@@ -72,6 +72,7 @@ def runs() -> Iterator[tuple[RunSpec, Result]]:
         figures |= {"failed": CODE if hit else "", "stop_gap_m": None if hit else 1.0 + gap, "min_gap_m": gap - 1.0}
         figures |= {"impact_speed_mps": speed if hit else 0.0, "meets_stop_gap_m": not hit, "min_ttc_s": 1.0 + gap}
         figures |= {"stop_onset_speed_mps": speed + 5.0, "stop_distance_m": 10.0 + speed, "stop_bound_m": 12.0}
+        figures |= {"stop_tolerance_m": 0.1, "hunting": False}
         figures |= {"stop_demand_mps2": 5.0, "stop_reaction_s": 0.1, "record_sha256": "0"}
         fault = "crashed: SIGSEGV <b>" if number == 5 else ""
         values = {"ego.speed_mps": speed, "gap": gap}

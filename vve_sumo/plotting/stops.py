@@ -233,8 +233,10 @@ def _tolerated(axes: Axes, speed: Floats, tolerance: Floats, which: Any) -> None
     """Mark what each run may exceed its bound by, and say so."""
     if not (known := which & np.isfinite(tolerance)).any():
         return
-    at, most = thinned(speed[known]), thinned(tolerance[known])
-    axes.plot(at, most, "_", color=LIMIT["color"], markersize=7.0)
+    order = np.argsort(speed[known], kind="stable")
+    at, most = speed[known][order], tolerance[known][order]
+    some = np.searchsorted(at, thinned(at))
+    axes.plot(at[some], most[some], "_", color=LIMIT["color"], markersize=7.0)
     place: dict[str, Any] = {"fontsize": 9.5, "ha": "right", "va": "bottom", "color": LIMIT["color"]}
     axes.annotate("dashes: own tolerance, broken above", (0.995, 0.03), xycoords="axes fraction", **place)
 

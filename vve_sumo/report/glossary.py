@@ -97,7 +97,7 @@ TERMS: tuple[Term, ...] = (
         "hunting",
         "braking, gaining speed and braking again on the way to rest: the acceleration changes its sign four times or "
         "more",
-        ("hunting", "hunted", "HUNTING"),
+        ("hunting", "hunted"),
     ),
     _metric("jerk", "jerk_mps3"),
     Term(

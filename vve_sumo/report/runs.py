@@ -29,7 +29,7 @@ MAIN = ("stop_gap_m", "min_gap_m", "min_ttc_s", "max_deceleration_mps2")
 #: metrics in the order in which they decide which run is worse
 WORST_BY = ("impact_speed_mps", "min_gap_m", "min_ttc_s", "stop_gap_m")
 #: columns of the rows that the page needs beside parameters and criteria
-NEEDED = ("number", "key", "seed", "fault", "outcome", "passed", "failed", "collision", "impact_speed_mps")
+NEEDED = ("number", "key", "seed", "fault", "outcome", "passed", "failed", "collision", "hunting", "impact_speed_mps")
 
 
 @dataclass(frozen=True, slots=True)
