@@ -21,6 +21,8 @@ from tests.live import matrix
 from tests.record.declared import LIVE_TABLES
 from vve_sumo.analysis.latency import PERCENTILES
 from vve_sumo.analysis.sensing import STATISTICS
+from vve_sumo.certify.cases import CASES
+from vve_sumo.certify.report import required
 from vve_sumo.metrics.exposure import EXPOSURE
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.per_tick import PER_TICK
@@ -125,7 +127,17 @@ def _rig_keys() -> str:
     return re.sub(rf"^(\| `(?:{tables})\.\w+` \|) required \|", r"\1 the model's |", keys(Rig), flags=re.MULTILINE)
 
 
+def _cases() -> str:
+    """The cases of a certificate."""
+    lines = ["| case | injected | begins | required | why |", "|---|---|---|---|---|"]
+    for case in CASES:
+        when = "" if case.make is None else case.begins.value
+        lines.append(f"| `{case.name}` | {case.injected} | {when} | {required(case)} | {case.why} |")
+    return "\n".join(lines)
+
+
 GENERATED = {
+    ("certify.md", "cases"): _cases,
     ("faults.md", "faults"): matrix.table,
     ("faults.md", "kinds"): _kinds,
     ("glossary.md", "glossary"): glossary.markdown,

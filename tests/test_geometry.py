@@ -13,7 +13,16 @@ from hypothesis import strategies as st
 from shapely import Polygon
 
 from tests.metrics.tables import CAR
-from vve_sumo.geometry import Box, Boxes, behind_bumper, overlap, separation, time_to_collision_2d, vehicle_boxes
+from vve_sumo.geometry import (
+    Box,
+    Boxes,
+    behind_bumper,
+    distance,
+    overlap,
+    separation,
+    time_to_collision_2d,
+    vehicle_boxes,
+)
 
 PAIRS = 1000
 HORIZON, STEP = 10.0, 0.05  #: of the sweep [s]
@@ -114,6 +123,15 @@ def test_separation_is_positive_where_shapely_sees_room() -> None:
     apart, room = separation(one, other), shapely.distance(bodies(one, np.zeros(500)), bodies(other, np.zeros(500)))
     assert ((apart > 0.0) == (room > 0.0)).all()
     assert (apart <= room + 1e-9)[apart > 0.0].all()
+
+
+def test_distance_is_the_one_that_shapely_measures() -> None:
+    random = np.random.default_rng(10)
+    one, other = some(random, 500), some(random, 500)
+    one = one._replace(x=other.x + random.normal(0.0, 6.0, 500), y=other.y + random.normal(0.0, 6.0, 500))
+    measured = shapely.distance(bodies(one, np.zeros(500)), bodies(other, np.zeros(500)))
+    assert 20 < (measured == 0.0).sum() < 480
+    np.testing.assert_allclose(distance(one, other), measured, atol=1e-9)
 
 
 reals = st.floats(-8.0, 8.0)

@@ -12,18 +12,36 @@ import math
 import os
 import re
 import select
+import sys
+import tempfile
 import threading
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Final, Self
-
-import can
-from can.interfaces.slcan import slcanBus
+from typing import Any, Final, Literal, NamedTuple, Self
 
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.values import Frame
+
+
+@contextlib.contextmanager
+def _absent(package: str) -> Iterator[None]:
+    """Let a package that is not imported yet seem to be not installed; None is Python's own mark of that."""
+    modules: dict[str, Any] = sys.modules
+    kept = modules.setdefault(package, None)
+    try:
+        yield
+    finally:
+        if kept is None:
+            del modules[package]
+
+
+# python-can imports asammdf where that is installed. It brings pandas, and numexpr with a thread for each processor:
+# half a second and threads that no process that drives a car needs.
+with _absent("asammdf"):
+    import can
+    from can.interfaces.slcan import slcanBus
 
 #: for one frame to be taken by a driver that is busy [s]; a serial adapter that nobody reads would wait for ever
 SEND_TIMEOUT: Final = 0.005
@@ -37,6 +55,19 @@ MAX_LINE_LENGTH: Final = 32
 _SERIAL_FRAME: Final = re.compile(
     rb"t[0-7][0-9A-Fa-f]{2}(?:" + b"|".join(b"%d[0-9A-Fa-f]{%d}" % (size, 2 * size) for size in range(9)) + rb")"
 )
+
+
+#: event at the begin of an ASC file
+_BEGIN: Final = "Start of measurement"
+
+
+class LoggedFrame(NamedTuple):
+    """A frame of a log."""
+
+    time: float  #: [s since 1970-01-01 UTC]
+    channel: int  #: number of the bus, from 0
+    frame: Frame
+    sent: bool  #: by the writer of the log; else it heard it
 
 
 class Bus:
@@ -159,6 +190,44 @@ def candump_lines(timestamp: float, channel: str, frames: Iterable[Frame]) -> st
     """A line for each frame of one moment, as `candump_line` writes it."""
     head = f"({timestamp:017.6f}) {channel}"
     return "".join([f"{head} {identifier:03X}#{data.hex().upper()}\n" for identifier, data in frames])
+
+
+def written_log(frames: Iterable[LoggedFrame], form: Literal["asc", "blf"]) -> bytes:
+    """Return the content of a log of Vector's tools with these frames, in their order.
+
+    An ASC file has its date in the machine's local time, and counts from the whole second before its first frame.
+    """
+    with tempfile.TemporaryDirectory(prefix="vve_sumo_") as folder:
+        file, frames = Path(folder) / f"log.{form}", list(frames)
+        with can.Logger(file) as log:
+            if frames and form == "asc":
+                # python-can writes the date's milliseconds without their leading zeros, and reads them otherwise.
+                log.log_event(_BEGIN, float(math.floor(frames[0].time)))
+            for one in frames:
+                log.on_message_received(_as_message(one))
+        content = file.read_bytes()
+    return content if form == "blf" else _dated_by_its_trigger(content)
+
+
+def _as_message(one: LoggedFrame) -> can.Message:
+    return can.Message(
+        timestamp=one.time,
+        channel=one.channel,
+        arbitration_id=one.frame.id,
+        data=one.frame.data,
+        is_extended_id=False,
+        is_rx=not one.sent,
+    )
+
+
+def _dated_by_its_trigger(content: bytes) -> bytes:
+    """Return an ASC file whose head has the date of its trigger block; python-can writes the moment of writing."""
+    begin = f" 0.000000 {_BEGIN}\n".encode()
+    date = re.search(rb"^Begin Triggerblock (.*)$", content, re.MULTILINE)
+    if date is None:
+        return re.sub(rb"^date .*\n", b"", content, count=1)
+    dated = re.sub(rb"^date .*$", b"date " + date[1], content, count=1, flags=re.MULTILINE)
+    return dated.replace(2 * begin, begin, 1)  # python-can writes this event by itself, too
 
 
 class _SerialBus(slcanBus):  # type: ignore[misc]  # python-can has no types that mypy is shown

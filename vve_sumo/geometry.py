@@ -129,6 +129,25 @@ def separation(one: Boxes, other: Boxes) -> Floats:
     return np.maximum(np.maximum(apart[0], apart[1]), np.maximum(apart[2], apart[3]))
 
 
+def distance(one: Boxes, other: Boxes) -> Floats:
+    """Return the distance between two boxes' nearest points [m], pair by pair; 0 where they touch or overlap.
+
+    The nearest points of two rectangles apart are a corner of one and a point of the other.
+    """
+    nearest = np.minimum(_to_corners(one, other), _to_corners(other, one))
+    return np.where(separation(one, other) > 0.0, nearest, 0.0)
+
+
+def _to_corners(box: Boxes, other: Boxes) -> Floats:
+    """Return the distance from a box to the nearest corner of another [m]."""
+    x, y = other.corners()
+    cos, sin = np.cos(box.heading), np.sin(box.heading)
+    along, across = (x - box.x) * cos + (y - box.y) * sin, (y - box.y) * cos - (x - box.x) * sin
+    beyond = np.maximum(np.abs(along) - 0.5 * box.length, 0.0), np.maximum(np.abs(across) - 0.5 * box.width, 0.0)
+    nearest: Floats = np.hypot(*beyond).min(axis=0)
+    return nearest
+
+
 def time_to_collision_2d(one: Boxes, other: Boxes) -> Floats:
     """Return the time until steadily moving boxes touch [s], pair by pair.
 

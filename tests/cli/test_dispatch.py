@@ -50,10 +50,10 @@ def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
 
 
 def test_the_drive_does_without_slow_imports() -> None:
-    """python-control, pandas and matplotlib cost seconds; nothing on the way to the first tick needs them."""
+    """python-control, pandas and matplotlib cost seconds, numexpr starts threads; the first tick needs none of them."""
     code = (
         "import sys, vve_sumo.drive.run\n"
-        "print([m for m in ('pandas', 'control', 'matplotlib', 'cantools') if m in sys.modules])"
+        "print([m for m in ('pandas', 'control', 'matplotlib', 'cantools', 'asammdf', 'numexpr') if m in sys.modules])"
     )
     run = subprocess.run(
         [sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=True, timeout=60

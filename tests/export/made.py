@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import math
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,30 @@ ROADS: list[dict[str, Any]] = [
 ]  # fmt: skip
 
 
+#: GNSS second of drive time 0, 2026-01-01T00:00:00 UTC: 46 years of 365 days, 12 leap days, less the five days of 1980
+#: before GNSS time began, and 18 leap seconds
+EPOCH = 86_400.0 * (46 * 365 + 12 - 5) + 18.0
+UNIX_EPOCH = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC).timestamp()
+#: the lot lies on the street turned by this [rad] and moved by so much [m]
+TURN, SHIFT = 0.5, (30.0, -12.0)
+#: of the pipeline's estimate, by which it is off the truth: x, y [m], heading [rad]
+ESTIMATE_OFF = (0.02, -0.03, 0.004)
+OF_DRIVE: dict[str, Any] = {
+    "settings": SETTINGS,
+    "epoch_gnss_s": EPOCH,
+    "lot_projection": "+proj=tmerc +lat_0=40 +lon_0=-83 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs",
+    "lot_to_road": {"rotation_rad": TURN, "x_m": SHIFT[0], "y_m": SHIFT[1]},
+    "vehicle_model": {"interface": {"name": "dataspeed_dbw1", "settings": {"variant": "dbw1_2024"}}},
+}
+#: drive time, bus, identifier, payload and whether the gateway sent it, of frames of every length; 0x60 to 0x66 are
+#: Dataspeed's command frames
+FRAMES = [
+    (round(0.003 * number, 6), f"can{number % 2}", (0x60, 0x61, 0x7FF, 0x64)[number % 4], bytes(range(number % 9)),
+     number % 4 in (0, 3))
+    for number in range(1000)
+]  # fmt: skip
+
+
 def away(actor: str, tick: int) -> bool:
     """Whether the actor is not near the ego at a tick."""
     return actor.startswith("lorry") and 60 <= tick < 80
@@ -71,6 +96,9 @@ def record(folder: Path, summary: Any, ticks: int = TICKS, speed: float = SPEED,
     """Write the record; its actors' table is whole up to `ticks`."""
     rows = [
         {
+            "x_m": x + ESTIMATE_OFF[0],
+            "y_m": y + ESTIMATE_OFF[1],
+            "heading_rad": math.remainder(heading + ESTIMATE_OFF[2], math.tau),
             "true_x_m": x,
             "true_y_m": y,
             "true_heading_rad": math.remainder(heading, math.tau),
@@ -81,7 +109,11 @@ def record(folder: Path, summary: Any, ticks: int = TICKS, speed: float = SPEED,
         }
         for tick, (x, y, heading) in enumerate(zip(X.tolist(), Y.tolist(), HEADING.tolist(), strict=True))
     ]
-    write(folder, rows, summary, **({"settings": SETTINGS} | changes))
+    write(folder, rows, summary, **(OF_DRIVE | changes))
+    epoch = changes.get("epoch_gnss_s", EPOCH)
+    (folder / "can.log").write_text(
+        "".join(f"({epoch + time:.6f}) {bus} {name:03X}#{data.hex().upper()}\n" for time, bus, name, data, _ in FRAMES)
+    )
     put(folder, "actors", (box_at(actor, t) for t in range(ticks) for actor in ACTORS if not away(actor, t)))
     return folder
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -38,9 +39,8 @@ def test_the_working_folder_is_where_an_export_goes(
 ) -> None:
     assert main(["export", "runs/mine", f"--{name}"]) == 0
     written = files(working) - {"runs"}
-    assert f"mine{FORMATS[name].ending}" in written
     first, *rest = capsys.readouterr().out.splitlines()
-    assert first == f"{name}: mine{FORMATS[name].ending}"
+    assert re.fullmatch(rf"{name}: (\w+_)?mine{re.escape(FORMATS[name].ending)}", first)
     assert {first, *rest} == {f"{name}: {file}" for file in written}
 
 
@@ -92,13 +92,26 @@ def test_one_format_is_asked_for(working: Path, arguments: list[str]) -> None:
     assert files(working) == {"runs"}
 
 
+@pytest.mark.parametrize(
+    ("form", "package", "needs"),
+    [
+        ("openscenario", "scenariogeneration", "openscenario needs scenariogeneration"),
+        ("mf4", "asammdf", "mf4 needs asammdf"),
+        ("osi", "osi3.osi_sensorview_pb2", "OSI needs osi-python"),
+        ("mcap", "mcap.writer", "mcap needs mcap, mcap-protobuf-support and foxglove-schemas-protobuf"),
+    ],
+)
 def test_an_extra_that_is_missing_is_named(
-    working: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    working: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    form: str,
+    package: str,
+    needs: str,
 ) -> None:
-    monkeypatch.setitem(sys.modules, "scenariogeneration", None)
-    assert main(["export", "runs/mine", "--openscenario"]) == 2
-    needs = "openscenario needs scenariogeneration: pip install 'vve-sumo[openscenario]'"
-    assert capsys.readouterr().err == f"vve-sumo: {needs}\n"
+    monkeypatch.setitem(sys.modules, package, None)
+    assert main(["export", "runs/mine", f"--{form}"]) == 2
+    assert capsys.readouterr().err == f"vve-sumo: {needs}: pip install 'vve-sumo[{form}]'\n"
     assert files(working) == {"runs"}
 
 

@@ -1,6 +1,6 @@
-"""The command: `python -m tests.fuzz decoders|gateway|damaged [--count N] [--seed S]`.
+"""The command: `python -m tests.fuzz decoders|gateway|damaged|setpoints [--count N] [--seed S]`.
 
-Runs of the seeds S, S + 1, ... until N inputs, steps or packets were tried; one that is broken off goes on with the
+Runs of the seeds S, S + 1, ... until N of them were tried; one that is broken off goes on with the
 seed that its last line names. Exit status 1 and the input at the first violation of an invariant.
 """
 
@@ -10,13 +10,14 @@ import argparse
 import sys
 import time
 
-from tests.fuzz import damaged, decoders, gateway
+from tests.fuzz import damaged, decoders, gateway, setpoints
 from tests.fuzz.invariant import Violation
 
 WHAT = {
     "decoders": (decoders.run, "inputs"),
     "gateway": (gateway.run, "steps"),
     "damaged": (damaged.run, "packets"),
+    "setpoints": (setpoints.run, "datagrams"),
 }
 
 
@@ -24,7 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__.splitlines()[2])
     parser.add_argument("what", choices=WHAT)
-    parser.add_argument("--count", type=int, default=100_000, help="inputs, steps or packets to try")
+    parser.add_argument("--count", type=int, default=100_000, help="inputs, steps, packets or datagrams to try")
     parser.add_argument("--seed", type=int, default=0, help="of the first run")
     options = parser.parse_args(arguments)
     run, unit = WHAT[options.what]

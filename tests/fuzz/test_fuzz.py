@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from tests.fuzz import damaged, decoders, gateway
+from tests.fuzz import damaged, decoders, gateway, setpoints
 from tests.fuzz.__main__ import main
 from tests.fuzz.invariant import Violation
 from vve_sumo.pose import trust
 from vve_sumo.values import ArmingState, Fix, Frame
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
+from vve_sumo.wire.setpoints import SetpointInbox
 
 
 def test_no_decoder_breaks_an_invariant():
@@ -48,6 +49,39 @@ def test_drives_reach_every_state_and_move_the_car(monkeypatch):
     assert {state for state, _ in seen} == set(ArmingState)
     assert (ArmingState.ENGAGED, True) in seen
     assert fastest > 5.0
+
+
+def test_no_bad_setpoint_changes_what_is_asked_of_the_gateway():
+    assert [setpoints.run(seed) for seed in range(40)] == [1000] * 40
+
+
+@pytest.mark.slow
+def test_no_bad_setpoint_of_a_million_changes_what_is_asked_of_the_gateway():
+    assert sum(setpoints.run(seed) for seed in range(40, 1040)) == 1_000_000
+
+
+class Lax(SetpointInbox):
+    """An inbox with one flaw."""
+
+    flaw = ""
+
+    def _refusal(self, setpoint):
+        reason = super()._refusal(setpoint)
+        return "" if reason == self.flaw else reason
+
+    def take(self, now, data):
+        reason = super().take(now, data)
+        if self.flaw == "renews" and reason:
+            self._expires = now + 0.1
+        return reason
+
+
+@pytest.mark.parametrize(("flaw", "number"), [("setpoint_replayed", 3), ("setpoint_unasked", 3), ("renews", 2)])
+def test_an_inbox_with_a_flaw_is_found(monkeypatch, flaw, number):
+    monkeypatch.setattr(setpoints, "SetpointInbox", Lax)
+    monkeypatch.setattr(Lax, "flaw", flaw)
+    with pytest.raises(Violation, match=f"{number}: "):
+        [setpoints.run(seed) for seed in range(10)]
 
 
 class Wrong(Gateway):
@@ -100,7 +134,9 @@ def test_a_fix_that_is_none_is_found():
             gate.judge(0.0, [replace(bad, **wrong)])
 
 
-@pytest.mark.parametrize(("what", "count"), [("decoders", 1200), ("gateway", 1200), ("damaged", 4000)])
+@pytest.mark.parametrize(
+    ("what", "count"), [("decoders", 1200), ("gateway", 1200), ("damaged", 4000), ("setpoints", 1200)]
+)
 def test_the_command_says_what_it_tried(capsys, what, count):
     assert main([what, "--count", str(count), "--seed", "7"]) == 0
     assert capsys.readouterr().out.endswith("of the seeds 7 to 8, 0 violations\n")

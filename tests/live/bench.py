@@ -104,6 +104,7 @@ class Bench:
             "shadow": False,
             "wheel_bias": 0.0,
             "stop_can_id": None,
+            "silent": False,
             "log": str(self.folder / "gateway.txt"),
         }
 

@@ -17,6 +17,8 @@ from vve_sumo.drive.reasons import in_words
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.wording import (
     ALARMS,
+    BRAIN_GONE,
+    BRAIN_SILENT,
     BRAKES,
     CONTROL,
     GONE,
@@ -131,7 +133,7 @@ def test_a_gateway_that_says_nothing_or_is_gone_is_an_alarm_whatever_it_said_las
     for said in (DRIVING, stopping("stop_asked"), DRIVING | {"state": "stopped"}, DRIVING | {"state": "ready"}):
         silent, gone = (phase(said | {"gateway": guard.value}) for guard in (Guard.SILENT, Guard.GONE))
         assert (silent, gone) == ("gateway silent: brake", "gateway gone: brake")
-    assert {SILENT, GONE, BRAKES} == ALARMS
+    assert {SILENT, GONE, BRAKES, BRAIN_SILENT, BRAIN_GONE} == ALARMS
     assert "any key" not in "\n".join(picture(DRIVING | {"gateway": "silent"})).lower()
     assert "watchdog" in advice(DRIVING | {"gateway": "silent"})
 

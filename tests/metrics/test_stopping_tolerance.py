@@ -52,6 +52,25 @@ def test_a_car_that_is_weaker_within_what_is_tolerated_costs_no_more_than_its_te
         assert stopped(speed, demand, lacking, 0.0) - exact == pytest.approx(limited, rel=0.1, abs=0.01)
 
 
+@settings(deadline=None, max_examples=20)
+@given(speed=st.floats(8.0, 20.0), build_up=st.floats(0.2, 0.8))
+def test_weaker_brakes_at_their_limit_cost_no_more_than_the_term(speed: float, build_up: float) -> None:
+    """The course rises to the declared limit; brakes that have 5 % less of it take longer, and no loop helps them."""
+    limit = 5.9
+    stop = found(*braked(speed, limit, build_up=build_up), limit=limit)
+    weaker, exact = (driven(speed, build_up, share * limit) for share in (1.0 - STRENGTH, 1.0))
+    allowed = tolerance(stop, replace(CAR, deceleration_limit=limit), PERIOD).strength
+    assert 0.5 * allowed <= weaker - exact <= allowed
+
+
+def driven(speed: float, build_up: float, most: float) -> float:
+    """Distance of a car whose deceleration rises for `build_up` towards 5.9 m/s2, up to the most it has."""
+    way = time = 0.0
+    while speed > 0.0:
+        speed, way, time = speed - STEP * min(most, 5.9 * time / build_up), way + STEP * speed, time + STEP
+    return way
+
+
 def test_terms_combine_as_the_root_of_their_squares_and_grow_with_the_stop() -> None:
     assert Tolerance(0.3, 0.4, 0.0, 1.2).total == pytest.approx(1.3)
     hard, gentle = (tolerance(stop_of(12.0, a), STRONG, PERIOD) for a in (5.0, 1.0))

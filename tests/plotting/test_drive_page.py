@@ -266,9 +266,9 @@ def test_a_drive_with_a_moment_writes_every_word_on_the_page_and_none_over_anoth
         legends = [text for axes in figure.axes if axes.get_legend() for text in axes.get_legend().get_texts()]
         boxes = {text.get_text(): text.get_window_extent(renderer) for text in (*words, *legends) if text.get_text()}
     assert {"standing vehicle", "not seen by the radar"} <= {*boxes}
-    assert any(word.startswith("closest at 3.00 s: TTC 2.50 s") for word in boxes)
+    assert any(word.startswith("least time to collision (TTC) 2.50 s at 3.00 s") for word in boxes)
     assert {"ego 8.0 m/s", "standing vehicle 0.0 m/s", "±0.15 m", "1, 2, 3 s later"} <= {
-        word.removeprefix("asked: ") for word in boxes
+        word.removeprefix("required: ") for word in boxes
     }
     for word, box in boxes.items():
         assert box.x0 >= 0.0, word
@@ -283,3 +283,36 @@ def test_a_deviation_nobody_asked_for_has_no_guides() -> None:
     content = page_of(driving(20, lateral_deviation_m=0.05), [])
     drive_page.paint(figure, content)
     assert len(figure.axes[-1].lines) == 1
+
+
+def test_the_gap_to_another_actor_than_the_one_that_mattered_has_a_colour_of_its_own() -> None:
+    """A car ahead leaves in the middle and reveals another one: orange is the second half alone, green the first."""
+    lead = [{"tick": tick, "actor": "lead", "x_m": 215.0, "speed_mps": 8.0} for tick in range(50)]
+    stopped = [{"tick": tick, "actor": "stopped", "x_m": 230.0} for tick in range(100)]
+    content = page_of(driving(100, begin=150.0), lead + stopped)
+    content = dataclasses.replace(content, moment=Moment(80, 1.6, Measure.GAP, 5.0, "stopped"))
+    figure = Figure(figsize=page.SIZE)
+    drive_page.paint(figure, content)
+    gap = next(axes for axes in figure.axes if axes.get_title(loc="left").startswith("gap"))
+    curves = {
+        line.get_color(): np.asarray(line.get_ydata(), float) for line in gap.lines if len(line.get_xdata()) == 100
+    }
+    assert np.flatnonzero(np.isfinite(curves[page.ACTOR])).tolist() == [*range(50)]
+    assert np.flatnonzero(np.isfinite(curves[page.OBSTACLE])).tolist() == [*range(50, 100)]
+
+
+@pytest.mark.parametrize(
+    ("summary", "words"),
+    [
+        (
+            {"outcome": "fault", "reasons": ["off_path"], "collision": False, "passed": True, "seed": 1},
+            "stopped by the gateway: the car is farther off its path than allowed · no contact · criteria met · seed 1",
+        ),
+        (
+            {"outcome": "stopped", "braked_for": "parked_car", "stop_gap_m": 4.5, "collision": False, "passed": None},
+            "came to rest 4.50 m before parked car · no contact · not judged",
+        ),
+    ],
+)
+def test_the_end_of_a_drive_is_said_in_words(summary: dict[str, Any], words: str) -> None:
+    assert page.said(summary) == words

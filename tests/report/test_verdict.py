@@ -106,7 +106,7 @@ def test_a_live_drive_whose_program_was_killed_is_told_from_its_recorders_summar
     """The recorder says how it ended; figures, seed and judgement are not in its summary."""
     run = record(tmp_path / "r", {"outcome": "fault", "reasons": ["pose_stale"], "ticks": TICKS})
     assert verdict(run).line.startswith("not judged: The gateway stopped the car: no trusted fix for too long.")
-    assert drive_overview(run).texts[1].get_text() == "fault · not judged"
+    assert drive_overview(run).texts[1].get_text() == "stopped by the gateway: no trusted fix for too long · not judged"
 
 
 def swept(folder: Path, *results: Result, cells: int | None = None) -> Sweep:

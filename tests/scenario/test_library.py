@@ -107,4 +107,5 @@ def test_driving_a_scenario_meets_its_criteria(part: int) -> None:
             # The car as declared keeps the bound that its stop sets itself, and the bound is no generous one.
             assert 0.93 * summary["stop_bound_m"] < summary["stop_distance_m"], name
             assert summary["stop_distance_m"] <= summary["stop_bound_m"] + summary["stop_tolerance_m"], name
-            assert summary["stop_tolerance_m"] < 0.03 * summary["stop_distance_m"] + 0.06, name
+            # Brakes at their limit have nothing to make up for 5 % of strength with.
+            assert summary["stop_tolerance_m"] < 0.06 * summary["stop_distance_m"] + 0.06, name

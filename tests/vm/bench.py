@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import math
 import pickle
 import select
 import subprocess
@@ -14,7 +15,7 @@ from pathlib import Path
 
 from tests import vehicles
 from tests.vm.sender import PERIOD, Sender
-from tests.vm.wires import Heard, Wire, Witness
+from tests.vm.wires import FRAME, Heard, Wire, Witness, open_raw
 from vve_sumo.frames import MapFrame
 from vve_sumo.live.channel import pair
 from vve_sumo.live.simulated_vehicle import CarConfig
@@ -22,7 +23,9 @@ from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, GatewayRow
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.interface import ActuationCommand, Gear
 from vve_sumo.vehicle.limits import Limits
 
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
@@ -73,7 +76,8 @@ class LiveCar:
 class Bench:
     """One drive of one gateway process over a wire."""
 
-    def __init__(self, wire: Wire, car: LiveCar, *, cruise: bool) -> None:
+    def __init__(self, wire: Wire, car: LiveCar, *, cruise: bool, silent: bool = False) -> None:
+        self._silent = silent
         self.car, self.t0 = car, car.t0
         self.witness = Witness(wire.car, codec.COMMAND_IDS | {codec.GEAR_REPORT})
         self.begun = self.now
@@ -103,6 +107,7 @@ class Bench:
             "shadow": False,
             "wheel_bias": 0.0,
             "stop_can_id": None,
+            "silent": self._silent,
             "log": None,
         }
 
@@ -170,3 +175,27 @@ class Bench:
         self.gateway.kill()
         self.gateway.wait()
         self.witness.close()
+
+
+class Brain:
+    """An external brain on the car's side of the wire, on a socket of the kernel's own; it drives straight on."""
+
+    def __init__(self, wire: Wire) -> None:
+        self.sent: list[Frame] = []
+        self._raw, self._interface = open_raw(wire.car), DataspeedDbw1()
+        self._due = -math.inf
+
+    def step(self, torque: float, throttle: float, gear: Gear, *, enable: bool = True) -> None:
+        """Send the four frames of a command where they are due."""
+        if (now := time.monotonic()) < self._due:
+            return
+        self._due = now + PERIOD
+        clear = not self.sent
+        command = ActuationCommand(torque, throttle, 0.0, 1.0, gear, enable, clear)
+        for frame in self._interface.encode(command):
+            self._raw.send(FRAME.pack(frame.id, len(frame.data), frame.data))
+            self.sent.append(frame)
+
+    def close(self) -> None:
+        """Leave the wire."""
+        self._raw.close()

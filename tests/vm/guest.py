@@ -17,10 +17,11 @@ import traceback
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
-from tests.vm.bench import Bench, LiveCar
+from tests.vm.bench import Bench, Brain, LiveCar
 from tests.vm.sender import LIFETIME, PERIOD, SPEED
-from tests.vm.wires import FRAME, WIRES, Heard, Wire, ip, open_raw
+from tests.vm.wires import FRAME, WIRES, Heard, Wire, ip, open_raw, transmitted
 from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError
 from vve_sumo.values import ArmingState, Frame
@@ -29,6 +30,7 @@ from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import OperatorCommand
 
 LINK_DOWN = 0.5  # [s]
+BRAIN_SPEED = 2.0  # from which an external brain is stopped [m/s]
 #: Gateway's and kit's stop alike are harder than this, and begin sooner [m/s2], [s].
 STOP_DECELERATION, STOP_DELAY = 2.2, 0.45
 GAP = 0.040  # longest between two commands of a gateway that is well [s]
@@ -104,6 +106,44 @@ def check_nominal(wire: Wire, car: LiveCar) -> str:
     heard = [heard.frame for heard in bench.witness.heard if heard.frame.id in codec.COMMAND_IDS]
     assert heard == bench.sent
     return f"top {top:.2f} m/s, {truth[-1][1] - truth[0][1]:.1f} m, {len(heard)} command frames"
+
+
+def check_silence(wire: Wire, car: LiveCar) -> str:
+    """A brain on the wire drives the car: every command frame is the brain's, and none is the gateway's."""
+    bench, brain, before = Bench(wire, car, cruise=True, silent=True), Brain(wire), transmitted(wire.gateway)
+
+    def until(condition: Callable[[], bool], *command: Any, **enabled: bool) -> None:
+        deadline = time.monotonic() + 20.0
+        while not condition():
+            assert time.monotonic() < deadline, (bench.states, bench.reasons, bench.speed)
+            brain.step(*command, **enabled)
+            bench.run(0.005)
+
+    try:
+        bench.until(lambda: ArmingState.READY in bench.states, patience=30.0)
+        bench.act(OperatorCommand.ENGAGE)
+        bench.until(lambda: "waiting_for_go" in bench.reasons)
+        bench.act(OperatorCommand.GO)
+        until(lambda: bool(_gears(bench)) and _gears(bench)[-1][1] is codec.Gear.DRIVE, 1100.0, 0.0, codec.Gear.DRIVE)
+        until(lambda: bench.speed > BRAIN_SPEED, 0.0, 0.4, codec.Gear.NONE)
+        bench.act(OperatorCommand.STOP)
+        until(lambda: bench.gateway.poll() is not None, 1500.0, 0.0, codec.Gear.NONE)
+        until(lambda: _gears(bench)[-1][1] is codec.Gear.PARK, 1500.0, 0.0, codec.Gear.PARK)
+        let_go = bench.now + 0.1
+        until(lambda: bench.now > let_go, 0.0, 0.0, codec.Gear.NONE, enable=False)
+        bench.run(0.1)
+    finally:
+        bench.close()
+        brain.close()
+    _ended_well(bench)
+    heard = [heard.frame for heard in bench.witness.heard if heard.frame.id in codec.COMMAND_IDS]
+    assert heard == brain.sent
+    assert {row.frames_sent for row in bench.rows} == {0}
+    states = [ArmingState.DISARMED, ArmingState.READY, ArmingState.ENGAGED, ArmingState.STOPPING]
+    assert bench.states[:4] == states, bench.states
+    sent = transmitted(wire.gateway) - before
+    assert wire.gateway == wire.car or sent == 0, f"{wire.gateway} sent {sent} frames"
+    return f"{len(heard)} command frames, every one the brain's; {wire.gateway} has sent {sent} in all"
 
 
 def check_frozen_sender(wire: Wire, car: LiveCar) -> str:
@@ -229,7 +269,9 @@ def main() -> int:
     passed = [_passes(check, wire) for check in (check_frames, check_refusals)]
     with tempfile.TemporaryDirectory() as folder:
         car = LiveCar(wire, Path(folder))
-        passed += [_passes(check, wire, car) for check in (check_nominal, check_frozen_sender, check_link_down)]
+        passed += [
+            _passes(check, wire, car) for check in (check_nominal, check_silence, check_frozen_sender, check_link_down)
+        ]
         car.close()
     return 0 if all(passed) else 1
 

@@ -8,6 +8,7 @@ import subprocess
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 from vve_sumo.values import Frame
@@ -59,6 +60,11 @@ def open_raw(name: str) -> socket.socket:
     raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, QUEUE)
     raw.bind((name,))
     return raw
+
+
+def transmitted(name: str) -> int:
+    """Return how many frames the kernel has sent on an interface so far."""
+    return int(Path(f"/sys/class/net/{name}/statistics/tx_packets").read_text())
 
 
 class Witness:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from vve_sumo.cli import (
     align,
     calibrate,
+    certify,
     compare,
     design,
     doctor,
@@ -38,6 +39,7 @@ COMMANDS = (
     drive,
     scenarios,
     suite,
+    certify,
     sweep,
     study,
     doctor,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,8 @@ from vve_sumo.cli.parser import Parser, setting, values_of
 from vve_sumo.errors import ConfigError, SimulationError
 
 if TYPE_CHECKING:
+    from vve_sumo.drive.brain import Brain
+    from vve_sumo.drive.resolved_scenario import ResolvedScenario
     from vve_sumo.drive.run import Drive
 
 SUMMARY = "drive a scenario: in lockstep, live on a rig, or with a recorded drive"
@@ -29,6 +32,7 @@ examples:
   vve-sumo drive --controller mine.py:make      your own controller
   vve-sumo drive --vehicle lincoln_mkz          another car
   vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it
+  vve-sumo drive --rig foreign --lockstep       somebody else's brain over UDP, waited for (docs/brains.md)
   vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; nothing obeys
   vve-sumo drive --rig simulated                live, with the simulated vehicle as a process of its own
   vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off
@@ -66,7 +70,8 @@ def arguments(parser: Parser) -> None:
     parser.add_argument(
         "--lockstep",
         action="store_true",
-        help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it",
+        help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it; "
+        "a brain that the rig names is waited for at every tick",
     )
     parser.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
     parser.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
@@ -106,13 +111,24 @@ def _lockstep(arguments: argparse.Namespace) -> int:
         values=values_of(arguments.values),
     )
     folder = arguments.out if arguments.out is not None else new_run_folder(resolved.name, working)
-    with progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
-        done = run(resolved, folder, working, pose=arguments.pose, watch=progress_watch(resolved.path.length, show))
+    foreign = nullcontext(None) if arguments.rig is None else _brain(arguments.rig, resolved, working)
+    with foreign as brain, progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
+        watch = progress_watch(resolved.path.length, show)
+        done = run(resolved, folder, working, pose=arguments.pose, brain=brain, watch=watch)
     draw_and_show(resolved, done)
     if done.summary["outcome"] == Outcome.BROKEN:
         complain(f"the simulation broke: {done.summary['text']}")
         return SimulationError.exit_code
     return _exit_code(done)
+
+
+def _brain(rig: str, resolved: ResolvedScenario, working: Path) -> AbstractContextManager[Brain | None]:
+    """Return what opens the wires to a rig's brain."""
+    from vve_sumo import workspace
+    from vve_sumo.live.foreign_lockstep import brain_of
+    from vve_sumo.rig.load import load
+
+    return brain_of(load(workspace.find("rig", rig, working), working), resolved, working)
 
 
 def _exit_code(done: Drive) -> int:

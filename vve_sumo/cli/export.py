@@ -14,7 +14,7 @@ EXIT_CODES = """exit codes:
      nothing was written
 """
 
-SUMMARY = "write a drive or a sweep for pandas, SUMO, CommonRoad, OpenSCENARIO"
+SUMMARY = "write a drive or a sweep for pandas, SUMO, CommonRoad, OpenSCENARIO, Foxglove, OSI, CAN tools"
 TEXT = """\
 Write a drive's record in the format of another program, or a sweep's rows as CSV. The record stays as it
 is. A drive that was killed is exported up to its last whole tick. docs/exports.md says what each format
@@ -23,6 +23,7 @@ holds.
 examples:
   vve-sumo export runs/mine --csv                    mine.csv, mine.actors.csv, mine.columns.csv here
   vve-sumo export runs/mine --fcd --out crash.fcd.xml
+  vve-sumo export runs/mine --mcap                   mine.mcap, to be opened in Foxglove or Lichtblick
   vve-sumo export speeds --csv --out tables          rows of a sweep, into the folder tables
 """
 

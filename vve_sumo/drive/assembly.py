@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, Final
 
 import numpy as np
 
 from vve_sumo.controller import Guarded
+from vve_sumo.drive.brain import Brain
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.frames import Alignment, MapFrame, Placement
@@ -88,15 +90,21 @@ def sensors_of(resolved: ResolvedScenario) -> dict[str, GuardedSensor]:
     return {name: PORT.make(name, made, name, settings) for name, settings in resolved.sensors().items()}
 
 
-def build_pipeline(resolved: ResolvedScenario, pose: PoseInput, working: FilePath) -> Pipeline:
-    """Return a scenario's pipeline; raises ConfigError as `ResolvedScenario.controller` does."""
+def build_pipeline(
+    resolved: ResolvedScenario, pose: PoseInput, working: FilePath, brain: Brain | None = None
+) -> Pipeline:
+    """Return a scenario's pipeline; raises ConfigError as `ResolvedScenario.controller` does.
+
+    With a `brain`, samples go out to it; where it decides, the scenario's controller is not made.
+    """
+    own = partial(resolved.controller, working)
     return Pipeline(
         decoder=pose.decoder,
         gate=TrustGate(pose.profile, pose.epoch),
         placement=pose.placement,
         predictor=Predictor(),
         sensors=sensors_of(resolved),
-        controller=Guarded(resolved.controller(working)),
+        controller=Guarded(own() if brain is None else brain.in_place_of(own)),
         vehicle=resolved.vehicle,
         path=resolved.path,
         desired_speed=resolved.scenario.ego.speed_mps,
@@ -104,4 +112,5 @@ def build_pipeline(resolved: ResolvedScenario, pose: PoseInput, working: FilePat
         clock=pose.clock,
         epoch=pose.epoch,
         geofence=pose.geofence,
+        wires=None if brain is None else brain.publisher,
     )

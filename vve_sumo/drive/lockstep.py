@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count, groupby
 from operator import itemgetter
 from pathlib import Path as FilePath
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
+from vve_sumo.drive.brain import Brain
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD, ResolvedScenario
 from vve_sumo.drive.rest import RestObserver
@@ -82,14 +83,14 @@ class LockstepParts:
     start: Pose  #: of the rear axle in the lot
 
 
-def assemble(resolved: ResolvedScenario, working: FilePath) -> LockstepParts:
+def assemble(resolved: ResolvedScenario, working: FilePath, brain: Brain | None = None) -> LockstepParts:
     """Build pipeline and gateway of a lockstep drive, the same for a drive with SUMO and for the replay of a record."""
     lot = resolved.scenario.ego.lot
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
     start, begin = pose_at_rest(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), resolved.path.at(0.0)
     alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
     placement = Placement(frame, alignment, resolved.model.mounting, DEFAULT_EPOCH)
-    pipeline = build_pipeline(resolved, PoseInput(Decoder(), DRIVE, placement, DEFAULT_EPOCH), working)
+    pipeline = build_pipeline(resolved, PoseInput(Decoder(), DRIVE, placement, DEFAULT_EPOCH), working, brain)
     return LockstepParts(pipeline, gateway_of(resolved.model), frame, alignment, start)
 
 
@@ -134,13 +135,19 @@ class Lockstep:
     """One drive with the simulated vehicle. The constructor starts SUMO; always call `close`."""
 
     def __init__(
-        self, resolved: ResolvedScenario, working: FilePath, alter: Callable[[Fix], Fix | None] = unaltered
+        self,
+        resolved: ResolvedScenario,
+        working: FilePath,
+        alter: Callable[[Fix], Fix | None] = unaltered,
+        brain: Brain | None = None,
     ) -> None:
         """Build the drive and start SUMO; raises ConfigError where something in the scenario is not usable.
 
         `alter` injects receiver faults: it returns the fix to send in place of the true one, None for a lost packet.
+        A foreign `brain` drives in place of the scenario's controller.
         """
-        parts = assemble(resolved, working)
+        parts = assemble(resolved, working, brain)
+        self._brain = brain
         self._pipeline, self._gateway, self._alignment = parts.pipeline, parts.gateway, parts.alignment
         self.lot = LotAlignment(parts.frame.projection, parts.alignment, DEFAULT_EPOCH)
         start = (parts.start.x, parts.start.y, parts.start.heading)
@@ -159,7 +166,7 @@ class Lockstep:
 
     def ticks(self, record: MemoryRecorder) -> Generator[LockstepTick]:
         """Yield one tick after the other without end; closing the iterator records the actors of SUMO's last step."""
-        bus = _Bus(self._gateway, self._operator, record)
+        bus = _Bus(self._gateway, self._operator, record, self._brain)
         tick = Tick(self._pipeline, self._road, self._resolved.path, bus, record)
         try:
             for number in count():
@@ -178,7 +185,9 @@ class Lockstep:
     def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
         """Drive to the end and return how the drive ended; everything else is in the record."""
         with closing(self.ticks(record)) as ticks:
-            return self._run(ticks, watch)
+            done = self._run(ticks, watch)
+        overdue = "" if self._brain is None else self._brain.overdue
+        return replace(done, text=overdue) if overdue else done
 
     def _run(self, ticks: Iterator[LockstepTick], watch: Watch) -> DriveEnd:
         last = round(self._resolved.scenario.duration_s / PERIOD) - 1
@@ -215,8 +224,10 @@ class _Bus:
 
     output: GatewayOutput  #: of the gateway's newest step
 
-    def __init__(self, gateway: Gateway, operator: ScriptedOperator, record: MemoryRecorder) -> None:
-        self._gateway, self._operator, self._record = gateway, operator, record
+    def __init__(
+        self, gateway: Gateway, operator: ScriptedOperator, record: MemoryRecorder, brain: Brain | None
+    ) -> None:
+        self._gateway, self._operator, self._record, self._brain = gateway, operator, record, brain
         self._reports: list[Frame] = []
 
     def reported(self, reports: Sequence[tuple[float, Frame]]) -> None:
@@ -226,8 +237,14 @@ class _Bus:
         self._reports = [frame for _time, frame in reports]
 
     def faults(self) -> tuple[str, ...]:
-        """Return no fault: a failure of this shell ends the drive."""
-        return ()
+        """Return the foreign brain's faults; any other failure of this shell ends the drive.
+
+        Raises RigError where the brain is not there.
+        """
+        if self._brain is None:
+            return ()
+        self._brain.check_begun()
+        return self._brain.faults
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Run one gateway step on the setpoint and the car's newest reports."""

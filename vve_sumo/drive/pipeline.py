@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 from vve_sumo.controller import Guarded
 from vve_sumo.frames import Placement, move_point
@@ -72,6 +72,27 @@ class _Sensed:
     faults: tuple[str, ...]
 
 
+class Wires(Protocol):
+    """What carries the virtual sensors to a control computer of somebody else's."""
+
+    def publish(self, now: float, seen: Seen | None, faults: tuple[str, ...]) -> None:
+        """Send out what the sensors saw at drive time `now` [s]; None before the first trusted fix.
+
+        Any reason code in `faults` makes what is sent invalid. Must not raise.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What a tick's virtual sensors say, for the outgoing wires."""
+
+    pose: Pose  #: of the rear axle on the street, predicted to the tick
+    fix: Fix  #: the newest trusted one
+    actors: Actors  #: that the sensors saw
+    sensors: Mapping[str, SensorOutput]  #: the newest output of every sensor, by the sensor's name
+
+
 class Pipeline:
     """Turns pose bytes into setpoints; holds all state between ticks.
 
@@ -94,23 +115,27 @@ class Pipeline:
         clock: Clock | None = None,
         epoch: float = 0.0,
         geofence: Geofence | None = None,
+        wires: Wires | None = None,
     ) -> None:
         """Put the pipeline together; a lateral deviation above `deviation_limit` [m] is the fault `off_path`.
 
         `clock` maps the receiver's times to drive time; without one the receiver's clock is the drive's. GNSS second
         `epoch` is drive time 0. `geofence` is the lot's; without one the car may stop anywhere.
+        `wires` carry the virtual sensors to a foreign control computer; without them nobody else is told.
         """
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor
         self._sensors, self._controller = dict(sensors), controller
         self._vehicle, self._path, self._desired_speed = vehicle, path, desired_speed
         self._deviation_limit = deviation_limit
-        self._clock, self._epoch, self._geofence = clock, epoch, geofence
+        self._clock, self._epoch, self._geofence, self._wires = clock, epoch, geofence, wires
         self._sequence = 0
         self._s: float | None = None
         self._newest = -math.inf
         self._reasons: tuple[str, ...] = ()
         self._outputs = self._newest_outputs()
         self._sensed = _Sensed(None, _NO_READINGS, ())
+        self._newest_fix: Fix | None = None
+        self._actors: Actors | None = None
         self._fallback: FallbackPath | None = None
         self._prepared_for = -math.inf
         self._geofence_breach: tuple[str, ...] = ()
@@ -146,7 +171,7 @@ class Pipeline:
         if not trust.trusted:
             return None
         pose = self._placement.place(fix)
-        self._newest = pose.time
+        self._newest, self._newest_fix = pose.time, fix
         self._predictor.update(pose)
         return pose
 
@@ -162,7 +187,7 @@ class Pipeline:
             readings = {name: reading for name, reading in stepped.items() if reading is not None}
             if readings:
                 self._outputs = self._newest_outputs()
-        self._sensed = _Sensed(pose, readings, faults)
+        self._sensed, self._actors = _Sensed(pose, readings, faults), actors
 
     def decide(self, tick: int, now: float, steering: float, shell_faults: tuple[str, ...] = ()) -> TickResult:
         """Call the controller for drive time `now` [s], after `see`.
@@ -182,6 +207,9 @@ class Pipeline:
                 # Ticks were skipped: the car is no longer where the prepared fallback path begins.
                 self.prepare(now, steering)
             faults += self._geofence_breach
+        if self._wires is not None:
+            self._wires.publish(now, self._seen(), faults)
+        if pose is not None:
             command, failures = self._controller.step(self._observation(tick, now, pose, steering))
             faults += failures
             setpoint = self._stamped(command or _after_failure(steering), now, pose, faults)
@@ -197,6 +225,12 @@ class Pipeline:
             shell_faults=shell_faults,
             faults=faults,
         )
+
+    def _seen(self) -> Seen | None:
+        pose, fix, actors = self._sensed.pose, self._newest_fix, self._actors
+        if pose is None or fix is None or actors is None:
+            return None
+        return Seen(pose, fix, actors, self._outputs)
 
     def prepare(self, time: float, steering: float) -> None:
         """Compute the fallback path from the pose predicted to drive time `time` [s], and check it with the geofence.

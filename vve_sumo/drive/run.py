@@ -17,12 +17,13 @@ from vve_sumo import workspace
 from vve_sumo.config_file import read_as
 from vve_sumo.drive import provenance
 from vve_sumo.drive.assembly import LotAlignment
+from vve_sumo.drive.brain import Brain
 from vve_sumo.drive.lockstep import Lockstep, Watch
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.drive.summary import summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
-from vve_sumo.errors import ConfigError, SimulationError
+from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.record.hashes import hash_files
 from vve_sumo.record.layout import PROVENANCE
 from vve_sumo.record.roads import roads_table, write_roads
@@ -96,18 +97,20 @@ def run(
     working: FilePath,
     *,
     pose: FilePath | None = None,
+    brain: Brain | None = None,
     kept: bool = True,
     watch: Watch = lambda tick, now, speed, station: None,
 ) -> Drive:
     """Drive a scenario, or play the recording `pose` in it, into a new record folder.
 
     For a wrong input it raises ConfigError and leaves no record. A later failure is recorded as the outcome `broken`,
-    a keyboard interrupt as `interrupted`. With `kept` false no folder is written, and the summary lacks only the hashes
-    of the record's files.
+    a keyboard interrupt as `interrupted`. A foreign `brain` drives in place of the scenario's controller; where it is
+    not there, RigError is raised and no record is left. With `kept` false no folder is written, and the summary lacks
+    only the hashes of the record's files.
     """
     if kept:
         claim(folder)
-    shell: Shell = Lockstep(resolved, working) if pose is None else Playback(resolved, pose, working)
+    shell: Shell = Lockstep(resolved, working, brain=brain) if pose is None else Playback(resolved, pose, working)
     try:
         if pose is not None:
             resolved = replace(resolved, files={**resolved.files, "pose": pose})
@@ -119,7 +122,7 @@ def run(
             record.attach(PROVENANCE, provenance.text_of(provenance.provenance(resolved, now)))
         try:
             done = run_guarded(shell, record, watch)
-        except ConfigError:
+        except (ConfigError, RigError):
             record.discard()
             raise
     finally:
@@ -134,13 +137,13 @@ def run(
 
 
 def run_guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
-    """Drive to the end; a failure on the way becomes the drive's outcome, except ConfigError, which is raised."""
+    """Drive to the end; a failure on the way becomes the drive's outcome, except ConfigError and RigError."""
     broken = DriveEnd(Outcome.BROKEN, ())
     try:
         return shell.run(record, watch)
     except KeyboardInterrupt:
         return replace(broken, outcome=Outcome.INTERRUPTED, reasons=("interrupted",))
-    except ConfigError:
+    except (ConfigError, RigError):
         raise
     except SimulationError as error:
         return replace(broken, reasons=("simulation_error",), text=str(error))

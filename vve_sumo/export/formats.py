@@ -20,6 +20,7 @@ class Part(NamedTuple):
 
     name: str  #: what the file's name has before its ending; empty for the file that the export is named for
     content: bytes
+    head: str = ""  #: what a convention puts before the file's name, which an underscore then joins
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +65,42 @@ def _openscenario(run: Run) -> Iterable[Part]:
     return openscenario.of_drive(run)
 
 
+def _mcap(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import mcap_file
+
+    return mcap_file.of_drive(run)
+
+
+def _osi(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import osi_traces
+
+    return osi_traces.of_drive(run)
+
+
+def _osi_mcap(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import osi_traces
+
+    return osi_traces.mcap_of_drive(run)
+
+
+def _asc(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import can_logs
+
+    return can_logs.asc_of_drive(run)
+
+
+def _blf(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import can_logs
+
+    return can_logs.blf_of_drive(run)
+
+
+def _mf4(run: Run) -> Iterable[Part]:
+    from vve_sumo.export import mf4
+
+    return mf4.of_drive(run)
+
+
 #: by name, in the order of the help
 FORMATS: dict[str, Format] = {
     one.name: one
@@ -83,5 +120,13 @@ FORMATS: dict[str, Format] = {
             _openscenario,
             needs="openscenario",
         ),
+        Format(
+            "mcap", "poses, scene, radar, signals and CAN for Foxglove and Lichtblick", ".mcap", _mcap, needs="mcap"
+        ),
+        Format("osi", "ASAM OSI 3.8 traces: ground truth, radar detections", ".osi", _osi, needs="osi"),
+        Format("osi-mcap", "the same two as one multi-channel trace", ".mcap", _osi_mcap, needs="osi"),
+        Format("mf4", "the CAN frames as ASAM MDF 4 for asammdf, CANape, MATLAB", ".mf4", _mf4, needs="mf4"),
+        Format("blf", "the CAN frames as a binary log of Vector's tools", ".blf", _blf),
+        Format("asc", "the CAN frames as a text log of Vector's tools", ".asc", _asc),
     )
 }

@@ -25,7 +25,7 @@ def export(held: Run | Sweep, name: str, out: Path | str | None = None) -> list[
     form = FORMATS[name]
     file = _place(held.folder, form, Path("." if out is None else out))
     parts = [*_parts(held, form)]
-    files = [_named(file, part.name) for part in parts]
+    files = [_named(file, part) for part in parts]
     taken = next((file for file in files if file.exists()), None)
     if taken is not None:
         raise ConfigError(f"{taken}: there already; choose another place with --out")
@@ -50,8 +50,9 @@ def _place(folder: Path, form: Format, out: Path) -> Path:
     return file
 
 
-def _named(file: Path, part: str) -> Path:
-    return file.with_name(f"{file.stem}.{part}{file.suffix}") if part else file
+def _named(file: Path, part: Part) -> Path:
+    stem = f"{part.head}_{file.stem}" if part.head else file.stem
+    return file.with_name(f"{stem}.{part.name}{file.suffix}" if part.name else f"{stem}{file.suffix}")
 
 
 def _write(files: list[Path], parts: list[Part]) -> None:

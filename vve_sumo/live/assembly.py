@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from vve_sumo.bus import Bus
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
+from vve_sumo.drive.brain import Brain
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario, resolve_scenario
 from vve_sumo.errors import ConfigError, RigError
@@ -70,12 +71,15 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
         "interface": asdict(meaning.interface_of(rig)),
         "period": PERIOD,
         "shadow": shadow,
+        "silent": rig.brain.kind == "external",
         "wheel_bias": meaning.steering_wheel_bias_of(rig),
         "stop_can_id": rig.operator.stop_can_id,
     }
 
 
-def pipeline_of(resolved: ResolvedScenario, rig: Rig, lot: LotAlignment, working: FilePath) -> Pipeline:
+def pipeline_of(
+    resolved: ResolvedScenario, rig: Rig, lot: LotAlignment, working: FilePath, brain: Brain | None = None
+) -> Pipeline:
     """Return the pipeline of a live drive; raises ConfigError as `build_pipeline` does, or for another projection."""
     frame, receiver = meaning.frame_of(rig), meaning.receiver_of(rig)
     if frame.projection != lot.projection:
@@ -88,7 +92,7 @@ def pipeline_of(resolved: ResolvedScenario, rig: Rig, lot: LotAlignment, working
         clock=Clock(lot.epoch, minimum_delay_of(rig), absolute=rig.pose.clock == "absolute"),
         geofence=meaning.geofence_of(rig, lot.alignment),
     )
-    return build_pipeline(resolved, pose, working)
+    return build_pipeline(resolved, pose, working, brain)
 
 
 def minimum_delay_of(rig: Rig) -> float:

@@ -56,6 +56,7 @@ class ProcessGroup:
     drive: subprocess.Popen[bytes]
     recorder: subprocess.Popen[bytes]
     car: subprocess.Popen[bytes] | None  #: the simulated one
+    outputs: subprocess.Popen[bytes] | None  #: of the outgoing wires; it ends with the drive
     to_gateway: Channel
     to_drive: Channel
     to_car: Channel | None
@@ -69,6 +70,8 @@ class ProcessGroup:
         self.to_drive.close()
         self.gateway.wait()
         _end(self.drive, min(timeout, DRIVE_TIMEOUT))
+        if self.outputs is not None:
+            _end(self.outputs, DRIVE_TIMEOUT)
         _end(self.recorder, timeout)
         if self.car is not None and self.to_car is not None:
             self.to_car.close()

@@ -20,6 +20,7 @@ from pathlib import Path as FilePath
 from typing import Any, Final
 
 from vve_sumo.drive.assembly import LotAlignment
+from vve_sumo.drive.brain import Brain, NoController, Publisher, SetpointController, virtual_placement
 from vve_sumo.drive.latency_monitor import LatencyMonitor
 from vve_sumo.drive.lockstep import WAITING
 from vve_sumo.drive.pipeline import TickResult
@@ -32,13 +33,18 @@ from vve_sumo.drive.virtual_road import open_world, scenario_engine
 from vve_sumo.errors import VveError
 from vve_sumo.live import signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
+from vve_sumo.live.brain_link import ChannelLink, key_of
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
+from vve_sumo.pose.sources import open_udp
+from vve_sumo.rig.resolve import mounting_of
+from vve_sumo.rig.schema import Rig
 from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING
+from vve_sumo.wire.setpoints import SetpointInbox
 
 #: between two status messages to the console [s]
 STATUS_PERIOD: Final = 0.1
@@ -48,6 +54,9 @@ HOUSEKEEPING_TICKS: Final = 100
 MAX_WAIT: Final = 0.1
 #: longest time to send the last messages to the recorder [s]
 RECORDER_TIMEOUT: Final = 5.0
+
+#: a gateway that has said nothing for so long is frozen [s]; a foreign brain's sensors then turn invalid
+GATEWAY_SILENCE: Final = 0.07
 
 _NO_STATUS: Final = GatewayStatus(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
 
@@ -62,7 +71,9 @@ class LiveDrive:
         self._recorder = RecorderClient(channels["recorder"])
         working = FilePath(config["working"])
         self._resolved, rig = from_dict(config["resolved"], working)
-        self._pipeline = pipeline_of(self._resolved, rig, LotAlignment.from_dict(config["resolved"]), working)
+        lot = LotAlignment.from_dict(config["resolved"])
+        self._link, self._brain = self._foreign(rig, lot, channels.get("outputs"), working)
+        self._pipeline = pipeline_of(self._resolved, rig, lot, working, self._brain)
         self._not_ready: tuple[str, ...] = tuple(config["not_ready"])
         self._road = LiveRoad(open_world(self._resolved, time.perf_counter), scenario_engine(self._resolved))
         self._tick = Tick(self._pipeline, self._road, self._resolved.path, self, self._recorder, self._clock)
@@ -72,6 +83,7 @@ class LiveDrive:
         self._termination = TerminationMonitor(self._resolved.path.length, self._resolved.scenario.after_stop_s)
         self._rest = RestObserver(self._resolved.scenario, self._resolved.path, self._resolved.vehicle)
         self._feedback: link.Feedback | None = None
+        self._feedback_at = math.inf  # when the newest came; inf before the first
         self._scheduled_faults: tuple[str, ...] = ()  # of the tick under way
         self._latency_faults: tuple[str, ...] = ()  # of the tick before
         self._received = self._woken = self._handed = math.nan
@@ -82,6 +94,26 @@ class LiveDrive:
         self._status_sent_at = -math.inf
         self._clock_report: dict[str, Any] = {}
         self._inputs: list[Any] = [self._source, self._gateway, self._console]
+
+    def _foreign(
+        self, rig: Rig, lot: LotAlignment, outputs: Channel | None, working: FilePath
+    ) -> tuple[ChannelLink | None, Brain | None]:
+        """Return the way to a foreign brain, and the brain; neither where the rig has no outputs."""
+        if outputs is None:
+            return None, None
+        said, setpoints = rig.brain, None
+        if said.kind == "setpoints":
+            setpoints = open_udp(said.address, said.port, said.source, "brain")
+        link_ = ChannelLink(outputs, setpoints, self._t0)
+        placement = virtual_placement(self._resolved.map_frame, mounting_of(rig), lot.epoch)
+        publisher = Publisher(link_.send, placement, lot.epoch, held=said.kind == "external")
+        controller: SetpointController | NoController | None = None
+        if said.kind == "setpoints":
+            inbox = SetpointInbox(key_of(said, working))
+            controller = SetpointController(publisher, link_.receive, inbox, waits=False)
+        elif said.kind == "external":
+            controller = NoController()
+        return link_, Brain(publisher, controller)
 
     def run(self) -> None:
         """Tick until the gateway is gone: a moving car needs fallback paths even if the console is gone."""
@@ -121,17 +153,30 @@ class LiveDrive:
             self._tick.receive(received, data)
             self._received = received
             self._scheduler.fix_arrived(received, self._pipeline.newest_epoch)
-        for data in self._gateway.receive():
-            feedback = link.decode_feedback(data)
-            if isinstance(feedback, link.Feedback):
-                self._feedback = feedback
-                self._has_engaged |= feedback.verdict.state in COMMANDING
-                self._latency.gateway_answered(feedback.sequence, feedback.sent)
+        self._hear_gateway()
         self._console.receive()
         for end, gone in ((self._source, self._source.lost), (self._console, self._console.closed)):
             if gone and end in self._inputs:
                 # select always finds a closed connection ready, which would make the wait a busy loop.
                 self._inputs.remove(end)
+
+    def _hear_gateway(self) -> None:
+        for data in self._gateway.receive():
+            feedback = link.decode_feedback(data)
+            if isinstance(feedback, link.Feedback):
+                self._feedback, self._feedback_at = feedback, self._clock()
+                self._has_engaged |= feedback.verdict.state in COMMANDING
+                self._let_sensors_speak(feedback.verdict)
+                self._latency.gateway_answered(feedback.sequence, feedback.sent)
+
+    def _let_sensors_speak(self, status: GatewayStatus) -> None:
+        """Make a foreign brain's sensors invalid at once when the drive ends, an external one's also until its go."""
+        if self._brain is None:
+            return
+        publisher = self._brain.publisher
+        publisher.over |= self._has_engaged and status.state in ENDING
+        if status.state is ArmingState.ENGAGED and WAITING not in status.reasons:
+            publisher.held = False
 
     # A tick.
 
@@ -154,7 +199,17 @@ class LiveDrive:
         """Return the reason codes of this tick except those of the virtual road, which reports its own."""
         recording = (self._recorder.failure,) if self._recorder.failure else ()
         ready = self._not_ready + self._before_engaging()
-        return ready + self._scheduled_faults + self._latency_faults + recording + self._source.found()
+        foreign = () if self._brain is None or self._link is None else self._brain.faults + self._link.faults()
+        if self._brain is not None and self._gateway_is_silent():
+            # Nothing else tells a foreign brain that nobody can stop the drive any more.
+            foreign += ("gateway_silent",)
+        return ready + self._scheduled_faults + self._latency_faults + recording + self._source.found() + foreign
+
+    def _gateway_is_silent(self) -> bool:
+        """Whether the gateway has said nothing for too long; what waits because this process was held up counts."""
+        if self._clock() - self._feedback_at > GATEWAY_SILENCE:
+            self._hear_gateway()
+        return self._clock() - self._feedback_at > GATEWAY_SILENCE
 
     def _before_engaging(self) -> tuple[str, ...]:
         """Reason codes of conditions required only until the car is engaged; called once the tick has its pose."""
@@ -305,6 +360,8 @@ class LiveDrive:
         self._tick.finish()
         self._recorder.finish(RECORDER_TIMEOUT)
         self._source.close()
+        if self._link is not None:
+            self._link.close()
         self._road.close()
 
 

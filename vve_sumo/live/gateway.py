@@ -2,6 +2,7 @@
 
 `vehicle.gateway` decides; this module gives it the clock, the bus and the channels. A fresh setpoint becomes frames at
 once; without one, frames go out a little later. Each fault of this process goes to `vehicle.gateway` as a reason code.
+Beside an external brain `vehicle.observer` stands in its place, and the process only listens.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
 from vve_sumo.vehicle.interface import InterfaceConfig, load
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
+from vve_sumo.vehicle.observer import Observer
 
 CAR_BUS: Final = "can0"  #: the car's bus, as the record names it
 # Time between two steps, in periods. An early setpoint waits for MIN, so that the DBW controller never gets two
@@ -323,8 +325,18 @@ class GatewayProcess:
         self._recorder_client.flush()
 
 
-def build_gateway(config: Mapping[str, Any]) -> Gateway:
-    """Return the gateway that a configuration describes; raises ConfigError where its interface can't be made."""
+def build_gateway(config: Mapping[str, Any]) -> Gateway | Observer:
+    """Return the gateway that a configuration describes; raises ConfigError where its interface can't be made.
+
+    A `silent` one, beside an external brain, is an `Observer`: it has no frames to send.
+    """
+    if config["silent"]:
+        return Observer(
+            Vehicle(**config["vehicle"]),
+            Calibration(**config["calibration"]),
+            load(InterfaceConfig(**config["interface"])),
+            config["wheel_bias"],
+        )
     limits = config["limits"]
     nested = {"comfort": Envelope(**limits["comfort"]), "emergency": EmergencyBraking(**limits["emergency"])}
     return Gateway(

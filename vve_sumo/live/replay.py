@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from vve_sumo import bus
 from vve_sumo.drive.assembly import LotAlignment
+from vve_sumo.drive.brain import Brain, NoController, Publisher, virtual_placement
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
@@ -31,9 +32,11 @@ from vve_sumo.drive.tick_rows import status_columns
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.assembly import from_dict, pipeline_of
 from vve_sumo.live.gateway import build_gateway
+from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.observer import Observer
 
 #: the keys that scenario.json must hold for a live drive to be assembled again
 KEYS: Final = frozenset(
@@ -89,7 +92,12 @@ def rebuilt_pipeline(scenario_content: dict[str, Any], working: FilePath, contro
     resolved, rig = from_dict(scenario_content, working)
     if controller is not None:
         resolved = resolved.driven_by(controller)
-    return pipeline_of(resolved, rig, LotAlignment.from_dict(scenario_content), working)
+    lot = LotAlignment.from_dict(scenario_content)
+    brain = None
+    if rig.brain.kind == "external" and controller is None:
+        placement = virtual_placement(resolved.map_frame, mounting_of(rig), lot.epoch)
+        brain = Brain(Publisher(lambda _sample: None, placement, lot.epoch), NoController())
+    return pipeline_of(resolved, rig, lot, working, brain)
 
 
 def replay_drive(inputs: LiveInputs, working: FilePath) -> Difference | None:
@@ -136,7 +144,7 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
     return None
 
 
-def _gateway_columns(step: int, gateway: Gateway, status: GatewayStatus) -> dict[str, Any]:
+def _gateway_columns(step: int, gateway: Gateway | Observer, status: GatewayStatus) -> dict[str, Any]:
     """Return the gateway's results of a step, by the record's columns."""
     return {
         "step": step,

@@ -8,6 +8,8 @@ from __future__ import annotations
 import contextlib
 import datetime
 import json
+import select
+import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -25,7 +27,7 @@ from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.live import assembly, spawn, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
-from vve_sumo.live.channel import pair
+from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.console import Console, ProcessGroup
 from vve_sumo.live.keys import OperatorInput
 from vve_sumo.live.priority import lower_priority
@@ -46,6 +48,8 @@ from vve_sumo.scenario.schema import EndTrigger
 
 #: time for a process to end by itself after the drive [s]; the recorder writes its tables in this time
 EXIT_TIMEOUT: Final = 60.0
+#: longest time for the process of the outgoing wires to open them [s]
+OUTPUTS_TIMEOUT: Final = 20.0
 #: characters of a person's name, at most
 MAX_NAME_LENGTH: Final = 100
 
@@ -90,6 +94,8 @@ def plan(
     """
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
+    if shadow and loaded.brain.kind == "external":
+        raise ConfigError(f"--shadow: {rig_file} has an external brain, which alone sets the enable bits; leave it out")
     if not shadow and (reason := arming_obstacle(loaded)) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
     resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, values=values)
@@ -225,6 +231,7 @@ def _processes(
         {"drive": recorder_drive, "gateway": recorder_gateway},
         own_session=True,
     )
+    wires, drive_outputs = _outputs(plan, common, scenario_content["vehicle"])
     interface, channel = car.bus if car is not None and rig.bus.channel == PTY else (rig.bus.interface, rig.bus.channel)
     bus = {"interface": interface, "channel": channel, "bitrate": rig.bus.bitrate}
     gateway = spawn.start(
@@ -242,11 +249,39 @@ def _processes(
             "not_ready": _not_ready(plan, ground, notify),
             "log": str(folder / "drive.log"),
         },
-        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder},
+        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder} | drive_outputs,
         own_session=True,
     )
     process, to_car = (car.process, car.channel) if car is not None else (None, None)
-    return ProcessGroup(gateway, drive, recorder, process, console_gateway, console_drive, to_car)
+    return ProcessGroup(gateway, drive, recorder, process, wires, console_gateway, console_drive, to_car)
+
+
+def _outputs(
+    plan: Plan, common: dict[str, Any], vehicle: dict[str, Any]
+) -> tuple[subprocess.Popen[bytes] | None, dict[str, Channel]]:
+    """Start the process of the outgoing wires; return it, and the drive's end of the channel to it.
+
+    None and nothing where the rig has no outputs. Raises VveError where one of them cannot be opened.
+    """
+    if not plan.rig.outputs:
+        return None, {}
+    drive_outputs, outputs_drive = pair()
+    ours, theirs = pair()
+    config = common | {
+        "outputs": [output.model_dump(mode="json") for output in plan.rig.outputs],
+        "vehicle": vehicle,
+        "projection": plan.resolved.map_frame.projection,
+        "map_offset": plan.resolved.map_frame.offset,
+        "log": str(plan.folder / "outputs.log"),
+    }
+    process = spawn.start("outputs", config, {"drive": outputs_drive, "console": theirs}, own_session=True)
+    select.select([ours], [], [], OUTPUTS_TIMEOUT)
+    said = json.loads((ours.receive() or [b"{}"])[0])
+    ours.close()
+    if said.get("kind") != "outputs_ready":
+        process.kill()
+        raise _ERRORS.get(said.get("exit_code", 3), RigError)(said.get("refused", "outputs: the process did not start"))
+    return process, {"outputs": drive_outputs}
 
 
 def _write_roads(plan: Plan, notify: Notify) -> None:
@@ -265,6 +300,7 @@ def _note_processes(plan: Plan, processes: ProcessGroup) -> None:
         "recorder": processes.recorder.pid,
     }
     numbers |= {"car": processes.car.pid} if processes.car is not None else {}
+    numbers |= {"outputs": processes.outputs.pid} if processes.outputs is not None else {}
     numbers["t0_monotonic_s"] = plan.t0
     (plan.folder / "processes.json").write_text(json.dumps(numbers) + "\n", encoding="utf-8")
 
@@ -299,7 +335,7 @@ def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]
         for key in summary
         if key not in full and key not in ("cleared", "standoffs", "warnings", SUMMARY_HASH_KEY)
     }
-    summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow}
+    summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow, "brain": plan.rig.brain.kind}
     try:
         write_summary(plan.folder, summary)
     except OSError as error:

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 MAX_LAG: Final = 0.100  # messages that are later than this are not sent [s]
 STEPS_PER_POLL: Final = 20  # steps between polls of the console and flushes of the truth: 0.1 s
 REST_TIME: Final = 1.0  # a car that stands for so long without a frame on its bus is at rest [s]
+LOG_BUFFER: Final = 1 << 16  # of the bus's log [bytes]: some seconds of a car's reports
 END_TIMEOUT: Final = 60.0  # longest time from the request to end to the end [s]
 
 TRUTH_COLUMNS: Final = (
@@ -102,6 +103,8 @@ class CarConfig:
     bus: tuple[str, str] | None = None  #: python-can's interface and channel; None is a pty of the car's own
     faults: tuple[InjectedFault, ...] = ()
     truth: Path | None = None  #: file that the truth is written to
+    brain: str | None = None  #: `pty:FILE`: a second port on a pty of the car's own, for an external brain
+    bus_log: Path | None = None  #: file that the frames of such a bus are written to, with who sent each
 
     def to_dict(self) -> dict[str, Any]:
         """Return the configuration as `spawn.start` takes it."""
@@ -116,6 +119,8 @@ class CarConfig:
             "bus": self.bus,
             "faults": [asdict(fault) for fault in self.faults],
             "truth": None if self.truth is None else str(self.truth),
+            "brain": self.brain,
+            "bus_log": None if self.bus_log is None else str(self.bus_log),
         }
 
     @classmethod
@@ -137,6 +142,8 @@ class CarConfig:
             bus=(interface, channel) if data["bus"] else None,
             faults=tuple(InjectedFault(**fault) for fault in data["faults"]),
             truth=None if data["truth"] is None else Path(data["truth"]),
+            brain=data["brain"],
+            bus_log=None if data["bus_log"] is None else Path(data["bus_log"]),
         )
 
     def start(self) -> tuple[float, float, float]:
@@ -282,7 +289,7 @@ def main() -> int:
 
 def run(config: CarConfig, console: Channel, ending: EndCondition, stack: contextlib.ExitStack) -> None:
     """Run the car until it is time to end; sends `car_ready` to the console, with the bus that others can open."""
-    wire, bus = _wire(config.bus)
+    wire, bus = _wire(config, stack)
     file = None if config.truth is None else stack.enter_context(config.truth.open("wb", buffering=0))
     car = SimulatedVehicle(config, wire, TruthFile(file))
     stack.callback(car.close)
@@ -296,13 +303,26 @@ def run(config: CarConfig, console: Channel, ending: EndCondition, stack: contex
         car.flush()
 
 
-def _wire(bus: tuple[str, str] | None) -> tuple[Wire, tuple[str, str]]:
-    if bus is None:
+def _wire(config: CarConfig, stack: contextlib.ExitStack) -> tuple[Wire, tuple[str, str]]:
+    if config.bus is None and config.brain is None:
         adapter = Adapter()
         return adapter, ("slcan", adapter.name)
+    if config.bus is None:
+        return _two_port_wire(config, stack)
     from vve_sumo.bus import Bus
 
-    return PythonCanWire(Bus(*bus)), bus
+    return PythonCanWire(Bus(*config.bus)), config.bus
+
+
+def _two_port_wire(config: CarConfig, stack: contextlib.ExitStack) -> tuple[Wire, tuple[str, str]]:
+    from vve_sumo.live.pty_bus import TwoPortBus, monotonic_clock
+
+    assert config.brain is not None
+    log = None
+    if config.bus_log is not None:
+        log = stack.enter_context(config.bus_log.open("w", encoding="ascii", buffering=LOG_BUFFER))
+    ports = TwoPortBus(config.brain, log, monotonic_clock(config.t0))
+    return ports, ("slcan", ports.name)
 
 
 if __name__ == "__main__":

@@ -87,7 +87,9 @@ class Adapter:
     The host's side of the terminal is kept open here too, so that a host may end and another one open it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, queue: int = QUEUE_SIZE) -> None:
+        """`queue` is the number of lines that wait for a slow reader."""
+        self._queue = queue
         self._ours, self._theirs = os.openpty()
         tty.setraw(self._theirs)
         os.set_blocking(self._ours, False)
@@ -138,7 +140,7 @@ class Adapter:
     def _put(self, line: bytes) -> None:
         if not line:
             return
-        if len(self._lines) >= QUEUE_SIZE:
+        if len(self._lines) >= self._queue:
             self._lines.popleft()
             self.dropped += 1
         self._lines.append(line)

@@ -85,6 +85,8 @@ def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: f
         bus=None if rig.bus.channel == PTY else wire,
         faults=meaning.faults_of(rig),
         truth=None if folder is None else folder / "truth.csv",
+        brain=start.brain_channel,
+        bus_log=None if folder is None or start.brain_channel is None else folder / "bus.log",
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any, Final
 from vve_sumo.drive.lockstep import WAITING
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.values import ArmingState
+from vve_sumo.vehicle.observer import EXTERNAL
 
 #: a drive without a status message for this long counts as silent [s]
 SILENCE: Final = 0.5
@@ -46,6 +47,11 @@ DRIVING: Final = "driving: any key stops"
 SHADOW_GONE: Final = "shadow drive over: the gateway is gone"
 SHADOW_HELD: Final = "shadow mode: g begins, any other key ends it"
 SHADOW_DRIVING: Final = "shadow mode: the driver drives, any key ends it"
+BRAIN_SILENT: Final = "gateway silent: the brain's sensors are invalid"
+BRAIN_GONE: Final = "gateway gone: the brain's sensors are invalid"
+BRAIN_LEFT: Final = "nobody is at the controls: the brain's sensors turn invalid"
+BRAIN_HELD: Final = "the brain's sensors are invalid until g"
+BRAIN_DRIVING: Final = "the external brain drives: any key makes its sensors invalid"
 
 _PHASES: Final = {
     ArmingState.DISARMED: "not ready",
@@ -64,13 +70,22 @@ _SHADOW_PHASES: Final = {
     ArmingState.STOPPED: "shadow drive over: shift to P",
     ArmingState.FAULT: "fault: press r",
 }
+#: the same while an external brain commands the car: what this program has is the validity of the brain's sensors
+_BRAIN_PHASES: Final = {
+    ArmingState.DISARMED: "not ready",
+    ArmingState.READY: "ready for the external brain: e begins",
+    ArmingState.ENGAGED: BRAIN_DRIVING,
+    ArmingState.STOPPING: "the brain's sensors are invalid: it has to stop the car",
+    ArmingState.STOPPED: "the brain's sensors are invalid, the car stands",
+    ArmingState.FAULT: "fault: press r",
+}
 _ENGAGED_PHASES: Final = {
     "engaging": "engaging: the DBW controller is being enabled",
     "shifting": "engaging: the car shifts to drive",
     WAITING: "engaged and held: g goes, any other key stops",
 }
 #: reasons that every phase they come with, or its advice, already states
-_TOLD: Final = frozenset({*_ENGAGED_PHASES, "shadow"})
+_TOLD: Final = frozenset({*_ENGAGED_PHASES, "shadow", EXTERNAL})
 #: reasons that this phase already states
 _SAID_BY: Final = {
     BRAKES: {"brake_not_following"},
@@ -84,7 +99,7 @@ _DRIVER: Final = frozenset({"driver_on_brake", "driver_on_throttle"})
 _UNHEARD: Final = frozenset({"bus_down", "brake_report_stale", "gear_report_stale", "wheel_speeds_stale"})
 
 #: phases at whose every picture the bell rings
-ALARMS: Final = frozenset({SILENT, GONE, BRAKES})
+ALARMS: Final = frozenset({SILENT, GONE, BRAKES, BRAIN_SILENT, BRAIN_GONE})
 
 _DBW_BRAKES: Final = "nothing is commanded any more; the DBW watchdog brakes only where it is armed: the driver brakes"
 _ADVICE: Final = {
@@ -99,6 +114,13 @@ _ADVICE: Final = {
     _SHADOW_PHASES[ArmingState.READY]: "nothing will be enabled: the driver drives, and brakes",
     SHADOW_HELD: "the DBW controller is not enabled: the driver holds the car",
     SHADOW_DRIVING: "no key stops the car: the driver does",
+    BRAIN_SILENT: "the brain has to stop the car; where it does not, the driver brakes",
+    BRAIN_GONE: "the brain has to stop the car; where it does not, the driver brakes",
+    _BRAIN_PHASES[ArmingState.READY]: "the brain takes the car over by itself; its sensors are invalid so far",
+    BRAIN_HELD: "the brain and the driver hold the car; then g begins the drive",
+    BRAIN_DRIVING: "nothing from here brakes the car: the brain does, or the driver",
+    _BRAIN_PHASES[ArmingState.STOPPING]: "where the brain does not stop the car, the driver brakes",
+    _BRAIN_PHASES[ArmingState.STOPPED]: "the brain or the driver holds it; the drive ends after a second",
     _PHASES[ArmingState.STOPPING]: "wait; the driver's brake takes over at once, and ends it",
     _PHASES[ArmingState.STOPPED]: "the gateway ends once P is reported, or the driver's brake has taken over",
     _SHADOW_PHASES[ArmingState.STOPPING]: "it ends once the car stands in P",
@@ -113,11 +135,13 @@ def phase(status: Mapping[str, Any]) -> str:
     engaged = bool(status.get("engaged"))
     match status.get("gateway"):
         case Guard.SILENT if not in_shadow(status):
-            return SILENT
+            return BRAIN_SILENT if brain_commands(status) else SILENT
         case Guard.GONE:
-            return SHADOW_GONE if in_shadow(status) else GONE
+            return SHADOW_GONE if in_shadow(status) else BRAIN_GONE if brain_commands(status) else GONE
+        case Guard.LEFT if engaged:
+            return BRAIN_LEFT if brain_commands(status) else LEFT
         case Guard.LEFT:
-            return LEFT if engaged else NEVER
+            return NEVER
         case Guard.ENDED if not engaged:
             return NEVER
     return _by_state(status, engaged) if "state" in status else "starting"
@@ -135,12 +159,16 @@ def _by_state(status: Mapping[str, Any], engaged: bool) -> str:
         return NEEDED
     if state is ArmingState.ENGAGED:
         return _engaged(status, reasons)
+    if brain_commands(status):
+        return _BRAIN_PHASES[state]
     return (_SHADOW_PHASES if in_shadow(status) else _PHASES)[state]
 
 
 def _engaged(status: Mapping[str, Any], reasons: Collection[str]) -> str:
     if in_shadow(status):
         return SHADOW_HELD if WAITING in reasons else SHADOW_DRIVING
+    if brain_commands(status):
+        return BRAIN_HELD if WAITING in reasons else BRAIN_DRIVING
     for code, words in _ENGAGED_PHASES.items():
         if code in reasons:
             return words
@@ -151,6 +179,11 @@ def _engaged(status: Mapping[str, Any], reasons: Collection[str]) -> str:
 def in_shadow(status: Mapping[str, Any]) -> bool:
     """Whether every enable bit is off."""
     return "shadow" in status.get("reasons", ())
+
+
+def brain_commands(status: Mapping[str, Any]) -> bool:
+    """Whether an external brain commands the car, and this program nothing."""
+    return EXTERNAL in status.get("reasons", ())
 
 
 def rings(status: Mapping[str, Any]) -> int:

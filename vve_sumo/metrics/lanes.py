@@ -41,8 +41,11 @@ class Lanes:
 
     @classmethod
     def from_table(cls, roads: pa.Table) -> Lanes:
-        """Take the lanes from a record's table of roads."""
-        rows = [row for row in roads.to_pylist() if row["kind"] in KINDS and len(row["x_m"]) > 1]
+        """Take the lanes from a record's table of roads, except those without length, which lead nowhere."""
+        rows = [
+            row for row in roads.to_pylist()
+            if row["kind"] in KINDS and len(set(zip(row["x_m"], row["y_m"], strict=True))) > 1
+        ]  # fmt: skip
         number = {row["lane"]: place for place, row in enumerate(rows)}
         lines = [Line(np.array(row["x_m"], np.float64), np.array(row["y_m"], np.float64)) for row in rows]
         successors = [[number[name] for name in row["successors"] if name in number] for row in rows]

@@ -57,8 +57,10 @@ def _way(stop: Stop, vehicle: Vehicle, lacking: float) -> float:
 
     The gateway's loop asks for more until what is lacking is made up for, as far as the brakes have it: until then the
     car is faster than asked, in the end by lacking / LOOP_GAIN, which costs that speed times the rest of the stop. What
-    the brakes do not have costs as much as an open loop: half of it times the square of the time to stop.
+    the brakes do not have costs as much as an open loop: half of it times the square of the time to stop. Brakes may be
+    weaker than declared at their limit, too, and the course rises above its mean by its ripple.
     """
-    spare = min(lacking, max(vehicle.deceleration_limit - stop.demand, 0.0))
+    at_limit = (1.0 - STRENGTH) * vehicle.deceleration_limit
+    spare = min(lacking, max(at_limit - stop.demand - stop.ripple, 0.0))
     settled = stop.duration + math.expm1(-LOOP_GAIN * stop.duration) / LOOP_GAIN
     return spare / LOOP_GAIN * settled + 0.5 * (lacking - spare) * (stop.onset_speed / stop.demand) ** 2

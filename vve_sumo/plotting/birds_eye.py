@@ -40,8 +40,8 @@ MARGIN = 25.0
 MAX_GAP_SHOWN = 40.0
 #: parts of the way at which an arrow says where the car drives to
 ARROWS = (0.2, 0.5, 0.8)
-#: side of the mark that stands for a car too small to see [point]
-MARK = 7.0
+#: a body shorter than this gets a ring of the second diameter around it [point]
+MARK, RING = 7.0, 13.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,8 @@ def _ego(page: DrivePage) -> DrawnCar:
 def _actors(page: DrivePage) -> list[DrawnCar]:
     """Return the actors at the last tick; last among them what the ego stands before or has touched."""
     last = page.actors.filter(np.equal(page.actors["tick"].to_numpy(), page.ticks["tick"][-1].as_py()))
-    met = {page.lead.actor[-1], *"+".join(page.ticks["contacts"].to_pylist()).split("+")}
+    touched = {*"+".join(page.ticks["contacts"].to_pylist()).split("+")}
+    met = {page.lead.actor[-1], *touched} if page.moment is None else {page.main, *touched}
     sizes = ("x_m", "y_m", "heading_rad", "length_m", "width_m")
     cars = [
         DrawnCar(
@@ -102,12 +103,12 @@ def _actors(page: DrivePage) -> list[DrawnCar]:
             *(
                 (OBSTACLE, "actor met" if page.moment is None else "_")
                 if row["actor"] in met
-                else (PAPER, "other traffic")
+                else (page.colour_of(row["actor"]), "_" if row["actor"] == page.second else "other traffic")
             ),
         )
         for row in last.to_pylist()
     ]
-    return sorted(cars, key=lambda car: car.colour == OBSTACLE)
+    return sorted(cars, key=lambda car: car.colour != PAPER)
 
 
 def draw_map(axes: Axes, page: DrivePage, view: View, edge: str, end: int | None = None) -> None:
@@ -178,14 +179,15 @@ def _cars(axes: Axes, page: DrivePage, view: View) -> None:
 
 
 def _mark(axes: Axes, view: View, car: DrawnCar) -> None:
-    """Draw a car as it is if that is large enough to be seen, else as a square."""
+    """Draw a car as large as it is, with a ring around one that would be too small to be found."""
     box = car.box
     ((x, y),) = view.place(np.array([box.x]), np.array([box.y]))
-    if box.length / view.width * LEFT_WIDTH * POINTS_PER_INCH > MARK:
-        draw_car(axes, view, box, car.colour)
-        x, y = math.nan, math.nan
-    style: dict[str, Any] = {"markersize": MARK, "markeredgecolor": INK, "markeredgewidth": 0.8, "zorder": 6}
-    axes.plot(x, y, "s", color=car.colour, label=car.name, **style)
+    draw_car(axes, view, box, car.colour)
+    if box.length / view.width * LEFT_WIDTH * POINTS_PER_INCH <= MARK:
+        edge = INK if car.colour == PAPER else car.colour
+        axes.plot(x, y, "o", markersize=RING, markerfacecolor="none", markeredgecolor=edge, zorder=6)
+    style: dict[str, Any] = {"markersize": MARK, "markeredgecolor": INK, "markeredgewidth": 0.8}
+    axes.plot(math.nan, math.nan, "s", color=car.colour, label=car.name, **style)
 
 
 def _directions(axes: Axes, page: DrivePage, view: View) -> None:

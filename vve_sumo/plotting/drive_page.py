@@ -14,13 +14,14 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.plotting.birds_eye import MARGIN, MAX_GAP_SHOWN, View, draw_close_up, draw_overview, rotated
-from vve_sumo.plotting.moment import draw_dated_traces, draw_moment, moment_view, title_of
+from vve_sumo.plotting.moment import draw_dated_traces, draw_moment, moment_view, nearest_at_the_end, title_of
 from vve_sumo.plotting.page import (
     BETWEEN,
     BOTTOM,
     DOTS_PER_INCH,
     LEFT,
     LEFT_WIDTH,
+    QUIET,
     SIZE,
     STYLE,
     TOP,
@@ -100,7 +101,7 @@ def _from_above(figure: Figure, page: DrivePage) -> None:
     height = LEFT_WIDTH * view.height / view.width
     whole = panel(figure, LEFT, TOP - height, LEFT_WIDTH, height)
     draw_overview(whole, page, view)
-    whole.set_title("the street from above", loc="left", pad=5)
+    whole.set_title(f"from above{nearest_at_the_end(page)}", loc="left", pad=5)
     close = panel(figure, LEFT, BOTTOM, LEFT_WIDTH, TOP - BOTTOM - BETWEEN - height)
     if page.moment is not None and math.isfinite(page.ticks[f"{prefix(page.ticks)}x_m"][page.moment.row].as_py()):
         draw_dated_traces(whole, page, view)
@@ -122,8 +123,11 @@ def paint(figure: Figure, page: DrivePage) -> None:
     _from_above(figure, page)
     over_time(figure, page)
     title = textwrap.shorten(page.title, 110, placeholder=" …")
-    figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
-    figure.text(LEFT / SIZE[0], 0.92, page.subtitle, fontsize=12)
+    figure.text(LEFT / SIZE[0], 0.962, title, fontsize=14, fontweight="bold")
+    figure.text(LEFT / SIZE[0], 0.936, textwrap.shorten(page.subtitle, 150, placeholder=" …"), fontsize=11.5)
+    if page.setting:
+        setting = textwrap.shorten(page.setting, 190, placeholder=" …")
+        figure.text(LEFT / SIZE[0], 0.913, setting, fontsize=9.5, color=QUIET)
 
 
 def draw(page: DrivePage, file: FilePath) -> None:

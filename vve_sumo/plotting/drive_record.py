@@ -6,15 +6,23 @@ Draws nothing itself.
 from __future__ import annotations
 
 from pathlib import Path as FilePath
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import pyarrow.compute as pc
 
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive.run import Drive
 from vve_sumo.metrics.moment import Moment, moment_of
 from vve_sumo.plotting.drive_page import draw
 from vve_sumo.plotting.page import DrivePage, said
+from vve_sumo.scenario.overrides import value_at
+from vve_sumo.values import Floats
+
+if TYPE_CHECKING:
+    from vve_sumo.drive.run import Drive
+from vve_sumo.errors import ConfigError
+from vve_sumo.geometry import distance
+from vve_sumo.metrics.metric import unit_of
 
 PICTURE = "drive.png"
 #: an actor that no scan within this time of the moment detected is drawn as not seen [s]; a radar misses single scans
@@ -37,8 +45,45 @@ def page_of(run: Run) -> DrivePage:
         approach=run.data.approach,
         moment=moment,
         unseen=_unseen(run, moment) if moment else frozenset(),
+        setting=_setting(run),
+        distance=_distance(run, moment.actor) if moment else None,
+        detected=_detected(run, moment.actor) if moment else None,
         asked={name: bound for name, bound in (run.resolved["settings"].get("criteria") or {}).items() if bound},
     )
+
+
+def _setting(run: Run) -> str:
+    """Return the values of the parameters that the scenario declares, and at what deviation it lets the car stop."""
+    settings = run.resolved["settings"]
+    said = []
+    for name, parameter in (settings.get("parameters") or {}).items():
+        try:
+            value = value_at(settings, parameter["sets"][0])
+        except (ConfigError, KeyError, IndexError):
+            continue
+        unit = unit_of(parameter["sets"][0].rpartition(".")[2])
+        if isinstance(value, int | float):
+            said.append(f"{name.replace('_', ' ')} {value:g} {unit}".strip())
+    return f"the scenario sets: {', '.join(said)}" if said else ""
+
+
+def _distance(run: Run, actor: str) -> Floats:
+    """Return the distance between the bodies of the ego and of an actor, tick by tick [m]; NaN where it is absent."""
+    rows = run.data.actor_rows
+    own = np.flatnonzero(rows.code == rows.names.index(actor))
+    found = np.full(run.arrow("ticks").num_rows, np.nan)
+    at = rows.at[own]
+    found[at] = distance(run.data.ego_boxes.select(at), rows.boxes.select(own))
+    return found
+
+
+def _detected(run: Run, actor: str) -> tuple[float, float] | None:
+    """Return drive time [s] and range [m] of the radar's first detection of an actor."""
+    found = run.arrow("sensor_radar").filter(pc.field("actor") == actor)
+    if not found.num_rows:
+        return None
+    row = int(np.searchsorted(run.arrow("ticks")["tick"].to_numpy(), found["tick"][0].as_py()))
+    return float(run.time[min(row, len(run.time) - 1)]), float(found["range_m"][0].as_py())
 
 
 def _unseen(run: Run, moment: Moment) -> frozenset[str]:

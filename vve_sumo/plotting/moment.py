@@ -6,15 +6,15 @@ The window is given; it must not know how the moment was chosen, the curves over
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from vve_sumo.geometry import Box, vehicle_boxes
+from vve_sumo.geometry import Box, Boxes, distance, vehicle_boxes
 from vve_sumo.metrics.moment import Measure, Moment
 from vve_sumo.plotting.birds_eye import View, draw_car, draw_map, rotated
-from vve_sumo.plotting.page import EGO, INK, LEFT_WIDTH, OBSTACLE, PAPER, QUIET, DrivePage, prefix
+from vve_sumo.plotting.page import ACTOR, EGO, INK, LEFT_WIDTH, OBSTACLE, PAPER, QUIET, DrivePage, halo, prefix
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -129,10 +129,26 @@ def title_of(page: DrivePage, moment: Moment) -> str:
     word = what_it_is(track, ego_track(page), moment.time) if track else "actor"
     return {
         Measure.CONTACT: f"contact at {moment.time:.2f} s, with {word}",
-        Measure.TIME_TO_COLLISION: f"closest at {moment.time:.2f} s: TTC {moment.value:.2f} s, {word}",
+        Measure.TIME_TO_COLLISION: f"least time to collision (TTC) {moment.value:.2f} s at {moment.time:.2f} s: {word}",
         Measure.GAP: f"closest at {moment.time:.2f} s: gap {moment.value:.2f} m, {word}",
         Measure.DISTANCE: f"no conflict; nearest at {moment.time:.2f} s: {word}",
     }[moment.measure]
+
+
+def nearest_at_the_end(page: DrivePage) -> str:
+    """Return in words who was nearest when the drive ended, and how far; empty where nobody was within NEAR."""
+    ego = ego_track(page)
+    end = float(page.ticks["time_s"][-1].as_py())
+    if not len(ego.time):
+        return ""
+    own, found = ego.box(end), []
+    for track in tracks(page).values():
+        if abs(track.time[-1] - end) <= 0.03:
+            box = track.box(end)
+            pair = (Boxes(*(np.array([value]) for value in (*astuple(one), 0.0))) for one in (own, box))
+            found.append((float(distance(*pair)[0]), what_it_is(track, ego, end)))
+    away, word = min(found, default=(math.inf, ""))
+    return f"; nearest at the end: {word}, {away:.1f} m" if away <= NEAR else ""
 
 
 def moment_view(page: DrivePage, moment: Moment, shape: float) -> View:
@@ -166,8 +182,11 @@ def draw_moment(axes: Axes, page: DrivePage, moment: Moment, view: View) -> None
     for name, track in others.items():
         if np.abs(track.time - moment.time).min() <= 0.03 and name != moment.actor:
             way = view.place(*track.during(moment.time - BEFORE, moment.time + AFTER))
-            axes.plot(*way.T, color=QUIET, linewidth=1.0, linestyle=(0, (1, 1)), zorder=4)
-            _body(axes, view, track.box(moment.time), PAPER, "other traffic", name in page.unseen)
+            colour = ACTOR if name == page.second else QUIET
+            axes.plot(*way.T, color=colour, linewidth=1.0, linestyle=(0, (1, 1)), zorder=4)
+            beside = name == page.second
+            kind = what_it_is(track, ego, moment.time) if beside else "other traffic"
+            _body(axes, view, track.box(moment.time), page.colour_of(name), kind, name in page.unseen)
     if other is not None:
         word = what_it_is(other, ego, moment.time)
         _next(axes, view, other, moment.time, OBSTACLE, word)
@@ -197,7 +216,7 @@ def _next(axes: Axes, view: View, track: Track, time: float, colour: str, name: 
         axes.plot(*goes.T, color=colour, linewidth=2.4, zorder=5)
         mark: dict[str, Any] = {"markersize": 5.5, "markerfacecolor": PAPER, "markeredgecolor": colour}
         dots = view.place(*track.at_seconds(time))
-        axes.plot(*dots.T, "o", **mark, markeredgewidth=1.5, zorder=8, label="1, 2, 3 s later")
+        axes.plot(*dots.T, "o", **mark, markeredgewidth=1.5, zorder=8, path_effects=halo(), label="1, 2, 3 s later")
 
 
 def _labels(axes: Axes, page: DrivePage, moment: Moment, view: View, ego: Track, other: Track | None) -> None:
@@ -233,12 +252,13 @@ def draw_dated_traces(axes: Axes, page: DrivePage, view: View) -> None:
     for name, track in others.items():
         rows = np.searchsorted(ego.time, track.time).clip(0, len(ego.time) - 1)
         near = np.hypot(track.x - ego.x[rows], track.y - ego.y[rows])
-        if (near.min() <= NEAR or name == main) and np.hypot(np.ptp(track.x), np.ptp(track.y)) > 1.0:
+        if (near.min() <= NEAR or name in (main, page.second)) and np.hypot(np.ptp(track.x), np.ptp(track.y)) > 1.0:
             shown = near <= TRACE_SHOWN
             placed = view.place(np.where(shown, track.x, np.nan), np.where(shown, track.y, np.nan))
-            colour, wide = (OBSTACLE, 1.8) if name == main else (QUIET, 0.9)
-            axes.plot(*placed.T, color=colour, linewidth=wide, zorder=4, label="_")
-    _dates(axes, view, ego, others.get(main))
+            colour, wide = (OBSTACLE, 1.8) if name == main else (ACTOR, 1.8) if name == page.second else (QUIET, 0.9)
+            label = "tracks of others" if colour == QUIET else page.second.replace("_", " ") if colour == ACTOR else "_"
+            axes.plot(*placed.T, color=colour, linewidth=wide, zorder=4, label=label)
+    _dates(axes, view, ego, others.get(main), others.get(page.second))
 
 
 #: an actor that came within this distance of the ego is traced, while within the second distance [m]
@@ -247,14 +267,14 @@ NEAR, TRACE_SHOWN = 25.0, 80.0
 BETWEEN_DATES, STEPS = 0.55, (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
 
 
-def _dates(axes: Axes, view: View, ego: Track, main: Track | None) -> None:
+def _dates(axes: Axes, view: View, ego: Track, main: Track | None, second: Track | None) -> None:
     """Write drive times along the ego's trace, and the same ones along the main actor's where it moves."""
     way = float(np.hypot(np.diff(ego.x), np.diff(ego.y)).sum())
     duration = float(ego.time[-1] - ego.time[0])
     fitting = way / view.width * LEFT_WIDTH / BETWEEN_DATES
     step = next((step for step in STEPS if duration / step <= max(fitting, 1.0)), STEPS[-1])
     written: list[tuple[float, float]] = []
-    for track, colour, below in ((main, OBSTACLE, False), (ego, EGO, True)):
+    for track, colour, below in ((main, OBSTACLE, False), (second, ACTOR, False), (ego, EGO, True)):
         if track is None or np.hypot(np.ptp(track.x), np.ptp(track.y)) < MARGIN:
             continue
         for time in np.arange(math.ceil(track.time[0] / step) * step, track.time[-1], step):
@@ -270,7 +290,7 @@ def _dates(axes: Axes, view: View, ego: Track, main: Track | None) -> None:
             if inside and min(apart, default=math.inf) > BETWEEN_DATES * 0.8:
                 written.append((x, y))
                 style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8.5, "zorder": 7}
-                axes.text(x, y, f"{time:g} s", color=colour, **style)
+                axes.text(x, y, f"{time:g} s", color=colour, path_effects=halo(), **style)
 
 
 def _beside(heading: float, below: bool, width: float) -> tuple[float, float]:

@@ -5,6 +5,7 @@ It must not know what any one part draws, nor SUMO, nor how the drive was run.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from vve_sumo.drive.reasons import in_words
 from vve_sumo.metrics.approach import Approach
 from vve_sumo.metrics.key_figures import braked_hardest_for, unmet
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
@@ -64,19 +66,64 @@ class DrivePage:
     unseen: frozenset[str] = frozenset()  #: actors that the radar did not detect around the moment
     asked: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  #: least and greatest value of metrics
     approach: Approach | None = None  #: of the last stop
+    setting: str = ""  #: what the scenario sets: values of its parameters, faults
+    distance: Floats | None = None  #: between the bodies of the ego and of the actor that mattered, tick by tick [m]
+    detected: tuple[float, float] | None = None  #: drive time [s] and range [m] of that actor's first radar detection
+
+    @property
+    def main(self) -> str:
+        """Name of the actor that mattered; empty for none."""
+        return self.moment.actor if self.moment else ""
+
+    @property
+    def second(self) -> str:
+        """Name of the other actor that was ahead for the longest time; empty for none."""
+        ahead = Counter(name for name in self.lead.actor if name not in ("", self.main))
+        return ahead.most_common(1)[0][0] if ahead and self.main else ""
+
+    def colour_of(self, actor: str) -> str:
+        """Return in what colour a body, a trace and a gap of an actor are drawn."""
+        return {self.main: OBSTACLE, self.second: ACTOR}.get(actor, PAPER) if actor else PAPER
+
+
+#: how a drive ended, in words of somebody who knows no outcomes
+ENDED = {
+    "stopped": "came to rest",
+    "arrived": "came to rest at the end of its path",
+    "contact": "hit somebody",
+    "driver_has_control": "the driver took over",
+    "fault": "stopped by the gateway",
+    "timeout": "the time ran out",
+    "completed": "drove on to where the scenario ends",
+    "played": "the recording ran to its end",
+}
 
 
 def said(summary: Mapping[str, Any]) -> str:
     """Return in a line what a drive came to; the summary of a live one whose program was killed says less."""
-    gap, seed = summary.get("stop_gap_m"), summary.get("seed")
-    stood = "" if gap is None or gap != gap else f", gap {gap:.2f} m"
-    drawn = "" if seed is None else f" · seed {seed}"
-    judged = {True: "passed", False: "FAILED", None: "not judged"}[summary.get("passed")]
+    outcome, gap, seed = str(summary["outcome"]), summary.get("stop_gap_m"), summary.get("seed")
+    parts = [ENDED.get(outcome, outcome)]
+    if outcome == "stopped":
+        stood, target = gap is not None and gap == gap, summary.get("braked_for")
+        parts[0] += f" {gap:.2f} m" if stood else ""
+        parts[0] += f" before {_plain(target or 'what was ahead')}" if stood or target else ""
+    elif outcome in ("fault", "driver_has_control") and (codes := summary.get("reasons")):
+        parts[0] += f": {', '.join(map(in_words, codes))}"
+    if outcome != "contact" and summary.get("collision") is not None:
+        parts.append("contact" if summary["collision"] else "no contact")
+    if actor := braked_hardest_for(summary):
+        parts.append(f"braked hardest for {_plain(actor)}")
+    if summary.get("emergency_used"):
+        parts.append("braked in emergency")
     why = f": {', '.join(missed)}" if summary.get("passed") is False and (missed := unmet(summary)) else ""
-    halted = f" for {summary['braked_for']}" if summary.get("braked_for") and summary["outcome"] == "stopped" else ""
-    hardest = f" · braked hardest for {actor}" if (actor := braked_hardest_for(summary)) else ""
-    line = f"{summary['outcome']}{halted}{stood}{hardest}{drawn} · {judged}{why}"
-    return line.encode(errors="replace").decode()  # half a surrogate pair, as JSON may hold, cannot be drawn
+    parts.append({True: "criteria met", False: "criteria NOT met", None: "not judged"}[summary.get("passed")] + why)
+    parts += [] if seed is None else [f"seed {seed}"]
+    return " · ".join(parts).encode(errors="replace").decode()  # half a surrogate pair of JSON cannot be drawn
+
+
+def _plain(name: object) -> str:
+    """Return the name of an actor without underscores."""
+    return str(name).replace("_", " ")
 
 
 def prefix(ticks: pa.Table) -> str:
@@ -94,6 +141,13 @@ def trace(ticks: pa.Table) -> tuple[Floats, Floats, Floats]:
 def contact(ticks: pa.Table) -> int | None:
     """Return the row of the first contact."""
     return next((row for row, names in enumerate(ticks["contacts"].to_pylist()) if names), None)
+
+
+def halo() -> list[Any]:
+    """Return the effect that sets words off from the lines below them."""
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=2.5, foreground=PAPER)]
 
 
 def panel(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,12 +23,14 @@ from vve_sumo.plotting.page import (
     EGO_PALE,
     INK,
     OBSTACLE,
+    PAPER,
     QUIET,
     RIGHT,
     RIGHT_WIDTH,
     TOP,
     DrivePage,
     contact,
+    halo,
     panel,
     prefix,
     say,
@@ -42,6 +43,12 @@ if TYPE_CHECKING:
 
 #: the deviation's axis spans at least this to either side [m]
 LEAST_DEVIATION_SHOWN = 0.2
+#: what is higher in the panel than this share of it is where words stand
+HIGH_UP = 0.6
+#: a bound below this is written above its line, clear of the time axis
+LOW_BOUND = 2.5
+#: where there is no gap, the distance between the bodies is drawn up to this [m]
+DISTANCE_SHOWN = 40.0
 #: the last metres of the gap take half of its axis [m]
 LAST_METRES = 10.0
 
@@ -54,7 +61,7 @@ def _curves(
     known = [(values, style) for values, style in curves if np.isfinite(values).any()]
     for values, style in known:
         lonely = "o" if np.isfinite(values).sum() == 1 else ""
-        axes.plot(page.ticks["time_s"].to_numpy(), values, marker=lonely, **style)
+        axes.plot(page.ticks["time_s"].to_numpy(), values, **{"marker": lonely, **style})
     if not known:
         say(axes, none)
     return bool(known)
@@ -82,19 +89,67 @@ def _speed(axes: Axes, page: DrivePage) -> None:
 
 
 def _gap(axes: Axes, page: DrivePage) -> None:
-    """Draw the gap; the curve breaks where nothing is ahead and where something else becomes the nearest."""
-    gap = page.lead.gap.copy()
-    changed = [other not in (one, "") for one, other in pairwise(page.lead.actor)]
-    gap[:-1][np.array(changed, bool)] = np.nan
-    if not _curves(axes, axis_of("gap_m"), page, [(gap, {"color": OBSTACLE})], "nothing ahead"):
+    """Draw the gap in the colour of the actor it is to; where there is none, thin, the distance between the bodies."""
+    names, gap = page.lead.actor, page.lead.gap
+    ahead = [
+        (name, np.where([one == name for one in names], gap, np.nan)) for name in dict.fromkeys(page.lead.actor) if name
+    ]
+    curves: list[tuple[Floats, dict[str, Any]]] = [(values, {"color": _of(page, name)}) for name, values in ahead]
+    free = np.zeros(len(gap), bool) if page.distance is None else np.isnan(gap) & (page.distance <= DISTANCE_SHOWN)
+    bare = bool(free.any())
+    if page.distance is not None:
+        thin = {"color": OBSTACLE, "linewidth": 0.9, "linestyle": (0, (4, 1.5)), "marker": ""}
+        curves.append((np.where(free, page.distance, np.nan), thin))
+    title = "gap from bumper along path [m]" + ("; dashed: distance" if bare else "")
+    if not _curves(axes, title, page, curves, "nothing ahead"):
         return
+    shown = np.concatenate([values for values, _style in curves])
     _asked(axes, page, "stop_gap_m", "at rest ")
     _asked(axes, page, "min_gap_m", "")
-    _from_zero(axes, gap, 1.0)
-    _enlarge_last_metres(axes, float(np.nanmax(gap)))
+    _from_zero(axes, shown, 1.0)
+    _enlarge_last_metres(axes, float(np.nanmax(shown)))
     if math.isfinite(gap[-1]):
-        axes.plot(page.ticks["time_s"][-1].as_py(), gap[-1], "o", color=OBSTACLE, markersize=5.0, clip_on=False)
-        axes.set_title(f"{gap[-1]:.2f} m at the end", loc="right", pad=5)
+        end, colour = page.ticks["time_s"][-1].as_py(), _of(page, page.lead.actor[-1])
+        axes.plot(end, gap[-1], "o", color=colour, markersize=5.0, clip_on=False)
+    _say_gap(axes, page, shown)
+
+
+def _of(page: DrivePage, actor: str) -> str:
+    """Return the colour of the gap to an actor."""
+    colour = page.colour_of(actor) if page.main else OBSTACLE
+    return QUIET if colour == PAPER else colour
+
+
+def _say_gap(axes: Axes, page: DrivePage, shown: Floats) -> None:
+    """Write whose gap is drawn, the least distance, the first detection and the gap at the end into a free corner."""
+    time, lines = page.ticks["time_s"].to_numpy(), []
+    if page.distance is not None and np.isfinite(page.distance).any():
+        row = int(np.nanargmin(page.distance))
+        axes.plot(time[row], page.distance[row], "v", color=OBSTACLE, markeredgecolor=INK, markersize=5.0, zorder=5)
+        lines.append((f"least distance {page.distance[row]:.2f} m at {time[row]:.2f} s ▾", INK))
+    if page.detected is not None:
+        axes.axvline(page.detected[0], color=OBSTACLE, linewidth=1.0, linestyle=(0, (1, 1)))
+        lines.append((f"radar first sees it at {page.detected[0]:.2f} s, {page.detected[1]:.0f} m ┊", INK))
+    if math.isfinite(page.lead.gap[-1]) and page.distance is None:
+        lines.append((f"{page.lead.gap[-1]:.2f} m at the end ●", INK))
+    others = [name for name in dict.fromkeys(page.lead.actor) if name]
+    if others and (page.second or page.main not in others):
+        lines += [(f"to {name.replace('_', ' ')}", _of(page, name)) for name in others[:2]]
+    place: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 8.5}
+    left = _freer_on_the_left(axes, time, shown)
+    for number, (words, colour) in enumerate(lines):
+        corner, aside = ((0.0, 1.0), 3.0) if left else ((1.0, 1.0), -3.0)
+        at: dict[str, Any] = {"xytext": (aside, -2.0 - 10.5 * number), "ha": "left" if left else "right"}
+        axes.annotate(words, corner, color=colour, zorder=9, path_effects=halo(), **at, **place)
+
+
+def _freer_on_the_left(axes: Axes, time: Floats, shown: Floats) -> bool:
+    """Whether the curves cover less of the left upper corner of their panel than of the right one."""
+    values = shown.reshape(-1, len(time))
+    places = np.column_stack((np.broadcast_to(time, values.shape).ravel(), values.ravel()))
+    right, up = axes.transAxes.inverted().transform(axes.transData.transform(places)).T
+    high = up > HIGH_UP
+    return bool((high & (right < 0.5)).sum() <= (high & (right >= 0.5)).sum())
 
 
 def _enlarge_last_metres(axes: Axes, most: float) -> None:
@@ -112,8 +167,9 @@ def _enlarge_last_metres(axes: Axes, most: float) -> None:
     low = axes.get_ylim()[0]
     axes.set_yscale("function", functions=(forward, backward))
     step = next(step for step in (10.0, 20.0, 50.0, 100.0, 200.0) if (most - LAST_METRES) / step <= 3.0)
-    axes.set_yticks([0.0, 5.0, LAST_METRES, *np.arange(step * math.ceil(1.5 * LAST_METRES / step), most, step)])
-    axes.set_ylim(low, most)
+    coarse = step * math.ceil((LAST_METRES + 3.0 / share) / step)  # clear of the words at the tick before
+    axes.set_yticks([0.0, 5.0, LAST_METRES, *np.arange(coarse, most, step)])
+    axes.set_ylim(low, 1.05 * most)
     axes.axhline(LAST_METRES, color=QUIET, linewidth=0.6)
 
 
@@ -129,7 +185,7 @@ def _acceleration(axes: Axes, page: DrivePage) -> None:
     if _engaged(ticks).any():
         granted, speed = ticks["granted_acceleration_mps2"].to_numpy(), ticks[f"{prefix(ticks)}speed_mps"].to_numpy()
         held = (np.abs(speed) < AT_REST) & (granted < 0.0)
-        asked, word = np.where(held, np.nan, granted), "granted, hold left out"
+        asked, word = np.where(held, np.nan, granted), "commanded"
     curves: list[tuple[Floats, dict[str, Any]]] = [
         (did, {"color": EGO_PALE, "linewidth": 3.6, "label": "car"}),
         (asked, {"color": INK, "linewidth": 1.0, "label": word}),
@@ -156,13 +212,16 @@ def _deviation(axes: Axes, page: DrivePage) -> None:
     deviation, word = page.ticks["lateral_deviation_m"].to_numpy(), "true"
     if not np.isfinite(deviation).any():
         deviation, word = page.ticks["estimated_deviation_m"].to_numpy(), "estimated"
-    title = f"{word} lateral deviation [m], left positive"
+    title = f"{word} lateral deviation [m], left +"
     if not _curves(axes, title, page, [(deviation, {"color": EGO})], "no pose on the path"):
         return
     _include(axes, -LEAST_DEVIATION_SHOWN, LEAST_DEVIATION_SHOWN)
     if (most := page.asked.get("max_lateral_deviation_m", {}).get("max")) is not None:
-        _bound(axes, most, f"asked: ±{most:g} m")
-        _bound(axes, -most, "")
+        shown = most <= 2.0 * max(map(abs, axes.get_ylim()))
+        if shown:
+            _include(axes, -1.15 * most, 1.15 * most)
+            _bound(axes, most, f"required: ±{most:g} m")
+            _bound(axes, -most, "")
 
 
 def _bound(axes: Axes, value: float, label: str) -> None:
@@ -176,10 +235,10 @@ def _asked(axes: Axes, page: DrivePage, metric: str, word: str) -> None:
         if (bound := page.asked.get(metric, {}).get(end)) is not None and math.isfinite(bound):
             _bound(axes, bound, "")
             place: dict[str, Any] = {"xycoords": axes.get_yaxis_transform(), "textcoords": "offset points"}
-            aside = (2.0, -1.5 if side == "top" else 1.5)
-            axes.annotate(
-                f"asked: {word}{sign} {bound:g}", (0.0, bound), aside, va=side, fontsize=8.5, color=QUIET, **place
-            )
+            below = side == "top" and bound >= LOW_BOUND
+            aside = (2.0, -1.5 if below else 1.5)
+            style: dict[str, Any] = {"va": "top" if below else "bottom", "fontsize": 8.5, "color": QUIET}
+            axes.annotate(f"required: {word}{sign} {bound:g}", (0.0, bound), aside, **style, **place)
 
 
 def _engaged(ticks: pa.Table) -> NDArray[np.bool_]:
@@ -190,13 +249,24 @@ def _events(axes: Axes, page: DrivePage) -> None:
     """Shade when the emergency layer braked (or asked, where nobody ever obeyed) and mark the first contact."""
     ticks, time = page.ticks, page.ticks["time_s"].to_numpy()
     engaged, asked = _engaged(ticks), ticks["emergency"].to_numpy(zero_copy_only=False)
-    band, word = (asked & engaged, "emergency layer") if engaged.any() else (asked, "emergency asked")
+    band, word = (asked & engaged, "emergency braking") if engaged.any() else (asked, "emergency asked")
     if band.any():
         across = axes.get_xaxis_transform()
         axes.fill_between(time, 0, 1, where=band, transform=across, color=ALARM, alpha=0.35, linewidth=0, label=word)
+    _gateway_stop(axes, page)
     row = contact(ticks)
     if row is not None:
         axes.axvline(time[row], color=INK, linewidth=1.2, linestyle=(0, (1, 1.5)), label="contact")
+
+
+def _gateway_stop(axes: Axes, page: DrivePage) -> None:
+    """Mark where the gateway took the car from the controller to stop it."""
+    state = page.ticks["state"].to_pylist()
+    row = next((n for n, name in enumerate(state) if name == ArmingState.STOPPING.value), None)
+    if row is not None:
+        begun = page.ticks["time_s"][row].as_py()
+        style: dict[str, Any] = {"color": ALARM, "linewidth": 2.0, "linestyle": (0, (3, 1))}
+        axes.axvline(begun, **style, label="the gateway stops the car")
 
 
 def over_time(figure: Figure, page: DrivePage) -> None:
@@ -220,7 +290,7 @@ def over_time(figure: Figure, page: DrivePage) -> None:
 
 def _legend_above(axes: Axes, events: bool) -> None:
     """Explain the curves of a panel, and in one panel also the events that all of them show."""
-    shared = ("emergency layer", "emergency asked", "contact")
+    shared = ("emergency braking", "emergency asked", "contact", "the gateway stops the car")
     entries = [(mark, name) for mark, name in zip(*axes.get_legend_handles_labels(), strict=True)]
     entries = [(mark, name) for mark, name in entries if (name in shared) == events]
     if entries:

@@ -340,6 +340,15 @@ def pack(fix: Fix, channel: int, payload: bytes) -> bytes:
     return b"".join((SYNC, first, bytes((sum_1,)), second, bytes((sum_2,)), third, bytes((total & 0xFF,))))
 
 
+def with_status(packet: bytes, status: int) -> bytes:
+    """Return a 72-byte packet with another navigation status, and the three checksums that belong to it."""
+    changed = bytearray(packet)
+    changed[21] = status
+    for at in (22, 61, 71):
+        changed[at] = sum(changed[1:at]) & 0xFF
+    return bytes(changed)
+
+
 def _accuracy(sigma: float, scale: float) -> bytes:
     """Payload of channels 3, 4 and 5, the same in all three axes; an unknown value gets an age that means stale."""
     if math.isnan(sigma):

@@ -26,7 +26,7 @@ from vve_sumo.scenario.descriptions import meaning_of_key
 if TYPE_CHECKING:
     from pyarrow.dataset import Dataset
 
-VERSION = 2  #: of this layout; rows of version 1 had fewer figures
+VERSION = 3  #: of this layout; rows of earlier versions had fewer figures
 
 _ARROW: dict[str, pa.DataType] = {"bool": pa.bool_(), "int": pa.int64(), "float": pa.float64(), "str": pa.string()}
 
@@ -175,7 +175,8 @@ def _part(file: Path, schema: pa.Schema) -> Part:
     if there.names != schema.names or there.types != schema.types:
         pairs = zip_longest(schema, there)
         name = next((one or other).name for one, other in pairs if one is None or other is None or one != other)
-        raise ConfigError(f"{file}: its columns are not those of sweep.json, from {name} on: not a part of this sweep")
+        other = f"its columns are not those of this sweep, from {name} on"
+        raise ConfigError(f"{file}: {other}: another vve-sumo or another sweep wrote it")
     data = [span for span in spans if span is not None and span.has_min_max]
     first, last = (min((int(span.min) for span in data), default=-1), max((int(span.max) for span in data), default=-1))
     if first < 0 or last - first + 1 != footer.num_rows:

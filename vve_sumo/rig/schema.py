@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import functools
+import ipaddress
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -15,6 +16,7 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 
 from vve_sumo.config_file import Bitrate, Finite, Name, NotNegative, Positive, Short, Strength, Table
 from vve_sumo.pose.receivers.port import ReceiverTable
+from vve_sumo.pose.receivers.udp import Address, NetworkPort
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.scenario.schema import Car as TrueCar
 from vve_sumo.scenario.schema import Lot as Start
@@ -213,11 +215,110 @@ class Other(Table):
     channel: Name = Field(description="python-can's")
 
 
+def _place(text: str) -> str:
+    host, _, port = text.rpartition(":")
+    try:
+        ipaddress.IPv4Address(host)
+        number = int(port)
+    except ValueError:
+        raise ValueError("expected an IPv4 address and a port, such as 127.0.0.1:5001") from None
+    if not 1 <= number <= 65535:
+        raise ValueError(f"port {number} is none, expected 1 to 65535")
+    return text
+
+
+def _pty_link(text: str) -> str:
+    if not text.startswith("pty:") or len(text) == len("pty:"):
+        raise ValueError("expected pty:FILE, such as pty:brain.pty")
+    return text
+
+
+#: a pseudo-terminal that is made, and the file that becomes a link to it
+PtyLink = Annotated[str, AfterValidator(_pty_link)]
+Place = Annotated[str, AfterValidator(_place)]
+
+
+class Output(Table):
+    """An outgoing wire: what a virtual sensor says, for a control computer of somebody else's."""
+
+    kind: Literal["ncom", "nmea", "radar", "esr", "ars408", "osi_view", "osi_data", "stop"] = Field(
+        description="what is sent: see the table of wires"
+    )
+    udp: Place | None = Field(default=None, description="send datagrams to this address and port")
+    tcp: Place | None = Field(default=None, description="serve a stream on this address and port")
+    device: Name | None = Field(default=None, description="write to this serial line")
+    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = Field(default=115_200, description="of the serial line")
+    interface: Name | None = Field(
+        default=None, description="`esr`, `ars408`, `stop`: python-can's, of a bus that does not command the car"
+    )
+    channel: Name | None = Field(
+        default=None,
+        description="`esr`, `ars408`, `stop`: python-can's; with `slcan` also `pty:FILE`: FILE becomes a link to a "
+        "serial port of its own",
+    )
+    bitrate: Bitrate = Field(default=500_000, description="`esr`, `ars408`, `stop`: [bit/s]")
+    host: Literal["drive", "bus"] = Field(
+        default="drive",
+        description="`esr`: where the radar knows the car's motion from: the `drive`, or vehicle messages on its `bus`",
+    )
+    can_id: Annotated[int, Field(ge=0, le=0x7FF)] | None = Field(
+        default=None, description="`stop`: identifier of the stop frame"
+    )
+
+    @model_validator(mode="after")
+    def _one_way_out(self) -> Self:
+        byte_ways = [key for key in ("udp", "tcp", "device") if getattr(self, key) is not None]
+        if self.kind != "esr" and "host" in self.model_fields_set:
+            raise ValueError(f"host says nothing for kind {self.kind!r}, it is for esr")
+        if (self.kind == "stop") != (self.can_id is not None):
+            raise ValueError("can_id is the identifier of the stop frame: kind 'stop' needs it, and no other has it")
+        if self.kind in ("esr", "ars408", "stop"):
+            if byte_ways or self.interface is None or self.channel is None:
+                raise ValueError(f"kind {self.kind!r} goes out on a CAN bus: name interface and channel, nothing else")
+        elif len(byte_ways) != 1 or self.interface is not None or self.channel is not None:
+            raise ValueError(f"kind {self.kind!r} goes out one way: name one of udp, tcp and device")
+        return self
+
+
+class Brain(Table):
+    """Who decides what the car does."""
+
+    kind: Literal["own", "setpoints", "external"] = Field(
+        default="own",
+        description="`own`: the scenario's controller; `setpoints`: a foreign brain answers with setpoints, "
+        "and the gateway commands the car; `external`: a foreign brain commands the car itself, and not one command "
+        "frame is sent from here",
+    )
+    address: Address = Field(default="127.0.0.1", description="`setpoints`: to listen on")
+    port: NetworkPort = Field(default=5003, description="`setpoints`: to listen on")
+    source: Name | None = Field(default=None, description="`setpoints`: the brain's address, where it is not on here")
+    key_file: Name | None = Field(
+        default=None, description="`setpoints`: file with the 64 hexadecimal digits of the key that signs them"
+    )
+    deadline_s: Annotated[float, Field(gt=0.0, le=3600.0)] = Field(
+        default=10.0, description="`setpoints`, in lockstep: wait so long for the answer to a radar datagram"
+    )
+
+    @model_validator(mode="after")
+    def _authenticated(self) -> Self:
+        """Refuse a way to move the car that anyone on the network has."""
+        if self.kind == "setpoints" and not ipaddress.ip_address(self.address).is_loopback:
+            missing = next((key for key in ("source", "key_file") if getattr(self, key) is None), None)
+            if missing is not None:
+                raise ValueError(f"{missing} is missing: anyone who reaches {self.address} could move the car")
+        return self
+
+
 class CarStart(Start, TrueCar):
     """The simulated vehicle: where it stands and how it differs from what the rig declares."""
 
     channel: Name | None = Field(
         default=None, description="SocketCAN channel of the car's own end, where it is not the rig's (two cards)"
+    )
+    brain_channel: PtyLink | None = Field(
+        default=None,
+        description="`pty:FILE`: a second port on the car's bus, where that is a pty: FILE becomes a link to the "
+        "serial port that an external brain opens",
     )
 
 
@@ -251,6 +352,8 @@ class Rig(Table):
     latency: Latency = Latency()
     operator: Operator = Operator()
     others: tuple[Other, ...] = Field(default=(), strict=False)
+    brain: Brain = Brain()
+    outputs: tuple[Output, ...] = Field(default=(), strict=False)
     car_start: CarStart | None = None
     faults: tuple[InjectedFault, ...] = Field(default=(), strict=False)
 

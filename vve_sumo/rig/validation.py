@@ -74,6 +74,7 @@ def arming_obstacle(rig: Rig) -> str | None:
 
 def _complaints(rig: Rig) -> Iterator[str]:
     yield from _of_a_real_car(rig) if rig.car == "real" else _of_a_simulated_vehicle(rig)
+    yield from _brainless(rig)
     yield from _collisions(rig)
     yield from _far_corners(rig)
     for resolve in (vehicle_of, calibration_of, limits_of, faults_of, lot_of):
@@ -109,6 +110,8 @@ def _of_a_simulated_vehicle(rig: Rig) -> Iterator[str]:
     if (bus.interface, bus.channel) == ("slcan", PTY):
         if start.channel is not None:
             yield "car_start.channel: the car makes its own end of a pty"
+    elif start.brain_channel is not None:
+        yield f"car_start.brain_channel: only a pty needs it; a brain opens {bus.interface}:{bus.channel} itself"
     elif bus.interface != "socketcan":
         yield (
             f"bus: a simulated vehicle is on interface 'slcan', channel '{PTY}', or on 'socketcan', "
@@ -116,6 +119,21 @@ def _of_a_simulated_vehicle(rig: Rig) -> Iterator[str]:
         )
     elif not bus.channel.startswith("vcan") and start.channel in (None, bus.channel):
         yield f"car_start.channel: {bus.channel!r} is no vcan; name the card at the simulated vehicle's end of the bus"
+
+
+def _brainless(rig: Rig) -> Iterator[str]:
+    """A foreign brain that nobody tells anything; outputs on the bus that commands the car."""
+    if rig.brain.kind != "own" and not rig.outputs:
+        yield f"outputs: a brain of kind {rig.brain.kind!r} needs one at least, or it sees nothing"
+    for number, output in enumerate(rig.outputs):
+        if (output.interface, output.channel) == (rig.bus.interface, rig.bus.channel):
+            yield f"outputs.{number}: {output.interface}:{output.channel} commands the car; give the radar its own bus"
+        if (output.channel or "").startswith("pty:") and output.interface != "slcan":
+            yield f"outputs.{number}.interface: a pty is opened as 'slcan', got {output.interface!r}"
+    links = [output.channel for output in rig.outputs if (output.channel or "").startswith("pty:")]
+    links += [rig.car_start.brain_channel] if rig.car_start is not None and rig.car_start.brain_channel else []
+    for link in dict.fromkeys(link for link in links if links.count(link) > 1):
+        yield f"outputs: {link} is named twice; a pty has one port, give each a file of its own"
 
 
 def _collisions(rig: Rig) -> Iterator[str]:
@@ -127,6 +145,11 @@ def _collisions(rig: Rig) -> Iterator[str]:
     for number, other in enumerate(rig.others):
         bus = (other.interface, other.channel)
         on_bus.append(_OnBus(f"others.{number}", other.kind, bus, IDENTIFIERS[other.kind]))
+    for number, output in enumerate(rig.outputs):
+        if output.interface is not None and output.channel is not None:
+            bus = (output.interface, output.channel)
+            emulated = IDENTIFIERS.get(output.kind, frozenset({output.can_id or 0}))
+            on_bus.append(_OnBus(f"outputs.{number}", f"emulated {output.kind}", bus, emulated))
     if stop is not None:
         on_bus.append(_OnBus("operator.stop_can_id", "the stop", car, frozenset({stop})))
     for one, two in combinations(on_bus, 2):

@@ -1,0 +1,228 @@
+"""Drives along recorded waypoints and stops before what stands in the way: what the brains beside it have in common.
+
+It knows fixes and scans in SI units; the wires that they came over are read elsewhere.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from vve_sumo.pose.ncom import Decoder
+from vve_sumo.values import Fix
+from vve_sumo.wire.datagrams import RadarDatagram, SetpointDatagram, decode_radar, encode_setpoint
+
+EARTH = 6_371_000.0  # [m]
+WHEELBASE, BUMPER = 2.85, 3.84  # [m]
+AHEAD, LEFT = 0.30, 0.20  # of the rear axle lies the receiver [m]
+LOOKAHEAD, SHORTEST = 0.5, 3.0  # [s], [m]
+HALF_WIDTH, GAP, COMFORT, HARDEST = 1.3, 5.5, 1.8, 6.0  # [m], [m], [m/s2], [m/s2]
+LAG = 0.1  # of the brakes [s]
+BLIND, SAME_TICK = 2.0, 0.05  # braking without a radar [m/s2], fix and datagram apart [s]
+MAX_AGE, SEQUENCES = 0.3, 1 << 32  # of a scan [s]; after so many a sequence begins again
+SIDEWAYS, SLOWING, REACH = 1.2, 1.0, 5  # [m/s2] in bends, [m/s2] before them, waypoints on either side
+
+
+class Target(Protocol):
+    """What a radar says of one object, seen from the middle of the front bumper."""
+
+    @property
+    def range(self) -> float:
+        """Distance [m]."""
+
+    @property
+    def azimuth(self) -> float:
+        """Direction [rad], left positive."""
+
+    @property
+    def range_rate(self) -> float:
+        """Radial speed [m/s], opening positive."""
+
+
+class Seen(Protocol):
+    """What a radar says at one moment; a `RadarDatagram` is one."""
+
+    @property
+    def time(self) -> float:
+        """Now, GNSS time [s]."""
+
+    @property
+    def measured(self) -> float:
+        """When the scan was made, GNSS time [s]."""
+
+    @property
+    def speed(self) -> float:
+        """Of the car [m/s]."""
+
+    @property
+    def targets(self) -> Sequence[Target]:
+        """The objects of the scan."""
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A scan of a radar that says no more than its objects; the car's speed comes from elsewhere."""
+
+    time: float  #: now, GNSS time [s]
+    measured: float  #: when it was made, GNSS time [s]
+    speed: float  #: of the car [m/s]
+    targets: Sequence[Target]
+
+
+class Brain:
+    """Path following and stopping for what stands in the way."""
+
+    def __init__(self, waypoints: list[tuple[float, float]], speed: float) -> None:
+        """Waypoints are latitude and longitude [rad]; `speed` is kept where nothing forbids it [m/s]."""
+        self._origin = waypoints[0]
+        self._path = [self._plane(*point) for point in waypoints]
+        self._speeds = self._slowed(speed)
+        self._nearest = 0
+        self._stopping = False
+        self._sequence: int | None = None  # of the newest datagram that was believed
+
+    def believes(self, beat: RadarDatagram) -> bool:
+        """Whether a datagram may be acted on: it is valid, newer than the last, and its scan is not too old."""
+        newer = self._sequence is None or 0 < (beat.sequence - self._sequence) % SEQUENCES < SEQUENCES // 2
+        if not (newer and self.valid(beat) and self.age(beat) <= MAX_AGE):
+            return False
+        self._sequence = beat.sequence
+        return True
+
+    def valid(self, beat: RadarDatagram) -> bool:
+        """Whether a datagram says that it is valid."""
+        return beat.valid
+
+    def age(self, seen: Seen) -> float:
+        """Return how old a scan is [s]."""
+        return seen.time - seen.measured
+
+    def range_rate(self, target: Target) -> float:
+        """Return the radial speed of a target [m/s], opening positive."""
+        return target.range_rate
+
+    def _plane(self, latitude: float, longitude: float) -> tuple[float, float]:
+        north = EARTH * (latitude - self._origin[0])
+        return EARTH * math.cos(self._origin[0]) * (longitude - self._origin[1]), north
+
+    def _rear_axle(self, fix: Fix) -> tuple[float, float]:
+        x, y = self._plane(fix.latitude, fix.longitude)
+        cos, sin = math.cos(fix.heading), math.sin(fix.heading)
+        return x - AHEAD * cos + LEFT * sin, y - AHEAD * sin - LEFT * cos
+
+    def _slowed(self, speed: float) -> list[float]:
+        """Return the speed at each waypoint: slow enough for its bend, and for the bends to come."""
+        path, speeds = self._path, [speed] * len(self._path)
+        for n in range(REACH, len(path) - REACH):
+            (ax, ay), (bx, by), (cx, cy) = path[n - REACH], path[n], path[n + REACH]
+            turn = math.atan2(cy - by, cx - bx) - math.atan2(by - ay, bx - ax)
+            turn = abs((turn + math.pi) % math.tau - math.pi)
+            curvature = turn / max(0.5 * (math.hypot(bx - ax, by - ay) + math.hypot(cx - bx, cy - by)), 0.1)
+            speeds[n] = min(speed, math.sqrt(SIDEWAYS / max(curvature, 1e-6)))
+        for n in range(len(path) - 2, -1, -1):
+            step = math.hypot(path[n + 1][0] - path[n][0], path[n + 1][1] - path[n][1])
+            speeds[n] = min(speeds[n], math.sqrt(speeds[n + 1] ** 2 + 2.0 * SLOWING * step))
+        return speeds
+
+    def answer(self, fix: Fix, radar: Seen) -> tuple[float, float]:
+        """Return steering [rad] and acceleration [m/s2] for a valid fix and radar datagram."""
+        x, y = self._rear_axle(fix)
+        goal = self._goal(x, y, max(SHORTEST, LOOKAHEAD * radar.speed))
+        far = math.hypot(goal[0] - x, goal[1] - y)
+        aside = math.atan2(goal[1] - y, goal[0] - x) - fix.heading
+        curvature = 2.0 * math.sin(aside) / max(far, 1.0)
+        return math.atan(WHEELBASE * curvature), self._acceleration(radar, curvature)
+
+    def _goal(self, x: float, y: float, ahead: float) -> tuple[float, float]:
+        ranges = [math.hypot(px - x, py - y) for px, py in self._path[self._nearest : self._nearest + 200]]
+        self._nearest += ranges.index(min(ranges))
+        for px, py in self._path[self._nearest :]:
+            if math.hypot(px - x, py - y) >= ahead:
+                return px, py
+        return self._path[-1]
+
+    def _acceleration(self, radar: Seen, curvature: float) -> float:
+        gap, age = math.inf, self.age(radar)
+        for target in radar.targets:
+            along, aside = target.range * math.cos(target.azimuth), target.range * math.sin(target.azimuth)
+            # What moves with the road is left to others: this brain stops for what stands.
+            stands = abs(self.range_rate(target) + radar.speed * math.cos(target.azimuth)) < 2.0
+            if stands and abs(aside - 0.5 * curvature * (along + BUMPER) ** 2) < HALF_WIDTH:
+                gap = min(gap, along - radar.speed * (age + LAG))
+        needed = radar.speed**2 / (2.0 * max(gap - GAP, 0.1))
+        self._stopping |= needed >= COMFORT
+        if self._stopping and gap < math.inf:
+            return -min(needed, HARDEST) if radar.speed > 0.05 else -1.0
+        return max(-2.5, min(1.0, 0.8 * (self._speeds[min(self._nearest + 5, len(self._speeds) - 1)] - radar.speed)))
+
+
+def listen(port: int) -> socket.socket:
+    """Return a socket on a port of this machine."""
+    end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    end.bind(("127.0.0.1", port))
+    return end
+
+
+def waypoints(file: Path) -> list[tuple[float, float]]:
+    """Return latitude and longitude [rad] of every waypoint of a recorded route."""
+    with file.open(encoding="utf-8") as lines:
+        rows = csv.DictReader(line for line in lines if not line.startswith("#"))
+        return [(math.radians(float(r["latitude_deg"])), math.radians(float(r["longitude_deg"]))) for r in rows]
+
+
+class Gnss:
+    """The newest fix of a receiver that sends NCOM to a port of this machine."""
+
+    def __init__(self, port: int) -> None:
+        self.socket, self._decoder = listen(port), Decoder()
+        self.socket.setblocking(False)
+        self.fix: Fix | None = None
+
+    def read(self) -> Fix | None:
+        """Take what has come, and return the newest fix where it is one to drive by, else None."""
+        while True:
+            try:
+                data = self.socket.recv(100)
+            except BlockingIOError:
+                return self.fix if self.fix is not None and self.fix.locked else None
+            self.fix = ([self.fix, *self._decoder.feed(data, 0.0)])[-1]
+
+
+#: what a brain sees at a fix, in the tick of a radar datagram; None: it has no radar now
+Look = Callable[[Fix, RadarDatagram], Seen | None]
+
+
+def answer(brain: Brain, gnss: Gnss, radar: socket.socket, setpoints: int, look: Look) -> None:
+    """Answer each radar datagram that the brain believes with a setpoint; without a radar the answer is to brake.
+
+    The datagram is the beat of the setpoints, whatever the brain sees by: a setpoint names the one that it answers.
+    """
+    out, sequence, steering = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0, 0.0
+    out.bind(("127.0.0.1", 0))
+    while True:
+        beat, fix = decode_radar(radar.recv(2048)), gnss.read()  # the fix of the same tick was sent before
+        if beat is None or fix is None or abs(fix.time - beat.time) > SAME_TICK or not brain.believes(beat):
+            continue
+        seen, acceleration = look(fix, beat), -BLIND
+        if seen is not None:
+            steering, acceleration = brain.answer(fix, seen)
+        sequence += 1
+        asked = SetpointDatagram(sequence, beat.sequence, beat.time, 0.1, steering, acceleration)
+        out.sendto(encode_setpoint(asked), ("127.0.0.1", setpoints))
+
+
+def arguments(description: str | None) -> argparse.ArgumentParser:
+    """Return what every brain that answers with setpoints can be told."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("waypoints", type=Path)
+    parser.add_argument("--gnss", type=int, default=5001, help="port of NCOM")
+    parser.add_argument("--radar", type=int, default=5002, help="port of the radar datagrams")
+    parser.add_argument("--setpoints", type=int, default=5003, help="port that the setpoints go to")
+    parser.add_argument("--speed", type=float, default=11.176, help="[m/s]")
+    return parser

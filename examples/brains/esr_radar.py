@@ -1,0 +1,52 @@
+"""Reads a Delphi ESR's tracks from a CAN bus of its own, and tells the radar how the car moves, as its host has to."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+from driving import Scan
+
+from vve_sumo.bus import Bus
+from vve_sumo.wire import esr
+
+STAMPS = 0.256  # after so long the radar's time stamp begins again [s]
+LIFETIME = 0.2  # of a cycle, which comes every 50 ms [s]
+PATIENCE = 60.0  # for the file of a bus to appear [s]
+
+
+def open_bus(place: str) -> Bus:
+    """Open INTERFACE:CHANNEL by python-can; a serial port that is not there yet is waited for."""
+    interface, _, channel = place.partition(":")
+    until = time.monotonic() + PATIENCE
+    while interface == "slcan" and not Path(channel).exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    return Bus(interface, channel)
+
+
+class EsrRadar:
+    """The newest whole cycle of a radar."""
+
+    def __init__(self, place: str) -> None:
+        self.bus, self._decoder = open_bus(place), esr.Decoder()
+        self._cycle: esr.Cycle | None = None
+        self._came = float("-inf")
+
+    def listen(self, now: float) -> None:
+        """Take what has come by a time [s]."""
+        for cycle in self._decoder.feed(self.bus.drain()):
+            self._cycle, self._came = cycle, now
+
+    def tell(self, speed: float, yaw_rate: float) -> None:
+        """Send the vehicle messages: speed [m/s], yaw rate [rad/s], and the order to radiate."""
+        for frame in esr.encode_host(esr.HostMotion(speed, yaw_rate)):
+            self.bus.send(frame)
+
+    def scan(self, now: float, time: float, speed: float) -> Scan | None:
+        """Return what the radar sees at GNSS `time` [s]; None where a cycle is not valid, or too old at `now` [s]."""
+        cycle = self._cycle
+        if cycle is None or not cycle.valid or now - self._came > LIFETIME:
+            return None
+        found = [SimpleNamespace(range=one.range, azimuth=one.angle, range_rate=one.range_rate) for one in cycle.tracks]
+        return Scan(time, time - (time - cycle.time_stamp) % STAMPS, speed, found)

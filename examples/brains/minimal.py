@@ -1,0 +1,32 @@
+"""The least that a brain is: the radar datagram in, a setpoint out; nothing but Python is needed, so copy it.
+
+    python minimal.py [RADAR_PORT SETPOINT_PORT]
+
+It drives straight on at 5 m/s and brakes for whatever the radar sees within 20 m ahead.
+"""
+
+import math
+import socket
+import struct
+import sys
+import zlib
+
+HEAD, RADAR, TARGET, ANSWER = struct.Struct("<4sBBHII"), struct.Struct("<ddffII"), "<fffHBB", struct.Struct("<dffII")
+hears, answers = (int(port) for port in sys.argv[1:] or ("5002", "5003"))
+wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+wire.bind(("127.0.0.1", hears))
+newest = -1
+while True:
+    data = wire.recv(2048)
+    if len(data) < 52 or zlib.crc32(data[:-4]) != int.from_bytes(data[-4:], "little"):
+        continue  # torn
+    magic, version, kind, flags, sequence, _lifetime = HEAD.unpack_from(data)
+    if (magic, version, kind) != (b"VVES", 1, 1) or not flags & 1 or sequence <= newest:
+        continue  # another datagram, an invalid one, or an old one: no answer, and the gateway stops the car
+    newest = sequence
+    time, measured, speed, yaw_rate, count, _ = RADAR.unpack_from(data, HEAD.size)
+    targets = struct.iter_unpack(TARGET, data[48:-4])  # range, azimuth, range rate, number, mode, 0
+    ahead = min((t[0] for t in targets if abs(t[0] * math.sin(t[1])) < 1.5), default=math.inf)
+    acceleration = -3.0 if ahead < 20.0 else max(-1.0, min(1.0, 5.0 - speed))
+    body = HEAD.pack(b"VVES", 1, 2, 0, sequence, 100_000) + ANSWER.pack(time, 0.0, acceleration, sequence, 0)
+    wire.sendto(body + struct.pack("<I", zlib.crc32(body)), ("127.0.0.1", answers))

@@ -1,0 +1,38 @@
+"""A brain that sees by a Delphi ESR: NCOM over UDP and the radar's tracks over CAN in, setpoints out.
+
+    python stop_by_esr.py WAYPOINTS.csv [--esr INTERFACE:CHANNEL] [--gnss PORT] [--radar PORT] [--setpoints PORT]
+
+It drives as stop_for_parked.py beside it. Of the radar datagram it reads the sequence alone, for a setpoint names the
+datagram that it answers.
+"""
+
+from __future__ import annotations
+
+import math
+
+from driving import Brain, Gnss, Scan, answer, arguments, listen, waypoints
+from esr_radar import EsrRadar
+
+from vve_sumo.values import Fix
+from vve_sumo.wire.datagrams import RadarDatagram
+
+
+def main() -> None:
+    """Answer until interrupted."""
+    parser = arguments(__doc__)
+    parser.add_argument("--esr", default="slcan:esr.pty", help="the radar's bus, slcan:esr.pty where nothing is said")
+    given = parser.parse_args()
+    brain, gnss, beat = Brain(waypoints(given.waypoints), given.speed), Gnss(given.gnss), listen(given.radar)
+    radar = EsrRadar(given.esr)
+
+    def look(fix: Fix, _beat: RadarDatagram) -> Scan | None:
+        speed = math.hypot(fix.velocity_north, fix.velocity_east)
+        radar.listen(fix.time)
+        radar.tell(speed, 0.0)
+        return radar.scan(fix.time, fix.time, speed)
+
+    answer(brain, gnss, beat, given.setpoints, look)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,23 @@
+"""A brain that knows only the wires: NCOM and the radar datagram in, setpoints out.
+
+    python stop_for_parked.py WAYPOINTS.csv [--gnss PORT] [--radar PORT] [--setpoints PORT]
+
+It follows recorded waypoints (latitude_deg, longitude_deg) by pure pursuit, keeps a speed, and stops before what the
+radar sees in its way. It never drives by what is invalid: it answers such a datagram with nothing, and the gateway on
+the other side stops the car.
+"""
+
+from __future__ import annotations
+
+from driving import Brain, Gnss, answer, arguments, listen, waypoints
+
+
+def main() -> None:
+    """Answer until interrupted."""
+    given = arguments(__doc__).parse_args()
+    brain = Brain(waypoints(given.waypoints), given.speed)
+    answer(brain, Gnss(given.gnss), listen(given.radar), given.setpoints, lambda _fix, radar: radar)
+
+
+if __name__ == "__main__":
+    main()

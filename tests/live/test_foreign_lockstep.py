@@ -1,0 +1,156 @@
+"""A foreign brain in lockstep over real UDP: its record is the same every time; one that is silent stops the car."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import REPOSITORY
+from tests.isolated import command
+from vve_sumo.analysis.run import Run
+from vve_sumo.wire.datagrams import RadarDatagram, SetpointDatagram, decode_radar, encode_setpoint
+
+BRAINS = REPOSITORY / "examples" / "brains"
+CC = shutil.which("cc") or shutil.which("gcc")
+SHORT = ("--set", "duration_s=9", "--quiet", "--lockstep", "--rig", "foreign.toml")
+RECORD = ("can.log", "pose.bin")
+
+
+def _free(count: int) -> list[int]:
+    ends = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
+    for end in ends:
+        end.bind(("127.0.0.1", 0))
+    ports = [int(end.getsockname()[1]) for end in ends]
+    for end in ends:
+        end.close()
+    return ports
+
+
+def _rig(folder: Path, deadline: float = 10.0) -> list[int]:
+    """Write the shipped rig with free ports; return those of GNSS, radar and setpoints."""
+    ports = _free(3)
+    text = (REPOSITORY / "rigs" / "foreign.toml").read_text(encoding="utf-8")
+    free = dict(zip(("5001", "5002", "5003"), map(str, ports), strict=True))
+    text, replaced = re.subn(r"\b500[123]\b", lambda found: free[found[0]], text)
+    assert replaced == len(free)
+    text = text.replace("[brain]\n", f"[brain]\ndeadline_s = {deadline}\n")
+    (folder / "foreign.toml").write_text(text, encoding="utf-8")
+    return ports
+
+
+@contextmanager
+def _running(words: list[str], port: int) -> Iterator[None]:
+    with subprocess.Popen(words) as process:
+        try:
+            limit = time.monotonic() + 60.0
+            while f":{port:04X} " not in Path("/proc/net/udp").read_text(encoding="ascii"):
+                assert process.poll() is None
+                assert time.monotonic() < limit
+                time.sleep(0.02)
+            yield
+        finally:
+            process.kill()
+
+
+def _commands(program: str, folder: Path, ports: list[int]) -> list[str]:
+    gnss, radar, setpoints = map(str, ports)
+    if program == "minimal.c":
+        built = folder / "minimal"
+        flags = ["-std=gnu11", "-Wall", "-Wextra", "-Werror"]
+        subprocess.run([CC or "cc", *flags, "-o", built, BRAINS / program, "-lm"], check=True)
+        return [str(built), radar, setpoints]
+    if program == "minimal.py":
+        return [sys.executable, "-I", str(BRAINS / program), radar, setpoints]
+    route = str(REPOSITORY / "routes" / "linden_17th.csv")
+    places = ["--gnss", gnss, "--radar", radar, "--setpoints", setpoints]
+    return [sys.executable, str(BRAINS / program), route, *places]
+
+
+def _driven(folder: Path, name: str) -> tuple[tuple[bytes, ...], float]:
+    done = command("drive", "parked_car", *SHORT, "--seed", "3", "--out", name, cwd=folder)
+    assert "timeout" in done.stdout, done.stdout + done.stderr
+    summary = json.loads((folder / name / "summary.json").read_text(encoding="utf-8"))
+    return tuple((folder / name / part).read_bytes() for part in RECORD), float(summary["max_speed_mps"])
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "stop_for_parked.py",
+        "minimal.py",
+        pytest.param("minimal.c", marks=pytest.mark.skipif(CC is None, reason="needs a C compiler")),
+    ],
+)
+def test_brain_of_another_process_drives_and_its_record_is_the_same_every_time(program: str, tmp_path: Path) -> None:
+    ports = _rig(tmp_path)
+    records = []
+    for name in ("one", "two") if program == "stop_for_parked.py" else ("one",):
+        with _running(_commands(program, tmp_path, ports), ports[1]):
+            record, speed = _driven(tmp_path, name)
+        assert speed > 3.0, "the brain did not drive"
+        records.append(record)
+    assert len(set(records)) == 1
+
+
+def test_minimal_brains_of_both_languages_drive_the_same(tmp_path: Path) -> None:
+    if CC is None:
+        pytest.skip("needs a C compiler")
+    ports, records = _rig(tmp_path), []
+    for program in ("minimal.py", "minimal.c"):
+        with _running(_commands(program, tmp_path, ports), ports[1]):
+            records.append(_driven(tmp_path, program.replace(".", "_"))[0])
+    assert records[0] == records[1]
+
+
+def test_brain_that_is_not_there_is_one_line_and_no_record(tmp_path: Path) -> None:
+    _rig(tmp_path, deadline=0.2)
+    done = command("drive", "parked_car", *SHORT, "--out", "none", cwd=tmp_path)
+    assert done.returncode == 3
+    line = done.stderr.strip()
+    assert "\n" not in line
+    assert "no answer within 0.2 s" in line
+    assert "start it before the drive" in line
+    assert not (tmp_path / "none").exists()
+
+
+def test_brain_that_falls_silent_stops_the_car_with_a_reason(tmp_path: Path) -> None:
+    gnss, radar, setpoints = _rig(tmp_path, deadline=0.5)
+    del gnss
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.bind(("127.0.0.1", radar))
+        end.settimeout(60.0)
+        thread = threading.Thread(target=_answer, args=(end, setpoints, 250))
+        thread.start()
+        done = command(
+            "drive", "parked_car", "--lockstep", "--rig", "foreign.toml", "--quiet", "--out", "a", cwd=tmp_path
+        )
+        thread.join()
+    assert done.returncode == 1, done.stderr
+    summary = json.loads((tmp_path / "a" / "summary.json").read_text(encoding="utf-8"))
+    assert "brain_overdue" in summary["reasons"]
+    assert "no answer within 0.5 s" in summary["text"]
+    assert summary["outcome"] == "fault"
+    speed = Run(tmp_path / "a").arrow("ticks")["true_speed_mps"].to_numpy()
+    assert speed.max() > 1.0
+    assert abs(speed[-1]) < 0.05
+
+
+def _answer(end: socket.socket, port: int, count: int) -> None:
+    """Accelerate for so many answers, then never answer again."""
+    for _ in range(count):
+        heard: RadarDatagram | None = None
+        while heard is None or not heard.valid:
+            heard = decode_radar(end.recv(2048))
+        asked = SetpointDatagram(heard.sequence, heard.sequence, heard.time, 0.1, 0.0, 1.0)
+        end.sendto(encode_setpoint(asked), ("127.0.0.1", port))

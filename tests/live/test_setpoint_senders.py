@@ -1,0 +1,95 @@
+"""Setpoints over a real socket: who is heard, and what a live drive finds of anybody else that sends."""
+
+from __future__ import annotations
+
+import select
+import socket
+import struct
+import zlib
+
+import pytest
+
+from vve_sumo.live.brain_link import ChannelLink
+from vve_sumo.live.channel import pair
+from vve_sumo.pose.sources import open_udp
+from vve_sumo.wire.datagrams import SetpointDatagram, encode_setpoint
+from vve_sumo.wire.setpoints import SetpointInbox
+
+HERE = "127.0.0.1"
+
+
+class Bench:
+    """A link as a live drive has it, its inbox, and two programs that send to it."""
+
+    def __init__(self) -> None:
+        self._source = open_udp(HERE, 0, None, "brain")
+        ours, self._theirs = pair()
+        self.link, self.inbox = ChannelLink(ours, self._source, 0.0), SetpointInbox()
+        self.inbox.asked(7)
+        with socket.socket(fileno=socket.dup(self._source.fileno())) as same:
+            self._port = same.getsockname()[1]
+        self.brain, self.stranger = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+
+    def send(self, sender: socket.socket, data: bytes) -> None:
+        """Send a datagram, and take in what arrives."""
+        sender.sendto(data, (HERE, self._port))
+        select.select([self._source], [], [], 5.0)
+        for received, heard in self.link.receive(0.0, False):
+            self.inbox.take(received, heard)
+            self.at = received
+
+    def close(self) -> None:
+        """Close all sockets."""
+        for each in (self.link, self.brain, self.stranger, self._theirs):
+            each.close()
+
+
+@pytest.fixture
+def bench():
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def _setpoint(sequence: int, acceleration: float) -> bytes:
+    return encode_setpoint(SetpointDatagram(sequence, 7, 1000.0, 0.1, 0.0, acceleration))
+
+
+def test_a_strangers_setpoint_is_refused_and_found(bench: Bench) -> None:
+    bench.send(bench.brain, _setpoint(1, -1.0))
+    assert bench.link.faults() == ()
+    bench.send(bench.stranger, _setpoint(2, 2.0))
+    command = bench.inbox.command(bench.at)
+    assert command is not None
+    assert command.acceleration == -1.0
+    assert bench.inbox.taken == 1
+    assert bench.link.faults() == ("setpoint_two_senders",)
+    bench.send(bench.brain, _setpoint(2, -2.0))
+    assert bench.inbox.taken == 2, "the brain is still heard"
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"VVES\x02" + _setpoint(2, 1.0)[5:], "setpoint_version"),
+        (_setpoint(2, 1.0)[:-1] + b"\0", "setpoint_crc"),
+        (_setpoint(1, 1.0), "setpoint_replayed"),
+        (b"\0" * 2000, "setpoint_length"),
+        (_setpoint(2, 1.0)[:-1], "setpoint_length"),
+    ],
+)
+def test_what_the_brain_itself_sends_wrong_has_a_reason_and_changes_nothing(
+    bench: Bench, data: bytes, reason: str
+) -> None:
+    bench.send(bench.brain, _setpoint(1, -1.0))
+    before = bench.inbox.command(bench.at)
+    bench.send(bench.brain, data)
+    assert bench.inbox.counts == {reason: 1}
+    assert bench.inbox.command(bench.at) == before
+
+
+def test_a_number_that_is_none_moves_nothing_over_the_socket(bench: Bench) -> None:
+    body = _setpoint(1, 1.0)[:28] + struct.pack("<f", float("nan")) + _setpoint(1, 1.0)[32:40]
+    bench.send(bench.brain, body + struct.pack("<I", zlib.crc32(body)))
+    assert bench.inbox.counts == {"setpoint_not_finite": 1}
+    assert bench.inbox.command(0.0) is None

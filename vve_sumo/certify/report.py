@@ -1,0 +1,300 @@
+"""The certificate as one page for people, and as `certificate.json` for programs.
+
+It knows a certificate's values and what a page may hold; nothing of how a case was driven.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from vve_sumo.certify.cases import Case, Reaction
+from vve_sumo.certify.results import CaseResult, Certificate, Verdict
+from vve_sumo.drive.reasons import in_words
+from vve_sumo.plotting.wire_fault import WireFaultDrive, wire_fault
+from vve_sumo.report.formatting import NONE, count, number
+from vve_sumo.report.key_figures import KeyFigure
+from vve_sumo.report.page import Report, hashes, versions
+from vve_sumo.report.picture import Picture, picture_of
+from vve_sumo.report.tables import Cell, Column, Table
+from vve_sumo.report.verdict import Verdict as Top
+from vve_sumo.report.write import save
+
+JSON: Final = "certificate.json"
+#: changes with what `certificate.json` holds
+VERSION: Final = 1
+#: pictures of drives that passed are left out where there are more than these
+MAX_PICTURES: Final = 30
+_MARK: Final = {Verdict.PASSED: "yes", Verdict.FAILED: "no", Verdict.NOT_APPLICABLE: "quiet"}
+CAPTION: Final = (
+    "Above: the car's true speed and the gap to what was ahead. Below: the acceleration of every setpoint that came "
+    "over the wire; where there is no point, the brain said nothing. The fault is shaded."
+)
+
+
+def write(certificate: Certificate, folder: Path) -> Path:
+    """Write certificate.json and the page into a folder; return the page's path."""
+    (folder / JSON).write_text(json.dumps(to_dict(certificate), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return save(page_of(certificate), folder)
+
+
+def to_dict(certificate: Certificate) -> dict[str, Any]:
+    """Return the content of certificate.json; a number that there is not is null, never is the text `never`."""
+    brain = certificate.brain
+    return {
+        "version": VERSION,
+        "passed": certificate.passed,
+        "defects": [{"name": one.name, "cases": list(one.cases)} for one in certificate.defects],
+        "brain": {"command": brain.command, "files_sha256": dict(brain.files)},
+        "rig": certificate.rig,
+        "rig_sha256": certificate.rig_sha256,
+        "scenario": certificate.scenario,
+        "values": dict(certificate.values),
+        "wires": list(certificate.wires),
+        "seeds": list(certificate.seeds),
+        "began_utc": certificate.began_utc,
+        "software": dict(certificate.software),
+        "results": [_result(result) for result in certificate.results],
+    }
+
+
+def _result(result: CaseResult) -> dict[str, Any]:
+    case, window, last = result.case, result.window, result.last
+    return {
+        "case": case.name,
+        "seed": result.seed,
+        "verdict": result.verdict.value,
+        "why": result.why,
+        "injected": case.injected,
+        "fault_begins_s": None if window is None else _plain(window.begins),
+        "fault_ends_s": None if window is None else _plain(window.ends),
+        "required": case.reaction.value,
+        "required_within_s": _plain(case.within),
+        "reaction_s": "never" if math.isinf(result.reaction) else _plain(result.reaction),
+        "distance_left_m": _plain(result.left),
+        "impact_speed_mps": _plain(result.impact_speed),
+        "outcome": result.outcome,
+        "reasons": list(result.reasons),
+        "extra_braking_mps2": _plain(result.extra_braking),
+        "last_setpoint_s": None if last is None else _plain(last.time),
+        "last_setpoint_age_ticks": None if last is None else last.newest - last.answers,
+        "last_setpoint_acceleration_mps2": None if last is None else _plain(last.acceleration),
+        "record": None if result.record is None else result.record.as_posix(),
+        "record_sha256": result.record_sha256,
+    }
+
+
+def _plain(value: float) -> float | None:
+    return round(value, 4) if math.isfinite(value) else None
+
+
+def page_of(certificate: Certificate) -> Report:
+    """Return the page."""
+    drives = [result for result in certificate.results if result.verdict is not Verdict.NOT_APPLICABLE]
+    failed = [result for result in drives if result.verdict is Verdict.FAILED]
+    return Report(
+        template="certificate.html.j2",
+        kind="Certificate of a control computer at its wires",
+        title=_title(certificate),
+        verdict=Top("FAILED" if failed else "passed", tuple(_sentences(certificate, drives, failed))),
+        key_figures=_figures(certificate, drives),
+        pictures=_pictures(drives, failed),
+        sources=(),
+        content={
+            "timing": "A fault begins by the drive without a fault of the same seed: 5 s before the brain began to "
+            "brake to rest (cruise), 1 s before it (approach), or 1 s after it (braking).",
+            "cases": _cases(certificate),
+            "defects": Table(
+                "likely defects", ("defect", "by"), [(d.name, ", ".join(d.cases)) for d in certificate.defects]
+            ),
+            "drives": _drives(drives),
+            "reasons": _reasons(certificate),
+            "provenance": _provenance(certificate),
+            "again": again(certificate),
+            "versions": versions(_versions(certificate)),
+            "file_hashes": hashes([("rig", certificate.rig_sha256), *certificate.brain.files.items()], "files"),
+            "record_hashes": hashes([(result.key, result.record_sha256) for result in drives], "records"),
+        },
+    )
+
+
+def _title(certificate: Certificate) -> str:
+    brain = certificate.brain
+    words = [*brain.files, *brain.command.split()]
+    name = Path(words[0]).name if words else "a brain that was started by hand"
+    return f"{name} in {certificate.scenario}, rig {certificate.rig}"
+
+
+def _sentences(certificate: Certificate, drives: list[CaseResult], failed: list[CaseResult]) -> Iterator[str]:
+    cases = count(len({result.case.name for result in drives}), "case")
+    seeds = count(len(certificate.seeds), "seed")
+    yield f"{len(drives) - len(failed)} of {len(drives)} drives passed: {cases}, {seeds}."
+    if certificate.defects:
+        yield f"Likely: {'; '.join(defect.name for defect in certificate.defects)}."
+    left_out = sorted({r.case.name for r in certificate.results if r.verdict is Verdict.NOT_APPLICABLE})
+    if left_out:
+        yield f"Not applicable to this rig's wires: {', '.join(left_out)}."
+
+
+def _figures(certificate: Certificate, drives: list[CaseResult]) -> list[KeyFigure]:
+    hits = [result for result in drives if math.isfinite(result.impact_speed)]
+    left = [result.left for result in drives if math.isfinite(result.left)]
+    timed = [result.reaction for result in drives if not math.isnan(result.reaction)]
+    return [
+        KeyFigure("contacts", str(len(hits)), kind="no" if hits else "yes"),
+        KeyFigure("least distance left", number(min(left, default=math.nan), "m")),
+        KeyFigure("slowest reaction", "never" if math.inf in timed else number(max(timed, default=math.nan), "s")),
+        KeyFigure("wires", ", ".join(certificate.wires)),
+    ]
+
+
+def _cases(certificate: Certificate) -> Table:
+    columns = ("case", "injected", "begins", "lasts", "required", "passed", "verdict")
+    rows = []
+    for case in dict.fromkeys(result.case for result in certificate.results):
+        of_case = [result for result in certificate.results if result.case is case]
+        worst = next((r for r in of_case if r.verdict is Verdict.FAILED), of_case[0])
+        passed = sum(result.verdict is Verdict.PASSED for result in of_case)
+        mark: Any = _MARK[worst.verdict]
+        rows.append(
+            (
+                Cell(case.name, kind="code"),
+                case.injected,
+                NONE if case.make is None else case.begins.value,
+                _lasts(case),
+                required(case),
+                f"{passed} of {len(of_case)}",
+                Cell(worst.verdict.value, worst.why, mark),
+            )
+        )
+    return Table("cases", columns, rows)
+
+
+def _lasts(case: Case) -> str:
+    if case.make is None:
+        return NONE
+    return "to the end" if math.isinf(case.lasts) else number(case.lasts, "s", 2)
+
+
+def required(case: Case) -> str:
+    """Return the required reaction and its time in words."""
+    time = "" if math.isinf(case.within) else f" within {case.within:g} s"
+    rest = {
+        Reaction.STOP: f"no answer, or nothing but braking,{time} and from then on; no contact",
+        Reaction.BRAKE: f"brake{time}; no contact",
+        Reaction.HOLD: "no contact",
+    }
+    return rest.get(case.reaction, case.reaction.value)
+
+
+def _drives(drives: list[CaseResult]) -> Table:
+    heads = ("fault at [s]", "reaction [s]", "left [m]")
+    columns = [
+        Column("drive"),
+        *(Column(head, True) for head in heads),
+        Column("last setpoint"),
+        Column("ended"),
+        Column("verdict"),
+    ]
+    rows = []
+    for result in drives:
+        mark: Any = _MARK[result.verdict]
+        ended = ", ".join((result.outcome, *map(in_words, result.reasons)))
+        rows.append(
+            (
+                result.key,
+                NONE if result.window is None else number(result.window.begins, "", 2),
+                "never" if math.isinf(result.reaction) else number(result.reaction, "", 2),
+                number(result.left, "", 2),
+                _last(result),
+                ended,
+                Cell(f"{result.verdict.value}{': ' if result.why else ''}{result.why}", kind=mark),
+            )
+        )
+    return Table("drives", columns, rows)
+
+
+def _last(result: CaseResult) -> str:
+    last = result.last
+    if last is None:
+        return NONE
+    asked = f"{number(last.acceleration, 'm/s²', 2)} at {number(last.time, 's', 2)}"
+    return f"{asked}, to a datagram {last.newest - last.answers} ticks old"
+
+
+def _reasons(certificate: Certificate) -> Table:
+    cases = dict.fromkeys(result.case for result in certificate.results)
+    return Table("reasons", ("case", "why"), [(Cell(case.name, kind="code"), case.why) for case in cases])
+
+
+def _provenance(certificate: Certificate) -> Table:
+    return Table(
+        "provenance",
+        ("what", "value"),
+        [
+            ("brain", Cell(certificate.brain.command or "started by hand", kind="code")),
+            ("rig", certificate.rig),
+            ("scenario", certificate.scenario),
+            ("set otherwise", ", ".join(f"{key} = {value}" for key, value in certificate.values.items()) or NONE),
+            ("seeds", ", ".join(map(str, certificate.seeds))),
+            ("begun", certificate.began_utc),
+            ("code", Cell(str(certificate.software["code"]["sha256"]), kind="hash")),
+        ],
+    )
+
+
+def _versions(certificate: Certificate) -> dict[str, str]:
+    software = certificate.software
+    return {"python": str(software["python"]), **{str(k): str(v) for k, v in software["libraries"].items()}}
+
+
+def again(certificate: Certificate) -> str:
+    """Return the command that drives the certificate again."""
+    words = [
+        "vve-sumo",
+        "certify",
+        certificate.scenario,
+        "--rig",
+        certificate.rig,
+        "--runs",
+        str(max(certificate.seeds)),
+    ]
+    for key, value in certificate.values.items():
+        words += ["--set", f"{key}={value}"]
+    if certificate.brain.command:
+        words += ["--brain", certificate.brain.command]
+    return shlex.join(words)
+
+
+def _pictures(drives: list[CaseResult], failed: list[CaseResult]) -> list[Picture]:
+    """Return a picture of each failed drive, then of the first drive of each case that has none yet."""
+    first = {result.case.name: result for result in reversed(drives)}
+    others = [result for name, result in reversed(first.items()) if name not in {one.case.name for one in failed}]
+    return [_picture(result) for result in (*failed, *others)[:MAX_PICTURES] if result.course is not None]
+
+
+def _picture(result: CaseResult) -> Picture:
+    course, window = result.course, result.window
+    assert course is not None
+    begins = math.nan if window is None else window.begins
+    drawn = WireFaultDrive(
+        title=f"{result.key}: {result.case.injected} · {result.verdict.value}",
+        time=course.time,
+        speed=course.speed,
+        gap=course.gap,
+        answered=np.array([answer.time for answer in course.answers]),
+        asked=np.array([answer.acceleration for answer in course.answers]),
+        begins=begins,
+        ends=math.nan if window is None else window.ends,
+        deadline=begins + result.case.within if math.isfinite(result.case.within) else math.nan,
+    )
+    file = f"{result.case.name}_seed_{result.seed}"
+    return picture_of(
+        wire_fault(drawn), file, f"{result.key} over time", f"{result.key}: {result.why or 'passed'}. {CAPTION}"
+    )

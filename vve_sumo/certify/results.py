@@ -1,0 +1,105 @@
+"""What a certificate holds: what was seen of each case, its verdict, the likely defects, and the whole.
+
+Values only.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vve_sumo.certify.cases import Case
+from vve_sumo.certify.link import Answer, Window
+from vve_sumo.values import Floats
+
+
+class Verdict(enum.StrEnum):
+    """What came of a case."""
+
+    PASSED = "passed"
+    FAILED = "FAILED"
+    NOT_APPLICABLE = "not applicable"  #: the rig has no wire that the case hits
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """One drive of a case as the judge sees it: the car tick by tick, and the brain at the wire."""
+
+    time: Floats  #: of every tick [s of drive time]
+    speed: Floats  #: true, along the heading [m/s]
+    gap: Floats  #: front bumper to what is ahead on the path [m]; NaN for nothing
+    answers: Sequence[Answer]
+    outcome: str  #: how the drive ended
+    reasons: Sequence[str]  #: the gateway's at the end
+    collision: bool
+    impact_speed: float  #: [m/s]; NaN for no contact
+    stop_gap: float  #: at rest [m]; NaN where nothing was ahead or the car did not come to rest
+    unmet: Sequence[str]  #: criteria of the scenario that were not met, a line each
+    record_sha256: str = ""  #: of the drive's record
+
+
+@dataclass(frozen=True, slots=True)
+class CaseResult:
+    """What came of a case with one seed."""
+
+    case: Case
+    seed: int
+    verdict: Verdict
+    why: str = ""  #: it failed or does not apply
+    window: Window | None = None  #: of the fault; None where nothing was injected
+    reaction: float = float("nan")  #: from the fault to the required reaction [s]; inf for never, NaN: not measured
+    left: float = float("nan")  #: distance left at rest [m]; NaN where nothing was ahead
+    impact_speed: float = float("nan")  #: [m/s]; NaN for no contact
+    outcome: str = ""  #: how the drive ended
+    reasons: tuple[str, ...] = ()  #: the gateway's at the end
+    extra_braking: float = 0.0  #: while the fault was there, beyond the nominal drive's at the same time [m/s2]
+    last: Answer | None = None  #: the brain's last setpoint before rest
+    record: Path | None = None  #: folder of the drive's record
+    record_sha256: str = ""
+    course: Course | None = None  #: for the picture
+
+    @property
+    def key(self) -> str:
+        """Names the case and its seed."""
+        return f"{self.case.name}, seed {self.seed}"
+
+
+@dataclass(frozen=True, slots=True)
+class Defect:
+    """A likely defect of the brain, from how it behaved."""
+
+    name: str
+    cases: tuple[str, ...]  #: that say so
+
+
+@dataclass(frozen=True, slots=True)
+class BrainUnderTest:
+    """What is known of the brain besides its behaviour."""
+
+    command: str  #: empty for one that was started by hand
+    files: Mapping[str, str]  #: SHA-256 of every word of the command that is a file
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """All that a certificate says."""
+
+    rig: str
+    rig_sha256: str
+    scenario: str
+    values: Mapping[str, Any]  #: of the scenario, that were set otherwise
+    brain: BrainUnderTest
+    wires: tuple[str, ...]  #: kinds
+    seeds: tuple[int, ...]
+    results: tuple[CaseResult, ...]
+    defects: tuple[Defect, ...]
+    software: Mapping[str, Any]  #: versions and hash of the code
+    began_utc: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether every case that was driven passed."""
+        return all(result.verdict is not Verdict.FAILED for result in self.results)

@@ -1,0 +1,120 @@
+"""`vve-sumo certify`: a foreign brain through the scenario and through faults on its wires."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vve_sumo import progress_bar
+from vve_sumo.cli.parser import Parser, names, setting, values_of
+from vve_sumo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vve_sumo.certify.results import CaseResult, Certificate
+
+EXIT_CODES = """exit codes:
+  0  every case passed
+  1  the brain failed a case
+  2  wrong use or configuration; nothing was written
+  3  the brain does not start, or a port is taken
+  4  the simulation broke
+  130  interrupted from the keyboard; there is no certificate then
+"""
+
+SUMMARY = "drive a brain of somebody else's through faults on its wires: a certificate"
+TEXT = """\
+Drive a control computer of somebody else's (a brain) through a scenario in lockstep, first without a fault and then
+with one fault after the other on the wires by which it sees: frozen, lost, late, old and wrong messages, ghosts,
+counters that stand, wrong validity. Each case requires a reaction within a time. Writes report.html,
+certificate.json and the record of every drive. A brain that fails is told its likely defect, by its behaviour alone.
+
+The brain is started before each case and ended after it. Its answers must depend on the datagrams alone. Without
+--brain, the command waits before each case until you have started the brain again and pressed Enter.
+
+examples:
+  vve-sumo certify --list                    the cases: what is injected, what is required, and why
+  vve-sumo certify --rig rigs/foreign.toml \\
+      --brain 'python examples/brains/stop_for_parked.py routes/linden_17th.csv'
+  vve-sumo certify --rig ours --brain ./brain --cases radar_ageing,radar_invalid --runs 20 --out cert
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    parser.add_argument("--rig", metavar="NAME", help="the wires: a rig whose brain answers with setpoints")
+    parser.add_argument("--brain", metavar="COMMAND", help="starts the brain; in quotes, with its arguments")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="absent or empty (default: under runs/)")
+    parser.add_argument("--cases", type=names, default=(), metavar="A,B", help="some cases; the nominal one always")
+    parser.add_argument("--runs", type=int, default=1, metavar="N", help="seeds 1 to N of each case (default: 1)")
+    parser.add_argument(
+        "--set", type=setting, action="append", default=[], metavar="KEY=VALUE", dest="values",
+        help="instead of the scenario's: a dotted key, or a parameter that it declares",
+    )  # fmt: skip
+    parser.add_argument("--list", action="store_true", dest="listed", help="list the cases and drive nothing")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """List the cases, or drive them; return the exit code."""
+    from vve_sumo.certify.cases import CASES, chosen
+
+    cases = chosen(arguments.cases)
+    if arguments.listed:
+        from vve_sumo.certify.report import required
+
+        for case in CASES:
+            print(f"{case.name}\n    injected: {case.injected}\n    required: {required(case)}\n    why: {case.why}")
+        return 0
+    if arguments.rig is None:
+        raise ConfigError("--rig: expected the rig that names the brain's wires; see `vve-sumo certify --help`")
+    if arguments.runs < 1:
+        raise ConfigError(f"--runs: expected 1 or more, got {arguments.runs}")
+    from vve_sumo.certify.run import CertifyQuery
+    from vve_sumo.drive.run import new_run_folder
+
+    working = Path.cwd()
+    out = arguments.out if arguments.out is not None else new_run_folder("certificate", working)
+    query = CertifyQuery(
+        rig=arguments.rig,
+        scenario=arguments.scenario,
+        command=arguments.brain,
+        cases=cases,
+        seeds=tuple(range(1, arguments.runs + 1)),
+        out=out,
+        values=values_of(arguments.values),
+    )
+    from vve_sumo.certify import report
+    from vve_sumo.certify.run import certify
+    from vve_sumo.sweep.progress import Tally
+
+    with progress_bar.of_runs(quiet=False) as shown:
+        tally = Tally(len(cases) * arguments.runs, 0, 0, 0)
+        shown(tally)
+
+        def done(results: Sequence[CaseResult]) -> None:
+            tally.count(results[-1].verdict.value != "FAILED", "")
+            shown(tally)
+
+        certificate = certify(query, working, _by_hand, done)
+    page = report.write(certificate, out)
+    _show(certificate)
+    print(f"written: {page}")
+    return 0 if certificate.passed else 1
+
+
+def _by_hand(case: str) -> None:
+    """Wait until somebody has started the brain again."""
+    try:
+        input(f"case {case}: start the brain again, then press Enter ")
+    except EOFError:
+        raise ConfigError("--brain: expected a command, for nobody is at the keyboard") from None
+
+
+def _show(certificate: Certificate) -> None:
+    for result in certificate.results:
+        print(f"{result.verdict.value:<14} {result.key}{': ' if result.why else ''}{result.why}")
+    for defect in certificate.defects:
+        print(f"likely defect: {defect.name} ({', '.join(defect.cases)})")
+    print("passed" if certificate.passed else "FAILED")

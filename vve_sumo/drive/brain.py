@@ -1,0 +1,154 @@
+"""A foreign control computer beside or in the place of the controller: samples go out to it, setpoints come back.
+
+It knows samples and setpoints; it must not know what carries them. Time is the drive's: in lockstep the brain is waited
+for at every tick, live it is not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from vve_sumo.controller import Controller
+from vve_sumo.drive.pipeline import Seen
+from vve_sumo.errors import RigError
+from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
+from vve_sumo.values import ControlCommand, Observation, newest_scan
+from vve_sumo.wire.sample import Measured, Sample, virtual_fix
+from vve_sumo.wire.setpoints import SILENT, SetpointInbox
+
+#: note of a command in whose place no setpoint is alive; the fault beside it makes the gateway stop
+_NOTHING: Final = "no foreign setpoint"
+
+#: reason code of a brain that has let its whole time pass in lockstep
+OVERDUE: Final = "brain_overdue"
+
+#: sends a sample on all outgoing wires; neither waits nor raises
+Send = Callable[[Sample], None]
+#: returns the datagrams that have come by a drive time [s], each with its time of arrival [s]; where it is asked to
+#: wait, it may raise TimeoutError with one line that says for how long nothing came
+Receive = Callable[[float, bool], Sequence[tuple[float, bytes]]]
+
+
+def virtual_placement(frame: MapFrame, mounting: Mounting, epoch: float) -> Placement:
+    """Return the placement of a receiver that drives on the street itself: the street's map is its own."""
+    return Placement(frame, Alignment(), mounting, epoch)
+
+
+class Publisher:
+    """Makes the sample of every tick and sends it."""
+
+    def __init__(self, send: Send, placement: Placement, epoch: float, *, held: bool = False) -> None:
+        """`placement` is `virtual_placement`'s; `epoch` is the GNSS second of drive time 0.
+
+        `held`: nothing is valid until the drive begins, for a brain that would drive off by what it sees.
+        """
+        self._send, self._placement, self._epoch = send, placement, epoch
+        self.sequence = 0  #: of the newest sample
+        self.radar_valid = False  #: whether the newest sample holds a scan
+        self.over = False  #: set when the drive ends: from then on every sample is invalid
+        self.held = held  #: whether every sample is invalid because the drive has not begun
+
+    def publish(self, now: float, seen: Seen | None, faults: tuple[str, ...]) -> None:
+        """Send the sample of a tick; any fault but the brain's own silence makes it invalid, and so does no pose."""
+        self.sequence += 1
+        sound = seen is not None and not (self.over or self.held) and all(code == SILENT for code in faults)
+        measured = self._measured(now, seen) if seen is not None and sound else None
+        sample = Sample(self.sequence, self._epoch + now, now, measured)
+        self.radar_valid = sample.radar_valid
+        self._send(sample)
+
+    def _measured(self, now: float, seen: Seen) -> Measured:
+        scan = newest_scan(seen.sensors)
+        age = now - scan.time if math.isfinite(scan.time) else math.inf
+        return Measured(virtual_fix(seen.pose, self._placement, seen.fix), seen.pose, scan, age, seen.actors)
+
+
+class SetpointController:
+    """Answers an observation with the newest foreign setpoint that is alive."""
+
+    def __init__(self, publisher: Publisher, receive: Receive, inbox: SetpointInbox, *, waits: bool) -> None:
+        """`waits`: whether a tick waits for the setpoint that answers its sample."""
+        self._publisher, self._receive, self._inbox, self._waits = publisher, receive, inbox, waits
+        self.faults: tuple[str, ...] = (SILENT,)  #: reason codes for the next tick
+        self.overdue = ""  #: one line, set when the brain has let its time pass: it is never waited for again
+
+    def step(self, observation: Observation) -> ControlCommand:
+        """Return what the newest setpoint asks for; a brain that asks for nothing is a fault of the next tick."""
+        now, publisher, inbox = observation.time, self._publisher, self._inbox
+        inbox.asked(publisher.sequence)
+        try:
+            self._take(now)
+        except TimeoutError as error:
+            self.overdue = f"drive time {now:.2f} s: {error}"
+        command = inbox.command(now)
+        self.faults = () if command is not None else (SILENT,)
+        if self.overdue:
+            self.faults = (OVERDUE,)
+        return command or ControlCommand(_held(observation), 0.0, note=_NOTHING)
+
+    def _take(self, now: float) -> None:
+        publisher, inbox = self._publisher, self._inbox
+        while True:
+            # No brain needs to answer what is invalid.
+            owed = self._waits and not self.overdue and publisher.radar_valid
+            owed = owed and not inbox.answered(publisher.sequence)
+            came = self._receive(now, owed)
+            for received, data in came:
+                inbox.take(received, data)
+            if not (came and owed):
+                return
+
+    def check_begun(self) -> None:
+        """Raise RigError where the brain has let its time pass before its first setpoint: it is not there."""
+        if self.overdue and not self._inbox.taken:
+            refused = ", ".join(f"{count} x {code}" for code, count in sorted(self._inbox.counts.items()))
+            was = f"of its answers none was taken ({refused})" if refused else "start it before the drive"
+            raise RigError(f"the brain does not answer, {self.overdue}: {was}")
+
+
+class NoController:
+    """Asks for nothing: an external brain commands the car by itself."""
+
+    faults: tuple[str, ...] = ()
+    overdue = ""
+
+    def check_begun(self) -> None:
+        """Nobody waits for a brain that commands the car by itself."""
+
+    def step(self, observation: Observation) -> ControlCommand:
+        """Return the steering that the car reports, and no acceleration."""
+        return ControlCommand(_held(observation), 0.0, note="external brain")
+
+
+def _held(observation: Observation) -> float:
+    return observation.steering if math.isfinite(observation.steering) else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Brain:
+    """What a drive has of foreign brains: the wires out, and what stands in the place of its controller."""
+
+    publisher: Publisher
+    controller: SetpointController | NoController | None = None  #: None: the scenario's own controller drives
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Reason codes for the next tick."""
+        return () if self.controller is None else self.controller.faults
+
+    @property
+    def overdue(self) -> str:
+        """One line on a brain that has let its time pass in lockstep; else empty."""
+        return "" if self.controller is None else self.controller.overdue
+
+    def check_begun(self) -> None:
+        """Raise RigError where the brain was waited for and is not there."""
+        if self.controller is not None:
+            self.controller.check_begun()
+
+    def in_place_of(self, own: Callable[[], Controller]) -> Controller:
+        """Return the controller of the drive; the scenario's own is made only where it drives."""
+        return own() if self.controller is None else self.controller

@@ -1,0 +1,110 @@
+"""The way to a foreign brain and back over real sockets, lines and buses, from the tables of a rig.
+
+It opens what the rig names; it must not know what a brain does, nor how a drive is run.
+"""
+
+from __future__ import annotations
+
+import math
+import pickle
+import select
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.live.channel import Channel
+from vve_sumo.live.outputs import Wire
+from vve_sumo.pose.sources import Source
+from vve_sumo.rig.schema import Brain as RigBrain
+from vve_sumo.wire.sample import Sample
+
+KEY_LENGTH: Final = 32  #: [bytes]
+#: how long lockstep waits for a brain's answer [s]; it may be a debugger's first line
+PATIENCE: Final = 10.0
+
+
+class ChannelLink:
+    """Hands samples to the process of the outgoing wires, and hears the setpoints on one socket; never waits."""
+
+    def __init__(self, outputs: Channel, setpoints: Source | None, t0: float) -> None:
+        """`t0` is the monotonic second of drive time 0."""
+        self._outputs, self._setpoints, self._t0 = outputs, setpoints, t0
+
+    def send(self, sample: Sample) -> None:
+        """Hand over a sample; one for which there is no room is lost, and the wires turn invalid by themselves."""
+        self._outputs.send(pickle.dumps(sample, pickle.HIGHEST_PROTOCOL))
+
+    def receive(self, _now: float, _wait: bool) -> Sequence[tuple[float, bytes]]:
+        """Return the datagrams that have come, dated by the kernel's stamps."""
+        heard = () if self._setpoints is None else self._setpoints.receive()
+        return [(stamp - self._t0, data) for stamp, data in heard]
+
+    def faults(self) -> tuple[str, ...]:
+        """Reason codes: the wires' process is gone, or somebody else sends setpoints."""
+        gone = ("outputs_gone",) if self._outputs.closed else ()
+        return gone + (() if self._setpoints is None else tuple(_OF_SETPOINTS[c] for c in self._setpoints.found()))
+
+    def close(self) -> None:
+        """Close both ends."""
+        self._outputs.close()
+        if self._setpoints is not None:
+            self._setpoints.close()
+
+
+#: reason codes of strangers on the setpoints' port, by those of the receiver's
+_OF_SETPOINTS: Final = {"pose_two_senders": "setpoint_two_senders", "pose_foreign_sender": "setpoint_foreign_sender"}
+
+
+def key_of(brain: RigBrain, working: Path) -> bytes:
+    """Return the key that signs setpoints; empty where the rig names none. Raises ConfigError naming the key."""
+    if brain.key_file is None:
+        return b""
+    file = working / brain.key_file
+    try:
+        key = bytes.fromhex(file.read_text(encoding="ascii").strip())
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"brain.key_file: {file}: expected 64 hexadecimal digits, {error}") from None
+    if len(key) != KEY_LENGTH:
+        raise ConfigError(f"brain.key_file: {file}: expected {2 * KEY_LENGTH} hexadecimal digits, got {2 * len(key)}")
+    return key
+
+
+class WiredLink:
+    """Sends samples on all wires of a rig, and hears the setpoints on one socket."""
+
+    def __init__(self, wires: Sequence[Wire], setpoints: Source | None, patience: float = PATIENCE) -> None:
+        """`patience`: how long the answer to a sample is waited for [s]."""
+        self._wires, self._setpoints, self._patience = tuple(wires), setpoints, patience
+        self._deadline = math.inf
+
+    def send(self, sample: Sample) -> None:
+        """Send a sample on every wire on which something is due."""
+        for wire in self._wires:
+            wire.outlet.send(wire.output.step(sample))
+        self._deadline = time.monotonic() + self._patience
+
+    def receive(self, now: float, wait: bool) -> Sequence[tuple[float, bytes]]:
+        """Return the datagrams that have come; with `wait`, those until the first.
+
+        They are dated `now` [s], for in lockstep no time passes while a brain thinks. Raises TimeoutError where nothing
+        more came within the patience, counted from the newest sample.
+        """
+        if self._setpoints is None:
+            return ()
+        while True:
+            came = [(now, data) for _stamp, data in self._setpoints.receive()]
+            if came or not wait:
+                return came
+            left = self._deadline - time.monotonic()
+            if left <= 0.0:
+                raise TimeoutError(f"no answer within {self._patience:g} s (brain.deadline_s)")
+            select.select([self._setpoints], [], [], left)
+
+    def close(self) -> None:
+        """Close all that is open."""
+        if self._setpoints is not None:
+            self._setpoints.close()
+        for wire in self._wires:
+            wire.outlet.close()

@@ -1,0 +1,185 @@
+"""Runs the process of the outgoing wires: samples of the drive in, datagrams and frames to a foreign brain out.
+
+It is fed one way and holds no way back: nothing that happens on a wire can slow the drive or reach the car's bus. It
+has a timer of its own: while the drive says nothing, every wire says *invalid* at the rate of the ticks. When this
+process dies, the counters on the wires stop.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import pickle
+import select
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
+
+from vve_sumo.bus import Bus
+from vve_sumo.drive.resolved_scenario import PERIOD
+from vve_sumo.errors import VveError
+from vve_sumo.live import signals
+from vve_sumo.live.channel import Channel
+from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
+from vve_sumo.live.pty_bus import PREFIX, PtyOutlet
+from vve_sumo.live.spawn import receive_config
+from vve_sumo.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
+from vve_sumo.values import Vehicle
+from vve_sumo.wire.outputs import KINDS, Context, Output
+from vve_sumo.wire.sample import Sample
+
+#: a sample that is this much later than due is no longer waited for [s]: the wires turn invalid
+LATE: Final = 0.03
+#: so long every wire says invalid after the drive has ended [s], before it falls silent
+FAREWELL: Final = 0.3
+
+
+class Wire(NamedTuple):
+    """One outgoing wire."""
+
+    name: str  #: of the rig's table
+    output: Output
+    outlet: Outlet[Any]
+
+
+def opened(tables: list[Mapping[str, Any]], context: Context) -> list[Wire]:
+    """Open the wires of a rig's `[[outputs]]`; raises VveError naming the table that cannot be opened."""
+    wires: list[Wire] = []
+    for number, table in enumerate(tables):
+        name = f"outputs.{number}"
+        try:
+            wires.append(_wire(name, table, context))
+        except VveError as error:
+            for wire in wires:
+                wire.outlet.close()
+            raise type(error)(f"{name}: {error}") from None
+    return wires
+
+
+def _wire(name: str, table: Mapping[str, Any], context: Context) -> Wire:
+    outlet = _outlet(table)
+    hear = outlet.receive if table["host"] == "bus" and isinstance(outlet, CanOutlet | PtyOutlet) else None
+    of_this = replace(context, hear=hear, stop_id=table["can_id"])
+    try:
+        return Wire(name, KINDS[table["kind"]].make(of_this), outlet)
+    except VveError:
+        outlet.close()
+        raise
+
+
+def _outlet(table: Mapping[str, Any]) -> Outlet[Any]:
+    if table.get("udp"):
+        return UdpOutlet(*_place(table["udp"]))
+    if table.get("tcp"):
+        return TcpOutlet(*_place(table["tcp"]))
+    if table.get("device"):
+        return SerialOutlet(table["device"], table["baud"])
+    if table["channel"].startswith(PREFIX):
+        return PtyOutlet(table["channel"])
+    return CanOutlet(Bus(table["interface"], table["channel"], table["bitrate"]))
+
+
+def _place(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    return host, int(port)
+
+
+class Outputs:
+    """Sends what the drive says, and *invalid* where it says nothing."""
+
+    def __init__(self, wires: list[Wire], drive: Channel, t0: float, epoch: float) -> None:
+        """`t0` is the monotonic second of drive time 0, `epoch` its GNSS second."""
+        self._wires, self._drive, self._t0, self._epoch = wires, drive, t0, epoch
+        self._sequence = 0
+        self._due = time.monotonic() + LATE + PERIOD
+        self.sent = self.silent = 0  #: samples of the drive, and ticks at which it said nothing
+
+    def run(self) -> None:
+        """Send until the drive is gone, and *invalid* for a little longer."""
+        until = float("inf")
+        while time.monotonic() < until:
+            left = max(self._due - time.monotonic(), 0.0)
+            watched = [] if self._drive.closed else [self._drive]
+            select.select(watched, [], [], left)
+            self._forward()
+            if time.monotonic() >= self._due:
+                self._say_invalid()
+            if self._drive.closed and until == float("inf"):
+                until = time.monotonic() + FAREWELL
+
+    def _forward(self) -> None:
+        """Send the newest sample that waits; older ones would be old on the wire."""
+        waiting = self._drive.receive()
+        if not waiting:
+            return
+        # pickle is safe here: only the drive, which the same program started, holds the other end.
+        sample: Sample = pickle.loads(waiting[-1])
+        now = time.monotonic()
+        self._due = now + PERIOD + LATE
+        if now - self._t0 - sample.drive_time > LATE:
+            return  # the drive was held up after it had made the sample; the timer speaks in its place
+        self._sequence = sample.sequence
+        self.sent += 1
+        self._send(sample)
+
+    def _say_invalid(self) -> None:
+        now = time.monotonic()
+        self._due = now + PERIOD
+        self._sequence += 1
+        self.silent += 1
+        drive_time = now - self._t0
+        self._send(Sample(self._sequence, self._epoch + drive_time, drive_time, None))
+
+    def _send(self, sample: Sample) -> None:
+        for wire in self._wires:
+            try:
+                wire.outlet.send(wire.output.step(sample))
+            except Exception as error:
+                # A bug in one encoder must not silence the others.
+                _say(f"{wire.name}: {type(error).__name__}: {error}")
+
+    def report(self) -> str:
+        """Return the log's last line."""
+        lost = {wire.name: wire.outlet.lost for wire in self._wires if wire.outlet.lost}
+        return f"{self.sent} samples sent, invalid for {self.silent} ticks in which the drive said nothing, lost {lost}"
+
+
+def _say(line: str) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        print(f"outputs: {line}", file=sys.stderr, flush=True)  # noqa: T201 (the log of a process without a terminal)
+
+
+def _context(config: Mapping[str, Any]) -> Context:
+    x, y = config["map_offset"]
+    return Context(Vehicle(**config["vehicle"]), config["projection"], (x, y))
+
+
+def main() -> int:
+    """Run the process and return its exit code."""
+    signals.ignore()
+    set_oom_score(KILLED_SECOND)
+    config, channels = receive_config()
+    try:
+        wires = opened(config["outputs"], _context(config))
+    except VveError as error:
+        _say(str(error))
+        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        return error.exit_code
+    channels["console"].send(json.dumps({"kind": "outputs_ready"}).encode())
+    raise_priority(DRIVE_NICE)
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    outputs = Outputs(wires, channels["drive"], config["t0"], config["epoch"])
+    outputs.run()
+    _say(outputs.report())
+    for wire in wires:
+        wire.outlet.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,309 @@
+"""The port of outgoing wires: each kind turns samples into datagrams, bytes or frames, by its own period.
+
+Knows encoders; it must not know sockets, serial lines or buses. A kind is one class with `step(sample)`, found by its
+name in `KINDS`. Whatever a kind sends for a sample that is not valid says that it is not, at once and at every step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, Protocol
+
+from vve_sumo.pose import ncom
+from vve_sumo.values import Actors, Frame, Vehicle
+from vve_sumo.wire import ars408, datagrams, esr, nmea
+from vve_sumo.wire.numbering import Numbering
+from vve_sumo.wire.sample import NO_SCAN, Measured, Sample, no_fix
+
+#: how long a control computer may act on a radar datagram [s]
+LIFETIME: Final = 0.1
+#: times are compared as whole microseconds, so that 0.05 - 0.04 never decides
+MICROSECONDS: Final = 1_000_000
+
+#: how long the vehicle messages of an ESR's host count [s]: five of their periods of 20 ms, an assumption
+HOST_LIFETIME: Final = 0.1
+
+Carried = Literal["bytes", "frames"]
+#: returns the frames that others have sent on a bus since the last call, in order
+Hear = Callable[[], Sequence[Frame]]
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What the kinds need to know of a drive."""
+
+    vehicle: Vehicle
+    projection: str  #: PROJ string of the street's map
+    map_offset: tuple[float, float] = (0.0, 0.0)  #: what the map's coordinates have beyond the projected ones [m]
+    rate_nmea: float = 10.0  #: [Hz]
+    hear: Hear | None = None  #: what others say on the wire's own bus; None where nobody is listened to
+    stop_id: int | None = None  #: identifier of the stop frame
+
+
+class Output(Protocol):
+    """One outgoing wire; `step` is called once a tick, in order."""
+
+    def step(self, sample: Sample) -> Sequence[bytes] | Sequence[Frame]:
+        """Return what is to be sent now, in order; nothing where nothing is due."""
+        ...
+
+
+class _Due:
+    """Says when the next cycle of a period is due; one that turns invalid is due at once."""
+
+    def __init__(self, period: float) -> None:
+        self._period = round(period * MICROSECONDS)
+        self._next = -(2**62)
+        self._valid = True
+
+    def due(self, sample: Sample) -> bool:
+        """Whether a cycle begins with this sample."""
+        now = round(sample.drive_time * MICROSECONDS)
+        if now < self._next and sample.valid == self._valid:
+            return False
+        self._valid = sample.valid
+        self._next = (now // self._period + 1) * self._period
+        return True
+
+
+class NcomOutput:
+    """OXTS NCOM, one packet a tick."""
+
+    def __init__(self, _context: Context) -> None:
+        self._encoder = ncom.Encoder()
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the packet of a sample."""
+        measured = sample.measured
+        return (self._encoder.encode(measured.fix if measured else no_fix(sample.time, sample.drive_time)),)
+
+
+class NmeaOutput:
+    """NMEA 0183 sentences, ten times a second."""
+
+    def __init__(self, context: Context) -> None:
+        self._due = _Due(1.0 / context.rate_nmea)
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the sentences of a sample where they are due."""
+        if not self._due.due(sample):
+            return ()
+        measured = sample.measured
+        return (nmea.encode(measured.fix if measured else no_fix(sample.time, sample.drive_time)),)
+
+
+class RadarOutput:
+    """This project's own radar datagram, one a tick."""
+
+    def __init__(self, _context: Context) -> None:
+        self._objects = _Objects(datagrams.MAX_TARGETS)
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the datagram of a sample."""
+        measured = _with_scan(sample)
+        if measured is None:
+            nothing = datagrams.RadarDatagram(sample.sequence, sample.time, LIFETIME, 0.0, 0.0, 0.0, (), valid=False)
+            return (datagrams.encode_radar(nothing),)
+        targets = [
+            datagrams.Target(one.number, one.range, one.azimuth, one.range_rate, one.mode)
+            for one in self._objects.of(measured)
+        ]
+        made = sample.time - measured.scan_age
+        pose = measured.pose
+        seen = datagrams.RadarDatagram(sample.sequence, sample.time, LIFETIME, made, pose.speed, pose.yaw_rate, targets)
+        return (datagrams.encode_radar(seen),)
+
+
+class EsrOutput:
+    """Delphi ESR tracks, a cycle every 50 ms: 64 tracks and the status frames.
+
+    Where it hears its bus, it knows the car's motion by the host's vehicle messages alone, as the radar does. Without
+    them it reports a communication error, without the order to radiate a transceiver at rest, and no track either way.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._hear, self._host = context.hear, esr.Host(HOST_LIFETIME)
+        self._due = _Due(esr.PERIOD)
+        self._objects = _Objects(esr.TRACKS)
+        self._scan_time, self._scan_index = -math.inf, -1
+
+    def step(self, sample: Sample) -> Sequence[Frame]:
+        """Return the frames of a cycle where one is due; an invalid cycle counts its scan index up, too."""
+        measured = _with_scan(sample)
+        if self._hear is not None:
+            self._host.take(sample.drive_time, self._hear())
+        if not self._due.due(sample):
+            return ()
+        if measured is None:
+            self._scan_index += 1
+            return esr.encode(esr.Cycle(self._scan_index, 0.0, esr.HostMotion(0.0, 0.0), (), valid=False))
+        stamp = sample.time - measured.scan_age
+        host = esr.HostMotion(measured.pose.speed, measured.pose.yaw_rate)
+        radiating, told = True, True
+        if self._hear is not None:
+            motion, radiating = self._host.motion(sample.drive_time), self._host.radiates(sample.drive_time)
+            told, host = motion is not None, motion or esr.HostMotion(0.0, 0.0)
+        if not (told and radiating):
+            self._scan_index += radiating
+            return esr.encode(esr.Cycle(self._scan_index, stamp, host, (), told=told, radiating=radiating))
+        if measured.scan.time != self._scan_time:
+            self._scan_time, self._scan_index = measured.scan.time, self._scan_index + 1
+        tracks = [self._track(one, host.speed) for one in self._objects.of(measured)]
+        return esr.encode(esr.Cycle(self._scan_index, stamp, host, tracks))
+
+    def _track(self, one: _Object, speed: float) -> esr.Track:
+        return esr.Track(
+            one.number,
+            one.range,
+            one.azimuth,
+            one.range_rate,
+            one.range_acceleration,
+            status=esr.TrackStatus.NEW if one.new else esr.TrackStatus.UPDATED,
+            mode=esr.Mode.MEDIUM_RANGE if one.mode else esr.Mode.LONG_RANGE,
+            oncoming=_over_ground(one, speed) < -ONCOMING,
+        )
+
+
+class Ars408Output:
+    """Continental ARS408 objects, a list every 75 ms."""
+
+    def __init__(self, _context: Context) -> None:
+        self._due = _Due(ars408.PERIOD)
+        self._objects = _Objects(ars408.MAX_OBJECTS)
+        self._counter = -1
+
+    def step(self, sample: Sample) -> Sequence[Frame]:
+        """Return the frames of a list where one is due."""
+        if not self._due.due(sample):
+            return ()
+        self._counter += 1
+        measured = _with_scan(sample)
+        if measured is None:
+            return ars408.encode(ars408.ObjectList(self._counter, ()), valid=False)
+        speed = measured.pose.speed
+        objects = tuple(self._object(one, speed) for one in self._objects.of(measured))
+        return ars408.encode(ars408.ObjectList(self._counter, objects))
+
+    def _object(self, one: _Object, speed: float) -> ars408.Object:
+        over_ground = _over_ground(one, speed)
+        motion = ars408.Motion.STATIONARY
+        if abs(over_ground) > ONCOMING:
+            motion = ars408.Motion.MOVING if over_ground > 0.0 else ars408.Motion.ONCOMING
+        cos, sin = math.cos(one.azimuth), math.sin(one.azimuth)
+        return ars408.Object(
+            one.number,
+            one.range * cos,
+            one.range * sin,
+            # A radar measures the radial part alone; it is laid along the line of sight.
+            one.range_rate * cos,
+            one.range_rate * sin,
+            motion,
+            measurement=ars408.Measurement.NEW if one.new else ars408.Measurement.MEASURED,
+        )
+
+
+#: an object faster over the ground than this moves [m/s]: an assumption, above a radar's noise
+ONCOMING: Final = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Object:
+    """A numbered detection."""
+
+    number: int
+    new: bool
+    range: float
+    azimuth: float
+    range_rate: float
+    range_acceleration: float
+    mode: int
+
+
+class _Objects:
+    """The numbered detections of the newest scan, worked out once a scan."""
+
+    def __init__(self, most: int) -> None:
+        self._numbering = Numbering(most)
+        self._time = math.nan
+        self._found: list[_Object] = []
+
+    def of(self, measured: Measured) -> list[_Object]:
+        """Return the numbered detections of a sample's scan."""
+        scan = measured.scan
+        if scan.time != self._time:
+            self._time = scan.time
+            numbers = self._numbering.step(scan, measured.pose.yaw_rate)
+            columns = (scan.range.tolist(), scan.azimuth.tolist(), scan.range_rate.tolist(), scan.mode.tolist())
+            self._found = [
+                _Object(given.number, given.new, far, aside, rate, given.range_acceleration, mode)
+                for given, far, aside, rate, mode in zip(numbers, *columns, strict=True)
+                if given is not None
+            ]
+        return self._found
+
+
+def _over_ground(one: _Object, speed: float) -> float:
+    """Return the radial speed of an object over the ground [m/s], away from the car positive."""
+    return one.range_rate + speed * math.cos(one.azimuth)
+
+
+def _with_scan(sample: Sample) -> Measured | None:
+    """Return what a sample carries, where it has a scan that is not too old; else None: the radar is invalid."""
+    return sample.measured if sample.radar_valid else None
+
+
+class OsiOutput:
+    """ASAM OSI: SensorView with ground truth, or SensorData with the radar's detections, one message a tick."""
+
+    def __init__(self, context: Context, *, view: bool) -> None:
+        from vve_sumo.wire.osi import Encoder
+
+        self._encoder, self._view = Encoder(context.vehicle, context.projection, context.map_offset), view
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the message of a sample; an invalid SensorView is not sent, for it has no way to say so."""
+        measured = _with_scan(sample)
+        if not self._view:
+            scan, age = (measured.scan, measured.scan_age) if measured else (NO_SCAN, 0.0)
+            message = self._encoder.sensor_data(sample.time, scan, age, valid=measured is not None)
+            return (bytes(message.SerializeToString()),)
+        if sample.measured is None:
+            return ()
+        actors: Actors = sample.measured.actors
+        return (bytes(self._encoder.sensor_view(sample.time, sample.measured.pose, actors).SerializeToString()),)
+
+
+class StopOutput:
+    """A stop frame: one byte, 1, at every step at which the outputs are invalid after they were valid; else nothing."""
+
+    def __init__(self, context: Context) -> None:
+        self._frame = Frame(context.stop_id or 0, b"\x01")
+        self._begun = False
+
+    def step(self, sample: Sample) -> Sequence[Frame]:
+        """Return the stop frame of a sample; none before the first valid one: nothing drives yet."""
+        self._begun |= sample.valid
+        return (self._frame,) if self._begun and not sample.valid else ()
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of outgoing wire."""
+
+    carried: Carried  #: what its steps return
+    make: Callable[[Context], Output]
+    meaning: str
+
+
+KINDS: Final[Mapping[str, Kind]] = {
+    "ncom": Kind("bytes", NcomOutput, "the ego at its virtual place as OXTS NCOM packets, one a tick"),
+    "nmea": Kind("bytes", NmeaOutput, "the ego at its virtual place as NMEA 0183 sentences, 10 Hz"),
+    "radar": Kind("bytes", RadarOutput, "the radar's newest scan as this project's own datagram, one a tick"),
+    "esr": Kind("frames", EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz"),
+    "ars408": Kind("frames", Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz"),
+    "stop": Kind("frames", StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
+    "osi_view": Kind("bytes", lambda c: OsiOutput(c, view=True), "ASAM OSI SensorView with ground truth, one a tick"),
+    "osi_data": Kind("bytes", lambda c: OsiOutput(c, view=False), "ASAM OSI SensorData of the radar, one a tick"),
+}

@@ -1,0 +1,93 @@
+"""Defines what the virtual sensors say at one tick, for the encoders of the outgoing wires.
+
+A sample that is not valid carries its time alone: nothing that an encoder could send by mistake.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from vve_sumo.frames import Placement
+from vve_sumo.values import Actors, Detections, Fix, FixQuality, Pose
+
+NO_SCAN: Final = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
+#: an older scan is shown by nobody [s]
+MAX_SCAN_AGE: Final = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What a valid sample carries."""
+
+    fix: Fix  #: of the receiver's output point at the virtual place, predicted to the sample's time
+    pose: Pose  #: of the rear axle on the street, predicted to the sample's time
+    scan: Detections  #: the radar's newest; its `time` counts in drive time, and is -inf before the first
+    scan_age: float  #: since the scan was measured [s]; inf before the first
+    actors: Actors  #: on the street, as the sensors saw them
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What the virtual sensors say at one tick."""
+
+    sequence: int  #: counts samples up by one
+    time: float  #: GNSS time [s since 1980-01-06, no leap seconds]
+    drive_time: float  #: the same on the drive's clock [s]
+    measured: Measured | None  #: None: the outputs are invalid
+
+    @property
+    def valid(self) -> bool:
+        """Whether anybody may drive by it."""
+        return self.measured is not None
+
+    @property
+    def radar_valid(self) -> bool:
+        """Whether it holds a scan that is not too old."""
+        return self.measured is not None and self.measured.scan_age <= MAX_SCAN_AGE
+
+
+def virtual_fix(pose: Pose, placement: Placement, newest: Fix) -> Fix:
+    """Return the fix of a receiver that stood at a pose on the street.
+
+    `placement` carries the street's own map; quality, accuracies and altitude are those of the `newest` real fix, for
+    the virtual place is known no better than the real one.
+    """
+    exact = placement.unplace(pose)
+    return replace(
+        exact,
+        altitude=newest.altitude,
+        roll=newest.roll,
+        velocity_down=newest.velocity_down,
+        locked=newest.locked,
+        quality=newest.quality,
+        position_sigma=newest.position_sigma,
+        velocity_sigma=newest.velocity_sigma,
+        heading_sigma=newest.heading_sigma,
+        differential_age=newest.differential_age,
+    )
+
+
+def no_fix(time: float, drive_time: float) -> Fix:
+    """Return the fix of a receiver that knows the time [s of GNSS time] and nothing else."""
+    unknown = math.nan
+    return Fix(
+        time=time,
+        time_received=drive_time,
+        latitude=0.0,
+        longitude=0.0,
+        altitude=0.0,
+        heading=unknown,
+        pitch=unknown,
+        roll=unknown,
+        velocity_north=unknown,
+        velocity_east=unknown,
+        velocity_down=unknown,
+        yaw_rate=unknown,
+        acceleration=unknown,
+        locked=False,
+        quality=FixQuality.NONE,
+    )

@@ -1,0 +1,87 @@
+"""Takes the setpoints of a control computer: the newest that is whole, newer than the last, timely, and still alive.
+
+Knows datagrams and times; it must not know sockets, and nothing of what a gateway does with a setpoint. Every datagram
+that is not taken has a reason code; none of them raises. With a key every datagram ends in TAG bytes more: the first of
+the HMAC-SHA-256 (RFC 2104) of all before, which only who has the key can make.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import math
+from collections import Counter, deque
+from typing import Final
+
+from vve_sumo.values import ControlCommand
+from vve_sumo.wire.datagrams import SEQUENCES, SetpointDatagram, Wrong, decode_setpoint
+
+#: a setpoint that answers an older datagram than the last so many counts as late: 0.2 s of ticks
+MAX_ANSWERED: Final = 10
+#: reason codes beside `datagrams.Wrong`
+REPLAYED, UNASKED, LATE = "setpoint_replayed", "setpoint_unasked", "setpoint_late"
+#: reason code of a control computer that has sent no setpoint that is still alive
+SILENT: Final = "brain_silent"
+#: reason code of a datagram that was not made with the key
+FORGED: Final = "setpoint_forged"
+TAG: Final = 16  #: [bytes]
+
+
+def signed(data: bytes, key: bytes) -> bytes:
+    """Return a datagram with the tag that a key gives it."""
+    return data + hmac.new(key, data, hashlib.sha256).digest()[:TAG]
+
+
+class SetpointInbox:
+    """The newest setpoint of one control computer."""
+
+    def __init__(self, key: bytes = b"") -> None:
+        """With a `key`, only datagrams that are `signed` with it are taken."""
+        self._key = key
+        self.counts: Counter[str] = Counter()  #: datagrams that were not taken, by reason code
+        self.taken = 0  #: setpoints taken
+        self._asked: deque[int] = deque(maxlen=MAX_ANSWERED)  # sequences of the newest datagrams that were sent
+        self._newest: SetpointDatagram | None = None
+        self._expires = -math.inf
+
+    def asked(self, sequence: int) -> None:
+        """Note the sequence of a radar datagram that was just sent; a setpoint must answer one of the last."""
+        self._asked.append(sequence % SEQUENCES)
+
+    def take(self, now: float, data: bytes) -> str:
+        """Take a datagram that arrived at drive time `now` [s]; return why it was not taken, empty where it was."""
+        if self._key:
+            data, tagged = data[:-TAG], data
+            if not hmac.compare_digest(signed(data, self._key), tagged):
+                self.counts[FORGED] += 1
+                return FORGED
+        setpoint = decode_setpoint(data)
+        reason = setpoint.value if isinstance(setpoint, Wrong) else self._refusal(setpoint)
+        if isinstance(setpoint, Wrong) or reason:
+            self.counts[reason] += 1
+            return reason
+        self._newest, self._expires = setpoint, now + setpoint.lifetime
+        self.taken += 1
+        return ""
+
+    def _refusal(self, setpoint: SetpointDatagram) -> str:
+        if self._newest is not None:
+            ahead = (setpoint.sequence - self._newest.sequence) % SEQUENCES
+            if not 0 < ahead < SEQUENCES // 2:
+                return REPLAYED
+        if setpoint.answers in self._asked:
+            return ""
+        newest = self._asked[-1] if self._asked else None
+        older = newest is not None and (newest - setpoint.answers) % SEQUENCES < SEQUENCES // 2
+        return LATE if older else UNASKED
+
+    def answered(self, sequence: int) -> bool:
+        """Whether the newest setpoint answers the radar datagram of this sequence."""
+        return self._newest is not None and self._newest.answers == sequence % SEQUENCES
+
+    def command(self, now: float) -> ControlCommand | None:
+        """Return what the newest setpoint asks for; None where there is none that is alive at drive time `now` [s]."""
+        newest = self._newest
+        if newest is None or now > self._expires:
+            return None
+        return ControlCommand(newest.steering, newest.acceleration, newest.emergency, "foreign setpoint")
