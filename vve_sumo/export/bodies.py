@@ -5,9 +5,9 @@ Knows a run; nothing of any format.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,14 +87,14 @@ class Body:
 
 def bodies(run: Run) -> list[Body]:
     """Return the ego and every actor, in the order in which they appear; ticks without a known pose are left out."""
-    known, rows = _declared_kinds(run), run.data.actor_rows
+    known, rows = declared_kinds(run.resolved["settings"]), run.data.actor_rows
     at_a_tick = index_of_tick(run.arrow("ticks"), run.arrow("actors")) >= 0
     sections = run.arrow("actors")["radar_cross_section_m2"].to_numpy()[at_a_tick]
     found = []
     for code in np.unique(rows.code).tolist():
         own = np.flatnonzero(rows.code == code)
         name = rows.names[code]
-        kind = known.get(name) or _kind_of(name, float(sections[own[0]]))
+        kind = known.get(name) or kind_of(name, float(sections[own[0]]))
         found.append(_body(run, name, kind, rows.at[own], rows.boxes.select(own)))
     return [_ego(run), *sorted(found, key=lambda body: (int(body.at[0]), body.name))]
 
@@ -117,13 +117,13 @@ def _body(run: Run, name: str, kind: str, at: NDArray[np.int64], boxes: Boxes) -
     return Body(name, kind, *size, at, run.time[at], boxes.x, boxes.y, boxes.heading, boxes.speed)
 
 
-def _declared_kinds(run: Run) -> dict[str, str]:
-    """Return the kinds of the scenario's actors and obstacles, by their names."""
-    declared = {one["id"]: one["kind"] for one in run.resolved["settings"].get("actors", ())}
-    return dict.fromkeys(obstacles(run), "car") | declared
+def declared_kinds(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Return the kinds of the actors and obstacles in a scenario's settings, by their names."""
+    declared = {one["id"]: one["kind"] for one in settings.get("actors", ())}
+    return dict.fromkeys((one["id"] for one in settings.get("obstacles", ())), "car") | declared
 
 
-def _kind_of(name: str, cross_section: float) -> str:
+def kind_of(name: str, cross_section: float) -> str:
     """Return the kind of a vehicle of the traffic; the shipped traffic names a vehicle after its type: `bus.15`."""
     named = name.partition(".")[0]
     return named if named in KINDS else KIND_OF_CROSS_SECTION.get(cross_section, "car")

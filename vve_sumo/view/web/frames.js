@@ -1,0 +1,170 @@
+// The frames of a record: takes the binary file of columns apart and gives one tick as an object, in the form in which
+// a live drive sends it. Knows no page; the file's layout is defined in view/frames.py.
+
+const MAGIC = "VVEF";
+const KINDS = { f4: Float32Array, f8: Float64Array, i4: Int32Array };
+
+/** Return what `bytes` are without gzip, as an ArrayBuffer. */
+export async function unzipped(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).arrayBuffer();
+}
+
+/** Return { head, columns } of an unzipped file of columns; throws where it is none. */
+export function unpacked(buffer) {
+  const view = new DataView(buffer);
+  const magic = String.fromCharCode(...new Uint8Array(buffer, 0, 4));
+  if (magic !== MAGIC) throw new Error(`not a file of frames: it begins with ${JSON.stringify(magic)}`);
+  const length = view.getUint32(4, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
+  const columns = {};
+  for (const { name, kind, count, offset } of head.columns) {
+    columns[name] = new KINDS[kind](buffer, 8 + length + offset, count);
+  }
+  return { head, columns };
+}
+
+const known = (value) => (Number.isFinite(value) ? value : null);
+
+/** Return the index of the last entry of a rising array that is not greater than `value`; -1 where all are. */
+export function lastNotAfter(rising, value) {
+  let low = 0;
+  let high = rising.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (rising[middle] <= value) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
+}
+
+/** The frames of one record. */
+export class Frames {
+  constructor({ head, columns }) {
+    this.texts = head.texts;
+    this.stride = head.stride;
+    this.columns = columns;
+    this.times = columns.t;
+    this.count = columns.t.length;
+    this.details = null;
+  }
+
+  /** Add what takes longer to compute: the lot's distances and footprints, and why actors were not detected. */
+  addDetails({ head, columns }) {
+    this.details = { texts: head.texts, columns };
+  }
+
+  /** Index of the tick at a drive time [s], the last one that is not after it. */
+  at(time) {
+    return Math.max(lastNotAfter(this.times, time + 1e-9), 0);
+  }
+
+  /** The frame of tick number k. */
+  frame(k) {
+    const c = this.columns;
+    const text = (name) => this.texts[name][c[name][k]];
+    const scan = lastNotAfter(c.scan_tick, k);
+    return {
+      t: c.t[k],
+      state: text("state"),
+      reason: text("reason"),
+      said: text("said"),
+      note: text("note"),
+      contact: text("contact"),
+      ego: Number.isFinite(c.x[k]) ? this.#ego(k) : null,
+      s: known(c.s[k]),
+      deviation: known(c.deviation[k]),
+      real: Number.isFinite(c.real_x[k])
+        ? { x: c.real_x[k], y: c.real_y[k], heading: c.real_heading[k] }
+        : null,
+      quality: text("quality"),
+      actors: this.#actors(k),
+      returns: this.#returns(scan),
+      gap: known(c.gap[k]),
+      latency: known(c.latency[k]),
+      latencies: null,
+      signals: null,
+      ...this.#detailed(k, scan),
+    };
+  }
+
+  #ego(k) {
+    const c = this.columns;
+    return {
+      x: c.x[k],
+      y: c.y[k],
+      heading: c.heading[k],
+      speed: known(c.speed[k]),
+      acceleration: known(c.acceleration[k]),
+      wished: known(c.wished[k]),
+      granted: known(c.granted[k]),
+      steering: known(c.steering[k]),
+      wished_steering: known(c.wished_steering[k]),
+      yaw_rate: known(c.yaw_rate[k]) ?? 0,
+    };
+  }
+
+  #actors(k) {
+    const c = this.columns;
+    const kept = k - (k % this.stride);
+    const begin = c.actor_first[kept];
+    const end = c.actor_first[kept + 1];
+    const slice = (name) => Array.from(c[name].subarray(begin, end));
+    const codes = c.actor_code.subarray(begin, end);
+    const actors = {
+      id: Array.from(codes, (code) => this.texts.actor[code]),
+      x: slice("actor_x"),
+      y: slice("actor_y"),
+      heading: slice("actor_heading"),
+      speed: slice("actor_speed"),
+    };
+    if (k !== kept) advance(actors, c.t[k] - c.t[kept]);
+    return actors;
+  }
+
+  #returns(scan) {
+    const c = this.columns;
+    if (scan < 0) return { x: [], y: [], seen: [], measured: null };
+    const begin = c.return_first[scan];
+    const end = c.return_first[scan + 1];
+    return {
+      x: Array.from(c.return_x.subarray(begin, end)),
+      y: Array.from(c.return_y.subarray(begin, end)),
+      seen: Array.from(c.return_code.subarray(begin, end), (code) => (code < 0 ? "" : this.texts.actor[code])),
+      measured: known(c.scan_measured[scan]),
+    };
+  }
+
+  #detailed(k, scan) {
+    if (this.details === null) return { unseen: { id: [], why: [] }, to_edge: null, footprint: null };
+    const { texts, columns: c } = this.details;
+    const unseen = { id: [], why: [] };
+    if (scan >= 0) {
+      for (let row = c.unseen_first[scan]; row < c.unseen_first[scan + 1]; row += 1) {
+        unseen.id.push(this.texts.actor[c.unseen_code[row]]);
+        unseen.why.push(texts.why[c.unseen_why[row]]);
+      }
+    }
+    const place = lastNotAfter(c.footprint_tick, k);
+    let footprint = null;
+    if (place >= 0 && k - c.footprint_tick[place] < FOOTPRINT_LIFE) {
+      footprint = [];
+      for (let row = c.footprint_first[place]; row < c.footprint_first[place + 1]; row += 1) {
+        footprint.push([c.footprint_x[row], c.footprint_y[row]]);
+      }
+      if (!footprint.length) footprint = null;
+    }
+    return { unseen, to_edge: known(c.to_edge[k]), footprint };
+  }
+}
+
+// Ticks for which a footprint is shown; view/details.py computes one this often.
+const FOOTPRINT_LIFE = 25;
+
+/** Move actors on along their headings by a time [s]. */
+function advance(actors, time) {
+  for (let row = 0; row < actors.id.length; row += 1) {
+    actors.x[row] += actors.speed[row] * Math.cos(actors.heading[row]) * time;
+    actors.y[row] += actors.speed[row] * Math.sin(actors.heading[row]) * time;
+  }
+}

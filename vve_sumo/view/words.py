@@ -1,0 +1,29 @@
+"""Says in plain words what the gateway did at a tick of a record."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from vve_sumo.drive.reasons import in_words
+from vve_sumo.values import ArmingState
+
+PHASES: Final = {
+    ArmingState.DISARMED: "not ready",
+    ArmingState.READY: "ready",
+    ArmingState.ENGAGED: "driving",
+    ArmingState.STOPPING: "stopping",
+    ArmingState.STOPPED: "at rest",
+    ArmingState.FAULT: "fault",
+}
+
+
+def reasons_in_words(reasons: str) -> list[str]:
+    """Return reason codes that are joined by + in plain words."""
+    return [in_words(code) for code in reasons.split("+") if code]
+
+
+def state_in_words(state: str, reasons: str) -> str:
+    """Return the gateway's state and its reasons, codes joined by +, in plain words."""
+    why = "; ".join(reasons_in_words(reasons))
+    phase = PHASES[ArmingState(state)]
+    return f"{phase}: {why}" if why else phase
