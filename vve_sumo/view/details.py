@@ -1,4 +1,4 @@
-"""What of a record takes longer to compute than opening it may: hidden and missed actors, footprints, metres to the edge.
+"""What of a record takes longer to compute than opening it may: actors without a return, footprints, the lot's edge.
 
 A second file of columns in the form of `frames`. Knows records; nothing of pages or servers.
 """
@@ -117,17 +117,16 @@ def _lot_columns(run: Run) -> dict[str, Column]:
     if rig is None:
         empty = np.zeros(0, np.int32)
         nowhere = np.full(len(run.time), np.nan, np.float32)
-        line = {"footprint_x": np.zeros(0, np.float32), "footprint_y": np.zeros(0, np.float32)}
-        return {"to_edge": nowhere, "footprint_tick": empty, "footprint_first": np.zeros(1, np.int32), **line}
+        nothing = {"footprint_x": np.zeros(0, np.float32), "footprint_y": np.zeros(0, np.float32)}
+        return {"to_edge": nowhere, "footprint_tick": empty, "footprint_first": np.zeros(1, np.int32), **nothing}
     lot, motion = LotView(rig, run.resolved, run.vehicle), run.motion
     real = Frames(run).columns
     places = (real[name].astype(np.float64) for name in ("real_x", "real_y", "real_heading"))
     ticks, first, lines = [], [0], [np.zeros((0, 2))]
+    moved = (motion.x, motion.y, motion.heading, motion.speed, motion.acceleration)
     for at, (steering, profile) in _profiles(run).items():
-        pose = Pose(
-            run.time[at], Point.REAR_AXLE, *(float(column[at]) for column in (motion.x, motion.y, motion.heading)),
-            float(motion.speed[at]), 0.0, 0.0, float(motion.acceleration[at]), 0.0,
-        )  # fmt: skip
+        x, y, heading, speed, acceleration = (float(column[at]) for column in moved)
+        pose = Pose(float(run.time[at]), Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, acceleration, 0.0)
         line = lot.footprint(lot.place(pose), steering, profile)
         if line is not None:
             lines.append(line)

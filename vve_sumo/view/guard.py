@@ -118,5 +118,6 @@ class GuardedConnection(H11Protocol):
         super().handle_websocket_upgrade(event)
 
     def _give_up(self) -> None:
-        if self.cycle is None or self.cycle.response_complete:
+        # Before its first request a connection has no cycle.
+        if getattr(self.cycle, "response_complete", True):
             self.transport.abort()

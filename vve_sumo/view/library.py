@@ -81,7 +81,13 @@ class Library:
             return {"version": VERSION, "kind": "drive", "records": list(self._open)}
         if run is not None:
             return {"version": VERSION, "kind": "drive", "records": [run]}
-        return {"version": VERSION, "kind": "sweep", "title": self.sweep.title, "kept": sorted(self._kept), "records": []}
+        return {
+            "version": VERSION,
+            "kind": "sweep",
+            "title": self.sweep.title,
+            "kept": sorted(self._kept),
+            "records": [],
+        }
 
     def record(self, key: str) -> Record | None:
         """Return a record by its key; None where there is none. Raises ConfigError for one that cannot be read."""

@@ -6,9 +6,10 @@ Runs in the thread that calls it. Knows libraries of records and live hubs by wh
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import secrets
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,6 +42,15 @@ _HEADERS: Final = {
 }
 
 
+class _Quiet(uvicorn.Server):
+    """A server that leaves the process's signals as they are."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Take over no signal: who runs the server decides what ends it."""
+        yield
+
+
 class Server:
     """A server of one page, bound to its socket from the start."""
 
@@ -61,7 +71,7 @@ class Server:
         self.host = f"[{address}]" if ":" in address else address
         names = {self.host, *(("localhost", LOOPBACK) if address == LOOPBACK else ())}
         app = Gate(Starlette(routes=list(routes)), self.token, {f"{name}:{self.port}" for name in names})
-        self._uvicorn = uvicorn.Server(_config(app))
+        self._uvicorn = _Quiet(_config(app))
 
     @property
     def address(self) -> str:
