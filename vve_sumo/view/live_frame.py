@@ -16,7 +16,7 @@ from vve_sumo.drive.reasons import in_words
 from vve_sumo.export.bodies import declared_kinds, kind_of
 from vve_sumo.frames import move_point
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
-from vve_sumo.values import Actors, Floats, Point, Pose
+from vve_sumo.values import Actors, Floats, GatewayStatus, Point, Pose
 from vve_sumo.view.lot_view import LotView
 from vve_sumo.view.sample import Sample, Scan
 from vve_sumo.view.scene import body, finite, path_of, radar_of, rig_of, vehicle_of
@@ -50,7 +50,7 @@ class LiveFrames:
         self._footprint: tuple[float, list[list[float]] | None] = (-math.inf, None)
         self._engaged = False
         self._before: Sample | None = None
-        self._reason_at = -math.inf
+        self._told: tuple[float, GatewayStatus] | None = None  # when the last event of the gateway was, and of what
         self._detected: set[str] = set()
         self.bodies: dict[str, dict[str, Any]] = {}  #: of every actor seen so far, as the scene has them
         self.events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
@@ -169,12 +169,13 @@ class LiveFrames:
     def _happened(self, sample: Sample) -> list[dict[str, Any]]:
         before, time, status = self._before, sample.time, sample.status
         found: list[dict[str, Any]] = []
-        if before is None or before.status.state != status.state:
+        told = self._told
+        if told is None or told[1].state != status.state:
             found.append(_event(time, "state", self._said(sample)))
-            self._reason_at = time
-        elif before.status.reasons != status.reasons and status.reasons and time - self._reason_at >= REASON_PERIOD:
+            self._told = time, status
+        elif told[1].reasons != status.reasons and time - told[0] >= REASON_PERIOD:
             found.append(_event(time, "reason", self._said(sample)))
-            self._reason_at = time
+            self._told = time, status
         if sample.note and (before is None or before.note != sample.note):
             found.append(_event(time, "note", f"controller: {sample.note}"))
         if sample.scan is not None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import secrets
 import socket
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +18,7 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from vve_sumo.errors import ConfigError, VveError
@@ -129,7 +130,7 @@ def json_route(path: str, content: Callable[[Request], Any]) -> BaseRoute:
     """Return the route of a document."""
 
     async def send(request: Request) -> Response:
-        return JSONResponse(content(request), headers=_HEADERS)
+        return _document(content(request))
 
     return Route(path, send)
 
@@ -159,12 +160,17 @@ def library_routes(library: Library) -> list[BaseRoute]:
     ]
 
 
+def _document(content: Any) -> Response:
+    # Names may hold half a character, which JSON can say and UTF-8 cannot.
+    return Response(json.dumps(content, allow_nan=False), headers=_HEADERS, media_type="application/json")
+
+
 def _binary(content: bytes) -> Response:
     return Response(content, headers=_HEADERS, media_type="application/octet-stream")
 
 
 _PARTS: Final[dict[str, Callable[[Record], Response]]] = {
-    "scene.json": lambda record: JSONResponse(record.scene(), headers=_HEADERS),
+    "scene.json": lambda record: _document(record.scene()),
     "frames.bin": lambda record: _binary(record.frames()),
     "details.bin": lambda record: _binary(record.details()),
 }

@@ -25,7 +25,8 @@ export class DriveView {
     this.box = element(
       "article", { class: narrow ? "drive narrow" : "drive" }, this.state,
       element("div", { class: "street" }, street, this.legend),
-      element("section", { class: "side" }, element("div", { class: "lot" }, lotWords, lot), gauges, this.list),
+      element("section", { class: "side" },
+        element("div", { class: "lot", hidden: !scene.lot }, lotWords, lot), gauges, this.list),
       strips,
     );
     root.append(this.box);
@@ -63,7 +64,7 @@ export class DriveView {
   addEvent({ time, kind, text }) {
     const label = `${time.toFixed(1)} s`;
     const item = element("li", {}, element("button", { type: "button", onclick: () => this.onEvent?.(time) },
-      element("time", {}, label), element("span", { class: kind }, text)));
+      element("time", {}, label), element("span", { class: `kind-${kind}` }, text)));
     item.dataset.time = time;
     const atEnd = this.list.scrollTop + this.list.clientHeight > this.list.scrollHeight - 40;
     this.list.append(item);

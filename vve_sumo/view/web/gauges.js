@@ -14,12 +14,13 @@ export class Gauges {
     this.root = root;
     this.parts = {
       speed: this.add("speed", 1),
-      braking: this.add("deceleration, real / wished", 2),
+      braking: this.add("deceleration", 1),
+      wished: this.add("wished", 1),
       steering: this.add("steering", 1, true),
       gap: this.add("gap ahead", 0),
       edge: this.add("to the lot's edge", 0),
       quality: this.add("position", 0, false, true),
-      latency: this.add("latency / budget", 1),
+      latency: this.add("latency", 1),
       note: this.add("controller", 0, false, true),
     };
     this.parts.edge.box.hidden = !scene.lot;
@@ -42,14 +43,15 @@ export class Gauges {
   /** Show one frame; null shows that nothing is known. */
   show(frame) {
     const ego = frame?.ego ?? null;
-    const { speed, braking, steering, gap, edge, quality, latency, note } = this.parts;
+    const { speed, braking, wished: asked, steering, gap, edge, quality, latency, note } = this.parts;
     set(speed, ego && KMH * ego.speed, 1, "km/h");
     fill(speed, 0, ego ? ego.speed / (1.2 * this.scene.desired_speed) : 0);
     const real = ego && ego.acceleration !== null ? Math.max(-ego.acceleration, 0) : null;
     const wished = ego && ego.wished !== null ? Math.max(-ego.wished, 0) : null;
-    say(braking.value, `${number(real)} / ${number(wished)} m/s²`);
+    set(braking, real, 1, "m/s²");
     fill(braking, 0, (real ?? 0) / BRAKING_SHOWN);
-    fill(braking, 1, (wished ?? 0) / BRAKING_SHOWN);
+    set(asked, wished, 1, "m/s²");
+    fill(asked, 0, (wished ?? 0) / BRAKING_SHOWN);
     const wheel = ego && ego.steering !== null ? ego.steering * this.scene.ego.steering_ratio : null;
     set(steering, wheel === null ? null : Math.abs(wheel) * DEGREES, 0, wheel > 0.01 ? "° left" : wheel < -0.01 ? "° right" : "°");
     fromMiddle(steering, wheel === null ? 0 : -ego.steering / this.scene.ego.steering_limit);
@@ -66,7 +68,7 @@ export class Gauges {
     const budget = this.scene.latency_budget;
     if (budget === null) return;
     const took = frame?.latency ?? null;
-    say(part.value, `${number(took === null ? null : 1000 * took)} / ${number(1000 * budget, 0)} ms`);
+    set(part, took === null ? null : 1000 * took, 1, `of ${number(1000 * budget, 0)} ms`);
     fill(part, 0, took === null ? 0 : took / (LATENCY_SHOWN * budget));
     part.box.toggleAttribute("data-bad", took !== null && took > budget);
   }

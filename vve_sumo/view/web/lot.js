@@ -1,6 +1,7 @@
 // The lot from above, north up: its edge and margin, what stands in it, the car, and the ground that a stop would cover.
 
 import { addBox, colour, line, rimmed, sized } from "./canvas.js";
+import { say } from "./elements.js";
 
 const PADDING = 26; // around the lot [pixels]
 const CLOSE = 45; // half the side of the part that is shown close by [m]
@@ -24,11 +25,11 @@ export class Lot {
 
   /** Draw one frame. */
   draw(frame) {
+    if (!this.scene.lot) return;
     const { context, width, height, ratio } = sized(this.canvas);
     context.clearRect(0, 0, width, height);
-    this.words.textContent = this.said(frame);
+    say(this.words, this.said(frame));
     const real = frame?.real ?? null;
-    if (!this.scene.lot) return;
     const view = this.close && real ? this.closeBy(real, width, height) : this.whole(width, height);
     context.save();
     context.setTransform(ratio * view.zoom, 0, 0, -ratio * view.zoom, ratio * view.left, ratio * view.top);
@@ -48,7 +49,6 @@ export class Lot {
   }
 
   said(frame) {
-    if (!this.scene.lot) return frame?.real ? "no surveyed lot: driven in lockstep" : "no lot";
     if (!frame || frame.to_edge === null || frame.to_edge === undefined) return "the lot";
     return frame.to_edge > 0 ? `the lot: ${frame.to_edge.toFixed(1)} m to the edge` : "the lot: over the edge";
   }

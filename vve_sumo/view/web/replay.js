@@ -68,11 +68,11 @@ export class Replay {
     }, this.line);
     root.replaceChildren(
       element("div", { class: "buttons" },
-        button("⏮", "previous event (p)", () => this.jump(-1)),
-        button("◂", "one tick back (←)", () => this.step(-1)),
+        button("|◂", "previous event (p)", () => this.jump(-1)),
+        button("−1", "one tick back (←)", () => this.step(-1)),
         this.playButton,
-        button("▸", "one tick on (→)", () => this.step(1)),
-        button("⏭", "next event (e)", () => this.jump(1))),
+        button("+1", "one tick on (→)", () => this.step(1)),
+        button("▸|", "next event (e)", () => this.jump(1))),
       this.speed, this.slider, this.clock);
     const take = (event) => {
       const place = this.slider.getBoundingClientRect();
@@ -92,7 +92,7 @@ export class Replay {
     this.playing = !this.playing;
     if (this.playing && this.time >= this.ends) this.time = this.begins;
     this.before = performance.now();
-    this.playButton.textContent = this.playing ? "⏸" : "▶";
+    this.playButton.textContent = this.playing ? "❚❚" : "▶";
   }
 
   /** Show a drive time [s]. */

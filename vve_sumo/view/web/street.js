@@ -3,7 +3,8 @@
 import { addBox, colour, line, rimmed, sized } from "./canvas.js";
 
 const TILE = 120; // lanes are kept by squares of this size [m]
-const ZOOMS = [0.15, 14]; // pixels a metre
+const ZOOMS = [0.15, 16]; // pixels a metre
+const AHEAD = [22, 3.2, 80]; // metres shown ahead: at rest, more for each m/s, at most
 const EGO_PLACE = 0.68; // of the canvas's height, with the heading up
 const GAP_SHOWN = 100; // a gap longer than this is not drawn [m]
 const MARK_ZOOM = 1.5; // lane marks are drawn from this many pixels a metre on
@@ -22,6 +23,7 @@ export class Street {
   constructor(canvas, scene) {
     this.canvas = canvas;
     this.scene = scene;
+    this.factor = 1;
     this.zoom = 5;
     this.northUp = false;
     this.shift = [0, 0];
@@ -30,9 +32,16 @@ export class Street {
     this.listen();
   }
 
-  /** Zoom by a factor. */
+  /** Zoom by a factor; how much is in sight also follows the speed. */
   zoomBy(factor) {
-    this.zoom = Math.min(Math.max(this.zoom * factor, ZOOMS[0]), ZOOMS[1]);
+    this.factor = Math.min(Math.max(this.factor * factor, 0.02), 8);
+  }
+
+  /** Pixels a metre for a speed [m/s] on a canvas of a height. */
+  zoomAt(speed, height) {
+    const ahead = Math.min(AHEAD[0] + AHEAD[1] * Math.max(speed, 0), AHEAD[2]);
+    const zoom = (this.factor * height * EGO_PLACE) / ahead;
+    return Math.min(Math.max(zoom, ZOOMS[0]), ZOOMS[1]);
   }
 
   listen() {
@@ -72,6 +81,7 @@ export class Street {
     context.fillRect(0, 0, width, height);
     const ego = frame?.ego ?? this.lastEgo ?? startOf(this.scene);
     this.lastEgo = ego;
+    this.zoom = this.zoomAt(ego.speed ?? 0, height);
     const turn = this.northUp ? 0 : Math.PI / 2 - ego.heading;
     const place = [width / 2 + this.shift[0], height * (this.northUp ? 0.5 : EGO_PLACE) + this.shift[1]];
     const cos = this.zoom * Math.cos(turn);
@@ -118,9 +128,9 @@ export class Street {
     };
     const marked = this.zoom >= MARK_ZOOM;
     strokes("foot", "foot", 0);
-    if (marked) strokes("road", "mark", 0.12);
+    if (marked) strokes("road", "mark", Math.max(0.15, 1.5 / this.zoom));
     strokes("junction", "junction", 0.1);
-    strokes("road", "road", marked ? -0.18 : 0);
+    strokes("road", "road", marked ? -Math.max(0.15, 1.5 / this.zoom) : 0);
     if (marked) {
       context.setLineDash([0.6, 0.6]);
       strokes("crossing", "crossing", -0.4);
