@@ -53,10 +53,10 @@ class _Quiet(uvicorn.Server):
 
 
 class Server:
-    """A server of one page, bound to its socket from the start."""
+    """A server of one page; who connects before it serves waits for that."""
 
     def __init__(self, routes: Sequence[BaseRoute], *, address: str = LOOPBACK, port: int = 0, token: str = "") -> None:
-        """Bind an address of this machine and a port, 0 for any free one; without a `token` one is made.
+        """Listen on an address of this machine and a port, 0 for any free one; without a `token` one is made.
 
         Raises ConfigError where the address cannot be bound.
         """
@@ -65,6 +65,7 @@ class Server:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((address, port))
+            self._socket.listen()
         except OSError as error:
             self._socket.close()
             raise ConfigError(f"view: cannot listen on {address} port {port}: {error.strerror}") from None
@@ -81,7 +82,6 @@ class Server:
 
     async def serve(self) -> None:
         """Serve until `close` is called, in an event loop of the caller's."""
-        self._socket.listen()
         await self._uvicorn.serve([self._socket])
 
     def run(self) -> None:

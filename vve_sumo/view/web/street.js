@@ -4,7 +4,7 @@ import { addBox, colour, line, rimmed, sized } from "./canvas.js";
 
 const TILE = 120; // lanes are kept by squares of this size [m]
 const ZOOMS = [0.15, 16]; // pixels a metre
-const AHEAD = [22, 3.2, 80]; // metres shown ahead: at rest, more for each m/s, at most
+const AHEAD = [18, 2.7, 75]; // metres shown ahead: at rest, more for each m/s, at most
 const EGO_PLACE = 0.68; // of the canvas's height, with the heading up
 const GAP_SHOWN = 100; // a gap longer than this is not drawn [m]
 const MARK_ZOOM = 1.5; // lane marks are drawn from this many pixels a metre on
@@ -185,7 +185,7 @@ export class Street {
       if (Math.hypot(x[row] - view.ego.x, y[row] - view.ego.y) > view.reach) continue;
       const body = this.scene.actors[id[row]] ?? { length: 4.5, width: 1.8 };
       const kind = seen.has(id[row]) ? "seen" : (why.get(id[row]) ?? "outside");
-      const least = 3 / this.zoom;
+      const least = (body.length > 1.3 ? 4 : 11) / this.zoom;
       const half = [Math.max(body.length, least) / 2, Math.max(body.width, least) / 2];
       addBox(paths[kind], x[row], y[row], heading[row], ...half);
       if (body.length > 1) nose(noses, x[row], y[row], heading[row], ...half);
