@@ -171,3 +171,10 @@ def test_events_are_in_order_and_name_what_the_record_holds(made: Made, frames: 
     # The engaged car is held at first, and then drives.
     assert any(text.startswith("held: ") for text in texts)
     assert "driving" in texts
+
+
+def test_the_gap_at_the_end_is_the_summarys(made: Made) -> None:
+    _head, columns = taken_apart(details(Run(made.drive)))
+    summary = json.loads((made.drive / "summary.json").read_text(encoding="utf-8"))
+    assert columns["gap"][-1] == pytest.approx(summary["stop_gap_m"], abs=0.05)
+    assert len(columns["gap"]) == summary["ticks"]

@@ -1,4 +1,4 @@
-"""What of a record takes longer to compute than opening it may: actors without a return, footprints, the lot's edge.
+"""What of a record takes longer to compute than opening it may: gaps, actors without a return, and the lot.
 
 A second file of columns in the form of `frames`. Knows records; nothing of pages or servers.
 """
@@ -47,6 +47,7 @@ def details(run: Run) -> bytes:
     found, why = _unseen(run), coded([])
     why = coded(found.why) if found.why else why
     columns: dict[str, Column] = {
+        "gap": run.data.strip_lead.gap.astype(np.float32),
         "unseen_first": np.array(found.first, np.int32),
         "unseen_code": np.array(found.code, np.int32),
         "unseen_why": why.codes,

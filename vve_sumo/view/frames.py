@@ -104,7 +104,6 @@ class Frames:
             "yaw_rate": ticks["yaw_rate_radps"],
             "s": ticks["s_m"],
             "deviation": ticks["estimated_deviation_m"],
-            "gap": run.data.strip_lead.gap,
             "latency": self._latency,
             **self._in_the_lot(),
         }

@@ -49,7 +49,7 @@ export class Frames {
     this.details = null;
   }
 
-  /** Add what takes longer to compute: the lot's distances and footprints, and why actors were not detected. */
+  /** Add what takes longer to compute: gaps, the lot's distances and footprints, why actors were not detected. */
   addDetails({ head, columns }) {
     this.details = { texts: head.texts, columns };
   }
@@ -80,7 +80,6 @@ export class Frames {
       quality: text("quality"),
       actors: this.#actors(k),
       returns: this.#returns(scan),
-      gap: known(c.gap[k]),
       latency: known(c.latency[k]),
       latencies: null,
       signals: null,
@@ -136,7 +135,7 @@ export class Frames {
   }
 
   #detailed(k, scan) {
-    if (this.details === null) return { unseen: { id: [], why: [] }, to_edge: null, footprint: null };
+    if (this.details === null) return { unseen: { id: [], why: [] }, gap: null, to_edge: null, footprint: null };
     const { texts, columns: c } = this.details;
     const unseen = { id: [], why: [] };
     if (scan >= 0) {
@@ -154,7 +153,7 @@ export class Frames {
       }
       if (!footprint.length) footprint = null;
     }
-    return { unseen, to_edge: known(c.to_edge[k]), footprint };
+    return { unseen, gap: known(c.gap[k]), to_edge: known(c.to_edge[k]), footprint };
   }
 }
 

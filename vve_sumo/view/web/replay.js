@@ -39,9 +39,10 @@ export class Replay {
     this.playing = false;
     this.stripsAt = 0;
     this.controls();
-    records.forEach(({ frames, details }) => {
+    records.forEach(({ frames, details }, index) => {
       details?.then(async (bytes) => {
         frames.addDetails(unpacked(await unzipped(bytes)));
+        this.views[index].strips.take(frames);
         this.show();
       }).catch((error) => console.warn("the details could not be read", error));
     });

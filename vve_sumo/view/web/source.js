@@ -32,6 +32,7 @@ export async function readRecord(key) {
     fetched(`${folder}/scene.json`).then((answer) => answer.json()),
     fetched(`${folder}/frames.bin`).then((answer) => answer.arrayBuffer()),
   ]);
+  // Asked for only now: the server makes one after the other, and the details take longest.
   const details = fetched(`${folder}/details.bin`).then((answer) => answer.arrayBuffer());
   return { scene, frames, details };
 }

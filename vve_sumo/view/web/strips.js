@@ -33,14 +33,15 @@ export class Strips {
     new ResizeObserver(() => this.fit()).observe(root);
   }
 
-  /** Take a whole record. */
+  /** Take a whole record, with the gaps if its details are there. */
   take(frames) {
     const step = Math.max(1, Math.ceil(frames.count / MOST_POINTS));
     const c = frames.columns;
     const rows = Array.from({ length: Math.ceil(frames.count / step) }, (_, row) => row * step);
-    const column = (name, factor = 1) => rows.map((row) => (Number.isFinite(c[name][row]) ? factor * c[name][row] : null));
+    const sampled = (values, factor = 1) => rows.map((row) => (Number.isFinite(values?.[row]) ? factor * values[row] : null));
+    const column = (name, factor) => sampled(c[name], factor);
     const time = rows.map((row) => c.t[row]);
-    this.data = [[time, column("speed", 3.6)], [time, column("acceleration"), column("wished")], [time, column("gap")]];
+    this.data = [[time, column("speed", 3.6)], [time, column("acceleration"), column("wished")], [time, sampled(frames.details?.columns.gap)]];
     this.build([time[0], time[time.length - 1]]);
   }
 
