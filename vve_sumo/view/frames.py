@@ -286,5 +286,3 @@ def _first_finite(first: Floats, second: Floats) -> Floats:
 
 def _single(values: Floats | Iterable[float]) -> NDArray[np.float32]:
     return np.asarray(values, np.float32)
-
-
