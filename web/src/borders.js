@@ -12,6 +12,8 @@ const PROBE = 0.45; //: a gap between lanes that is narrower than this is no bor
 export function borders(surface) {
   const found = { kerbs: [], centres: [], dividers: [] };
   surface.lanes.forEach((lane, own) => {
+    // A lane inside a junction borders on other lanes and on the junction's outline, which has the kerbs.
+    if (lane.kind === "junction") return;
     for (const side of [-1, 1]) {
       const edge = beside(lane.points, (side * lane.width) / 2);
       const line = side < 0 ? edge : [...edge].reverse();
@@ -31,7 +33,7 @@ export function borders(surface) {
 function laneBorder(surface, lane, own, side, { x, y, ux, uy }) {
   const there = surface.at(x + PROBE * uy, y - PROBE * ux, { own, slack: 0.1 });
   if (!there) return insideOutline(surface, x, y, ux, uy) ? null : "kerbs";
-  if (there.lane === undefined || lane.kind !== "road") return null;
+  if (there.lane === undefined) return null;
   const other = surface.lanes[there.lane];
   if (other.kind !== "road") return null;
   // The edge runs with the lane on its right side and against it on its left.

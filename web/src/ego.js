@@ -1,12 +1,13 @@
 // The ego: its body, seen from outside, and its cockpit, seen from the driver's seat. Both stand on the rear axle.
 
 import { CylinderGeometry, Group, Mesh, TorusGeometry } from "three";
+import { shadowRow, shadows } from "./instances.js";
 import { bodyMaterial } from "./shading.js";
 import { Shape, moved } from "./shapes.js";
 import { saloon } from "./vehicles.js";
 
 export const PAINT = "#0072b2"; //: the ego's colour in every picture
-const [COCKPIT, SEAM, LEATHER] = ["#24272a", "#17191b", "#1c1e20"];
+const [COCKPIT, SEAM, LEATHER] = ["#33373b", "#1d2022", "#26292c"];
 //: of the seat's occupant where a scene says nothing: before, left of and over the rear axle [m]
 const EYE = [1.25, 0.37, 1.22];
 const SIZE = { length: 4.87, width: 1.85, height: 1.48, rear_overhang: 1.0 };
@@ -21,7 +22,8 @@ export class Ego {
     this.outside = new Mesh(saloon(true), bodyMaterial({ coat: PAINT }));
     this.outside.scale.set(size.length / 4.87, size.height / 1.48, size.width / 1.86);
     this.outside.position.x = size.length / 2 - size.rear_overhang;
-    this.shadow = size;
+    this.shadow = shadows();
+    this.size = size;
     this.inside = new Group();
     this.inside.add(new Mesh(cockpit(this.eye, size), bodyMaterial({ coat: PAINT })));
     this.wheel = new Group();
@@ -32,6 +34,10 @@ export class Ego {
     column.rotation.z = -0.42;
     column.add(this.wheel);
     this.inside.add(column);
+    // First of all: what the cockpit hides need not be shaded.
+    this.inside.traverse((one) => {
+      one.renderOrder = -20;
+    });
     this.group.add(this.outside, this.inside);
   }
 
@@ -42,6 +48,11 @@ export class Ego {
     // The wheel's axle points at the driver, along -X: left is counter-clockwise as the driver sees it.
     this.wheel.rotation.x = -(steering ?? 0) * this.steeringRatio;
     this.group.updateMatrixWorld(true);
+    const { length, width, rear_overhang: overhang } = this.size;
+    const [c, s, ahead] = [Math.cos(heading), Math.sin(heading), length / 2 - overhang];
+    this.shadow.clear();
+    this.shadow.add(shadowRow(X + c * ahead, Z - s * ahead, c, s, length + 0.4, width + 0.4));
+    this.shadow.commit();
   }
 
   /** Show the cockpit, or else the body from outside. */
@@ -65,13 +76,14 @@ function cockpit([forward, left, up], { length, width, rear_overhang: overhang }
   hood(shape, at, -left);
   for (const side of [-1, 1]) {
     pillar(shape, at, side, half);
-    shape.block(at(-0.1, -0.36, side * (half - 0.06)), [1.6, 0.16, 0.16], COCKPIT, {}, 0.9);
+    shape.block(at(0.1, -0.35, side * (half - 0.03)), [2.0, 0.18, 0.12], COCKPIT);
     shape.block(at(0.5, -0.16, side * (half + 0.15)), [0.12, 0.15, 0.22], "#ffffff", { painted: 1, gloss: 0.4 }, 0.85);
     shape.block(at(0.435, -0.16, side * (half + 0.15)), [0.01, 0.12, 0.19], "#8fa3ae", { gloss: 0.9 });
   }
   shape.face([at(0.38, 0.2, half - 0.16), at(0.38, 0.2, -half + 0.16), at(-0.4, 0.24, -half + 0.16), at(-0.4, 0.24, half - 0.16)], "#8d8b86");
-  shape.block(at(0.46, 0.125, 0), [0.05, 0.075, 0.26], LEATHER, {}, 0.95);
-  shape.block(at(0.433, 0.125, 0), [0.004, 0.06, 0.235], "#9fb3bd", { gloss: 0.5 });
+  shape.block(at(0.6, 0.24, 0), [0.02, 0.12, 0.03], SEAM);
+  shape.block(at(0.58, 0.16, 0), [0.04, 0.06, 0.22], LEATHER, {}, 0.95);
+  shape.block(at(0.558, 0.16, 0), [0.004, 0.048, 0.2], "#9fb3bd", { gloss: 0.5 });
   return shape.geometry(0.5);
 }
 
@@ -94,7 +106,8 @@ function bonnet(shape, at, cowl, tip, half) {
 function hood(shape, at, z) {
   shape.block(at(0.66, -0.245, z), [0.22, 0.05, 0.42], SEAM, {}, 0.85);
   shape.face([at(0.575, -0.36, z - 0.19), at(0.575, -0.36, z + 0.19), at(0.6, -0.265, z + 0.17), at(0.6, -0.265, z - 0.17)].reverse(), "#0d1a22", { glow: 0.4 });
-  shape.block(at(0.66, -0.27, 0.02), [0.03, 0.14, 0.3], SEAM, {}, 0.95);
+  shape.block(at(0.63, -0.36, 0.04), [0.03, 0.17, 0.32], SEAM, {}, 0.97);
+  shape.face([at(0.613, -0.435, -0.1), at(0.613, -0.435, 0.18), at(0.613, -0.29, 0.18), at(0.613, -0.29, -0.1)], "#15313f", { glow: 0.35 });
 }
 
 /** A pillar beside the wind-screen, from the dashboard's corner to the roof. */

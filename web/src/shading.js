@@ -18,7 +18,7 @@ const LIGHT = /* glsl */ `
     vec3 sky = mix(vec3(0.20, 0.19, 0.17), vec3(0.48, 0.54, 0.62), up);
     return albedo * (sky + vec3(0.92, 0.86, 0.76) * max(dot(n, sun), 0.0));
   }
-  float hazed(float distance) { return 1.0 - exp(-pow(distance * 0.0021, 1.6)); }
+  float hazed(float distance) { float far = distance * 0.0025; return 1.0 - exp(-far * far); }
 `;
 
 const BODY_VERTEX = /* glsl */ `
@@ -74,27 +74,28 @@ const BODY_FRAGMENT = /* glsl */ `
 
 const GROUND_VERTEX = /* glsl */ `
   attribute vec3 tint;
-  varying vec3 albedo;
+  varying vec3 shade;
   varying vec3 at;
+  ${LIGHT}
   void main() {
-    albedo = tint;
+    shade = screen(lit(linear(tint), vec3(0.0, 1.0, 0.0)));
     vec4 world = modelMatrix * vec4(position, 1.0);
-    at = world.xyz - cameraPosition;
+    at = world.xyz;
     gl_Position = projectionMatrix * viewMatrix * world;
   }
 `;
 
 const GROUND_FRAGMENT = /* glsl */ `
-  varying vec3 albedo;
+  varying vec3 shade;
   varying vec3 at;
   uniform sampler2D grain;
-  uniform float fine, coarse, rough;
-  ${LIGHT}
+  uniform vec3 haze;
+  uniform float fine, rough;
   void main() {
-    vec2 p = at.xz + cameraPosition.xz;
-    float g = texture2D(grain, p * fine).r + texture2D(grain, p * coarse).r - 1.0;
-    vec3 light = lit(linear(albedo * (1.0 + rough * g)), vec3(0.0, 1.0, 0.0));
-    gl_FragColor = vec4(mix(screen(light), haze, hazed(length(at))), 1.0);
+    vec3 away = (at - cameraPosition) * 0.0025;
+    float clear = exp(-dot(away, away));
+    float g = texture2D(grain, at.xz * fine).r - 0.5;
+    gl_FragColor = vec4(mix(haze, shade * (1.0 + rough * g), clear), 1.0);
   }
 `;
 
@@ -110,13 +111,12 @@ export function bodyMaterial({ instanced = false, coat = "#ffffff" } = {}) {
   });
 }
 
-/** The material of what is painted flat on the ground, in the order in which it is drawn. */
-export function groundMaterial({ fine, coarse, rough }) {
+/** The material of what is painted flat on the ground: grain of so many cells a metre, so rough. */
+export function groundMaterial({ fine, rough }) {
   return new ShaderMaterial({
     vertexShader: GROUND_VERTEX,
     fragmentShader: GROUND_FRAGMENT,
-    uniforms: { ...uniforms(), grain: { value: grain() }, fine: { value: fine }, coarse: { value: coarse }, rough: { value: rough } },
-    depthTest: false,
+    uniforms: { ...uniforms(), grain: { value: grain() }, fine: { value: fine }, rough: { value: rough } },
     depthWrite: false,
   });
 }

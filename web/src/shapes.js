@@ -63,15 +63,39 @@ export class Shape {
     this.surfaces.push(gloss * 255, glow * 255, (limb * 0.5 + 0.5) * 254, (joint / 2) * 255);
   }
 
-  /** Return the triangles as one geometry; faces that meet at less than `crease` [rad] are shaded as one. */
+  /**
+   * Return the triangles as one geometry; faces that meet at less than `crease` [rad] are shaded as one. A corner that
+   * several triangles have alike is held once.
+   */
   geometry(crease = 0) {
-    const made = new BufferGeometry();
-    made.setAttribute("position", new BufferAttribute(new Float32Array(this.positions), 3));
     const normals = crease > 0 ? softened(this.positions, this.normals, crease) : this.normals;
-    made.setAttribute("normal", new BufferAttribute(new Float32Array(normals), 3));
-    made.setAttribute("tint", new BufferAttribute(new Uint8Array(this.tints.map(Math.round)), 4, true));
-    made.setAttribute("surface", new BufferAttribute(new Uint8Array(this.surfaces.map(Math.round)), 4, true));
+    const [index, kept] = [[], []];
+    const there = new Map();
+    for (let i = 0; i < this.positions.length / 3; i++) {
+      const key = this.#key(i, normals);
+      if (!there.has(key)) {
+        there.set(key, kept.length);
+        kept.push(i);
+      }
+      index.push(there.get(key));
+    }
+    const column = (values, size) => kept.flatMap((i) => values.slice(size * i, size * i + size));
+    const made = new BufferGeometry();
+    made.setIndex(index);
+    made.setAttribute("position", new BufferAttribute(new Float32Array(column(this.positions, 3)), 3));
+    made.setAttribute("normal", new BufferAttribute(new Float32Array(column(normals, 3)), 3));
+    made.setAttribute("tint", new BufferAttribute(new Uint8Array(column(this.tints, 4).map(Math.round)), 4, true));
+    made.setAttribute("surface", new BufferAttribute(new Uint8Array(column(this.surfaces, 4).map(Math.round)), 4, true));
     return made;
+  }
+
+  #key(i, normals) {
+    const part = (values, size, scale) => {
+      let text = "";
+      for (let k = size * i; k < size * i + size; k++) text += `${Math.round(values[k] * scale)},`;
+      return text;
+    };
+    return part(this.positions, 3, 1000) + part(normals, 3, 100) + part(this.tints, 4, 1) + part(this.surfaces, 4, 1);
   }
 }
 

@@ -12,7 +12,8 @@ const KERB = { height: 0.13, width: 0.16 }; //: [m]
 const MARK = 0.11; //: width of a line between lanes [m]
 const GROUND = 2500; //: half the side of the ground [m]
 const TILE = 160; //: side of the squares that are drawn or left out as one [m]
-const ORDER = { ground: 1, walk: 2, road: 3, marks: 4 };
+//: what is flat is drawn in this order, before all bodies, which have 0
+const ORDER = { ground: -8, walk: -7, road: -6, marks: -5 };
 
 /** Everything of a scene that does not move and lies on the ground; with `surface`, the road that was found. */
 export function street(scene, reference) {
@@ -24,10 +25,10 @@ export function street(scene, reference) {
   const lines = borders(surface);
   const group = new Group();
   group.add(
-    ...groundPlane().meshes(groundMaterial({ fine: 0.11, coarse: 0.009, rough: 0.28 }), ORDER.ground),
-    ...walks(whole, reference).meshes(groundMaterial({ fine: 0.4, coarse: 0.05, rough: 0.1 }), ORDER.walk),
-    ...asphalt(driven, outlines, reference).meshes(groundMaterial({ fine: 0.9, coarse: 0.03, rough: 0.16 }), ORDER.road),
-    ...marks(scene, whole, lines, reference).meshes(groundMaterial({ fine: 0.9, coarse: 0.03, rough: 0.14 }), ORDER.marks),
+    ...groundPlane().meshes(groundMaterial({ fine: 0.017, rough: 0.36 }), ORDER.ground),
+    ...walks(whole, reference).meshes(groundMaterial({ fine: 0.1, rough: 0.16 }), ORDER.walk),
+    ...asphalt(driven, outlines, reference).meshes(groundMaterial({ fine: 0.11, rough: 0.26 }), ORDER.road),
+    ...marks(scene, whole, lines, reference).meshes(groundMaterial({ fine: 0.11, rough: 0.2 }), ORDER.marks),
     ...kerbs(lines.kerbs, reference),
   );
   return { group, surface };
@@ -147,12 +148,12 @@ function kerbs(lines, reference) {
     const normals = leftNormals(points);
     const ring = points.map(([x, y], i) => {
       const [nx, ny] = normals[i];
-      const out = [x - KERB.width * nx, y - KERB.width * ny];
-      return [[x, y, 0], [x, y, KERB.height], [...out, KERB.height], [...out, 0]].map((corner) => reference.place(...corner));
+      const corners = [[x, y, 0], [x, y, KERB.height], [x - KERB.width * nx, y - KERB.width * ny, KERB.height]];
+      return corners.map((corner) => reference.place(...corner));
     });
     for (let i = 0; i + 1 < ring.length; i++) {
       const shape = tileAt(tiles, tileOf(ring[i][0]), () => new Shape());
-      for (let side = 0; side < 3; side++) {
+      for (let side = 0; side < 2; side++) {
         shape.face([ring[i][side], ring[i][side + 1], ring[i + 1][side + 1], ring[i + 1][side]], COLOURS.kerb);
       }
     }

@@ -1,10 +1,9 @@
-// What stands beside the street: signals with their lamps, buildings as blocks, the sky, and trees. The trees are decoration:
-// no map has them, no sensor sees them, and they stand clear of every road.
+// What stands beside the street: signals with their lamps, buildings as blocks, and the sky.
 
-import { BackSide, BufferAttribute, BufferGeometry, Color, ConeGeometry, CylinderGeometry, Group, IcosahedronGeometry, Mesh, ShaderMaterial, SphereGeometry } from "three";
+import { BackSide, BufferAttribute, BufferGeometry, Color, CylinderGeometry, Group, Mesh, ShaderMaterial, SphereGeometry } from "three";
 import { SKY, bodyMaterial, hashed } from "./shading.js";
 import { Shape, moved } from "./shapes.js";
-import { along, inside, turning } from "./road_surface.js";
+import { turning } from "./road_surface.js";
 
 const LAMPS = { r: ["#ff3020", 0], y: ["#ffc21a", 1], g: ["#25e06a", 2], u: ["#ffc21a", 1], o: ["#ffc21a", 1] };
 const OFF = ["#3a1512", "#3a2d10", "#0f2f1b"];
@@ -15,17 +14,17 @@ export class Signals {
     this.group = new Group();
     this.heads = new Map();
     this.material = bodyMaterial();
-    this.built = { mast: mast(), lamps: new Map() };
+    this.built = { masts: new Map(), lamps: new Map() };
     for (const signal of scene.network?.signals ?? []) this.#add(signal, reference);
   }
 
-  #add({ id, link, x, y, heading }, reference) {
+  #add({ id, link, x, y, heading, reach }, reference) {
     const head = new Group();
     head.position.set(...reference.place(x, y));
     // A head looks back at the traffic that comes to it.
     head.rotation.y = heading + Math.PI;
     const lamps = new Mesh(this.#lamps("off"), this.material);
-    head.add(new Mesh(this.built.mast, this.material), lamps);
+    head.add(new Mesh(this.#mast(reach), this.material), lamps);
     this.group.add(head);
     this.heads.set(`${id} ${link}`, { id, link, lamps });
   }
@@ -35,6 +34,12 @@ export class Signals {
     for (const { id, link, lamps } of this.heads.values()) lamps.geometry = this.#lamps(states?.[id]?.[link] ?? "off");
   }
 
+  #mast(reach) {
+    const known = this.built.masts;
+    if (!known.has(reach)) known.set(reach, mast(reach));
+    return known.get(reach);
+  }
+
   #lamps(letter) {
     const known = this.built.lamps;
     if (!known.has(letter)) known.set(letter, lampsOf(letter));
@@ -42,21 +47,19 @@ export class Signals {
   }
 
   dispose() {
-    this.built.mast.dispose();
-    for (const lamps of this.built.lamps.values()) lamps.dispose();
+    for (const made of [...this.built.masts.values(), ...this.built.lamps.values()]) made.dispose();
     this.material.dispose();
   }
 }
 
 const HEAD = 5.1; //: of the lowest lamp over the road [m]
-const REACH = 3.4; //: from the middle of the lane to the mast [m]
 
-/** A mast at the right of the lane that comes, with an arm over it; forward +X is towards the traffic. */
-function mast() {
+/** A head on an arm with its mast `reach` to the right of it [m]; forward +X is towards the traffic. */
+function mast(reach) {
   const shape = new Shape();
   // Seen by who comes, the mast is on the right: that is towards -Z of the head's own frame.
-  shape.part(new CylinderGeometry(0.08, 0.11, 6.1, 8), moved([0, 3.05, -REACH]), "#5c6166", { gloss: 0.2 });
-  shape.part(new CylinderGeometry(0.05, 0.07, REACH + 0.3, 6), moved([-0.12, 6.0, -REACH / 2], [Math.PI / 2, 0, 0]), "#5c6166", { gloss: 0.2 });
+  shape.part(new CylinderGeometry(0.08, 0.11, 6.1, 8), moved([0, 3.05, -reach]), "#5c6166", { gloss: 0.2 });
+  shape.part(new CylinderGeometry(0.05, 0.07, reach + 0.3, 6), moved([-0.12, 6.0, -reach / 2], [Math.PI / 2, 0, 0]), "#5c6166", { gloss: 0.2 });
   shape.block([0, HEAD + 0.35, 0], [0.2, 1.1, 0.36], "#1c1e20");
   shape.block([-0.08, HEAD + 0.35, 0], [0.03, 1.35, 0.6], "#24272a");
   return shape.geometry(0.5);
@@ -125,52 +128,6 @@ function roof(shape, outline, height, reference) {
   });
 }
 
-const SPACING = 17; //: of trees along a road [m]
-const CLEAR = 4.5; //: from a tree's middle to the nearest road, at least [m]
-const LEAVES = ["#4f6b3a", "#5c7842", "#466238", "#6b8148"];
-
-/** Trees in rows behind the kerbs, always the same for the same street. */
-export function trees(scene, surface, reference) {
-  const taken = new Set();
-  const tiles = new Map();
-  for (const lane of surface.lanes) {
-    if (lane.kind !== "road") continue;
-    let walked = 0;
-    for (const { x, y, ux, uy } of along(lane.points, 1)) {
-      if (walked++ % SPACING !== 0) continue;
-      const seed = Math.round(x) * 7919 + Math.round(y) * 104729;
-      const out = lane.width / 2 + CLEAR + 1 + 5 * hashed(seed);
-      const [tx, ty] = [x + uy * out + 3 * ux * hashed(seed + 5), y - ux * out + 3 * uy * hashed(seed + 5)];
-      const cell = `${Math.round(tx / 7)},${Math.round(ty / 7)}`;
-      if (taken.has(cell) || hashed(seed + 1) < 0.25 || surface.near(tx, ty, CLEAR)) continue;
-      if ((scene.buildings ?? []).some(({ points }) => inside(points, tx, ty))) continue;
-      taken.add(cell);
-      tree(tiles, reference.place(tx, ty), seed);
-    }
-  }
-  const material = bodyMaterial();
-  const group = new Group();
-  for (const shape of tiles.values()) group.add(new Mesh(shape.geometry(), material));
-  return group;
-}
-
-function tree(tiles, [X, , Z], seed) {
-  const tile = `${Math.floor(X / 120)},${Math.floor(Z / 120)}`;
-  if (!tiles.has(tile)) tiles.set(tile, new Shape());
-  const shape = tiles.get(tile);
-  const size = 0.75 + 0.6 * hashed(seed + 2);
-  const leaves = LEAVES[Math.floor(hashed(seed + 3) * LEAVES.length)];
-  shape.part(new CylinderGeometry(0.13 * size, 0.2 * size, 3 * size, 5, 1, true), moved([X, 1.5 * size, Z]), "#54463a");
-  if (hashed(seed + 4) < 0.2) {
-    shape.part(new ConeGeometry(1.7 * size, 6.4 * size, 7, 1, true), moved([X, 4.6 * size, Z]), leaves);
-    return;
-  }
-  for (const [dx, dy, dz, r] of [[0, 4.6, 0, 1.9], [0.9, 3.9, 0.5, 1.35], [-0.8, 4.1, -0.6, 1.4]]) {
-    const turn = [hashed(seed + 6) * 3, hashed(seed + 7) * 3, 0];
-    shape.part(new IcosahedronGeometry(r * size, 1), moved([X + dx * size, dy * size, Z + dz * size], turn), leaves);
-  }
-}
-
 /** The sky with a haze over a far tree line; follows the camera. */
 export function sky() {
   const dome = new SphereGeometry(1000, 32, 24);
@@ -186,7 +143,7 @@ export function sky() {
   const group = new Group();
   group.add(new Mesh(dome, skyMaterial(BackSide)), new Mesh(treeLine(far, haze), skyMaterial(BackSide)));
   group.children.forEach((mesh, i) => {
-    mesh.renderOrder = -2 + i;
+    mesh.renderOrder = -10 + i;
     mesh.frustumCulled = false;
   });
   return group;
@@ -214,7 +171,6 @@ function treeLine(far, haze) {
 function skyMaterial(side) {
   return new ShaderMaterial({
     side,
-    depthTest: false,
     depthWrite: false,
     vertexShader: /* glsl */ `
       attribute vec3 tint;

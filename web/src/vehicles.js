@@ -8,20 +8,35 @@ const GLASS = { gloss: 1 };
 const [DARK, GLASS_TINT, TYRE, RIM, CHROME] = ["#191b1e", "#10161b", "#17181a", "#8d9297", "#b9bec2"];
 const [HEADLIGHT, TAILLIGHT, PLATE] = ["#f3f6f4", "#a8121a", "#dfe0d8"];
 
-/** Add a wheel whose outer side is at `z`. */
-function wheel(shape, x, z, radius, width, segments) {
+/** Add four or more wheels whose outer sides are `z` to both sides, at places along the body. */
+function wheels(shape, places, z, radius, width, fine) {
+  for (const x of places) for (const side of [-1, 1]) (fine ? wheel : plainWheel)(shape, x, side * z, radius, width);
+}
+
+function wheel(shape, x, z, radius, width) {
   const side = Math.sign(z);
   const across = [Math.PI / 2, 0, 0];
-  const middle = z - (side * width) / 2;
-  shape.part(new CylinderGeometry(radius, radius, width, segments), moved([x, radius, middle], across), TYRE);
-  shape.part(new CylinderGeometry(radius * 0.62, radius * 0.62, 0.02, segments), moved([x, radius, z + side * 0.004], across), RIM, { gloss: 0.35 });
+  const disc = (share, deep, out) => [new CylinderGeometry(radius * share, radius * share, deep, 18), moved([x, radius, z + side * out], across)];
+  shape.part(...disc(1, width, -width / 2), TYRE);
+  shape.part(...disc(0.62, 0.02, 0.004), RIM, { gloss: 0.35 });
   shape.part(new CylinderGeometry(radius * 0.2, radius * 0.2, 0.03, 8), moved([x, radius, z + side * 0.008], across), DARK);
 }
 
-/** Add the dark hollow that a wheel turns in, flush with the side at `z`. */
-function arch(shape, x, z, radius, segments) {
-  const matrix = moved([x, radius * 0.93, z - Math.sign(z) * 0.012], [Math.PI / 2, 0, 0]);
-  shape.part(new CylinderGeometry(radius * 1.2, radius * 1.2, 0.04, segments), matrix, "#0b0c0d");
+/** A wheel as an octagon, seen from outside. */
+function plainWheel(shape, x, z, radius, width) {
+  const ring = (r, at) => Array.from({ length: 8 }, (_, k) => [x + r * Math.cos((k * Math.PI) / 4), radius + r * Math.sin((k * Math.PI) / 4), at]);
+  const turned = (corners) => (z > 0 ? corners : [...corners].reverse());
+  const [outer, inner] = [ring(radius, z), ring(radius, z - Math.sign(z) * width)];
+  shape.face(turned(outer), TYRE).face(turned(ring(radius * 0.6, z + Math.sign(z) * 0.01)), RIM);
+  outer.forEach((corner, k) => shape.face(turned([inner[k], inner[(k + 1) % 8], outer[(k + 1) % 8], corner]), TYRE));
+}
+
+/** Add the dark hollows that wheels turn in, flush with the sides. */
+function arches(shape, places, z, radius) {
+  for (const x of places) for (const side of [-1, 1]) {
+    const matrix = moved([x, radius * 0.93, side * (z - 0.012)], [Math.PI / 2, 0, 0]);
+    shape.part(new CylinderGeometry(radius * 1.2, radius * 1.2, 0.04, 20), matrix, "#0b0c0d");
+  }
 }
 
 /**
@@ -34,9 +49,8 @@ function body(shape, stations, glazed) {
     const [rear, front] = [ring(stations[i]), ring(stations[i + 1])];
     for (let band = 0; band + 1 < rear.length; band++) {
       const glass = band === 2 && glazed[i] === "side";
-      const dark = band === 0 ? DARK : null;
       const corners = [rear[band], front[band], front[band + 1], rear[band + 1]];
-      shape.pair(corners, glass ? GLASS_TINT : dark ?? "#ffffff", glass ? GLASS : dark ? {} : PAINT);
+      shape.pair(corners, glass ? GLASS_TINT : "#ffffff", glass ? GLASS : PAINT);
     }
     const over = [rear.at(-1), front.at(-1), mirrored(front.at(-1)), mirrored(rear.at(-1))];
     const pane = glazed[i] === "pane" || stations[i].pane;
@@ -51,7 +65,7 @@ const mirrored = ([x, y, z]) => [x, y, -z];
 function end(shape, ring, forward) {
   for (let band = 0; band + 1 < ring.length; band++) {
     const quad = [ring[band], ring[band + 1], mirrored(ring[band + 1]), mirrored(ring[band])];
-    shape.face(forward ? quad.reverse() : quad, band === 0 ? DARK : "#ffffff", band === 0 ? {} : PAINT);
+    shape.face(forward ? quad.reverse() : quad, "#ffffff", PAINT);
   }
 }
 
@@ -74,12 +88,9 @@ export function saloon(fine) {
   ];
   body(shape, stations, { 2: "pane", 3: "side", 4: "side", 5: "pane" });
   quarterWindows(shape);
-  for (const x of [-1.43, 1.42]) {
-    for (const side of [-1, 1]) {
-      arch(shape, x, side * 0.918, 0.335, fine ? 20 : 8);
-      wheel(shape, x, side * 0.93, 0.335, 0.21, fine ? 20 : 8);
-    }
-  }
+  wheels(shape, [-1.43, 1.42], 0.93, 0.335, 0.21, fine);
+  if (fine) arches(shape, [-1.43, 1.42], 0.918, 0.335);
+  shape.block([0, 0.26, 0], [4.5, 0.17, 1.66], DARK, {}, 0.98);
   if (fine) trim(shape);
   lamps(shape);
   return shape.geometry(0.62);
@@ -93,8 +104,11 @@ function quarterWindows(shape) {
 
 /** The lamps, grille and plates of a saloon. */
 function lamps(shape) {
-  shape.pair([[2.31, 0.6, 0.79], [2.42, 0.56, 0.6], [2.36, 0.7, 0.6], [2.22, 0.73, 0.79]], HEADLIGHT, { glow: 0.35, gloss: 0.6 });
-  shape.pair([[-2.425, 0.72, 0.45], [-2.36, 0.72, 0.77], [-2.345, 0.9, 0.74], [-2.44, 0.88, 0.45]], TAILLIGHT, { glow: 0.5, gloss: 0.5 });
+  shape.pair([[2.44, 0.56, 0.45], [2.44, 0.56, 0.63], [2.44, 0.65, 0.61], [2.44, 0.65, 0.45]].reverse(), HEADLIGHT, { glow: 0.35, gloss: 0.6 });
+  shape.pair([[2.325, 0.57, 0.83], [2.445, 0.55, 0.645], [2.445, 0.66, 0.62], [2.325, 0.72, 0.76]], HEADLIGHT, { glow: 0.35, gloss: 0.6 });
+  shape.pair([[-2.442, 0.7, 0.36], [-2.442, 0.7, 0.7], [-2.442, 0.84, 0.68], [-2.442, 0.84, 0.36]], TAILLIGHT, { glow: 0.5, gloss: 0.4 });
+  shape.pair([[-2.44, 0.7, 0.7], [-2.33, 0.7, 0.845], [-2.33, 0.88, 0.81], [-2.44, 0.84, 0.68]], TAILLIGHT, { glow: 0.5, gloss: 0.4 });
+  shape.face([[-2.438, 0.37, -0.6], [-2.438, 0.37, 0.6], [-2.438, 0.49, 0.64], [-2.438, 0.49, -0.64]], DARK);
   shape.face([[2.445, 0.4, 0.45], [2.445, 0.4, -0.45], [2.435, 0.6, -0.42], [2.435, 0.6, 0.42]], "#111315", { gloss: 0.4 });
   shape.face([[-2.45, 0.55, -0.26], [-2.45, 0.55, 0.26], [-2.45, 0.68, 0.26], [-2.45, 0.68, -0.26]], PLATE);
 }
@@ -129,12 +143,8 @@ export function van(fine) {
   shape.face([[-2.76, 1.45, -0.75], [-2.76, 1.45, 0.75], [-2.755, 2.1, 0.68], [-2.755, 2.1, -0.68]], GLASS_TINT, GLASS);
   shape.pair([[2.62, 0.72, 0.88], [2.74, 0.7, 0.66], [2.7, 0.86, 0.66], [2.58, 0.9, 0.86]], HEADLIGHT, { glow: 0.35 });
   shape.pair([[-2.765, 0.75, 0.78], [-2.72, 0.75, 0.97], [-2.72, 1.3, 0.97], [-2.765, 1.3, 0.84]], TAILLIGHT, { glow: 0.5 });
-  for (const x of [-1.75, 1.75]) {
-    for (const side of [-1, 1]) {
-      arch(shape, x, side * 0.985, 0.36, fine ? 18 : 8);
-      wheel(shape, x, side * 0.995, 0.36, 0.22, fine ? 18 : 8);
-    }
-  }
+  wheels(shape, [-1.75, 1.75], 0.995, 0.36, 0.22, fine);
+  if (fine) arches(shape, [-1.75, 1.75], 0.985, 0.36);
   if (fine) for (const side of [-1, 1]) shape.block([1.6, 1.45, side * 1.1], [0.14, 0.3, 0.2], DARK);
   return shape.geometry(0.6);
 }
@@ -150,7 +160,7 @@ export function truck(fine) {
   shape.pair([[2.75, 1.65, 1.19], [3.85, 1.65, 1.19], [3.8, 2.5, 1.1], [2.8, 2.5, 1.1]], GLASS_TINT, GLASS);
   shape.pair([[4.255, 0.75, 1.1], [4.255, 0.75, 0.75], [4.255, 0.95, 0.75], [4.255, 0.95, 1.1]], HEADLIGHT, { glow: 0.35 });
   shape.pair([[-4.22, 0.75, 0.8], [-4.22, 0.75, 1.15], [-4.22, 0.95, 1.15], [-4.22, 0.95, 0.8]], TAILLIGHT, { glow: 0.5 });
-  for (const x of [-2.9, -1.75, 3.2]) for (const side of [-1, 1]) wheel(shape, x, side * 1.22, 0.48, 0.32, fine ? 18 : 8);
+  wheels(shape, [-2.9, -1.75, 3.2], 1.22, 0.48, 0.32, fine);
   return shape.geometry(0.4);
 }
 
@@ -160,12 +170,12 @@ export function bus(fine) {
   shape.block([0, 0.75, 0], [11.9, 0.85, 2.5], "#ffffff", PAINT);
   shape.block([0, 1.8, 0], [11.95, 1.25, 2.5], GLASS_TINT, GLASS);
   shape.block([0, 2.75, 0], [11.95, 0.66, 2.5], "#ffffff", PAINT, 0.97);
-  for (const x of [-5.85, -3.9, -1.95, 0.0, 1.95, 3.9, 5.75]) {
+  if (fine) for (const x of [-5.85, -3.9, -1.95, 0.0, 1.95, 3.9, 5.75]) {
     for (const side of [-1, 1]) shape.block([x, 1.8, side * 1.25], [0.12, 1.25, 0.03], "#ffffff", PAINT);
   }
   shape.face([[6.0, 2.5, 0.8], [6.0, 2.5, -0.8], [6.0, 2.8, -0.8], [6.0, 2.8, 0.8]], "#e9a13a", { glow: 0.5 });
   shape.pair([[5.97, 0.55, 1.15], [5.97, 0.55, 0.8], [5.97, 0.75, 0.8], [5.97, 0.75, 1.15]], HEADLIGHT, { glow: 0.35 });
   shape.pair([[-5.98, 0.6, 0.85], [-5.98, 0.6, 1.15], [-5.98, 1.0, 1.15], [-5.98, 1.0, 0.85]], TAILLIGHT, { glow: 0.5 });
-  for (const x of [-3.3, 3.3]) for (const side of [-1, 1]) wheel(shape, x, side * 1.262, 0.48, 0.3, fine ? 18 : 8);
+  wheels(shape, [-3.3, 3.3], 1.262, 0.48, 0.3, fine);
   return shape.geometry(0.4);
 }

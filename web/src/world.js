@@ -1,16 +1,17 @@
 // The virtual street in three dimensions, as the driver, the passenger or somebody outside sees it. Draws a frame at a
 // display time, both passed in: no clock is read here, and the same two always give the same picture.
 
-import { Group, LinearSRGBColorSpace, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { Frustum, Group, LinearSRGBColorSpace, Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { Ego } from "./ego.js";
 import { Fleet } from "./fleet.js";
 import { predicted, referenceOf } from "./frame_of_reference.js";
 import { Headset } from "./headset.js";
 import { street } from "./street.js";
-import { Signals, buildings, sky, trees } from "./surroundings.js";
+import { Signals, buildings, sky } from "./surroundings.js";
+import { Trees } from "./trees.js";
 
 const FAR = 1100; //: [m]
-const TILES_WITHIN = 620; //: what is farther stands in the haze [m]
+const TILES_WITHIN = 560; //: what is farther stands in the haze [m]
 //: of each view: where the camera hangs forward, left and over the rear axle [m], how far it looks down [rad], its angle [deg]
 const VIEWS = {
   driver: { down: 0.045, angle: 46, near: 0.05 },
@@ -25,7 +26,7 @@ class World {
   #head = { yaw: 0, pitch: 0 };
   #last = null;
 
-  constructor(canvas, scene, { pixelRatio = 1, antialias = true, preserve = false } = {}) {
+  constructor(canvas, scene, { pixelRatio = 1, antialias = !drawnBySoftware(), preserve = false } = {}) {
     this.reference = referenceOf(scene);
     this.renderer = new WebGLRenderer({ canvas, antialias, preserveDrawingBuffer: preserve });
     this.renderer.outputColorSpace = LinearSRGBColorSpace;
@@ -35,14 +36,14 @@ class World {
     this.camera.rotation.order = "YXZ";
     const { group, surface } = street(scene, this.reference);
     const built = buildings(scene, this.reference);
-    const planted = trees(scene, surface, this.reference);
-    this.tiles = [...group.children, ...built.children, ...planted.children];
+    this.trees = new Trees(scene, surface, this.reference);
+    this.tiles = [...group.children, ...built.children];
     this.ego = new Ego(scene.ego);
     this.fleet = new Fleet(scene, this.reference);
     this.signals = new Signals(scene, this.reference);
     // The rig is the car's: the head turns the camera within it, and a headset does likewise.
     this.#rig.add(this.camera);
-    this.#scene.add(sky(), group, built, planted, this.signals.group, this.fleet.group, this.ego.group, this.#rig);
+    this.#scene.add(sky(), group, built, this.trees.group, this.signals.group, this.fleet.group, this.ego.shadow.mesh, this.ego.group, this.#rig);
     for (const tile of this.tiles) tile.geometry.computeBoundingSphere();
     this.headset = new Headset(this.renderer);
     this.view("driver");
@@ -83,7 +84,11 @@ class World {
     const ahead = displayTime - frame.t;
     const { ego } = frame;
     if ([ego?.x, ego?.y, ego?.heading].every(Number.isFinite)) this.#place(predicted(ego, ahead), ego.steering);
-    this.fleet.show(frame.actors, ahead, this.camera, this.renderer.xr.isPresenting);
+    const eye = new Vector3().setFromMatrixPosition(this.camera.matrixWorld);
+    // A head in a headset may have turned by the time of the picture: nothing on any side is left out.
+    const view = this.renderer.xr.isPresenting ? null : frustumOf(this.camera);
+    this.fleet.show(frame.actors, ahead, eye, view);
+    this.trees.show(eye, view);
     this.signals.show(frame.signals);
   }
 
@@ -106,10 +111,8 @@ class World {
   /** Draw what was shown last. */
   draw() {
     const eye = new Vector3().setFromMatrixPosition(this.camera.matrixWorld);
-    for (const tile of this.tiles) {
-      const { center, radius } = tile.geometry.boundingSphere;
-      tile.visible = center.distanceTo(eye) - radius < TILES_WITHIN;
-    }
+    const far = ({ geometry: { boundingSphere: sphere } }) => sphere.center.distanceTo(eye) - sphere.radius;
+    for (const tile of this.tiles) tile.visible = far(tile) < TILES_WITHIN;
     this.renderer.render(this.#scene, this.camera);
   }
 
@@ -157,6 +160,22 @@ class World {
   }
 }
 
-/** Return the world of a scene on a canvas; throws where the browser has no WebGL. */
+/** Whether the browser has no graphics card, and smooth edges would cost half of the pictures a second. */
+function drawnBySoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const names = gl?.getExtension("WEBGL_debug_renderer_info");
+  const renderer = String(names ? gl.getParameter(names.UNMASKED_RENDERER_WEBGL) : "");
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(renderer);
+}
+
+function frustumOf({ projectionMatrix, matrixWorldInverse }) {
+  return new Frustum().setFromProjectionMatrix(new Matrix4().multiplyMatrices(projectionMatrix, matrixWorldInverse));
+}
+
+/**
+ * Return the world of a scene on a canvas; throws where the browser has no WebGL. Options: `pixelRatio` of the canvas,
+ * `antialias` for smooth edges (by default where there is a graphics card), `preserve` for who copies the picture.
+ */
 export const createWorld = (canvas, scene, options) => new World(canvas, scene, options);
 export const headsetIsThere = () => Headset.isThere();

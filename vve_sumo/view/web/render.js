@@ -18,7 +18,7 @@ class Pictures {
       this.street = new Street(this.drawn, scene);
       return;
     }
-    this.world = createWorld(this.drawn, scene, { preserve: true });
+    this.world = createWorld(this.drawn, scene, { antialias: true, preserve: true });
     this.world.view(view);
   }
 
