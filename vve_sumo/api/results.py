@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from vve_sumo.view.notebook import ShownPage
+
 #: combinations of a sweep that its table in a notebook shows
 MAX_ROWS = 30
 #: of a sweep that no criterion asks a number of
@@ -54,6 +56,15 @@ class Run(run.Run):
         from vve_sumo.export.write import export
 
         return export(self, form, out)
+
+    def view(self) -> ShownPage:
+        """Show the drive as a page in a browser, or in the cell of a notebook, and play it back.
+
+        The page is served on this machine until `close()` of what is returned, or the end of Python.
+        """
+        from vve_sumo.view.notebook import ShownPage
+
+        return ShownPage(self.folder)
 
     def __repr__(self) -> str:
         return f"<Run {self.name} in {self.folder}: {self._verdict}>"
@@ -124,6 +135,15 @@ class Sweep(dataset.Sweep):
         if y is None:
             return response(rows, x, figure, by=by, facet=facet)
         return heat_map(rows, x, y, figure, by=by, facet=facet)
+
+    def view(self) -> ShownPage:
+        """Show the sweep as a page in a browser, or in the cell of a notebook, as a table that sorts and plots.
+
+        The page is served on this machine until `close()` of what is returned, or the end of Python.
+        """
+        from vve_sumo.view.notebook import ShownPage
+
+        return ShownPage(self.folder)
 
     def __repr__(self) -> str:
         return f"<Sweep {self.title} in {self.folder}: {self._counts}>"

@@ -29,6 +29,7 @@ from vve_sumo.cli import (
     study,
     suite,
     sweep,
+    view,
 )
 from vve_sumo.cli.console import INTERRUPTED, complain
 from vve_sumo.cli.parser import EXIT_CODES, Parser, add_command
@@ -48,6 +49,7 @@ COMMANDS = (
     calibrate,
     replay,
     redrive,
+    view,
     report,
     render,
     export,

@@ -35,6 +35,7 @@ examples:
   vve-sumo drive --rig foreign --lockstep       somebody else's brain over UDP, waited for (docs/brains.md)
   vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; nothing obeys
   vve-sumo drive --rig simulated                live, with the simulated vehicle as a process of its own
+  vve-sumo drive --rig simulated --view         the same with a page in a browser, which has a stop button
   vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off
 
 live keys: e engages, g goes, any other key, Ctrl-C or closing the terminal stops. The emergency stop is the
@@ -74,6 +75,7 @@ def arguments(parser: Parser) -> None:
         "a brain that the rig names is waited for at every tick",
     )
     parser.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
+    parser.add_argument("--view", action="store_true", help="live, with a page in a browser; its address is printed")
     parser.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
     parser.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
     parser.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
@@ -89,6 +91,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("--lockstep: every drive without a rig is one; name with --rig whose car is simulated")
     if arguments.shadow:
         raise ConfigError("--shadow: only a live drive has enable bits to leave off; name the rig with --rig")
+    if arguments.view:
+        raise ConfigError("--view: only a live drive is shown while it goes on; vve-sumo view shows a record")
     for role in ("operator", "driver"):
         if getattr(arguments, role) is not None:
             raise ConfigError(f"--{role}: only a live drive has one; name the rig with --rig")
@@ -156,6 +160,7 @@ def _live(arguments: argparse.Namespace) -> int:
         controller=arguments.controller,
         shadow=arguments.shadow,
         values=values_of(arguments.values),
+        view=arguments.view,
     )
     plan = live_drive.named(plan, arguments.operator, arguments.driver)
     with session.removed_when_empty(plan.folder):

@@ -76,6 +76,11 @@ class LatencyMonitor:
         recent = sorted(self._recent)
         return {"p50": quantile(recent, 0.5), "p99": quantile(recent, 0.99), "missed": self._tally.missed}
 
+    @property
+    def newest(self) -> float:
+        """Latency of the newest tick whose frames were sent [s]; NaN before the first."""
+        return self._recent[-1] if self._recent else math.nan
+
     def summary(self) -> dict[str, Any]:
         """Return the drive's figures so far: those of `latency_summary`, and the budget."""
         return self._tally.summary() | {"budget_ms": _ms(self._budget)}

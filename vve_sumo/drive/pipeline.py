@@ -268,6 +268,11 @@ class Pipeline:
         return self._sensed.pose
 
     @property
+    def newest_fix(self) -> Fix | None:
+        """The newest trusted fix; None before the first."""
+        return self._newest_fix
+
+    @property
     def failure(self) -> str:
         """Text of the controller's last failure, or else of a sensor's; empty where none ever failed."""
         return self._controller.text or next((sensor.text for sensor in self._sensors.values() if sensor.text), "")

@@ -34,6 +34,8 @@ SILENT: Final = 0.2
 ALARM_TIME: Final = 3.0
 #: time for the drive's process to end [s]: its last messages to the recorder take up to 5 s, and SUMO has to be closed
 DRIVE_TIMEOUT: Final = 8.0
+#: time for the page's process to end [s]
+VIEW_TIMEOUT: Final = 3.0
 #: an automatic rig that is not engaged by then is refused [s]
 READY_LIMIT: Final = 60.0
 
@@ -57,9 +59,11 @@ class ProcessGroup:
     recorder: subprocess.Popen[bytes]
     car: subprocess.Popen[bytes] | None  #: the simulated one
     outputs: subprocess.Popen[bytes] | None  #: of the outgoing wires; it ends with the drive
+    view: subprocess.Popen[bytes] | None  #: of the page in a browser
     to_gateway: Channel
     to_drive: Channel
     to_car: Channel | None
+    to_view: Channel | None  #: whatever comes out of it is a request to stop
 
     def shutdown(self, timeout: float) -> None:
         """Wait for the gateway, the drive, the recorder and the car to end, in this order; kill a later one that hangs.
@@ -73,6 +77,9 @@ class ProcessGroup:
         if self.outputs is not None:
             _end(self.outputs, DRIVE_TIMEOUT)
         _end(self.recorder, timeout)
+        if self.view is not None and self.to_view is not None:
+            self.to_view.close()
+            _end(self.view, VIEW_TIMEOUT)
         if self.car is not None and self.to_car is not None:
             self.to_car.close()
             _end(self.car, timeout)
@@ -105,10 +112,12 @@ class Console:
         """Serve the operator until the gateway's process ends."""
         processes = self._processes
         while processes.gateway.poll() is None:
-            watched = [*self._keys.filenos(), *self._alive(processes.to_gateway), *self._alive(processes.to_drive)]
+            channels = (processes.to_gateway, processes.to_drive, processes.to_view)
+            watched = [*self._keys.filenos(), *(number for channel in channels for number in self._alive(channel))]
             select.select(watched, [], [], POLL_INTERVAL)
             for command in self._keys.commands():
                 self._obey(command)
+            self._hear_view()
             self._hear_drive()
             # Taken before reading: if the console itself was not scheduled, the waiting messages reset the silence.
             begun = time.monotonic()
@@ -140,8 +149,8 @@ class Console:
         self._show(Guard.GONE)
 
     @staticmethod
-    def _alive(channel: Channel) -> list[int]:
-        return [] if channel.closed else [channel.fileno()]
+    def _alive(channel: Channel | None) -> list[int]:
+        return [] if channel is None or channel.closed else [channel.fileno()]
 
     def _obey(self, command: KeyCommand) -> None:
         if command is KeyCommand.GONE:
@@ -190,6 +199,12 @@ class Console:
     def _leave(self) -> None:
         self._over = self._left = True
         self._processes.to_gateway.close()
+
+    def _hear_view(self) -> None:
+        """Take the page's requests to stop: whatever it says is the operator's stop, and nothing else."""
+        view = self._processes.to_view
+        if view is not None and not view.closed and view.receive():
+            self._obey(KeyCommand.STOP)
 
     def _hear_drive(self) -> None:
         if self._processes.to_drive.closed:

@@ -38,6 +38,7 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
+from vve_sumo.live.view_feed import Beside, ViewFeed
 from vve_sumo.pose.sources import open_udp
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
@@ -69,6 +70,7 @@ class LiveDrive:
         self._t0: float = config["t0"]
         self._gateway, self._console = channels["gateway"], channels["console"]
         self._recorder = RecorderClient(channels["recorder"])
+        self._view = ViewFeed(channels["view"]) if "view" in channels else None
         working = FilePath(config["working"])
         self._resolved, rig = from_dict(config["resolved"], working)
         lot = LotAlignment.from_dict(config["resolved"])
@@ -191,6 +193,8 @@ class LiveDrive:
         self._watch_for_the_end(begun.due, done)
         self._recorder.flush()
         self._send_status(begun, done.result)
+        if self._view is not None:
+            self._view.send(done, self._beside(begun, done.result))
         if begun.tick % HOUSEKEEPING_TICKS == 0:
             self._clock_report = self._pipeline.clock_report()
             gc.collect(0)
@@ -262,6 +266,22 @@ class LiveDrive:
             "off_path": f"{abs(result.d):.1f} m",
         }
         return {code: words for code, words in numbers.items() if code in result.faults}
+
+    def _beside(self, begun: ScheduledTick, result: TickResult) -> Beside:
+        """Return what the page's process is told beside the completed tick."""
+        now = self._clock()
+        return Beside(
+            tick=begun.tick,
+            due=begun.due,
+            wall=time.time() - (now - begun.due),
+            fix=self._pipeline.newest_fix,
+            feedback=self._feedback,
+            feedback_age=now - self._feedback_at if self._feedback else math.inf,
+            details=self._details(result),
+            latency=self._latency.newest,
+            missed=self._scheduler.missed,
+            outcome=None if self._outcome is None else self._outcome.value,
+        )
 
     @property
     def _state(self) -> ArmingState:
@@ -362,6 +382,8 @@ class LiveDrive:
         self._source.close()
         if self._link is not None:
             self._link.close()
+        if self._view is not None:
+            self._view.close()
         self._road.close()
 
 

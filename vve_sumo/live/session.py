@@ -33,6 +33,7 @@ from vve_sumo.live.keys import OperatorInput
 from vve_sumo.live.priority import lower_priority
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
+from vve_sumo.live.view_token import token_of
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
 from vve_sumo.record.reader import read_table
@@ -48,8 +49,9 @@ from vve_sumo.scenario.schema import EndTrigger
 
 #: time for a process to end by itself after the drive [s]; the recorder writes its tables in this time
 EXIT_TIMEOUT: Final = 60.0
-#: longest time for the process of the outgoing wires to open them [s]
+#: longest time for the process of the outgoing wires to open them, and for that of the page to be ready [s]
 OUTPUTS_TIMEOUT: Final = 20.0
+VIEW_TIMEOUT: Final = 20.0
 #: characters of a person's name, at most
 MAX_NAME_LENGTH: Final = 100
 
@@ -71,6 +73,7 @@ class Plan:
     t0: float  #: monotonic second of drive time 0
     operator: str | None = None  #: who is at the console; None where nobody said
     driver: str | None = None  #: who sits behind the wheel
+    view: bool = False  #: whether a page in a browser shows the drive
 
     def clock(self) -> float:
         """Drive time [s]."""
@@ -87,6 +90,7 @@ def plan(
     controller: str | None,
     shadow: bool,
     values: Mapping[str, Any] | None = None,
+    view: bool = False,
 ) -> Plan:
     """Find scenario and rig by name and refuse what nobody should drive with; opens no device and writes nothing.
 
@@ -106,7 +110,7 @@ def plan(
     folder = (out if out is not None else new_run_folder(resolved.name, working)).absolute()
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
-    return Plan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic())
+    return Plan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic(), view=view)
 
 
 def named(plan: Plan, operator: str | None, driver: str | None) -> Plan:
@@ -232,6 +236,7 @@ def _processes(
         own_session=True,
     )
     wires, drive_outputs = _outputs(plan, common, scenario_content["vehicle"])
+    view, to_view, drive_view = _view(plan, scenario_content, notify)
     interface, channel = car.bus if car is not None and rig.bus.channel == PTY else (rig.bus.interface, rig.bus.channel)
     bus = {"interface": interface, "channel": channel, "bitrate": rig.bus.bitrate}
     gateway = spawn.start(
@@ -249,11 +254,11 @@ def _processes(
             "not_ready": _not_ready(plan, ground, notify),
             "log": str(folder / "drive.log"),
         },
-        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder} | drive_outputs,
+        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder} | drive_outputs | drive_view,
         own_session=True,
     )
     process, to_car = (car.process, car.channel) if car is not None else (None, None)
-    return ProcessGroup(gateway, drive, recorder, process, wires, console_gateway, console_drive, to_car)
+    return ProcessGroup(gateway, drive, recorder, process, wires, view, console_gateway, console_drive, to_car, to_view)
 
 
 def _outputs(
@@ -284,6 +289,36 @@ def _outputs(
     return process, {"outputs": drive_outputs}
 
 
+def _view(
+    plan: Plan, scenario_content: dict[str, Any], notify: Notify
+) -> tuple[subprocess.Popen[bytes] | None, Channel | None, dict[str, Channel]]:
+    """Start the process of the page; return it, the console's channel to it, and the drive's end of the feed.
+
+    Nothing where the drive is not to be shown. Raises VveError where the page's address cannot be served.
+    """
+    if not plan.view:
+        return None, None, {}
+    drive_view, view_drive = pair()
+    ours, theirs = pair()
+    wanted = plan.rig.view
+    config = {
+        "folder": str(plan.folder),
+        "resolved": scenario_content,
+        "address": wanted.address,
+        "port": wanted.port,
+        "token": token_of(wanted, plan.working),
+        "log": str(plan.folder / "view.log"),
+    }
+    process = spawn.start("view", config, {"drive": view_drive, "console": theirs}, own_session=True)
+    select.select([ours], [], [], VIEW_TIMEOUT)
+    said = json.loads((ours.receive() or [b"{}"])[0])
+    if said.get("kind") != "view_ready":
+        process.kill()
+        raise _ERRORS.get(said.get("exit_code", 3), RigError)(said.get("refused", "view: the process did not start"))
+    notify(f"view: {said['address']}")
+    return process, ours, {"view": drive_view}
+
+
 def _write_roads(plan: Plan, notify: Notify) -> None:
     """Write the lanes around the path; a disk that is full is the recorder's to report, and stops no drive."""
     try:
@@ -301,6 +336,7 @@ def _note_processes(plan: Plan, processes: ProcessGroup) -> None:
     }
     numbers |= {"car": processes.car.pid} if processes.car is not None else {}
     numbers |= {"outputs": processes.outputs.pid} if processes.outputs is not None else {}
+    numbers |= {"view": processes.view.pid} if processes.view is not None else {}
     numbers["t0_monotonic_s"] = plan.t0
     (plan.folder / "processes.json").write_text(json.dumps(numbers) + "\n", encoding="utf-8")
 

@@ -22,6 +22,7 @@ MIN_AREA: Final = 200.0  #: a lot that holds a car and its stopping distance fro
 MAX_AREA: Final = 25e6  #: larger than the largest proving grounds [m2]
 ARC_STEPS: Final = 16  #: chords of a quarter circle where the margin rounds a corner
 MIN_CELL_SIZE: Final = 0.25  #: cell of a table of clearances [m]
+OUTLINE_TOLERANCE: Final = 0.02  #: of a line that is drawn around covered ground [m]
 BORDER_CELLS: Final = 4  #: cells of such a table beyond the lot
 
 
@@ -79,6 +80,12 @@ class Lot:
             return -math.inf
         return float(shapely.distance(self._edge, shapely.polygons(shapes)).min())
 
+    def clearances(self, shapes: Floats) -> Floats:
+        """Return every shape's distance to the nearest edge [m], (n,); 0 of one that reaches over it."""
+        polygons = shapely.polygons(shapes)
+        distance = shapely.distance(self._edge, polygons)
+        return np.asarray(np.where(shapely.covers(self._inner, polygons), distance, 0.0), np.float64)
+
     def raster(self, rows: int) -> Raster:
         """Return a table of clearances of the lot and a little around it, its longer side cut into `rows`."""
         from scipy.ndimage import distance_transform_edt
@@ -92,6 +99,17 @@ class Lot:
         # The transform measures to the centre of the nearest cell across the edge; the edge is half a cell nearer.
         depth = np.where(inside, distance_transform_edt(inside) - 0.5, 0.5 - distance_transform_edt(~inside))
         return Raster(float(low[0]), float(low[1]), cell, cell * np.asarray(depth, dtype=np.float64))
+
+
+def outline(shapes: Floats) -> Floats:
+    """Return the line around the ground that convex shapes cover together, (m, 2) [m]; of its parts, the largest's.
+
+    `shapes`: corners in order, (n, k, 2). The line is good to OUTLINE_TOLERANCE.
+    """
+    covered = shapely.union_all(shapely.polygons(shapes))
+    largest = max(shapely.get_parts(covered), key=shapely.area)
+    line = shapely.simplify(shapely.get_exterior_ring(largest), OUTLINE_TOLERANCE)
+    return np.asarray(shapely.get_coordinates(line), np.float64)
 
 
 class Raster:

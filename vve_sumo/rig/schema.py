@@ -205,6 +205,28 @@ class Operator(Table):
     )
 
 
+class View(Table):
+    """The page that `--view` serves to browsers."""
+
+    address: Address = Field(
+        default="127.0.0.1",
+        description="of this computer, to listen on: with one on the car's network others watch",
+    )
+    port: Annotated[int, Field(ge=0, le=65535)] = Field(default=0, description="to listen on; 0 is any free one")
+    token_file: Name | None = Field(
+        default=None,
+        description="file with the token in the page's address, 16 or more letters, digits, - and _; "
+        "left out: a new one for every drive",
+    )
+
+    @model_validator(mode="after")
+    def _named(self) -> Self:
+        """Refuse to listen everywhere: a browser's request could then not be told from one for another name."""
+        if ipaddress.ip_address(self.address).is_unspecified:
+            raise ValueError(f"address: {self.address} is every network; expected this computer's address on one")
+        return self
+
+
 class Other(Table):
     """Another device on a bus that the rig uses, so that identifiers cannot collide."""
 
@@ -351,6 +373,7 @@ class Rig(Table):
     watchdog_test: WatchdogTest | None = None
     latency: Latency = Latency()
     operator: Operator = Operator()
+    view: View = View()
     others: tuple[Other, ...] = Field(default=(), strict=False)
     brain: Brain = Brain()
     outputs: tuple[Output, ...] = Field(default=(), strict=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.lead_vehicle import index_of_tick
-from vve_sumo.view.words import reasons_in_words, state_in_words
+from vve_sumo.view.words import state_in_words
 
 #: a change of the gateway's reasons is listed no more often than this [s]
 MIN_SPACING = 0.2
@@ -35,8 +35,8 @@ def _states(run: Run) -> list[dict[str, Any]]:
         if before is None or state != before[0]:
             found.append(_event(time, "state", state_in_words(state, reasons)))
             listed = time
-        elif reasons != before[1] and reasons and time - listed >= MIN_SPACING:
-            found.append(_event(time, "reason", "; ".join(reasons_in_words(reasons))))
+        elif reasons != before[1] and time - listed >= MIN_SPACING:
+            found.append(_event(time, "reason", state_in_words(state, reasons)))
             listed = time
         else:
             continue

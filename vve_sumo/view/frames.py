@@ -183,7 +183,7 @@ class Frames:
         ticks = run.arrow("ticks")["tick"].to_numpy()
         scan = np.searchsorted(ticks[scans.at], number)
         front = self._front(scans.measured)[:, scan]
-        x, y = return_points(*front, table["range_m"].to_numpy(), table["azimuth_rad"].to_numpy())
+        x, y = return_points(front[0], front[1], front[2], table["range_m"].to_numpy(), table["azimuth_rad"].to_numpy())
         known = {name: code for code, name in enumerate(self._names)}
         actor = [known.get(name, -1) for name in table["actor"].to_pylist()]
         return {

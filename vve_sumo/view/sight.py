@@ -66,7 +66,9 @@ def _near(antenna: Antenna, actors: Actors, view: View) -> list[int]:
     return rows
 
 
-def return_points(x: Floats, y: Floats, heading: Floats, range_: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
+def return_points(
+    x: Floats | float, y: Floats | float, heading: Floats | float, range_: Floats, azimuth: Floats
+) -> tuple[Floats, Floats]:
     """Return where detections lie in the map [m], from the pose of the middle of the front bumper at their scans."""
     return x + range_ * np.cos(heading + azimuth), y + range_ * np.sin(heading + azimuth)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from vve_sumo.drive.lockstep import WAITING
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.values import ArmingState
 
@@ -15,6 +16,8 @@ PHASES: Final = {
     ArmingState.STOPPED: "at rest",
     ArmingState.FAULT: "fault",
 }
+#: of an engaged car that does not drive yet, by the reason code that says so
+ENGAGED_PHASES: Final = {"engaging": "engaging", "shifting": "engaging", WAITING: "held"}
 
 
 def reasons_in_words(reasons: str) -> list[str]:
@@ -25,5 +28,6 @@ def reasons_in_words(reasons: str) -> list[str]:
 def state_in_words(state: str, reasons: str) -> str:
     """Return the gateway's state and its reasons, codes joined by +, in plain words."""
     why = "; ".join(reasons_in_words(reasons))
-    phase = PHASES[ArmingState(state)]
+    held = (words for code, words in ENGAGED_PHASES.items() if code in reasons.split("+"))
+    phase = next(held, PHASES[ArmingState(state)])
     return f"{phase}: {why}" if why else phase

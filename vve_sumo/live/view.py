@@ -1,0 +1,143 @@
+"""Runs the process of a live drive's page: samples of the drive in, frames to browsers out, requests to stop out.
+
+It is fed one way and never waited for. Towards the car it can do one thing: any datagram on its channel to the console
+is the operator's stop. When this process dies, the drive goes on.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import resource
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+
+from vve_sumo.errors import VveError
+from vve_sumo.live import signals
+from vve_sumo.live.channel import Channel
+from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
+from vve_sumo.live.spawn import receive_config
+from vve_sumo.live.wording import Guard, phase, why
+from vve_sumo.record.roads import read_roads
+from vve_sumo.view.guard import STOP_PATH
+from vve_sumo.view.hub import Hub
+from vve_sumo.view.live_frame import LiveFrames
+from vve_sumo.view.sample import decode
+from vve_sumo.view.scene import VERSION, scene_of
+from vve_sumo.view.server import NO_FRAMES, Server, json_route, page_routes
+
+#: file in the record's folder with the page's address while the drive goes on; only its owner may read it
+ADDRESS_FILE: Final = "view.json"
+#: open files of this process, at most: its connections among them
+MAX_FILES: Final = 128
+#: a gateway whose newest status is older counts as silent [s]
+SILENT: Final = 0.2
+#: for pages to hear that the drive is over [s]
+FAREWELL: Final = 0.3
+#: the request to stop; the console reads no content
+STOP: Final = b"stop"
+
+#: what a phase says after its colon is left out where it is about the console's keys
+_KEYS: Final = ("key", "press r", "e engages", "e begins", "g goes")
+
+
+def said(status: Mapping[str, Any]) -> str:
+    """Return a drive's phase and the reasons for it in plain words, as the console has them, without its keys."""
+    silent = SILENT < status["status_age_s"] < float("inf")
+    told = {**status, "gateway": (Guard.SILENT if silent else Guard.HEARD).value}
+    words = phase(told)
+    head, _, tail = words.partition(": ")
+    reasons = "; ".join(why(told))
+    kept = head if any(key in tail for key in _KEYS) else words
+    if not reasons:
+        return kept
+    return f"{kept}; {reasons}" if ": " in kept else f"{kept}: {reasons}"
+
+
+class ViewProcess:
+    """The page's process: one event loop for the feed and the server."""
+
+    def __init__(self, config: Mapping[str, Any], channels: Mapping[str, Channel]) -> None:
+        """Bind the server's socket; raises ConfigError where that cannot be done."""
+        folder = Path(config["folder"])
+        self._drive, self._console = channels["drive"], channels["console"]
+        self._frames = LiveFrames(config["resolved"], said)
+        self._hub = Hub(self._frames, scene_of(config["resolved"], read_roads(folder), source="live"))
+        self._over = asyncio.Event()
+        contents = {"version": VERSION, "kind": "live", "records": []}
+        routes = [
+            Route(STOP_PATH, self._stop, methods=["POST"]),
+            WebSocketRoute("/socket", self._hub.watch),
+            json_route("/contents.json", lambda request: contents),
+            *page_routes(NO_FRAMES),
+        ]
+        self.server = Server(routes, address=config["address"], port=config["port"], token=config["token"])
+
+    async def run(self) -> None:
+        """Serve until the console is gone."""
+        loop = asyncio.get_running_loop()
+        loop.add_reader(self._drive.fileno(), self._hear_drive)
+        loop.add_reader(self._console.fileno(), self._hear_console)
+        serving = asyncio.create_task(self.server.serve())
+        await self._over.wait()
+        self._hub.end()
+        await asyncio.sleep(FAREWELL)
+        self.server.close()
+        await serving
+
+    def _hear_drive(self) -> None:
+        events = []
+        for datagram in self._drive.receive():
+            events += self._frames.take(decode(datagram))
+        if self._drive.closed:
+            asyncio.get_running_loop().remove_reader(self._drive.fileno())
+        self._hub.changed(events)
+
+    def _hear_console(self) -> None:
+        self._console.receive()
+        if self._console.closed:
+            asyncio.get_running_loop().remove_reader(self._console.fileno())
+            self._over.set()
+
+    async def _stop(self, request: Request) -> Response:
+        """Pass a request to stop on to the console."""
+        if self._console.send(STOP):
+            return PlainTextResponse("the gateway is asked to stop\n")
+        return PlainTextResponse("the console does not take the request: the driver brakes\n", 503)
+
+
+def main() -> int:
+    """Run the process and return its exit code."""
+    signals.ignore()
+    set_oom_score(KILLED_FIRST)
+    lower_priority()
+    resource.setrlimit(resource.RLIMIT_NOFILE, (MAX_FILES, MAX_FILES))
+    config, channels = receive_config()
+    try:
+        process = ViewProcess(config, channels)
+    except VveError as error:
+        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        return error.exit_code
+    file = Path(config["folder"]) / ADDRESS_FILE
+    with contextlib.suppress(OSError):
+        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        with os.fdopen(descriptor, "w") as written:
+            written.write(json.dumps({"address": process.server.address, "pid": os.getpid()}) + "\n")
+    channels["console"].send(json.dumps({"kind": "view_ready", "address": process.server.address}).encode())
+    try:
+        asyncio.run(process.run())
+    finally:
+        file.unlink(missing_ok=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,92 @@
+"""Tells the process of a live drive's page what each tick came to, without ever waiting for it.
+
+A sample that cannot be queued at once is dropped; once that process is gone, nothing is sent any more.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vve_sumo.drive.tick import CompletedTick
+from vve_sumo.live.channel import Channel
+from vve_sumo.values import Fix, FixQuality
+from vve_sumo.vehicle import link
+from vve_sumo.view.sample import Sample, Scan, encode
+
+
+class Beside(NamedTuple):
+    """What a tick's sample holds beside the completed tick."""
+
+    tick: int
+    due: float  #: drive time of the tick [s]
+    wall: float  #: Unix time of that [s]
+    fix: Fix | None  #: the newest trusted one
+    feedback: link.Feedback | None  #: the gateway's newest
+    feedback_age: float  #: [s], inf without one
+    details: dict[str, str]  #: the numbers behind reason codes
+    latency: float  #: of the newest completed tick [s]
+    missed: int  #: ticks so far
+    outcome: str | None
+
+
+class ViewFeed:
+    """The drive's end of the channel to the page's process."""
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+
+    def send(self, done: CompletedTick, beside: Beside) -> None:
+        """Send a tick's sample. Nothing that goes wrong here may stop a car: then the page gets no more samples."""
+        if self._channel.closed:
+            return
+        try:
+            self._channel.send(encode(_sample(done, beside)))
+        except Exception:
+            self._channel.close()
+
+    def close(self) -> None:
+        """Close the drive's end."""
+        self._channel.close()
+
+
+def _sample(done: CompletedTick, beside: Beside) -> Sample:
+    result, setpoint, fix, feedback = done.result, done.result.setpoint, beside.fix, beside.feedback
+    return Sample(
+        tick=beside.tick,
+        time=beside.due,
+        wall=beside.wall,
+        pose=result.pose,
+        s=result.s,
+        d=result.d,
+        wished=setpoint.acceleration if setpoint else math.nan,
+        wished_steering=setpoint.steering if setpoint else math.nan,
+        note=setpoint.note if setpoint else "",
+        profile=setpoint.profile if setpoint else None,
+        faults=result.faults,
+        details=beside.details,
+        pose_reasons=result.pose_reasons,
+        quality=fix.quality if fix else FixQuality.UNKNOWN,
+        sigma=fix.position_sigma if fix else math.nan,
+        status=done.status,
+        status_age=beside.feedback_age,
+        steering=feedback.measured_steering if feedback else math.nan,
+        wheel_speed=feedback.wheel_speed if feedback else math.nan,
+        gear=feedback.gear if feedback else "",
+        latency=beside.latency,
+        missed=beside.missed,
+        actors=done.actors,
+        scan=_scan(done),
+        outcome=beside.outcome,
+    )
+
+
+def _scan(done: CompletedTick) -> Scan | None:
+    columns = done.result.readings.get("radar")
+    if columns is None:
+        return None
+    far, azimuth, _rate, _mode, actors = columns
+    measured = done.result.sensors["radar"].time
+    return Scan(measured, np.asarray(far, np.float64), np.asarray(azimuth, np.float64), tuple(map(str, actors)))

@@ -1,0 +1,29 @@
+"""Reads the token that a rig gives to the page of its drives."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.rig.schema import View
+
+_TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{16,128}")
+
+
+def token_of(view: View, working: Path) -> str:
+    """Return the token in the rig's file; empty where the rig names none, for one that is made anew.
+
+    Raises ConfigError naming the key.
+    """
+    if view.token_file is None:
+        return ""
+    file = working / view.token_file
+    try:
+        token = file.read_text(encoding="ascii").strip()
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"view.token_file: {file}: cannot be read: {error}") from None
+    if not _TOKEN.fullmatch(token):
+        raise ConfigError(f"view.token_file: {file}: expected 16 to 128 letters, digits, - and _")
+    return token

@@ -1,0 +1,165 @@
+"""What of a record takes longer to compute than opening it may: actors without a return, footprints, the lot's edge.
+
+A second file of columns in the form of `frames`. Knows records; nothing of pages or servers.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vve_sumo.analysis.run import Run
+from vve_sumo.metrics.lead_vehicle import index_of_tick
+from vve_sumo.values import Actors, FallbackPath, Floats, Point, Pose, Setpoint
+from vve_sumo.vehicle import link
+from vve_sumo.view.frames import Column, Frames, coded, pack, radar_scans
+from vve_sumo.view.lot_view import LotView
+from vve_sumo.view.scene import VERSION, radar_of, rig_of
+from vve_sumo.view.sight import View, Why, unseen
+
+#: ticks from one footprint to the next; the page shows each for at most FOOTPRINT_LIFE ticks
+FOOTPRINT_STEP: Final = 10
+
+_ACTOR_COLUMNS: Final = (
+    "x_m",
+    "y_m",
+    "heading_rad",
+    "speed_mps",
+    "length_m",
+    "width_m",
+    "radar_cross_section_m2",
+    "lateral_speed_mps",
+)
+
+
+class _Unseen(NamedTuple):
+    """Actors without a return: rows of scan k from first[k] to first[k + 1]."""
+
+    first: list[int]
+    code: list[int]
+    why: list[str]
+
+
+def details(run: Run) -> bytes:
+    """Return the file of a record's details."""
+    found, why = _unseen(run), coded([])
+    why = coded(found.why) if found.why else why
+    columns: dict[str, Column] = {
+        "unseen_first": np.array(found.first, np.int32),
+        "unseen_code": np.array(found.code, np.int32),
+        "unseen_why": why.codes,
+        **_lot_columns(run),
+    }
+    texts = {"why": why.texts or [Why.OCCLUDED.value]}
+    return pack(columns, {"version": VERSION, "texts": texts})
+
+
+def _unseen(run: Run) -> _Unseen:
+    scans, view = radar_scans(run), View.of(radar_of(run.resolved), run.vehicle)
+    pose = _pose_at(run, scans.measured)
+    looks = _looks(run)
+    codes = {name: code for code, name in enumerate(run.data.actor_rows.names)}
+    detected = _detected(run, scans.at)
+    found = _Unseen([0], [], [])
+    measured_at = np.clip(np.searchsorted(run.time, scans.measured - 0.5 * run.period), 0, len(run.time) - 1)
+    for scan, at in enumerate(measured_at.tolist()):
+        x, y, heading = pose[:, scan].tolist()
+        actors = looks.get(at)
+        if actors is not None and np.isfinite(x + y + heading):
+            missing = unseen(view.antenna(x, y, heading), actors, detected[scan], view)
+            found.code.extend(codes[name] for name in missing)
+            found.why.extend(why.value for why in missing.values())
+        found.first.append(len(found.code))
+    return found
+
+
+def _pose_at(run: Run, time: Floats) -> Floats:
+    """Return rows x, y, heading of the rear axle as the drive's pipeline had it at these times."""
+    known = np.isfinite(run.data.column("x_m"))
+    if not known.any():
+        return np.full((3, len(time)), np.nan)
+    names = ("x_m", "y_m", "heading_rad")
+    x, y, heading = (run.data.column(name)[known] for name in names)
+    return np.array([np.interp(time, run.time[known], values) for values in (x, y, np.unwrap(heading))])
+
+
+def _looks(run: Run) -> dict[int, Actors]:
+    """Return the actors that each tick saw, by the tick's index."""
+    table = run.arrow("actors")
+    at = index_of_tick(run.arrow("ticks"), table)
+    names = table["actor"].to_pylist()
+    columns = [table[name].to_numpy() for name in _ACTOR_COLUMNS]
+    ticks, begins = np.unique(at, return_index=True)
+    ends = np.append(begins[1:], len(at))
+    return {
+        tick: Actors(float(run.time[tick]), tuple(names[begin:end]), *(column[begin:end] for column in columns))
+        for tick, begin, end in zip(ticks.tolist(), begins.tolist(), ends.tolist(), strict=True)
+        if tick >= 0
+    }
+
+
+def _detected(run: Run, scans: NDArray[np.int64]) -> list[frozenset[str]]:
+    """Return the actors that each scan detected."""
+    table = run.arrow("sensor_radar")
+    at = index_of_tick(run.arrow("ticks"), table)
+    names = table["actor"].to_pylist()
+    by_tick: dict[int, set[str]] = {}
+    for tick, name in zip(at.tolist(), names, strict=True):
+        by_tick.setdefault(tick, set()).add(name)
+    return [frozenset(by_tick.get(tick, ())) for tick in scans.tolist()]
+
+
+def _lot_columns(run: Run) -> dict[str, Column]:
+    """Return metres to the edge at every tick, and the footprints; without a lot there are none."""
+    rig = rig_of(run.resolved)
+    if rig is None:
+        empty = np.zeros(0, np.int32)
+        nowhere = np.full(len(run.time), np.nan, np.float32)
+        nothing = {"footprint_x": np.zeros(0, np.float32), "footprint_y": np.zeros(0, np.float32)}
+        return {"to_edge": nowhere, "footprint_tick": empty, "footprint_first": np.zeros(1, np.int32), **nothing}
+    lot, motion = LotView(rig, run.resolved, run.vehicle), run.motion
+    real = Frames(run).columns
+    places = (real[name].astype(np.float64) for name in ("real_x", "real_y", "real_heading"))
+    ticks, first, lines = [], [0], [np.zeros((0, 2))]
+    moved = (motion.x, motion.y, motion.heading, motion.speed, motion.acceleration)
+    for at, (steering, profile) in _profiles(run).items():
+        x, y, heading, speed, acceleration = (float(column[at]) for column in moved)
+        pose = Pose(float(run.time[at]), Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, acceleration, 0.0)
+        line = lot.footprint(lot.place(pose), steering, profile)
+        if line is not None:
+            lines.append(line)
+        ticks.append(at)
+        first.append(first[-1] + (0 if line is None else len(line)))
+    corners = np.concatenate(lines).astype(np.float32)
+    return {
+        "to_edge": lot.to_edges(*places).astype(np.float32),
+        "footprint_tick": np.array(ticks, np.int32),
+        "footprint_first": np.array(first, np.int32),
+        "footprint_x": corners[:, 0].copy(),
+        "footprint_y": corners[:, 1].copy(),
+    }
+
+
+def _profiles(run: Run) -> dict[int, tuple[float, FallbackPath | None]]:
+    """Return measured steering and fallback path of every FOOTPRINT_STEP-th tick, by the tick's index.
+
+    A live record keeps the setpoints' datagrams with the gateway's steps.
+    """
+    if not run.holds("gateway"):
+        return {}
+    gateway = run.arrow("gateway")
+    times, datagrams = gateway["time_s"].to_numpy(), gateway["setpoint"].to_pylist()
+    carrying = np.array([bool(data) for data in datagrams], bool)
+    rows = np.flatnonzero(carrying)
+    steering = run.data.column("measured_steering_rad")
+    found: dict[int, tuple[float, FallbackPath | None]] = {}
+    if not len(rows):
+        return found
+    for at in range(0, len(run.time), FOOTPRINT_STEP):
+        row = rows[min(np.searchsorted(times[rows], run.time[at]), len(rows) - 1)]
+        setpoint = link.decode_setpoint(datagrams[row])
+        if isinstance(setpoint, Setpoint) and abs(setpoint.time - run.time[at]) < FOOTPRINT_STEP * run.period:
+            found[at] = (float(steering[at]), setpoint.profile)
+    return found

@@ -1,0 +1,123 @@
+"""Who may ask the page's server for what: token, Host, Origin; and how many connections, how large, how long.
+
+The token is the first part of every path, so that the page's own links carry it. A request to stop needs none. Knows
+nothing of what is served.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+from collections.abc import Collection
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+from starlette.types import ASGIApp, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+#: the one request without a token
+STOP_PATH: Final = "/stop"
+#: connections, whoever they are of; with more, the oldest that no WebSocket holds is closed
+MAX_CONNECTIONS: Final = 64
+#: a connection that has not sent a whole request by then is closed [s]
+REQUEST_TIMEOUT: Final = 5.0
+#: the head of a request is not longer [bytes]
+MAX_HEAD: Final = 8192
+
+_FORBIDDEN: Final = {
+    "host": "this server does not answer to that name",
+    "origin": "another site may not ask this server",
+    "token": "the address lacks its token: take the whole one that was printed",
+}
+
+
+class Gate:
+    """Lets a request through to the application, without the token in its path, or refuses it."""
+
+    def __init__(self, app: ASGIApp, token: str, hosts: Collection[str]) -> None:
+        """`hosts` are names and ports as a browser says them, such as 127.0.0.1:8000."""
+        self._app, self._token, self._hosts = app, token.encode(), frozenset(hosts)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        wrong = self._wrong(scope)
+        if wrong is not None:
+            await _refuse(scope, send, _FORBIDDEN[wrong])
+            return
+        path: str = scope["path"]
+        if path != STOP_PATH:
+            path = "/" + path[1:].partition("/")[2]
+        await self._app({**scope, "path": path, "raw_path": path.encode(), "root_path": ""}, receive, send)
+
+    def _wrong(self, scope: Scope) -> str | None:
+        headers: list[tuple[bytes, bytes]] = scope["headers"]
+        said = [value.decode("latin-1").lower() for name, value in headers if name == b"host"]
+        if len(said) != 1 or said[0] not in self._hosts:
+            return "host"
+        origins = [value.decode("latin-1") for name, value in headers if name == b"origin"]
+        if any(urlsplit_host(origin) not in self._hosts for origin in origins):
+            return "origin"
+        if scope["type"] == "http" and scope["path"] == STOP_PATH and scope["method"] == "POST":
+            return None
+        first = str(scope["path"])[1:].partition("/")
+        matches = hmac.compare_digest(first[0].encode(), self._token)
+        return None if matches and first[1] else "token"
+
+
+def urlsplit_host(origin: str) -> str:
+    """Return host and port of an origin, in small letters; empty for one that is none."""
+    try:
+        parts = urlsplit(origin)
+        return parts.netloc.lower() if parts.scheme in ("http", "https") else ""
+    except ValueError:
+        return ""
+
+
+async def _refuse(scope: Scope, send: Send, text: str) -> None:
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.close", "code": 1008})
+        return
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"x-content-type-options", b"nosniff")]
+    await send({"type": "http.response.start", "status": 403, "headers": headers})
+    await send({"type": "http.response.body", "body": f"{text}\n".encode()})
+
+
+class GuardedConnection(H11Protocol):
+    """A connection that is closed when it takes too long to ask for something, or when there are too many."""
+
+    _deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take a new connection, at the cost of the oldest one that idles."""
+        super().connection_made(transport)
+        self._deadline = self.loop.call_later(REQUEST_TIMEOUT, self._give_up)
+        idle = [one for one in self.connections if isinstance(one, GuardedConnection) and one is not self]
+        if len(self.connections) > MAX_CONNECTIONS and idle:
+            oldest = min(idle, key=lambda one: one.born)
+            oldest.transport.abort()
+            self.connections.discard(oldest)
+
+    @property
+    def born(self) -> float:
+        """When the connection's deadline falls due, which is how connections are put in order."""
+        return self._deadline.when() if self._deadline is not None else 0.0
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget a connection."""
+        if self._deadline is not None:
+            self._deadline.cancel()
+        super().connection_lost(exc)
+
+    def handle_websocket_upgrade(self, event: Any) -> None:
+        """Hand the connection on to a WebSocket, which has limits of its own."""
+        if self._deadline is not None:
+            self._deadline.cancel()
+        super().handle_websocket_upgrade(event)
+
+    def _give_up(self) -> None:
+        # Before its first request a connection has no cycle.
+        if getattr(self.cycle, "response_complete", True):
+            self.transport.abort()

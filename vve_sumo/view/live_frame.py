@@ -1,0 +1,222 @@
+"""From the samples of a live drive to frames as the page draws them, and to the drive's events.
+
+Knows samples and the scene; neither sockets nor pages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from vve_sumo.drive.reasons import in_words
+from vve_sumo.export.bodies import declared_kinds, kind_of
+from vve_sumo.frames import move_point
+from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
+from vve_sumo.values import Actors, Floats, GatewayStatus, Point, Pose
+from vve_sumo.view.lot_view import LotView
+from vve_sumo.view.sample import Sample, Scan
+from vve_sumo.view.scene import body, finite, path_of, radar_of, rig_of, vehicle_of
+from vve_sumo.view.sight import View, return_points, unseen
+
+#: samples that are kept to find what a scan looked at: a radar's latency is at most a second
+MAX_KEPT: Final = 60
+#: between two footprints [s]: each takes a few milliseconds
+FOOTPRINT_PERIOD: Final = 0.2
+#: a change of the gateway's reasons is an event no more often than this [s]
+REASON_PERIOD: Final = 0.5
+#: events that are kept for pages that are opened later
+MAX_EVENTS: Final = 500
+
+#: words a sample's status: phase and reasons
+Wording = Callable[[Mapping[str, Any]], str]
+
+
+class LiveFrames:
+    """Follows one live drive, sample by sample."""
+
+    def __init__(self, resolved: Mapping[str, Any], wording: Wording) -> None:
+        """`resolved` is the content of `scenario.json`; `wording` says in plain words what the console would say."""
+        self._vehicle, self._path, self._wording = vehicle_of(resolved), path_of(resolved), wording
+        self._view = View.of(radar_of(resolved), self._vehicle)
+        self._declared = declared_kinds(resolved["settings"])
+        rig = rig_of(resolved)
+        self._lot = None if rig is None else LotView(rig, resolved, self._vehicle)
+        self._looks: deque[tuple[float, Pose | None, Actors]] = deque(maxlen=MAX_KEPT)
+        self._scan: dict[str, Any] = {"returns": _NO_RETURNS, "unseen": {"id": [], "why": []}}
+        self._footprint: tuple[float, list[list[float]] | None] = (-math.inf, None)
+        self._engaged = False
+        self._before: Sample | None = None
+        self._told: tuple[float, GatewayStatus] | None = None  # when the last event of the gateway was, and of what
+        self._detected: set[str] = set()
+        self.bodies: dict[str, dict[str, Any]] = {}  #: of every actor seen so far, as the scene has them
+        self.events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
+        self.newest: Sample | None = None
+
+    def take(self, sample: Sample) -> list[dict[str, Any]]:
+        """Take a sample, none of which may be left out; return the events that it brings."""
+        self._looks.append((sample.time, sample.pose, sample.actors))
+        self._engaged |= sample.status.state in ("engaged", "stopping", "stopped")
+        self._meet(sample.actors)
+        if sample.scan is not None:
+            self._look(sample.scan)
+        found = self._happened(sample)
+        self.events.extend(found)
+        self._before = self.newest = sample
+        return found
+
+    def frame(self) -> dict[str, Any] | None:
+        """Return the newest sample as a frame; None before the first."""
+        sample = self.newest
+        if sample is None:
+            return None
+        status, pose = sample.status, sample.pose
+        return {
+            "t": round(sample.time, 4),
+            "state": status.state.value,
+            "reason": "+".join(status.reasons),
+            "said": self._said(sample),
+            "note": sample.note,
+            "contact": "",
+            "ego": None if pose is None else self._ego(sample, pose),
+            "s": finite(sample.s, 3),
+            "deviation": finite(sample.d, 3),
+            "quality": _quality(sample),
+            "actors": _columns(sample.actors),
+            "gap": None if pose is None else self._gap(sample, pose),
+            "latency": finite(sample.latency),
+            "latencies": None,
+            "signals": None,
+            **self._scan,
+            **self._in_the_lot(sample),
+        }
+
+    def _said(self, sample: Sample) -> str:
+        return self._wording(
+            {
+                "state": sample.status.state.value,
+                "reasons": list(sample.status.reasons),
+                "faults": list(sample.faults),
+                "details": sample.details,
+                "gear": sample.gear,
+                "engaged": self._engaged,
+                "status_age_s": sample.status_age,
+            }
+        )
+
+    @staticmethod
+    def _ego(sample: Sample, pose: Pose) -> dict[str, Any]:
+        return {
+            "x": round(pose.x, 4),
+            "y": round(pose.y, 4),
+            "heading": round(pose.heading, 6),
+            "speed": finite(pose.speed, 4),
+            "acceleration": finite(pose.acceleration, 4),
+            "wished": finite(sample.wished, 4),
+            "granted": finite(sample.status.acceleration, 4),
+            "steering": finite(sample.steering),
+            "wished_steering": finite(sample.wished_steering),
+            "yaw_rate": finite(pose.yaw_rate) or 0.0,
+        }
+
+    def _gap(self, sample: Sample, pose: Pose) -> float | None:
+        lead = lead_vehicle_now(pose, sample.s, sample.actors, self._path, self._vehicle)
+        return finite(float(lead.gap[0]), 3)
+
+    def _in_the_lot(self, sample: Sample) -> dict[str, Any]:
+        lot, pose = self._lot, sample.pose
+        if lot is None or pose is None:
+            return {"real": None, "to_edge": None, "footprint": None}
+        real = lot.place(pose)
+        edge = lot.to_edges(*(np.array([value]) for value in (real.x, real.y, real.heading)))
+        if sample.time - self._footprint[0] >= FOOTPRINT_PERIOD:
+            line = lot.footprint(real, sample.steering, sample.profile)
+            self._footprint = sample.time, None if line is None else np.round(line, 2).tolist()
+        return {
+            "real": {"x": round(real.x, 3), "y": round(real.y, 3), "heading": round(real.heading, 5)},
+            "to_edge": finite(float(edge[0]), 2),
+            "footprint": self._footprint[1],
+        }
+
+    def _meet(self, actors: Actors) -> None:
+        for row, name in enumerate(actors.ids):
+            if name not in self.bodies:
+                kind = self._declared.get(name) or kind_of(name, float(actors.radar_cross_section[row]))
+                self.bodies[name] = body(kind, float(actors.length[row]), float(actors.width[row]))
+
+    def _look(self, scan: Scan) -> None:
+        """Place a scan's returns, and find the actors without one, from the tick at which it was measured."""
+        look = min(self._looks, key=lambda one: abs(one[0] - scan.measured))
+        _time, pose, actors = look
+        if pose is None:
+            return
+        front = move_point(pose, self._vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER)
+        x, y = return_points(front.x, front.y, front.heading, scan.range, scan.azimuth)
+        missing = unseen(self._view.antenna(pose.x, pose.y, pose.heading), actors, frozenset(scan.actors), self._view)
+        self._scan = {
+            "returns": {
+                "x": _rounded(x),
+                "y": _rounded(y),
+                "seen": list(scan.actors),
+                "measured": round(scan.measured, 4),
+            },
+            "unseen": {"id": list(missing), "why": [why.value for why in missing.values()]},
+        }
+
+    def _happened(self, sample: Sample) -> list[dict[str, Any]]:
+        before, time, status = self._before, sample.time, sample.status
+        found: list[dict[str, Any]] = []
+        told = self._told
+        if told is None or told[1].state != status.state:
+            found.append(_event(time, "state", self._said(sample)))
+            self._told = time, status
+        elif told[1].reasons != status.reasons and time - told[0] >= REASON_PERIOD:
+            found.append(_event(time, "reason", self._said(sample)))
+            self._told = time, status
+        if sample.note and (before is None or before.note != sample.note):
+            found.append(_event(time, "note", f"controller: {sample.note}"))
+        if sample.scan is not None:
+            found += self._first_detections(sample.scan, time)
+        if sample.outcome is not None and (before is None or before.outcome is None):
+            found.append(_event(time, "end", f"end: {sample.outcome}"))
+        return found
+
+    def _first_detections(self, scan: Scan, time: float) -> list[dict[str, Any]]:
+        found = []
+        for name, far in zip(scan.actors, scan.range.tolist(), strict=True):
+            if name and name not in self._detected:
+                self._detected.add(name)
+                found.append(_event(time, "detection", f"radar first detects {name} at {far:.1f} m"))
+        return found
+
+
+_NO_RETURNS: Final[dict[str, Any]] = {"x": [], "y": [], "seen": [], "measured": None}
+
+
+def _event(time: float, kind: str, text: str) -> dict[str, Any]:
+    return {"time": round(time, 3), "kind": kind, "text": text}
+
+
+def _columns(actors: Actors) -> dict[str, Any]:
+    """The actors as columns; one with a value that is not finite is left out."""
+    known = np.isfinite(actors.x + actors.y + actors.heading + actors.speed)
+    ids = [name for name, is_known in zip(actors.ids, known.tolist(), strict=True) if is_known]
+    numbers = {"x": actors.x, "y": actors.y, "heading": actors.heading, "speed": actors.speed}
+    return {"id": ids} | {name: _rounded(values[known]) for name, values in numbers.items()}
+
+
+def _rounded(values: Floats) -> list[float]:
+    rounded: list[float] = np.round(values, 3).tolist()
+    return rounded
+
+
+def _quality(sample: Sample) -> str:
+    if sample.pose_reasons:
+        return f"refused: {', '.join(map(in_words, sample.pose_reasons))}"
+    if sample.pose is None:
+        return "none"
+    sigma = f" ± {100.0 * sample.sigma:.0f} cm" if math.isfinite(sample.sigma) else ""
+    return f"{sample.quality.value}{sigma}"

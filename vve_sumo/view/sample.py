@@ -1,0 +1,66 @@
+"""What a live drive says of itself once a tick, for the process of its page.
+
+Plain values that the drive has anyway; turning them into a picture is that process's work. Imports nothing heavy, for
+the drive's process imports this.
+"""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass
+from typing import Any
+
+from vve_sumo.values import Actors, FallbackPath, FixQuality, Floats, GatewayStatus, Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A scan of the radar that came out at a tick; an entry a detection."""
+
+    measured: float  #: drive time at which it was measured [s]
+    range: Floats  #: from the middle of the front bumper [m]
+    azimuth: Floats  #: [rad] left positive
+    actors: tuple[str, ...]  #: what was detected, empty for a false alarm: truth that no controller is told
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One tick of a live drive."""
+
+    tick: int
+    time: float  #: drive time [s]
+    wall: float  #: Unix time of that [s]
+    pose: Pose | None  #: of the rear axle on the street; None before the first trusted fix
+    s: float  #: distance along the path [m]; NaN for none
+    d: float  #: lateral deviation [m], left positive; NaN for none
+    wished: float  #: acceleration that the controller asks for [m/s2]; NaN for none
+    wished_steering: float  #: road-wheel angle likewise [rad]; NaN for none
+    note: str  #: the controller's own word for what it does
+    profile: FallbackPath | None  #: the fallback path that the setpoint carries
+    faults: tuple[str, ...]  #: all reason codes of the tick
+    details: dict[str, str]  #: the numbers behind some of them, in words
+    pose_reasons: tuple[str, ...]  #: why the newest fix was not trusted
+    quality: FixQuality  #: of the newest trusted fix
+    sigma: float  #: its horizontal standard deviation [m]; NaN not reported
+    status: GatewayStatus  #: the gateway's newest
+    status_age: float  #: how old that is [s]; inf before the first
+    steering: float  #: road-wheel angle that the car reports [rad]; NaN not reported
+    wheel_speed: float  #: that the car reports [m/s]; NaN not reported
+    gear: str  #: that the car reports; empty before the first report
+    latency: float  #: of the newest completed tick, arrival of the bytes to the command frame [s]; NaN for none
+    missed: int  #: ticks skipped so far
+    actors: Actors  #: that the sensors saw
+    scan: Scan | None  #: of the radar, where one came out
+    outcome: str | None  #: of the drive, once it has one
+
+
+def encode(sample: Sample) -> bytes:
+    """Return a sample as a datagram."""
+    return pickle.dumps(sample, pickle.HIGHEST_PROTOCOL)
+
+
+def decode(datagram: bytes) -> Sample:
+    """Return the sample in a datagram of the drive, which the same program started: pickle is safe for no other."""
+    sample: Any = pickle.loads(datagram)
+    assert isinstance(sample, Sample)
+    return sample

@@ -1,0 +1,181 @@
+"""The page's server: a socket on this machine, an address with a token, and the files of the page with their data.
+
+Runs in the thread that calls it. Knows libraries of records and live hubs by what they return, not how they are made.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from vve_sumo.errors import ConfigError, VveError
+from vve_sumo.view.assets import POLICY, file
+from vve_sumo.view.guard import MAX_HEAD, Gate, GuardedConnection
+from vve_sumo.view.library import Library, Record
+
+LOOPBACK: Final = "127.0.0.1"
+#: a WebSocket's message from a page is not longer [bytes]: a page only acknowledges frames
+MAX_MESSAGE: Final = 64
+#: messages of a page that wait to be read, at most
+MAX_WAITING: Final = 8
+#: pages that may hold the page of a record in a frame: notebooks on this machine
+FRAMES: Final = "frame-ancestors 'self' http://127.0.0.1:* http://localhost:*"
+NO_FRAMES: Final = "frame-ancestors 'none'"
+
+_HEADERS: Final = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+class _Quiet(uvicorn.Server):
+    """A server that leaves the process's signals as they are."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Take over no signal: who runs the server decides what ends it."""
+        yield
+
+
+class Server:
+    """A server of one page, bound to its socket from the start."""
+
+    def __init__(self, routes: Sequence[BaseRoute], *, address: str = LOOPBACK, port: int = 0, token: str = "") -> None:
+        """Bind an address of this machine and a port, 0 for any free one; without a `token` one is made.
+
+        Raises ConfigError where the address cannot be bound.
+        """
+        self.token = token or secrets.token_urlsafe(18)
+        self._socket = socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._socket.bind((address, port))
+        except OSError as error:
+            self._socket.close()
+            raise ConfigError(f"view: cannot listen on {address} port {port}: {error.strerror}") from None
+        self.port = int(self._socket.getsockname()[1])
+        self.host = f"[{address}]" if ":" in address else address
+        names = {self.host, *(("localhost", LOOPBACK) if address == LOOPBACK else ())}
+        app = Gate(Starlette(routes=list(routes)), self.token, {f"{name}:{self.port}" for name in names})
+        self._uvicorn = _Quiet(_config(app))
+
+    @property
+    def address(self) -> str:
+        """What a browser opens."""
+        return f"http://{self.host}:{self.port}/{self.token}/"
+
+    async def serve(self) -> None:
+        """Serve until `close` is called, in an event loop of the caller's."""
+        self._socket.listen()
+        await self._uvicorn.serve([self._socket])
+
+    def run(self) -> None:
+        """Serve until `close` is called from another thread, or the keyboard ends it."""
+        asyncio.run(self.serve())
+
+    def close(self) -> None:
+        """End the server."""
+        self._uvicorn.should_exit = True
+        self._uvicorn.force_exit = True
+
+
+def _config(app: Gate) -> uvicorn.Config:
+    return uvicorn.Config(
+        app,
+        http=GuardedConnection,
+        ws="websockets-sansio",
+        ws_max_size=MAX_MESSAGE,
+        ws_max_queue=MAX_WAITING,
+        ws_per_message_deflate=False,
+        lifespan="off",
+        log_config=None,
+        log_level="critical",
+        access_log=False,
+        proxy_headers=False,
+        server_header=False,
+        h11_max_incomplete_event_size=MAX_HEAD,
+        timeout_graceful_shutdown=1,
+    )
+
+
+def page_routes(policy: str) -> list[BaseRoute]:
+    """Return the routes of the page's own files; `policy` says who may hold the page in a frame."""
+
+    async def send(request: Request) -> Response:
+        found = file(request.path_params.get("name") or "index.html")
+        if found is None:
+            return PlainTextResponse("no such file\n", 404, _HEADERS)
+        headers = _HEADERS | {"Content-Security-Policy": f"{POLICY}; {policy}"}
+        return Response(found.content, 200, headers, found.kind)
+
+    return [Route("/", send), Route("/{name}", send)]
+
+
+def json_route(path: str, content: Callable[[Request], Any]) -> BaseRoute:
+    """Return the route of a document."""
+
+    async def send(request: Request) -> Response:
+        return _document(content(request))
+
+    return Route(path, send)
+
+
+def library_routes(library: Library) -> list[BaseRoute]:
+    """Return the routes of a page that shows records or a sweep."""
+
+    async def send(request: Request) -> Response:
+        part = _PARTS.get(request.path_params["part"])
+        try:
+            record = await run_in_threadpool(library.record, request.path_params["key"])
+            if record is None or part is None:
+                return PlainTextResponse("no such record\n", 404, _HEADERS)
+            return await run_in_threadpool(part, record)
+        except VveError as error:
+            return PlainTextResponse(f"{error}\n", 409, _HEADERS)
+
+    async def table(request: Request) -> Response:
+        content = await run_in_threadpool(library.table)
+        return PlainTextResponse("no sweep\n", 404, _HEADERS) if content is None else _binary(content)
+
+    return [
+        json_route("/contents.json", lambda request: library.contents(request.query_params.get("run"))),
+        Route("/record/{key}/{part}", send),
+        Route("/sweep.bin", table),
+        *page_routes(FRAMES),
+    ]
+
+
+def _document(content: Any) -> Response:
+    # Names may hold half a character, which JSON can say and UTF-8 cannot.
+    return Response(json.dumps(content, allow_nan=False), headers=_HEADERS, media_type="application/json")
+
+
+def _binary(content: bytes) -> Response:
+    return Response(content, headers=_HEADERS, media_type="application/octet-stream")
+
+
+_PARTS: Final[dict[str, Callable[[Record], Response]]] = {
+    "scene.json": lambda record: _document(record.scene()),
+    "frames.bin": lambda record: _binary(record.frames()),
+    "details.bin": lambda record: _binary(record.details()),
+}
+
+
+def replay_server(folders: Sequence[Path], port: int = 0) -> Server:
+    """Return a server of one sweep, or of one or two records; raises ConfigError as `Library` does."""
+    return Server(library_routes(Library(folders)), port=port)

@@ -1,0 +1,104 @@
+// One drive on the page: its state, street, lot, gauges, events and strips. Shows frames; does not know where from.
+
+import { colour } from "./canvas.js";
+import { element, say } from "./elements.js";
+import { Gauges } from "./gauges.js";
+import { Lot } from "./lot.js";
+import { LEGEND, Street } from "./street.js";
+import { Strips } from "./strips.js";
+
+const MOST_EVENTS = 500; // of a live drive's list
+
+export class DriveView {
+  /** Make the view of a scene in `root`; `onEvent` is called with the time [s] of an event that was chosen. */
+  constructor(root, scene, { narrow = false, onEvent = null } = {}) {
+    this.scene = scene;
+    this.onEvent = onEvent;
+    this.state = element("p", { class: "state" }, element("strong", {}, "…"), element("span"));
+    const street = element("canvas", { role: "img", "aria-label": "the street from above" });
+    const lot = element("canvas", { role: "img", "aria-label": "the lot from above; a click shows the car close by" });
+    const lotWords = element("p");
+    const gauges = element("dl", { class: "gauges" });
+    this.list = element("ol", { class: "events", "aria-label": "events" });
+    const strips = element("div", { class: "strips" });
+    this.legend = element("ul", { class: "legend" });
+    this.box = element(
+      "article", { class: narrow ? "drive narrow" : "drive" }, this.state,
+      element("div", { class: "street" }, street, this.legend),
+      element("section", { class: "side" },
+        element("div", { class: "lot", hidden: !scene.lot }, lotWords, lot), gauges, this.list),
+      strips,
+    );
+    root.append(this.box);
+    this.street = new Street(street, scene);
+    this.lot = new Lot(lot, lotWords, scene);
+    this.gauges = new Gauges(gauges, scene);
+    this.strips = new Strips(strips);
+    this.frame = null;
+    this.drawLegend();
+    for (const event of scene.events) this.addEvent(event);
+  }
+
+  /** Show a frame from now on. */
+  show(frame) {
+    this.frame = frame;
+    const [phase, why] = this.state.children;
+    const [first, ...rest] = frame.said.split(": ");
+    say(phase, first);
+    say(why, rest.join(": "));
+    if (this.state.dataset.state !== frame.state) this.state.dataset.state = frame.state;
+    this.gauges.show(frame);
+  }
+
+  /** Draw the canvases. */
+  draw() {
+    this.street.draw(this.frame);
+    this.lot.draw(this.frame);
+  }
+
+  /** Mark what is shown as old, or as present. */
+  stale(is) {
+    this.box.classList.toggle("stale", is);
+  }
+
+  addEvent({ time, kind, text }) {
+    const label = `${time.toFixed(1)} s`;
+    const item = element("li", {}, element("button", { type: "button", onclick: () => this.onEvent?.(time) },
+      element("time", {}, label), element("span", { class: `kind-${kind}` }, text)));
+    item.dataset.time = time;
+    const atEnd = this.list.scrollTop + this.list.clientHeight > this.list.scrollHeight - 40;
+    this.list.append(item);
+    while (this.list.children.length > MOST_EVENTS) this.list.firstChild.remove();
+    if (this.scene.source === "live" && atEnd) this.list.scrollTop = this.list.scrollHeight;
+  }
+
+  /** Mark the last event that is not after a time [s]. */
+  markEvent(time) {
+    let last = null;
+    for (const item of this.list.children) {
+      if (Number(item.dataset.time) <= time + 1e-6) last = item;
+    }
+    if (last === this.marked) return;
+    this.marked?.classList.remove("now");
+    last?.classList.add("now");
+    this.marked = last;
+    if (last) this.list.scrollTop = Math.max(0, last.offsetTop - this.list.offsetTop - this.list.clientHeight / 2);
+  }
+
+  drawLegend() {
+    this.legend.replaceChildren(...LEGEND.map(([name, text, how]) => {
+      const sign = element("i");
+      sign.style.borderColor = colour(name);
+      if (how === "rim") sign.style.borderStyle = name === "occluded" ? "dashed" : "solid";
+      else sign.style.background = colour(name);
+      if (how === "dot" || name === "false") sign.style.borderRadius = "50%";
+      return element("li", {}, sign, text);
+    }));
+  }
+
+  themeChanged() {
+    this.drawLegend();
+    this.strips.themeChanged();
+    this.draw();
+  }
+}

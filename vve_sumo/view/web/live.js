@@ -1,0 +1,157 @@
+// A live drive: frames over a WebSocket, each acknowledged, so that no old one waits in between. When nothing new comes
+// the page says so. The stop button needs neither the feed nor the token.
+
+import { element, say } from "./elements.js";
+import { DriveView } from "./drive.js";
+
+const LOST = 0.3; // without a new frame for so long the feed is lost [s]; with one more look it is said within 0.5 s
+const BEHIND = 0.5; // frames that are later than the promptest by more are old, not live [s]
+const LOOK = 80; // between two looks at the feed [ms]
+const RETRY = 500; // between two attempts to connect, and to ask for a stop [ms]
+const AGES_KEPT = 2000; // ages of drawn frames that are kept for whoever measures
+
+export class Live {
+  constructor(page) {
+    this.page = page;
+    this.view = null;
+    this.waiting = null;
+    this.newest = -Infinity;
+    this.lead = Infinity;
+    this.over = false;
+    this.ages = [];
+    this.feed = document.getElementById("feed");
+    this.feed.hidden = false;
+    this.button = document.getElementById("stop");
+    this.button.hidden = false;
+    this.button.addEventListener("click", () => this.stop());
+    setInterval(() => this.look(), LOOK);
+    this.connect();
+    const draw = () => {
+      requestAnimationFrame(draw);
+      this.draw();
+    };
+    requestAnimationFrame(draw);
+    this.look();
+  }
+
+  get views() {
+    return this.view ? [this.view] : [];
+  }
+
+  connect() {
+    const address = new URL("socket", document.baseURI);
+    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+    const socket = new WebSocket(address);
+    this.socket = socket;
+    socket.addEventListener("message", ({ data }) => this.hear(socket, JSON.parse(data)));
+    socket.addEventListener("close", ({ code, reason }) => {
+      this.socket = null;
+      this.closed = code === 1013 ? reason : "";
+      if (!this.over) setTimeout(() => this.connect(), RETRY);
+    });
+  }
+
+  hear(socket, message) {
+    const now = performance.now() / 1000;
+    if (message.type === "scene") this.begin(message.scene);
+    else if (message.type === "actors") Object.assign(this.view.scene.actors, message.actors);
+    else if (message.type === "event") this.view.addEvent(message.event);
+    else if (message.type === "over") this.over = true;
+    else if (message.type === "frame") {
+      this.waiting = message;
+      // By how much the drive's clock is ahead of the page's, by the promptest frame.
+      this.lead = Math.min(this.lead, now - message.frame.t);
+      this.behind = now - message.frame.t - this.lead;
+      if (message.frame.t > this.shownTime()) this.newest = now;
+      socket.send(String(message.n));
+    }
+  }
+
+  shownTime() {
+    return this.view?.frame?.t ?? -Infinity;
+  }
+
+  begin(scene) {
+    if (this.view) {
+      Object.assign(this.view.scene.actors, scene.actors);
+      return;
+    }
+    document.getElementById("stage").replaceChildren();
+    this.view = new DriveView(document.getElementById("stage"), scene);
+    this.page.titled(scene.title);
+  }
+
+  draw() {
+    if (!this.view) return;
+    const message = this.waiting;
+    if (message && message.frame.t > this.shownTime()) {
+      this.view.show(message.frame);
+      this.view.strips.add(message.frame);
+      this.view.draw();
+      this.ages.push(performance.timeOrigin + performance.now() - 1000 * message.wall);
+      if (this.ages.length > AGES_KEPT) this.ages.shift();
+    } else if (this.page.moved()) {
+      this.view.draw();
+    }
+  }
+
+  /** Say whether what is shown is live. */
+  look() {
+    const silent = performance.now() / 1000 - this.newest;
+    const lost = !(silent < LOST) || this.behind > BEHIND;
+    this.view?.stale(lost);
+    this.button.classList.toggle("idle", this.over);
+    if (this.over) return this.tell("over", "drive over");
+    if (!lost) return this.tell("live", "● live");
+    if (this.newest === -Infinity) return this.tell("wait", this.closed || "waiting for the drive");
+    const age = Math.max(silent, this.behind ?? 0);
+    return this.tell("lost", `NO LIVE DATA for ${age.toFixed(1)} s: what is shown is old`);
+  }
+
+  tell(kind, text) {
+    this.feed.dataset.kind = kind;
+    say(this.feed, text);
+  }
+
+  /** Ask the gateway to stop, until somebody has taken the request. */
+  async stop() {
+    if (this.asking) return;
+    this.asking = true;
+    this.label("asking to stop …");
+    for (;;) {
+      try {
+        const answer = await fetch(new URL("/stop", location.href), { method: "POST", signal: AbortSignal.timeout(1000) });
+        if (answer.ok) break;
+        this.label(`not taken: ${(await answer.text()).slice(0, 80)}`);
+      } catch {
+        this.label("nobody hears this button: the driver brakes");
+      }
+      if (this.over) break;
+      await new Promise((done) => setTimeout(done, RETRY));
+    }
+    this.asking = false;
+    if (!this.over) this.label("the gateway was asked to stop");
+  }
+
+  label(text) {
+    this.button.replaceChildren("STOP", element("small", {}, text));
+  }
+
+  key(event) {
+    if (event.key === " " || event.key === "Escape" || event.key === "s") {
+      this.stop();
+      return true;
+    }
+    return false;
+  }
+
+  get keys() {
+    return [["space, s, Esc", "stop"]];
+  }
+
+  /** Ages of the frames when they were drawn [ms], for a page on the drive's own machine. */
+  get freshness() {
+    return this.ages;
+  }
+
+}

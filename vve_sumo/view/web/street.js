@@ -1,0 +1,332 @@
+// The street from above: lanes, path, radar, traffic and the ego, to scale. Draws a scene and one frame of it.
+
+import { addBox, colour, line, rimmed, sized } from "./canvas.js";
+
+const TILE = 120; // lanes are kept by squares of this size [m]
+const ZOOMS = [0.15, 16]; // pixels a metre
+const AHEAD = [22, 3.2, 80]; // metres shown ahead: at rest, more for each m/s, at most
+const EGO_PLACE = 0.68; // of the canvas's height, with the heading up
+const GAP_SHOWN = 100; // a gap longer than this is not drawn [m]
+const MARK_ZOOM = 1.5; // lane marks are drawn from this many pixels a metre on
+const OUTLINED = 250; // with more actors than this in sight none has an outline
+
+export const LEGEND = [
+  ["seen", "detected", "fill"],
+  ["occluded", "hidden", "rim"],
+  ["missed", "missed", "fill"],
+  ["outside", "out of the radar's view", "fill"],
+  ["return", "radar return", "dot"],
+  ["false", "false alarm", "rim"],
+];
+
+export class Street {
+  constructor(canvas, scene) {
+    this.canvas = canvas;
+    this.scene = scene;
+    this.factor = 1;
+    this.zoom = 5;
+    this.northUp = false;
+    this.shift = [0, 0];
+    this.tiles = tiled(scene.lanes);
+    this.path = line(scene.path);
+    this.listen();
+  }
+
+  /** Zoom by a factor; how much is in sight also follows the speed. */
+  zoomBy(factor) {
+    this.factor = Math.min(Math.max(this.factor * factor, 0.02), 8);
+  }
+
+  /** Pixels a metre for a speed [m/s] on a canvas of a height. */
+  zoomAt(speed, height) {
+    const ahead = Math.min(AHEAD[0] + AHEAD[1] * Math.max(speed, 0), AHEAD[2]);
+    const zoom = (this.factor * height * EGO_PLACE) / ahead;
+    return Math.min(Math.max(zoom, ZOOMS[0]), ZOOMS[1]);
+  }
+
+  listen() {
+    const fingers = new Map();
+    this.canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoomBy(Math.exp(-event.deltaY / 500));
+    }, { passive: false });
+    this.canvas.addEventListener("pointerdown", (event) => {
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+      this.canvas.setPointerCapture(event.pointerId);
+    });
+    for (const kind of ["pointerup", "pointercancel"]) {
+      this.canvas.addEventListener(kind, (event) => fingers.delete(event.pointerId));
+    }
+    this.canvas.addEventListener("pointermove", (event) => {
+      const before = fingers.get(event.pointerId);
+      if (!before) return;
+      const now = [event.clientX, event.clientY];
+      const others = [...fingers].filter(([id]) => id !== event.pointerId);
+      if (others.length) {
+        const other = others[0][1];
+        const far = (point) => Math.hypot(point[0] - other[0], point[1] - other[1]);
+        this.zoomBy(far(now) / Math.max(far(before), 1));
+      } else {
+        this.shift = [this.shift[0] + now[0] - before[0], this.shift[1] + now[1] - before[1]];
+      }
+      fingers.set(event.pointerId, now);
+    });
+    this.canvas.addEventListener("dblclick", () => { this.shift = [0, 0]; });
+  }
+
+  /** Draw one frame; null before the first. */
+  draw(frame) {
+    const { context, width, height, ratio } = sized(this.canvas);
+    context.fillStyle = colour("ground");
+    context.fillRect(0, 0, width, height);
+    const ego = frame?.ego ?? this.lastEgo ?? startOf(this.scene);
+    this.lastEgo = ego;
+    this.zoom = this.zoomAt(ego.speed ?? 0, height);
+    const turn = this.northUp ? 0 : Math.PI / 2 - ego.heading;
+    const place = [width / 2 + this.shift[0], height * (this.northUp ? 0.5 : EGO_PLACE) + this.shift[1]];
+    const cos = this.zoom * Math.cos(turn);
+    const sin = this.zoom * Math.sin(turn);
+    const view = {
+      // Screen y grows downwards: x' = cos x - sin y, y' = -(sin x + cos y), about the ego.
+      screen: (x, y) => [
+        place[0] + cos * (x - ego.x) - sin * (y - ego.y),
+        place[1] - sin * (x - ego.x) - cos * (y - ego.y),
+      ],
+      reach: Math.hypot(width, height) / this.zoom + Math.hypot(...this.shift) / this.zoom,
+      ego,
+      width,
+      height,
+    };
+    context.save();
+    context.setTransform(
+      ratio * cos, -ratio * sin, -ratio * sin, -ratio * cos,
+      ratio * (place[0] - cos * ego.x + sin * ego.y), ratio * (place[1] + sin * ego.x + cos * ego.y),
+    );
+    this.drawRoad(context, view);
+    this.drawWay(context);
+    if (frame?.ego) this.drawRadar(context, ego);
+    if (frame) this.drawTraffic(context, frame, view);
+    this.drawEgo(context, ego, Boolean(frame?.ego));
+    if (frame) this.drawReturns(context, frame);
+    context.restore();
+    if (frame?.ego) this.drawGap(context, frame, view);
+    this.drawScale(context, width);
+  }
+
+  drawRoad(context, view) {
+    const near = this.tiles.filter((tile) => Math.hypot(tile.x - view.ego.x, tile.y - view.ego.y) < view.reach + tile.reach);
+    context.lineCap = "butt";
+    context.lineJoin = "round";
+    const strokes = (kind, name, grown) => {
+      context.strokeStyle = colour(name);
+      for (const tile of near) {
+        for (const [width, path] of tile.kinds[kind] ?? []) {
+          context.lineWidth = width + grown;
+          context.stroke(path);
+        }
+      }
+    };
+    const marked = this.zoom >= MARK_ZOOM;
+    strokes("foot", "foot", 0);
+    if (marked) strokes("road", "mark", Math.max(0.15, 1.5 / this.zoom));
+    strokes("junction", "junction", 0.1);
+    strokes("road", "road", marked ? -Math.max(0.15, 1.5 / this.zoom) : 0);
+    if (marked) {
+      context.setLineDash([0.6, 0.6]);
+      strokes("crossing", "crossing", -0.4);
+      context.setLineDash([]);
+    }
+  }
+
+  drawWay(context) {
+    context.lineWidth = Math.max(0.28, 2 / this.zoom);
+    context.strokeStyle = colour("path");
+    context.stroke(this.path);
+    const stop = this.scene.stop_line;
+    if (!stop) return;
+    const across = [-Math.sin(stop.heading) * 2.2, Math.cos(stop.heading) * 2.2];
+    context.lineWidth = Math.max(0.5, 3 / this.zoom);
+    context.strokeStyle = colour("stopline");
+    context.beginPath();
+    context.moveTo(stop.x - across[0], stop.y - across[1]);
+    context.lineTo(stop.x + across[0], stop.y + across[1]);
+    context.stroke();
+  }
+
+  drawRadar(context, ego) {
+    const radar = this.scene.radar;
+    if (!radar) return;
+    const x = ego.x + radar.forward * Math.cos(ego.heading);
+    const y = ego.y + radar.forward * Math.sin(ego.heading);
+    context.fillStyle = colour("radar");
+    context.strokeStyle = colour("radar");
+    context.lineWidth = 1 / this.zoom;
+    for (const { range, half_angle: half } of radar.sectors) {
+      context.beginPath();
+      context.moveTo(x, y);
+      context.arc(x, y, range, ego.heading - half, ego.heading + half);
+      context.closePath();
+      context.globalAlpha = 0.07;
+      context.fill();
+      context.globalAlpha = 0.45;
+      context.stroke();
+    }
+    context.globalAlpha = 1;
+  }
+
+  drawTraffic(context, frame, view) {
+    const { id, x, y, heading } = frame.actors;
+    const seen = new Set(frame.returns.seen);
+    const why = new Map(frame.unseen.id.map((name, row) => [name, frame.unseen.why[row]]));
+    const paths = { seen: new Path2D(), occluded: new Path2D(), missed: new Path2D(), outside: new Path2D() };
+    const noses = new Path2D();
+    let drawn = 0;
+    for (let row = 0; row < id.length; row += 1) {
+      if (Math.hypot(x[row] - view.ego.x, y[row] - view.ego.y) > view.reach) continue;
+      const body = this.scene.actors[id[row]] ?? { length: 4.5, width: 1.8 };
+      const kind = seen.has(id[row]) ? "seen" : (why.get(id[row]) ?? "outside");
+      const least = 3 / this.zoom;
+      const half = [Math.max(body.length, least) / 2, Math.max(body.width, least) / 2];
+      addBox(paths[kind], x[row], y[row], heading[row], ...half);
+      if (body.length > 1) nose(noses, x[row], y[row], heading[row], ...half);
+      drawn += 1;
+    }
+    for (const kind of ["outside", "missed", "seen"]) {
+      context.fillStyle = colour(kind);
+      context.fill(paths[kind]);
+    }
+    if (this.zoom > 2.5) {
+      context.fillStyle = colour("paper");
+      context.globalAlpha = 0.55;
+      context.fill(noses);
+      context.globalAlpha = 1;
+    }
+    context.lineWidth = Math.max(0.25, 2 / this.zoom);
+    context.strokeStyle = colour("occluded");
+    context.setLineDash([Math.max(0.6, 5 / this.zoom), Math.max(0.4, 3 / this.zoom)]);
+    context.stroke(paths.occluded);
+    context.setLineDash([]);
+    if (drawn < OUTLINED) {
+      context.lineWidth = Math.max(0.12, 1.5 / this.zoom);
+      context.strokeStyle = colour("paper");
+      for (const kind of ["outside", "missed", "seen"]) context.stroke(paths[kind]);
+    }
+  }
+
+  drawEgo(context, ego, known) {
+    const shape = this.scene.ego;
+    const middle = shape.length / 2 - shape.rear_overhang;
+    const cos = Math.cos(ego.heading);
+    const sin = Math.sin(ego.heading);
+    const at = (forward, left) => [ego.x + forward * cos - left * sin, ego.y + forward * sin + left * cos];
+    const wheels = new Path2D();
+    for (const [forward, turn] of [[0, 0], [shape.wheelbase, ego.steering ?? 0]]) {
+      for (const side of [-1, 1]) {
+        addBox(wheels, ...at(forward, side * (shape.width / 2 - 0.12)), ego.heading + turn, 0.33, 0.13);
+      }
+    }
+    context.fillStyle = colour("ink");
+    context.fill(wheels);
+    const body = new Path2D();
+    const half = [Math.max(shape.length, 8 / this.zoom) / 2, Math.max(shape.width, 5 / this.zoom) / 2];
+    addBox(body, ...at(middle, 0), ego.heading, ...half);
+    context.globalAlpha = known ? 1 : 0.35;
+    context.fillStyle = colour("ego");
+    context.fill(body);
+    context.lineWidth = Math.max(0.15, 2 / this.zoom);
+    context.strokeStyle = colour("paper");
+    context.stroke(body);
+    const glass = new Path2D();
+    addBox(glass, ...at(middle + 0.12 * shape.length, 0), ego.heading, 0.1 * shape.length, 0.4 * shape.width);
+    context.fillStyle = colour("paper");
+    context.fill(glass);
+    context.globalAlpha = 1;
+  }
+
+  drawReturns(context, frame) {
+    const { x, y, seen } = frame.returns;
+    const radius = Math.max(0.22, 3.5 / this.zoom);
+    for (let row = 0; row < x.length; row += 1) {
+      context.beginPath();
+      context.arc(x[row], y[row], radius, 0, 2 * Math.PI);
+      if (seen[row]) {
+        context.fillStyle = colour("return");
+        context.fill();
+      }
+      context.lineWidth = Math.max(0.1, 2 / this.zoom);
+      context.strokeStyle = colour(seen[row] ? "paper" : "false");
+      context.stroke();
+    }
+  }
+
+  drawGap(context, frame, view) {
+    const { ego } = view;
+    if (frame.gap === null || frame.gap > GAP_SHOWN) return;
+    const shape = this.scene.ego;
+    const begin = shape.length - shape.rear_overhang;
+    const place = view.screen(
+      ego.x + (begin + Math.max(frame.gap, 0) / 2) * Math.cos(ego.heading) - 2.4 * Math.sin(ego.heading),
+      ego.y + (begin + Math.max(frame.gap, 0) / 2) * Math.sin(ego.heading) + 2.4 * Math.cos(ego.heading),
+    );
+    rimmed(context, `${frame.gap.toFixed(1)} m`, ...place, colour("ink"), colour("paper"), 20, "right");
+  }
+
+  drawScale(context, width) {
+    const wanted = 110 / this.zoom;
+    const unit = 10 ** Math.floor(Math.log10(wanted));
+    const length = [5, 2, 1].map((part) => part * unit).find((one) => one <= wanted) ?? unit;
+    const [right, top] = [width - 14, 18];
+    context.lineWidth = 3;
+    context.strokeStyle = colour("ink");
+    context.beginPath();
+    context.moveTo(right, top);
+    context.lineTo(right - length * this.zoom, top);
+    context.stroke();
+    rimmed(context, `${length} m`, right, top + 15, colour("ink"), colour("ground"), 15, "right");
+  }
+}
+
+/** The lanes by squares of the map: for each, what is drawn of every kind, by width. */
+function tiled(lanes) {
+  const tiles = new Map();
+  for (const { kind, width, points } of lanes) {
+    const middle = points[points.length >> 1];
+    const key = `${Math.floor(middle[0] / TILE)},${Math.floor(middle[1] / TILE)}`;
+    if (!tiles.has(key)) tiles.set(key, { lanes: [] });
+    tiles.get(key).lanes.push({ kind, width: width ?? 3.2, points });
+  }
+  return [...tiles.values()].map(({ lanes: own }) => {
+    const kinds = {};
+    const box = [Infinity, Infinity, -Infinity, -Infinity];
+    for (const { kind, width, points } of own) {
+      const shown = kind === "other" ? "road" : kind;
+      kinds[shown] ??= new Map();
+      if (!kinds[shown].has(width)) kinds[shown].set(width, new Path2D());
+      kinds[shown].get(width).addPath(line(points));
+      for (const [x, y] of points) {
+        box[0] = Math.min(box[0], x);
+        box[1] = Math.min(box[1], y);
+        box[2] = Math.max(box[2], x);
+        box[3] = Math.max(box[3], y);
+      }
+    }
+    return { kinds, x: (box[0] + box[2]) / 2, y: (box[1] + box[3]) / 2, reach: Math.hypot(box[2] - box[0], box[3] - box[1]) / 2 };
+  });
+}
+
+function nose(path, x, y, heading, halfLength, halfWidth) {
+  const at = (forward, left) => [
+    x + forward * Math.cos(heading) - left * Math.sin(heading),
+    y + forward * Math.sin(heading) + left * Math.cos(heading),
+  ];
+  path.moveTo(...at(0.8 * halfLength, 0));
+  path.lineTo(...at(0.35 * halfLength, 0.7 * halfWidth));
+  path.lineTo(...at(0.35 * halfLength, -0.7 * halfWidth));
+  path.closePath();
+}
+
+/** Where the path begins, for a drive that has no pose yet. */
+function startOf(scene) {
+  const [[x, y], next] = scene.path;
+  return { x, y, heading: Math.atan2(next[1] - y, next[0] - x), steering: 0 };
+}
