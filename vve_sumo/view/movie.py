@@ -28,6 +28,8 @@ COLOURS: Final = 160
 #: pictures that a GIF's colours are taken from
 SAMPLED: Final = 16
 WEBP_QUALITY: Final = 62
+#: from the full range of JPEG to what players expect of a film
+TO_TELEVISION: Final = "scale=in_range=pc:out_range=tv:out_color_matrix=bt709,format=yuv420p"
 #: H.264's constant rate factor: hardly worse than what it is made of
 RATE_FACTOR: Final = "20"
 
@@ -52,7 +54,9 @@ def write_mp4(file: Path, pictures: Iterable[bytes], rate: float) -> None:
     """Write JPEG pictures at `rate` a second [1/s] as H.264; raises ConfigError where ffmpeg is missing or fails."""
     command = [find_ffmpeg(), "-loglevel", "error", "-y"]
     command += ["-f", "image2pipe", "-c:v", "mjpeg", "-framerate", f"{rate:g}", "-i", "-"]
-    command += ["-c:v", "libx264", "-preset", "medium", "-crf", RATE_FACTOR, "-pix_fmt", "yuv420p"]
+    command += ["-vf", TO_TELEVISION, "-color_range", "tv", "-colorspace", "bt709"]
+    command += ["-color_primaries", "bt709", "-color_trc", "bt709"]
+    command += ["-c:v", "libx264", "-preset", "medium", "-crf", RATE_FACTOR]
     command += ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-movflags", "+faststart", "-f", "mp4", str(file)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdin is not None

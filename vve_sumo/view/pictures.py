@@ -9,7 +9,7 @@ import base64
 import json
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.view.browser import Browser
@@ -45,6 +45,15 @@ class Pictures:
         """Return the picture at a drive time [s] as a file of a kind that the browser writes: PNG or JPEG."""
         drawn = self._browser.evaluate(f"pictures.at({time!r}, {kind!r}, {quality!r})")
         return base64.b64decode(drawn)
+
+    def evaluate(self, expression: str) -> Any:
+        """Return the value of a JavaScript expression on the page; raises BrowserError where it throws."""
+        return self._browser.evaluate(expression)
+
+    @property
+    def complaints(self) -> list[str]:
+        """What the page wrote to its console as an error."""
+        return self._browser.complaints
 
     def __enter__(self) -> Self:
         return self
