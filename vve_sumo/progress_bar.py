@@ -47,6 +47,13 @@ def of_drive(name: str, *, quiet: bool) -> Iterator[Callable[[DriveProgress], No
 
 
 @contextlib.contextmanager
+def of_pictures(total: int) -> Iterator[Callable[[int], None]]:
+    """Give what takes the number of pictures that are drawn, of `total`, and shows it."""
+    with _shown("drawing", quiet=False, otherwise=_nothing) as bar:
+        yield lambda done: bar(done, total, f"{done} of {total}")
+
+
+@contextlib.contextmanager
 def _shown(title: str, *, quiet: bool, otherwise: Callable[[], Bar]) -> Iterator[Bar]:
     """Give a bar that goes with the place where the program runs, and that is taken away at the end."""
     if quiet:

@@ -33,6 +33,7 @@ from vve_sumo.view.live_frame import LiveFrames
 from vve_sumo.view.sample import decode
 from vve_sumo.view.scene import VERSION, scene_of
 from vve_sumo.view.server import NO_FRAMES, Server, json_route, page_routes
+from vve_sumo.view.street import with_network
 
 #: file in the record's folder with the page's address while the drive goes on; only its owner may read it
 ADDRESS_FILE: Final = "view.json"
@@ -70,7 +71,8 @@ class ViewProcess:
         folder = Path(config["folder"])
         self._drive, self._console = channels["drive"], channels["console"]
         self._frames = LiveFrames(config["resolved"], said)
-        self._hub = Hub(self._frames, scene_of(config["resolved"], read_roads(folder), source="live"))
+        scene = scene_of(config["resolved"], read_roads(folder), source="live")
+        self._hub = Hub(self._frames, with_network(scene, config["resolved"], Path.cwd()))
         self._over = asyncio.Event()
         contents = {"version": VERSION, "kind": "live", "records": []}
         routes = [

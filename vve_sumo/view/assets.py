@@ -33,12 +33,15 @@ MODULES: Final = (
     "lot.js",
     "gauges.js",
     "strips.js",
+    "seats.js",
     "drive.js",
     "live.js",
     "replay.js",
     "table.js",
     "main.js",
 )
+#: the street in three dimensions, which the page loads when somebody asks for it; built from `web/` of the repository
+WORLD: Final = ("world.min.js", "three.LICENSE.txt")
 #: what a page that a server sends may load: what this server sends, and nothing else
 POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -61,7 +64,7 @@ def file(name: str) -> File | None:
     """Return a file of the page by its name; None where there is none of that name."""
     if name in LENT:
         text = (resources.files("vve_sumo.report") / "templates" / LENT[name]).read_bytes()
-    elif name in (*MODULES, "index.html", "page.css"):
+    elif name in (*MODULES, *WORLD, "index.html", "page.css"):
         text = (resources.files(__package__) / "web" / name).read_bytes()
     else:
         return None

@@ -23,6 +23,7 @@ from vve_sumo.view.assets import one_file
 from vve_sumo.view.details import details
 from vve_sumo.view.frames import Frames, coded, pack
 from vve_sumo.view.scene import VERSION
+from vve_sumo.view.street import with_network
 
 #: records that are shown side by side, at most
 MAX_RECORDS: Final = 2
@@ -42,7 +43,7 @@ class Record:
 
     def scene(self) -> dict[str, Any]:
         """Return the scene."""
-        return dict(self._once("scene", lambda: self._frames.scene))
+        return dict(self._once("scene", lambda: with_network(self._frames.scene, self._run.resolved, Path.cwd())))
 
     def frames(self) -> bytes:
         """Return the file of frames."""

@@ -71,7 +71,7 @@ def read_network(path: Path) -> Network:
 
     Raises ConfigError when the file is missing, not a network, or without a projection.
     """
-    for element in _elements(path, "location"):
+    for element in elements(path, "location"):
         return _located(path, element.attrib)
     raise ConfigError(f"{path}: expected a <location> element, found none")
 
@@ -82,8 +82,8 @@ def lane_shapes(path: Path, box: Box) -> list[tuple[Floats, float]]:
     A lane is near when its own bounding box, widened by its width, meets `box`. Lanes inside junctions are
     included. Raises ConfigError as read_network does.
     """
-    shapes = ((_shape(lane.attrib["shape"]), float(lane.get("width", LANE_WIDTH))) for lane in _elements(path, "lane"))
-    return [(shape, width) for shape, width in shapes if _meets(shape, width, box)]
+    shapes = ((shape_of(lane.attrib["shape"]), float(lane.get("width", LANE_WIDTH))) for lane in elements(path, "lane"))
+    return [(shape, width) for shape, width in shapes if meets(shape, width, box)]
 
 
 def lanes_near(path: Path, box: Box) -> list[Lane]:
@@ -93,9 +93,9 @@ def lanes_near(path: Path, box: Box) -> list[Lane]:
     """
     found: dict[str, tuple[str, float, Floats]] = {}
     leads: dict[str, list[str]] = {}
-    for element in _elements(path, "edge", "connection"):
+    for element in elements(path, "edge", "connection"):
         if element.tag == "edge":
-            found |= {name: drawn for name, drawn in _lanes(element) if _meets(drawn[2], drawn[1], box)}
+            found |= {name: drawn for name, drawn in _lanes(element) if meets(drawn[2], drawn[1], box)}
         elif (start := f"{element.get('from')}_{element.get('fromLane')}") in found:
             # A network lists its connections after all edges.
             leads.setdefault(start, []).append(element.get("via") or f"{element.get('to')}_{element.get('toLane')}")
@@ -113,12 +113,12 @@ def _lanes(edge: ET.Element) -> Iterator[tuple[str, tuple[str, float, Floats]]]:
     for lane in edge.iter("lane"):
         on_foot = kind == "lane" and lane.get("allow") == "pedestrian"
         width = float(lane.get("width", LANE_WIDTH))
-        yield lane.attrib["id"], ("walkway" if on_foot else kind, width, _shape(lane.attrib["shape"]))
+        yield lane.attrib["id"], ("walkway" if on_foot else kind, width, shape_of(lane.attrib["shape"]))
 
 
 def signals(path: Path) -> dict[str, tuple[float, float]]:
     """Return the place [m] of every junction with a signal by its name; raises ConfigError as read_network does."""
-    junctions = (one.attrib for one in _elements(path, "junction"))
+    junctions = (one.attrib for one in elements(path, "junction"))
     return {
         one["id"]: (float(one["x"]), float(one["y"]))
         for one in junctions
@@ -148,11 +148,11 @@ def _numbers(path: Path, attributes: dict[str, str], key: str, count: int) -> li
     return numbers
 
 
-def _shape(text: str) -> Floats:
+def shape_of(text: str) -> Floats:
     return np.array([[float(number) for number in point.split(",")[:2]] for point in text.split()])
 
 
-def _meets(shape: Floats, width: float, box: Box) -> bool:
+def meets(shape: Floats, width: float, box: Box) -> bool:
     least, greatest = shape.min(axis=0) - width, shape.max(axis=0) + width
     return bool(least[0] <= box[2] and greatest[0] >= box[0] and least[1] <= box[3] and greatest[1] >= box[1])
 
@@ -169,7 +169,7 @@ def _opened(path: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
             yield plain
 
 
-def _elements(path: Path, *tags: str) -> Iterator[ET.Element]:
+def elements(path: Path, *tags: str) -> Iterator[ET.Element]:
     """Stream the elements of some tags; each is cleared after use, so that memory stays small."""
     try:
         with _opened(path) as file:

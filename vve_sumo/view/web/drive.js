@@ -4,6 +4,7 @@ import { colour } from "./canvas.js";
 import { element, say } from "./elements.js";
 import { Gauges } from "./gauges.js";
 import { Lot } from "./lot.js";
+import { Seats } from "./seats.js";
 import { LEGEND, Street } from "./street.js";
 import { Strips } from "./strips.js";
 
@@ -31,6 +32,7 @@ export class DriveView {
     );
     root.append(this.box);
     this.street = new Street(street, scene);
+    this.seats = new Seats(street.parentElement, this.street, scene);
     this.lot = new Lot(lot, lotWords, scene);
     this.gauges = new Gauges(gauges, scene);
     this.strips = new Strips(strips);
@@ -39,9 +41,10 @@ export class DriveView {
     for (const event of scene.events) this.addEvent(event);
   }
 
-  /** Show a frame from now on. */
-  show(frame) {
+  /** Show a frame from now on; `clock` gives the drive time that is displayed [s], which the frame is predicted to. */
+  show(frame, clock = () => frame.t) {
     this.frame = frame;
+    this.seats.show(frame, clock);
     const [phase, why] = this.state.children;
     const [first, ...rest] = frame.said.split(": ");
     say(phase, first);
@@ -52,7 +55,8 @@ export class DriveView {
 
   /** Draw the canvases. */
   draw() {
-    this.street.draw(this.frame);
+    if (this.seats.inSpace) this.seats.draw();
+    else this.street.draw(this.frame);
     this.lot.draw(this.frame);
   }
 

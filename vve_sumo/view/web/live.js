@@ -85,12 +85,12 @@ export class Live {
     if (!this.view) return;
     const message = this.waiting;
     if (message && message.frame.t > this.shownTime()) {
-      this.view.show(message.frame);
+      this.view.show(message.frame, () => performance.now() / 1000 - this.lead);
       this.view.strips.add(message.frame);
       this.view.draw();
       this.ages.push(performance.timeOrigin + performance.now() - 1000 * message.wall);
       if (this.ages.length > AGES_KEPT) this.ages.shift();
-    } else if (this.page.moved()) {
+    } else if (this.page.moved() || this.view.seats.inSpace) {
       this.view.draw();
     }
   }

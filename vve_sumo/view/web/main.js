@@ -7,7 +7,7 @@ import { Replay } from "./replay.js";
 import { readContents, readRecord } from "./source.js";
 import { SweepTable } from "./table.js";
 
-const COMMON_KEYS = [["+ −", "nearer or farther"], ["n", "north up, or the car's heading up"], ["d", "day or night"], ["?", "this list"]];
+const COMMON_KEYS = [["+ −", "nearer or farther"], ["n", "north up, or the car's heading up"], ["v", "the map, or the street in three dimensions"], ["d", "day or night"], ["?", "this list"]];
 
 class Page {
   constructor() {
@@ -80,7 +80,7 @@ class Page {
     if (document.getElementById("help").open) return;
     const common = {
       "+": () => this.zoom(1.25), "=": () => this.zoom(1.25), "-": () => this.zoom(0.8),
-      n: () => this.switchNorth(), d: () => this.switchTheme(), "?": () => this.help(),
+      n: () => this.switchNorth(), v: () => this.shown?.views?.forEach((view) => view.seats.next()), d: () => this.switchTheme(), "?": () => this.help(),
     }[event.key];
     if (common) common();
     else if (!this.shown?.key?.(event)) return;

@@ -133,7 +133,7 @@ export class Replay {
   show() {
     this.records.forEach(({ frames }, index) => {
       const view = this.views[index];
-      view.show(frames.frame(frames.at(this.time)));
+      view.show(frames.frame(frames.at(this.time)), () => this.time);
       view.draw();
       view.markEvent(this.time);
     });

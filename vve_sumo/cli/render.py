@@ -1,0 +1,221 @@
+"""`vve-sumo render`: pictures and moving pictures of a drive, without a screen."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from vve_sumo import progress_bar
+from vve_sumo.cli.parser import Parser
+from vve_sumo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vve_sumo.analysis.run import Run
+    from vve_sumo.view.pictures import Pictures
+
+EXIT_CODES = """exit codes:
+  0  the picture was written, also of a drive that failed
+  2  wrong use, no record, a file that is there already, or no browser or ffmpeg; nothing was written
+"""
+
+SUMMARY = "make pictures and moving pictures of a drive, without a screen"
+TEXT = """\
+Draw a drive's record as the page of `vve-sumo view` does: from the driver's seat, from behind the car, from
+above, or the page's street with the radar. A headless Chromium draws; no screen and no graphics card is
+needed. Only drive time counts, so the same record gives the same pictures.
+
+examples:
+  vve-sumo render runs/mine --mp4                            mine.mp4 here, the whole drive
+  vve-sumo render runs/mine --png --at 12.3 --view chase     one picture
+  vve-sumo render runs/mine --gif --from 50 --to 60 --size 640x360
+"""
+
+VIEWS: Final = ("driver", "chase", "above", "street")
+#: format, default size [px], default pictures a second
+FORMATS: Final = {
+    "mp4": ("1280x720", 25.0),
+    "gif": ("640x360", 10.0),
+    "webp": ("640x360", 10.0),
+    "png": ("1280x720", 1.0),
+}
+#: of a side [px]; more than the largest is no longer drawn at once by every browser
+MIN_SIDE, MAX_SIDE = 64, 4096
+MAX_RATE: Final = 100.0
+#: of the JPEG pictures that moving pictures are made of; a GIF is made of PNG
+QUALITY: Final = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """Of a picture [px]."""
+
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be drawn, and where it goes."""
+
+    form: str  #: one of FORMATS
+    size: Size
+    rate: float  #: pictures a second of the film [1/s]
+    times: list[float]  #: drive times of the pictures [s]
+    file: Path
+
+
+def _size(text: str) -> Size:
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 1280x720, got {text!r}")
+    size = Size(int(width), int(height))
+    if not all(MIN_SIDE <= side <= MAX_SIDE for side in (size.width, size.height)):
+        raise argparse.ArgumentTypeError(f"expected sides of {MIN_SIDE} to {MAX_SIDE} pixels, got {text}")
+    return size
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected seconds such as 12.3, got {text!r}")
+    return value
+
+
+def _rate(text: str) -> float:
+    value = _seconds(text)
+    if not 0.0 < value <= MAX_RATE:
+        raise argparse.ArgumentTypeError(f"expected more than 0 and at most {MAX_RATE:g} pictures a second, got {text}")
+    return value
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the record")
+    form = parser.add_mutually_exclusive_group(required=True)
+    form.add_argument(
+        "--mp4",
+        dest="form",
+        action="store_const",
+        const="mp4",
+        help="a film; needs ffmpeg (pip install 'vve-sumo[video]')",
+    )
+    form.add_argument("--gif", dest="form", action="store_const", const="gif", help="a moving picture for everywhere")
+    form.add_argument(
+        "--webp", dest="form", action="store_const", const="webp", help="a moving picture, smaller and with all colours"
+    )
+    form.add_argument("--png", dest="form", action="store_const", const="png", help="one picture, with --at")
+    parser.add_argument("--at", type=_seconds, metavar="S", help="drive time of the picture, of --png")
+    parser.add_argument(
+        "--from", dest="begin", type=_seconds, metavar="S", help="drive time to begin at (default: the first tick)"
+    )
+    parser.add_argument(
+        "--to", dest="end", type=_seconds, metavar="S", help="drive time to end at (default: the last tick)"
+    )
+    parser.add_argument(
+        "--view",
+        choices=VIEWS,
+        default="driver",
+        help="driver's seat, chase, above, or the page's street (default: driver)",
+    )
+    parser.add_argument(
+        "--size", type=_size, metavar="WxH", help="in pixels (default: 1280x720, of --gif and --webp 640x360)"
+    )
+    parser.add_argument(
+        "--fps", type=_rate, metavar="N", help="pictures a second (default: 25, of --gif and --webp 10)"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="file to write (default: here, named after DIR); no file is replaced"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the picture or film of a record and print its path; return the exit code, 0."""
+    from vve_sumo.analysis.load import load
+    from vve_sumo.analysis.run import Run
+    from vve_sumo.view.pictures import Pictures
+
+    held = load(arguments.folder)
+    if not isinstance(held, Run):
+        raise ConfigError(f"{arguments.folder}: a sweep's folder; a picture is of one drive: a record")
+    plan = _plan(arguments, held)
+    with Pictures(held, arguments.view, plan.size.width, plan.size.height) as pictures:
+        _write(plan, pictures)
+    print(f"{plan.form}: {plan.file}")
+    return 0
+
+
+def _plan(arguments: argparse.Namespace, held: Run) -> Plan:
+    """Return what was asked for; raises ConfigError before anything is drawn."""
+    form = arguments.form
+    default_size, default_rate = FORMATS[form]
+    size, rate = arguments.size or _size(default_size), arguments.fps or default_rate
+    if form == "mp4":
+        from vve_sumo.view.movie import find_ffmpeg
+
+        find_ffmpeg()
+        if size.width % 2 or size.height % 2:
+            raise ConfigError(f"--size {size.width}x{size.height}: an MP4 has even sides")
+    first, last = float(held.time[0]), float(held.time[-1])
+    times = _moment(arguments, first, last) if form == "png" else _moments(arguments, first, last, rate)
+    return Plan(form, size, rate, times, _place(arguments.out, arguments.folder, form))
+
+
+def _moment(arguments: argparse.Namespace, first: float, last: float) -> list[float]:
+    if arguments.at is None:
+        raise ConfigError(f"--png: expected --at, a drive time from {first:g} to {last:g} s")
+    return [_within("--at", arguments.at, first, last)]
+
+
+def _moments(arguments: argparse.Namespace, first: float, last: float, rate: float) -> list[float]:
+    if arguments.at is not None:
+        raise ConfigError("--at: is of --png; a moving picture has --from and --to")
+    begin = first if arguments.begin is None else _within("--from", arguments.begin, first, last)
+    end = last if arguments.end is None else _within("--to", arguments.end, begin, last)
+    return [begin + k / rate for k in range(math.floor((end - begin) * rate + 1e-6) + 1)]
+
+
+def _within(option: str, time: float, first: float, last: float) -> float:
+    if not first <= time <= last:
+        raise ConfigError(f"{option} {time:g}: expected a drive time from {first:g} to {last:g} s")
+    return time
+
+
+def _place(out: Path | None, folder: Path, form: str) -> Path:
+    file = Path(f"{folder.resolve().name}.{form}") if out is None else out
+    if file.is_dir():
+        file = file / f"{folder.resolve().name}.{form}"
+    if file.exists():
+        raise ConfigError(f"{file}: there already; choose another place with --out")
+    if not file.parent.is_dir():
+        raise ConfigError(f"{file.parent}: no such folder for {file.name}")
+    return file
+
+
+def _write(plan: Plan, pictures: Pictures) -> None:
+    if plan.form == "png":
+        plan.file.write_bytes(pictures.at(plan.times[0]))
+        return
+    from vve_sumo.view import movie
+
+    writers = {"mp4": movie.write_mp4, "gif": movie.write_gif, "webp": movie.write_webp}
+    drawn = _drawn(pictures, plan.times, "image/png" if plan.form == "gif" else "image/jpeg")
+    try:
+        writers[plan.form](plan.file, drawn, plan.rate)
+    except BaseException:
+        plan.file.unlink(missing_ok=True)
+        raise
+
+
+def _drawn(pictures: Pictures, times: list[float], kind: str) -> Iterator[bytes]:
+    """Yield the pictures, and show how far they are."""
+    with progress_bar.of_pictures(len(times)) as show:
+        for done, time in enumerate(times, 1):
+            yield pictures.at(time, kind, QUALITY)
+            show(done)

@@ -1,0 +1,51 @@
+// Draws pictures of a record without a screen: `vve-sumo render` opens this page in a headless browser, hands it scene and
+// frames, and asks for one picture after the other. Only the times that it is given count: no clock is read.
+
+import { Frames, unpacked, unzipped } from "./frames.js";
+import { Street } from "./street.js";
+import { createWorld } from "./world.min.js";
+import { drawCaption } from "./caption.js";
+
+const STREET = "street";
+
+class Pictures {
+  async open(scene, frames, view, width, height) {
+    this.frames = new Frames(unpacked(await unzipped(decoded(frames))));
+    this.drawn = canvasOf(width, height);
+    this.picture = canvasOf(width, height);
+    this.view = view;
+    if (view === STREET) {
+      this.street = new Street(this.drawn, scene);
+      return;
+    }
+    this.world = createWorld(this.drawn, scene, { antialias: true, preserve: true });
+    this.world.view(view);
+  }
+
+  /** Draw the street at a drive time [s] and return the picture, in base64. */
+  at(time, kind, quality) {
+    const frame = this.frames.frame(this.frames.at(time));
+    if (this.street) {
+      this.street.draw(frame);
+    } else {
+      this.world.show(frame, time);
+      this.world.draw();
+    }
+    const context = this.picture.getContext("2d");
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.drawImage(this.drawn, 0, 0);
+    drawCaption(context, frame, time);
+    return this.picture.toDataURL(kind, quality).split(",")[1];
+  }
+}
+
+function canvasOf(width, height) {
+  const canvas = document.createElement("canvas");
+  Object.assign(canvas, { width, height });
+  document.body.append(canvas);
+  return canvas;
+}
+
+const decoded = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+
+globalThis.pictures = new Pictures();

@@ -1,0 +1,181 @@
+// The virtual street in three dimensions, as the driver, the passenger or somebody outside sees it. Draws a frame at a
+// display time, both passed in: no clock is read here, and the same two always give the same picture.
+
+import { Frustum, Group, LinearSRGBColorSpace, Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { Ego } from "./ego.js";
+import { Fleet } from "./fleet.js";
+import { predicted, referenceOf } from "./frame_of_reference.js";
+import { Headset } from "./headset.js";
+import { street } from "./street.js";
+import { Signals, buildings, sky } from "./surroundings.js";
+import { Trees } from "./trees.js";
+
+const FAR = 1100; //: [m]
+const TILES_WITHIN = 560; //: what is farther stands in the haze [m]
+//: of each view: where the camera hangs forward, left and over the rear axle [m], how far it looks down [rad], its angle [deg]
+const VIEWS = {
+  driver: { down: 0.045, angle: 46, near: 0.05 },
+  chase: { from: [-7.2, 0, 3.0], down: 0.2, angle: 48, near: 0.5 },
+  above: { from: [-4, 0, 58], down: 1.2, angle: 46, near: 5 },
+};
+
+class World {
+  #scene = new Scene();
+  #rig = new Group();
+  #view = "driver";
+  #head = { yaw: 0, pitch: 0 };
+  #last = null;
+
+  constructor(canvas, scene, { pixelRatio = 1, antialias = !drawnBySoftware(), preserve = false } = {}) {
+    this.reference = referenceOf(scene);
+    this.renderer = new WebGLRenderer({ canvas, antialias, preserveDrawingBuffer: preserve });
+    this.renderer.outputColorSpace = LinearSRGBColorSpace;
+    this.renderer.setPixelRatio(pixelRatio);
+    this.renderer.info.autoReset = true;
+    this.camera = new PerspectiveCamera(VIEWS.driver.angle, 16 / 9, VIEWS.driver.near, FAR);
+    this.camera.rotation.order = "YXZ";
+    const { group, surface } = street(scene, this.reference);
+    const built = buildings(scene, this.reference);
+    this.trees = new Trees(scene, surface, this.reference);
+    this.tiles = [...group.children, ...built.children];
+    this.ego = new Ego(scene.ego);
+    this.fleet = new Fleet(scene, this.reference);
+    this.signals = new Signals(scene, this.reference);
+    // The rig is the car's: the head turns the camera within it, and a headset does likewise.
+    this.#rig.add(this.camera);
+    this.#scene.add(sky(), group, built, this.trees.group, this.signals.group, this.fleet.group, this.ego.shadow.mesh, this.ego.group, this.#rig);
+    for (const tile of this.tiles) tile.geometry.computeBoundingSphere();
+    this.headset = new Headset(this.renderer);
+    this.view("driver");
+    this.resize(canvas.clientWidth || canvas.width, canvas.clientHeight || canvas.height);
+  }
+
+  /** Have the canvas be so large [CSS pixels]. */
+  resize(width, height) {
+    if (this.renderer.xr.isPresenting) return;
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+  }
+
+  /** Look from the driver's seat, from behind the car, or from above it: "driver", "chase", "above". */
+  view(name) {
+    if (!VIEWS[name]) throw new Error(`no view ${name}: there are ${Object.keys(VIEWS).join(", ")}`);
+    this.#view = name;
+    const { angle, near } = VIEWS[name];
+    Object.assign(this.camera, { fov: angle, near });
+    this.camera.updateProjectionMatrix();
+    this.ego.seenFromInside(name === "driver");
+    if (this.#last) this.show(...this.#last);
+  }
+
+  /** Turn the head against the car: to the left and up [rad]; a headset does it by itself. */
+  look({ yaw, pitch }) {
+    this.#head = { yaw, pitch };
+    if (this.#last) this.show(...this.#last);
+  }
+
+  /**
+   * Have the street be as a frame says, predicted to `displayTime` [s of drive time] with constant speed and yaw rate.
+   * The frame's ego is the rear axle on the ground; without a pose the camera stays where it was.
+   */
+  show(frame, displayTime) {
+    this.#last = [frame, displayTime];
+    const ahead = displayTime - frame.t;
+    const { ego } = frame;
+    if ([ego?.x, ego?.y, ego?.heading].every(Number.isFinite)) this.#place(predicted(ego, ahead), ego.steering);
+    const eye = new Vector3().setFromMatrixPosition(this.camera.matrixWorld);
+    // A head in a headset may have turned by the time of the picture: nothing on any side is left out.
+    const view = this.renderer.xr.isPresenting ? null : frustumOf(this.camera);
+    this.fleet.show(frame.actors, ahead, eye, view);
+    this.trees.show(eye, view);
+    this.signals.show(frame.signals);
+  }
+
+  #place({ x, y, heading }, steering) {
+    const { from, down } = VIEWS[this.#view];
+    const [forward, left, up] = from ?? this.ego.eye;
+    const [c, s] = [Math.cos(heading), Math.sin(heading)];
+    const place = this.reference.place(x, y);
+    this.ego.stand(place, heading, steering);
+    this.#rig.position.set(...this.reference.place(x + c * forward - s * left, y + s * forward + c * left, up));
+    // A camera of three.js looks along -Z, a car along +X.
+    this.#rig.rotation.y = heading - Math.PI / 2;
+    if (!this.renderer.xr.isPresenting) {
+      this.camera.position.set(0, 0, 0);
+      this.camera.rotation.set(this.#head.pitch - down, this.#head.yaw, 0);
+    }
+    this.#rig.updateMatrixWorld(true);
+  }
+
+  /** Draw what was shown last. */
+  draw() {
+    const eye = new Vector3().setFromMatrixPosition(this.camera.matrixWorld);
+    const far = ({ geometry: { boundingSphere: sphere } }) => sphere.center.distanceTo(eye) - sphere.radius;
+    for (const tile of this.tiles) tile.visible = far(tile) < TILES_WITHIN;
+    this.renderer.render(this.#scene, this.camera);
+  }
+
+  /**
+   * The camera as the scene has it, read back from its matrix: place on the map {x, y} and height [m], heading
+   * counter-clockwise from east and pitch [rad]; `car` is the same of the rear axle's pose that it hangs on.
+   */
+  cameraPose() {
+    const ahead = new Vector3(0, 0, -1).transformDirection(this.camera.matrixWorld);
+    const at = this.reference.back(...new Vector3().setFromMatrixPosition(this.camera.matrixWorld).toArray());
+    const car = this.ego.group;
+    const front = new Vector3(1, 0, 0).transformDirection(car.matrixWorld);
+    const { x, y } = this.reference.back(...new Vector3().setFromMatrixPosition(car.matrixWorld).toArray());
+    const heading = Math.atan2(-ahead.z, ahead.x);
+    return { ...at, heading, pitch: Math.asin(ahead.y), car: { x, y, heading: Math.atan2(-front.z, front.x) } };
+  }
+
+
+  /**
+   * Show the street in a headset until its session ends; call it from a click. `next` is called for every picture with
+   * the time until it is displayed unknown: it shows the newest frame. Returns the WebXR session.
+   */
+  async session(next) {
+    return this.headset.begin(() => {
+      next();
+      this.draw();
+    });
+  }
+
+  /** What the last picture took: triangles, draws, bodies of actors. */
+  get cost() {
+    const { triangles, calls } = this.renderer.info.render;
+    return { triangles, calls, actors: this.fleet.drawn };
+  }
+
+  /** Give everything back that the graphics card holds. */
+  dispose() {
+    this.fleet.dispose();
+    this.signals.dispose();
+    this.#scene.traverse((one) => {
+      one.geometry?.dispose();
+      one.material?.dispose();
+    });
+    this.renderer.dispose();
+  }
+}
+
+/** Whether the browser has no graphics card, and smooth edges would cost half of the pictures a second. */
+function drawnBySoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const names = gl?.getExtension("WEBGL_debug_renderer_info");
+  const renderer = String(names ? gl.getParameter(names.UNMASKED_RENDERER_WEBGL) : "");
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(renderer);
+}
+
+function frustumOf({ projectionMatrix, matrixWorldInverse }) {
+  return new Frustum().setFromProjectionMatrix(new Matrix4().multiplyMatrices(projectionMatrix, matrixWorldInverse));
+}
+
+/**
+ * Return the world of a scene on a canvas; throws where the browser has no WebGL. Options: `pixelRatio` of the canvas,
+ * `antialias` for smooth edges (by default where there is a graphics card), `preserve` for who copies the picture.
+ */
+export const createWorld = (canvas, scene, options) => new World(canvas, scene, options);
+export const headsetIsThere = () => Headset.isThere();
