@@ -114,7 +114,7 @@ def _check(certificate: Sequence[str]) -> None:
     if not certificate:
         return
     try:
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*certificate, password=lambda: b"")
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate[0], certificate[1], password=lambda: b"")
     except (OSError, ssl.SSLError) as error:
         raise ConfigError(f"view: {' and '.join(certificate)}: expected a certificate and its key: {error}") from None
 
