@@ -33,7 +33,7 @@ from vve_sumo.live.keys import OperatorInput
 from vve_sumo.live.priority import lower_priority
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
-from vve_sumo.live.view_token import token_of
+from vve_sumo.live.view_token import certificate_of, token_of
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
 from vve_sumo.record.reader import read_table
@@ -307,6 +307,7 @@ def _view(
         "address": wanted.address,
         "port": wanted.port,
         "token": token_of(wanted, plan.working),
+        "certificate": certificate_of(wanted, plan.working),
         "log": str(plan.folder / "view.log"),
     }
     process = spawn.start("view", config, {"drive": view_drive, "console": theirs}, own_session=True)

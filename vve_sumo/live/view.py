@@ -81,7 +81,8 @@ class ViewProcess:
             json_route("/contents.json", lambda request: contents),
             *page_routes(NO_FRAMES),
         ]
-        self.server = Server(routes, address=config["address"], port=config["port"], token=config["token"])
+        where = {name: config[name] for name in ("address", "port", "token", "certificate")}
+        self.server = Server(routes, **where)
 
     async def run(self) -> None:
         """Serve until the console is gone."""

@@ -1,4 +1,4 @@
-"""Reads the token that a rig gives to the page of its drives."""
+"""Reads the token that a rig gives to the page of its drives, and where its certificate lies."""
 
 from __future__ import annotations
 
@@ -27,3 +27,9 @@ def token_of(view: View, working: Path) -> str:
     if not _TOKEN.fullmatch(token):
         raise ConfigError(f"view.token_file: {file}: expected 16 to 128 letters, digits, - and _")
     return token
+
+
+def certificate_of(view: View, working: Path) -> tuple[str, ...]:
+    """Return the paths of the certificate and of its key that a rig names, from `working`; empty without any."""
+    named = [name for name in (view.certificate_file, view.key_file) if name is not None]
+    return tuple(str(working / name) for name in named)

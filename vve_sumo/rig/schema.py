@@ -218,6 +218,18 @@ class View(Table):
         description="file with the token in the page's address, 16 or more letters, digits, - and _; "
         "left out: a new one for every drive",
     )
+    certificate_file: Name | None = Field(
+        default=None,
+        description="file with a certificate in PEM form: the page is served over HTTPS, which a headset asks for",
+    )
+    key_file: Name | None = Field(default=None, description="file with the certificate's key in PEM form")
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        """Refuse a certificate without its key and a key without its certificate."""
+        if (self.certificate_file is None) != (self.key_file is None):
+            raise ValueError("certificate_file and key_file: expected both or neither")
+        return self
 
     @model_validator(mode="after")
     def _named(self) -> Self:

@@ -10,6 +10,7 @@ import contextlib
 import json
 import secrets
 import socket
+import ssl
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -55,11 +56,22 @@ class _Quiet(uvicorn.Server):
 class Server:
     """A server of one page; who connects before it serves waits for that."""
 
-    def __init__(self, routes: Sequence[BaseRoute], *, address: str = LOOPBACK, port: int = 0, token: str = "") -> None:
+    def __init__(
+        self,
+        routes: Sequence[BaseRoute],
+        *,
+        address: str = LOOPBACK,
+        port: int = 0,
+        token: str = "",
+        certificate: Sequence[str] = (),
+    ) -> None:
         """Listen on an address of this machine and a port, 0 for any free one; without a `token` one is made.
 
-        Raises ConfigError where the address cannot be bound.
+        With a `certificate`, the paths of its file and of its key's, the page is served over HTTPS. Raises ConfigError
+        where the address cannot be bound or the certificate cannot be used.
         """
+        _check(certificate)
+        self._scheme = "https" if certificate else "http"
         self.token = token or secrets.token_urlsafe(18)
         self._socket = socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, socket.SOCK_STREAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -73,12 +85,12 @@ class Server:
         self.host = f"[{address}]" if ":" in address else address
         names = {self.host, *(("localhost", LOOPBACK) if address == LOOPBACK else ())}
         app = Gate(Starlette(routes=list(routes)), self.token, {f"{name}:{self.port}" for name in names})
-        self._uvicorn = _Quiet(_config(app))
+        self._uvicorn = _Quiet(_config(app, certificate))
 
     @property
     def address(self) -> str:
         """What a browser opens."""
-        return f"http://{self.host}:{self.port}/{self.token}/"
+        return f"{self._scheme}://{self.host}:{self.port}/{self.token}/"
 
     async def serve(self) -> None:
         """Serve until `close` is called, in an event loop of the caller's."""
@@ -94,9 +106,25 @@ class Server:
         self._uvicorn.force_exit = True
 
 
-def _config(app: Gate) -> uvicorn.Config:
+def _check(certificate: Sequence[str]) -> None:
+    """Raise ConfigError unless a certificate's file and its key's belong together and can be read.
+
+    A key with a password is refused: nobody is there to type it.
+    """
+    if not certificate:
+        return
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate[0], certificate[1], password=lambda: b"")
+    except (OSError, ssl.SSLError) as error:
+        raise ConfigError(f"view: {' and '.join(certificate)}: expected a certificate and its key: {error}") from None
+
+
+def _config(app: Gate, certificate: Sequence[str]) -> uvicorn.Config:
+    file, key = certificate or (None, None)
     return uvicorn.Config(
         app,
+        ssl_certfile=file,
+        ssl_keyfile=key,
         http=GuardedConnection,
         ws="websockets-sansio",
         ws_max_size=MAX_MESSAGE,
