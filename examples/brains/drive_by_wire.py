@@ -169,7 +169,7 @@ def main() -> None:
             # A fix that comes is answered at once; without one the next step is due a period later.
             select.select([gnss.socket], [], [], PERIOD)
     except RigError as gone:
-        print(f"the brain has no bus any more: {gone}", flush=True)
+        print(f"the brain has lost the bus of the car: {gone}", flush=True)
         return
     print("the brain has let go of the car", flush=True)
 
