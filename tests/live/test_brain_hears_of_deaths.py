@@ -220,6 +220,7 @@ def judge(row: Row, death: Death, evidence: Evidence, messages: list[Heard]) -> 
         assert last_valid(evidence, messages, wire) <= death.unknown + most, wire
     assert evidence.truth["speed_mps"][-1] == 0.0
     if death.external:
+        assert not evidence.truth["watchdog_braking"].any(), "the DBW controller stopped the car, not the brain"
         assert _senders(evidence.folder / "bus.log") == {"car", "brain"}, "a frame of ours was on the car's bus"
     assert way_to_rest(evidence, evidence.moment) <= bound(row, *speed_at(evidence, evidence.moment))
 
