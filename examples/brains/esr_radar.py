@@ -36,7 +36,7 @@ class EsrRadar:
         self._came = float("-inf")
 
     def listen(self, now: float) -> None:
-        """Take what has come by a time [s]; a bus that is gone is a radar that sees nothing, and no end of the brain."""
+        """Take what has come by a time [s]; a bus that is gone is a radar that sees nothing, not the brain's end."""
         try:
             frames = self.bus.drain()
         except RigError:
