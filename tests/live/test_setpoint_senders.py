@@ -24,7 +24,7 @@ class Bench:
     def __init__(self) -> None:
         self._source = open_udp(HERE, 0, None, "brain")
         ours, self._theirs = pair()
-        self.link, self.inbox = ChannelLink(ours, self._source, 0.0), SetpointInbox()
+        self.link, self.inbox = ChannelLink(ours, self._source, 0.0, actors=False), SetpointInbox()
         self.inbox.asked(7)
         with socket.socket(fileno=socket.dup(self._source.fileno())) as same:
             self._port = same.getsockname()[1]

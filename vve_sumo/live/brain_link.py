@@ -6,7 +6,6 @@ It opens what the rig names; it must not know what a brain does, nor how a drive
 from __future__ import annotations
 
 import math
-import pickle
 import select
 import time
 from collections.abc import Sequence
@@ -19,6 +18,7 @@ from vve_sumo.live.outputs import Wire
 from vve_sumo.pose.sources import Source
 from vve_sumo.rig.schema import Brain as RigBrain
 from vve_sumo.wire.sample import Sample
+from vve_sumo.wire.sample_codec import pack
 
 KEY_LENGTH: Final = 32  #: [bytes]
 #: how long lockstep waits for a brain's answer [s]; it may be a debugger's first line
@@ -28,13 +28,13 @@ PATIENCE: Final = 10.0
 class ChannelLink:
     """Hands samples to the process of the outgoing wires, and hears the setpoints on one socket; never waits."""
 
-    def __init__(self, outputs: Channel, setpoints: Source | None, t0: float) -> None:
-        """`t0` is the monotonic second of drive time 0."""
-        self._outputs, self._setpoints, self._t0 = outputs, setpoints, t0
+    def __init__(self, outputs: Channel, setpoints: Source | None, t0: float, *, actors: bool) -> None:
+        """`t0` is the monotonic second of drive time 0; `actors`: whether some wire tells of the actors."""
+        self._outputs, self._setpoints, self._t0, self._actors = outputs, setpoints, t0, actors
 
     def send(self, sample: Sample) -> None:
         """Hand over a sample; one for which there is no room is lost, and the wires turn invalid by themselves."""
-        self._outputs.send(pickle.dumps(sample, pickle.HIGHEST_PROTOCOL))
+        self._outputs.send(pack(sample, actors=self._actors))
 
     def receive(self, _now: float, _wait: bool) -> Sequence[tuple[float, bytes]]:
         """Return the datagrams that have come, dated by the kernel's stamps."""

@@ -295,6 +295,7 @@ class Kind:
     carried: Carried  #: what its steps return
     make: Callable[[Context], Output]
     meaning: str
+    tells_actors: bool = False  #: whether it needs the actors of a sample
 
 
 KINDS: Final[Mapping[str, Kind]] = {
@@ -304,6 +305,11 @@ KINDS: Final[Mapping[str, Kind]] = {
     "esr": Kind("frames", EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz"),
     "ars408": Kind("frames", Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz"),
     "stop": Kind("frames", StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
-    "osi_view": Kind("bytes", lambda c: OsiOutput(c, view=True), "ASAM OSI SensorView with ground truth, one a tick"),
+    "osi_view": Kind(
+        "bytes",
+        lambda c: OsiOutput(c, view=True),
+        "ASAM OSI SensorView with ground truth, one a tick",
+        tells_actors=True,
+    ),
     "osi_data": Kind("bytes", lambda c: OsiOutput(c, view=False), "ASAM OSI SensorData of the radar, one a tick"),
 }
