@@ -148,7 +148,7 @@ class Bench:
     def _driven(self, resolved: ResolvedScenario, link: FaultLink) -> Brain:
         placement = virtual_placement(resolved.map_frame, resolved.model.mounting, DEFAULT_EPOCH)
         publisher = Publisher(link.send, placement, DEFAULT_EPOCH)
-        inbox = SetpointInbox(self._key)
+        inbox = SetpointInbox(DEFAULT_EPOCH, self._key)
         return Brain(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
 
 

@@ -111,7 +111,7 @@ class LiveDrive:
         publisher = Publisher(link_.send, placement, lot.epoch, held=said.kind == "external")
         controller: SetpointController | NoController | None = None
         if said.kind == "setpoints":
-            inbox = SetpointInbox(key_of(said, working))
+            inbox = SetpointInbox(lot.epoch, key_of(said, working))
             controller = SetpointController(publisher, link_.receive, inbox, waits=False)
         elif said.kind == "external":
             controller = NoController()

@@ -63,7 +63,7 @@ def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) 
     publisher = Publisher(link.send, placement, DEFAULT_EPOCH)
     if rig.brain.kind == "own":
         return Brain(publisher)
-    inbox = SetpointInbox(key_of(rig.brain, working))
+    inbox = SetpointInbox(DEFAULT_EPOCH, key_of(rig.brain, working))
     return Brain(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
 
 
