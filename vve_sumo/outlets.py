@@ -1,8 +1,8 @@
 """Opens what the outgoing wires send on: UDP, a TCP server, a serial line or a CAN bus.
 
-It knows sockets and devices; it must not know what the bytes mean. No call waits, but for a CAN driver that is busy, and
-for that no longer than `bus.SEND_TIMEOUT`: what cannot be sent now is lost and counted, for a control computer must never
-get an old datagram late.
+It knows sockets and devices; it must not know what the bytes mean. No call waits, except for a CAN driver that is busy,
+and for that no longer than `bus.SEND_TIMEOUT`. What cannot be sent now is lost and counted, for a control computer must
+never get an old datagram late.
 """
 
 from __future__ import annotations
