@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from vve_sumo.live.brain_link import PATIENCE
 from vve_sumo.outlets import Outlet
 from vve_sumo.pose.sources import Source
 from vve_sumo.wire.datagrams import SetpointDatagram, decode_setpoint
@@ -60,10 +59,19 @@ class FaultLink:
     """`drive.brain`'s two ends: `send` on all wires, `receive` what the brain answers; `answers` is the log."""
 
     def __init__(
-        self, wires: Sequence[FaultyWire], setpoints: Source, window: Window | None, quiet: Callable[[], bool]
+        self,
+        wires: Sequence[FaultyWire],
+        setpoints: Source,
+        window: Window | None,
+        quiet: Callable[[], bool],
+        patience: float,
     ) -> None:
-        """`quiet` says whether the brain will say nothing more before something new comes."""
+        """`quiet` says whether the brain will say nothing more before something new comes.
+
+        `patience`: how long the answer to a sample is waited for [s].
+        """
         self._wires, self._setpoints, self._window, self._quiet = tuple(wires), setpoints, window, quiet
+        self._patience = patience
         self._sequence = 0
         self._answered = True  # false once the brain has let its whole time pass
         self.answers: list[Answer] = []
@@ -85,7 +93,7 @@ class FaultLink:
         right, and is waited for until the brain is quiet.
         """
         faulty = self._window is not None and now >= self._window.begins - _SLACK
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + self._patience
         while True:
             # In this order: what a brain says before it falls quiet has come when it is quiet.
             quiet = wait and (faulty or not self._answered) and self._quiet()

@@ -143,7 +143,7 @@ class Bench:
             FaultyWire(wire.output, wire.outlet, case.make(chance) if case.make and kind in case.wires else None)
             for kind, wire in zip(self.kinds, wires, strict=True)
         ]
-        return FaultLink(faulty, setpoints, window, quiet)
+        return FaultLink(faulty, setpoints, window, quiet, said.deadline_s)
 
     def _driven(self, resolved: ResolvedScenario, link: FaultLink) -> Brain:
         placement = virtual_placement(resolved.map_frame, resolved.model.mounting, DEFAULT_EPOCH)
@@ -173,12 +173,14 @@ def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Cer
             done(results)
     return Certificate(
         rig=str(bench.rig_file.name.removesuffix(".toml")),
+        rig_asked=query.rig,
         rig_sha256=_digest(bench.rig_file),
         scenario=query.scenario,
         values=dict(query.values),
         brain=under_test(query.command, working),
         wires=bench.kinds,
         seeds=query.seeds,
+        cases=tuple(case.name for case in query.cases),
         results=tuple(results),
         defects=diagnose(results),
         software=provenance.software(),

@@ -41,7 +41,7 @@ class Link(Protocol):
 
 def open_link(rig: Rig, resolved: ResolvedScenario) -> WiredLink:
     """Open all wires of a rig, and the port of setpoints; raises VveError naming what cannot be opened."""
-    context = Context(resolved.vehicle, resolved.map_frame.projection)
+    context = Context(resolved.vehicle, resolved.map_frame.projection, resolved.map_frame.offset)
     wires = opened([output.model_dump(mode="json") for output in rig.outputs], context)
     said, setpoints = rig.brain, None
     try:
