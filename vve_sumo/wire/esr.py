@@ -25,6 +25,7 @@ VEHICLE_DATA, SENSOR_INPUT = 0x4F0, 0x4F1  #: what the host sends
 
 PERIOD: Final = 0.05  #: of a cycle [s]
 SCANS: Final = 0x10000  #: after which the scan index begins again
+STAMPS: Final = 128  #: counts after which the time stamp begins again
 
 _RANGE = Signal(18, 11, 0.1)
 _ANGLE = Signal(12, 10, 0.1, signed=True)  #: [deg] right positive
@@ -150,7 +151,7 @@ def encode(cycle: Cycle) -> tuple[Frame, ...]:
 def _status_1(cycle: Cycle) -> tuple[int, ...]:
     return (
         _SCAN_INDEX.put(cycle.scan_index % SCANS),
-        _TIMESTAMP.put(1000.0 * cycle.time_stamp % 256.0),
+        _TIMESTAMP.put(round(1000.0 * cycle.time_stamp / _TIMESTAMP.scale) % STAMPS * _TIMESTAMP.scale),
         _HOST_SPEED.put(abs(cycle.host.speed)),
         _HOST_YAW_RATE.put(math.degrees(cycle.host.yaw_rate)),
         _COMMUNICATION_ERROR.put(not (cycle.valid and cycle.told)),

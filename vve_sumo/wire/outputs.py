@@ -81,17 +81,20 @@ class NcomOutput:
 
 
 class NmeaOutput:
-    """NMEA 0183 sentences, ten times a second."""
+    """NMEA 0183 sentences, ten times a second; the date with the first of every second."""
 
     def __init__(self, context: Context) -> None:
         self._due = _Due(1.0 / context.rate_nmea)
+        self._second = -1
 
     def step(self, sample: Sample) -> Sequence[bytes]:
         """Return the sentences of a sample where they are due."""
         if not self._due.due(sample):
             return ()
-        measured = sample.measured
-        return (nmea.encode(measured.fix if measured else no_fix(sample.time, sample.drive_time)),)
+        measured, second = sample.measured, math.floor(round(sample.time, 3))
+        dated, self._second = second != self._second, second
+        fix = measured.fix if measured else no_fix(sample.time, sample.drive_time)
+        return (nmea.encode(fix, dated=dated),)
 
 
 class RadarOutput:
