@@ -14,13 +14,13 @@ from vve_sumo.wire import esr
 STAMPS = 0.256  # after so long the radar's time stamp begins again [s]
 ROUNDING = 0.002  # of the time stamp [s]
 LIFETIME = 0.2  # of a cycle, which comes every 50 ms [s]
-PATIENCE = 60.0  # for the file of a bus to appear [s]
+OPEN_TIMEOUT = 60.0  # for the file of a bus to appear [s]
 
 
 def open_bus(place: str) -> Bus:
     """Open INTERFACE:CHANNEL by python-can; a serial port that is not there yet is waited for."""
     interface, _, channel = place.partition(":")
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + OPEN_TIMEOUT
     while interface == "slcan" and not Path(channel).exists() and time.monotonic() < until:
         time.sleep(0.05)
     return Bus(interface, channel)

@@ -59,7 +59,7 @@ def test_a_brain_is_waited_for_as_long_as_the_rig_says_and_then_only_while_it_th
         looks.append(time.monotonic())
         return True
 
-    link = FaultLink((), open_udp("127.0.0.1", 0, None, "brain"), None, quiet, patience=0.1)
+    link = FaultLink((), open_udp("127.0.0.1", 0, None, "brain"), None, quiet, timeout=0.1)
     begun = time.monotonic()
     assert link.receive(0.0, True) == []
     assert time.monotonic() - begun >= 0.1

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.values import Detections
-from vve_sumo.wire.numbering import KEPT, Numbering
+from vve_sumo.wire.numbering import MAX_UNSEEN, Numbering
 
 PERIOD = 0.05
 
@@ -66,7 +66,7 @@ def test_a_number_is_free_again_only_after_a_while() -> None:
     assert other.number != one.number
     (none,) = numbering.step(_scan(0.1, [(10.0, 0.5, 0.0)]), 0.0)
     assert none is None
-    (again,) = numbering.step(_scan(0.051 + KEPT, [(10.0, 0.5, 0.0)]), 0.0)
+    (again,) = numbering.step(_scan(0.051 + MAX_UNSEEN, [(10.0, 0.5, 0.0)]), 0.0)
     assert again is not None
     assert again.number == one.number
     assert again.new

@@ -24,8 +24,8 @@ START_TIMEOUT: Final = 60.0
 #: for a brain to end when it is asked to [s]
 END_TIMEOUT: Final = 3.0
 #: a brain is quiet when it was seen so as often in a row, so far apart [s]
-LOOKS: Final = 3
-BETWEEN_LOOKS: Final = 0.001
+QUIET_POLLS: Final = 3
+POLL_INTERVAL: Final = 0.001
 #: states of a thread that waits for something to come (proc(5))
 _WAITING: Final = frozenset("SIZXt")
 _TABLES: Final = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
@@ -84,9 +84,9 @@ class BrainProcess:
         A thread that waits on a socket runs from the moment at which something comes there. What lies unread elsewhere
         is what nobody waits for, and so says nothing.
         """
-        for look in range(LOOKS):
-            if look:
-                time.sleep(BETWEEN_LOOKS)
+        for poll in range(QUIET_POLLS):
+            if poll:
+                time.sleep(POLL_INTERVAL)
             if not all(state in _WAITING for state in _states(self._process.pid)):
                 return self.ended
         return True

@@ -19,8 +19,8 @@ from vve_sumo.wire.faults import WireFault
 from vve_sumo.wire.outputs import Output
 from vve_sumo.wire.sample import Sample
 
-#: between two looks at whether the brain still thinks [s]
-LOOK: Final = 0.002
+#: between two checks of whether the brain still computes [s]
+POLL_INTERVAL: Final = 0.002
 #: times of ticks are compared without their last bits [s]
 _SLACK: Final = 1e-6
 
@@ -64,14 +64,14 @@ class FaultLink:
         setpoints: Source,
         window: Window | None,
         quiet: Callable[[], bool],
-        patience: float,
+        timeout: float,
     ) -> None:
         """`quiet` says whether the brain will say nothing more before something new comes.
 
-        `patience`: how long the answer to a sample is waited for [s].
+        `timeout`: how long the answer to a sample is waited for [s].
         """
         self._wires, self._setpoints, self._window, self._quiet = tuple(wires), setpoints, window, quiet
-        self._patience = patience
+        self._timeout = timeout
         self._sequence = 0
         self._answered = True  # false once the brain has let its whole time pass
         self.answers: list[Answer] = []
@@ -93,7 +93,7 @@ class FaultLink:
         right, and is waited for until the brain is quiet.
         """
         faulty = self._window is not None and now >= self._window.begins - _SLACK
-        deadline = time.monotonic() + self._patience
+        deadline = time.monotonic() + self._timeout
         while True:
             # In this order: what a brain says before it falls quiet has come when it is quiet.
             quiet = wait and (faulty or not self._answered) and self._quiet()
@@ -103,7 +103,7 @@ class FaultLink:
                 self._answered &= bool(came) or left > 0.0
                 self._note(now, came)
                 return [(now, data) for data in came]
-            select.select([self._setpoints], [], [], LOOK if faulty or not self._answered else left)
+            select.select([self._setpoints], [], [], POLL_INTERVAL if faulty or not self._answered else left)
 
     def _note(self, now: float, came: Sequence[bytes]) -> None:
         for data in came:

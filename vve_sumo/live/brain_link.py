@@ -22,7 +22,7 @@ from vve_sumo.wire.sample_codec import pack
 
 KEY_LENGTH: Final = 32  #: [bytes]
 #: how long lockstep waits for a brain's answer [s]; it may be a debugger's first line
-PATIENCE: Final = 10.0
+ANSWER_TIMEOUT: Final = 10.0
 
 
 class ChannelLink:
@@ -74,22 +74,22 @@ def key_of(brain: RigBrain, working: Path) -> bytes:
 class WiredLink:
     """Sends samples on all wires of a rig, and hears the setpoints on one socket."""
 
-    def __init__(self, wires: Sequence[Wire], setpoints: Source | None, patience: float = PATIENCE) -> None:
-        """`patience`: how long the answer to a sample is waited for [s]."""
-        self._wires, self._setpoints, self._patience = tuple(wires), setpoints, patience
+    def __init__(self, wires: Sequence[Wire], setpoints: Source | None, timeout: float = ANSWER_TIMEOUT) -> None:
+        """`timeout`: how long the answer to a sample is waited for [s]."""
+        self._wires, self._setpoints, self._timeout = tuple(wires), setpoints, timeout
         self._deadline = math.inf
 
     def send(self, sample: Sample) -> None:
         """Send a sample on every wire on which something is due."""
         for wire in self._wires:
             wire.outlet.send(wire.output.step(sample))
-        self._deadline = time.monotonic() + self._patience
+        self._deadline = time.monotonic() + self._timeout
 
     def receive(self, now: float, wait: bool) -> Sequence[tuple[float, bytes]]:
         """Return the datagrams that have come; with `wait`, those until the first.
 
         They are dated `now` [s], for in lockstep no time passes while a brain thinks. Raises TimeoutError where nothing
-        more came within the patience, counted from the newest sample.
+        more came within the time-out, counted from the newest sample.
         """
         if self._setpoints is None:
             return ()
@@ -99,7 +99,7 @@ class WiredLink:
                 return came
             left = self._deadline - time.monotonic()
             if left <= 0.0:
-                raise TimeoutError(f"no answer within {self._patience:g} s (brain.deadline_s)")
+                raise TimeoutError(f"no answer within {self._timeout:g} s (brain.deadline_s)")
             select.select([self._setpoints], [], [], left)
 
     def close(self) -> None:

@@ -144,13 +144,13 @@ class EsrOutput:
             return esr.encode(esr.Cycle(self._scan_index, 0.0, esr.HostMotion(0.0, 0.0), (), valid=False))
         stamp = sample.time - measured.scan_age
         host = esr.HostMotion(measured.pose.speed, measured.pose.yaw_rate)
-        radiating, told = True, True
+        radiating, host_known = True, True
         if self._hear is not None:
             motion, radiating = self._host.motion(sample.drive_time), self._host.radiates(sample.drive_time)
-            told, host = motion is not None, motion or esr.HostMotion(0.0, 0.0)
-        if not (told and radiating):
+            host_known, host = motion is not None, motion or esr.HostMotion(0.0, 0.0)
+        if not (host_known and radiating):
             self._scan_index += radiating
-            return esr.encode(esr.Cycle(self._scan_index, stamp, host, (), told=told, radiating=radiating))
+            return esr.encode(esr.Cycle(self._scan_index, stamp, host, (), host_known=host_known, radiating=radiating))
         if measured.scan.time != self._scan_time:
             self._scan_time, self._scan_index = measured.scan.time, self._scan_index + 1
         tracks = [self._track(one, host.speed) for one in self._objects.of(measured)]
