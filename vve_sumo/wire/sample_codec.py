@@ -52,7 +52,8 @@ def unpack(data: bytes) -> Sample:
     fix, pose, scan, scan_age, street = rest
     fix[_QUALITY], pose[_POINT] = FixQuality(fix[_QUALITY]), Point(pose[_POINT])
     *numbers, mode = scan[1:]
-    found = Detections(scan[0], *_unpacked(numbers), mode=np.frombuffer(mode, np.int8))
+    columns = [*_unpacked(numbers), np.frombuffer(mode, np.int8)]
+    found = Detections(scan[0], *columns)
     measured = Measured(Fix(*fix), Pose(*pose), found, scan_age, _actors(street))
     return Sample(sequence, time, drive_time, measured)
 
