@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 
 from tests.certify.test_certify import ports
+from tests.conftest import REPOSITORY
 from vve_sumo.certify.brain_process import BrainProcess
-from vve_sumo.certify.cases import NAMES
+from vve_sumo.certify.cases import NAMES, chosen
 from vve_sumo.certify.link import FaultLink
 from vve_sumo.certify.report import again
 from vve_sumo.certify.results import BrainUnderTest, Certificate
+from vve_sumo.certify.run import CertifyQuery, certify
 from vve_sumo.cli.parser import setting
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.sources import open_udp
@@ -50,6 +52,20 @@ def test_a_launchers_brain_ends_with_the_case(tmp_path: Path) -> None:
 def test_a_command_that_starts_nothing_is_one_line(command: str, line: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=f"--brain: .*{line}"):
         BrainProcess(command, [], tmp_path / "brain.log", tmp_path)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_brain_that_cannot_be_started_leaves_nothing_behind(there: bool, tmp_path: Path) -> None:
+    rig = tmp_path / "foreign.toml"
+    rig.write_text((REPOSITORY / "rigs" / "foreign.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    out = tmp_path / "out"
+    query = CertifyQuery(str(rig), "parked_car", "nowhere", chosen(["radar_gap"]), (1,), out, {})
+    if there:
+        out.mkdir()
+    with pytest.raises(ConfigError, match="'nowhere' cannot be started"):
+        certify(query, tmp_path, lambda _case: None, lambda _results: None)
+    assert out.exists() is there
+    assert not there or not any(out.iterdir())
 
 
 def test_a_brain_is_waited_for_as_long_as_the_rig_says_and_then_only_while_it_thinks() -> None:
