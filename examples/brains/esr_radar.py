@@ -14,14 +14,15 @@ from vve_sumo.errors import RigError
 from vve_sumo.wire import esr
 
 STAMPS = 0.256  # after so long the radar's time stamp begins again [s]
+ROUNDING = 0.002  # of the time stamp [s]
 LIFETIME = 0.2  # of a cycle, which comes every 50 ms [s]
-PATIENCE = 60.0  # for the file of a bus to appear [s]
+OPEN_TIMEOUT = 60.0  # for the file of a bus to appear [s]
 
 
 def open_bus(place: str) -> Bus:
     """Open INTERFACE:CHANNEL by python-can; a serial port that is not there yet is waited for."""
     interface, _, channel = place.partition(":")
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + OPEN_TIMEOUT
     while interface == "slcan" and not Path(channel).exists() and time.monotonic() < until:
         time.sleep(0.05)
     return Bus(interface, channel)
@@ -57,4 +58,6 @@ class EsrRadar:
         if cycle is None or not cycle.valid or now - self._came > LIFETIME:
             return None
         found = [SimpleNamespace(range=one.range, azimuth=one.angle, range_rate=one.range_rate) for one in cycle.tracks]
-        return Scan(time, time - (time - cycle.time_stamp) % STAMPS, speed, found)
+        # A stamp is rounded, so that a scan of this very moment may seem to come from a little later.
+        age = (time - cycle.time_stamp + ROUNDING) % STAMPS - ROUNDING
+        return Scan(time, time - max(age, 0.0), speed, found)

@@ -85,6 +85,17 @@ def test_brain_that_is_not_there_is_one_line_and_no_record(tmp_path: Path) -> No
     assert not (tmp_path / "none").exists()
 
 
+def test_a_recorded_drive_has_no_brain(tmp_path: Path) -> None:
+    _rig(tmp_path)
+    done = command("drive", "parked_car", *SHORT, "--pose", "walk.csv", "--out", "none", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.strip().endswith(
+        "--pose: nothing obeys in a recorded drive, and the rig's brain.kind is 'setpoints'; "
+        "leave out one of --pose and --rig"
+    )
+    assert not (tmp_path / "none").exists()
+
+
 def test_brain_that_falls_silent_stops_the_car_with_a_reason(tmp_path: Path) -> None:
     gnss, radar, setpoints = write_rig(tmp_path, deadline=0.5)
     del gnss

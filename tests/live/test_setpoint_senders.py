@@ -5,6 +5,7 @@ from __future__ import annotations
 import select
 import socket
 import struct
+import time
 import zlib
 
 import pytest
@@ -24,7 +25,7 @@ class Bench:
     def __init__(self) -> None:
         self._source = open_udp(HERE, 0, None, "brain")
         ours, self._theirs = pair()
-        self.link, self.inbox = ChannelLink(ours, self._source, 0.0), SetpointInbox()
+        self.link, self.inbox = ChannelLink(ours, self._source, 0.0, actors=False), SetpointInbox(0.0)
         self.inbox.asked(7)
         with socket.socket(fileno=socket.dup(self._source.fileno())) as same:
             self._port = same.getsockname()[1]
@@ -52,7 +53,7 @@ def bench():
 
 
 def _setpoint(sequence: int, acceleration: float) -> bytes:
-    return encode_setpoint(SetpointDatagram(sequence, 7, 1000.0, 0.1, 0.0, acceleration))
+    return encode_setpoint(SetpointDatagram(sequence, 7, time.monotonic(), 0.1, 0.0, acceleration))
 
 
 def test_a_strangers_setpoint_is_refused_and_found(bench: Bench) -> None:
