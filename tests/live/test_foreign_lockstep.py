@@ -86,7 +86,7 @@ def test_brain_that_is_not_there_is_one_line_and_no_record(tmp_path: Path) -> No
 
 
 def test_a_recorded_drive_has_no_brain(tmp_path: Path) -> None:
-    _rig(tmp_path)
+    write_rig(tmp_path)
     done = command("drive", "parked_car", *SHORT, "--pose", "walk.csv", "--out", "none", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.strip().endswith(
