@@ -170,7 +170,7 @@ def test_the_sensors_are_valid_from_go_until_the_stop(evidence: Evidence) -> Non
 
 def test_the_summary_says_who_commanded_and_the_record_replays(evidence: Evidence) -> None:
     summary = json.loads((evidence.record / "summary.json").read_text(encoding="utf-8"))
-    assert summary["brain"] == "external"
+    assert (summary["brain"], summary["controller"]) == ("external", "foreign_brain")
     inputs = read_live_inputs(evidence.record)
     assert inputs.torn == 0
     assert replay_gateway(inputs) is None

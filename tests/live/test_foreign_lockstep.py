@@ -64,6 +64,24 @@ def test_brain_of_another_process_drives_and_its_record_is_the_same_every_time(p
     assert len(set(records)) == 1
 
 
+def test_the_record_says_that_a_foreign_brain_decided_and_cannot_be_asked_again(tmp_path: Path) -> None:
+    ports = _rig(tmp_path)
+    with _running(_commands("minimal.py", tmp_path, ports), ports[1]):
+        _driven(tmp_path, "one")
+    summary = json.loads((tmp_path / "one" / "summary.json").read_text(encoding="utf-8"))
+    assert (summary["brain"], summary["controller"]) == ("setpoints", "foreign_brain")
+    assert Run(tmp_path / "one").brain == "setpoints"
+    replayed = command("replay", "one", cwd=tmp_path)
+    assert replayed.returncode == 1
+    assert "a foreign brain decided, which cannot be asked again" in replayed.stdout
+    assert command("redrive", "one", "--controller", "follow_and_stop", cwd=tmp_path).returncode == 0
+    assert command("report", "one", cwd=tmp_path).returncode == 0
+    page = (tmp_path / "one" / "report.html").read_text(encoding="utf-8")
+    assert "a foreign brain (setpoints)" in page
+    assert "vve-sumo replay one" not in page
+    assert "--controller follow_and_stop" not in page
+
+
 def test_minimal_brains_of_both_languages_drive_the_same(tmp_path: Path) -> None:
     if CC is None:
         pytest.skip("needs a C compiler")
