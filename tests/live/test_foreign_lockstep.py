@@ -65,8 +65,8 @@ def test_brain_of_another_process_drives_and_its_record_is_the_same_every_time(p
 
 
 def test_the_record_says_that_a_foreign_brain_decided_and_cannot_be_asked_again(tmp_path: Path) -> None:
-    ports = _rig(tmp_path)
-    with _running(_commands("minimal.py", tmp_path, ports), ports[1]):
+    ports = write_rig(tmp_path)
+    with running(_commands("minimal.py", tmp_path, ports), ports[1]):
         _driven(tmp_path, "one")
     summary = json.loads((tmp_path / "one" / "summary.json").read_text(encoding="utf-8"))
     assert (summary["brain"], summary["controller"]) == ("setpoints", "foreign_brain")
