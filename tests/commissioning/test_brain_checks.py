@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from tests.certify.test_certify import ports
 from tests.conftest import REPOSITORY
+from tests.live.stage import free_ports
 from vve_sumo.commissioning import brain_checks
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.live import session
@@ -21,7 +21,7 @@ from vve_sumo.rig.schema import Rig
 def rig(brain: dict[str, Any] | None = None, *outputs: dict[str, Any]) -> Rig:
     """The shipped rig of a foreign brain on free ports, with more in its tables."""
     table = tomllib.loads((REPOSITORY / "rigs" / "foreign.toml").read_text(encoding="utf-8"))
-    (table["brain"]["port"],) = ports(1)
+    (table["brain"]["port"],) = free_ports(1)
     table["brain"] |= brain or {}
     table["outputs"] += outputs
     return parse(table, Path("rig.toml"))
@@ -29,7 +29,7 @@ def rig(brain: dict[str, Any] | None = None, *outputs: dict[str, Any]) -> Rig:
 
 def test_what_can_be_opened_is_named_and_closed(tmp_path: Path) -> None:
     (tmp_path / "brain.key").write_text("ab" * 32 + "\n", encoding="ascii")
-    (port,) = ports(1)
+    (port,) = free_ports(1)
     fit = rig({"key_file": "brain.key"}, {"kind": "nmea", "tcp": f"127.0.0.1:{port}"})
     for _ in range(2):
         assert (
