@@ -228,13 +228,14 @@ def _processes(
     gateway_recorder, recorder_gateway = pair()
     folder, rig = plan.folder, plan.rig
     common = {"folder": str(folder), "t0": plan.t0, "epoch": ground.epoch}
+    # Before the recorder: where a wire cannot be opened, there is no record.
+    wires, drive_outputs = _outputs(plan, common, scenario_content["vehicle"])
     recorder = spawn.start(
         "recorder",
         common | {"resolved": scenario_content, "provenance": provenance_text, "log": str(folder / "recorder.log")},
         {"drive": recorder_drive, "gateway": recorder_gateway},
         own_session=True,
     )
-    wires, drive_outputs = _outputs(plan, common, scenario_content["vehicle"])
     interface, channel = car.bus if car is not None and rig.bus.channel == PTY else (rig.bus.interface, rig.bus.channel)
     bus = {"interface": interface, "channel": channel, "bitrate": rig.bus.bitrate}
     gateway = spawn.start(
@@ -282,7 +283,9 @@ def _outputs(
     said = json.loads((ours.receive() or [b"{}"])[0])
     ours.close()
     if said.get("kind") != "outputs_ready":
+        drive_outputs.close()
         process.kill()
+        process.wait()
         raise _ERRORS.get(said.get("exit_code", 3), RigError)(said.get("refused", "outputs: the process did not start"))
     return process, {"outputs": drive_outputs}
 
@@ -356,7 +359,7 @@ def removed_when_empty(folder: FilePath) -> Iterator[None]:
     except VveError:
         if not (folder / "scenario.json").exists():
             with contextlib.suppress(OSError):
-                for name in ("truth.csv", "car.log"):
+                for name in ("truth.csv", "car.log", "bus.log", "outputs.log", "roads.parquet"):
                     (folder / name).unlink(missing_ok=True)
                 folder.rmdir()
         raise
