@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 import socket
 import time
 import tty
@@ -80,6 +81,31 @@ def test_serial_line_carries_the_bytes() -> None:
     outlet = SerialOutlet(os.ttyname(theirs), 115_200)
     outlet.send((b"$GP,one\r\n", b"$GP,two\r\n"))
     assert os.read(ours, 100) == b"$GP,one\r\n$GP,two\r\n"
+    outlet.close()
+    os.close(ours)
+    os.close(theirs)
+
+
+def _waiting(end: int) -> bytes:
+    """Read what comes until nothing has come for a while."""
+    taken = b""
+    while select.select([end], [], [], 0.3)[0]:
+        taken += os.read(end, 1 << 16)
+    return taken
+
+
+def test_serial_line_that_nobody_reads_loses_and_makes_nobody_wait() -> None:
+    """A pseudo-terminal takes some kilobytes and says of none of them that they wait."""
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    outlet, portion = SerialOutlet(os.ttyname(theirs), 115_200), b"x" * 71 + b"\n"
+    outlet.send([portion] * 2000)
+    assert 0 < outlet.lost < 2000
+    lost, taken = outlet.lost, _waiting(ours)
+    assert taken.count(portion) == 2000 - lost
+    outlet.send((b"again",))
+    assert _waiting(ours) == b"again"
+    assert outlet.lost == lost
     outlet.close()
     os.close(ours)
     os.close(theirs)

@@ -1,13 +1,15 @@
 """Opens what the outgoing wires send on: UDP, a TCP server, a serial line or a CAN bus.
 
-It knows sockets and devices; it must not know what the bytes mean. No call waits: what cannot be sent now is lost and
-counted, for a control computer must never get an old datagram late.
+It knows sockets and devices; it must not know what the bytes mean. No call waits, except for a CAN driver that is busy,
+and for that no longer than `bus.SEND_TIMEOUT`. What cannot be sent now is lost and counted, for a control computer must
+never get an old datagram late.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import socket
 from collections.abc import Sequence
 from typing import Final, Protocol, TypeVar
@@ -130,7 +132,7 @@ class TcpOutlet:
 
 
 class SerialOutlet:
-    """Writes to a serial line; a portion for which the line is not free is lost whole."""
+    """Writes to a serial line; a portion for which the line is not free is lost, one that is half out is cut there."""
 
     def __init__(self, device: str, baud: int) -> None:
         """Open the device; raises RigError where it cannot be opened."""
@@ -144,12 +146,12 @@ class SerialOutlet:
         """Write each portion."""
         for portion in portions:
             try:
-                if self._line.out_waiting > MAX_SERIAL_QUEUE:
-                    self.lost += 1
-                    continue
-                self._line.write(portion)
+                # Not by pyserial's `write`: where the line is full, that tries again without end.
+                room = self._line.out_waiting <= MAX_SERIAL_QUEUE
+                whole = room and os.write(self._line.fileno(), portion) == len(portion)
             except (OSError, serial.SerialException):
-                self.lost += 1
+                whole = False
+            self.lost += not whole
 
     def close(self) -> None:
         """Close the device."""

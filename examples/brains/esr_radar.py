@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,17 +10,19 @@ from types import SimpleNamespace
 from driving import Scan
 
 from vve_sumo.bus import Bus
+from vve_sumo.errors import RigError
 from vve_sumo.wire import esr
 
 STAMPS = 0.256  # after so long the radar's time stamp begins again [s]
+ROUNDING = 0.002  # of the time stamp [s]
 LIFETIME = 0.2  # of a cycle, which comes every 50 ms [s]
-PATIENCE = 60.0  # for the file of a bus to appear [s]
+OPEN_TIMEOUT = 60.0  # for the file of a bus to appear [s]
 
 
 def open_bus(place: str) -> Bus:
     """Open INTERFACE:CHANNEL by python-can; a serial port that is not there yet is waited for."""
     interface, _, channel = place.partition(":")
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + OPEN_TIMEOUT
     while interface == "slcan" and not Path(channel).exists() and time.monotonic() < until:
         time.sleep(0.05)
     return Bus(interface, channel)
@@ -34,14 +37,20 @@ class EsrRadar:
         self._came = float("-inf")
 
     def listen(self, now: float) -> None:
-        """Take what has come by a time [s]."""
-        for cycle in self._decoder.feed(self.bus.drain()):
+        """Take what has come by a time [s]; a bus that is gone is a radar that sees nothing, not the brain's end."""
+        try:
+            frames = self.bus.drain()
+        except RigError:
+            self._cycle = None
+            return
+        for cycle in self._decoder.feed(frames):
             self._cycle, self._came = cycle, now
 
     def tell(self, speed: float, yaw_rate: float) -> None:
         """Send the vehicle messages: speed [m/s], yaw rate [rad/s], and the order to radiate."""
-        for frame in esr.encode_host(esr.HostMotion(speed, yaw_rate)):
-            self.bus.send(frame)
+        with contextlib.suppress(RigError):
+            for frame in esr.encode_host(esr.HostMotion(speed, yaw_rate)):
+                self.bus.send(frame)
 
     def scan(self, now: float, time: float, speed: float) -> Scan | None:
         """Return what the radar sees at GNSS `time` [s]; None where a cycle is not valid, or too old at `now` [s]."""
@@ -49,4 +58,6 @@ class EsrRadar:
         if cycle is None or not cycle.valid or now - self._came > LIFETIME:
             return None
         found = [SimpleNamespace(range=one.range, azimuth=one.angle, range_rate=one.range_rate) for one in cycle.tracks]
-        return Scan(time, time - (time - cycle.time_stamp) % STAMPS, speed, found)
+        # A stamp is rounded, so that a scan of this very moment may seem to come from a little later.
+        age = (time - cycle.time_stamp + ROUNDING) % STAMPS - ROUNDING
+        return Scan(time, time - max(age, 0.0), speed, found)

@@ -25,7 +25,9 @@ while True:
         continue  # another datagram, an invalid one, or an old one: no answer, and the gateway stops the car
     newest = sequence
     time, measured, speed, yaw_rate, count, _ = RADAR.unpack_from(data, HEAD.size)
-    targets = struct.iter_unpack(TARGET, data[48:-4])  # range, azimuth, range rate, number, mode, 0
+    targets = list(struct.iter_unpack(TARGET, data[48:-4]))  # range, azimuth, range rate, number, mode, 0
+    if not all(map(math.isfinite, (time, measured, speed, *(x for t in targets for x in t[:3])))):
+        continue  # a comparison with what is not a number is never true: such a target would not be braked for
     ahead = min((t[0] for t in targets if abs(t[0] * math.sin(t[1])) < 1.5), default=math.inf)
     acceleration = -3.0 if ahead < 20.0 else max(-1.0, min(1.0, 5.0 - speed))
     body = HEAD.pack(b"VVES", 1, 2, 0, sequence, 100_000) + ANSWER.pack(time, 0.0, acceleration, sequence, 0)

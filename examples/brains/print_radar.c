@@ -14,7 +14,7 @@
 
 int main(int count, char **arguments) {
     struct sockaddr_in here = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    struct timeval patience = {.tv_usec = 100000};
+    struct timeval timeout = {.tv_usec = 100000};
     uint8_t data[2048];
     uint32_t last = 0;
     int known = 0, quiet = 0;
@@ -26,7 +26,7 @@ int main(int count, char **arguments) {
         perror("print_radar");
         return 1;
     }
-    setsockopt(end, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    setsockopt(end, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
     setvbuf(stdout, NULL, _IOLBF, 0);
     for (;;) {
         ssize_t length = recv(end, data, sizeof data, 0);

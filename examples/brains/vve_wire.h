@@ -62,7 +62,18 @@ static inline uint32_t vve_crc32(const uint8_t *data, size_t length) {
     return ~crc;
 }
 
-/* Read a radar datagram; return 1, or 0 for bytes that are none of this version or not whole. */
+static inline int vve_finite(const vve_radar *radar) {
+    int finite = isfinite(radar->time_s) && isfinite(radar->measured_s);
+    finite = finite && isfinite(radar->speed_mps) && isfinite(radar->yaw_rate_radps);
+    for (uint32_t n = 0; n < radar->targets; n++) {
+        const vve_target *seen = &radar->target[n];
+        finite = finite && isfinite(seen->range_m) && isfinite(seen->azimuth_rad) && isfinite(seen->range_rate_mps);
+    }
+    return finite;
+}
+
+/* Read a radar datagram; return 1, or 0 for bytes that are none of this version or not whole, or hold a number that is
+ * not finite. */
 static inline int vve_read_radar(const uint8_t *data, size_t length, vve_radar *radar) {
     uint32_t crc;
     if (length < VVE_RADAR_HEAD + 4 || length > sizeof *radar + 4) return 0;
@@ -71,7 +82,7 @@ static inline int vve_read_radar(const uint8_t *data, size_t length, vve_radar *
     memcpy(radar, data, length - 4);
     return memcmp(radar->head.magic, "VVES", 4) == 0 && radar->head.version == VVE_VERSION &&
            radar->head.kind == VVE_RADAR && radar->targets <= VVE_MAX_TARGETS &&
-           length == VVE_RADAR_HEAD + radar->targets * sizeof(vve_target) + 4;
+           length == VVE_RADAR_HEAD + radar->targets * sizeof(vve_target) + 4 && vve_finite(radar);
 }
 
 /* Write a setpoint into VVE_SETPOINT_LENGTH bytes; return 1, or 0, and nothing written, for a number that is not finite. */

@@ -98,6 +98,14 @@ def test_carrying_on_means_no_criterion_missed_that_the_nominal_drive_met() -> N
     assert judge(CASE["nominal"], None, also, None).verdict is Verdict.FAILED
 
 
+def test_a_brain_that_says_nothing_or_moves_nothing_fails_even_where_no_criterion_says_so() -> None:
+    silent = judge(CASE["nominal"], None, replace(course(), answers=()), None)
+    assert (silent.verdict, silent.why) == (Verdict.FAILED, "it gave no answer")
+    standing = judge(CASE["nominal"], None, replace(course(), speed=0.0 * course().speed), None)
+    assert (standing.verdict, standing.why) == (Verdict.FAILED, "the car never moved")
+    assert judge(CASE["nominal"], None, course(), None).verdict is Verdict.PASSED
+
+
 def result(name: str, failed: bool, extra: float = 0.0, answers: bool = True) -> CaseResult:
     """What came of a case."""
     verdict = Verdict.FAILED if failed else Verdict.PASSED

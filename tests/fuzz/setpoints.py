@@ -6,8 +6,8 @@ cut, changed in some bytes, changed and given a right checksum, sent again, or r
  1. No exception; the inbox takes a datagram, or says one of its reason codes.
  2. One that is not taken changes nothing: the command before and after it is the same, at this moment and later.
  3. One that is taken has a right checksum, read apart from the codec, and the key's tag where there is a key; it is
-    finite, newer than the one taken before, answers one of the last ten that were asked, and its bytes are
-    what is asked.
+    finite, newer than the one taken before, answers one of the last ten that were asked, at about that time, and its
+    bytes are what is asked.
  4. A command is acted on for its lifetime after its arrival and no longer, and that is 100 ms at most.
 """
 
@@ -64,7 +64,7 @@ class _Run:
     def __init__(self, seed: int) -> None:
         self.chance = random.Random(f"setpoints {seed}")
         self.key = self.chance.randbytes(32) if seed % 2 else b""
-        self.inbox = SetpointInbox(self.key)
+        self.inbox = SetpointInbox(0.0, self.key)
         self.now, self.asked, self.sequence = 0.0, [0], self.chance.randrange(1 << 32)
         self.inbox.asked(0)
         self.last: int | None = None
@@ -108,6 +108,10 @@ class _Run:
             return data
         if lot < 0.2 and self.sent:
             return chance.choice(self.sent)
+        if lot < 0.25:
+            at = chance.choice((-1e9, -0.3, -0.06, 0.2, 0.3, 1e9))
+            late = encode_setpoint(SetpointDatagram(self.sequence, self.asked[-1], self.now - at, 0.1, 0.1, 1.0))
+            return signed(late, self.key) if self.key else late
         spoilt = _spoilt(chance, good)
         if self.key and chance.random() < 0.5:
             return signed(spoilt, self.key if chance.random() < 0.5 else chance.randbytes(32))
@@ -124,6 +128,7 @@ class _Run:
         hold(3, 0 < lifetime <= 1e6 * LIFETIME, data.hex())
         hold(3, self.last is None or 0 < (sequence - self.last) % 2**32 < 2**31, (self.last, sequence))
         hold(3, answers in self.asked, (answers, self.asked))
+        hold(3, -0.05 <= self.now - time <= 0.25, (self.now, time))
         self.last, self.expires = sequence, self.now + lifetime / 1e6
         self.sequence = sequence  # one that was changed may be far ahead: the brain then goes on after it
         self.wish = (steering, acceleration)

@@ -65,8 +65,8 @@ class Lax(SetpointInbox):
 
     flaw = ""
 
-    def _refusal(self, setpoint):
-        reason = super()._refusal(setpoint)
+    def _refusal(self, now, setpoint):
+        reason = super()._refusal(now, setpoint)
         return "" if reason == self.flaw else reason
 
     def take(self, now, data):
@@ -76,7 +76,9 @@ class Lax(SetpointInbox):
         return reason
 
 
-@pytest.mark.parametrize(("flaw", "number"), [("setpoint_replayed", 3), ("setpoint_unasked", 3), ("renews", 2)])
+@pytest.mark.parametrize(
+    ("flaw", "number"), [("setpoint_replayed", 3), ("setpoint_unasked", 3), ("setpoint_late", 3), ("renews", "[24]")]
+)
 def test_an_inbox_with_a_flaw_is_found(monkeypatch, flaw, number):
     monkeypatch.setattr(setpoints, "SetpointInbox", Lax)
     monkeypatch.setattr(Lax, "flaw", flaw)

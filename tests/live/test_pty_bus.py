@@ -101,6 +101,14 @@ def test_a_file_that_is_no_link_stays_and_is_named(tmp_path: Path) -> None:
     assert file.read_text() == "mine"
 
 
+def test_a_link_to_something_else_than_a_terminal_stays_and_is_named(tmp_path: Path) -> None:
+    link = tmp_path / "esr.pty"
+    link.symlink_to(tmp_path / "mine")
+    with pytest.raises(RigError, match=r"esr\.pty"):
+        PtyOutlet(f"pty:{link}")
+    assert link.readlink() == tmp_path / "mine"
+
+
 def test_a_reader_that_is_late_gets_the_newest_frames_and_the_rest_counts_as_lost() -> None:
     with Adapter(queue=3) as adapter, opened(adapter.name) as bus:
         assert adapter.receive() == []

@@ -5,7 +5,9 @@ from __future__ import annotations
 import select
 import socket
 import struct
+import time
 import zlib
+from collections.abc import Callable
 
 import pytest
 
@@ -24,7 +26,7 @@ class Bench:
     def __init__(self) -> None:
         self._source = open_udp(HERE, 0, None, "brain")
         ours, self._theirs = pair()
-        self.link, self.inbox = ChannelLink(ours, self._source, 0.0), SetpointInbox()
+        self.link, self.inbox = ChannelLink(ours, self._source, 0.0, actors=False), SetpointInbox(0.0)
         self.inbox.asked(7)
         with socket.socket(fileno=socket.dup(self._source.fileno())) as same:
             self._port = same.getsockname()[1]
@@ -52,7 +54,7 @@ def bench():
 
 
 def _setpoint(sequence: int, acceleration: float) -> bytes:
-    return encode_setpoint(SetpointDatagram(sequence, 7, 1000.0, 0.1, 0.0, acceleration))
+    return encode_setpoint(SetpointDatagram(sequence, 7, time.monotonic(), 0.1, 0.0, acceleration))
 
 
 def test_a_strangers_setpoint_is_refused_and_found(bench: Bench) -> None:
@@ -69,21 +71,22 @@ def test_a_strangers_setpoint_is_refused_and_found(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "reason"),
+    ("made", "reason"),
     [
-        (b"VVES\x02" + _setpoint(2, 1.0)[5:], "setpoint_version"),
-        (_setpoint(2, 1.0)[:-1] + b"\0", "setpoint_crc"),
-        (_setpoint(1, 1.0), "setpoint_replayed"),
-        (b"\0" * 2000, "setpoint_length"),
-        (_setpoint(2, 1.0)[:-1], "setpoint_length"),
+        (lambda: b"VVES\x02" + _setpoint(2, 1.0)[5:], "setpoint_version"),
+        (lambda: _setpoint(2, 1.0)[:-1] + b"\0", "setpoint_crc"),
+        (lambda: _setpoint(1, 1.0), "setpoint_replayed"),
+        (lambda: b"\0" * 2000, "setpoint_length"),
+        (lambda: _setpoint(2, 1.0)[:-1], "setpoint_length"),
     ],
+    ids=["version", "crc", "replayed", "long", "short"],
 )
 def test_what_the_brain_itself_sends_wrong_has_a_reason_and_changes_nothing(
-    bench: Bench, data: bytes, reason: str
+    bench: Bench, made: Callable[[], bytes], reason: str
 ) -> None:
     bench.send(bench.brain, _setpoint(1, -1.0))
     before = bench.inbox.command(bench.at)
-    bench.send(bench.brain, data)
+    bench.send(bench.brain, made())
     assert bench.inbox.counts == {reason: 1}
     assert bench.inbox.command(bench.at) == before
 

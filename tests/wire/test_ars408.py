@@ -109,9 +109,10 @@ def test_an_invalid_list_is_empty_and_reports_an_error() -> None:
         (ars408.ObjectList(0, ()), 8),
         (ars408.ObjectList(0, (ars408.Object(256, 1.0, 0.0, 0.0),)), 0),
         (ars408.ObjectList(0, (ars408.Object(1, math.nan, 0.0, 0.0),)), 0),
+        (ars408.ObjectList(0, (ars408.Object(1, math.inf, 0.0, 0.0),)), 0),
         (ars408.ObjectList(0, tuple(ars408.Object(n, 1.0, 0.0, 0.0) for n in range(101))), 0),
     ],
 )
 def test_what_the_sensor_cannot_say_is_refused(found: ars408.ObjectList, sensor: int) -> None:
-    with pytest.raises(ValueError, match=r"ARS408|NaN"):
+    with pytest.raises(ValueError, match=r"ARS408|finite"):
         ars408.encode(found, sensor)

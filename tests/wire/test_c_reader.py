@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import shutil
 import socket
+import struct
 import subprocess
 import sys
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,15 +60,30 @@ def _radar(sequence: int, *, valid: bool = True) -> bytes:
     return datagrams.encode_radar(RadarDatagram(sequence, 1000.02, 0.08, 999.93, 8.5, 0.1, targets, valid=valid))
 
 
-def test_header_reads_and_writes_what_python_does(tmp_path: Path) -> None:
-    source = tmp_path / "round_trip.c"
-    source.write_text(ROUND_TRIP, encoding="utf-8")
-    program = _compiled(source, tmp_path)
-    answer = subprocess.run([program], input=_radar(42), capture_output=True, check=True).stdout
+@pytest.fixture(scope="module")
+def round_trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The program that reads a radar datagram and writes a setpoint."""
+    folder = tmp_path_factory.mktemp("c")
+    (folder / "round_trip.c").write_text(ROUND_TRIP, encoding="utf-8")
+    return _compiled(folder / "round_trip.c", folder)
+
+
+def test_header_reads_and_writes_what_python_does(round_trip: Path) -> None:
+    answer = subprocess.run([round_trip], input=_radar(42), capture_output=True, check=True).stdout
     assert datagrams.decode_setpoint(answer) == SetpointDatagram(77, 42, 1000.02, 0.08, 0.25, -8.5, emergency=True)
     torn = bytearray(_radar(42))
     torn[30] ^= 1
-    assert subprocess.run([program], input=bytes(torn), capture_output=True, check=False).returncode == 1
+    assert subprocess.run([round_trip], input=bytes(torn), capture_output=True, check=False).returncode == 1
+
+
+@pytest.mark.parametrize("place", [16, 24, 32, 36, 48, 52, 56, 64, 68, 72])
+@pytest.mark.parametrize("none", [math.nan, math.inf])
+def test_header_refuses_a_number_that_is_none_wherever_it_is(place: int, none: float, round_trip: Path) -> None:
+    body = bytearray(_radar(42)[:-4])
+    form = "<d" if place < 32 else "<f"
+    body[place : place + struct.calcsize(form)] = struct.pack(form, none)
+    data = bytes(body) + struct.pack("<I", zlib.crc32(body))
+    assert subprocess.run([round_trip], input=data, capture_output=True, check=False).returncode == 1
 
 
 @contextlib.contextmanager

@@ -10,10 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.vehicles import FUSION
 from vve_sumo.frames import wrap_angle
 from vve_sumo.pose.nmea import Decoder
 from vve_sumo.values import Fix, FixQuality
 from vve_sumo.wire import nmea
+from vve_sumo.wire.outputs import KINDS, Context
+from vve_sumo.wire.sample import Sample
 
 BEGIN = 1_400_000_000.0  # [s] of GPS time
 QUALITIES = st.sampled_from([FixQuality.SINGLE, FixQuality.DIFFERENTIAL, FixQuality.RTK_FLOAT, FixQuality.RTK_FIXED])
@@ -108,6 +111,19 @@ def test_a_fix_that_is_worth_nothing_says_so_and_shows_no_place(lost: dict[str, 
     assert not any((read["GGA"].lat, read["GGA"].lon, read["RMC"].lat, read["RMC"].lon, read["HDT"].heading))
 
 
-def test_the_date_is_sent_once_a_second() -> None:
-    dated = [b"ZDA" in nmea.encode(_fix(BEGIN + 0.1 * step)) for step in range(20)]
-    assert dated == [step % 10 == 0 for step in range(20)]
+@pytest.mark.parametrize("begin", [BEGIN, BEGIN + 0.037, BEGIN + 0.999])
+def test_the_date_is_sent_with_the_first_fix_of_every_second(begin: float) -> None:
+    """A live drive begins at any fraction of a GNSS second."""
+    output = KINDS["nmea"].make(Context(FUSION.vehicle, ""))
+    heard = b"".join(
+        portion
+        for tick in range(250)
+        for portion in output.step(Sample(tick, begin + 0.02 * tick, 0.02 * tick, None))
+        if isinstance(portion, bytes)
+    )
+    read = [pynmea2.parse(line, check=True) for line in heard.decode("ascii").splitlines()]
+    fixes = [sentence.timestamp.replace(microsecond=0) for sentence in read if sentence.sentence_type == "GGA"]
+    dates = [sentence for sentence in read if sentence.sentence_type == "ZDA"]
+    assert len(fixes) == 50
+    assert [sentence.timestamp.replace(microsecond=0) for sentence in dates] == sorted(set(fixes))
+    assert {(sentence.day, sentence.month, sentence.year) for sentence in dates} == {(17, 5, 2024)}

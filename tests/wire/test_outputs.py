@@ -83,7 +83,7 @@ def test_a_radar_radiates_only_by_order_and_a_reader_takes_that_for_invalid() ->
     output = KINDS["esr"].make(replace(CONTEXT, hear=bus.take))
     bus.waiting.append(esr.encode_host(esr.HostMotion(7.5, 0.0))[0])
     (cycle,) = esr.Decoder().feed(output.step(sample(0.0)))  # type: ignore[arg-type]
-    assert (cycle.told, cycle.radiating, cycle.valid, cycle.tracks) == (True, False, False, ())
+    assert (cycle.host_known, cycle.radiating, cycle.valid, cycle.tracks) == (True, False, False, ())
 
 
 def test_oncoming_is_judged_by_the_speed_that_the_host_says() -> None:

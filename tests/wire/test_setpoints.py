@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from vve_sumo.wire.datagrams import MAX_LIFETIME, SEQUENCES, SetpointDatagram, encode_setpoint
 from vve_sumo.wire.setpoints import FORGED, LATE, MAX_ANSWERED, REPLAYED, UNASKED, SetpointInbox, signed
 
+EPOCH = 998.0  #: GNSS second of drive time 0
 ASKED = SetpointDatagram(sequence=5, answers=100, time=1000.0, lifetime=0.08, steering=0.1, acceleration=-2.0)
 
 
 def _inbox(*sent: int) -> SetpointInbox:
-    inbox = SetpointInbox()
+    inbox = SetpointInbox(EPOCH)
     for sequence in sent:
         inbox.asked(sequence)
     return inbox
@@ -59,8 +60,8 @@ def test_what_is_not_new_or_not_asked_for_is_refused(other: dict[str, int], reas
 
 def test_sequences_begin_again_after_the_greatest() -> None:
     inbox = _inbox(SEQUENCES - 1, SEQUENCES)
-    assert inbox.take(0.0, _bytes(sequence=SEQUENCES - 1, answers=SEQUENCES - 1)) == ""
-    assert inbox.take(0.0, _bytes(sequence=0, answers=0)) == ""
+    assert inbox.take(2.0, _bytes(sequence=SEQUENCES - 1, answers=SEQUENCES - 1)) == ""
+    assert inbox.take(2.0, _bytes(sequence=0, answers=0)) == ""
 
 
 @given(
@@ -69,12 +70,12 @@ def test_sequences_begin_again_after_the_greatest() -> None:
     )
 )
 def test_a_command_is_never_older_than_its_lifetime(steps: list[tuple[float, int, bool, float]]) -> None:
-    inbox, now, sequence, alive_until = SetpointInbox(), 0.0, 0, -1.0
+    inbox, now, sequence, alive_until = SetpointInbox(EPOCH), 0.0, 0, -1.0
     for number, (passed, ahead, asked, lifetime) in enumerate(steps):
         now += passed
         if asked:
             inbox.asked(number)
-        data = _bytes(sequence=sequence + ahead, answers=number, lifetime=round(lifetime, 6))
+        data = _bytes(sequence=sequence + ahead, answers=number, lifetime=round(lifetime, 6), time=EPOCH + now)
         if inbox.take(now, data) == "":
             assert asked
             sequence, alive_until = sequence + ahead, now + round(lifetime, 6)
@@ -88,16 +89,28 @@ def test_a_flood_of_bytes_never_gives_a_command() -> None:
         for place in generator.integers(0, len(data), generator.integers(1, 6)):
             data[place] ^= int(generator.integers(1, 256))
         if bytes(data) != bytes(whole):
-            assert inbox.take(1.0, bytes(data))
-    assert inbox.command(1.0) is None
+            assert inbox.take(2.0, bytes(data))
+    assert inbox.command(2.0) is None
     assert inbox.taken == 0
 
 
 def test_with_a_key_only_who_has_it_is_obeyed() -> None:
-    inbox = SetpointInbox(b"secret")
+    inbox = SetpointInbox(EPOCH, b"secret")
     inbox.asked(100)
     for data in (_bytes(), signed(_bytes(), b"other"), signed(_bytes(), b"secret")[:-1], b""):
-        assert inbox.take(1.0, data) == FORGED
-    assert inbox.command(1.0) is None
-    assert inbox.take(1.0, signed(_bytes(), b"secret")) == ""
-    assert inbox.command(1.0) is not None
+        assert inbox.take(2.0, data) == FORGED
+    assert inbox.command(2.0) is None
+    assert inbox.take(2.0, signed(_bytes(), b"secret")) == ""
+    assert inbox.command(2.0) is not None
+
+
+@pytest.mark.parametrize(
+    ("later", "reason"),
+    [(-604_800.0, UNASKED), (-0.06, UNASKED), (-0.04, ""), (0.0, ""), (0.2, ""), (0.26, LATE), (3600.0, LATE)],
+)
+def test_a_signed_setpoint_of_another_drive_is_refused_whatever_it_answers(later: float, reason: str) -> None:
+    """Every drive counts its radar datagrams from the same number, so a recorded setpoint answers one of them."""
+    recorded, another_drive = signed(_bytes(), b"secret"), SetpointInbox(EPOCH + later, b"secret")
+    another_drive.asked(100)
+    assert another_drive.take(2.0, recorded) == reason
+    assert (another_drive.command(2.0) is None) == bool(reason)

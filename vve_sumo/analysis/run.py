@@ -31,6 +31,7 @@ from vve_sumo.record.layout import (
     ROADS_SCHEMA,
     SCHEMAS,
     check_layout,
+    recorded_brain,
     sensor_schemas,
     sensor_table,
 )
@@ -70,6 +71,11 @@ class Run:
     def live(self) -> bool:
         """Whether it was driven in real time, on a rig."""
         return "rig" in self.resolved
+
+    @property
+    def brain(self) -> str:
+        """Kind of the foreign brain that decided, `setpoints` or `external`; empty for the scenario's controller."""
+        return recorded_brain(self.resolved)
 
     @property
     def complete(self) -> bool:

@@ -2,7 +2,7 @@
 
 Knows processes and the kernel's tables of sockets; it must not know what a brain hears or answers. In lockstep a brain
 that says nothing must not cost a time-out at every tick, so this module finds out that it has nothing more to say: all
-its threads sleep, and nothing lies unread on the ports that it listens on.
+its threads wait.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ START_TIMEOUT: Final = 60.0
 #: for a brain to end when it is asked to [s]
 END_TIMEOUT: Final = 3.0
 #: a brain is quiet when it was seen so as often in a row, so far apart [s]
-LOOKS: Final = 3
-BETWEEN_LOOKS: Final = 0.001
+QUIET_POLLS: Final = 3
+POLL_INTERVAL: Final = 0.001
 #: states of a thread that waits for something to come (proc(5))
 _WAITING: Final = frozenset("SIZXt")
 _TABLES: Final = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
@@ -42,6 +42,8 @@ class BrainProcess:
         """
         if taken := sorted(set(ports) & _listened_on()):
             raise RigError(f"UDP port {taken[0]}: another program listens there, expected the brain alone; end it")
+        if not command.strip():
+            raise ConfigError("--brain: expected the command that starts the brain, got nothing")
         self._ports, self._log = frozenset(ports), log
         with log.open("wb") as words:
             try:
@@ -53,7 +55,7 @@ class BrainProcess:
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
                 )
-            except (OSError, ValueError, IndexError) as error:
+            except (OSError, ValueError) as error:
                 raise ConfigError(f"--brain: {command!r} cannot be started: {error}") from None
 
     def wait_until_it_listens(self) -> None:
@@ -82,21 +84,25 @@ class BrainProcess:
         A thread that waits on a socket runs from the moment at which something comes there. What lies unread elsewhere
         is what nobody waits for, and so says nothing.
         """
-        for look in range(LOOKS):
-            if look:
-                time.sleep(BETWEEN_LOOKS)
+        for poll in range(QUIET_POLLS):
+            if poll:
+                time.sleep(POLL_INTERVAL)
             if not all(state in _WAITING for state in _states(self._process.pid)):
                 return self.ended
         return True
 
     def close(self) -> None:
         """End the process and all that it started in its session."""
-        for number in (signal.SIGTERM, signal.SIGKILL):
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._process.pid, number)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(END_TIMEOUT)
-                return
+        self._signal(signal.SIGTERM)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_TIMEOUT)
+        # A launcher may be over while the brain that it started is not.
+        self._signal(signal.SIGKILL)
+        self._process.wait()
+
+    def _signal(self, number: signal.Signals) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, number)
 
 
 def _listened_on() -> set[int]:

@@ -154,6 +154,10 @@ def _failure(case: Case, course: Course, nominal: Course | None, reaction: float
         return f"the drive was {course.outcome}"
     if course.collision:
         return f"contact at {course.impact_speed:.1f} m/s"
+    if case.reaction is Reaction.DRIVE and not course.answers:
+        return "it gave no answer"
+    if case.reaction is Reaction.DRIVE and float(np.nanmax(np.abs(course.speed))) <= AT_REST:
+        return "the car never moved"
     if case.reaction in (Reaction.DRIVE, Reaction.CARRY_ON):
         known = set() if nominal is None else {_name(line) for line in nominal.unmet}
         return "; ".join(line for line in course.unmet if _name(line) not in known)

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from vve_sumo.live.brain_link import PATIENCE
 from vve_sumo.outlets import Outlet
 from vve_sumo.pose.sources import Source
 from vve_sumo.wire.datagrams import SetpointDatagram, decode_setpoint
@@ -20,8 +19,8 @@ from vve_sumo.wire.faults import WireFault
 from vve_sumo.wire.outputs import Output
 from vve_sumo.wire.sample import Sample
 
-#: between two looks at whether the brain still thinks [s]
-LOOK: Final = 0.002
+#: between two checks of whether the brain still computes [s]
+POLL_INTERVAL: Final = 0.002
 #: times of ticks are compared without their last bits [s]
 _SLACK: Final = 1e-6
 
@@ -60,10 +59,19 @@ class FaultLink:
     """`drive.brain`'s two ends: `send` on all wires, `receive` what the brain answers; `answers` is the log."""
 
     def __init__(
-        self, wires: Sequence[FaultyWire], setpoints: Source, window: Window | None, quiet: Callable[[], bool]
+        self,
+        wires: Sequence[FaultyWire],
+        setpoints: Source,
+        window: Window | None,
+        quiet: Callable[[], bool],
+        timeout: float,
     ) -> None:
-        """`quiet` says whether the brain will say nothing more before something new comes."""
+        """`quiet` says whether the brain will say nothing more before something new comes.
+
+        `timeout`: how long the answer to a sample is waited for [s].
+        """
         self._wires, self._setpoints, self._window, self._quiet = tuple(wires), setpoints, window, quiet
+        self._timeout = timeout
         self._sequence = 0
         self._answered = True  # false once the brain has let its whole time pass
         self.answers: list[Answer] = []
@@ -85,7 +93,7 @@ class FaultLink:
         right, and is waited for until the brain is quiet.
         """
         faulty = self._window is not None and now >= self._window.begins - _SLACK
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + self._timeout
         while True:
             # In this order: what a brain says before it falls quiet has come when it is quiet.
             quiet = wait and (faulty or not self._answered) and self._quiet()
@@ -95,7 +103,7 @@ class FaultLink:
                 self._answered &= bool(came) or left > 0.0
                 self._note(now, came)
                 return [(now, data) for data in came]
-            select.select([self._setpoints], [], [], LOOK if faulty or not self._answered else left)
+            select.select([self._setpoints], [], [], POLL_INTERVAL if faulty or not self._answered else left)
 
     def _note(self, now: float, came: Sequence[bytes]) -> None:
         for data in came:

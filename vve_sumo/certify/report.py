@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vve_sumo.certify.cases import Case, Reaction
+from vve_sumo.certify.cases import NAMES, Case, Reaction
 from vve_sumo.certify.results import CaseResult, Certificate, Verdict
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.plotting.wire_fault import WireFaultDrive, wire_fault
@@ -261,12 +261,15 @@ def again(certificate: Certificate) -> str:
         "certify",
         certificate.scenario,
         "--rig",
-        certificate.rig,
+        certificate.rig_asked,
         "--runs",
         str(max(certificate.seeds)),
     ]
+    if certificate.cases != NAMES:
+        words += ["--cases", ",".join(certificate.cases)]
     for key, value in certificate.values.items():
-        words += ["--set", f"{key}={value}"]
+        # JSON's words for truth values and its lists are TOML's as well.
+        words += ["--set", f"{key}={value if isinstance(value, str) else json.dumps(value)}"]
     if certificate.brain.command:
         words += ["--brain", certificate.brain.command]
     return shlex.join(words)

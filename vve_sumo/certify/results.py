@@ -88,12 +88,14 @@ class Certificate:
     """All that a certificate says."""
 
     rig: str
+    rig_asked: str  #: name or file that the command was given
     rig_sha256: str
     scenario: str
     values: Mapping[str, Any]  #: of the scenario, that were set otherwise
     brain: BrainUnderTest
     wires: tuple[str, ...]  #: kinds
     seeds: tuple[int, ...]
+    cases: tuple[str, ...]  #: that were asked for
     results: tuple[CaseResult, ...]
     defects: tuple[Defect, ...]
     software: Mapping[str, Any]  #: versions and hash of the code

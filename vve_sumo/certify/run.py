@@ -10,6 +10,7 @@ import datetime
 import hashlib
 import math
 import shlex
+import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -143,12 +144,12 @@ class Bench:
             FaultyWire(wire.output, wire.outlet, case.make(chance) if case.make and kind in case.wires else None)
             for kind, wire in zip(self.kinds, wires, strict=True)
         ]
-        return FaultLink(faulty, setpoints, window, quiet)
+        return FaultLink(faulty, setpoints, window, quiet, said.deadline_s)
 
     def _driven(self, resolved: ResolvedScenario, link: FaultLink) -> Brain:
         placement = virtual_placement(resolved.map_frame, resolved.model.mounting, DEFAULT_EPOCH)
         publisher = Publisher(link.send, placement, DEFAULT_EPOCH)
-        inbox = SetpointInbox(self._key)
+        inbox = SetpointInbox(DEFAULT_EPOCH, self._key)
         return Brain(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
 
 
@@ -160,30 +161,47 @@ def _unseen() -> bool:
 def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Certificate:
     """Drive every case with every seed and return the certificate; raises VveError where one cannot be driven.
 
-    Where the nominal drive of a seed has no answer at all, its other cases are not driven.
+    Where the nominal drive of a seed has no answer at all, its other cases are not driven. A ConfigError in the first
+    drive leaves nothing behind.
     """
     bench = Bench(query, working, ready)
     scenarios = {seed: bench.resolved(seed) for seed in query.seeds}
     began = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    there = query.out.exists()
     query.out.mkdir(parents=True, exist_ok=True)
     results: list[CaseResult] = []
-    for seed, resolved in scenarios.items():
-        for result in _of_seed(bench, seed, resolved):
-            results.append(result)
-            done(results)
+    try:
+        for seed, resolved in scenarios.items():
+            for result in _of_seed(bench, seed, resolved):
+                results.append(result)
+                done(results)
+    except ConfigError:
+        if not results:
+            _clear(query.out, remove=not there)
+        raise
     return Certificate(
         rig=str(bench.rig_file.name.removesuffix(".toml")),
+        rig_asked=query.rig,
         rig_sha256=_digest(bench.rig_file),
         scenario=query.scenario,
         values=dict(query.values),
         brain=under_test(query.command, working),
         wires=bench.kinds,
         seeds=query.seeds,
+        cases=tuple(case.name for case in query.cases),
         results=tuple(results),
         defects=diagnose(results),
         software=provenance.software(),
         began_utc=began,
     )
+
+
+def _clear(folder: Path, *, remove: bool) -> None:
+    """Take back what was written before the first drive was over; with `remove`, the folder too."""
+    for each in folder.iterdir():
+        shutil.rmtree(each)
+    if remove:
+        folder.rmdir()
 
 
 def _of_seed(bench: Bench, seed: int, resolved: ResolvedScenario) -> Iterator[CaseResult]:

@@ -32,7 +32,7 @@ from vve_sumo.drive.resolved_scenario import (
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.tick_rows import result_columns, status_columns
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.layout import LIVE_SCHEMAS, SCHEMAS, sensor_table
+from vve_sumo.record.layout import LIVE_SCHEMAS, SCHEMAS, recorded_brain, sensor_table
 from vve_sumo.record.reader import read_pose_chunks, read_table, sensor_tables
 from vve_sumo.scenario.load import parse
 from vve_sumo.values import Actors, Frame
@@ -124,8 +124,13 @@ def changed_code(folder: FilePath, working: FilePath, *, controller: bool = True
             parts.append(plugged_in.receiver(resolved["rig"]["pose"]["kind"]))
     except (AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"{file}: it does not say what plugged in: {error!r}") from None
-    asked = (part for part in parts if controller or part.role != plugged_in.CONTROLLER)
-    return [line for part in asked for line in part.changed(recorded)]
+    foreign = recorded_brain(resolved) if controller else ""
+    asked = (part for part in parts if part.role != plugged_in.CONTROLLER or (controller and not foreign))
+    lines = [line for part in asked for line in part.changed(recorded)]
+    # An external brain's commands are in the record, as frames of the car's bus; setpoints are not.
+    if foreign == "setpoints":
+        lines.append("controller: a foreign brain decided, which cannot be asked again")
+    return lines
 
 
 def read_rows(folder: FilePath, name: str) -> pa.Table:

@@ -21,7 +21,7 @@ from vve_sumo.drive.brain import Brain
 from vve_sumo.drive.lockstep import Lockstep, Watch
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
-from vve_sumo.drive.summary import summary_of
+from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.record.hashes import hash_files
@@ -115,7 +115,8 @@ def run(
     try:
         if pose is not None:
             resolved = replace(resolved, files={**resolved.files, "pose": pose})
-        settings = resolved.to_dict(working) | shell.lot.to_dict()
+        foreign = {} if brain is None or brain.controller is None else {"brain": "setpoints"}
+        settings = resolved.to_dict(working) | shell.lot.to_dict() | foreign
         record = Record(folder, settings, shell.lot.epoch) if kept else MemoryRecorder(settings, shell.lot.epoch)
         if kept:
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
@@ -133,6 +134,8 @@ def run(
     parts = record.close()
     tables, roads = record.tables, roads_table(resolved.lanes)
     summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads)
+    if foreign:
+        summary |= foreign | {"controller": FOREIGN_BRAIN}
     if isinstance(record, Record):
         summary |= {"record_files_sha256": hash_files(folder)}
         record.summarise(summary)

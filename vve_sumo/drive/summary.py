@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path as FilePath
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import pyarrow as pa
 
@@ -24,6 +24,9 @@ from vve_sumo.record.reader import read_table
 from vve_sumo.record.roads import read_roads
 from vve_sumo.scenario.schema import Band, Criteria, Scenario
 from vve_sumo.values import Vehicle
+
+#: what stands in the place of the controller's name where a foreign brain decided
+FOREIGN_BRAIN: Final = "foreign_brain"
 
 
 class DrivenScenario(Protocol):

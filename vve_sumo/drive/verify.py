@@ -22,12 +22,12 @@ from vve_sumo.drive.latency_monitor import latency_summary
 from vve_sumo.drive.resolved_scenario import PERIOD, read_resolved
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
-from vve_sumo.drive.summary import summary_of
+from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of
 from vve_sumo.drive.termination import MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
 from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
-from vve_sumo.record.layout import CLOSED_ENDING, LIVE_SCHEMAS, PROVENANCE, RAW_PARTS, SCHEMAS, UNHASHED
+from vve_sumo.record.layout import CLOSED_ENDING, LIVE_SCHEMAS, PROVENANCE, RAW_PARTS, SCHEMAS, UNHASHED, recorded_brain
 from vve_sumo.record.reader import read_table, sensor_tables
 from vve_sumo.record.roads import read_roads
 from vve_sumo.record.summary import SUMMARY_HASH_KEY, sealed
@@ -209,7 +209,10 @@ def _figures(folder: FilePath, recorded: RecordedDrive, summary: dict[str, Any])
     )
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
     again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"], read_roads(folder))
-    again |= {"versions": read_resolved(folder)["versions"]}
+    resolved = read_resolved(folder)
+    again |= {"versions": resolved["versions"]}
+    if recorded_brain(resolved):
+        again |= {"controller": FOREIGN_BRAIN}
     if _is_live(folder, summary):
         again |= {"gateway_steps": read_table(folder, "gateway").num_rows}
         latency = read_table(folder, "latency")
@@ -228,10 +231,12 @@ def _same(said: object, again: object) -> bool:
 
 
 def _names(resolved: dict[str, Any], summary: dict[str, Any]) -> Iterator[str]:
-    """Compare the rig's name and the shadow mode in a live drive's summary with `scenario.json`."""
-    if "rig" not in resolved:
-        return
-    for key, value in (("rig", resolved["rig_name"]), ("shadow", resolved["gateway"]["shadow"])):
+    """Compare the foreign brain, and of a live drive the rig's name and the shadow mode, with `scenario.json`."""
+    brain = recorded_brain(resolved)
+    said = {"brain": brain} if brain else {}
+    if "rig" in resolved:
+        said |= {"rig": resolved["rig_name"], "shadow": resolved["gateway"]["shadow"]}
+    for key, value in said.items():
         if summary.get(key) != value:
             yield f"{key} is {summary.get(key)!r}, scenario.json says {value!r}"
 

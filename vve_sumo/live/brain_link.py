@@ -6,7 +6,6 @@ It opens what the rig names; it must not know what a brain does, nor how a drive
 from __future__ import annotations
 
 import math
-import pickle
 import select
 import time
 from collections.abc import Sequence
@@ -18,23 +17,25 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.outputs import Wire
 from vve_sumo.pose.sources import Source
 from vve_sumo.rig.schema import Brain as RigBrain
+from vve_sumo.rig.schema import Rig
 from vve_sumo.wire.sample import Sample
+from vve_sumo.wire.sample_codec import pack
 
 KEY_LENGTH: Final = 32  #: [bytes]
 #: how long lockstep waits for a brain's answer [s]; it may be a debugger's first line
-PATIENCE: Final = 10.0
+ANSWER_TIMEOUT: Final = 10.0
 
 
 class ChannelLink:
     """Hands samples to the process of the outgoing wires, and hears the setpoints on one socket; never waits."""
 
-    def __init__(self, outputs: Channel, setpoints: Source | None, t0: float) -> None:
-        """`t0` is the monotonic second of drive time 0."""
-        self._outputs, self._setpoints, self._t0 = outputs, setpoints, t0
+    def __init__(self, outputs: Channel, setpoints: Source | None, t0: float, *, actors: bool) -> None:
+        """`t0` is the monotonic second of drive time 0; `actors`: whether some wire tells of the actors."""
+        self._outputs, self._setpoints, self._t0, self._actors = outputs, setpoints, t0, actors
 
     def send(self, sample: Sample) -> None:
         """Hand over a sample; one for which there is no room is lost, and the wires turn invalid by themselves."""
-        self._outputs.send(pickle.dumps(sample, pickle.HIGHEST_PROTOCOL))
+        self._outputs.send(pack(sample, actors=self._actors))
 
     def receive(self, _now: float, _wait: bool) -> Sequence[tuple[float, bytes]]:
         """Return the datagrams that have come, dated by the kernel's stamps."""
@@ -64,32 +65,40 @@ def key_of(brain: RigBrain, working: Path) -> bytes:
     file = working / brain.key_file
     try:
         key = bytes.fromhex(file.read_text(encoding="ascii").strip())
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"brain.key_file: {file}: expected 64 hexadecimal digits, {error}") from None
+    except OSError as error:
+        raise ConfigError(f"brain.key_file: {file}: {error.strerror}, expected a file of the key") from None
+    except ValueError:
+        raise ConfigError(f"brain.key_file: {file}: expected {2 * KEY_LENGTH} hexadecimal digits alone") from None
     if len(key) != KEY_LENGTH:
         raise ConfigError(f"brain.key_file: {file}: expected {2 * KEY_LENGTH} hexadecimal digits, got {2 * len(key)}")
     return key
 
 
+def refuse_controller(rig: Rig, controller: str | None) -> None:
+    """Raise ConfigError where a controller is named beside a brain that decides in its place."""
+    if controller is not None and rig.brain.kind != "own":
+        raise ConfigError(f"--controller: the rig's brain decides (brain.kind is {rig.brain.kind!r}); leave it out")
+
+
 class WiredLink:
     """Sends samples on all wires of a rig, and hears the setpoints on one socket."""
 
-    def __init__(self, wires: Sequence[Wire], setpoints: Source | None, patience: float = PATIENCE) -> None:
-        """`patience`: how long the answer to a sample is waited for [s]."""
-        self._wires, self._setpoints, self._patience = tuple(wires), setpoints, patience
+    def __init__(self, wires: Sequence[Wire], setpoints: Source | None, timeout: float = ANSWER_TIMEOUT) -> None:
+        """`timeout`: how long the answer to a sample is waited for [s]."""
+        self._wires, self._setpoints, self._timeout = tuple(wires), setpoints, timeout
         self._deadline = math.inf
 
     def send(self, sample: Sample) -> None:
         """Send a sample on every wire on which something is due."""
         for wire in self._wires:
             wire.outlet.send(wire.output.step(sample))
-        self._deadline = time.monotonic() + self._patience
+        self._deadline = time.monotonic() + self._timeout
 
     def receive(self, now: float, wait: bool) -> Sequence[tuple[float, bytes]]:
         """Return the datagrams that have come; with `wait`, those until the first.
 
         They are dated `now` [s], for in lockstep no time passes while a brain thinks. Raises TimeoutError where nothing
-        more came within the patience, counted from the newest sample.
+        more came within the time-out, counted from the newest sample.
         """
         if self._setpoints is None:
             return ()
@@ -99,7 +108,7 @@ class WiredLink:
                 return came
             left = self._deadline - time.monotonic()
             if left <= 0.0:
-                raise TimeoutError(f"no answer within {self._patience:g} s (brain.deadline_s)")
+                raise TimeoutError(f"no answer within {self._timeout:g} s (brain.deadline_s)")
             select.select([self._setpoints], [], [], left)
 
     def close(self) -> None:

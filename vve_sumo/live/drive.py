@@ -45,6 +45,7 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING
+from vve_sumo.wire.outputs import KINDS
 from vve_sumo.wire.setpoints import SetpointInbox
 
 #: between two status messages to the console [s]
@@ -106,12 +107,13 @@ class LiveDrive:
         said, setpoints = rig.brain, None
         if said.kind == "setpoints":
             setpoints = open_udp(said.address, said.port, said.source, "brain")
-        link_ = ChannelLink(outputs, setpoints, self._t0)
+        actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
+        link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
         placement = virtual_placement(self._resolved.map_frame, mounting_of(rig), lot.epoch)
         publisher = Publisher(link_.send, placement, lot.epoch, held=said.kind == "external")
         controller: SetpointController | NoController | None = None
         if said.kind == "setpoints":
-            inbox = SetpointInbox(key_of(said, working))
+            inbox = SetpointInbox(lot.epoch, key_of(said, working))
             controller = SetpointController(publisher, link_.receive, inbox, waits=False)
         elif said.kind == "external":
             controller = NoController()

@@ -41,7 +41,7 @@ class Link(Protocol):
 
 def open_link(rig: Rig, resolved: ResolvedScenario) -> WiredLink:
     """Open all wires of a rig, and the port of setpoints; raises VveError naming what cannot be opened."""
-    context = Context(resolved.vehicle, resolved.map_frame.projection)
+    context = Context(resolved.vehicle, resolved.map_frame.projection, resolved.map_frame.offset)
     wires = opened([output.model_dump(mode="json") for output in rig.outputs], context)
     said, setpoints = rig.brain, None
     try:
@@ -63,7 +63,7 @@ def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) 
     publisher = Publisher(link.send, placement, DEFAULT_EPOCH)
     if rig.brain.kind == "own":
         return Brain(publisher)
-    inbox = SetpointInbox(key_of(rig.brain, working))
+    inbox = SetpointInbox(DEFAULT_EPOCH, key_of(rig.brain, working))
     return Brain(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import json
-import pickle
 import select
 import sys
 import time
@@ -30,6 +29,7 @@ from vve_sumo.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutl
 from vve_sumo.values import Vehicle
 from vve_sumo.wire.outputs import KINDS, Context, Output
 from vve_sumo.wire.sample import Sample
+from vve_sumo.wire.sample_codec import unpack
 
 #: a sample that is this much later than due is no longer waited for [s]: the wires turn invalid
 LATE: Final = 0.03
@@ -115,8 +115,7 @@ class Outputs:
         waiting = self._drive.receive()
         if not waiting:
             return
-        # pickle is safe here: only the drive, which the same program started, holds the other end.
-        sample: Sample = pickle.loads(waiting[-1])
+        sample = unpack(waiting[-1])
         now = time.monotonic()
         self._due = now + PERIOD + LATE
         if now - self._t0 - sample.drive_time > LATE:

@@ -20,6 +20,8 @@ from vve_sumo.values import Frame
 
 #: of a channel that is a link to a pseudo-terminal
 PREFIX: Final = "pty:"
+#: where the kernel keeps pseudo-terminals: another link is not one of a drive before
+TERMINALS: Final = Path("/dev/pts")
 #: lines that wait for a slow reader: two cycles of a radar's, so that nothing old is read
 MAX_LINES: Final = 140
 #: frames of the other end that wait to be taken
@@ -34,7 +36,7 @@ class LinkedAdapter(Adapter):
         super().__init__(MAX_LINES)
         self._link = Path(channel.removeprefix(PREFIX))
         try:
-            if self._link.is_symlink():
+            if self._link.is_symlink() and self._link.readlink().is_relative_to(TERMINALS):
                 self._link.unlink()  # of a drive that was killed
             self._link.symlink_to(self.name)
         except OSError as error:

@@ -21,12 +21,14 @@ from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.assembly import LotAlignment, sensors_of
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import new_run_folder, resolve_by_name
+from vve_sumo.drive.summary import FOREIGN_BRAIN
 from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.live import assembly, spawn, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
+from vve_sumo.live.brain_link import key_of, refuse_controller
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.console import Console, ProcessGroup
 from vve_sumo.live.keys import OperatorInput
@@ -102,6 +104,11 @@ def plan(
         raise ConfigError(f"--shadow: {rig_file} has an external brain, which alone sets the enable bits; leave it out")
     if not shadow and (reason := arming_obstacle(loaded)) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
+    refuse_controller(loaded, controller)
+    key_of(loaded.brain, working)  # raises for one that cannot be read
+    if view:
+        token_of(loaded.view, working)
+        certificate_of(loaded.view, working)
     resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, values=values)
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
@@ -229,14 +236,21 @@ def _processes(
     gateway_recorder, recorder_gateway = pair()
     folder, rig = plan.folder, plan.rig
     common = {"folder": str(folder), "t0": plan.t0, "epoch": ground.epoch}
+    # Before the recorder: where the page or a wire cannot be opened, there is no record.
+    view, to_view, drive_view = _view(plan, scenario_content, notify)
+    try:
+        wires, drive_outputs = _outputs(plan, common, scenario_content["vehicle"])
+    except VveError:
+        if view is not None and to_view is not None:
+            to_view.close()
+            view.wait(VIEW_TIMEOUT)
+        raise
     recorder = spawn.start(
         "recorder",
         common | {"resolved": scenario_content, "provenance": provenance_text, "log": str(folder / "recorder.log")},
         {"drive": recorder_drive, "gateway": recorder_gateway},
         own_session=True,
     )
-    wires, drive_outputs = _outputs(plan, common, scenario_content["vehicle"])
-    view, to_view, drive_view = _view(plan, scenario_content, notify)
     interface, channel = car.bus if car is not None and rig.bus.channel == PTY else (rig.bus.interface, rig.bus.channel)
     bus = {"interface": interface, "channel": channel, "bitrate": rig.bus.bitrate}
     gateway = spawn.start(
@@ -284,7 +298,9 @@ def _outputs(
     said = json.loads((ours.receive() or [b"{}"])[0])
     ours.close()
     if said.get("kind") != "outputs_ready":
+        drive_outputs.close()
         process.kill()
+        process.wait()
         raise _ERRORS.get(said.get("exit_code", 3), RigError)(said.get("refused", "outputs: the process did not start"))
     return process, {"outputs": drive_outputs}
 
@@ -314,7 +330,9 @@ def _view(
     select.select([ours], [], [], VIEW_TIMEOUT)
     said = json.loads((ours.receive() or [b"{}"])[0])
     if said.get("kind") != "view_ready":
+        drive_view.close()
         process.kill()
+        process.wait()
         raise _ERRORS.get(said.get("exit_code", 3), RigError)(said.get("refused", "view: the process did not start"))
     notify(f"view: {said['address']}")
     return process, ours, {"view": drive_view}
@@ -373,6 +391,8 @@ def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]
         if key not in full and key not in ("cleared", "standoffs", "warnings", SUMMARY_HASH_KEY)
     }
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow, "brain": plan.rig.brain.kind}
+    if plan.rig.brain.kind != "own":
+        summary["controller"] = FOREIGN_BRAIN
     try:
         write_summary(plan.folder, summary)
     except OSError as error:
@@ -388,7 +408,15 @@ def removed_when_empty(folder: FilePath) -> Iterator[None]:
     except VveError:
         if not (folder / "scenario.json").exists():
             with contextlib.suppress(OSError):
-                for name in ("truth.csv", "car.log"):
+                for name in (
+                    "truth.csv",
+                    "car.log",
+                    "bus.log",
+                    "outputs.log",
+                    "view.log",
+                    "view.json",
+                    "roads.parquet",
+                ):
                     (folder / name).unlink(missing_ok=True)
                 folder.rmdir()
         raise

@@ -133,6 +133,12 @@ def sensor_schemas(resolved: Mapping[str, Any]) -> dict[str, pa.Schema]:
         raise ConfigError(f"scenario.json: sensors: no columns of this version: {error!r}") from None
 
 
+def recorded_brain(resolved: Mapping[str, Any]) -> str:
+    """Return the kind of the foreign brain that decided in a record's drive, by `scenario.json`; empty for none."""
+    kind = resolved.get("brain") or resolved.get("rig", {}).get("brain", {}).get("kind", "own")
+    return "" if kind == "own" else str(kind)
+
+
 def check_layout(resolved: Mapping[str, Any], file: Path) -> None:
     """Raise ConfigError for a record of a layout that this version cannot read; `file` is its `scenario.json`."""
     layout = resolved.get("layout", 1)

@@ -150,8 +150,11 @@ def _provenance(run: Run, figures: Figures) -> dict[str, object]:
     parts += [*(figures.get("record_parts_sha256") or {}).items(), *(figures.get("record_files_sha256") or {}).items()]
     return {
         "provenance": _origin(run, figures, name),
-        "replay_command": None if _is_playback(run) else f"vve-sumo replay {shlex.quote(name)}",
+        "replay_command": None
+        if _is_playback(run) or run.brain == "setpoints"
+        else f"vve-sumo replay {shlex.quote(name)}",
         "drive_command": _drive_command(run),
+        "foreign_brain": bool(run.brain),
         "report_command": f"vve-sumo report {shlex.quote(name)}",
         "versions": versions(run.resolved.get("versions") or {}),
         "record_hashes": hashes(parts, "hashes of the record"),
@@ -160,8 +163,8 @@ def _provenance(run: Run, figures: Figures) -> dict[str, object]:
 
 
 def _drive_command(run: Run) -> str | None:
-    """Return the command that drives a scenario again; None for a live drive and for a playback."""
-    if run.live or _is_playback(run):
+    """Return the command that drives a scenario again; None for a live drive, a playback, and a foreign brain."""
+    if run.live or run.brain or _is_playback(run):
         return None
     scenario = run.resolved["settings"]
     line = ["vve-sumo", "drive", run.name, "--seed", str(scenario["seed"])]
@@ -175,7 +178,7 @@ def _origin(run: Run, figures: Figures, name: str) -> Table:
         ("record", name),
         ("scenario", run.name),
         ("seed", short(scenario.get("seed"))),
-        ("controller", str(scenario["controller"]["name"])),
+        ("controller", f"a foreign brain ({run.brain})" if run.brain else str(scenario["controller"]["name"])),
         ("hash of the record, as the drive left it", Cell(digest, kind="hash")),
         ("ticks", f"{integer(len(run.time))} of {number(1000.0 * run.period, 'ms', 0)}"),
         *_machine_and_people(run),

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 
 from vve_sumo.config_file import Bitrate, Finite, Name, NotNegative, Positive, Short, Strength, Table
 from vve_sumo.pose.receivers.port import ReceiverTable
-from vve_sumo.pose.receivers.udp import Address, NetworkPort
+from vve_sumo.pose.receivers.udp import Address, NetworkPort, Sender
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.scenario.schema import Car as TrueCar
 from vve_sumo.scenario.schema import Lot as Start
@@ -279,8 +279,8 @@ class Output(Table):
         description="what is sent: see the table of wires"
     )
     udp: Place | None = Field(default=None, description="send datagrams to this address and port")
-    tcp: Place | None = Field(default=None, description="serve a stream on this address and port")
-    device: Name | None = Field(default=None, description="write to this serial line")
+    tcp: Place | None = Field(default=None, description="`ncom`, `nmea`: serve a stream on this address and port")
+    device: Name | None = Field(default=None, description="`ncom`, `nmea`: write to this serial line")
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = Field(default=115_200, description="of the serial line")
     interface: Name | None = Field(
         default=None, description="`esr`, `ars408`, `stop`: python-can's, of a bus that does not command the car"
@@ -309,8 +309,13 @@ class Output(Table):
         if self.kind in ("esr", "ars408", "stop"):
             if byte_ways or self.interface is None or self.channel is None:
                 raise ValueError(f"kind {self.kind!r} goes out on a CAN bus: name interface and channel, nothing else")
-        elif len(byte_ways) != 1 or self.interface is not None or self.channel is not None:
-            raise ValueError(f"kind {self.kind!r} goes out one way: name one of udp, tcp and device")
+            return self
+        ways = ("udp", "tcp", "device") if self.kind in ("ncom", "nmea") else ("udp",)
+        if len(byte_ways) != 1 or self.interface is not None or self.channel is not None:
+            raise ValueError(f"kind {self.kind!r} goes out one way: name one of {', '.join(ways)}")
+        if byte_ways[0] not in ways:
+            # Nothing in these messages says where one ends and the next begins.
+            raise ValueError(f"kind {self.kind!r} goes out in datagrams: name udp, not {byte_ways[0]}")
         return self
 
 
@@ -325,7 +330,7 @@ class Brain(Table):
     )
     address: Address = Field(default="127.0.0.1", description="`setpoints`: to listen on")
     port: NetworkPort = Field(default=5003, description="`setpoints`: to listen on")
-    source: Name | None = Field(default=None, description="`setpoints`: the brain's address, where it is not on here")
+    source: Sender | None = Field(default=None, description="`setpoints`: the brain's address, where it is not on here")
     key_file: Name | None = Field(
         default=None, description="`setpoints`: file with the 64 hexadecimal digits of the key that signs them"
     )
@@ -335,11 +340,15 @@ class Brain(Table):
 
     @model_validator(mode="after")
     def _authenticated(self) -> Self:
-        """Refuse a way to move the car that anyone on the network has."""
-        if self.kind == "setpoints" and not ipaddress.ip_address(self.address).is_loopback:
+        """Refuse a way to move the car that anyone on the network has, and a brain that is not heard."""
+        if self.kind != "setpoints":
+            return self
+        if not ipaddress.ip_address(self.address).is_loopback:
             missing = next((key for key in ("source", "key_file") if getattr(self, key) is None), None)
             if missing is not None:
                 raise ValueError(f"{missing} is missing: anyone who reaches {self.address} could move the car")
+        elif self.source is not None and not ipaddress.ip_address(self.source).is_loopback:
+            raise ValueError(f"source: {self.source} cannot be heard on {self.address}, which is this machine alone")
         return self
 
 

@@ -15,6 +15,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.lot.swept_area import Body, as_pairs, fan
 from vve_sumo.pose import oxts_can
 from vve_sumo.pose.receivers.ncom_udp import NcomUdp
+from vve_sumo.pose.receivers.udp import UdpReceiver
 from vve_sumo.rig.resolve import (
     alignment_of,
     calibration_of,
@@ -74,7 +75,8 @@ def arming_obstacle(rig: Rig) -> str | None:
 
 def _complaints(rig: Rig) -> Iterator[str]:
     yield from _of_a_real_car(rig) if rig.car == "real" else _of_a_simulated_vehicle(rig)
-    yield from _brainless(rig)
+    yield from _of_the_brain(rig)
+    yield from _of_outputs(rig)
     yield from _collisions(rig)
     yield from _far_corners(rig)
     for resolve in (vehicle_of, calibration_of, limits_of, faults_of, lot_of):
@@ -121,19 +123,46 @@ def _of_a_simulated_vehicle(rig: Rig) -> Iterator[str]:
         yield f"car_start.channel: {bus.channel!r} is no vcan; name the card at the simulated vehicle's end of the bus"
 
 
-def _brainless(rig: Rig) -> Iterator[str]:
-    """A foreign brain that nobody tells anything; outputs on the bus that commands the car."""
-    if rig.brain.kind != "own" and not rig.outputs:
-        yield f"outputs: a brain of kind {rig.brain.kind!r} needs one at least, or it sees nothing"
+def _of_the_brain(rig: Rig) -> Iterator[str]:
+    """A foreign brain that is not told what it needs."""
+    kind, told = rig.brain.kind, {output.kind for output in rig.outputs}
+    if kind != "own" and not told:
+        yield f"outputs: a brain of kind {kind!r} needs one at least, or it sees nothing"
+    elif kind == "setpoints" and "radar" not in told:
+        yield "outputs: expected one of kind 'radar': a setpoint of the brain names the radar datagram that it answers"
+
+
+def _of_outputs(rig: Rig) -> Iterator[str]:
+    """Outputs on what the car is commanded by, on what this program itself listens on, or on one another."""
     for number, output in enumerate(rig.outputs):
         if (output.interface, output.channel) == (rig.bus.interface, rig.bus.channel):
             yield f"outputs.{number}: {output.interface}:{output.channel} commands the car; give the radar its own bus"
         if (output.channel or "").startswith("pty:") and output.interface != "slcan":
             yield f"outputs.{number}.interface: a pty is opened as 'slcan', got {output.interface!r}"
+        if output.udp is not None and (listener := _listener(rig, output.udp)):
+            yield f"outputs.{number}.udp: {output.udp} is where {listener} listens, expected the brain's address"
+    devices = {rig.bus.channel: "bus"} if rig.bus.interface == "slcan" else {}
+    devices |= {device: "pose"} if (device := getattr(rig.pose, "device", None)) is not None else {}
+    for number, output in enumerate(rig.outputs):
+        if output.device is not None and devices.setdefault(output.device, here := f"outputs.{number}") != here:
+            yield f"{here}.device: {output.device} is the line of {devices[output.device]}, expected one of its own"
     links = [output.channel for output in rig.outputs if (output.channel or "").startswith("pty:")]
     links += [rig.car_start.brain_channel] if rig.car_start is not None and rig.car_start.brain_channel else []
     for link in dict.fromkeys(link for link in links if links.count(link) > 1):
         yield f"outputs: {link} is named twice; a pty has one port, give each a file of its own"
+
+
+def _listener(rig: Rig, place: str) -> str:
+    """Return the table of the rig that listens on a UDP place of this machine; empty for none."""
+    host, _, port = place.rpartition(":")
+    listening = {"pose": rig.pose} if isinstance(rig.pose, UdpReceiver) else {}
+    tables = listening | ({"brain": rig.brain} if rig.brain.kind == "setpoints" else {})
+    for name, table in tables.items():
+        here = ipaddress.ip_address(table.address)
+        heard = ipaddress.ip_address(host).is_loopback and (here.is_loopback or here.is_unspecified)
+        if int(port) == table.port and (host == table.address or heard):
+            return name
+    return ""
 
 
 def _collisions(rig: Rig) -> Iterator[str]:

@@ -67,7 +67,7 @@ class Library:
     def __init__(self, folders: Sequence[Path]) -> None:
         """Open one sweep, or one or two records; raises ConfigError for anything else."""
         if not 1 <= len(folders) <= MAX_RECORDS:
-            raise ConfigError(f"expected one or {MAX_RECORDS} folders, got {len(folders)}")
+            raise ConfigError(f"expected one or two folders, got {len(folders)}")
         held = [load(folder) for folder in folders]
         self.sweep = held[0] if isinstance(held[0], Sweep) else None
         if len(held) > 1 and any(isinstance(one, Sweep) for one in held):

@@ -25,6 +25,7 @@ VEHICLE_DATA, SENSOR_INPUT = 0x4F0, 0x4F1  #: what the host sends
 
 PERIOD: Final = 0.05  #: of a cycle [s]
 SCANS: Final = 0x10000  #: after which the scan index begins again
+STAMPS: Final = 128  #: counts after which the time stamp begins again
 
 _RANGE = Signal(18, 11, 0.1)
 _ANGLE = Signal(12, 10, 0.1, signed=True)  #: [deg] right positive
@@ -112,13 +113,13 @@ class Cycle:
     host: HostMotion  #: as the radar was told
     tracks: Sequence[Track]
     valid: bool = True  #: False: both errors are reported, and no track; of a decoded one also without the next two
-    told: bool = True  #: whether the host says how the car moves; False: a communication error, and no track
+    host_known: bool = True  #: whether the host says how the car moves; False: a communication error, and no track
     radiating: bool = True  #: whether the host lets the radar radiate; False: the transceiver rests, and no track
 
     @property
     def sees(self) -> bool:
         """Whether the tracks are what the radar sees: no error, and it radiates."""
-        return self.valid and self.told and self.radiating
+        return self.valid and self.host_known and self.radiating
 
 
 def encode(cycle: Cycle) -> tuple[Frame, ...]:
@@ -150,10 +151,10 @@ def encode(cycle: Cycle) -> tuple[Frame, ...]:
 def _status_1(cycle: Cycle) -> tuple[int, ...]:
     return (
         _SCAN_INDEX.put(cycle.scan_index % SCANS),
-        _TIMESTAMP.put(1000.0 * cycle.time_stamp % 256.0),
+        _TIMESTAMP.put(round(1000.0 * cycle.time_stamp / _TIMESTAMP.scale) % STAMPS * _TIMESTAMP.scale),
         _HOST_SPEED.put(abs(cycle.host.speed)),
         _HOST_YAW_RATE.put(math.degrees(cycle.host.yaw_rate)),
-        _COMMUNICATION_ERROR.put(not (cycle.valid and cycle.told)),
+        _COMMUNICATION_ERROR.put(not (cycle.valid and cycle.host_known)),
     )
 
 
@@ -238,15 +239,15 @@ class Decoder:
 
     def _cycle(self, first: int, second: int) -> Cycle:
         self._next = -1
-        told, radiating = not _COMMUNICATION_ERROR.get(first), bool(_TRANSCEIVER.get(second))
-        valid = told and radiating and not _INTERNAL_ERROR.get(second)
+        host_known, radiating = not _COMMUNICATION_ERROR.get(first), bool(_TRANSCEIVER.get(second))
+        valid = host_known and radiating and not _INTERNAL_ERROR.get(second)
         return Cycle(
             int(_SCAN_INDEX.get(first)),
             _TIMESTAMP.get(first) / 1000.0,
             HostMotion(_HOST_SPEED.get(first), math.radians(_HOST_YAW_RATE.get(first))),
             tuple(self._tracks),
             valid,
-            told,
+            host_known,
             radiating,
         )
 

@@ -1,4 +1,4 @@
-"""Encoder of NMEA 0183 sentences: a fix as GGA, RMC, VTG, HDT and GST, once a second ZDA; `pose.nmea` decodes them.
+"""Encoder of NMEA 0183 sentences: a fix as GGA, RMC, VTG, HDT and GST, and as ZDA; `pose.nmea` decodes them.
 
 Knows sentences; it must not know where they go. The speed along the ground has no sign in NMEA: a car that reverses
 has a course opposite to its heading.
@@ -27,11 +27,11 @@ QUALITIES: Final = {
 TALKER: Final = "GP"
 
 
-def encode(fix: Fix) -> bytes:
+def encode(fix: Fix, *, dated: bool = False) -> bytes:
     """Return the sentences of a fix, each with its checksum, in the order in which receivers send them.
 
-    A fix that is not `locked`, or has no position, is sent with quality 0 and status V. Raises ValueError for a time
-    that is not finite.
+    `dated` adds ZDA. A fix that is not `locked`, or has no position, is sent with quality 0 and status V. Raises
+    ValueError for a time that is not finite.
     """
     utc = EPOCH + datetime.timedelta(milliseconds=round(1000.0 * fix.time) - 1000 * LEAP_SECONDS)
     quality = QUALITIES.get(fix.quality, 0) if fix.locked and _placed(fix) else 0
@@ -42,7 +42,7 @@ def encode(fix: Fix) -> bytes:
         _hdt(fix, quality),
         _gst(fix, utc),
     ]
-    if utc.microsecond == 0:
+    if dated:
         sentences.append(f"ZDA,{_time(utc)},{utc:%d,%m,%Y},00,00")
     return b"".join(_framed(sentence) for sentence in sentences)
 

@@ -13,7 +13,7 @@ from typing import Final
 from vve_sumo.values import Detections
 
 #: an object that was not seen for longer loses its number [s]
-KEPT: Final = 0.3
+MAX_UNSEEN: Final = 0.3
 #: an object that is farther from where it was expected is another one: a standing part, and one that grows with the
 #: time since it was seen, for what moves across [m], [m/s]
 GATE, GATE_SPEED = 2.0, 15.0
@@ -62,7 +62,7 @@ class Numbering:
         return [self._numbered(scan.time, point, taken.get(row)) for row, point in enumerate(points)]
 
     def _forget(self, now: float) -> None:
-        for known in [each for each in self._known if now - each.seen > KEPT]:
+        for known in [each for each in self._known if now - each.seen > MAX_UNSEEN]:
             self._known.remove(known)
             self._free.append(known.number)
         self._free.sort(reverse=True)

@@ -81,17 +81,20 @@ class NcomOutput:
 
 
 class NmeaOutput:
-    """NMEA 0183 sentences, ten times a second."""
+    """NMEA 0183 sentences, ten times a second; the date with the first of every second."""
 
     def __init__(self, context: Context) -> None:
         self._due = _Due(1.0 / context.rate_nmea)
+        self._second = -1
 
     def step(self, sample: Sample) -> Sequence[bytes]:
         """Return the sentences of a sample where they are due."""
         if not self._due.due(sample):
             return ()
-        measured = sample.measured
-        return (nmea.encode(measured.fix if measured else no_fix(sample.time, sample.drive_time)),)
+        measured, second = sample.measured, math.floor(round(sample.time, 3))
+        dated, self._second = second != self._second, second
+        fix = measured.fix if measured else no_fix(sample.time, sample.drive_time)
+        return (nmea.encode(fix, dated=dated),)
 
 
 class RadarOutput:
@@ -141,13 +144,13 @@ class EsrOutput:
             return esr.encode(esr.Cycle(self._scan_index, 0.0, esr.HostMotion(0.0, 0.0), (), valid=False))
         stamp = sample.time - measured.scan_age
         host = esr.HostMotion(measured.pose.speed, measured.pose.yaw_rate)
-        radiating, told = True, True
+        radiating, host_known = True, True
         if self._hear is not None:
             motion, radiating = self._host.motion(sample.drive_time), self._host.radiates(sample.drive_time)
-            told, host = motion is not None, motion or esr.HostMotion(0.0, 0.0)
-        if not (told and radiating):
+            host_known, host = motion is not None, motion or esr.HostMotion(0.0, 0.0)
+        if not (host_known and radiating):
             self._scan_index += radiating
-            return esr.encode(esr.Cycle(self._scan_index, stamp, host, (), told=told, radiating=radiating))
+            return esr.encode(esr.Cycle(self._scan_index, stamp, host, (), host_known=host_known, radiating=radiating))
         if measured.scan.time != self._scan_time:
             self._scan_time, self._scan_index = measured.scan.time, self._scan_index + 1
         tracks = [self._track(one, host.speed) for one in self._objects.of(measured)]
@@ -295,6 +298,7 @@ class Kind:
     carried: Carried  #: what its steps return
     make: Callable[[Context], Output]
     meaning: str
+    tells_actors: bool = False  #: whether it needs the actors of a sample
 
 
 KINDS: Final[Mapping[str, Kind]] = {
@@ -304,6 +308,11 @@ KINDS: Final[Mapping[str, Kind]] = {
     "esr": Kind("frames", EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz"),
     "ars408": Kind("frames", Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz"),
     "stop": Kind("frames", StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
-    "osi_view": Kind("bytes", lambda c: OsiOutput(c, view=True), "ASAM OSI SensorView with ground truth, one a tick"),
+    "osi_view": Kind(
+        "bytes",
+        lambda c: OsiOutput(c, view=True),
+        "ASAM OSI SensorView with ground truth, one a tick",
+        tells_actors=True,
+    ),
     "osi_data": Kind("bytes", lambda c: OsiOutput(c, view=False), "ASAM OSI SensorData of the radar, one a tick"),
 }

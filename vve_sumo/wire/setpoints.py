@@ -2,7 +2,8 @@
 
 Knows datagrams and times; it must not know sockets, and nothing of what a gateway does with a setpoint. Every datagram
 that is not taken has a reason code; none of them raises. With a key every datagram ends in TAG bytes more: the first of
-the HMAC-SHA-256 (RFC 2104) of all before, which only who has the key can make.
+the HMAC-SHA-256 (RFC 2104) of all before, which only who has the key can make. Sequences begin again with every drive,
+so a setpoint that was recorded in an earlier drive is told by its time, which the key signs too.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from vve_sumo.wire.datagrams import SEQUENCES, SetpointDatagram, Wrong, decode_s
 
 #: a setpoint that answers an older datagram than the last so many counts as late: 0.2 s of ticks
 MAX_ANSWERED: Final = 10
+#: a setpoint that answers a datagram from longer ago counts as late [s]: MAX_ANSWERED ticks
+MAX_AGE: Final = 0.2
+#: between a tick's nominal time and the clock that dates arrivals [s], at most: an assumption
+CLOCK_TOLERANCE: Final = 0.05
 #: reason codes beside `datagrams.Wrong`
 REPLAYED, UNASKED, LATE = "setpoint_replayed", "setpoint_unasked", "setpoint_late"
 #: reason code of a control computer that has sent no setpoint that is still alive
@@ -35,9 +40,9 @@ def signed(data: bytes, key: bytes) -> bytes:
 class SetpointInbox:
     """The newest setpoint of one control computer."""
 
-    def __init__(self, key: bytes = b"") -> None:
-        """With a `key`, only datagrams that are `signed` with it are taken."""
-        self._key = key
+    def __init__(self, epoch: float, key: bytes = b"") -> None:
+        """`epoch` is the GNSS second of drive time 0. With a `key`, only datagrams `signed` with it are taken."""
+        self._epoch, self._key = epoch, key
         self.counts: Counter[str] = Counter()  #: datagrams that were not taken, by reason code
         self.taken = 0  #: setpoints taken
         self._asked: deque[int] = deque(maxlen=MAX_ANSWERED)  # sequences of the newest datagrams that were sent
@@ -56,7 +61,7 @@ class SetpointInbox:
                 self.counts[FORGED] += 1
                 return FORGED
         setpoint = decode_setpoint(data)
-        reason = setpoint.value if isinstance(setpoint, Wrong) else self._refusal(setpoint)
+        reason = setpoint.value if isinstance(setpoint, Wrong) else self._refusal(now, setpoint)
         if isinstance(setpoint, Wrong) or reason:
             self.counts[reason] += 1
             return reason
@@ -64,11 +69,16 @@ class SetpointInbox:
         self.taken += 1
         return ""
 
-    def _refusal(self, setpoint: SetpointDatagram) -> str:
+    def _refusal(self, now: float, setpoint: SetpointDatagram) -> str:
         if self._newest is not None:
             ahead = (setpoint.sequence - self._newest.sequence) % SEQUENCES
             if not 0 < ahead < SEQUENCES // 2:
                 return REPLAYED
+        age = self._epoch + now - setpoint.time
+        if age < -CLOCK_TOLERANCE:
+            return UNASKED
+        if age > MAX_AGE + CLOCK_TOLERANCE:
+            return LATE
         if setpoint.answers in self._asked:
             return ""
         newest = self._asked[-1] if self._asked else None

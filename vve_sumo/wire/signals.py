@@ -41,10 +41,10 @@ class Signal:
     def put(self, value: float) -> int:
         """Return the frame's bits, as a number of 64 bits, that carry a value; one out of range saturates.
 
-        Raises ValueError for a value that is not a number.
+        Raises ValueError for a number that is not finite.
         """
-        if math.isnan(value):
-            raise ValueError("a signal carries numbers only, got NaN")
+        if not math.isfinite(value):
+            raise ValueError(f"a signal carries finite numbers only, got {value}")
         least, greatest = self._counts
         count = min(max((value - self.offset) / self.scale, least), greatest)
         return (round(count) & (1 << self.length) - 1) << self.shift

@@ -27,6 +27,8 @@ def _sender(text: str) -> str:
 
 
 Address = Annotated[str, AfterValidator(_address)]
+#: the IPv4 address of one device, which alone is heard
+Sender = Annotated[str, AfterValidator(_sender)]
 NetworkPort = Annotated[int, Field(ge=1, le=65535)]
 
 
@@ -41,7 +43,7 @@ class UdpReceiver(ReceiverTable):
         default="127.0.0.1", description="to listen on: this machine alone by default, `0.0.0.0` for a broadcast"
     )
     port: NetworkPort = Field(default=3000, description="to listen on")
-    source: Annotated[str, AfterValidator(_sender)] | None = Field(
+    source: Sender | None = Field(
         default=None,
         description="address of the receiver, whose datagrams alone are taken; may be left out on the loopback, "
         "where the first program that speaks is taken",

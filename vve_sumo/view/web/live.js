@@ -8,6 +8,8 @@ const LOST = 0.3; // without a new frame for so long the feed is lost [s]; with 
 const BEHIND = 0.5; // frames that are later than the promptest by more are old, not live [s]
 const LOOK = 80; // between two looks at the feed [ms]
 const RETRY = 500; // between two attempts to connect, and to ask for a stop [ms]
+const STOPPABLE = new Set(["ready", "engaged"]); // states of the gateway in which a stop is still to come
+const ASKED = "the gateway was asked to stop";
 const AGES_KEPT = 2000; // ages of drawn frames that are kept for whoever measures
 
 export class Live {
@@ -121,8 +123,9 @@ export class Live {
     for (;;) {
       try {
         const answer = await fetch(new URL("/stop", location.href), { method: "POST", signal: AbortSignal.timeout(1000) });
-        if (answer.ok) break;
-        this.label(`not taken: ${(await answer.text()).slice(0, 80)}`);
+        this.label(answer.ok ? ASKED : `not taken: ${(await answer.text()).slice(0, 80)}`);
+        // A page without a feed cannot see whether the car stops: to have been heard is enough.
+        if (answer.ok && !(this.feed.dataset.kind === "live" && STOPPABLE.has(this.view.frame.state))) break;
       } catch {
         this.label("nobody hears this button: the driver brakes");
       }
@@ -130,7 +133,6 @@ export class Live {
       await new Promise((done) => setTimeout(done, RETRY));
     }
     this.asking = false;
-    if (!this.over) this.label("the gateway was asked to stop");
   }
 
   label(text) {
@@ -153,5 +155,4 @@ export class Live {
   get freshness() {
     return this.ages;
   }
-
 }

@@ -76,7 +76,8 @@ class Page {
 
   key(event) {
     if (event.ctrlKey || event.altKey || event.metaKey || /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName)) return;
-    if (event.key === " " && event.target.tagName === "BUTTON") return;
+    // A key that stops the car does so wherever the focus is.
+    if (event.key === " " && event.target.tagName === "BUTTON" && !(this.shown instanceof Live)) return;
     if (document.getElementById("help").open) return;
     const common = {
       "+": () => this.zoom(1.25), "=": () => this.zoom(1.25), "-": () => this.zoom(0.8),

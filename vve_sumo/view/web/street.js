@@ -110,7 +110,7 @@ export class Street {
     if (frame) this.drawReturns(context, frame);
     context.restore();
     if (frame?.ego) this.drawGap(context, frame, view);
-    this.drawScale(context, width);
+    this.drawScale(context, width, height);
   }
 
   drawRoad(context, view) {
@@ -271,18 +271,18 @@ export class Street {
     rimmed(context, `${frame.gap.toFixed(1)} m`, ...place, colour("ink"), colour("paper"), 20, "right");
   }
 
-  drawScale(context, width) {
+  drawScale(context, width, height) {
     const wanted = 110 / this.zoom;
     const unit = 10 ** Math.floor(Math.log10(wanted));
     const length = [5, 2, 1].map((part) => part * unit).find((one) => one <= wanted) ?? unit;
-    const [right, top] = [width - 14, 18];
+    const [right, bottom] = [width - 14, height - 14];
     context.lineWidth = 3;
     context.strokeStyle = colour("ink");
     context.beginPath();
-    context.moveTo(right, top);
-    context.lineTo(right - length * this.zoom, top);
+    context.moveTo(right, bottom);
+    context.lineTo(right - length * this.zoom, bottom);
     context.stroke();
-    rimmed(context, `${length} m`, right, top + 15, colour("ink"), colour("ground"), 15, "right");
+    rimmed(context, `${length} m`, right, bottom - 14, colour("ink"), colour("ground"), 15, "right");
   }
 }
 

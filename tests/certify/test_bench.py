@@ -1,0 +1,107 @@
+"""What the bench itself does: a brain's process ends with all that it started, and none is waited for too long."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import REPOSITORY
+from tests.live.stage import free_ports
+from vve_sumo.certify.brain_process import BrainProcess
+from vve_sumo.certify.cases import NAMES, chosen
+from vve_sumo.certify.link import FaultLink
+from vve_sumo.certify.report import again
+from vve_sumo.certify.results import BrainUnderTest, Certificate
+from vve_sumo.certify.run import CertifyQuery, certify
+from vve_sumo.cli.parser import setting
+from vve_sumo.errors import ConfigError
+from vve_sumo.pose.sources import open_udp
+
+#: listens on a port, and does not end when it is asked to
+STUBBORN = """
+import signal, socket, sys
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+end.bind(("127.0.0.1", int(sys.argv[1])))
+end.recv(1)
+"""
+
+
+def _is_listened_on(port: int) -> bool:
+    return f":{port:04X} " in Path("/proc/net/udp").read_text(encoding="ascii")
+
+
+def test_a_launchers_brain_ends_with_the_case(tmp_path: Path) -> None:
+    (port,) = free_ports(1)
+    (tmp_path / "brain.py").write_text(STUBBORN, encoding="utf-8")
+    launcher = tmp_path / "launcher.sh"
+    launcher.write_text(f"{sys.executable} {tmp_path / 'brain.py'} {port} &\nwait\n", encoding="utf-8")
+    process = BrainProcess(f"sh {launcher}", [port], tmp_path / "brain.log", tmp_path)
+    process.wait_until_it_listens()
+    process.close()
+    limit = time.monotonic() + 5.0
+    while _is_listened_on(port) and time.monotonic() < limit:
+        time.sleep(0.01)
+    assert not _is_listened_on(port)
+
+
+@pytest.mark.parametrize(("command", "line"), [("", "got nothing"), ("  ", "got nothing"), ("nowhere", "cannot be")])
+def test_a_command_that_starts_nothing_is_one_line(command: str, line: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=f"--brain: .*{line}"):
+        BrainProcess(command, [], tmp_path / "brain.log", tmp_path)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_brain_that_cannot_be_started_leaves_nothing_behind(there: bool, tmp_path: Path) -> None:
+    rig = tmp_path / "foreign.toml"
+    rig.write_text((REPOSITORY / "rigs" / "foreign.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    out = tmp_path / "out"
+    query = CertifyQuery(str(rig), "parked_car", "nowhere", chosen(["radar_gap"]), (1,), out, {})
+    if there:
+        out.mkdir()
+    with pytest.raises(ConfigError, match="'nowhere' cannot be started"):
+        certify(query, tmp_path, lambda _case: None, lambda _results: None)
+    assert out.exists() is there
+    assert not there or not any(out.iterdir())
+
+
+def test_a_brain_is_waited_for_as_long_as_the_rig_says_and_then_only_while_it_thinks() -> None:
+    looks: list[float] = []
+
+    def quiet() -> bool:
+        looks.append(time.monotonic())
+        return True
+
+    link = FaultLink((), open_udp("127.0.0.1", 0, None, "brain"), None, quiet, timeout=0.1)
+    begun = time.monotonic()
+    assert link.receive(0.0, True) == []
+    assert time.monotonic() - begun >= 0.1
+    assert looks == []
+    assert link.receive(0.02, True) == []
+    assert len(looks) == 1
+    link.close()
+
+
+def _certificate(**other: object) -> Certificate:
+    values: dict[str, object] = {
+        "rig": "foreign", "rig_asked": "mine/foreign.toml", "rig_sha256": "", "scenario": "parked_car", "values": {},
+        "brain": BrainUnderTest("./brain --fast", {}), "wires": ("radar",), "seeds": (1, 2), "cases": NAMES,
+        "results": (), "defects": (), "software": {}, "began_utc": "",
+    }  # fmt: skip
+    return Certificate(**(values | other))  # type: ignore[arg-type]
+
+
+def test_the_command_that_drives_it_again_has_the_same_rig_cases_and_values() -> None:
+    asked = "vve-sumo certify parked_car --rig mine/foreign.toml --runs 2"
+    assert again(_certificate()) == f"{asked} --brain './brain --fast'"
+    chosen = again(_certificate(cases=("nominal", "radar_gap"), brain=BrainUnderTest("", {})))
+    assert chosen == f"{asked} --cases nominal,radar_gap"
+
+
+@pytest.mark.parametrize("value", [True, 12, 0.5, "25 mph", [1, 2], ["a", "b"]])
+def test_a_value_is_set_again_as_it_was(value: object) -> None:
+    words = again(_certificate(values={"key": value}, brain=BrainUnderTest("", {}))).partition("--set ")[2]
+    assert setting(words.strip("'")) == ("key", value)

@@ -1,0 +1,64 @@
+"""Samples come through the way between two processes as they were: compared field by field, bit by bit."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import struct
+from typing import Any
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vve_sumo.values import Actors, Detections, Fix, FixQuality, Point, Pose
+from vve_sumo.wire.sample import Measured, Sample
+from vve_sumo.wire.sample_codec import pack, unpack
+
+NUMBERS = st.floats()
+
+
+def _of(kind: type[Any], **chosen: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
+    names = [field.name for field in dataclasses.fields(kind)]
+    return st.builds(kind, **{name: chosen.get(name, NUMBERS) for name in names})
+
+
+@st.composite
+def _tables(draw: st.DrawFn) -> tuple[Detections, Actors]:
+    def column(rows: int) -> np.ndarray:
+        return np.array(draw(st.lists(NUMBERS, min_size=rows, max_size=rows)), float)
+
+    found, seen = draw(st.integers(0, 4)), draw(st.integers(0, 4))
+    modes = np.array(draw(st.lists(st.integers(0, 1), min_size=found, max_size=found)), np.int8)
+    names = tuple(draw(st.lists(st.text(), min_size=seen, max_size=seen)))
+    scan = Detections(draw(NUMBERS), *(column(found) for _ in range(3)), modes)
+    return scan, Actors(draw(NUMBERS), names, *(column(seen) for _ in range(8)))
+
+
+FIXES = _of(Fix, locked=st.booleans(), quality=st.sampled_from(FixQuality))
+POSES = _of(Pose, point=st.sampled_from(Point))
+
+
+def _bits(value: Any) -> Any:
+    """Return something that is equal only where every bit of every number is."""
+    if isinstance(value, float):
+        return "nan" if math.isnan(value) else struct.pack("<d", value)
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.shape, value.tobytes()
+    if dataclasses.is_dataclass(value):
+        return type(value), [_bits(getattr(value, field.name)) for field in dataclasses.fields(value)]
+    return type(value), value
+
+
+@given(FIXES, POSES, _tables(), NUMBERS, st.integers(0, 2**40))
+def test_every_field_comes_through(fix: Fix, pose: Pose, tables: Any, age: float, sequence: int) -> None:
+    scan, actors = tables
+    sample = Sample(sequence, 1.4e9, age, Measured(fix, pose, scan, age, actors))
+    assert _bits(unpack(pack(sample, actors=True))) == _bits(sample)
+    nobody = Actors(actors.time, (), *(np.zeros(0) for _ in range(8)))
+    without = dataclasses.replace(sample, measured=Measured(fix, pose, scan, age, nobody))
+    assert _bits(unpack(pack(sample, actors=False))) == _bits(without)
+
+
+def test_a_sample_without_measurements_stays_one() -> None:
+    assert unpack(pack(Sample(7, 1.5e9, 3.25, None), actors=True)) == Sample(7, 1.5e9, 3.25, None)
