@@ -33,15 +33,13 @@ from vve_sumo.pose.trust import DRIVE
 from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
+from vve_sumo.vehicle.arming import WAITING
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
 from vve_sumo.vehicle.interface import load
 from vve_sumo.vehicle.model import VehicleModel
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and distance along the path [m]
 Watch = Callable[[int, float, float, float], None]
-
-#: the gateway's reason code for a car that is enabled, in drive, and held until the operator says go
-WAITING = "waiting_for_go"
 
 CAR_BUS = "can0"  #: name of the car's bus in the record
 

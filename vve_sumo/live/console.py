@@ -15,14 +15,14 @@ import time
 from dataclasses import dataclass
 from typing import Any, Final
 
-from vve_sumo.drive.lockstep import WAITING, ScriptedOperator
+from vve_sumo.drive.lockstep import ScriptedOperator
 from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.keys import KeyCommand, OperatorInput
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.wording import Guard, answer, why
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.arming import COMMANDING, ENDING
+from vve_sumo.vehicle.arming import COMMANDING, ENDING, WAITING
 from vve_sumo.vehicle.gateway import OperatorCommand
 
 #: longest wait between two passes of the loop [s]

@@ -22,7 +22,6 @@ from typing import Any, Final
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.brain import Brain, NoController, Publisher, SetpointController, virtual_placement
 from vve_sumo.drive.latency_monitor import LatencyMonitor
-from vve_sumo.drive.lockstep import WAITING
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.drive.rest import RestObserver
@@ -44,7 +43,7 @@ from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.arming import COMMANDING, ENDING
+from vve_sumo.vehicle.arming import COMMANDING, ENDING, WAITING
 from vve_sumo.wire.outputs import KINDS
 from vve_sumo.wire.setpoints import SetpointInbox
 

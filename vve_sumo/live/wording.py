@@ -10,9 +10,9 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
-from vve_sumo.drive.lockstep import WAITING
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.values import ArmingState
+from vve_sumo.vehicle.arming import WAITING
 from vve_sumo.vehicle.observer import EXTERNAL
 
 #: a drive without a status message for this long counts as silent [s]

@@ -115,6 +115,9 @@ TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
     },
 }
 
+#: Reason code of a car that is enabled, in drive, and held until the operator says go.
+WAITING: Final = "waiting_for_go"
+
 #: States in which the DBW controller is enabled and commanded.
 COMMANDING: Final = frozenset({_ENGAGED, _STOPPING, _STOPPED})
 #: States in which the gateway reports why a drive has ended.
@@ -184,7 +187,7 @@ REASONS: Final[dict[str, str]] = {
     "throttle_report_stale": "no throttle report for too long",
     "throttle_timeout": "the throttle module misses our commands",
     "timer_gap": "the gateway's own clock jumped: it was not run in time",
-    "waiting_for_go": "the car is held until the operator says go",
+    WAITING: "the car is held until the operator says go",
     "wheel_speeds_frozen": "the wheel speeds stay the same although the car's speed changes",
     "wheel_speeds_stale": "no wheel-speed report for too long",
     "yaw_rate_frozen": "the gyroscope stays the same although the car turns",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from vve_sumo.drive.lockstep import WAITING
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.values import ArmingState
+from vve_sumo.vehicle.arming import WAITING
 
 PHASES: Final = {
     ArmingState.DISARMED: "not ready",

@@ -39,6 +39,8 @@ export class DriveView {
     this.frame = null;
     this.drawLegend();
     for (const event of scene.events) this.addEvent(event);
+    const resized = new ResizeObserver(() => this.draw());
+    for (const canvas of [street, lot]) resized.observe(canvas);
   }
 
   /** Show a frame from now on; `clock` gives the drive time that is displayed [s], which the frame is predicted to. */
@@ -48,7 +50,7 @@ export class DriveView {
     const [phase, why] = this.state.children;
     const [first, ...rest] = frame.said.split(": ");
     say(phase, first);
-    say(why, rest.join(": "));
+    say(why, [...(frame.contact ? [`contact with ${frame.contact.replaceAll("+", ", ")}`] : []), rest.join(": ")].filter(Boolean).join("; "));
     if (this.state.dataset.state !== frame.state) this.state.dataset.state = frame.state;
     this.gauges.show(frame);
   }
