@@ -87,8 +87,9 @@ def _measure(browser: Browser, view: str, rounds: int) -> None:
     cost = browser.evaluate("world.cost")
     median = times[len(times) // 2]
     print(
-        f"{view:7} {1000 / median:5.1f} pictures/s (median {median:.0f} ms, worst {times[-1]:.0f} ms, "
-        f"{1000 * spent:.0f} ms of processor time), {cost['actors']} bodies, {cost['triangles']} triangles, {cost['calls']} draws"
+        f"{view:7} {1000 / median:5.1f} pictures/s: median {median:.0f} ms, worst {times[-1]:.0f} ms, "
+        f"{1000 * spent:.0f} ms of processor time; {cost['actors']} bodies, {cost['triangles']} triangles, "
+        f"{cost['calls']} draws"
     )
 
 
