@@ -72,6 +72,15 @@ def test_another_browser_draws_the_same_bytes(made: Made, drawn: dict[str, Drawn
         assert pictures.at(float(run.time[-1]) / 3.0) == drawn["driver"].middle
 
 
+def test_pictures_know_the_gap_and_what_was_not_detected(made: Made) -> None:
+    run = Run(made.drive)
+    k = int(np.flatnonzero(np.isfinite(run.data.strip_lead.gap))[-20])
+    with Pictures(run, "street", 64, 64) as pictures:
+        frame = pictures.evaluate(f"pictures.frames.frame({k})")
+    assert frame["gap"] == pytest.approx(float(run.data.strip_lead.gap[k]), abs=1e-4)
+    assert {*frame["unseen"]} == {"id", "why"}
+
+
 def test_views_differ_from_each_other(drawn: dict[str, Drawn]) -> None:
     for one, other in combinations((colours(each.middle) for each in drawn.values()), 2):
         assert (np.abs(one - other).sum(axis=2) > 30).mean() > 0.2

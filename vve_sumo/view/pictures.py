@@ -13,6 +13,7 @@ from typing import Any, Final, Self
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.view.browser import Browser
+from vve_sumo.view.details import details
 from vve_sumo.view.frames import Frames
 from vve_sumo.view.street import with_network
 
@@ -31,11 +32,11 @@ class Pictures:
         """
         frames = Frames(run)
         scene = with_network(frames.scene, run.resolved, Path.cwd())
-        packed = base64.b64encode(frames.packed()).decode()
+        packed = [base64.b64encode(part).decode() for part in (frames.packed(), details(run))]
         self._browser = Browser(width, height)
         try:
             self._browser.open(PAGE)
-            arguments = json.dumps([scene, packed, view, width, height], allow_nan=False)
+            arguments = json.dumps([scene, *packed, view, width, height], allow_nan=False)
             self._browser.evaluate(f"pictures.open(...{arguments})")
         except BaseException:
             self._browser.close()

@@ -27,9 +27,9 @@ const PAINTS = ["#c9ccce", "#8e9499", "#43494f", "#26292d", "#7b2a2c", "#e9e9e6"
 const LIVERIES = ["#e4e4df", "#d9dcd6", "#b9c4c9", "#c9b27a"];
 const CLOTHES = ["#8a3b3b", "#2f6f73", "#b98a34", "#50608a", "#6d5a7d", "#c4bcae", "#3d5c45", "#a35a2e"];
 //: a body is fine within the first distance and plain within the second; beyond it is two blocks [m]
-const LEVELS = [32, 110];
+const LEVELS = [28, 80];
 //: bodies are left out beyond the first distance, their shadows beyond the second [m]
-const [SEEN_WITHIN, SHADED_WITHIN] = [600, 120];
+const [SEEN_WITHIN, SHADED_WITHIN] = [500, 90];
 
 /** What kind of body an actor has, of those that can be drawn. */
 export const kindOf = (actor) => (KINDS[actor?.kind] ? actor.kind : SAME[actor?.kind] ?? "passenger");

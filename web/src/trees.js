@@ -10,8 +10,8 @@ import { Shape, moved } from "./shapes.js";
 const SPACING = 13; //: along a road [m]
 const CLEAR = 4.5; //: from a tree's middle to the nearest road, at least [m]
 const GROVE = 90; //: side of the squares of which the trees are drawn or left out as one [m]
-//: groves are fine and have shadows within the first distance, and are left out beyond the second [m]
-const [FINE_WITHIN, SEEN_WITHIN] = [25, 460];
+//: trees are fine and have shadows within the first distance; groves are left out beyond the second [m]
+const [FINE_WITHIN, SEEN_WITHIN] = [48, 460];
 const BARK = "#54463a";
 const LEAVES = ["#4f6b3a", "#5c7842", "#466238", "#6b8148"];
 const LEAFY = { painted: 1 };
@@ -20,16 +20,22 @@ export class Trees {
   constructor(scene, surface, reference) {
     this.groves = new Map();
     for (const { x, y, seed } of planted(scene, surface)) this.#plant(reference.place(x, y), seed);
-    this.lots = [roundTree, firTree].map((make) => new Lot(make(true), bodyMaterial({ instanced: true }), 0));
+    const plain = [roundTree(false), firTree(false)];
+    const lot = (geometry) => new Lot(geometry, bodyMaterial({ instanced: true }), 0);
+    this.lots = { fine: [roundTree(true), firTree(true)].map(lot), plain: plain.map(lot) };
     this.shadows = shadows();
     this.group = new Group();
-    this.group.add(this.shadows.mesh, ...this.lots.map(({ mesh }) => mesh));
-    this.#farGroves();
+    this.group.add(this.shadows.mesh, ...this.#allLots().map(({ mesh }) => mesh));
+    this.#farGroves(plain);
+  }
+
+  #allLots() {
+    return [...this.lots.fine, ...this.lots.plain];
   }
 
   /** Make one body of each grove, as it is seen from far. */
-  #farGroves() {
-    const [plain, material] = [[roundTree(false), firTree(false)], bodyMaterial()];
+  #farGroves(plain) {
+    const material = bodyMaterial();
     for (const grove of this.groves.values()) {
       grove.far = new Mesh(merged(grove.trees.map(({ kind, row }) => [plain[kind], row])), material);
       this.group.add(grove.far);
@@ -52,7 +58,7 @@ export class Trees {
 
   /** Have the trees stand that a camera at `eye` sees; `view` is its frustum, null for all sides. */
   show(eye, view) {
-    for (const lot of this.lots) lot.clear();
+    for (const lot of this.#allLots()) lot.clear();
     this.shadows.clear();
     for (const { sphere, trees, far } of this.groves.values()) {
       const distance = sphere.center.distanceTo(eye) - sphere.radius;
@@ -60,12 +66,13 @@ export class Trees {
       far.visible = seen && distance >= FINE_WITHIN;
       if (!seen || distance >= FINE_WITHIN) continue;
       for (const { row, kind } of trees) {
-        this.lots[kind].add(row);
+        const near = Math.hypot(row[0] - eye.x, row[1] - eye.z) < FINE_WITHIN;
+        this.lots[near ? "fine" : "plain"][kind].add(row);
         // Away from the sun.
-        this.shadows.add(shadowRow(row[0] + 0.8, row[1] - 0.9, 1, 0, 5, 5, 2.5));
+        if (near) this.shadows.add(shadowRow(row[0] + 0.8, row[1] - 0.9, 1, 0, 5, 5, 2.5));
       }
     }
-    for (const lot of [...this.lots, this.shadows]) lot.commit();
+    for (const lot of [...this.#allLots(), this.shadows]) lot.commit();
   }
 }
 

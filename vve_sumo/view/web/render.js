@@ -9,8 +9,9 @@ import { drawCaption } from "./caption.js";
 const STREET = "street";
 
 class Pictures {
-  async open(scene, frames, view, width, height) {
+  async open(scene, frames, details, view, width, height) {
     this.frames = new Frames(unpacked(await unzipped(decoded(frames))));
+    this.frames.addDetails(unpacked(await unzipped(decoded(details))));
     this.drawn = canvasOf(width, height);
     this.picture = canvasOf(width, height);
     this.view = view;
