@@ -7,11 +7,15 @@ software, picture after picture, and waits for each to be finished. `python -m b
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
+import os
 import random
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 from vve_sumo.view.browser import Browser
 from vve_sumo.view.pictures import PAGE
@@ -28,30 +32,28 @@ AROUND = 300.0
 EGO = {"x": 975.0, "y": 1155.0, "heading": -2.02, "speed": 10.0, "yaw_rate": 0.0, "steering": 0.0}
 KINDS = {"car": (4.6, 1.8, 1.5), "van": (5.5, 2.0, 2.3), "truck": (8.0, 2.5, 3.3), "bicycle": (1.8, 0.6, 1.75)}
 
-MEASURE = """
+VIEWS = ("driver", "chase", "above")
+#: pictures that are drawn in one go; the first few of a view are not counted
+AT_ONCE, WARM_UP = 5, 3
+
+OPEN = """
 (async () => {
   const { createWorld } = await import("./world.min.js");
   const canvas = document.createElement("canvas");
   Object.assign(canvas, { width: WIDTH, height: HEIGHT });
   document.body.append(canvas);
   const begun = performance.now();
-  const world = createWorld(canvas, SCENE, {});
-  const opened = performance.now() - begun;
-  const frame = FRAME, found = {};
+  globalThis.world = createWorld(canvas, SCENE);
+  globalThis.shown = FRAME;
   const gl = canvas.getContext("webgl2"), pixel = new Uint8Array(4);
-  for (const view of ["driver", "chase", "above"]) {
-    world.view(view);
-    const times = [];
-    for (let k = 0; k < COUNT + 3; k++) {
-      const start = performance.now();
-      world.show(frame, frame.t + 0.002 * k);
-      world.draw();
-      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
-      if (k >= 3) times.push(performance.now() - start);
-    }
-    found[view] = { times, ...world.cost };
-  }
-  return { opened, found };
+  globalThis.drawn = (count) => Array.from({ length: count }, (_, k) => {
+    const start = performance.now();
+    world.show(shown, shown.t + 0.002 * k);
+    world.draw();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+    return performance.now() - start;
+  });
+  return performance.now() - begun;
 })()
 """
 
@@ -60,28 +62,45 @@ def main() -> None:
     """Print pictures a second of each view."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--smoke", action="store_true", help="a few pictures, only to see that it runs")
-    count = 3 if parser.parse_args().smoke else 60
-    network = read_network(NETWORK)
-    lanes = lanes_near(NETWORK, network.boundary)
+    rounds = 1 if parser.parse_args().smoke else 12
+    lanes = lanes_near(NETWORK, read_network(NETWORK).boundary)
     scene, frame = _scene(lanes), _frame(lanes)
     scene["actors"] = {name: _body(name) for name in frame["actors"]["id"]}
-    expression = MEASURE
-    for word, value in {"WIDTH": SIZE[0], "HEIGHT": SIZE[1], "SCENE": scene, "FRAME": frame, "COUNT": count}.items():
+    expression = OPEN
+    for word, value in {"WIDTH": SIZE[0], "HEIGHT": SIZE[1], "SCENE": scene, "FRAME": frame}.items():
         expression = expression.replace(word, json.dumps(value), 1)
-    expression = expression.replace("COUNT", str(count))
     with Browser(*SIZE) as browser:
         browser.open(PAGE)
-        measured = browser.evaluate(expression)
+        opened = browser.evaluate(expression)
+        print(f"{len(lanes)} lanes, {VEHICLES} vehicles, {SIZE[0]}x{SIZE[1]}, software rendering")
+        print(f"opened in {opened / 1000:.1f} s; load {os.getloadavg()[0]:.1f} of {os.cpu_count()} processors")
+        for view in VIEWS:
+            _measure(browser, view, rounds)
         assert not browser.complaints, browser.complaints
-    print(f"{len(lanes)} lanes, {VEHICLES} vehicles, {SIZE[0]}x{SIZE[1]}, software rendering")
-    print(f"opened in {measured['opened'] / 1000:.1f} s")
-    for view, one in measured["found"].items():
-        times = sorted(one["times"])
-        median, worst = times[len(times) // 2], times[-1]
-        print(
-            f"{view:7} {1000 / median:5.1f} pictures/s (median {median:.0f} ms, worst {worst:.0f} ms), "
-            f"{one['actors']} bodies, {one['triangles']} triangles, {one['calls']} draws"
-        )
+
+
+def _measure(browser: Browser, view: str, rounds: int) -> None:
+    browser.evaluate(f"world.view({view!r}); drawn({WARM_UP}).length")
+    before = _processor_time()
+    times = sorted(time for _ in range(rounds) for time in browser.evaluate(f"drawn({AT_ONCE})"))
+    spent = (_processor_time() - before) / len(times)
+    cost = browser.evaluate("world.cost")
+    median = times[len(times) // 2]
+    print(
+        f"{view:7} {1000 / median:5.1f} pictures/s: median {median:.0f} ms, worst {times[-1]:.0f} ms, "
+        f"{1000 * spent:.0f} ms of processor time; {cost['actors']} bodies, {cost['triangles']} triangles, "
+        f"{cost['calls']} draws"
+    )
+
+
+def _processor_time() -> float:
+    """Return what the browser's processes have spent [s]."""
+    spent = 0.0
+    for process in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.Error):
+            times = process.cpu_times()
+            spent += times.user + times.system
+    return spent
 
 
 def _scene(lanes: list[Lane]) -> dict[str, Any]:

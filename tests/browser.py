@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+#: WebGL without a graphics card is off otherwise
+ARGUMENTS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 
 def chromium() -> Iterator[Any]:
@@ -18,6 +20,6 @@ def chromium() -> Iterator[Any]:
     if found is None:
         pytest.skip(f"no browser is installed: looked for {', '.join(BROWSERS)}")
     with api.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        browser = play.chromium.launch(executable_path=found, args=ARGUMENTS)
         yield browser
         browser.close()

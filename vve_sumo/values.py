@@ -121,6 +121,14 @@ class ActorState(NamedTuple):
     width: float  #: of the box [m]
 
 
+class SignalChange(NamedTuple):
+    """A traffic signal that begins to show another state."""
+
+    time: float  #: drive time [s]
+    signal: str  #: name in SUMO
+    state: str  #: a letter of SUMO's for each of its links, in their order: r, y, g, G, …
+
+
 @dataclass(frozen=True, slots=True)
 class Detections:
     """One radar scan as a controller sees it: a column per quantity, one row per detection."""

@@ -50,7 +50,7 @@ def drive_end(outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, ro
     The text is the last failure of the controller or a sensor; without one, SUMO's last error message about the ego.
     """
     text = pipeline.failure or road.detail
-    return DriveEnd(outcome, reasons, road.cleared, road.warnings, text, road.standoffs)
+    return DriveEnd(outcome, reasons, road.cleared, road.warnings, text, road.standoffs, road.signals)
 
 
 def car_parameters(resolved: ResolvedScenario) -> CarParameters:

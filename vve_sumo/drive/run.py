@@ -27,6 +27,7 @@ from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.record.hashes import hash_files
 from vve_sumo.record.layout import PROVENANCE
 from vve_sumo.record.roads import roads_table, write_roads
+from vve_sumo.record.signals import SIGNALS, signals_text
 from vve_sumo.record.writer import MemoryRecorder, Record, claim
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
@@ -126,6 +127,8 @@ def run(
         except (ConfigError, RigError):
             record.discard()
             raise
+        if done.signals:
+            record.attach(SIGNALS, signals_text(done.signals))
     finally:
         shell.close()
     parts = record.close()

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from vve_sumo.drive.rest import Ahead
 from vve_sumo.scenario.schema import EndTrigger
-from vve_sumo.values import ArmingState
+from vve_sumo.values import ArmingState, SignalChange
 
 #: below this speed the car counts as at standstill [m/s]
 STANDSTILL_SPEED = 0.05
@@ -54,6 +54,7 @@ class DriveEnd:
     warnings: tuple[str, ...] = ()  #: SUMO's
     text: str = ""  #: message of an exception that ended the drive, or of the last failure on the way
     standoffs: tuple[str, ...] = ()  #: vehicles taken off the road because they and the ego waited for each other
+    signals: tuple[SignalChange, ...] = ()  #: what the traffic signals showed, change by change
     extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
 
 

@@ -13,7 +13,7 @@ from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
 from vve_sumo.path import Path
 from vve_sumo.scenario import schema
 from vve_sumo.scenario.engine import ScenarioEngine
-from vve_sumo.values import Actors, Point, Pose
+from vve_sumo.values import Actors, Point, Pose, SignalChange
 from vve_sumo.world.ego_sync import EgoSyncReport
 from vve_sumo.world.obstacles import MapSpot, Obstacle
 from vve_sumo.world.surroundings import table
@@ -89,6 +89,11 @@ class VirtualRoad:
     def standoffs(self) -> tuple[str, ...]:
         """Vehicles taken off the road because they and the ego waited for each other."""
         return self._world.standoffs
+
+    @property
+    def signals(self) -> tuple[SignalChange, ...]:
+        """What the traffic signals showed, change by change; nothing in a live drive."""
+        return self._world.signals
 
     @property
     def warnings(self) -> tuple[str, ...]:

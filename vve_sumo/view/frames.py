@@ -23,6 +23,7 @@ from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.latency_monitor import DATAGRAM
 from vve_sumo.export.bodies import declared_kinds, kind_of
 from vve_sumo.metrics.lead_vehicle import index_of_tick
+from vve_sumo.record.signals import read_signals
 from vve_sumo.values import Floats
 from vve_sumo.view.events import events_of
 from vve_sumo.view.scene import VERSION, body, scene_of
@@ -80,7 +81,8 @@ class Frames:
 
     def packed(self) -> bytes:
         """Return the file."""
-        return pack(self.columns, {"version": VERSION, "texts": self.texts, "stride": self.stride})
+        head = {"version": VERSION, "texts": self.texts, "stride": self.stride}
+        return pack(self.columns, head | {"signals": dict(read_signals(self._run.folder))})
 
     @cached_property
     def stride(self) -> int:

@@ -15,12 +15,13 @@ import libsumo
 
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.geometry import Box, behind_bumper, overlap
-from vve_sumo.values import Actors, ActorState, Pose, Vehicle
+from vve_sumo.values import Actors, ActorState, Pose, SignalChange, Vehicle
 from vve_sumo.world.ego_sync import DECELERATION, EGO, EgoSync, EgoSyncReport, heading_of, make_type
 from vve_sumo.world.lanes import Lanes, read_lanes
 from vve_sumo.world.obstacles import OBSTACLE_PROXY_TYPE, Obstacle, Obstacles
 from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
 from vve_sumo.world.scenario_actors import ScenarioActors, box_of
+from vve_sumo.world.signal_states import SignalStates
 from vve_sumo.world.simulation import SUMO_ERRORS, Simulation
 from vve_sumo.world.standoff import STANDING, Standoff
 from vve_sumo.world.step_time import StepTimeBudget
@@ -83,6 +84,13 @@ class World:
         self._standoff = Standoff()
         self._standoffs: tuple[str, ...] = ()
         self._playing: Sequence[ActorState] = ()
+        # A live tick spends no time on what only pictures show.
+        self._signals = SignalStates() if clock is None else None
+
+    @property
+    def signals(self) -> tuple[SignalChange, ...]:
+        """What the signals showed since the ego's first pose, change by change; nothing with a clock."""
+        return tuple(self._signals.changes) if self._signals else ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -162,6 +170,8 @@ class World:
         self._steps += 1
         try:
             self._snapshot = self._look()
+            if self._signals and self._pose:
+                self._signals.look(self._time())
             if self._clock and self._step_time_budget and self._pose:
                 self._step_time_budget.step(self._clock() - begun, self._pose.x, self._pose.y, self._hidden())
         except SUMO_ERRORS as problem:

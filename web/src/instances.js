@@ -58,35 +58,38 @@ export class Lot {
 }
 
 /**
- * One geometry of many bodies that never move, by the rows of a `Lot`: without a graphics card that is far quicker than as
- * many instances.
+ * One geometry of many bodies that never move, each [a geometry, a row as of a `Lot`]: without a graphics card that is far
+ * quicker than as many instances.
  */
-export function merged(geometry, rows) {
-  const { position, normal, tint, surface } = geometry.attributes;
-  const [count, faces] = [position.count, geometry.index.count];
-  const made = { position: new Float32Array(rows.length * count * 3), normal: new Float32Array(rows.length * count * 3), tint: new Uint8Array(rows.length * count * 4) };
-  const index = new Uint32Array(rows.length * faces);
-  rows.forEach(([X, Z, c, s, along, up, across, , ...coat], k) => {
-    for (let i = 0; i < count; i++) {
-      const at = k * count + i;
-      const [x, z] = [position.getX(i) * along, position.getZ(i) * across];
-      made.position.set([c * x + s * z + X, position.getY(i) * up, -s * x + c * z + Z], 3 * at);
-      const [nx, nz] = [normal.getX(i), normal.getZ(i)];
-      made.normal.set([c * nx + s * nz, normal.getY(i), -s * nx + c * nz], 3 * at);
-      const share = tint.getW(i);
-      for (let j = 0; j < 3; j++) made.tint[4 * at + j] = 255 * (tint.getComponent(i, j) * (1 - share) + coat[j] * share);
-    }
-    for (let i = 0; i < faces; i++) index[k * faces + i] = geometry.index.getX(i) + k * count;
-  });
+export function merged(bodies) {
+  const corners = bodies.reduce((sum, [{ attributes }]) => sum + attributes.position.count, 0);
+  const made = { position: new Float32Array(3 * corners), normal: new Float32Array(3 * corners), tint: new Uint8Array(4 * corners), surface: new Uint8Array(4 * corners) };
+  const index = [];
+  let first = 0;
+  for (const [geometry, row] of bodies) {
+    put(made, first, geometry.attributes, row);
+    for (const corner of geometry.index.array) index.push(first + corner);
+    first += geometry.attributes.position.count;
+  }
   const whole = new BufferGeometry();
-  whole.setIndex(new BufferAttribute(index, 1));
-  whole.setAttribute("position", new BufferAttribute(made.position, 3));
-  whole.setAttribute("normal", new BufferAttribute(made.normal, 3));
-  whole.setAttribute("tint", new BufferAttribute(made.tint, 4, true));
-  const surfaces = new Uint8Array(rows.length * count * 4);
-  for (let at = 0; at < rows.length * count; at++) surfaces.set(surface.array.subarray(4 * (at % count), 4 * (at % count) + 4), 4 * at);
-  whole.setAttribute("surface", new BufferAttribute(surfaces, 4, true));
+  whole.setIndex(index);
+  for (const name of ["position", "normal"]) whole.setAttribute(name, new BufferAttribute(made[name], 3));
+  for (const name of ["tint", "surface"]) whole.setAttribute(name, new BufferAttribute(made[name], 4, true));
   return whole;
+}
+
+/** Write the corners of a body, moved and painted by its row, from the place `first` on. */
+function put(made, first, { position, normal, tint, surface }, [X, Z, c, s, along, up, across, , ...coat]) {
+  for (let i = 0; i < position.count; i++) {
+    const at = first + i;
+    const [x, z] = [position.getX(i) * along, position.getZ(i) * across];
+    made.position.set([c * x + s * z + X, position.getY(i) * up, -s * x + c * z + Z], 3 * at);
+    const [nx, nz] = [normal.getX(i), normal.getZ(i)];
+    made.normal.set([c * nx + s * nz, normal.getY(i), -s * nx + c * nz], 3 * at);
+    const share = tint.getW(i);
+    for (let j = 0; j < 3; j++) made.tint[4 * at + j] = 255 * (tint.getComponent(i, j) * (1 - share) + coat[j] * share);
+  }
+  made.surface.set(surface.array, 4 * first);
 }
 
 /** Shadows of bodies. */

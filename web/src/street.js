@@ -11,7 +11,7 @@ const COLOURS = { grass: "#75875a", asphalt: "#55575a", walk: "#a9a59c", white: 
 const KERB = { height: 0.13, width: 0.16 }; //: [m]
 const MARK = 0.11; //: width of a line between lanes [m]
 const GROUND = 2500; //: half the side of the ground [m]
-const TILE = 160; //: side of the squares that are drawn or left out as one [m]
+const TILE = 250; //: side of the squares that are drawn or left out as one [m]
 //: what is flat is drawn in this order, before all bodies, which have 0
 const ORDER = { ground: -8, walk: -7, road: -6, marks: -5 };
 

@@ -9,9 +9,9 @@ import { Shape, moved } from "./shapes.js";
 
 const SPACING = 13; //: along a road [m]
 const CLEAR = 4.5; //: from a tree's middle to the nearest road, at least [m]
-const GROVE = 70; //: side of the squares of which the trees are drawn or left out as one [m]
+const GROVE = 90; //: side of the squares of which the trees are drawn or left out as one [m]
 //: groves are fine and have shadows within the first distance, and are left out beyond the second [m]
-const [FINE_WITHIN, SEEN_WITHIN] = [30, 520];
+const [FINE_WITHIN, SEEN_WITHIN] = [25, 460];
 const BARK = "#54463a";
 const LEAVES = ["#4f6b3a", "#5c7842", "#466238", "#6b8148"];
 const LEAFY = { painted: 1 };
@@ -31,11 +31,8 @@ export class Trees {
   #farGroves() {
     const [plain, material] = [[roundTree(false), firTree(false)], bodyMaterial()];
     for (const grove of this.groves.values()) {
-      grove.far = plain.map((geometry, kind) => {
-        const rows = grove.trees.filter((tree) => tree.kind === kind).map(({ row }) => row);
-        return new Mesh(merged(geometry, rows), material);
-      });
-      this.group.add(...grove.far);
+      grove.far = new Mesh(merged(grove.trees.map(({ kind, row }) => [plain[kind], row])), material);
+      this.group.add(grove.far);
     }
   }
 
@@ -60,7 +57,7 @@ export class Trees {
     for (const { sphere, trees, far } of this.groves.values()) {
       const distance = sphere.center.distanceTo(eye) - sphere.radius;
       const seen = distance < SEEN_WITHIN && view?.intersectsSphere(sphere) !== false;
-      for (const mesh of far) mesh.visible = seen && distance >= FINE_WITHIN;
+      far.visible = seen && distance >= FINE_WITHIN;
       if (!seen || distance >= FINE_WITHIN) continue;
       for (const { row, kind } of trees) {
         this.lots[kind].add(row);

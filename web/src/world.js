@@ -11,7 +11,7 @@ import { Signals, buildings, sky } from "./surroundings.js";
 import { Trees } from "./trees.js";
 
 const FAR = 1100; //: [m]
-const TILES_WITHIN = 560; //: what is farther stands in the haze [m]
+const TILES_WITHIN = 480; //: what is farther stands in the haze [m]
 //: of each view: where the camera hangs forward, left and over the rear axle [m], how far it looks down [rad], its angle [deg]
 const VIEWS = {
   driver: { down: 0.045, angle: 46, near: 0.05 },

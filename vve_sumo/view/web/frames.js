@@ -43,6 +43,7 @@ export class Frames {
   constructor({ head, columns }) {
     this.texts = head.texts;
     this.stride = head.stride;
+    this.signals = Object.entries(head.signals);
     this.columns = columns;
     this.times = columns.t;
     this.count = columns.t.length;
@@ -82,7 +83,7 @@ export class Frames {
       returns: this.#returns(scan),
       latency: known(c.latency[k]),
       latencies: null,
-      signals: null,
+      signals: this.#signals(c.t[k]),
       ...this.#detailed(k, scan),
     };
   }
@@ -119,6 +120,12 @@ export class Frames {
     };
     if (k !== kept) advance(actors, c.t[k] - c.t[kept]);
     return actors;
+  }
+
+  /** What each signal shows at a drive time [s]: a letter for each of its links; null where the record does not say. */
+  #signals(time) {
+    if (!this.signals.length) return null;
+    return Object.fromEntries(this.signals.map(([name, [times, states]]) => [name, states[lastNotAfter(times, time + 1e-9)] ?? ""]));
   }
 
   #returns(scan) {

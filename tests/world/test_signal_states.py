@@ -1,0 +1,78 @@
+"""What is kept of the signals is what SUMO shows at every step; a live drive keeps nothing."""
+
+from __future__ import annotations
+
+import time
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import libsumo
+import pytest
+
+from tests.isolated import isolated
+from tests.world.streets import FUSION, PERIOD, pose
+from vve_sumo.record.signals import SIGNALS, read_signals, signals_text
+from vve_sumo.values import SignalChange
+from vve_sumo.world.world import World
+
+STEPS = 1000
+
+
+def _driven(network: str) -> tuple[list[SignalChange], list[dict[str, str]], int]:
+    """Return the changes, what every signal showed after each step, and the changes of a road with a clock."""
+    with World(Path(network), seed=1, period=PERIOD, vehicle=FUSION) as world:
+        shown = []
+        for k in range(STEPS):
+            world.place(pose(k * PERIOD, 1000.0, 1000.0, 0.0, 0.0))
+            world.step()
+            lights = libsumo.trafficlight
+            shown.append({name: lights.getRedYellowGreenState(name) for name in lights.getIDList()})
+        changes = list(world.signals)
+    with World(Path(network), seed=1, period=PERIOD, vehicle=FUSION, clock=time.perf_counter) as world:
+        for k in range(5):
+            world.place(pose(k * PERIOD, 1000.0, 1000.0, 0.0, 0.0))
+            world.step()
+        return changes, shown, len(world.signals)
+
+
+@pytest.fixture(scope="module")
+def driven(repository: Path) -> tuple[list[SignalChange], list[dict[str, str]], int]:
+    return isolated(_driven, str(repository / "networks" / "linden.net.xml"))
+
+
+def test_the_changes_say_what_sumo_showed_after_every_step(driven: Any) -> None:
+    changes, shown, _live = driven
+    assert len(shown[0]) == 6
+    assert len(changes) > 2 * 6
+    states: dict[str, str] = {}
+    waiting = iter(changes)
+    change = next(waiting, None)
+    for k in count():
+        while change is not None and change.time <= k * PERIOD + 1e-9:
+            assert states.get(change.signal) != change.state
+            states[change.signal] = change.state
+            change = next(waiting, None)
+        assert states == shown[k]
+        if k == STEPS - 1:
+            break
+    assert change is None
+
+
+def test_a_live_road_spends_no_time_on_signals(driven: Any) -> None:
+    assert driven[2] == 0
+
+
+def test_the_file_gives_back_what_was_written(driven: Any, tmp_path: Path) -> None:
+    changes = driven[0]
+    (tmp_path / SIGNALS).write_text(signals_text(changes), encoding="utf-8")
+    told = read_signals(tmp_path)
+    again = sorted((time, name, state) for name, pair in told.items() for time, state in zip(*pair, strict=True))
+    assert again == sorted((round(time, 3), name, state) for time, name, state in changes)
+
+
+@pytest.mark.parametrize("content", [None, "", "[1]", '{"a": 3}', '{"a": [["x"], ["r"]]}', "\ud800"])
+def test_a_file_that_says_nothing_of_signals_is_none(tmp_path: Path, content: str | None) -> None:
+    if content is not None:
+        (tmp_path / SIGNALS).write_bytes(content.encode("utf-8", "surrogatepass"))
+    assert read_signals(tmp_path) == {}

@@ -1,0 +1,24 @@
+"""Keeps the states of the signals over a drive, change by change. Knows neither the ego nor traffic."""
+
+from __future__ import annotations
+
+import libsumo
+
+from vve_sumo.values import SignalChange
+
+
+class SignalStates:
+    """All signals of the network that SUMO runs."""
+
+    def __init__(self) -> None:
+        self._names: tuple[str, ...] = tuple(libsumo.trafficlight.getIDList())
+        self._shown: dict[str, str] = {}
+        self.changes: list[SignalChange] = []  #: in the order of their times; the first of each is its state at first
+
+    def look(self, time: float) -> None:
+        """Note what the signals show at a drive time [s]; raises SUMO's errors."""
+        for name in self._names:
+            state = libsumo.trafficlight.getRedYellowGreenState(name)
+            if state != self._shown.get(name):
+                self._shown[name] = state
+                self.changes.append(SignalChange(time, name, state))
