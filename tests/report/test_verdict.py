@@ -99,7 +99,17 @@ def test_a_contact_is_said_however_the_drive_ended(tmp_path: Path, outcome: str 
 def test_what_was_not_measured_is_not_said(tmp_path: Path) -> None:
     none = {name: None for name, value in MEASURED.items() if isinstance(value, float)}
     line = verdict(record(tmp_path / "r", MEASURED | none)).line
-    assert line == "passed: The car came to rest with no object ahead. No object was ever ahead of the car in its path."
+    assert line == "passed: The car came to rest with no object ahead. No object was ever in the car's way."
+
+
+def test_an_actor_that_never_was_in_the_path_but_was_braked_for_does_not_make_the_page_contradict_itself(
+    tmp_path: Path,
+) -> None:
+    none = {name: None for name, value in MEASURED.items() if isinstance(value, float)}
+    crossed = {"outcome": "completed", "hardest_braking_for": "crosser", "max_deceleration_mps2": 3.0}
+    line = verdict(record(tmp_path / "r", MEASURED | none | crossed)).line
+    assert "It braked hardest, with 3.00 m/s², for crosser." in line
+    assert line.endswith("The car was on a collision course with crosser, which never was in its path.")
 
 
 def test_a_live_drive_whose_program_was_killed_is_told_from_its_recorders_summary(tmp_path: Path) -> None:
