@@ -123,7 +123,7 @@ def _date(
 
 
 def _beside(heading: float, below: bool, inch: float) -> tuple[float, float]:
-    """Return from a trace of a heading [rad] to its date [m], below or left of the trace or not; `inch` is the page's [m]."""
+    """Return from a trace of a heading [rad] to its date [m]: below or left of it, or not; `inch` of the page [m]."""
     right, up = -math.sin(heading), math.cos(heading)
     side = -1.0 if (up > 0.0 if abs(up) > 0.3 else right > 0.0) == below else 1.0
     return side * 0.24 * right * inch, side * 0.14 * up * inch
