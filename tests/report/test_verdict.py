@@ -134,7 +134,7 @@ def test_the_caption_says_what_the_picture_shows(tmp_path: Path, contact: bool, 
     run = record(tmp_path / "r", MEASURED, contact)
     box = BOX | {"actor": "parked", "x_m": CAR.rear_axle_to_bumper + ahead}
     put(run.folder, "actors", [box | {"tick": tick} for tick in range(TICKS)])
-    assert window in pictures.of_drive(Run(run.folder))[0].caption
+    assert window in pictures.caption_of(Run(run.folder))
 
 
 def test_the_page_calls_metrics_by_their_labels_and_tells_the_jerk_of_the_stop_from_that_of_the_drive(

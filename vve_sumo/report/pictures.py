@@ -64,14 +64,18 @@ LACKING = (
 )
 
 
+def caption_of(run: Run) -> str:
+    """Return the caption of a drive's overview, which says what its lower window shows."""
+    moment = moment_of(run.data)
+    return DRIVE.format(window=WINDOW[moment.measure if moment else None])
+
+
 def of_drive(run: Run) -> tuple[Picture, ...]:
     """Return the plots of a drive."""
     from vve_sumo import plotting
 
-    moment = moment_of(run.data)
-    caption = DRIVE.format(window=WINDOW[moment.measure if moment else None])
-    overview = plotting.drive_overview(run)
-    pictures = [picture_of(overview, "drive_overview", "the drive from above and over time", caption)]
+    overview, alt = plotting.drive_overview(run), "the drive from above and over time"
+    pictures = [picture_of(overview, "drive_overview", alt, caption_of(run))]
     if np.isfinite(run.lead.gap).any():  # else there is nothing to be seen in them
         pictures.append(
             picture_of(plotting.safety_over_time(run), "safety_over_time", "safety over drive time", SAFETY)
