@@ -28,7 +28,7 @@ from vve_sumo.live.spawn import receive_config
 from vve_sumo.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
 from vve_sumo.values import Vehicle
 from vve_sumo.wire.outputs import KINDS, Context, Output
-from vve_sumo.wire.sample import Sample
+from vve_sumo.wire.sample import Sample, sequence_of
 from vve_sumo.wire.sample_codec import unpack
 
 #: a sample that is this much later than due is no longer waited for [s]: the wires turn invalid
@@ -93,7 +93,6 @@ class Outputs:
     def __init__(self, wires: list[Wire], drive: Channel, t0: float, epoch: float) -> None:
         """`t0` is the monotonic second of drive time 0, `epoch` its GNSS second."""
         self._wires, self._drive, self._t0, self._epoch = wires, drive, t0, epoch
-        self._sequence = 0
         self._due = time.monotonic() + LATE + PERIOD
         self.sent = self.silent = 0  #: samples of the drive, and ticks at which it said nothing
 
@@ -117,20 +116,19 @@ class Outputs:
             return
         sample = unpack(waiting[-1])
         now = time.monotonic()
-        self._due = now + PERIOD + LATE
         if now - self._t0 - sample.drive_time > LATE:
             return  # the drive was held up after it had made the sample; the timer speaks in its place
-        self._sequence = sample.sequence
+        self._due = now + PERIOD + LATE
         self.sent += 1
         self._send(sample)
 
     def _say_invalid(self) -> None:
         now = time.monotonic()
         self._due = now + PERIOD
-        self._sequence += 1
         self.silent += 1
         drive_time = now - self._t0
-        self._send(Sample(self._sequence, self._epoch + drive_time, drive_time, None))
+        # Before the sequence of every sample that may still come: one of a tick more than LATE ago is not sent.
+        self._send(Sample(sequence_of(drive_time - LATE), self._epoch + drive_time, drive_time, None))
 
     def _send(self, sample: Sample) -> None:
         for wire in self._wires:
