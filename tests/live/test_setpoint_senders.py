@@ -7,6 +7,7 @@ import socket
 import struct
 import time
 import zlib
+from collections.abc import Callable
 
 import pytest
 
@@ -70,21 +71,22 @@ def test_a_strangers_setpoint_is_refused_and_found(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "reason"),
+    ("made", "reason"),
     [
-        (b"VVES\x02" + _setpoint(2, 1.0)[5:], "setpoint_version"),
-        (_setpoint(2, 1.0)[:-1] + b"\0", "setpoint_crc"),
-        (_setpoint(1, 1.0), "setpoint_replayed"),
-        (b"\0" * 2000, "setpoint_length"),
-        (_setpoint(2, 1.0)[:-1], "setpoint_length"),
+        (lambda: b"VVES\x02" + _setpoint(2, 1.0)[5:], "setpoint_version"),
+        (lambda: _setpoint(2, 1.0)[:-1] + b"\0", "setpoint_crc"),
+        (lambda: _setpoint(1, 1.0), "setpoint_replayed"),
+        (lambda: b"\0" * 2000, "setpoint_length"),
+        (lambda: _setpoint(2, 1.0)[:-1], "setpoint_length"),
     ],
+    ids=["version", "crc", "replayed", "long", "short"],
 )
 def test_what_the_brain_itself_sends_wrong_has_a_reason_and_changes_nothing(
-    bench: Bench, data: bytes, reason: str
+    bench: Bench, made: Callable[[], bytes], reason: str
 ) -> None:
     bench.send(bench.brain, _setpoint(1, -1.0))
     before = bench.inbox.command(bench.at)
-    bench.send(bench.brain, data)
+    bench.send(bench.brain, made())
     assert bench.inbox.counts == {reason: 1}
     assert bench.inbox.command(bench.at) == before
 
