@@ -163,14 +163,18 @@ def main() -> None:
     brain, gnss = Brain(waypoints(given.waypoints), given.speed), Gnss(given.gnss)
     with contextlib.suppress(PermissionError):  # what commands a car must not wait for a browser
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    drive = Drive(brain, gnss, EsrRadar(given.esr), Car(given.car))
+    radar, car = EsrRadar(given.esr), Car(given.car)
+    drive = Drive(brain, gnss, radar, car)
     try:
         while drive.step(time.monotonic()):
             # A fix that comes is answered at once; without one the next step is due a period later.
             select.select([gnss.socket], [], [], PERIOD)
     except RigError as gone:
-        print(f"the brain has no bus any more: {gone}", flush=True)
+        print(f"the brain has lost the bus of the car: {gone}", flush=True)
         return
+    finally:
+        radar.bus.close()
+        car.bus.close()
     print("the brain has let go of the car", flush=True)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 from driving import Scan
 
 from vve_sumo.bus import Bus
+from vve_sumo.errors import RigError
 from vve_sumo.wire import esr
 
 STAMPS = 0.256  # after so long the radar's time stamp begins again [s]
@@ -35,14 +37,20 @@ class EsrRadar:
         self._came = float("-inf")
 
     def listen(self, now: float) -> None:
-        """Take what has come by a time [s]."""
-        for cycle in self._decoder.feed(self.bus.drain()):
+        """Take what has come by a time [s]; a bus that is gone is a radar that sees nothing, not the brain's end."""
+        try:
+            frames = self.bus.drain()
+        except RigError:
+            self._cycle = None
+            return
+        for cycle in self._decoder.feed(frames):
             self._cycle, self._came = cycle, now
 
     def tell(self, speed: float, yaw_rate: float) -> None:
         """Send the vehicle messages: speed [m/s], yaw rate [rad/s], and the order to radiate."""
-        for frame in esr.encode_host(esr.HostMotion(speed, yaw_rate)):
-            self.bus.send(frame)
+        with contextlib.suppress(RigError):
+            for frame in esr.encode_host(esr.HostMotion(speed, yaw_rate)):
+                self.bus.send(frame)
 
     def scan(self, now: float, time: float, speed: float) -> Scan | None:
         """Return what the radar sees at GNSS `time` [s]; None where a cycle is not valid, or too old at `now` [s]."""

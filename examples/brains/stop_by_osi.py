@@ -9,6 +9,7 @@ datagram that it answers. Needs osi-python.
 from __future__ import annotations
 
 import math
+import select
 import socket
 from types import SimpleNamespace
 
@@ -19,6 +20,7 @@ from vve_sumo.values import Fix
 from vve_sumo.wire.datagrams import RadarDatagram
 
 MAX_DATAGRAM = 65_535  # [bytes]
+PATIENCE = 0.01  # for the message of the same tick [s]
 
 
 class OsiRadar:
@@ -26,18 +28,15 @@ class OsiRadar:
 
     def __init__(self, port: int) -> None:
         self._socket: socket.socket = listen(port)
-        self._socket.setblocking(False)
         self._message = SensorData()
 
     def look(self, fix: Fix, radar: RadarDatagram) -> Scan | None:
         """Return the detections of this tick; None where there is no message of it, or the radar is not available."""
-        while True:
-            try:
-                self._message.ParseFromString(self._socket.recv(MAX_DATAGRAM))
-            except BlockingIOError:
-                break
         message = self._message
-        if not message.feature_data.radar_sensor or abs(_seconds(message.timestamp) - radar.time) > 1e-3:
+        # The two wires are sent one after the other, in the order of the rig.
+        while not _is_of(radar, message) and select.select([self._socket], [], [], PATIENCE)[0]:
+            message.ParseFromString(self._socket.recv(MAX_DATAGRAM))
+        if not message.feature_data.radar_sensor or not _is_of(radar, message):
             return None
         sensor = message.feature_data.radar_sensor[0]
         if sensor.header.data_qualifier != sensor.header.DATA_QUALIFIER_AVAILABLE:
@@ -48,6 +47,10 @@ class OsiRadar:
         ]
         measured = _seconds(sensor.header.measurement_time)
         return Scan(_seconds(message.timestamp), measured, math.hypot(fix.velocity_north, fix.velocity_east), found)
+
+
+def _is_of(radar: RadarDatagram, message: SensorData) -> bool:
+    return abs(_seconds(message.timestamp) - radar.time) < 1e-3
 
 
 def _seconds(stamp: object) -> float:

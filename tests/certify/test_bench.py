@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.certify.test_certify import ports
 from tests.conftest import REPOSITORY
+from tests.live.stage import free_ports
 from vve_sumo.certify.brain_process import BrainProcess
 from vve_sumo.certify.cases import NAMES, chosen
 from vve_sumo.certify.link import FaultLink
@@ -35,7 +35,7 @@ def _is_listened_on(port: int) -> bool:
 
 
 def test_a_launchers_brain_ends_with_the_case(tmp_path: Path) -> None:
-    (port,) = ports(1)
+    (port,) = free_ports(1)
     (tmp_path / "brain.py").write_text(STUBBORN, encoding="utf-8")
     launcher = tmp_path / "launcher.sh"
     launcher.write_text(f"{sys.executable} {tmp_path / 'brain.py'} {port} &\nwait\n", encoding="utf-8")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.live.stage import free_ports
 
 #: the parked car is near the start, so that a drive takes seconds
 NEAR = "obstacles.parked_car.at_m=120"
@@ -23,20 +23,9 @@ BUGS = [
 ]
 
 
-def ports(count: int) -> list[int]:
-    """UDP ports that nobody listens on."""
-    ends = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    for end in ends:
-        end.bind(("127.0.0.1", 0))
-    numbers = [end.getsockname()[1] for end in ends]
-    for end in ends:
-        end.close()
-    return numbers
-
-
 def certified(brain: str, folder: Path, cases: str) -> tuple[int, dict[str, Any]]:
     """Certify a shipped brain; return the exit code and the certificate."""
-    gnss, radar, setpoints = ports(3)
+    gnss, radar, setpoints = free_ports(3)
     rig = folder / "foreign.toml"
     rig.write_text(
         (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")

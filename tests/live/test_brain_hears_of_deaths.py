@@ -1,7 +1,9 @@
 """Each of our processes is killed or frozen while a foreign brain drives: its sensors say so, and the car stops.
 
-The brain is the shipped one, a process that knows only the wires; another process listens at the far ends of the wires
-and dates what arrives. A run that fails while the machine itself was seen to stand still is repeated.
+The brains are the shipped ones, processes that know only the wires: one that answers with setpoints, which our gateway
+stops in place of, and an external one, which commands the car and has to stop it by itself. Another process listens at
+the far ends of the wires and dates what arrives. A run that fails while the machine itself was seen to stand still is
+repeated.
 """
 
 from __future__ import annotations
@@ -9,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import math
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -19,10 +20,11 @@ from typing import Final, NamedTuple
 
 import pytest
 
+from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.exhaustive import with_slow
 from tests.live.matrix import GATEWAY, PERIOD, SPEED, STEP, WATCHDOG, Layer, Right, Row, Signal, bound
-from tests.live.stage import Evidence, Stage, read_truth
+from tests.live.stage import Evidence, Stage, free_ports, read_truth
 from tests.live.test_matrix import speed_at, way_to_rest
 from tests.live.wiretap import Heard, heard, tapped
 from tests.live.witness import stalls, witness
@@ -33,21 +35,15 @@ ATTEMPTS: Final = 4
 WITHIN: Final = 0.100  #: from a death to the last valid datagram [s]
 CYCLES: Final = 2.0 * esr.PERIOD  #: the same on CAN [s]
 REST: Final = 15.0  #: time for the car to come to rest [s]
+HEARD: Final = WITHIN + 2.0 * PERIOD  #: until the brain acts on what it hears, or on its fix being too old [s]
 EXPIRED: Final = 0.1 + WITHIN + STEP  #: the brain falls silent, its last setpoint expires, the gateway knows of it [s]
 
-RIG = """
-[brain]
-kind = "setpoints"
-port = {setpoints}
+_CAR = vehicles.FUSION.vehicle
+#: `drive_by_wire.py`: it asks for 2.5 m/s2 at once, at its next period
+BRAIN: Final = Layer("the brain", 2.5, 0.0, PERIOD + _CAR.brake_delay + _CAR.brake_lag)
 
-[[outputs]]
-kind = "ncom"
-udp = "127.0.0.1:{gnss}"
-
-[[outputs]]
-kind = "radar"
-udp = "127.0.0.1:{radar}"
-
+#: what the tap hears, beside the brain
+TAPPED = """
 [[outputs]]
 kind = "ncom"
 udp = "127.0.0.1:{gnss_heard}"
@@ -59,7 +55,30 @@ udp = "127.0.0.1:{radar_heard}"
 [[outputs]]
 kind = "esr"
 interface = "slcan"
-channel = "pty:{link}"
+channel = "pty:{folder}/esr"
+
+[[outputs]]
+kind = "ncom"
+udp = "127.0.0.1:{gnss}"
+"""
+SETPOINTS = """
+[[outputs]]
+kind = "radar"
+udp = "127.0.0.1:{radar}"
+
+[brain]
+kind = "setpoints"
+port = {setpoints}
+"""
+EXTERNAL = """
+[[outputs]]
+kind = "esr"
+interface = "slcan"
+channel = "pty:{folder}/brain_esr"
+host = "bus"
+
+[brain]
+kind = "external"
 """
 
 
@@ -72,11 +91,17 @@ class Death(NamedTuple):
     stops: Layer = GATEWAY
     #: until our side itself can know of it [s]; the wires have 100 ms or two cycles after that
     unknown: float = 0.0
+    external: bool = False  #: the brain commands the car
 
     @property
     def name(self) -> str:
         """Of the test."""
-        return f"{self.process}-{self.number.name}"
+        return f"{'external-' * self.external}{self.process}-{self.number.name}"
+
+
+def of_external(death: Death) -> Death:
+    """Return the same death beside an external brain: it stops the car, whatever of ours has died."""
+    return death._replace(external=True, stops=BRAIN, notice=death.unknown + HEARD)
 
 
 KILL, STOP = signal.SIGKILL, signal.SIGSTOP
@@ -91,9 +116,10 @@ DEATHS: Final = (
     Death("console", STOP, SILENCE + STEP, unknown=SILENCE + STEP),
     Death("recorder", KILL, PERIOD + STEP),
 )
-#: noticed as another one is; `./check slow` tries them
-ALIKE: Final = {"drive-SIGKILL", "gateway-SIGKILL", "outputs-SIGSTOP", "console-SIGKILL", "recorder-SIGKILL",
-                "console-SIGSTOP"}  # fmt: skip
+ALL: Final = (*DEATHS, *map(of_external, DEATHS))
+#: what is tried each time; the others are noticed as one of these is, and `./check slow` tries them
+USUAL: Final = {"drive-SIGSTOP", "gateway-SIGSTOP", "outputs-SIGKILL", "external-gateway-SIGSTOP",
+                "external-outputs-SIGKILL"}  # fmt: skip
 
 
 class Driven(Stage):
@@ -104,17 +130,21 @@ class Driven(Stage):
                   notice=death.notice)  # fmt: skip
         super().__init__(row, folder)
         names = ("setpoints", "gnss", "radar", "gnss_heard", "radar_heard")
-        self._ports = dict(zip(names, _free_ports(len(names)), strict=True))
-        self._link, self._heard = folder / "esr", folder / "heard.txt"
-        text = (folder / "rig.toml").read_text() + RIG.format(**self._ports, link=self._link)
-        (folder / "rig.toml").write_text(text)
+        self._ports = dict(zip(names, free_ports(len(names)), strict=True))
+        self._external, self._heard = death.external, folder / "heard.txt"
+        rig = folder / "rig.toml"
+        text = rig.read_text(encoding="utf-8")
+        if death.external:
+            text = text.replace("[car_start]", f'[car_start]\nbrain_channel = "pty:{folder}/car"')
+        text += (TAPPED + (EXTERNAL if death.external else SETPOINTS)).format(**self._ports, folder=folder)
+        rig.write_text(text, encoding="utf-8")
 
     def evidence(self) -> tuple[Evidence, list[Heard]]:
         """Drive, break, wait until the car stands; return what is left, and what was heard on the wires."""
         file, ports = self.folder / "witness.txt", self._ports
         with (
             witness(file),
-            tapped(self._heard, ports["gnss_heard"], ports["radar_heard"], self._link),
+            tapped(self._heard, ports["gnss_heard"], ports["radar_heard"], self.folder / "esr"),
             self._brain(),
             self._console() as console,
         ):
@@ -126,9 +156,14 @@ class Driven(Stage):
 
     @contextlib.contextmanager
     def _brain(self) -> Iterator[None]:
-        script = REPOSITORY / "examples" / "brains" / "stop_for_parked.py"
-        command = [sys.executable, str(script), str(REPOSITORY / "routes" / "linden_17th.csv"), "--speed", "5.0"]
-        for name in ("gnss", "radar", "setpoints"):
+        program, options = "stop_for_parked.py", ["gnss", "radar", "setpoints"]
+        wires: list[str] = []
+        if self._external:
+            program, options = "drive_by_wire.py", ["gnss"]
+            wires = ["--esr", f"slcan:{self.folder}/brain_esr", "--car", f"slcan:{self.folder}/car"]
+        command = [sys.executable, str(REPOSITORY / "examples/brains" / program)]
+        command += [str(REPOSITORY / "routes" / "linden_17th.csv"), "--speed", "5.0", *wires]
+        for name in options:
             command += [f"--{name}", str(self._ports[name])]
         with subprocess.Popen(command, cwd=REPOSITORY) as process:
             try:
@@ -144,16 +179,8 @@ class Driven(Stage):
         return time.monotonic()
 
 
-def _free_ports(count: int) -> list[int]:
-    with contextlib.ExitStack() as stack:
-        ends = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(count)]
-        for end in ends:
-            end.bind(("127.0.0.1", 0))
-        return [int(end.getsockname()[1]) for end in ends]
-
-
 @pytest.mark.live
-@pytest.mark.parametrize("death", with_slow(list(DEATHS), lambda one: one.name not in ALIKE), ids=lambda one: one.name)
+@pytest.mark.parametrize("death", with_slow(list(ALL), lambda one: one.name in USUAL), ids=lambda one: one.name)
 def test_the_brain_hears_of_it_in_time_and_the_car_comes_to_rest(death: Death, tmp_path: Path) -> None:
     for number in range(1, ATTEMPTS + 1):
         drive = Driven(death, tmp_path / str(number))
@@ -192,7 +219,16 @@ def judge(row: Row, death: Death, evidence: Evidence, messages: list[Heard]) -> 
         assert before[-1].valid, "nothing was wrong before"
         assert last_valid(evidence, messages, wire) <= death.unknown + most, wire
     assert evidence.truth["speed_mps"][-1] == 0.0
+    if death.external:
+        assert not evidence.truth["watchdog_braking"].any(), "the DBW controller stopped the car, not the brain"
+        assert _senders(evidence.folder / "bus.log") == {"car", "brain"}, "a frame of ours was on the car's bus"
     assert way_to_rest(evidence, evidence.moment) <= bound(row, *speed_at(evidence, evidence.moment))
+
+
+def _senders(log: Path) -> set[str]:
+    """Return who sent on the car's bus, as far as the log's lines are whole."""
+    text = log.read_text(encoding="ascii")
+    return {line.split()[1] for line in text[: text.rfind("\n") + 1].splitlines()}
 
 
 def test_an_old_valid_message_is_found() -> None:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from tests.conftest import REPOSITORY
 from tests.isolated import command
+from tests.live.lockstep import running, write_rig
 from vve_sumo.analysis.run import Run
 from vve_sumo.wire.datagrams import RadarDatagram, SetpointDatagram, decode_radar, encode_setpoint
 
@@ -25,42 +22,6 @@ BRAINS = REPOSITORY / "examples" / "brains"
 CC = shutil.which("cc") or shutil.which("gcc")
 SHORT = ("--set", "duration_s=9", "--quiet", "--lockstep", "--rig", "foreign.toml")
 RECORD = ("can.log", "pose.bin")
-
-
-def _free(count: int) -> list[int]:
-    ends = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    for end in ends:
-        end.bind(("127.0.0.1", 0))
-    ports = [int(end.getsockname()[1]) for end in ends]
-    for end in ends:
-        end.close()
-    return ports
-
-
-def _rig(folder: Path, deadline: float = 10.0) -> list[int]:
-    """Write the shipped rig with free ports; return those of GNSS, radar and setpoints."""
-    ports = _free(3)
-    text = (REPOSITORY / "rigs" / "foreign.toml").read_text(encoding="utf-8")
-    free = dict(zip(("5001", "5002", "5003"), map(str, ports), strict=True))
-    text, replaced = re.subn(r"\b500[123]\b", lambda found: free[found[0]], text)
-    assert replaced == len(free)
-    text = text.replace("[brain]\n", f"[brain]\ndeadline_s = {deadline}\n")
-    (folder / "foreign.toml").write_text(text, encoding="utf-8")
-    return ports
-
-
-@contextmanager
-def _running(words: list[str], port: int) -> Iterator[None]:
-    with subprocess.Popen(words) as process:
-        try:
-            limit = time.monotonic() + 60.0
-            while f":{port:04X} " not in Path("/proc/net/udp").read_text(encoding="ascii"):
-                assert process.poll() is None
-                assert time.monotonic() < limit
-                time.sleep(0.02)
-            yield
-        finally:
-            process.kill()
 
 
 def _commands(program: str, folder: Path, ports: list[int]) -> list[str]:
@@ -93,10 +54,10 @@ def _driven(folder: Path, name: str) -> tuple[tuple[bytes, ...], float]:
     ],
 )
 def test_brain_of_another_process_drives_and_its_record_is_the_same_every_time(program: str, tmp_path: Path) -> None:
-    ports = _rig(tmp_path)
+    ports = write_rig(tmp_path)
     records = []
     for name in ("one", "two") if program == "stop_for_parked.py" else ("one",):
-        with _running(_commands(program, tmp_path, ports), ports[1]):
+        with running(_commands(program, tmp_path, ports), ports[1]):
             record, speed = _driven(tmp_path, name)
         assert speed > 3.0, "the brain did not drive"
         records.append(record)
@@ -104,8 +65,8 @@ def test_brain_of_another_process_drives_and_its_record_is_the_same_every_time(p
 
 
 def test_the_record_says_that_a_foreign_brain_decided_and_cannot_be_asked_again(tmp_path: Path) -> None:
-    ports = _rig(tmp_path)
-    with _running(_commands("minimal.py", tmp_path, ports), ports[1]):
+    ports = write_rig(tmp_path)
+    with running(_commands("minimal.py", tmp_path, ports), ports[1]):
         _driven(tmp_path, "one")
     summary = json.loads((tmp_path / "one" / "summary.json").read_text(encoding="utf-8"))
     assert (summary["brain"], summary["controller"]) == ("setpoints", "foreign_brain")
@@ -124,15 +85,15 @@ def test_the_record_says_that_a_foreign_brain_decided_and_cannot_be_asked_again(
 def test_minimal_brains_of_both_languages_drive_the_same(tmp_path: Path) -> None:
     if CC is None:
         pytest.skip("needs a C compiler")
-    ports, records = _rig(tmp_path), []
+    ports, records = write_rig(tmp_path), []
     for program in ("minimal.py", "minimal.c"):
-        with _running(_commands(program, tmp_path, ports), ports[1]):
+        with running(_commands(program, tmp_path, ports), ports[1]):
             records.append(_driven(tmp_path, program.replace(".", "_"))[0])
     assert records[0] == records[1]
 
 
 def test_brain_that_is_not_there_is_one_line_and_no_record(tmp_path: Path) -> None:
-    _rig(tmp_path, deadline=0.2)
+    write_rig(tmp_path, deadline=0.2)
     done = command("drive", "parked_car", *SHORT, "--out", "none", cwd=tmp_path)
     assert done.returncode == 3
     line = done.stderr.strip()
@@ -143,7 +104,7 @@ def test_brain_that_is_not_there_is_one_line_and_no_record(tmp_path: Path) -> No
 
 
 def test_a_recorded_drive_has_no_brain(tmp_path: Path) -> None:
-    _rig(tmp_path)
+    write_rig(tmp_path)
     done = command("drive", "parked_car", *SHORT, "--pose", "walk.csv", "--out", "none", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.strip().endswith(
@@ -154,7 +115,7 @@ def test_a_recorded_drive_has_no_brain(tmp_path: Path) -> None:
 
 
 def test_brain_that_falls_silent_stops_the_car_with_a_reason(tmp_path: Path) -> None:
-    gnss, radar, setpoints = _rig(tmp_path, deadline=0.5)
+    gnss, radar, setpoints = write_rig(tmp_path, deadline=0.5)
     del gnss
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
         end.bind(("127.0.0.1", radar))

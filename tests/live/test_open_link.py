@@ -9,8 +9,8 @@ from pathlib import Path
 import pyproj
 import pytest
 
-from tests.certify.test_certify import ports
 from tests.conftest import REPOSITORY
+from tests.live.stage import free_ports
 from tests.wire.test_outputs import sample
 from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.live.foreign_lockstep import open_link
@@ -28,7 +28,7 @@ def test_a_view_of_lockstep_has_the_projection_and_the_offset_of_the_map() -> No
         end.bind(("127.0.0.1", 0))
         end.settimeout(10.0)
         view = {"kind": "osi_view", "udp": f"127.0.0.1:{end.getsockname()[1]}"}
-        (table["brain"]["port"],) = ports(1)
+        (table["brain"]["port"],) = free_ports(1)
         table["outputs"].append(view)
         link = open_link(parse(table, Path("rig.toml")), resolved)
         try:

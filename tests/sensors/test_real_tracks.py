@@ -2,51 +2,25 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
+from tests.sensors.denso import Track, read_tracks, remover, rows, windows
 from tests.sensors.scenes import FUSION, actors, car, rear_axle
 from vve_sumo.sensors.radar import Radar, RadarConfig
 from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.values import Floats
 
-#: longer without a report, and it is another track [s]
-BREAK = 0.12
 LAGS = np.arange(-0.1, 0.3, 0.005)
-
-
-class Track(NamedTuple):
-    """One target as it was reported, in order."""
-
-    time: Floats  #: of the report's arrival [s]
-    ahead: Floats  #: [m]
-    rate: Floats  #: opening positive [m/s]
-
-
-def rows(file: Path) -> list[dict[str, float]]:
-    with file.open(encoding="utf-8") as lines:
-        return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(lines)]
 
 
 @pytest.fixture(scope="module")
 def tracks(shared_data: Path) -> list[Track]:
-    reports = rows(shared_data / "drives" / "comma2k19" / "tidy_radar_tracks.csv")
-    reports.sort(key=lambda row: (row["track_addr"], row["t"]))
-    new = [
-        after["new_track"] == 1.0 or after["track_addr"] != before["track_addr"] or after["t"] - before["t"] > BREAK
-        for before, after in pairwise(reports)
-    ]
-    edges = [0, *(np.flatnonzero(new) + 1).tolist(), len(reports)]
-    columns = np.array([(row["t"], row["x_fwd"], row["v_rel"]) for row in reports]).T
-    return [Track(*columns[:, begin:end]) for begin, end in pairwise(edges)]
+    return read_tracks(shared_data)
 
 
 @pytest.fixture(scope="module")
@@ -59,21 +33,6 @@ def speed(shared_data: Path) -> CubicSpline:
         ]
     )
     return CubicSpline(*poses.T)
-
-
-def windows(tracks: list[Track], count: int) -> Iterator[Track]:
-    """Give stretches of so many reports, each half over the one before; away from the ends of the recording."""
-    for track in tracks:
-        for begin in range(0, len(track.time) - count + 1, count // 2):
-            time, ahead, rate = (column[begin : begin + count] for column in track)
-            if time[0] > 0.6 and time[-1] < 59.0:
-                yield Track(time, ahead, rate)
-
-
-def remover(count: int, degree: int) -> Floats:
-    """Return the matrix that takes from so many equally spaced values the polynomial nearest to them."""
-    basis = np.linalg.qr(np.vander(np.arange(count) - 0.5 * count, degree + 1))[0]
-    return np.eye(count) - basis @ basis.T
 
 
 @pytest.mark.parametrize(("count", "degree"), [(30, 2), (30, 3), (40, 2), (40, 3)])
@@ -104,7 +63,7 @@ def test_range_and_range_rate_are_late_by_much_the_same(tracks: list[Track]) -> 
     (jackknife over tracks). That is less than half a scan: one latency stands for both.
     """
     product = square = 0.0
-    for time, ahead, rate in tracks:
+    for time, ahead, _aside, rate in tracks:
         if len(time) < 40:
             continue
         way = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))))

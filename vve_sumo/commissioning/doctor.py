@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path as FilePath
 
 from vve_sumo import workspace
-from vve_sumo.commissioning import doctor_result, machine_checks, rig_checks
+from vve_sumo.commissioning import brain_checks, doctor_result, machine_checks, rig_checks
 from vve_sumo.commissioning.findings import Check, Report
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import resolve_by_name
@@ -58,7 +58,18 @@ def examine(
             advice = "wait for its end; on a serial adapter a second look would close the first one's channel"
             if report.attempt("in use", advice, lambda: stack.enter_context(hold) is None):
                 rig_checks.examine(report, loaded, resolved)
+                _examine_brain(report, loaded, working)
     return report
+
+
+def _examine_brain(report: Report, rig: Rig, working: FilePath) -> None:
+    """Make the checks of a foreign brain's setpoints and of the wires out, where the rig has them."""
+    if rig.brain.kind == "setpoints":
+        advice = "correct the table [brain] of the rig, or end the program that has the port"
+        report.attempt("setpoints", advice, lambda: report.add([brain_checks.setpoints(rig, working)]))
+    if rig.outputs:
+        advice = "correct this table of the rig, or end the program that has the port or device"
+        report.attempt("outputs", advice, lambda: report.add([brain_checks.outputs(rig)]))
 
 
 def _examine_scenario(report: Report, resolved: ResolvedScenario, rig: Rig | None, working: FilePath) -> None:

@@ -64,8 +64,10 @@ def key_of(brain: RigBrain, working: Path) -> bytes:
     file = working / brain.key_file
     try:
         key = bytes.fromhex(file.read_text(encoding="ascii").strip())
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"brain.key_file: {file}: expected 64 hexadecimal digits, {error}") from None
+    except OSError as error:
+        raise ConfigError(f"brain.key_file: {file}: {error.strerror}, expected a file of the key") from None
+    except ValueError:
+        raise ConfigError(f"brain.key_file: {file}: expected {2 * KEY_LENGTH} hexadecimal digits alone") from None
     if len(key) != KEY_LENGTH:
         raise ConfigError(f"brain.key_file: {file}: expected {2 * KEY_LENGTH} hexadecimal digits, got {2 * len(key)}")
     return key
