@@ -38,6 +38,9 @@ REST: Final = 15.0  #: time for the car to come to rest [s]
 HEARD: Final = WITHIN + 2.0 * PERIOD  #: until the brain acts on what it hears, or on its fix being too old [s]
 EXPIRED: Final = 0.1 + WITHIN + STEP  #: the brain falls silent, its last setpoint expires, the gateway knows of it [s]
 
+#: until a frozen recorder is full: 2 s of backlog, and what its queue holds of a drive without traffic [s]
+FULL: Final = 8.0
+
 _CAR = vehicles.FUSION.vehicle
 #: `drive_by_wire.py`: it asks for 2.5 m/s2 at once, at its next period
 BRAIN: Final = Layer("the brain", 2.5, 0.0, PERIOD + _CAR.brake_delay + _CAR.brake_lag)
@@ -115,6 +118,7 @@ DEATHS: Final = (
     Death("console", KILL, STEP),
     Death("console", STOP, SILENCE + STEP, unknown=SILENCE + STEP),
     Death("recorder", KILL, PERIOD + STEP),
+    Death("recorder", STOP, FULL + STEP, unknown=FULL + STEP),
 )
 ALL: Final = (*DEATHS, *map(of_external, DEATHS))
 #: what is tried each time; the others are noticed as one of these is, and `./check slow` tries them

@@ -28,7 +28,7 @@ from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.live import assembly, spawn, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
-from vve_sumo.live.brain_link import key_of
+from vve_sumo.live.brain_link import key_of, refuse_controller
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.console import Console, ProcessGroup
 from vve_sumo.live.keys import OperatorInput
@@ -100,6 +100,7 @@ def plan(
         raise ConfigError(f"--shadow: {rig_file} has an external brain, which alone sets the enable bits; leave it out")
     if not shadow and (reason := arming_obstacle(loaded)) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
+    refuse_controller(loaded, controller)
     key_of(loaded.brain, working)  # raises for one that cannot be read
     resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, values=values)
     try:
@@ -228,13 +229,14 @@ def _processes(
     gateway_recorder, recorder_gateway = pair()
     folder, rig = plan.folder, plan.rig
     common = {"folder": str(folder), "t0": plan.t0, "epoch": ground.epoch}
+    # Before the recorder: where a wire cannot be opened, there is no record.
+    wires, drive_outputs = _outputs(plan, common, scenario_content["vehicle"])
     recorder = spawn.start(
         "recorder",
         common | {"resolved": scenario_content, "provenance": provenance_text, "log": str(folder / "recorder.log")},
         {"drive": recorder_drive, "gateway": recorder_gateway},
         own_session=True,
     )
-    wires, drive_outputs = _outputs(plan, common, scenario_content["vehicle"])
     interface, channel = car.bus if car is not None and rig.bus.channel == PTY else (rig.bus.interface, rig.bus.channel)
     bus = {"interface": interface, "channel": channel, "bitrate": rig.bus.bitrate}
     gateway = spawn.start(
@@ -282,7 +284,9 @@ def _outputs(
     said = json.loads((ours.receive() or [b"{}"])[0])
     ours.close()
     if said.get("kind") != "outputs_ready":
+        drive_outputs.close()
         process.kill()
+        process.wait()
         raise _ERRORS.get(said.get("exit_code", 3), RigError)(said.get("refused", "outputs: the process did not start"))
     return process, {"outputs": drive_outputs}
 
@@ -356,7 +360,7 @@ def removed_when_empty(folder: FilePath) -> Iterator[None]:
     except VveError:
         if not (folder / "scenario.json").exists():
             with contextlib.suppress(OSError):
-                for name in ("truth.csv", "car.log"):
+                for name in ("truth.csv", "car.log", "bus.log", "outputs.log", "roads.parquet"):
                     (folder / name).unlink(missing_ok=True)
                 folder.rmdir()
         raise
