@@ -11,7 +11,7 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from tests.live.stage import free_ports
-from vve_sumo.commissioning import brain_checks
+from vve_sumo.commissioning import brain_checks, calibration_drive
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.live import session
 from vve_sumo.rig.load import parse
@@ -48,6 +48,13 @@ def test_a_port_that_another_program_has_is_named(tmp_path: Path) -> None:
             brain_checks.setpoints(taken, tmp_path)
         with pytest.raises(RigError, match=r"outputs\.2: tcp .* is in use by another program"):
             brain_checks.outputs(taken)
+
+
+def test_a_calibration_is_driven_by_its_own_controller_and_tells_no_brain(tmp_path: Path) -> None:
+    plan = calibration_drive.plan("foreign", REPOSITORY, tmp_path / "record")
+    assert (plan.rig.brain.kind, plan.rig.outputs) == ("own", ())
+    with pytest.raises(ConfigError, match=r"external\.toml: brain\.kind is 'external', expected 'own'"):
+        calibration_drive.plan("external", REPOSITORY, tmp_path / "record")
 
 
 @pytest.mark.parametrize(

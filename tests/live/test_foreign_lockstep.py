@@ -114,6 +114,18 @@ def test_a_recorded_drive_has_no_brain(tmp_path: Path) -> None:
     assert not (tmp_path / "none").exists()
 
 
+def test_a_controller_beside_a_brain_is_refused(tmp_path: Path) -> None:
+    write_rig(tmp_path)
+    for how in (("--lockstep",), ()):
+        words = ("drive", "parked_car", *how, "--rig", "foreign.toml", "--controller", "follow_and_stop")
+        done = command(*words, "--out", "none", cwd=tmp_path)
+        assert done.returncode == 2
+        assert done.stderr.strip().endswith(
+            "--controller: the rig's brain decides (brain.kind is 'setpoints'); leave it out"
+        )
+        assert not (tmp_path / "none").exists()
+
+
 def test_brain_that_falls_silent_stops_the_car_with_a_reason(tmp_path: Path) -> None:
     gnss, radar, setpoints = write_rig(tmp_path, deadline=0.5)
     del gnss

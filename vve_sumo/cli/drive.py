@@ -111,7 +111,7 @@ def _lockstep(arguments: argparse.Namespace) -> int:
         values=values_of(arguments.values),
     )
     folder = arguments.out if arguments.out is not None else new_run_folder(resolved.name, working)
-    foreign = nullcontext(None) if arguments.rig is None else _brain(arguments.rig, arguments.pose, resolved, working)
+    foreign = nullcontext(None) if arguments.rig is None else _brain(arguments, resolved, working)
     with foreign as brain, progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
         watch = progress_watch(resolved.path.length, show)
         done = run(resolved, folder, working, pose=arguments.pose, brain=brain, watch=watch)
@@ -123,15 +123,17 @@ def _lockstep(arguments: argparse.Namespace) -> int:
 
 
 def _brain(
-    rig: str, pose: Path | None, resolved: ResolvedScenario, working: Path
+    arguments: argparse.Namespace, resolved: ResolvedScenario, working: Path
 ) -> AbstractContextManager[Brain | None]:
-    """Return what opens the wires to a rig's brain; a recorded drive, `pose`, is played without wires."""
+    """Return what opens the wires to the rig's brain; a recorded drive is played without wires."""
     from vve_sumo import workspace
+    from vve_sumo.live.brain_link import refuse_controller
     from vve_sumo.live.foreign_lockstep import brain_of
     from vve_sumo.rig.load import load
 
-    loaded = load(workspace.find("rig", rig, working), working)
-    if pose is None:
+    loaded = load(workspace.find("rig", arguments.rig, working), working)
+    refuse_controller(loaded, arguments.controller)
+    if arguments.pose is None:
         return brain_of(loaded, resolved, working)
     if loaded.brain.kind != "own":
         raise ConfigError(

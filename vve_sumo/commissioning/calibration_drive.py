@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path as FilePath
 from typing import Any, Final
 
@@ -13,6 +14,7 @@ from vve_sumo import workspace
 from vve_sumo.drive.verify import alterations
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.live import session
+from vve_sumo.rig.schema import Brain
 
 SCENARIO: Final = "calibration"
 
@@ -34,8 +36,16 @@ def refuse_altered(record: FilePath) -> None:
 
 
 def plan(rig: str, working: FilePath, out: FilePath | None) -> session.Plan:
-    """Return the plan of the calibration drive; raises ConfigError or RigError as `session.plan`."""
-    return session.plan(SCENARIO, rig, working, out=out, seed=None, controller=None, shadow=False)
+    """Return the plan of the calibration drive, in which the calibration's own controller drives and no brain is told.
+
+    Raises ConfigError or RigError as `session.plan`, and ConfigError for an external brain.
+    """
+    plan = session.plan(SCENARIO, rig, working, out=out, seed=None, controller=None, shadow=False)
+    if plan.rig.brain.kind == "external":
+        raise ConfigError(
+            f"{plan.rig_file}: brain.kind is 'external', expected 'own': the gateway has to command the car"
+        )
+    return replace(plan, rig=plan.rig.model_copy(update={"brain": Brain(), "outputs": ()}))
 
 
 def refuse_cut_short(summary: Mapping[str, Any], folder: FilePath) -> None:

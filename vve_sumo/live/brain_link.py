@@ -17,6 +17,7 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.outputs import Wire
 from vve_sumo.pose.sources import Source
 from vve_sumo.rig.schema import Brain as RigBrain
+from vve_sumo.rig.schema import Rig
 from vve_sumo.wire.sample import Sample
 from vve_sumo.wire.sample_codec import pack
 
@@ -71,6 +72,12 @@ def key_of(brain: RigBrain, working: Path) -> bytes:
     if len(key) != KEY_LENGTH:
         raise ConfigError(f"brain.key_file: {file}: expected {2 * KEY_LENGTH} hexadecimal digits, got {2 * len(key)}")
     return key
+
+
+def refuse_controller(rig: Rig, controller: str | None) -> None:
+    """Raise ConfigError where a controller is named beside a brain that decides in its place."""
+    if controller is not None and rig.brain.kind != "own":
+        raise ConfigError(f"--controller: the rig's brain decides (brain.kind is {rig.brain.kind!r}); leave it out")
 
 
 class WiredLink:

@@ -28,7 +28,7 @@ from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.live import assembly, spawn, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
-from vve_sumo.live.brain_link import key_of
+from vve_sumo.live.brain_link import key_of, refuse_controller
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.console import Console, ProcessGroup
 from vve_sumo.live.keys import OperatorInput
@@ -100,6 +100,7 @@ def plan(
         raise ConfigError(f"--shadow: {rig_file} has an external brain, which alone sets the enable bits; leave it out")
     if not shadow and (reason := arming_obstacle(loaded)) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
+    refuse_controller(loaded, controller)
     key_of(loaded.brain, working)  # raises for one that cannot be read
     resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, values=values)
     try:
