@@ -18,7 +18,7 @@ typedef struct {
     uint8_t version;      /* VVE_VERSION */
     uint8_t kind;         /* VVE_RADAR or VVE_SETPOINT */
     uint16_t flags;       /* radar: VVE_VALID; setpoint: VVE_EMERGENCY */
-    uint32_t sequence;    /* counts up by one */
+    uint32_t sequence;    /* radar: counts ticks up, with gaps for skipped ones; setpoint: counts up */
     uint32_t lifetime_us; /* from its arrival on; not to be acted on for longer */
 } vve_head;
 

@@ -10,6 +10,7 @@ import pytest
 from tests.metrics.tables import CAR, PERIOD, actors_of, drive_of, ticks_of
 from vve_sumo.metrics.braked_for import hardest_braking_for, last_stop_for
 from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.path import Path
 
 CRUISE, SPEED = 3.0, 10.0  #: [s], [m/s]
 BRAKING = 2.5  #: [m/s2]
@@ -25,7 +26,7 @@ def motion(deceleration: float = BRAKING) -> tuple[np.ndarray, np.ndarray, np.nd
     return place, SPEED - deceleration * braked, acceleration
 
 
-def drive(*others: dict[str, object], deceleration: float = BRAKING) -> DriveData:
+def drive(*others: dict[str, object], deceleration: float = BRAKING, path: Path | None = None) -> DriveData:
     """Return a drive: `others` are actors, whose x_m, y_m may be functions of the time [s] since braking began."""
     place, speed, acceleration = motion(deceleration)
     rows = [
@@ -46,7 +47,7 @@ def drive(*others: dict[str, object], deceleration: float = BRAKING) -> DriveDat
         for tick in range(len(rows))
         for one in others
     ]
-    return drive_of(ticks_of(rows), actors_of(seen))
+    return drive_of(ticks_of(rows), actors_of(seen), path)
 
 
 REST = motion()[0][-1] + CAR.rear_axle_to_bumper  #: of the front bumper [m]
@@ -86,6 +87,34 @@ def test_one_who_was_on_a_collision_course_is_found_though_it_was_never_in_the_s
 
     stops_beside = CROSSER | {"y_m": beside}
     assert last_stop_for(drive(stops_beside)) == "crosser"
+
+
+def follows(since: float) -> float:
+    """Return the place [m] of a car that does what the car before it does, one second later, and ends 1 m behind it."""
+    place = motion()[0]
+    tick = min(max(round((CRUISE + since - 1.0) / PERIOD), 0), len(place) - 1)
+    return float(place[tick]) + CAR.rear_axle_to_bumper - CAR.length - 1.0 - 2.0
+
+
+FOLLOWER: dict[str, object] = {
+    "actor": "follower",
+    "x_m": follows,
+    "speed_mps": lambda since: float(np.clip(SPEED - BRAKING * (since - 1.0), 0.0, SPEED)),
+}
+#: crosses from the left behind the end of the path, where the car would be after 4.5 s had it not braked
+BEYOND: dict[str, object] = CROSSER | {"x_m": BEGIN + SPEED * 7.5, "y_m": lambda since: 15.0 * (4.5 - since)}
+
+
+@pytest.mark.parametrize(("others", "name"), [((FOLLOWER,), ""), ((FOLLOWER, CROSSER), "crosser")])
+def test_nobody_brakes_for_what_comes_from_behind(others: tuple[dict[str, object], ...], name: str) -> None:
+    assert last_stop_for(drive(*others)) == name
+    assert hardest_braking_for(drive(*others)) == name
+
+
+def test_nobody_brakes_for_what_crosses_beyond_the_end_of_the_path() -> None:
+    assert last_stop_for(drive(BEYOND)) == "crosser"
+    x = np.arange(0.0, REST + 1.0 - CAR.rear_axle_to_bumper, 1.0)
+    assert last_stop_for(drive(BEYOND, path=Path.from_points(x, np.zeros_like(x)))) == ""
 
 
 def test_a_car_that_hardly_slows_down_brakes_for_nobody() -> None:

@@ -14,7 +14,7 @@ from vve_sumo.metrics.exposure import EXPOSURE
 from vve_sumo.metrics.metric import UNITS, Metric, unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.per_tick import PER_TICK
-from vve_sumo.metrics.table import METRICS, axis_of, label_of, meaning_of
+from vve_sumo.metrics.table import METRICS, axis_of, label_of, meaning_of, with_labels
 from vve_sumo.scenario.schema import Band, Criteria
 
 #: what somebody who adds a metric writes at the end of `per_drive.py`
@@ -115,6 +115,25 @@ def test_labels_of_metrics_and_of_other_columns(name: str, label: str, axis: str
     assert (label_of(name), axis_of(name)) == (label, axis)
     assert axis_of(name, {name: "km/h"}) == f"{label} [km/h]"
     assert bool(meaning_of(name)) == (name in METRICS)
+
+
+@pytest.mark.parametrize(
+    ("text", "read"),
+    [
+        ("time with ttc_s below 1.5 s", "time with “TTC” below 1.5 s"),
+        ("of min_ttc_s; none as min_ttc_s.", "of “minimum TTC”; none as “minimum TTC”."),
+        ("sets ego.speed_mps", "sets ego.speed_mps"),  # a key of a scenario
+        ("hunting, and passed, by geofence_breach", "hunting, and passed, by geofence_breach"),
+    ],
+)
+def test_a_text_is_read_with_labels_and_without_names(text: str, read: str) -> None:
+    assert with_labels(text) == read
+
+
+def test_no_meaning_is_read_with_the_name_of_a_metric() -> None:
+    for metric in METRICS.values():
+        words = with_labels(metric.meaning).replace(",", " ").replace(";", " ").split()
+        assert not {word for word in words if "_" in word}, metric.name
 
 
 def test_the_longest_ending_is_the_unit() -> None:

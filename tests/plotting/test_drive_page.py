@@ -267,7 +267,7 @@ def test_a_drive_with_a_moment_writes_every_word_on_the_page_and_none_over_anoth
         boxes = {text.get_text(): text.get_window_extent(renderer) for text in (*words, *legends) if text.get_text()}
     assert {"standing vehicle", "not seen by the radar"} <= {*boxes}
     assert any(word.startswith("least time to collision (TTC) 2.50 s at 3.00 s") for word in boxes)
-    assert {"ego 8.0 m/s", "standing vehicle 0.0 m/s", "±0.15 m", "1, 2, 3 s later"} <= {
+    assert {"ego 8.0 m/s", "standing vehicle 0.0 m/s", "±0.15 m", "middle 1, 2, 3 s later"} <= {
         word.removeprefix("required: ") for word in boxes
     }
     for word, box in boxes.items():

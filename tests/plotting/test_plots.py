@@ -431,6 +431,20 @@ def test_a_stopping_law_is_that_of_one_controller() -> None:
     assert labelled(beside, "τ = 0 ms, a = 2.00").size  # each in a panel of its own
 
 
+@pytest.mark.parametrize(("gap", "mark"), [(40.0, "o"), (140.0, "^")])
+def test_an_approach_that_begins_above_the_axis_has_a_triangle_at_its_edge(
+    tmp_path: Path, gap: float, mark: str
+) -> None:
+    run = stopping(tmp_path / "record", speed=6.0)
+    box = BOX | {"actor": "parked", "x_m": CAR.rear_axle_to_bumper + gap + 2.0}
+    put(run.folder, "actors", [box | {"tick": tick} for tick in range(len(TIME))])
+    axes = plotting.gap_against_speed(Run(run.folder)).axes[0]
+    (first,) = (line for line in axes.lines if str(line.get_label()).startswith(f"first ahead: {gap:.0f} m"))
+    assert first.get_marker() == mark
+    assert float(np.asarray(first.get_ydata())[0]) <= axes.get_ylim()[1]
+    assert str(first.get_label()).endswith("above the axis") == (mark == "^")
+
+
 def test_gaps_of_controllers_have_looks_of_their_own_and_marks_of_their_own() -> None:
     figure = plotting.gap_against_speed(survivors())
     assert labelled(figure, r"^one: gap at rest \(10 runs\)")[1].tolist() == list(range(25, 15, -1))

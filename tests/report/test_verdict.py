@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from tests.analysis.made import BOX, CAR, put, write
+from tests.analysis.made import BOX, CAR, PERIOD, moving, put, write
 from tests.isolated import REPOSITORY
 from tests.sweep.test_dataset import PLAN
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.plotting import drive_overview
-from vve_sumo.report import drive, runs, search_results, settings, stops, sweep
+from vve_sumo.report import drive, pictures, runs, search_results, settings, stops, sweep
 from vve_sumo.report.sources import open_street_map
 from vve_sumo.report.tables import Cell
 from vve_sumo.report.verdict import Verdict, figures_of, of_drive
@@ -99,7 +101,17 @@ def test_a_contact_is_said_however_the_drive_ended(tmp_path: Path, outcome: str 
 def test_what_was_not_measured_is_not_said(tmp_path: Path) -> None:
     none = {name: None for name, value in MEASURED.items() if isinstance(value, float)}
     line = verdict(record(tmp_path / "r", MEASURED | none)).line
-    assert line == "passed: The car came to rest with no object ahead. No object was ever ahead of the car in its path."
+    assert line == "passed: The car came to rest with no object ahead. No object was ever in the car's way."
+
+
+def test_an_actor_that_never_was_in_the_path_but_was_braked_for_does_not_make_the_page_contradict_itself(
+    tmp_path: Path,
+) -> None:
+    none = {name: None for name, value in MEASURED.items() if isinstance(value, float)}
+    crossed = {"outcome": "completed", "hardest_braking_for": "crosser", "max_deceleration_mps2": 3.0}
+    line = verdict(record(tmp_path / "r", MEASURED | none | crossed)).line
+    assert "It braked hardest, with 3.00 m/s², for crosser." in line
+    assert line.endswith("The car was on a collision course with crosser, which never was in its path.")
 
 
 def test_a_live_drive_whose_program_was_killed_is_told_from_its_recorders_summary(tmp_path: Path) -> None:
@@ -107,6 +119,41 @@ def test_a_live_drive_whose_program_was_killed_is_told_from_its_recorders_summar
     run = record(tmp_path / "r", {"outcome": "fault", "reasons": ["pose_stale"], "ticks": TICKS})
     assert verdict(run).line.startswith("not judged: The gateway stopped the car: no trusted fix for too long.")
     assert drive_overview(run).texts[1].get_text() == "stopped by the gateway: no trusted fix for too long · not judged"
+
+
+@pytest.mark.parametrize(
+    ("contact", "ahead", "window"),
+    [
+        (True, 6.0, "beneath it the first contact, with"),
+        (False, 6.0, "beneath it the moment of the least gap, with"),
+        (False, 50.0, "beneath it the moment at which another actor was nearest, with"),
+        (False, 90.0, "beneath it the place where the drive ended, with"),
+    ],
+)
+def test_the_caption_says_what_the_picture_shows(tmp_path: Path, contact: bool, ahead: float, window: str) -> None:
+    run = record(tmp_path / "r", MEASURED, contact)
+    box = BOX | {"actor": "parked", "x_m": CAR.rear_axle_to_bumper + ahead}
+    put(run.folder, "actors", [box | {"tick": tick} for tick in range(TICKS)])
+    assert window in pictures.caption_of(Run(run.folder))
+
+
+def test_the_page_calls_metrics_by_their_labels_and_tells_the_jerk_of_the_stop_from_that_of_the_drive(
+    tmp_path: Path,
+) -> None:
+    time = np.arange(0.0, 6.0, PERIOD)
+    braked = np.clip(time - 1.0, 0.0, 2.0)
+    rows = moving(time, 5.0 * np.minimum(time, 1.0) + 5.0 * braked - 1.25 * braked**2, 5.0 - 2.5 * braked)
+    for row, at in zip(rows, time.tolist(), strict=True):
+        row |= {"granted_acceleration_mps2": -2.5 if at >= 1.0 else 0.0, "state": "engaged"}
+        row |= {"true_acceleration_mps2": -2.5 if 1.0 <= at < 3.0 else 0.0}
+    write(tmp_path / "r", rows, MEASURED)
+    page = drive.report(Run(tmp_path / "r")).page()
+    assert "RMS jerk of the stop" in page
+    assert "of the whole drive" in page
+    assert "on the car was at rest, which is slower than 0.05" in page
+    meanings = re.findall(r'<div class="about">(.*?)</div>|<dd>(.*?)</dd>', page)
+    assert len(meanings) > 20
+    assert not [text for pair in meanings for text in pair if re.search(r"\b(ttc_s|min_ttc_s|jerk_mps3|gap_m)\b", text)]
 
 
 def swept(folder: Path, *results: Result, cells: int | None = None) -> Sweep:

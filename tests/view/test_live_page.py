@@ -90,7 +90,14 @@ def kept(page: Any) -> list[dict[str, Any]]:
 
 
 WATCH = """() => { globalThis.keptFrames = []; const view = vveSumo.shown.view, show = view.show.bind(view);
-  view.show = (frame) => { keptFrames.push({ t: frame.t, state: frame.state, ego: frame.ego }); show(frame); }; }"""
+  const feed = document.getElementById('feed');
+  new MutationObserver(() => {
+    if (feed.dataset.kind === 'lost') globalThis.lostAfter ??= performance.now() / 1000 - vveSumo.shown.newest;
+  }).observe(feed, { attributes: true });
+  view.show = (frame, clock) => {
+    keptFrames.push({ t: frame.t, state: frame.state, ego: frame.ego });
+    show(frame, clock);
+  }; }"""
 
 
 @dataclass
@@ -98,7 +105,7 @@ class Seen:
     """What the page showed of a drive that its button stopped."""
 
     frames: list[dict[str, Any]]
-    lost_after: float  #: from the page's process being stopped to the page's saying so [s]
+    lost_after: float  #: from the last frame before the page's process was stopped to the page's saying so [s]
     stopped_after: float  #: from the click to the state on the page [s]
     colours: int
     said: list[str]  #: on the page's console
@@ -124,10 +131,10 @@ def watched(browser: Any, folder: Path) -> Seen:
         page.evaluate(WATCH)
         until(lambda: holds(page, f"{FRAME}.ego?.speed > 2"), patience=60.0)
         printed = vve_sumo("view", "--live", "record", cwd=folder).stdout
+        page.evaluate("() => { globalThis.lostAfter = null; }")
         os.kill(drive.view, signal.SIGSTOP)
-        frozen = time.monotonic()
         until(lambda: holds(page, f"{FEED} === 'lost'"))
-        lost_after = time.monotonic() - frozen
+        lost_after = float(page.evaluate("globalThis.lostAfter"))
         assert holds(page, "document.querySelector('article.stale')")
         os.kill(drive.view, signal.SIGCONT)
         until(lambda: holds(page, f"{FEED} === 'live'"))
@@ -167,7 +174,7 @@ def seen(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Seen:
 def test_the_ego_on_the_page_is_the_records(seen: Seen) -> None:
     at = {round(time, 4): row for row, time in enumerate(seen.ticks["time_s"])}
     shown = [frame for frame in seen.frames if frame["ego"]]
-    assert len(shown) > 100
+    assert len(shown) > 20
     for frame in shown:
         row = at[frame["t"]]
         assert frame["ego"]["x"] == pytest.approx(seen.ticks["x_m"][row], abs=1e-3)
@@ -185,7 +192,7 @@ def test_states_change_on_the_page(seen: Seen) -> None:
 
 
 def test_a_feed_that_stops_is_said_in_time(seen: Seen) -> None:
-    assert seen.lost_after < SAID_WITHIN + 0.2  # the browser is asked through a pipe of its own
+    assert 0.0 < seen.lost_after < SAID_WITHIN
 
 
 def test_the_button_stops_the_car_without_a_feed(seen: Seen) -> None:

@@ -16,7 +16,7 @@ from vve_sumo.drive.pipeline import Seen
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.values import ControlCommand, Observation, newest_scan
-from vve_sumo.wire.sample import Measured, Sample, virtual_fix
+from vve_sumo.wire.sample import Measured, Sample, sequence_of, virtual_fix
 from vve_sumo.wire.setpoints import SILENT, SetpointInbox
 
 #: note of a command in whose place no setpoint is alive; the fault beside it makes the gateway stop
@@ -53,7 +53,8 @@ class Publisher:
 
     def publish(self, now: float, seen: Seen | None, faults: tuple[str, ...]) -> None:
         """Send the sample of a tick; any fault but the brain's own silence makes it invalid, and so does no pose."""
-        self.sequence += 1
+        # A live tick keeps to the receiver's clock, so two may lie within one period of ours.
+        self.sequence = max(self.sequence + 1, sequence_of(now))
         sound = seen is not None and not (self.over or self.held) and all(code == SILENT for code in faults)
         measured = self._measured(now, seen) if seen is not None and sound else None
         sample = Sample(self.sequence, self._epoch + now, now, measured)

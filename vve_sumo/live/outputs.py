@@ -13,7 +13,7 @@ import json
 import select
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -28,7 +28,7 @@ from vve_sumo.live.spawn import receive_config
 from vve_sumo.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
 from vve_sumo.values import Vehicle
 from vve_sumo.wire.outputs import KINDS, Context, Output
-from vve_sumo.wire.sample import Sample
+from vve_sumo.wire.sample import Sample, sequence_of
 from vve_sumo.wire.sample_codec import unpack
 
 #: a sample that is this much later than due is no longer waited for [s]: the wires turn invalid
@@ -93,8 +93,9 @@ class Outputs:
     def __init__(self, wires: list[Wire], drive: Channel, t0: float, epoch: float) -> None:
         """`t0` is the monotonic second of drive time 0, `epoch` its GNSS second."""
         self._wires, self._drive, self._t0, self._epoch = wires, drive, t0, epoch
-        self._sequence = 0
         self._due = time.monotonic() + LATE + PERIOD
+        self._sequence = 0  # of the newest sample sent
+        self._failed: set[str] = set()  # wires whose encoder has failed
         self.sent = self.silent = 0  #: samples of the drive, and ticks at which it said nothing
 
     def run(self) -> None:
@@ -117,33 +118,48 @@ class Outputs:
             return
         sample = unpack(waiting[-1])
         now = time.monotonic()
-        self._due = now + PERIOD + LATE
-        if now - self._t0 - sample.drive_time > LATE:
+        if now - self._t0 - sample.drive_time > LATE or sample.sequence <= self._sequence:
             return  # the drive was held up after it had made the sample; the timer speaks in its place
-        self._sequence = sample.sequence
+        self._due = now + PERIOD + LATE
         self.sent += 1
         self._send(sample)
 
     def _say_invalid(self) -> None:
         now = time.monotonic()
         self._due = now + PERIOD
-        self._sequence += 1
         self.silent += 1
         drive_time = now - self._t0
-        self._send(Sample(self._sequence, self._epoch + drive_time, drive_time, None))
+        # Not after the sequence of a sample that may still come: one of a tick more than LATE ago is not sent.
+        sequence = max(self._sequence + 1, sequence_of(drive_time - LATE))
+        self._send(Sample(sequence, self._epoch + drive_time, drive_time, None))
 
     def _send(self, sample: Sample) -> None:
+        self._sequence = sample.sequence
         for wire in self._wires:
+            # A bug in one encoder must not silence the others.
             try:
-                wire.outlet.send(wire.output.step(sample))
+                wire.outlet.send(self._encoded(wire, sample))
             except Exception as error:
-                # A bug in one encoder must not silence the others.
-                _say(f"{wire.name}: {type(error).__name__}: {error}")
+                self._say_once(wire, error)
+
+    def _encoded(self, wire: Wire, sample: Sample) -> Sequence[Any]:
+        """Return what a wire sends for a sample; where its encoder fails, *invalid*."""
+        try:
+            return wire.output.step(sample)
+        except Exception as error:
+            self._say_once(wire, error)
+            return wire.output.step(replace(sample, measured=None))
+
+    def _say_once(self, wire: Wire, error: Exception) -> None:
+        if wire.name not in self._failed:
+            _say(f"{wire.name}: {type(error).__name__}: {error}")
+        self._failed.add(wire.name)
 
     def report(self) -> str:
         """Return the log's last line."""
         lost = {wire.name: wire.outlet.lost for wire in self._wires if wire.outlet.lost}
-        return f"{self.sent} samples sent, invalid for {self.silent} ticks in which the drive said nothing, lost {lost}"
+        silent = f"invalid for {self.silent} ticks in which the drive said nothing"
+        return f"{self.sent} samples sent, {silent}, lost {lost}, encoders that failed {sorted(self._failed)}"
 
 
 def _say(line: str) -> None:

@@ -57,11 +57,17 @@ def _called_for(drive: DriveData, begin: int, end: int) -> str:
 
 
 def _first_touched(drive: DriveData, ticks: slice, within: float) -> str:
-    """Return the actor with the least time to collision of boxes at some ticks, if that is below `within` [s]."""
-    actors = drive.actor_rows
-    rows = np.flatnonzero((actors.at >= ticks.start) & (actors.at < ticks.stop))
-    times = time_to_collision_2d(drive.ego_boxes.select(actors.at[rows]), actors.boxes.select(rows))
-    times = np.where(np.isfinite(times), times, np.inf)
+    """Return the actor ahead with the least time to collision of boxes at some ticks, if that is below `within` [s].
+
+    Ahead is what has its centre before the middle of the car: nobody brakes for what comes from behind. A collision
+    beyond the end of the car's path does not count either, because the car never gets there.
+    """
+    actors, ego, at = drive.actor_rows, drive.ego_boxes.select(drive.actor_rows.at), drive.actor_rows.at
+    ahead = (actors.boxes.x - ego.x) * np.cos(ego.heading) + (actors.boxes.y - ego.y) * np.sin(ego.heading) > 0.0
+    rows = np.flatnonzero(ahead & (at >= ticks.start) & (at < ticks.stop))
+    times = time_to_collision_2d(ego.select(rows), actors.boxes.select(rows))
+    beyond = drive.station[at[rows]] + drive.motion.speed[at[rows]] * times > drive.path.length
+    times = np.where(np.isfinite(times) & ~beyond, times, np.inf)
     if not times.min(initial=np.inf) < within:
         return ""
     return actors.names[int(actors.code[rows[int(np.argmin(times))]])]

@@ -7,6 +7,7 @@ itself reports.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 
 from vve_sumo.metrics.exposure import EXPOSURE
@@ -75,6 +76,8 @@ _WORDS = {
     "min": "minimum",
     "max": "maximum",
 }
+#: what may be the name of a metric in a text; a key of a scenario, with its dots, is none
+_NAME = re.compile(r"(?<![\w.])[a-z0-9]+(?:_[a-z0-9]+)+(?!\w)")
 
 
 def label_of(name: str) -> str:
@@ -97,6 +100,14 @@ def axis_of(name: str, units: Mapping[str, str] | None = None) -> str:
 def meaning_of(name: str) -> str:
     """Return what a metric means; empty for what is none."""
     return METRICS[name].meaning if name in METRICS else ""
+
+
+def with_labels(text: str) -> str:
+    """Return a text, such as a meaning, in which metrics are called by their labels, in quotes, and not by their names.
+
+    A name that is an everyday word, such as `hunting`, is left as it is.
+    """
+    return _NAME.sub(lambda found: f"“{METRICS[found[0]].label}”" if found[0] in METRICS else found[0], text)
 
 
 def markdown(metrics: Iterable[Metric]) -> str:

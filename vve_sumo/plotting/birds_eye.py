@@ -26,6 +26,7 @@ from vve_sumo.plotting.page import (
     prefix,
     trace,
 )
+from vve_sumo.plotting.placing import Rectangle, around, centred
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -40,8 +41,8 @@ MARGIN = 25.0
 MAX_GAP_SHOWN = 40.0
 #: parts of the way at which an arrow says where the car drives to
 ARROWS = (0.2, 0.5, 0.8)
-#: a body shorter than this gets a ring of the second diameter around it [point]
-MARK, RING = 7.0, 13.0
+#: a body shorter than this gets a pointer of this size beside it [point], so far from its edge [inch]
+MARK, POINTER_APART = 7.0, 0.08
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +76,24 @@ class DrawnCar:
     box: Box
     colour: str
     name: str  #: what the legend calls it
+    ego: bool = False
+
+    def place(self, view: View) -> Floats:
+        """Return its corners on a window (4 x 2) [m]."""
+        return view.place(*np.array(self.box.corners()).T)
+
+    def pointer(self, view: View) -> Rectangle | None:
+        """Return where the pointer to a body stands that would be too small to be found; None for a larger one.
+
+        The ego's points up from below and all others' down from above, so that two who stand close are told apart.
+        """
+        inch = view.width / LEFT_WIDTH
+        if self.box.length / inch * POINTS_PER_INCH > MARK:
+            return None
+        body, size = around(self.place(view)), MARK / POINTS_PER_INCH * inch
+        away = POINTER_APART * inch + size / 2.0
+        y = body.low - away if self.ego else body.high + away
+        return centred((body.left + body.right) / 2.0, y, size, size)
 
 
 def rotated(x: Floats, y: Floats, angle: float) -> Floats:
@@ -87,7 +106,7 @@ def _ego(page: DrivePage) -> DrawnCar:
     x, y, heading = (column[-1:] for column in trace(page.ticks))
     boxes = vehicle_boxes(x, y, heading, np.zeros_like(x), page.vehicle)
     return DrawnCar(
-        Box(*(float(column[0]) for column in boxes[:5])), EGO, "ego at the end" if page.moment is None else "_"
+        Box(*(float(column[0]) for column in boxes[:5])), EGO, "ego at the end" if page.moment is None else "_", True
     )
 
 
@@ -172,20 +191,23 @@ def draw_overview(axes: Axes, page: DrivePage, view: View) -> None:
     _cross(axes, page, view)
 
 
+def cars_at_the_end(page: DrivePage, view: View) -> list[DrawnCar]:
+    """Return the cars that a window shows of the last tick, the ego last."""
+    return [car for car in (*_actors(page), _ego(page)) if view.holds(car.box.x, car.box.y)]
+
+
 def _cars(axes: Axes, page: DrivePage, view: View) -> None:
-    for car in (*_actors(page), _ego(page)):
-        if view.holds(car.box.x, car.box.y):
-            _mark(axes, view, car)
+    for car in cars_at_the_end(page, view):
+        _mark(axes, view, car)
 
 
 def _mark(axes: Axes, view: View, car: DrawnCar) -> None:
-    """Draw a car as large as it is, with a ring around one that would be too small to be found."""
-    box = car.box
-    ((x, y),) = view.place(np.array([box.x]), np.array([box.y]))
-    draw_car(axes, view, box, car.colour)
-    if box.length / view.width * LEFT_WIDTH * POINTS_PER_INCH <= MARK:
-        edge = INK if car.colour == PAPER else car.colour
-        axes.plot(x, y, "o", markersize=RING, markerfacecolor="none", markeredgecolor=edge, zorder=6)
+    """Draw a car as large as it is, with a pointer to one that would be too small to be found."""
+    draw_car(axes, view, car.box, car.colour)
+    if (place := car.pointer(view)) is not None:
+        x, y = (place.left + place.right) / 2.0, (place.low + place.high) / 2.0
+        shape: dict[str, Any] = {"markersize": MARK, "markeredgecolor": INK, "markeredgewidth": 0.8, "zorder": 6}
+        axes.plot(x, y, "^" if car.ego else "v", color=car.colour, **shape)
     style: dict[str, Any] = {"markersize": MARK, "markeredgecolor": INK, "markeredgewidth": 0.8}
     axes.plot(math.nan, math.nan, "s", color=car.colour, label=car.name, **style)
 

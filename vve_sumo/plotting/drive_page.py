@@ -14,7 +14,8 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.plotting.birds_eye import MARGIN, MAX_GAP_SHOWN, View, draw_close_up, draw_overview, rotated
-from vve_sumo.plotting.moment import draw_dated_traces, draw_moment, moment_view, nearest_at_the_end, title_of
+from vve_sumo.plotting.dated_traces import draw_dated_traces
+from vve_sumo.plotting.moment import draw_moment, moment_view, nearest_at_the_end, title_of
 from vve_sumo.plotting.page import (
     BETWEEN,
     BOTTOM,

@@ -27,6 +27,8 @@ from vve_sumo.metrics.metric import unit_of
 PICTURE = "drive.png"
 #: an actor that no scan within this time of the moment detected is drawn as not seen [s]; a radar misses single scans
 SCANS_AROUND: Final = 0.3
+#: an actor between whose detections more time passes was lost by the radar [s]; what is far away is missed for less
+LOST_AFTER: Final = 1.0
 
 
 def page_of(run: Run) -> DrivePage:
@@ -48,6 +50,9 @@ def page_of(run: Run) -> DrivePage:
         setting=_setting(run),
         distance=_distance(run, moment.actor) if moment else None,
         detected=_detected(run, moment.actor) if moment else None,
+        lost=_lost(run, moment.actor) if moment else (),
+        named=_named(run),
+        deviation_limit=_deviation_limit(run),
         asked={name: bound for name, bound in (run.resolved["settings"].get("criteria") or {}).items() if bound},
     )
 
@@ -84,6 +89,29 @@ def _detected(run: Run, actor: str) -> tuple[float, float] | None:
         return None
     row = int(np.searchsorted(run.arrow("ticks")["tick"].to_numpy(), found["tick"][0].as_py()))
     return float(run.time[min(row, len(run.time) - 1)]), float(found["range_m"][0].as_py())
+
+
+def _named(run: Run) -> frozenset[str]:
+    """Return the actors that the scenario calls by name, and those that the summary does."""
+    settings, summary = run.resolved["settings"], run.summary or {}
+    own = {str(one.get("id")) for key in ("actors", "obstacles") for one in settings.get(key) or ()}
+    return frozenset(own | {str(summary.get(key) or "") for key in ("braked_for", "hardest_braking_for")})
+
+
+def _lost(run: Run, actor: str) -> list[tuple[float, float]]:
+    """Return between which drive times [s] the radar lost an actor and detected it again."""
+    found = run.arrow("sensor_radar").filter(pc.field("actor") == actor)["tick"].to_numpy()
+    at = run.time[np.searchsorted(run.arrow("ticks")["tick"].to_numpy(), found).clip(0, len(run.time) - 1)]
+    ends = np.flatnonzero(np.diff(at) > LOST_AFTER)
+    return [*zip(at[ends].tolist(), at[ends + 1].tolist(), strict=True)]
+
+
+def _deviation_limit(run: Run) -> float | None:
+    """Return the lateral deviation at which the gateway stopped the car [m]; None where it did not do so for that."""
+    if "off_path" not in ((run.summary or {}).get("reasons") or ()):
+        return None
+    limit = run.resolved["settings"].get("ego", {}).get("deviation_limit_m")
+    return None if limit is None else float(limit)
 
 
 def _unseen(run: Run, moment: Moment) -> frozenset[str]:

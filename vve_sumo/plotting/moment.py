@@ -15,6 +15,7 @@ from vve_sumo.geometry import Box, Boxes, distance, vehicle_boxes
 from vve_sumo.metrics.moment import Measure, Moment
 from vve_sumo.plotting.birds_eye import View, draw_car, draw_map, rotated
 from vve_sumo.plotting.page import ACTOR, EGO, INK, LEFT_WIDTH, OBSTACLE, PAPER, QUIET, DrivePage, halo, prefix
+from vve_sumo.plotting.placing import NO_POINTS, Rectangle, around, centred, freest
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -34,6 +35,10 @@ MOVED: Final = 1.0
 SMALL: Final = ((0.3, "child"), (0.6, "pedestrian"), (1.5, "scooter"), (2.5, "bicyclist"), (6.0, "two-wheeler"))
 #: a vehicle is at least so wide [m]; a narrower body is told by its radar cross section
 NARROWEST_VEHICLE: Final = 1.3
+#: an actor that is farther away when the drive ended is not said to be near [m]
+NEAR_AT_THE_END: Final = 25.0
+#: diameter of the dots at 1, 2 and 3 s [inch]
+DOT: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,10 +128,25 @@ def what_it_is(track: Track, ego: Track, time: float) -> str:
     return "vehicle beside" if beside else "vehicle ahead"
 
 
+def called(page: DrivePage, actor: str, track: Track, ego: Track, time: float) -> str:
+    """Return what an actor is called in the picture: its name where it has one, else what it is at a drive time [s].
+
+    The actor that mattered is called what it was at the moment, in whatever part of the picture it stands.
+    """
+    when = page.moment.time if page.moment and actor == page.main else time
+    return page.name_of(actor) or what_it_is(track, ego, when)
+
+
+def _explained(page: DrivePage, actor: str, track: Track, ego: Track, time: float) -> str:
+    """Return what the legend says of an actor: what it is called, and what it is where its name does not say that."""
+    word, kind = called(page, actor, track, ego, time), what_it_is(track, ego, time)
+    return word if kind in word or word in kind else f"{word} ({kind})"
+
+
 def title_of(page: DrivePage, moment: Moment) -> str:
     """Return when the moment was and what makes it the one that matters."""
     track = tracks(page).get(moment.actor)
-    word = what_it_is(track, ego_track(page), moment.time) if track else "actor"
+    word = called(page, moment.actor, track, ego_track(page), moment.time) if track else "actor"
     return {
         Measure.CONTACT: f"contact at {moment.time:.2f} s, with {word}",
         Measure.TIME_TO_COLLISION: f"least time to collision (TTC) {moment.value:.2f} s at {moment.time:.2f} s: {word}",
@@ -136,19 +156,19 @@ def title_of(page: DrivePage, moment: Moment) -> str:
 
 
 def nearest_at_the_end(page: DrivePage) -> str:
-    """Return in words who was nearest when the drive ended, and how far; empty where nobody was within NEAR."""
+    """Return in words who was nearest when the drive ended, and how far; empty where nobody was near."""
     ego = ego_track(page)
     end = float(page.ticks["time_s"][-1].as_py())
     if not len(ego.time):
         return ""
     own, found = ego.box(end), []
-    for track in tracks(page).values():
+    for name, track in tracks(page).items():
         if abs(track.time[-1] - end) <= 0.03:
             box = track.box(end)
             pair = (Boxes(*(np.array([value]) for value in (*astuple(one), 0.0))) for one in (own, box))
-            found.append((float(distance(*pair)[0]), what_it_is(track, ego, end)))
+            found.append((float(distance(*pair)[0]), called(page, name, track, ego, end)))
     away, word = min(found, default=(math.inf, ""))
-    return f"; nearest at the end: {word}, {away:.1f} m" if away <= NEAR else ""
+    return f"; nearest at the end: {word}, {away:.1f} m" if away <= NEAR_AT_THE_END else ""
 
 
 def moment_view(page: DrivePage, moment: Moment, shape: float) -> View:
@@ -185,15 +205,15 @@ def draw_moment(axes: Axes, page: DrivePage, moment: Moment, view: View) -> None
             colour = ACTOR if name == page.second else QUIET
             axes.plot(*way.T, color=colour, linewidth=1.0, linestyle=(0, (1, 1)), zorder=4)
             beside = name == page.second
-            kind = what_it_is(track, ego, moment.time) if beside else "other traffic"
+            kind = _explained(page, name, track, ego, moment.time) if beside else "other traffic"
             _body(axes, view, track.box(moment.time), page.colour_of(name), kind, name in page.unseen)
     if other is not None:
-        word = what_it_is(other, ego, moment.time)
-        _next(axes, view, other, moment.time, OBSTACLE, word)
+        word = _explained(page, moment.actor, other, ego, moment.time)
+        _next(axes, view, other, moment.time, OBSTACLE)
         _body(axes, view, other.box(moment.time), OBSTACLE, word, moment.actor in page.unseen)
-    _next(axes, view, ego, moment.time, EGO, "ego")
+    _next(axes, view, ego, moment.time, EGO)
     _body(axes, view, ego.box(moment.time), EGO, "ego", False)
-    _labels(axes, page, moment, view, ego, other)
+    _labels(axes, page, moment, view, ego, others)
 
 
 def _body(axes: Axes, view: View, box: Box, colour: str, name: str, unseen: bool) -> None:
@@ -207,8 +227,8 @@ def _body(axes: Axes, view: View, box: Box, colour: str, name: str, unseen: bool
     axes.plot(math.nan, math.nan, "s", color=colour, markeredgecolor=INK, markersize=7.0, label=label)
 
 
-def _next(axes: Axes, view: View, track: Track, time: float, colour: str, name: str) -> None:
-    """Draw where a body goes in the next seconds, with a dot for each second, and where it came from."""
+def _next(axes: Axes, view: View, track: Track, time: float, colour: str) -> None:
+    """Draw where a body's middle goes in the next seconds, with a dot for each second, and where it came from."""
     came = view.place(*track.during(time - BEFORE, time))
     axes.plot(*came.T, color=colour, linewidth=1.2, linestyle=(0, (1, 1)), zorder=5)
     goes = view.place(*track.during(time, time + AFTER))
@@ -216,90 +236,44 @@ def _next(axes: Axes, view: View, track: Track, time: float, colour: str, name: 
         axes.plot(*goes.T, color=colour, linewidth=2.4, zorder=5)
         mark: dict[str, Any] = {"markersize": 5.5, "markerfacecolor": PAPER, "markeredgecolor": colour}
         dots = view.place(*track.at_seconds(time))
-        axes.plot(*dots.T, "o", **mark, markeredgewidth=1.5, zorder=8, path_effects=halo(), label="1, 2, 3 s later")
+        axes.plot(
+            *dots.T, "o", **mark, markeredgewidth=1.5, zorder=8, path_effects=halo(), label="middle 1, 2, 3 s later"
+        )
 
 
-def _labels(axes: Axes, page: DrivePage, moment: Moment, view: View, ego: Track, other: Track | None) -> None:
-    """Write the speeds beside the bodies, one above its body and one below, inside the window."""
-    named = [(ego, f"ego {ego.speed[ego.row(moment.time)]:.1f} m/s", EGO)]
-    if other is not None:
-        word = what_it_is(other, ego, moment.time)
-        named.append((other, f"{word} {other.speed[other.row(moment.time)]:.1f} m/s", OBSTACLE))
-    places = [view.place(*np.array(track.box(moment.time).corners()).T) for track, _words, _colour in named]
-    highest = int(np.argmax([place[:, 1].mean() for place in places[::-1]])) if len(places) > 1 else 0
-    metre = view.width / LEFT_WIDTH
-    for number, ((_track, words, colour), place) in enumerate(zip(named, places, strict=True)):
-        above = len(places) == 1 or number == len(places) - 1 - highest
-        half = 0.5 * LETTER * len(words) * metre
-        x = float(np.clip(place[:, 0].mean(), -view.width / 2.0 + half, view.width / 2.0 - half))
-        room = view.height / 2.0 - LINE * metre
-        y = place[:, 1].max() + 0.12 * metre if above else place[:, 1].min() - 0.12 * metre
-        y = float(np.clip(y, -room, room))
-        style: dict[str, Any] = {"ha": "center", "va": "bottom" if above else "top", "color": INK, "zorder": 9}
+def _labels(axes: Axes, page: DrivePage, moment: Moment, view: View, ego: Track, others: dict[str, Track]) -> None:
+    """Write the speeds beside the bodies, where they hide neither a body nor where one goes next."""
+    time, inch = moment.time, view.width / LEFT_WIDTH
+    shown = [ego, *(track for track in others.values() if np.abs(track.time - time).min() <= 0.03)]
+    bodies = [around(view.place(*np.array(track.box(time).corners()).T)) for track in shown]
+    dots = [ego, *(track for name, track in others.items() if name == moment.actor)]
+    points = np.vstack([view.place(*track.at_seconds(time)) for track in dots])
+    taken = [*bodies, *(centred(x, y, DOT * inch, DOT * inch) for x, y in points.tolist())]
+    named = [(ego, "ego", EGO)]
+    if (other := others.get(moment.actor)) is not None:
+        named.insert(0, (other, called(page, moment.actor, other, ego, time), OBSTACLE))
+    for track, word, colour in named:
+        words = f"{word} {track.speed[track.row(time)]:.1f} m/s"
+        size = LETTER * len(words) * inch, (LINE + 0.04) * inch
+        body = around(view.place(*np.array(track.box(time).corners()).T))
+        places = _places(body, size, view, above=other is None or track is not ego or body.low > bodies[0].high)
+        place = places[freest(places, taken, NO_POINTS)[0]]
+        taken.append(place)
+        style: dict[str, Any] = {"ha": "center", "va": "center", "color": INK, "zorder": 9}
         frame = {"facecolor": PAPER, "edgecolor": colour, "linewidth": 0.8, "pad": 1.5, "alpha": 0.9}
+        x, y = (place.left + place.right) / 2.0, (place.low + place.high) / 2.0
         axes.text(x, y, words, fontsize=11, fontweight="bold", bbox=frame, **style)
 
 
-def draw_dated_traces(axes: Axes, page: DrivePage, view: View) -> None:
-    """Draw the traces of the actors that came near, with the drive time along them and along the ego's.
-
-    The marks of the ego and of the actor that mattered bear the same times, so that the reader sees where both were.
-    """
-    ego, others = ego_track(page), tracks(page)
-    if not len(ego.time):
-        return
-    main = page.moment.actor if page.moment else ""
-    for name, track in others.items():
-        rows = np.searchsorted(ego.time, track.time).clip(0, len(ego.time) - 1)
-        near = np.hypot(track.x - ego.x[rows], track.y - ego.y[rows])
-        if (near.min() <= NEAR or name in (main, page.second)) and np.hypot(np.ptp(track.x), np.ptp(track.y)) > 1.0:
-            shown = near <= TRACE_SHOWN
-            placed = view.place(np.where(shown, track.x, np.nan), np.where(shown, track.y, np.nan))
-            colour, wide = (OBSTACLE, 1.8) if name == main else (ACTOR, 1.8) if name == page.second else (QUIET, 0.9)
-            label = "tracks of others" if colour == QUIET else page.second.replace("_", " ") if colour == ACTOR else "_"
-            axes.plot(*placed.T, color=colour, linewidth=wide, zorder=4, label=label)
-    _dates(axes, view, ego, others.get(main), others.get(page.second))
-
-
-#: an actor that came within this distance of the ego is traced, while within the second distance [m]
-NEAR, TRACE_SHOWN = 25.0, 80.0
-#: between two dates on the page [inch]; and steps that dates may have [s]
-BETWEEN_DATES, STEPS = 0.55, (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
-
-
-def _dates(axes: Axes, view: View, ego: Track, main: Track | None, second: Track | None) -> None:
-    """Write drive times along the ego's trace, and the same ones along the main actor's where it moves."""
-    way = float(np.hypot(np.diff(ego.x), np.diff(ego.y)).sum())
-    duration = float(ego.time[-1] - ego.time[0])
-    fitting = way / view.width * LEFT_WIDTH / BETWEEN_DATES
-    step = next((step for step in STEPS if duration / step <= max(fitting, 1.0)), STEPS[-1])
-    written: list[tuple[float, float]] = []
-    for track, colour, below in ((main, OBSTACLE, False), (second, ACTOR, False), (ego, EGO, True)):
-        if track is None or np.hypot(np.ptp(track.x), np.ptp(track.y)) < MARGIN:
-            continue
-        for time in np.arange(math.ceil(track.time[0] / step) * step, track.time[-1], step):
-            if np.abs(track.time - time).min() > 0.03 or not view.holds(*_at(track, float(time))):
-                continue
-            x, y = _at(track, float(time))
-            ((right, up),) = view.place(np.array([x]), np.array([y]))
-            axes.plot(right, up, "o", color=colour, markersize=3.5, markeredgecolor=PAPER, zorder=6)
-            aside, over = _beside(float(track.heading[track.row(float(time))]) - view.heading, below, view.width)
-            x, y = float(right) + aside, float(up) + over
-            apart = [math.hypot(x - a, 2.5 * (y - b)) / view.width * LEFT_WIDTH for a, b in written]
-            inside = abs(x) < 0.47 * view.width and abs(y) < 0.5 * view.height - 0.1 * view.width / LEFT_WIDTH
-            if inside and min(apart, default=math.inf) > BETWEEN_DATES * 0.8:
-                written.append((x, y))
-                style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8.5, "zorder": 7}
-                axes.text(x, y, f"{time:g} s", color=colour, path_effects=halo(), **style)
-
-
-def _beside(heading: float, below: bool, width: float) -> tuple[float, float]:
-    """Return from a trace of a heading [rad] to its date, in a window of a width [m]: below or left of it, or not."""
-    right, up = -math.sin(heading), math.cos(heading)
-    side = -1.0 if (up > 0.0 if abs(up) > 0.3 else right > 0.0) == below else 1.0
-    return side * 0.24 * right * width / LEFT_WIDTH, side * 0.14 * up * width / LEFT_WIDTH
-
-
-def _at(track: Track, time: float) -> tuple[float, float]:
-    row = track.row(time)
-    return float(track.x[row]), float(track.y[row])
+def _places(body: Rectangle, size: tuple[float, float], view: View, above: bool) -> list[Rectangle]:
+    """Return where words of a size [m] may stand around a body in a window, the best first, all inside the window."""
+    (wide, tall), apart = size, 0.06 * view.width / LEFT_WIDTH
+    x, y = (body.left + body.right) / 2.0, (body.low + body.high) / 2.0
+    sides = (1.0, -1.0) if above else (-1.0, 1.0)
+    aside, over = (body.right - body.left + wide) / 2.0 + apart, (body.high - body.low + tall) / 2.0 + apart
+    beside = [(x, y + side * (over + more * tall)) for more in (0.0, 1.2, 2.4) for side in sides]
+    beside += [(x + turn * 0.5 * wide, y + side * over) for side in sides for turn in (-1.0, 1.0)]
+    beside += [(x - aside, y), (x + aside, y)]
+    right, up = (view.width - wide) / 2.0 - apart, (view.height - tall) / 2.0 - apart
+    held = [(min(max(one, -right), right), min(max(other, -up), up)) for one, other in beside]
+    return [centred(*place, wide, tall) for place in held]

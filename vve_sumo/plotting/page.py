@@ -69,6 +69,13 @@ class DrivePage:
     setting: str = ""  #: what the scenario sets: values of its parameters, faults
     distance: Floats | None = None  #: between the bodies of the ego and of the actor that mattered, tick by tick [m]
     detected: tuple[float, float] | None = None  #: drive time [s] and range [m] of that actor's first radar detection
+    lost: Sequence[
+        tuple[float, float]
+    ] = ()  #: drive times [s] between which the radar lost that actor, and saw it again
+    named: frozenset[str] = frozenset()  #: actors that the scenario or the subtitle calls by their names
+    deviation_limit: float | None = (
+        None  #: lateral deviation at which the gateway stopped the car; None where it did not
+    )
 
     @property
     def main(self) -> str:
@@ -80,6 +87,11 @@ class DrivePage:
         """Name of the other actor that was ahead for the longest time; empty for none."""
         ahead = Counter(name for name in self.lead.actor if name not in ("", self.main))
         return ahead.most_common(1)[0][0] if ahead and self.main else ""
+
+    def name_of(self, actor: str) -> str:
+        """Return what an actor is called wherever it stands in the picture; empty for one known by its looks alone."""
+        by_name = actor in self.named or (self.second and actor in (self.main, self.second))
+        return plain_name(actor) if by_name else ""
 
     def colour_of(self, actor: str) -> str:
         """Return in what colour a body, a trace and a gap of an actor are drawn."""
@@ -106,13 +118,13 @@ def said(summary: Mapping[str, Any]) -> str:
     if outcome == "stopped":
         stood, target = gap is not None and gap == gap, summary.get("braked_for")
         parts[0] += f" {gap:.2f} m" if stood else ""
-        parts[0] += f" before {_plain(target or 'what was ahead')}" if stood or target else ""
+        parts[0] += f" before {plain_name(target or 'what was ahead')}" if stood or target else ""
     elif outcome in ("fault", "driver_has_control") and (codes := summary.get("reasons")):
         parts[0] += f": {', '.join(map(in_words, codes))}"
     if outcome != "contact" and summary.get("collision") is not None:
         parts.append("contact" if summary["collision"] else "no contact")
     if actor := braked_hardest_for(summary):
-        parts.append(f"braked hardest for {_plain(actor)}")
+        parts.append(f"braked hardest for {plain_name(actor)}")
     if summary.get("emergency_used"):
         parts.append("braked in emergency")
     why = f": {', '.join(missed)}" if summary.get("passed") is False and (missed := unmet(summary)) else ""
@@ -121,7 +133,7 @@ def said(summary: Mapping[str, Any]) -> str:
     return " · ".join(parts).encode(errors="replace").decode()  # half a surrogate pair of JSON cannot be drawn
 
 
-def _plain(name: object) -> str:
+def plain_name(name: object) -> str:
     """Return the name of an actor without underscores."""
     return str(name).replace("_", " ")
 
@@ -158,4 +170,5 @@ def panel(figure: Figure, left: float, bottom: float, width: float, height: floa
 def say(axes: Axes, words: str) -> None:
     """Write into empty axes why they are empty."""
     axes.set_yticks(())
-    axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", color=QUIET)
+    ground = {"facecolor": PAPER, "edgecolor": "none", "pad": 1.5}  # no line of an event strikes the words through
+    axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", color=QUIET, bbox=ground)

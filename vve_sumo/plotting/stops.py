@@ -66,12 +66,12 @@ def _approach(run: Run) -> Figure:
         fastest = 1.05 * max(1.0, float(np.nanmax(speed[finite(gap)])))
         needed = _needed(axes, run, fastest)
         axes.plot(speed, gap, color=FIRST.colour, linewidth=2.0, label="the drive")
-        _ends(axes, run, speed, gap)
+        most = 1.05 * max(1.0, min(float(np.nanmax(gap)), max(LEAST, ENOUGH * needed)))
+        _ends(axes, run, speed, gap, most)
         axes.set(
             xlabel=axis_of("speed_mps"), ylabel=axis_of("gap_m"), xlim=(min(0.0, float(np.nanmin(speed))), fastest)
         )
-        most = max(1.0, min(float(np.nanmax(gap)), max(LEAST, ENOUGH * needed)))
-        axes.set_ylim(min(0.0, float(np.nanmin(gap))), 1.05 * most)
+        axes.set_ylim(min(0.0, float(np.nanmin(gap))), most)
         explain(axes, 2)
         return figure
 
@@ -91,12 +91,21 @@ def _needed(axes: Axes, run: Run, fastest: float) -> float:
     return needed[-1]
 
 
-def _ends(axes: Axes, run: Run, speed: Floats, gap: Floats) -> None:
-    """Mark where the approach began and ended, which way it went, and the first contact."""
+def _ends(axes: Axes, run: Run, speed: Floats, gap: Floats, most: float) -> None:
+    """Mark where the approach began and ended, which way it went, and the first contact.
+
+    Where it began above the axis, whose end is at `most` [m], a triangle marks where it came from there.
+    """
     known = np.flatnonzero(finite(speed, gap))
     first, last = known[0], known[-1]
     ends: dict[str, Any] = {"markersize": 7.0, "markeredgecolor": FIRST.colour, "markeredgewidth": 1.8, "linestyle": ""}
-    axes.plot(speed[first], gap[first], "o", markerfacecolor=PAPER, label=f"first ahead: {gap[first]:.0f} m", **ends)
+    word = f"first ahead: {gap[first]:.0f} m"
+    if gap[first] <= most:
+        axes.plot(speed[first], gap[first], "o", markerfacecolor=PAPER, label=word, **ends)
+    else:
+        entered = next((row for row in known if gap[row] <= most), first)
+        above: dict[str, Any] = {"clip_on": False, "label": f"{word}, above the axis"}
+        axes.plot(speed[entered], most, "^", markerfacecolor=PAPER, **above, **ends)
     axes.plot(
         speed[last],
         gap[last],

@@ -24,6 +24,7 @@ from vve_sumo.plotting.page import (
     INK,
     OBSTACLE,
     PAPER,
+    POINTS_PER_INCH,
     QUIET,
     RIGHT,
     RIGHT_WIDTH,
@@ -32,6 +33,7 @@ from vve_sumo.plotting.page import (
     contact,
     halo,
     panel,
+    plain_name,
     prefix,
     say,
 )
@@ -51,6 +53,14 @@ LOW_BOUND = 2.5
 DISTANCE_SHOWN = 40.0
 #: the last metres of the gap take half of its axis [m]
 LAST_METRES = 10.0
+#: between two lines of words in a panel [point]
+LINE_PITCH = 10.5
+#: words on a bound that begins after this share of the drive stand before the bound, else over or under it
+LATE = 0.4
+#: of words that neither lines nor a hatch may cross
+GROUND: dict[str, Any] = {"facecolor": PAPER, "edgecolor": "none", "pad": 0.5}
+#: how a bound is drawn that the scenario's criteria set
+BOUND: dict[str, Any] = {"color": QUIET, "linewidth": 1.0, "linestyle": (0, (2, 3))}
 
 
 def _curves(
@@ -100,12 +110,12 @@ def _gap(axes: Axes, page: DrivePage) -> None:
     if page.distance is not None:
         thin = {"color": OBSTACLE, "linewidth": 0.9, "linestyle": (0, (4, 1.5)), "marker": ""}
         curves.append((np.where(free, page.distance, np.nan), thin))
-    title = "gap from bumper along path [m]" + ("; dashed: distance" if bare else "")
+    title = "gap from bumper along path [m]" + (f"; dashed: distance, to {DISTANCE_SHOWN:g} m" if bare else "")
     if not _curves(axes, title, page, curves, "nothing ahead"):
         return
     shown = np.concatenate([values for values, _style in curves])
-    _asked(axes, page, "stop_gap_m", "at rest ")
-    _asked(axes, page, "min_gap_m", "")
+    _asked(axes, page, "stop_gap_m", "gap at rest ", np.isfinite(gap))
+    _asked(axes, page, "min_gap_m", "gap ", np.isfinite(gap))
     _from_zero(axes, shown, 1.0)
     _enlarge_last_metres(axes, float(np.nanmax(shown)))
     if math.isfinite(gap[-1]):
@@ -128,19 +138,38 @@ def _say_gap(axes: Axes, page: DrivePage, shown: Floats) -> None:
         axes.plot(time[row], page.distance[row], "v", color=OBSTACLE, markeredgecolor=INK, markersize=5.0, zorder=5)
         lines.append((f"least distance {page.distance[row]:.2f} m at {time[row]:.2f} s ▾", INK))
     if page.detected is not None:
-        axes.axvline(page.detected[0], color=OBSTACLE, linewidth=1.0, linestyle=(0, (1, 1)))
         lines.append((f"radar first sees it at {page.detected[0]:.2f} s, {page.detected[1]:.0f} m ┊", INK))
+    if page.lost:
+        lines.append(("lost at {:.2f} s, seen again at {:.2f} s ▨".format(*_lost_last(page)), INK))
     if math.isfinite(page.lead.gap[-1]) and page.distance is None:
         lines.append((f"{page.lead.gap[-1]:.2f} m at the end ●", INK))
     others = [name for name in dict.fromkeys(page.lead.actor) if name]
     if others and (page.second or page.main not in others):
-        lines += [(f"to {name.replace('_', ' ')}", _of(page, name)) for name in others[:2]]
+        lines += [(f"to {plain_name(name)}", _of(page, name)) for name in others[:2]]
+    _mark_detections(axes, page, len(lines))
     place: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 8.5}
     left = _freer_on_the_left(axes, time, shown)
     for number, (words, colour) in enumerate(lines):
         corner, aside = ((0.0, 1.0), 3.0) if left else ((1.0, 1.0), -3.0)
-        at: dict[str, Any] = {"xytext": (aside, -2.0 - 10.5 * number), "ha": "left" if left else "right"}
+        at: dict[str, Any] = {"xytext": (aside, -2.0 - LINE_PITCH * number), "ha": "left" if left else "right"}
         axes.annotate(words, corner, color=colour, zorder=9, path_effects=halo(), **at, **place)
+
+
+def _lost_last(page: DrivePage) -> tuple[float, float]:
+    """Return when the radar lost the actor that mattered for the last time before the moment, and saw it again [s]."""
+    before = [times for times in page.lost if page.moment is None or times[0] < page.moment.time]
+    return (before or [*page.lost])[-1]
+
+
+def _mark_detections(axes: Axes, page: DrivePage, lines: int) -> None:
+    """Mark when the radar first saw the actor that mattered, and hatch while it was lost, below `lines` of words."""
+    height = axes.bbox.height / axes.figure.dpi * POINTS_PER_INCH
+    top = 1.0 - (2.0 + LINE_PITCH * lines + 2.0) / height
+    if page.detected is not None:
+        axes.axvline(page.detected[0], ymax=top, color=OBSTACLE, linewidth=1.0, linestyle=(0, (1, 1)))
+    for begin, end in page.lost:
+        style: dict[str, Any] = {"facecolor": "none", "edgecolor": QUIET, "hatch": "/////", "linewidth": 0.0}
+        axes.axvspan(begin, end, ymax=top, zorder=1, **style)
 
 
 def _freer_on_the_left(axes: Axes, time: Floats, shown: Floats) -> bool:
@@ -171,6 +200,8 @@ def _enlarge_last_metres(axes: Axes, most: float) -> None:
     axes.set_yticks([0.0, 5.0, LAST_METRES, *np.arange(coarse, most, step)])
     axes.set_ylim(low, 1.05 * most)
     axes.axhline(LAST_METRES, color=QUIET, linewidth=0.6)
+    beside: dict[str, Any] = {"rotation": 90.0, "ha": "left", "va": "center", "fontsize": 8.5, "color": QUIET}
+    axes.text(1.01, 0.5, f"last {LAST_METRES:g} m enlarged", transform=axes.transAxes, **beside)
 
 
 def _acceleration(axes: Axes, page: DrivePage) -> None:
@@ -185,7 +216,7 @@ def _acceleration(axes: Axes, page: DrivePage) -> None:
     if _engaged(ticks).any():
         granted, speed = ticks["granted_acceleration_mps2"].to_numpy(), ticks[f"{prefix(ticks)}speed_mps"].to_numpy()
         held = (np.abs(speed) < AT_REST) & (granted < 0.0)
-        asked, word = np.where(held, np.nan, granted), "commanded"
+        asked, word = np.where(held, np.nan, granted), "commanded while moving" if held.any() else "commanded"
     curves: list[tuple[Floats, dict[str, Any]]] = [
         (did, {"color": EGO_PALE, "linewidth": 3.6, "label": "car"}),
         (asked, {"color": INK, "linewidth": 1.0, "label": word}),
@@ -222,23 +253,44 @@ def _deviation(axes: Axes, page: DrivePage) -> None:
             _include(axes, -1.15 * most, 1.15 * most)
             _bound(axes, most, f"required: ±{most:g} m")
             _bound(axes, -most, "")
+    if page.deviation_limit is not None:
+        _stopped_at(axes, page.deviation_limit)
+
+
+def _stopped_at(axes: Axes, limit: float) -> None:
+    """Draw the deviation to either side at which the gateway stopped the car."""
+    _include(axes, -1.15 * limit, 1.15 * limit)
+    for side in (limit, -limit):
+        axes.axhline(side, color=ALARM, linewidth=1.4, linestyle=(0, (3, 1)))
+    place: dict[str, Any] = {"xycoords": axes.get_yaxis_transform(), "textcoords": "offset points"}
+    style: dict[str, Any] = {"va": "bottom", "fontsize": 8.5, "color": INK}
+    axes.annotate(f"the gateway stops the car beyond ±{limit:g} m", (0.0, limit), (2.0, 1.5), **style, **place)
 
 
 def _bound(axes: Axes, value: float, label: str) -> None:
     """Draw a bound that the scenario's criteria set."""
-    axes.axhline(value, color=QUIET, linewidth=1.0, linestyle=(0, (2, 3)), label=label)
+    axes.axhline(value, label=label, **BOUND)
 
 
-def _asked(axes: Axes, page: DrivePage, metric: str, word: str) -> None:
-    """Draw the bounds that the scenario's criteria set to a metric, with words at the panel's left edge."""
+def _asked(axes: Axes, page: DrivePage, metric: str, word: str, known: NDArray[np.bool_] | None = None) -> None:
+    """Draw the bounds that the scenario's criteria set to a metric, with words where they begin.
+
+    A bound stands only at the ticks at which its quantity is `known`, so that no other curve is read against it.
+    """
+    time = page.ticks["time_s"].to_numpy()
+    known = np.ones(len(time), np.bool_) if known is None else known
+    if not known.any():
+        return
+    begin = float(time[int(np.argmax(known))])
+    late = begin - time[0] > LATE * (time[-1] - time[0])
     for end, sign, side in (("min", "≥", "top"), ("max", "≤", "bottom")):
         if (bound := page.asked.get(metric, {}).get(end)) is not None and math.isfinite(bound):
-            _bound(axes, bound, "")
-            place: dict[str, Any] = {"xycoords": axes.get_yaxis_transform(), "textcoords": "offset points"}
+            axes.plot(time, np.where(known, bound, np.nan), **BOUND)
             below = side == "top" and bound >= LOW_BOUND
-            aside = (2.0, -1.5 if below else 1.5)
-            style: dict[str, Any] = {"va": "top" if below else "bottom", "fontsize": 8.5, "color": QUIET}
-            axes.annotate(f"required: {word}{sign} {bound:g}", (0.0, bound), aside, **style, **place)
+            aside = (-2.0 if late else 2.0, -1.5 if below else 1.5)
+            style: dict[str, Any] = {"va": "top" if below else "bottom", "ha": "right" if late else "left"}
+            look: dict[str, Any] = {"fontsize": 8.5, "color": QUIET, "textcoords": "offset points", "bbox": GROUND}
+            axes.annotate(f"required: {word}{sign} {bound:g}", (begin, bound), aside, **style, **look)
 
 
 def _engaged(ticks: pa.Table) -> NDArray[np.bool_]:

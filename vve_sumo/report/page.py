@@ -12,6 +12,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from vve_sumo.metrics.table import with_labels
 from vve_sumo.report.assets import assets_of
 from vve_sumo.report.key_figures import KeyFigure
 from vve_sumo.report.picture import Picture
@@ -50,6 +51,7 @@ def _templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["with_labels"] = with_labels
     # As characters, not as escapes, so that `printable` sees them.
     environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
     return environment

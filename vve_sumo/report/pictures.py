@@ -14,6 +14,7 @@ import numpy as np
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.effects import chosen_axes
 from vve_sumo.analysis.run import Run
+from vve_sumo.metrics.moment import Measure, moment_of
 from vve_sumo.metrics.table import label_of
 from vve_sumo.report.picture import Picture, picture_of
 from vve_sumo.report.settings import varied_criteria
@@ -21,18 +22,27 @@ from vve_sumo.report.settings import varied_criteria
 if TYPE_CHECKING:
     import pandas as pd
 
+#: what the lower one of the two windows on the street shows, by what the moment was chosen; None for no moment
+WINDOW = {
+    Measure.CONTACT: "the first contact",
+    Measure.TIME_TO_COLLISION: "the moment of the least time to collision",
+    Measure.GAP: "the moment of the least gap",
+    Measure.DISTANCE: "the moment at which another actor was nearest",
+    None: "the place where the drive ended",
+}
 DRIVE = (
-    "Left: the road from above with the path, where the car went and what was around it, and beneath it the place "
-    "where the drive ended, with the driving direction to the right. Right: the drive over time."
+    "Left: the road from above with the path, where the car went and what was around it, and beneath it {window}, with "
+    "the driving direction to the right. Right: the drive over time."
 )
 SAFETY = (
-    "From above: the gap to what was ahead beside the distance that Responsibility-Sensitive Safety asks for, the time "
-    "to collision, the deceleration that it took to avoid a contact, and the headway, while something was ahead."
+    "From top to bottom: the gap to what was ahead beside the distance that Responsibility-Sensitive Safety asks for, "
+    "the time to collision, the deceleration that it took to avoid a contact, and the headway, while something was "
+    "ahead."
 )
 APPROACH = (
     "Every point of the line is a moment of the drive: its speed to the right, its gap upwards. The line begins at the "
-    "ring and ends at the dot. In the grey area under the dotted line the car as declared can no longer stop before a "
-    "standing obstacle ahead."
+    "ring, or above the axis where a triangle stands at its upper edge, and ends at the dot. In the grey area under "
+    "the dotted line the car as declared can no longer stop before a standing obstacle ahead."
 )
 LATENCY = (
     "Above: the slowest ticks over drive time, each column made of its legs, with the rig's budget. Below: the "
@@ -54,11 +64,18 @@ LACKING = (
 )
 
 
+def caption_of(run: Run) -> str:
+    """Return the caption of a drive's overview, which says what its lower window shows."""
+    moment = moment_of(run.data)
+    return DRIVE.format(window=WINDOW[moment.measure if moment else None])
+
+
 def of_drive(run: Run) -> tuple[Picture, ...]:
     """Return the plots of a drive."""
     from vve_sumo import plotting
 
-    pictures = [picture_of(plotting.drive_overview(run), "drive_overview", "the drive from above and over time", DRIVE)]
+    overview, alt = plotting.drive_overview(run), "the drive from above and over time"
+    pictures = [picture_of(overview, "drive_overview", alt, caption_of(run))]
     if np.isfinite(run.lead.gap).any():  # else there is nothing to be seen in them
         pictures.append(
             picture_of(plotting.safety_over_time(run), "safety_over_time", "safety over drive time", SAFETY)

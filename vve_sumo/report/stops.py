@@ -17,6 +17,7 @@ from vve_sumo.analysis.stopping_bound import (
     stopping_bound_checks,
 )
 from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.stopping import AT_REST
 from vve_sumo.metrics.table import label_of
 from vve_sumo.report.formatting import count, integer, number
 from vve_sumo.report.tables import Cell, Column, Row, Table
@@ -35,7 +36,8 @@ def stop(run: Run) -> dict[str, object]:
         return {"stop": None}
     begin = f"Braking was first commanded at {number(braking.onset_s, 's')}, at {number(braking.onset_speed, 'm/s')}"
     demand = f"as hard as a constant {number(braking.demand, 'm/s²')} would be"
-    text = f"{begin}, {demand}; the car stood at {number(braking.rest_s, 's')}."
+    rest = f"from {number(braking.rest_s, 's')} on the car was at rest, which is slower than {number(AT_REST, 'm/s')}"
+    text = f"{begin}, {demand}; {rest}."
     return {
         "stop": text,
         "stop_hunting": _hunting(run),
@@ -74,8 +76,8 @@ def _comfort(run: Run, braking: Stop) -> Table:
     figures = {
         label_of("mfdd_mps2"): (braking.mfdd, unit_of("mfdd_mps2")),
         "maximum mean deceleration over 2 s": (felt.mean_deceleration_mps2, unit_of("_mps2")),
-        label_of("max_jerk_mps3"): (felt.max_jerk_mps3, unit_of("_mps3")),
-        label_of("rms_jerk_mps3"): (felt.rms_jerk_mps3, unit_of("_mps3")),
+        f"{label_of('max_jerk_mps3')} of the stop": (felt.max_jerk_mps3, unit_of("_mps3")),
+        f"{label_of('rms_jerk_mps3')} of the stop": (felt.rms_jerk_mps3, unit_of("_mps3")),
     }
     rows = [(name, number(value, unit)) for name, (value, unit) in figures.items()]
     return Table("comfort of the stop", ("figure", Column("value", True)), rows)

@@ -76,10 +76,15 @@ def _hunting(figures: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _braked_for(figures: Mapping[str, Any], ending: str) -> tuple[str, ...]:
     """Return a sentence on whom the car braked hardest for, unless the sentence `ending` names that actor."""
-    actor = str(figures.get("hardest_braking_for") or figures.get("braked_for") or "")
+    actor = _named(figures)
     if not actor or actor in ending:
         return ()
     return (f"It braked hardest, with {number(_number(figures, 'max_deceleration_mps2'), 'm/s²')}, for {actor}.",)
+
+
+def _named(figures: Mapping[str, Any]) -> str:
+    """Return whom the car braked hardest for, or whom it stopped for; empty for nobody."""
+    return str(figures.get("hardest_braking_for") or figures.get("braked_for") or "")
 
 
 def _unmet(figures: Mapping[str, Any]) -> tuple[str, ...]:
@@ -153,7 +158,9 @@ def _hit(run: Run, figures: Mapping[str, Any]) -> str:
 def _closest(figures: Mapping[str, Any]) -> tuple[str, ...]:
     gap, rest, ttc = (_number(figures, name) for name in ("min_gap_m", "stop_gap_m", "min_ttc_s"))
     if math.isnan(gap):
-        return ("No object was ever ahead of the car in its path.",)
+        if actor := _named(figures):
+            return (f"The car was on a collision course with {actor}, which never was in its path.",)
+        return ("No object was ever in the car's way.",)
     time = "" if math.isnan(ttc) else f"; the minimum time to collision was {number(ttc, 's')}"
     if gap < 0.0:
         return (f"Along its path the car came {number(-gap, 'm')} into the object ahead{time}.",)

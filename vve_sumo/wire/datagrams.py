@@ -59,7 +59,7 @@ class Target:
 class RadarDatagram:
     """What the virtual radar saw last, and how the car moves, at one tick."""
 
-    sequence: int  #: counts datagrams up by one, modulo SEQUENCES
+    sequence: int  #: counts ticks up by one, skipped ones included, modulo SEQUENCES
     time: float  #: of validity: the tick's, GNSS time [s since 1980-01-06, no leap seconds]
     lifetime: float  #: after its arrival it must not be acted on for longer [s]
     measured: float  #: when the scan was measured, GNSS time [s]

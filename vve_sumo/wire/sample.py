@@ -15,6 +15,10 @@ from vve_sumo.frames import Placement
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Pose
 
 NO_SCAN: Final = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
+#: between two samples [s]
+TICK: Final = 0.02
+#: of a tick's time, in ticks
+_ROUNDING: Final = 1e-6
 #: an older scan is shown by nobody [s]
 MAX_SCAN_AGE: Final = 0.3
 
@@ -34,7 +38,7 @@ class Measured:
 class Sample:
     """What the virtual sensors say at one tick."""
 
-    sequence: int  #: counts samples up by one
+    sequence: int  #: `sequence_of` its tick: counts ticks up by one, also those that are skipped
     time: float  #: GNSS time [s since 1980-01-06, no leap seconds]
     drive_time: float  #: the same on the drive's clock [s]
     measured: Measured | None  #: None: the outputs are invalid
@@ -48,6 +52,14 @@ class Sample:
     def radar_valid(self) -> bool:
         """Whether it holds a scan that is not too old."""
         return self.measured is not None and self.measured.scan_age <= MAX_SCAN_AGE
+
+
+def sequence_of(drive_time: float) -> int:
+    """Return the sequence of the tick that was the last at a drive time [s]; 1 for the tick at time 0, or before it.
+
+    It follows from the time alone, so that the drive and the process of its wires count alike without a word.
+    """
+    return max(1 + math.floor(drive_time / TICK + _ROUNDING), 1)
 
 
 def virtual_fix(pose: Pose, placement: Placement, newest: Fix) -> Fix:
