@@ -174,7 +174,8 @@ def seen(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Seen:
 def test_the_ego_on_the_page_is_the_records(seen: Seen) -> None:
     at = {round(time, 4): row for row, time in enumerate(seen.ticks["time_s"])}
     shown = [frame for frame in seen.frames if frame["ego"]]
-    assert len(shown) > 20
+    assert len(shown) >= 3
+    assert shown[-1]["ego"]["speed"] > 2.0
     for frame in shown:
         row = at[frame["t"]]
         assert frame["ego"]["x"] == pytest.approx(seen.ticks["x_m"][row], abs=1e-3)
