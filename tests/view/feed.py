@@ -56,7 +56,7 @@ def sample(tick: int, count: int = 5, x: float = 1379.0, y: float = 1176.0) -> S
 class Live:
     """The served hub, and what became of it."""
 
-    def __init__(self, record: Path, count: int) -> None:
+    def __init__(self, record: Path, count: int, port: int, token: str) -> None:
         resolved = json.loads((record / "scenario.json").read_text(encoding="utf-8"))
         self.frames = LiveFrames(resolved, lambda status: str(status["state"]))
         self.hub = Hub(self.frames, scene_of(resolved, read_roads(record), source="live"))
@@ -71,7 +71,7 @@ class Live:
             json_route("/contents.json", lambda request: contents),
             *page_routes(NO_FRAMES),
         ]
-        self.server = Server(routes)
+        self.server = Server(routes, port=port, token=token)
         self.address, self.token = self.server.address, self.server.token
         self.place = ("127.0.0.1", self.server.port)
 
@@ -102,9 +102,9 @@ class Live:
 
 
 @contextmanager
-def live(record: Path, count: int = 5) -> Iterator[Live]:
+def live(record: Path, count: int = 5, port: int = 0, token: str = "") -> Iterator[Live]:
     """Serve a fed hub until the end of the block."""
-    one = Live(record, count)
+    one = Live(record, count, port, token)
     thread = threading.Thread(target=one.run, daemon=True)
     thread.start()
     try:

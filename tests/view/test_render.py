@@ -138,6 +138,7 @@ def test_a_film_is_h264_of_the_length_that_was_asked_for(made: Made, tmp_path: P
         (["--png", "--at", "900"], "--at 900: expected a drive time from 0 to "),
         (["--gif", "--at", "2"], "--at: is of --png"),
         (["--gif", "--from", "9", "--to", "8"], "--to 8: expected a drive time from 9 to "),
+        (["--gif", "--fps", "100", "--size", "4096x4096"], " pictures of 4096x4096 are too many to hold at once"),
         (["--webp", "--out", "nowhere/a.webp"], "nowhere: no such folder for a.webp"),
     ],
 )

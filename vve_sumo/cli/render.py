@@ -45,6 +45,8 @@ FORMATS: Final = {
 #: of a side [px]; more than the largest is no longer drawn at once by every browser
 MIN_SIDE, MAX_SIDE = 64, 4096
 MAX_RATE: Final = 100.0
+#: of the pictures of a GIF or WebP, which are all held at once [bytes]
+MAX_HELD: Final = 1_000_000_000
 #: of the JPEG pictures that moving pictures are made of; a GIF is made of PNG
 QUALITY: Final = 0.95
 
@@ -163,7 +165,7 @@ def _plan(arguments: argparse.Namespace, held: Run) -> Plan:
         if size.width % 2 or size.height % 2:
             raise ConfigError(f"--size {size.width}x{size.height}: an MP4 has even sides")
     first, last = float(held.time[0]), float(held.time[-1])
-    times = _moment(arguments, first, last) if form == "png" else _moments(arguments, first, last, rate)
+    times = _moment(arguments, first, last) if form == "png" else _moments(arguments, first, last, size, rate)
     return Plan(form, size, rate, times, _place(arguments.out, arguments.folder, form))
 
 
@@ -173,12 +175,19 @@ def _moment(arguments: argparse.Namespace, first: float, last: float) -> list[fl
     return [_within("--at", arguments.at, first, last)]
 
 
-def _moments(arguments: argparse.Namespace, first: float, last: float, rate: float) -> list[float]:
+def _moments(arguments: argparse.Namespace, first: float, last: float, size: Size, rate: float) -> list[float]:
+    form = arguments.form
     if arguments.at is not None:
         raise ConfigError("--at: is of --png; a moving picture has --from and --to")
     begin = first if arguments.begin is None else _within("--from", arguments.begin, first, last)
     end = last if arguments.end is None else _within("--to", arguments.end, begin, last)
-    return [begin + k / rate for k in range(math.floor((end - begin) * rate + 1e-6) + 1)]
+    count = math.floor((end - begin) * rate + 1e-6) + 1
+    if form in ("gif", "webp") and 3 * count * size.width * size.height > MAX_HELD:
+        raise ConfigError(
+            f"--{form}: {count} pictures of {size.width}x{size.height} are too many to hold at once; "
+            "ask for a shorter span, fewer a second or a smaller --size, or for --mp4"
+        )
+    return [begin + k / rate for k in range(count)]
 
 
 def _within(option: str, time: float, first: float, last: float) -> float:

@@ -183,6 +183,9 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
         finally:
             screen.close()
             processes.shutdown(EXIT_TIMEOUT)
+            # A process that was killed left the address of its page.
+            with contextlib.suppress(OSError):
+                (plan.folder / "view.json").unlink(missing_ok=True)
             stack.pop_all()
     if console.refused is not None and not _drove(plan.folder):
         text, exit_code = console.refused

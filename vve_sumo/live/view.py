@@ -37,8 +37,8 @@ from vve_sumo.view.street import with_network
 
 #: file in the record's folder with the page's address while the drive goes on; only its owner may read it
 ADDRESS_FILE: Final = "view.json"
-#: open files of this process, at most: its connections among them
-MAX_FILES: Final = 128
+#: open files of this process, at most: its connections among them, whose number `guard` bounds to fewer
+MAX_FILES: Final = 256
 #: a gateway whose newest status is older counts as silent [s]
 SILENT: Final = 0.2
 #: for pages to hear that the drive is over [s]

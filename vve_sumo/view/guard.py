@@ -7,13 +7,17 @@ nothing of what is served.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hmac
+import socket
 from collections.abc import Collection
 from typing import Any, Final
 from urllib.parse import urlsplit
 
+import uvicorn
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 #: the one request without a token
 STOP_PATH: Final = "/stop"
@@ -21,9 +25,18 @@ STOP_PATH: Final = "/stop"
 MAX_CONNECTIONS: Final = 64
 #: a connection that has not sent a whole request by then is closed [s]
 REQUEST_TIMEOUT: Final = 5.0
+#: connections that are taken at a time: so few that one has asked before as many as MAX_CONNECTIONS came after it
+BACKLOG: Final = 16
+#: connections that were taken and have not come to a request yet, such as those that never begin with TLS
+MAX_WAITING: Final = 64
+#: WebSockets: of pages that watch, and of those that were told to leave
+MAX_SOCKETS: Final = 16
+#: a WebSocket that was told to leave is closed after this time, whatever it has not read [s]
+FAREWELL: Final = 2.0
 #: the head of a request is not longer [bytes]
 MAX_HEAD: Final = 8192
 
+_NO_ROOM: Final = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
 _FORBIDDEN: Final = {
     "host": "this server does not answer to that name",
     "origin": "another site may not ask this server",
@@ -85,6 +98,43 @@ async def _refuse(scope: Scope, send: Send, text: str) -> None:
     await send({"type": "http.response.body", "body": f"{text}\n".encode()})
 
 
+class Listener(socket.socket):
+    """A listening socket: when too many of its connections have not been served yet, the oldest of them is ended."""
+
+    def __init__(self, family: socket.AddressFamily) -> None:
+        super().__init__(family, socket.SOCK_STREAM)
+        self._waiting: list[socket.socket] = []
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Take a connection, as a socket does."""
+        taken, address = super().accept()
+        self._waiting = [*(one for one in self._waiting if one.fileno() >= 0), taken]
+        if len(self._waiting) > MAX_WAITING:
+            # Whoever reads from it sees its end and closes it.
+            with contextlib.suppress(OSError):
+                self._waiting.pop(0).shutdown(socket.SHUT_RDWR)
+        return taken, address
+
+    def served(self, number: int) -> None:
+        """Say that the connection with this file descriptor has come to HTTP."""
+        self._waiting = [one for one in self._waiting if one.fileno() not in (-1, number)]
+
+
+class GuardedConfig(uvicorn.Config):
+    """A server's configuration that knows the socket it listens on."""
+
+    listener: Listener
+
+
+class GuardedSocket(WebSocketsSansIOProtocol):
+    """A WebSocket whose end does not depend on a page that reads no more."""
+
+    async def run_asgi(self) -> None:
+        """Serve the page, and let go of it."""
+        await super().run_asgi()
+        self.loop.call_later(FAREWELL, self.transport.abort)
+
+
 class GuardedConnection(H11Protocol):
     """A connection that is closed when it takes too long to ask for something, or when there are too many."""
 
@@ -93,6 +143,8 @@ class GuardedConnection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take a new connection, at the cost of the oldest one that idles."""
         super().connection_made(transport)
+        assert isinstance(self.config, GuardedConfig)
+        self.config.listener.served(transport.get_extra_info("socket").fileno())
         self._deadline = self.loop.call_later(REQUEST_TIMEOUT, self._give_up)
         idle = [one for one in self.connections if isinstance(one, GuardedConnection) and one is not self]
         if len(self.connections) > MAX_CONNECTIONS and idle:
@@ -115,6 +167,10 @@ class GuardedConnection(H11Protocol):
         """Hand the connection on to a WebSocket, which has limits of its own."""
         if self._deadline is not None:
             self._deadline.cancel()
+        if sum(isinstance(one, GuardedSocket) for one in self.connections) >= MAX_SOCKETS:
+            self.transport.write(_NO_ROOM)
+            self.transport.close()
+            return
         super().handle_websocket_upgrade(event)
 
     def _give_up(self) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import secrets
 from typing import Any, Final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -47,6 +48,8 @@ class Hub:
 
     def __init__(self, frames: LiveFrames, scene: dict[str, Any]) -> None:
         self._frames, self._scene = frames, scene
+        # A page that stays open is told by it that the next drive is another one at the same address.
+        self._drive = secrets.token_urlsafe(9)
         self._clients: set[Client] = set()
         self._encoded: tuple[float, str] = (float("-inf"), "")
         self.dropped = 0  #: pages that were dropped for what they did or did not do
@@ -90,7 +93,8 @@ class Hub:
             await asyncio.wait_for(socket.close(POLICY_VIOLATION), 1.0)
 
     async def _send(self, socket: WebSocket, client: Client) -> None:
-        await _sent(socket, json.dumps({"type": "scene", "scene": self._whole_scene(client)}, allow_nan=False))
+        scene = {"type": "scene", "drive": self._drive, "scene": self._whole_scene(client)}
+        await _sent(socket, json.dumps(scene, allow_nan=False))
         while True:
             await self._room(client)
             for message in self._news(client):

@@ -22,7 +22,6 @@ from vve_sumo.path import Path
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
-from vve_sumo.sensors.echo import Mount
 from vve_sumo.sensors.radar import RadarConfig
 from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.values import Floats, Vehicle
@@ -172,6 +171,6 @@ def _lot(resolved: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def _radar(resolved: Mapping[str, Any], vehicle: Vehicle) -> dict[str, Any]:
-    config, mount = radar_of(resolved), Mount()
+    config = radar_of(resolved)
     sectors = [{"range": mode.range_max, "half_angle": mode.half_angle} for mode in config.modes]
-    return {"forward": vehicle.rear_axle_to_bumper + mount.x, **sectors[0], "sectors": sectors}
+    return {"forward": vehicle.rear_axle_to_bumper + config.mount.x, **sectors[0], "sectors": sectors}

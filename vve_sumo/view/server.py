@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ipaddress
 import json
 import secrets
 import socket
@@ -24,7 +25,7 @@ from starlette.routing import BaseRoute, Route
 
 from vve_sumo.errors import ConfigError, VveError
 from vve_sumo.view.assets import POLICY, file
-from vve_sumo.view.guard import MAX_HEAD, Gate, GuardedConnection
+from vve_sumo.view.guard import BACKLOG, MAX_HEAD, Gate, GuardedConfig, GuardedConnection, GuardedSocket, Listener
 from vve_sumo.view.library import Library, Record
 
 LOOPBACK: Final = "127.0.0.1"
@@ -35,6 +36,9 @@ MAX_WAITING: Final = 8
 #: pages that may hold the page of a record in a frame: notebooks on this machine
 FRAMES: Final = "frame-ancestors 'self' http://127.0.0.1:* http://localhost:*"
 NO_FRAMES: Final = "frame-ancestors 'none'"
+
+#: that a browser leaves out of the names it says
+_USUAL_PORTS: Final = {"http": 80, "https": 443}
 
 _HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
@@ -73,7 +77,7 @@ class Server:
         _check(certificate)
         self._scheme = "https" if certificate else "http"
         self.token = token or secrets.token_urlsafe(18)
-        self._socket = socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, socket.SOCK_STREAM)
+        self._socket = Listener(socket.AF_INET6 if ":" in address else socket.AF_INET)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((address, port))
@@ -82,10 +86,12 @@ class Server:
             self._socket.close()
             raise ConfigError(f"view: cannot listen on {address} port {port}: {error.strerror}") from None
         self.port = int(self._socket.getsockname()[1])
-        self.host = f"[{address}]" if ":" in address else address
-        names = {self.host, *(("localhost", LOOPBACK) if address == LOOPBACK else ())}
-        app = Gate(Starlette(routes=list(routes)), self.token, {f"{name}:{self.port}" for name in names})
-        self._uvicorn = _Quiet(_config(app, certificate))
+        # As browsers write it: there is one shortest form of an address of version 6.
+        self.host = f"[{ipaddress.ip_address(address).compressed}]" if ":" in address else address
+        app = Gate(Starlette(routes=list(routes)), self.token, hosts_of(self._scheme, self.host, self.port))
+        config = _config(app, certificate)
+        config.listener = self._socket
+        self._uvicorn = _Quiet(config)
 
     @property
     def address(self) -> str:
@@ -106,6 +112,12 @@ class Server:
         self._uvicorn.force_exit = True
 
 
+def hosts_of(scheme: str, host: str, port: int) -> frozenset[str]:
+    """Return the hosts that a browser may say it asks; it leaves out a port that is the usual one."""
+    names = frozenset((host, "localhost") if host == LOOPBACK else (host,))
+    return frozenset(f"{name}:{port}" for name in names) | (names if port == _USUAL_PORTS[scheme] else frozenset())
+
+
 def _check(certificate: Sequence[str]) -> None:
     """Raise ConfigError unless a certificate's file and its key's belong together and can be read.
 
@@ -119,14 +131,15 @@ def _check(certificate: Sequence[str]) -> None:
         raise ConfigError(f"view: {' and '.join(certificate)}: expected a certificate and its key: {error}") from None
 
 
-def _config(app: Gate, certificate: Sequence[str]) -> uvicorn.Config:
+def _config(app: Gate, certificate: Sequence[str]) -> GuardedConfig:
     file, key = certificate or (None, None)
-    return uvicorn.Config(
+    return GuardedConfig(
         app,
         ssl_certfile=file,
         ssl_keyfile=key,
         http=GuardedConnection,
-        ws="websockets-sansio",
+        ws=GuardedSocket,
+        backlog=BACKLOG,
         ws_max_size=MAX_MESSAGE,
         ws_max_queue=MAX_WAITING,
         ws_per_message_deflate=False,

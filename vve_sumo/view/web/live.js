@@ -17,6 +17,7 @@ export class Live {
     this.page = page;
     this.view = null;
     this.waiting = null;
+    this.heard = -Infinity;
     this.newest = -Infinity;
     this.lead = Infinity;
     this.over = false;
@@ -55,16 +56,16 @@ export class Live {
 
   hear(socket, message) {
     const now = performance.now() / 1000;
-    if (message.type === "scene") this.begin(message.scene);
+    if (message.type === "scene") this.begin(message);
     else if (message.type === "actors") Object.assign(this.view.scene.actors, message.actors);
     else if (message.type === "event") this.view.addEvent(message.event);
     else if (message.type === "over") this.over = true;
     else if (message.type === "frame") {
       this.waiting = message;
+      this.heard = now;
       // By how much the drive's clock is ahead of the page's, by the promptest frame.
       this.lead = Math.min(this.lead, now - message.frame.t);
       this.behind = now - message.frame.t - this.lead;
-      if (message.frame.t > this.shownTime()) this.newest = now;
       socket.send(String(message.n));
     }
   }
@@ -73,13 +74,25 @@ export class Live {
     return this.view?.frame?.t ?? -Infinity;
   }
 
-  begin(scene) {
+  begin({ drive, scene }) {
+    if (this.view && drive !== this.drive) {
+      // The next drive at the same address: its street is another, and so is its clock.
+      this.hear = () => {};
+      location.reload();
+      return;
+    }
+    this.drive = drive;
     if (this.view) {
       Object.assign(this.view.scene.actors, scene.actors);
       return;
     }
     document.getElementById("stage").replaceChildren();
     this.view = new DriveView(document.getElementById("stage"), scene);
+    // In a headset's session the browser may draw nothing else.
+    this.view.seats.onPicture = () => {
+      this.draw();
+      return !this.lost;
+    };
     this.page.titled(scene.title);
   }
 
@@ -90,6 +103,8 @@ export class Live {
       this.view.show(message.frame, () => performance.now() / 1000 - this.lead);
       this.view.strips.add(message.frame);
       this.view.draw();
+      // Only what has been drawn is shown.
+      this.newest = this.heard;
       this.ages.push(performance.timeOrigin + performance.now() - 1000 * message.wall);
       if (this.ages.length > AGES_KEPT) this.ages.shift();
     } else if (this.page.moved() || this.view.seats.inSpace) {
@@ -97,16 +112,25 @@ export class Live {
     }
   }
 
+  /** For how long nothing newer than what is shown has come [s]. */
+  get silent() {
+    return performance.now() / 1000 - this.newest;
+  }
+
+  /** Whether what is shown is old. */
+  get lost() {
+    return !(this.silent < LOST) || this.behind > BEHIND;
+  }
+
   /** Say whether what is shown is live. */
   look() {
-    const silent = performance.now() / 1000 - this.newest;
-    const lost = !(silent < LOST) || this.behind > BEHIND;
+    const { lost } = this;
     this.view?.stale(lost);
     this.button.classList.toggle("idle", this.over);
     if (this.over) return this.tell("over", "drive over");
     if (!lost) return this.tell("live", "● live");
     if (this.newest === -Infinity) return this.tell("wait", this.closed || "waiting for the drive");
-    const age = Math.max(silent, this.behind ?? 0);
+    const age = Math.max(this.silent, this.behind ?? 0);
     return this.tell("lost", `NO LIVE DATA for ${age.toFixed(1)} s: what is shown is old`);
   }
 
@@ -125,7 +149,7 @@ export class Live {
         const answer = await fetch(new URL("/stop", location.href), { method: "POST", signal: AbortSignal.timeout(1000) });
         this.label(answer.ok ? ASKED : `not taken: ${(await answer.text()).slice(0, 80)}`);
         // A page without a feed cannot see whether the car stops: to have been heard is enough.
-        if (answer.ok && !(this.feed.dataset.kind === "live" && STOPPABLE.has(this.view.frame.state))) break;
+        if (answer.ok && !(this.feed.dataset.kind === "live" && STOPPABLE.has(this.view.frame?.state))) break;
       } catch {
         this.label("nobody hears this button: the driver brakes");
       }
@@ -140,7 +164,7 @@ export class Live {
   }
 
   key(event) {
-    if (event.key === " " || event.key === "Escape" || event.key === "s") {
+    if (event.key === " " || event.key === "Escape" || event.key.toLowerCase() === "s") {
       this.stop();
       return true;
     }

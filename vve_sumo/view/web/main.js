@@ -76,9 +76,13 @@ class Page {
 
   key(event) {
     if (event.ctrlKey || event.altKey || event.metaKey || /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName)) return;
-    // A key that stops the car does so wherever the focus is.
-    if (event.key === " " && event.target.tagName === "BUTTON" && !(this.shown instanceof Live)) return;
-    if (document.getElementById("help").open) return;
+    const live = this.shown instanceof Live;
+    // A key that stops the car does so wherever the focus is, whatever lies over the page.
+    if (event.key === " " && event.target.tagName === "BUTTON" && !live) return;
+    if (event.key === "Escape" && !live) {
+      document.getElementById("help").close();
+      return;
+    }
     const common = {
       "+": () => this.zoom(1.25), "=": () => this.zoom(1.25), "-": () => this.zoom(0.8),
       n: () => this.switchNorth(), v: () => this.shown?.views?.forEach((view) => view.seats.next()), d: () => this.switchTheme(), "?": () => this.help(),
@@ -96,7 +100,8 @@ class Page {
       element("h2", {}, "Keys and touch"), element("table", {}, element("tbody", {}, ...rows)),
       element("p", {}, "Two fingers or the wheel zoom the street, one finger moves it, a double tap puts it back. A tap on the lot shows the car close by."),
       element("form", { method: "dialog" }, element("button", {}, "close")));
-    dialog.showModal();
+    // Not modal: nothing may lie between a finger and the stop button.
+    dialog.show();
   }
 }
 

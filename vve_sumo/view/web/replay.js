@@ -29,6 +29,8 @@ export class Replay {
     this.views = records.map(({ scene, frames }) => {
       const view = new DriveView(stage, scene, { narrow, onEvent: (time) => this.seek(time) });
       view.strips.take(frames);
+      // In a headset's session the browser may draw nothing else.
+      view.seats.onPicture = () => this.advance(performance.now());
       return view;
     });
     page.titled(records.map(({ scene }) => scene.title).join("  |  "));

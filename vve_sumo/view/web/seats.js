@@ -6,6 +6,7 @@ import { element } from "./elements.js";
 const SEATS = [["map", "map"], ["driver", "driver"], ["chase", "behind"], ["above", "above"]];
 const TURN = 0.005; // of the head by the finger or mouse [rad a pixel]
 const NECK = [1.9, 0.8]; // the head turns no farther to the side and up [rad]
+const OLD_PICTURES = 30; // pictures in a row of an old street after which the headset's session ends
 
 export class Seats {
   /** Add the buttons and the canvas of the third dimension to the box of the street's canvas. */
@@ -16,6 +17,7 @@ export class Seats {
     this.seat = "map";
     this.world = null;
     this.head = { yaw: 0, pitch: 0 };
+    this.onPicture = null; // called for every picture in a headset; says whether the street is that of the present
     // A page that is one file has no other to load.
     if (document.getElementById("vve-data")) return;
     this.buttons = SEATS.map(([seat, text]) => element("button", {
@@ -90,9 +92,23 @@ export class Seats {
     const button = element("button", { type: "button", title: "see the street in the headset" }, "headset");
     button.addEventListener("click", async () => {
       if (this.seat === "map") await this.sit("driver");
-      this.session = await this.world.session(() => this.frame && this.world.show(this.frame, this.clock()));
+      this.old = 0;
+      this.session = await this.world.session(() => this.picture());
     });
     this.box.querySelector(".seats").append(button);
+  }
+
+  /** Have the headset's next picture; a street that stands still because nothing new comes is not shown for long. */
+  picture() {
+    this.old = this.onPicture?.() === false ? this.old + 1 : 0;
+    if (this.old > OLD_PICTURES) this.leave();
+    else if (this.frame) this.world.show(this.frame, this.clock());
+  }
+
+  /** End the headset's session. */
+  leave() {
+    this.session?.end().catch(() => {});
+    this.session = null;
   }
 
   /** Have a frame from now on; `clock` gives the drive time that is displayed [s]. */

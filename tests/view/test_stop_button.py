@@ -1,0 +1,100 @@
+"""The live page in a browser, fed without a drive: the stop button, and what is never shown as live."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.live.patience import until
+from tests.view.feed import Live, live
+from tests.view.made import Made
+
+FEED = "document.getElementById('feed').dataset.kind"
+SEATS = "vveSumo.shown.view.seats"
+#: a browser that draws nothing but the headset's pictures while there is a session, as those of headsets do
+NO_OTHER_PICTURES = """() => { const ask = requestAnimationFrame.bind(window);
+  globalThis.requestAnimationFrame = (next) => (String(next).includes("this.draw()") ? 0 : ask(next)); }"""
+
+
+@pytest.fixture
+def fed(made: Made) -> Iterator[Live]:
+    with live(made.drive) as one:
+        yield one
+
+
+@pytest.fixture
+def page(browser: Any, fed: Live) -> Iterator[Any]:
+    """The page, live."""
+    context = browser.new_context(viewport={"width": 1000, "height": 700})
+    opened = context.new_page()
+    opened.goto(fed.address)
+    until(lambda: says(opened, f"{FEED} === 'live'"))
+    yield opened
+    context.close()
+
+
+def says(page: Any, condition: str) -> bool:
+    return bool(page.evaluate(f"() => Boolean({condition})"))
+
+
+def test_nothing_lies_over_the_button(page: Any, fed: Live) -> None:
+    page.keyboard.press("?")
+    assert page.locator("#help").is_visible()
+    page.click("#stop", timeout=5000)
+    until(lambda: fed.asked > 0)
+
+
+@pytest.mark.parametrize("key", [" ", "Escape", "s", "S"])
+def test_a_key_stops_whatever_is_open(page: Any, fed: Live, key: str) -> None:
+    page.keyboard.press("?")
+    assert fed.asked == 0
+    page.keyboard.press(key)
+    until(lambda: fed.asked > 0)
+
+
+def test_what_cannot_be_drawn_is_not_live(page: Any) -> None:
+    page.evaluate("() => { vveSumo.shown.view.draw = () => { throw new Error('no canvas'); }; }")
+    until(lambda: says(page, f"{FEED} === 'lost'"))
+    number = page.evaluate("vveSumo.shown.waiting.n")
+    until(lambda: page.evaluate("vveSumo.shown.waiting.n") > number + 5)
+    assert says(page, f"{FEED} === 'lost'")
+
+
+def test_the_next_drive_at_the_same_address_is_shown_anew(browser: Any, made: Made) -> None:
+    """A process that was killed says no farewell; the next drive has the rig's port and token again."""
+    context = browser.new_context()
+    opened = context.new_page()
+    with live(made.drive) as first:
+        first.hub.end = lambda: None  # type: ignore[method-assign]
+        opened.goto(first.address)
+        until(lambda: says(opened, f"{FEED} === 'live'"))
+        port, token = first.server.port, first.token
+        title = opened.title()
+    until(lambda: says(opened, f"{FEED} === 'lost'"))
+    with live(made.traffic, port=port, token=token):
+        until(lambda: says(opened, f"{FEED} === 'live'"), patience=20.0)
+        assert opened.title() != title
+    context.close()
+
+
+def test_a_headset_shows_the_present_or_nothing(browser: Any, fed: Live) -> None:
+    device = (Path(__file__).parent / "vendor" / "iwer.min.js").read_text(encoding="utf-8")
+    context = browser.new_context(viewport={"width": 600, "height": 500})
+    context.add_init_script(f"{device}; new IWER.XRDevice(IWER.metaQuest3).installRuntime({{ forceInstall: true }});")
+    opened = context.new_page()
+    opened.goto(fed.address)
+    until(lambda: says(opened, f"{FEED} === 'live'"))
+    opened.click(".seats button:has-text('driver')")
+    opened.click(".seats button:has-text('headset')")
+    until(lambda: says(opened, f"{SEATS}.session"))
+    opened.evaluate(NO_OTHER_PICTURES)
+    shown = opened.evaluate(f"{SEATS}.frame.t")
+    until(lambda: opened.evaluate(f"{SEATS}.frame.t") > shown + 1.0)
+    assert says(opened, f"{SEATS}.world.renderer.xr.isPresenting")
+    fed.silent.set()
+    until(lambda: not says(opened, f"{SEATS}.world.renderer.xr.isPresenting"))
+    assert says(opened, f"{FEED} === 'lost'")
+    context.close()
