@@ -115,6 +115,21 @@ def test_a_moving_picture_has_a_frame_for_each_time(made: Made, tmp_path: Path, 
     assert durations == [200] * 6
 
 
+def test_a_gif_takes_as_long_as_the_drive(tmp_path: Path) -> None:
+    file, pictures = tmp_path / "second.gif", []
+    for k in range(30):
+        picture = io.BytesIO()
+        Image.new("RGB", (64, 64), (8 * k, 0, 0)).save(picture, "PNG")
+        pictures.append(picture.getvalue())
+    movie.write_gif(file, pictures, 30.0)
+    with Image.open(file) as moving:
+        lasting = 0
+        for k in range(moving.n_frames):
+            moving.seek(k)
+            lasting += moving.info["duration"]
+    assert lasting == 1000
+
+
 def test_a_film_is_h264_of_the_length_that_was_asked_for(made: Made, tmp_path: Path) -> None:
     try:
         ffmpeg = movie.find_ffmpeg()
@@ -138,7 +153,8 @@ def test_a_film_is_h264_of_the_length_that_was_asked_for(made: Made, tmp_path: P
         (["--png", "--at", "900"], "--at 900: expected a drive time from 0 to "),
         (["--gif", "--at", "2"], "--at: is of --png"),
         (["--gif", "--from", "9", "--to", "8"], "--to 8: expected a drive time from 9 to "),
-        (["--gif", "--fps", "100", "--size", "4096x4096"], " pictures of 4096x4096 are too many to hold at once"),
+        (["--gif", "--fps", "60"], "--fps 60: a GIF has at most 50 pictures a second"),
+        (["--webp", "--fps", "100", "--size", "4096x4096"], " pictures of 4096x4096 are too many to hold at once"),
         (["--webp", "--out", "nowhere/a.webp"], "nowhere: no such folder for a.webp"),
     ],
 )

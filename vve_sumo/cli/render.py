@@ -164,6 +164,11 @@ def _plan(arguments: argparse.Namespace, held: Run) -> Plan:
         find_ffmpeg()
         if size.width % 2 or size.height % 2:
             raise ConfigError(f"--size {size.width}x{size.height}: an MP4 has even sides")
+    if form == "gif":
+        from vve_sumo.view.movie import MAX_GIF_RATE
+
+        if rate > MAX_GIF_RATE:
+            raise ConfigError(f"--fps {rate:g}: a GIF has at most {MAX_GIF_RATE:g} pictures a second")
     first, last = float(held.time[0]), float(held.time[-1])
     times = _moment(arguments, first, last) if form == "png" else _moments(arguments, first, last, size, rate)
     return Plan(form, size, rate, times, _place(arguments.out, arguments.folder, form))

@@ -11,6 +11,7 @@ import io
 import shutil
 import subprocess
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
@@ -19,10 +20,8 @@ from vve_sumo.errors import ConfigError
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-#: endings of the files that can be written
-KINDS: Final = ("mp4", "gif", "webp")
-#: of the frames of these, in whole hundredths of a second [1/s]: GIF counts in them
-MAX_PALETTE_RATE: Final = 50.0
+#: of a GIF's pictures [1/s]: it counts in hundredths of a second, and browsers slow down what shows a picture for one
+MAX_GIF_RATE: Final = 50.0
 #: colours of a GIF; all of its pictures share them, so that what does not move costs nothing
 COLOURS: Final = 160
 #: pictures that a GIF's colours are taken from
@@ -83,9 +82,10 @@ def write_gif(file: Path, pictures: Iterable[bytes], rate: float) -> None:
     whole = list(_opened(pictures))
     palette = _palette(whole)
     first, *rest = (one.quantize(palette=palette, dither=Dither.NONE) for one in whole)
-    first.save(
-        file, "GIF", save_all=True, append_images=rest, duration=round(100.0 / rate) * 10, loop=0, optimize=False
-    )
+    # In whole hundredths of a second each, and together as long as they should be.
+    begins = [round(100.0 * k / rate) for k in range(len(whole) + 1)]
+    durations = [10 * (end - begin) for begin, end in pairwise(begins)]
+    first.save(file, "GIF", save_all=True, append_images=rest, duration=durations, loop=0, optimize=False)
 
 
 def write_webp(file: Path, pictures: Iterable[bytes], rate: float) -> None:
