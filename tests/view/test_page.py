@@ -196,3 +196,16 @@ def test_a_record_that_is_spoilt_says_so_on_the_page(
         page.wait_for_selector(".message")
         assert "actors.parquet: cannot be read" in page.inner_text(".message")
         context.close()
+
+
+def test_an_old_scan_is_not_shown(browser: Any, replay: Server) -> None:
+    with opened(browser, replay.address) as page:
+        page.evaluate("vveSumo.shown.seek(18.2)")
+        pictures = page.evaluate("""() => { const [view] = vveSumo.shown.views, { frame } = view, { returns } = frame;
+          const drawn = (made) => { view.street.draw(made); return view.street.canvas.toDataURL(); };
+          const nothing = { x: [], y: [], seen: [], measured: null }, unseen = { id: [], why: [] };
+          return [frame, { ...frame, returns: { ...returns, measured: frame.t - 2 } },
+            { ...frame, returns: nothing, unseen }].map(drawn); }""")
+        fresh, old, none = pictures
+        assert fresh != none
+        assert old == none

@@ -214,8 +214,10 @@ def _rounded(values: Floats) -> list[float]:
 
 
 def _quality(sample: Sample) -> str:
-    if sample.pose_reasons:
-        return f"refused: {', '.join(map(in_words, sample.pose_reasons))}"
+    # Without any fix at all, the newest one is as good as it was, and old.
+    stale = tuple(reason for reason in sample.faults if reason == "pose_stale")
+    if sample.pose_reasons or stale:
+        return f"refused: {', '.join(map(in_words, (*sample.pose_reasons, *stale)))}"
     if sample.pose is None:
         return "none"
     sigma = f" ± {100.0 * sample.sigma:.0f} cm" if math.isfinite(sample.sigma) else ""

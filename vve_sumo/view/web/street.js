@@ -8,6 +8,7 @@ const AHEAD = [18, 2.7, 75]; // metres shown ahead: at rest, more for each m/s, 
 const EGO_PLACE = 0.68; // of the canvas's height, with the heading up
 const GAP_SHOWN = 100; // a gap longer than this is not drawn [m]
 const MARK_ZOOM = 1.5; // lane marks are drawn from this many pixels a metre on
+const OLD_SCAN = 1.5; // a scan that was measured longer ago is not shown [s]; a radar's latency is at most a second
 const OUTLINED = 250; // with more actors than this in sight none has an outline
 
 export const LEGEND = [
@@ -75,7 +76,8 @@ export class Street {
   }
 
   /** Draw one frame; null before the first. */
-  draw(frame) {
+  draw(newest) {
+    const frame = withoutOldScan(newest);
     const { context, width, height, ratio } = sized(this.canvas);
     context.fillStyle = colour("ground");
     context.fillRect(0, 0, width, height);
@@ -312,6 +314,13 @@ function tiled(lanes) {
     }
     return { kinds, x: (box[0] + box[2]) / 2, y: (box[1] + box[3]) / 2, reach: Math.hypot(box[2] - box[0], box[3] - box[1]) / 2 };
   });
+}
+
+/** A radar that sends nothing more has detected nothing of what the frame shows. */
+function withoutOldScan(frame) {
+  const measured = frame?.returns?.measured ?? null;
+  if (measured === null || frame.t - measured < OLD_SCAN) return frame;
+  return { ...frame, returns: { x: [], y: [], seen: [], measured: null }, unseen: { id: [], why: [] } };
 }
 
 function nose(path, x, y, heading, halfLength, halfWidth) {
