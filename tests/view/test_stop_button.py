@@ -47,6 +47,12 @@ def test_nothing_lies_over_the_button(page: Any, fed: Live) -> None:
     until(lambda: fed.asked > 0)
 
 
+def test_an_older_browser_asks_too(page: Any, fed: Live) -> None:
+    page.evaluate("() => { delete AbortSignal.timeout; }")
+    page.click("#stop")
+    until(lambda: fed.asked > 0)
+
+
 @pytest.mark.parametrize("key", [" ", "Escape", "s", "S"])
 def test_a_key_stops_whatever_is_open(page: Any, fed: Live, key: str) -> None:
     page.keyboard.press("?")

@@ -146,7 +146,8 @@ export class Live {
     this.label("asking to stop …");
     for (;;) {
       try {
-        const answer = await fetch(new URL("/stop", location.href), { method: "POST", signal: AbortSignal.timeout(1000) });
+        // An older browser's request has no time limit, and goes out all the same.
+        const answer = await fetch(new URL("/stop", location.href), { method: "POST", signal: AbortSignal.timeout?.(1000) });
         this.label(answer.ok ? ASKED : `not taken: ${(await answer.text()).slice(0, 80)}`);
         // A page without a feed cannot see whether the car stops: to have been heard is enough.
         if (answer.ok && !(this.feed.dataset.kind === "live" && STOPPABLE.has(this.view.frame?.state))) break;
