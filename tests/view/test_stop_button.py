@@ -69,6 +69,13 @@ def test_what_cannot_be_drawn_is_not_live(page: Any) -> None:
     assert says(page, f"{FEED} === 'lost'")
 
 
+def test_events_while_the_feed_was_away_are_told(page: Any, fed: Live) -> None:
+    page.evaluate("() => vveSumo.shown.socket.close()")
+    fed.frames.events.append({"time": 1000.0, "kind": "note", "text": "controller: meanwhile"})
+    until(lambda: "meanwhile" in page.inner_text(".events"))
+    assert page.inner_text(".events").count("meanwhile") == 1
+
+
 def test_the_next_drive_at_the_same_address_is_shown_anew(browser: Any, made: Made) -> None:
     """A process that was killed says no farewell; the next drive has the rig's port and token again."""
     context = browser.new_context()

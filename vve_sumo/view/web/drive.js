@@ -37,6 +37,7 @@ export class DriveView {
     this.gauges = new Gauges(gauges, scene);
     this.strips = new Strips(strips);
     this.frame = null;
+    this.lastEvent = -Infinity;
     this.drawLegend();
     for (const event of scene.events) this.addEvent(event);
     const resized = new ResizeObserver(() => this.draw());
@@ -68,6 +69,7 @@ export class DriveView {
   }
 
   addEvent({ time, kind, text }) {
+    this.lastEvent = time;
     const label = `${time.toFixed(1)} s`;
     const item = element("li", {}, element("button", { type: "button", onclick: () => this.onEvent?.(time) },
       element("time", {}, label), element("span", { class: `kind-${kind}` }, text)));

@@ -84,6 +84,8 @@ export class Live {
     this.drive = drive;
     if (this.view) {
       Object.assign(this.view.scene.actors, scene.actors);
+      const missed = scene.events.filter(({ time }) => time > this.view.lastEvent);
+      for (const event of missed) this.view.addEvent(event);
       return;
     }
     document.getElementById("stage").replaceChildren();
