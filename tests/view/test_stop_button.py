@@ -88,7 +88,11 @@ def test_the_next_drive_at_the_same_address_is_shown_anew(browser: Any, made: Ma
         title = opened.title()
     until(lambda: says(opened, f"{FEED} === 'lost'"))
     with live(made.traffic, port=port, token=token):
-        until(lambda: says(opened, f"{FEED} === 'live'"), patience=20.0)
+        # The page may load itself anew while it is asked.
+        with opened.expect_navigation():
+            pass
+        opened.wait_for_selector("html[data-ready]")
+        until(lambda: says(opened, f"{FEED} === 'live'"))
         assert opened.title() != title
     context.close()
 
