@@ -230,6 +230,8 @@ def killed_page(folder: Path) -> tuple[dict[str, Any], float]:
         until(lambda: drive.console.poll() is not None or driven(drive.folder)[1] > killed_at + GOES_ON + 0.5)
         drive.console.send_signal(signal.SIGINT)
         summary = drive.end()
+    # The address with its token goes with the drive.
+    assert not (drive.folder / "view.json").exists()
     gateway = pq.read_table(drive.folder / "gateway.parquet").to_pydict()
     engaged = [time for time, state in zip(gateway["time_s"], gateway["state"], strict=True) if state == "engaged"]
     return summary, engaged[-1] - killed_at
