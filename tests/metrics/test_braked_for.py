@@ -26,9 +26,15 @@ def motion(deceleration: float = BRAKING) -> tuple[np.ndarray, np.ndarray, np.nd
     return place, SPEED - deceleration * braked, acceleration
 
 
-def drive(*others: dict[str, object], deceleration: float = BRAKING, path: Path | None = None) -> DriveData:
-    """Return a drive: `others` are actors, whose x_m, y_m may be functions of the time [s] since braking began."""
+def drive(
+    *others: dict[str, object], deceleration: float = BRAKING, path: Path | None = None, stands_for: float = 0.0
+) -> DriveData:
+    """Return a drive: `others` are actors, whose x_m, y_m may be functions of the time [s] since braking began.
+
+    The car stands for so many seconds at first.
+    """
     place, speed, acceleration = motion(deceleration)
+    speed[: round(stands_for / PERIOD)] = 0.0
     rows = [
         {
             "time_s": tick * PERIOD,
@@ -115,6 +121,12 @@ def test_nobody_brakes_for_what_crosses_beyond_the_end_of_the_path() -> None:
     assert last_stop_for(drive(BEYOND)) == "crosser"
     x = np.arange(0.0, REST + 1.0 - CAR.rear_axle_to_bumper, 1.0)
     assert last_stop_for(drive(BEYOND, path=Path.from_points(x, np.zeros_like(x)))) == ""
+
+
+def test_a_car_that_stood_just_before_it_braked_met_nobody_then() -> None:
+    """Its speed was zero and the time to a collision infinite, whose product is not a number."""
+    aside: dict[str, object] = {"actor": "aside", "x_m": REST, "y_m": 30.0}
+    assert last_stop_for(drive(BEYOND, aside, stands_for=2.9)) == "crosser"
 
 
 def test_a_car_that_hardly_slows_down_brakes_for_nobody() -> None:

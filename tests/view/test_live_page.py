@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import time
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +23,9 @@ from tests.live.command_line import begun, own_rig, vve_sumo
 from tests.live.patience import until
 from tests.live.records import SHORTER
 from tests.view.test_page import COLOURS
+from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.record.reader import read_table
+from vve_sumo.record.signals import Signals, read_signals
 
 pytestmark = pytest.mark.live
 
@@ -95,7 +98,7 @@ WATCH = """() => { globalThis.keptFrames = []; const view = vveSumo.shown.view, 
     if (feed.dataset.kind === 'lost') globalThis.lostAfter ??= performance.now() / 1000 - vveSumo.shown.newest;
   }).observe(feed, { attributes: true });
   view.show = (frame, clock) => {
-    keptFrames.push({ t: frame.t, state: frame.state, ego: frame.ego });
+    keptFrames.push({ t: frame.t, state: frame.state, ego: frame.ego, signals: frame.signals });
     show(frame, clock);
   }; }"""
 
@@ -115,6 +118,7 @@ class Seen:
     unheard: str  #: what the button says when the feed is gone
     summary: dict[str, Any]
     ticks: dict[str, list[Any]]
+    signals: Signals  #: of the record
 
 
 def watched(browser: Any, folder: Path) -> Seen:
@@ -154,9 +158,11 @@ def watched(browser: Any, folder: Path) -> Seen:
         summary = drive.end()
     ticks = dict(pq.read_table(drive.folder / "ticks.parquet").to_pydict())
     foreign = [one for one in asked if not one.startswith((drive.address, drive.address.rsplit("/", 2)[0] + "/stop"))]
+    said_of_signals = read_signals(drive.folder)
     return Seen(
-        frames, lost_after, stopped_after, colours, said, foreign, drive.address, printed, unheard, summary, ticks
-    )
+        frames, lost_after, stopped_after, colours, said, foreign, drive.address, printed, unheard, summary, ticks,
+        said_of_signals,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +189,18 @@ def test_the_ego_on_the_page_is_the_records(seen: Seen) -> None:
         assert frame["ego"]["speed"] == pytest.approx(seen.ticks["speed_mps"][row], abs=1e-3)
         assert frame["state"] == seen.ticks["state"][row]
     assert [frame["t"] for frame in shown] == sorted(frame["t"] for frame in shown)
+
+
+def test_signals_show_what_the_record_says(seen: Seen) -> None:
+    """A frame has the states after the tick's own step of SUMO, which the record dates at the next tick."""
+    assert len(seen.signals) == 6
+    for frame in seen.frames:
+        if not frame["signals"]:
+            continue
+        for name, (times, states) in seen.signals.items():
+            then = [bisect_right(times, frame["t"] + late) - 1 for late in (-1e-3, 2.5 * PERIOD)]
+            assert frame["signals"][name] in states[max(then[0], 0) : then[1] + 1]
+    assert sum(bool(frame["signals"]) for frame in seen.frames) >= 3
 
 
 def test_states_change_on_the_page(seen: Seen) -> None:

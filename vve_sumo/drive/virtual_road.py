@@ -6,7 +6,7 @@ The lockstep, playback and live shells use it; it knows no car and no controller
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
@@ -92,8 +92,13 @@ class VirtualRoad:
 
     @property
     def signals(self) -> tuple[SignalChange, ...]:
-        """What the traffic signals showed, change by change; nothing in a live drive."""
+        """What the traffic signals showed, change by change."""
         return self._world.signals
+
+    @property
+    def signals_now(self) -> Mapping[str, str]:
+        """What each traffic signal shows, SUMO's letter for each of its links."""
+        return self._world.signals_now
 
     @property
     def warnings(self) -> tuple[str, ...]:

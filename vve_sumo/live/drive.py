@@ -281,6 +281,7 @@ class LiveDrive:
             details=self._details(result),
             latency=self._latency.newest,
             missed=self._scheduler.missed,
+            signals=self._road.signals_now,
             outcome=None if self._outcome is None else self._outcome.value,
         )
 
@@ -337,6 +338,7 @@ class LiveDrive:
         return {
             "outcome": outcome.value,
             "reasons": list(reasons),
+            "signals": road.signals,
             "cleared": list(road.cleared),
             "standoffs": list(road.standoffs),
             "warnings": list(road.warnings),

@@ -19,6 +19,7 @@ from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.summary import summarise
 from vve_sumo.record.layout import PROVENANCE
+from vve_sumo.record.signals import SIGNALS, signals_text
 from vve_sumo.record.summary import write_summary
 from vve_sumo.record.writer import LiveRecord
 
@@ -77,6 +78,8 @@ class Recorder:
 def finish(record: LiveRecord, ended: dict[str, Any] | None, summarise: Summarise) -> None:
     """Finish a record's files and write its summary."""
     record.close()
+    if ended is not None and (changes := ended.pop("signals", ())):
+        record.attach(SIGNALS, signals_text(changes))
     write_summary(record.folder, summarise(record.folder, ended) | {"record_broken": sorted(record.broken)})
 
 

@@ -6,6 +6,7 @@ A sample that cannot be queued at once is dropped; once that process is gone, no
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ class Beside(NamedTuple):
     details: dict[str, str]  #: the numbers behind reason codes
     latency: float  #: of the newest completed tick [s]
     missed: int  #: ticks so far
+    signals: Mapping[str, str]  #: what each traffic signal shows
     outcome: str | None
 
 
@@ -79,6 +81,7 @@ def _sample(done: CompletedTick, beside: Beside) -> Sample:
         missed=beside.missed,
         actors=done.actors,
         scan=_scan(done),
+        signals=beside.signals,
         outcome=beside.outcome,
     )
 

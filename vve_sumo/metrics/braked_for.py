@@ -66,8 +66,10 @@ def _first_touched(drive: DriveData, ticks: slice, within: float) -> str:
     ahead = (actors.boxes.x - ego.x) * np.cos(ego.heading) + (actors.boxes.y - ego.y) * np.sin(ego.heading) > 0.0
     rows = np.flatnonzero(ahead & (at >= ticks.start) & (at < ticks.stop))
     times = time_to_collision_2d(ego.select(rows), actors.boxes.select(rows))
-    beyond = drive.station[at[rows]] + drive.motion.speed[at[rows]] * times > drive.path.length
-    times = np.where(np.isfinite(times) & ~beyond, times, np.inf)
+    left = drive.path.length - drive.station[at[rows]]
+    meets = np.isfinite(times)
+    meets[meets] = drive.motion.speed[at[rows]][meets] * times[meets] <= left[meets]
+    times = np.where(meets, times, np.inf)
     if not times.min(initial=np.inf) < within:
         return ""
     return actors.names[int(actors.code[rows[int(np.argmin(times))]])]

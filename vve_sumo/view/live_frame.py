@@ -89,7 +89,7 @@ class LiveFrames:
             "gap": None if pose is None else self._gap(sample, pose),
             "latency": finite(sample.latency),
             "latencies": None,
-            "signals": None,
+            "signals": dict(sample.signals),
             **self._scan,
             **self._in_the_lot(sample),
         }

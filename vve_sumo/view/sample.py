@@ -7,6 +7,7 @@ the drive's process imports this.
 from __future__ import annotations
 
 import pickle
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,6 +52,7 @@ class Sample:
     missed: int  #: ticks skipped so far
     actors: Actors  #: that the sensors saw
     scan: Scan | None  #: of the radar, where one came out
+    signals: Mapping[str, str]  #: what each traffic signal shows, SUMO's letter for each of its links
     outcome: str | None  #: of the drive, once it has one
 
 

@@ -12,13 +12,13 @@ class SignalStates:
 
     def __init__(self) -> None:
         self._names: tuple[str, ...] = tuple(libsumo.trafficlight.getIDList())
-        self._shown: dict[str, str] = {}
+        self.shown: dict[str, str] = {}  #: by name, a letter for each of its links
         self.changes: list[SignalChange] = []  #: in the order of their times; the first of each is its state at first
 
     def look(self, time: float) -> None:
         """Note what the signals show at a drive time [s]; raises SUMO's errors."""
         for name in self._names:
             state = libsumo.trafficlight.getRedYellowGreenState(name)
-            if state != self._shown.get(name):
-                self._shown[name] = state
+            if state != self.shown.get(name):
+                self.shown[name] = state
                 self.changes.append(SignalChange(time, name, state))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -84,13 +84,17 @@ class World:
         self._standoff = Standoff()
         self._standoffs: tuple[str, ...] = ()
         self._playing: Sequence[ActorState] = ()
-        # A live tick spends no time on what only pictures show.
-        self._signals = SignalStates() if clock is None else None
+        self._signals = SignalStates()
 
     @property
     def signals(self) -> tuple[SignalChange, ...]:
-        """What the signals showed since the ego's first pose, change by change; nothing with a clock."""
-        return tuple(self._signals.changes) if self._signals else ()
+        """What the signals showed since the ego's first pose, change by change."""
+        return tuple(self._signals.changes)
+
+    @property
+    def signals_now(self) -> Mapping[str, str]:
+        """What each signal shows, SUMO's letter for each of its links; nothing before the ego's first pose."""
+        return self._signals.shown
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -170,7 +174,7 @@ class World:
         self._steps += 1
         try:
             self._snapshot = self._look()
-            if self._signals and self._pose:
+            if self._pose:
                 self._signals.look(self._time())
             if self._clock and self._step_time_budget and self._pose:
                 self._step_time_budget.step(self._clock() - begun, self._pose.x, self._pose.y, self._hidden())
