@@ -195,7 +195,7 @@ class LiveDrive:
         self._recorder.flush()
         self._send_status(begun, done.result)
         if self._view is not None:
-            self._view.send(done, self._beside(begun, done.result))
+            self._view.send(done, partial(self._beside, begun, done.result))
         if begun.tick % HOUSEKEEPING_TICKS == 0:
             self._clock_report = self._pipeline.clock_report()
             gc.collect(0)

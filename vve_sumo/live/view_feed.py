@@ -6,7 +6,7 @@ A sample that cannot be queued at once is dropped; once that process is gone, no
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -40,12 +40,15 @@ class ViewFeed:
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
 
-    def send(self, done: CompletedTick, beside: Beside) -> None:
-        """Send a tick's sample. Nothing that goes wrong here may stop a car: then the page gets no more samples."""
+    def send(self, done: CompletedTick, beside: Callable[[], Beside]) -> None:
+        """Send a tick's sample. Nothing that goes wrong here may stop a car: then the page gets no more samples.
+
+        `beside` gives what the sample holds beside the completed tick.
+        """
         if self._channel.closed:
             return
         try:
-            self._channel.send(encode(_sample(done, beside)))
+            self._channel.send(encode(_sample(done, beside())))
         except Exception:
             self._channel.close()
 
