@@ -27,7 +27,8 @@ from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.signals import Signals, read_signals
 
-pytestmark = pytest.mark.live
+# A browser that draws without a graphics card takes both cores, and would fail the drives of other tests.
+pytestmark = [pytest.mark.live, pytest.mark.alone]
 
 TRIES = 3
 #: a drive has to go on for so long after its page was killed [s]
