@@ -331,11 +331,14 @@ def _view(
     }
     process = spawn.start("view", config, {"drive": view_drive, "console": theirs}, own_session=True)
     select.select([ours], [], [], VIEW_TIMEOUT)
-    said = json.loads((ours.receive() or [b"{}"])[0])
-    if said.get("kind") != "view_ready":
+    first, *stops = ours.receive() or [b"{}"]
+    said = json.loads(first)
+    if said.get("kind") != "view_ready" or stops:
         drive_view.close()
         process.kill()
         process.wait()
+        if stops:
+            raise RigError("view: a page asked to stop before the drive began; close it, or begin again")
         raise _ERRORS.get(said.get("exit_code", 3), RigError)(said.get("refused", "view: the process did not start"))
     notify(f"view: {said['address']}")
     return process, ours, {"view": drive_view}

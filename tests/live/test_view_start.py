@@ -1,0 +1,37 @@
+"""A stop that the page asks for while its process starts is not lost: the drive does not begin."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from vve_sumo.errors import RigError
+from vve_sumo.live import session, spawn
+from vve_sumo.rig.schema import View
+
+
+@pytest.mark.parametrize("stops", [0, 1])
+def test_a_stop_beside_the_word_that_the_page_is_ready_ends_the_start(
+    stops: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start(_name: str, _config: Any, channels: Any, **_more: Any) -> subprocess.Popen[bytes]:
+        for said in (json.dumps({"kind": "view_ready", "address": "here"}).encode(), *[b"stop"] * stops):
+            channels["console"].send(said)
+        return subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+
+    monkeypatch.setattr(spawn, "start", start)
+    plan: Any = SimpleNamespace(view=True, rig=SimpleNamespace(view=View()), folder=tmp_path, working=tmp_path)
+    if stops:
+        with pytest.raises(RigError, match="a page asked to stop before the drive began"):
+            session._view(plan, {}, lambda _: None)
+        return
+    process, _console, _feed = session._view(plan, {}, lambda _: None)
+    assert process is not None
+    with process:
+        process.kill()
