@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -234,6 +234,31 @@ class FallbackPath:
     curvature: tuple[float, ...]  #: at distance 0, spacing, 2 spacing, … [1/m], left positive; linear in between
 
 
+class DeferredFallbackPath:
+    """A fallback path that is computed when a stop needs it.
+
+    Only for a gateway in the same process as the tick: a gateway that outlives the tick must have the path before.
+    """
+
+    __slots__ = ("_compute", "_path")
+
+    def __init__(self, compute: Callable[[], FallbackPath | None]) -> None:
+        """`compute` returns the path, None where there is no smooth one; it is called once at most."""
+        self._compute: Callable[[], FallbackPath | None] | None = compute
+        self._path: FallbackPath | None = None
+
+    def path(self) -> FallbackPath | None:
+        """Return the path, None where there is no smooth one; the first call computes it."""
+        if self._compute is not None:
+            self._path, self._compute = self._compute(), None
+        return self._path
+
+
+def computed(profile: FallbackPath | DeferredFallbackPath | None) -> FallbackPath | None:
+    """Return a fallback path, now computed where it was deferred; None where there is none."""
+    return profile.path() if isinstance(profile, DeferredFallbackPath) else profile
+
+
 @dataclass(frozen=True, slots=True)
 class ControlCommand:
     """A controller's request for the car; the tick stamps it into a Setpoint."""
@@ -265,7 +290,8 @@ class Setpoint:
     yaw_rate: float  #: GNSS yaw rate [rad/s]
     grade: float  #: slope along the heading [rad], uphill positive, to be fed forward
     faults: tuple[str, ...]  #: reason codes that the drive found; any of them asks for a stop
-    profile: FallbackPath | None  #: the fallback path, checked to lie inside the lot; None where there is none
+    #: the fallback path, checked to lie inside the lot; None where there is none
+    profile: FallbackPath | DeferredFallbackPath | None
 
 
 class ArmingState(enum.StrEnum):

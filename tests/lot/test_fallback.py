@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests import vehicles
-from vve_sumo.lot.fallback import LATERAL_ACCELERATION, fallback_path
+from vve_sumo.lot.fallback import LATERAL_ACCELERATION, deferred_fallback_path, fallback_path
 from vve_sumo.path import Path
-from vve_sumo.values import FallbackPath, Point, Pose
+from vve_sumo.values import DeferredFallbackPath, FallbackPath, Point, Pose, computed
+from vve_sumo.vehicle.fallback import well_formed
 
 VEHICLE = vehicles.FUSION.vehicle
 _ANGLE = np.linspace(0.0, math.pi / 2.0, 24)
@@ -125,3 +126,32 @@ def test_there_is_none_from_nowhere(field: str, bad: float, distance: float | No
 )
 def test_there_is_none_from_far_off(offset: float, turned: float, steering: float, station: float) -> None:
     assert fallback_path(beside(CIRCLE, 10.0, offset, turned, 5.0), steering, CIRCLE, station, VEHICLE) is None
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    numbers=st.tuples(*[st.floats(-1e6, 1e6) | st.floats()] * 4),
+    steering=st.floats(-0.6, 0.6) | st.floats(),
+    station=st.floats(-10.0, 200.0) | st.floats(),
+)
+def test_a_deferred_path_is_the_one_that_is_computed_at_once_and_always_well_formed(
+    numbers: tuple[float, float, float, float], steering: float, station: float
+) -> None:
+    x, y, heading, speed = numbers
+    pose = Pose(0.0, Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, 0.0, 0.0)
+    at_once = fallback_path(pose, steering, CIRCLE, station, VEHICLE)
+    assert computed(deferred_fallback_path(pose, steering, CIRCLE, station, VEHICLE)) == at_once
+    assert at_once is None or well_formed(at_once)
+
+
+def test_a_deferred_path_is_computed_once_and_not_before_it_is_needed() -> None:
+    asked: list[str] = []
+
+    def compute() -> FallbackPath:
+        asked.append("now")
+        return FallbackPath(1.0, (0.1,))
+
+    deferred = DeferredFallbackPath(compute)
+    assert asked == []
+    assert deferred.path() == FallbackPath(1.0, (0.1,)) == deferred.path()
+    assert asked == ["now"]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.vehicle.car import FUSION, PERIOD, Rig
 from tests.vehicle.whole_car import VEHICLE, WholeCar
-from vve_sumo.values import ArmingState, FallbackPath
+from vve_sumo.values import ArmingState, DeferredFallbackPath, FallbackPath
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.fallback import FallbackTracker, well_formed
 from vve_sumo.vehicle.gateway import OperatorCommand
@@ -218,6 +218,42 @@ def test_a_newer_way_counts_on_the_way_to_rest_too():
     rig.step(0.0, act=OperatorCommand.STOP, profile=FallbackPath(1.0, (0.0,)))
     assert {verdict.steering for verdict in rig.run(1.0, profile=FallbackPath(1.0, (0.0,)))} == {0.0}
     assert rig.run(1.0, profile=FallbackPath(1.0, (-0.05,)))[-1].steering < -0.1
+
+
+def test_a_deferred_path_is_computed_by_the_stop_that_follows_it_and_gives_the_same_stop():
+    computed: list[str] = []
+
+    def compute() -> FallbackPath:
+        computed.append("now")
+        return bend()
+
+    stops = []
+    for profile in (bend(), DeferredFallbackPath(compute)):
+        rig = Rig()
+        rig.cruise(6.0)
+        rig.step(0.0, profile=profile)
+        assert computed == []
+        stops.append([verdict.steering for verdict in rig.run(6.0, acceleration=None)])
+        assert max(stops[-1]) > 0.1
+    assert computed == ["now"]
+    assert stops[0] == stops[1]
+
+
+@pytest.mark.parametrize("path", [None, FallbackPath(1.0, (0.05, math.nan)), FallbackPath(0.0, (0.05,))])
+def test_a_deferred_path_that_is_none_or_not_well_formed_is_no_path(path):
+    rig = Rig()
+    rig.cruise(6.0)
+    rig.step(0.0, profile=DeferredFallbackPath(lambda: path))
+    assert {verdict.steering for verdict in rig.run(6.0, acceleration=None)} == {0.0}
+
+
+@pytest.mark.parametrize(("path", "followed"), [(None, True), (FallbackPath(1.0, (0.0,)), False)])
+def test_a_setpoint_with_faults_takes_back_the_path_before_only_if_its_deferred_path_is_one(path, followed):
+    rig = Rig()
+    rig.cruise(6.0)
+    rig.step(0.0, profile=bend())
+    rig.step(0.0, profile=DeferredFallbackPath(lambda: path), faults=("pose_stale",))
+    assert (max(verdict.steering for verdict in rig.run(6.0, acceleration=None)) > 0.1) is followed
 
 
 ASTRAY = [

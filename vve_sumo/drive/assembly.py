@@ -15,9 +15,10 @@ import numpy as np
 
 from vve_sumo.controller import Guarded
 from vve_sumo.drive.brain import Brain
-from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.pipeline import FallbackRule, Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.frames import Alignment, MapFrame, Placement
+from vve_sumo.lot.fallback import fallback_path
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.pose.clock import Clock
 from vve_sumo.pose.predict import Predictor
@@ -91,11 +92,16 @@ def sensors_of(resolved: ResolvedScenario) -> dict[str, GuardedSensor]:
 
 
 def build_pipeline(
-    resolved: ResolvedScenario, pose: PoseInput, working: FilePath, brain: Brain | None = None
+    resolved: ResolvedScenario,
+    pose: PoseInput,
+    working: FilePath,
+    brain: Brain | None = None,
+    fallback: FallbackRule = fallback_path,
 ) -> Pipeline:
     """Return a scenario's pipeline; raises ConfigError as `ResolvedScenario.controller` does.
 
-    With a `brain`, samples go out to it; where it decides, the scenario's controller is not made.
+    With a `brain`, samples go out to it; where it decides, the scenario's controller is not made. `fallback` gives
+    the fallback path, see `Pipeline`.
     """
     own = partial(resolved.controller, working)
     return Pipeline(
@@ -113,4 +119,5 @@ def build_pipeline(
         epoch=pose.epoch,
         geofence=pose.geofence,
         wires=None if brain is None else brain.publisher,
+        fallback=fallback,
     )

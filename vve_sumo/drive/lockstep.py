@@ -24,6 +24,7 @@ from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, en
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
+from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant.car import Car, CarParameters
 from vve_sumo.plant.parameters import perturbed
@@ -88,7 +89,9 @@ def assemble(resolved: ResolvedScenario, working: FilePath, brain: Brain | None 
     start, begin = pose_at_rest(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), resolved.path.at(0.0)
     alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
     placement = Placement(frame, alignment, resolved.model.mounting, DEFAULT_EPOCH)
-    pipeline = build_pipeline(resolved, PoseInput(Decoder(), DRIVE, placement, DEFAULT_EPOCH), working, brain)
+    pose = PoseInput(Decoder(), DRIVE, placement, DEFAULT_EPOCH)
+    # The gateway is in this process and cannot outlive the tick: a fallback path is computed when a stop needs it.
+    pipeline = build_pipeline(resolved, pose, working, brain, deferred_fallback_path)
     return LockstepParts(pipeline, gateway_of(resolved.model), frame, alignment, start)
 
 

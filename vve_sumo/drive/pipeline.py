@@ -7,7 +7,7 @@ I/O, no clock and no gateway. `drive.tick` defines the order of the calls, `driv
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Protocol
@@ -26,6 +26,7 @@ from vve_sumo.sensors.port import Column
 from vve_sumo.values import (
     Actors,
     ControlCommand,
+    DeferredFallbackPath,
     FallbackPath,
     Fix,
     Observation,
@@ -34,6 +35,7 @@ from vve_sumo.values import (
     SensorOutput,
     Setpoint,
     Vehicle,
+    computed,
 )
 
 #: greatest difference of a tick's time from the time for which its fallback path was prepared [s]; else prepared anew
@@ -43,6 +45,9 @@ SETPOINT_LIFETIME = 0.1
 
 #: the sensors' readings at a tick: the columns of each sensor's table in the record, by the sensor's name
 Readings = Mapping[str, tuple[Column, ...]]
+
+#: from pose, reported road-wheel angle [rad], path, station of the pose [m] and vehicle to the fallback path
+FallbackRule = Callable[[Pose, float, Path, float, Vehicle], FallbackPath | DeferredFallbackPath | None]
 
 _NO_READINGS: Readings = MappingProxyType({})
 
@@ -116,18 +121,21 @@ class Pipeline:
         epoch: float = 0.0,
         geofence: Geofence | None = None,
         wires: Wires | None = None,
+        fallback: FallbackRule = fallback_path,
     ) -> None:
         """Put the pipeline together; a lateral deviation above `deviation_limit` [m] is the fault `off_path`.
 
         `clock` maps the receiver's times to drive time; without one the receiver's clock is the drive's. GNSS second
         `epoch` is drive time 0. `geofence` is the lot's; without one the car may stop anywhere.
         `wires` carry the virtual sensors to a foreign control computer; without them nobody else is told.
+        `fallback` gives the fallback path; where the gateway lives in this process it may be a deferred one.
         """
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor
         self._sensors, self._controller = dict(sensors), controller
         self._vehicle, self._path, self._desired_speed = vehicle, path, desired_speed
         self._deviation_limit = deviation_limit
         self._clock, self._epoch, self._geofence, self._wires = clock, epoch, geofence, wires
+        self._fallback_rule = fallback
         self._sequence = 0
         self._s: float | None = None
         self._newest = -math.inf
@@ -136,7 +144,7 @@ class Pipeline:
         self._sensed = _Sensed(None, _NO_READINGS, ())
         self._newest_fix: Fix | None = None
         self._actors: Actors | None = None
-        self._fallback: FallbackPath | None = None
+        self._fallback: FallbackPath | DeferredFallbackPath | None = None
         self._prepared_for = -math.inf
         self._geofence_breach: tuple[str, ...] = ()
         self.newest_epoch = -math.inf  #: of the newest fix, trusted or not, as drive time [s]
@@ -233,7 +241,7 @@ class Pipeline:
         return Seen(pose, fix, actors, self._outputs)
 
     def prepare(self, time: float, steering: float) -> None:
-        """Compute the fallback path from the pose predicted to drive time `time` [s], and check it with the geofence.
+        """Prepare the fallback path from the pose predicted to drive time `time` [s], and check it with the geofence.
 
         `steering` is the road-wheel angle that the car reports [rad]. The next setpoint carries path and fault code.
         """
@@ -241,9 +249,9 @@ class Pipeline:
         self._fallback, self._geofence_breach, self._prepared_for = None, (), time
         if pose is None or self._s is None:
             return
-        self._fallback = fallback_path(pose, steering, self._path, self._s, self._vehicle)
+        self._fallback = self._fallback_rule(pose, steering, self._path, self._s, self._vehicle)
         if self._geofence is not None:
-            self._geofence_breach = self._geofence.check(pose, steering, self._fallback)
+            self._geofence_breach = self._geofence.check(pose, steering, computed(self._fallback))
 
     def front_bumper_at(self, time: float) -> Pose | None:
         """Return the front bumper's pose to request of SUMO for drive time `time` [s]; None before a trusted fix."""

@@ -20,6 +20,7 @@ from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
+from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.pose import recording
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
@@ -69,7 +70,8 @@ class Playback:
         self.lot = LotAlignment(frame.projection, alignment, epoch)
         self._resolved, self._begin = resolved, first.time - epoch
         placement = Placement(frame, alignment, AT_REAR_AXLE, epoch)
-        self._pipeline = build_pipeline(resolved, PoseInput(Decoder(), PLAYBACK, placement, epoch), working)
+        pose_input = PoseInput(Decoder(), PLAYBACK, placement, epoch)
+        self._pipeline = build_pipeline(resolved, pose_input, working, fallback=deferred_fallback_path)
         self._gateway = gateway_of(resolved.model)
         self._road = VirtualRoad(open_world(resolved), scenario_engine(resolved))
         self._prediction_error = PredictionError()

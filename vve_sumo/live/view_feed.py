@@ -13,7 +13,7 @@ import numpy as np
 
 from vve_sumo.drive.tick import CompletedTick
 from vve_sumo.live.channel import Channel
-from vve_sumo.values import Fix, FixQuality
+from vve_sumo.values import Fix, FixQuality, computed
 from vve_sumo.vehicle import link
 from vve_sumo.view.sample import Sample, Scan, encode
 
@@ -69,7 +69,7 @@ def _sample(done: CompletedTick, beside: Beside) -> Sample:
         wished=setpoint.acceleration if setpoint else math.nan,
         wished_steering=setpoint.steering if setpoint else math.nan,
         note=setpoint.note if setpoint else "",
-        profile=setpoint.profile if setpoint else None,
+        profile=computed(setpoint.profile) if setpoint else None,
         faults=result.faults,
         details=beside.details,
         pose_reasons=result.pose_reasons,

@@ -6,11 +6,12 @@ A forward simulation of a rear axle that follows the path; knows neither the lot
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Final
 
 from vve_sumo.laws import clamp
 from vve_sumo.path import Path
-from vve_sumo.values import FallbackPath, Pose, Vehicle
+from vve_sumo.values import DeferredFallbackPath, FallbackPath, Pose, Vehicle
 
 MAX_INTERVALS: Final = 31  #: maximum number of intervals between knots
 MIN_KNOT_SPACING: Final = 0.25  #: between knots [m]
@@ -47,6 +48,13 @@ def fallback_path(
     spacing = max(distance / MAX_INTERVALS, MIN_KNOT_SPACING)
     knots = _follow(pose, speed, steering, path, station, vehicle, spacing, math.ceil(distance / spacing - 1e-9))
     return None if knots is None else FallbackPath(spacing, knots)
+
+
+def deferred_fallback_path(
+    pose: Pose, steering: float, path: Path, station: float, vehicle: Vehicle
+) -> DeferredFallbackPath:
+    """Return what `fallback_path` returns for the same arguments, computed when it is first needed."""
+    return DeferredFallbackPath(partial(fallback_path, pose, steering, path, station, vehicle))
 
 
 def _follow(

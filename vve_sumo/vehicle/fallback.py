@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from vve_sumo.values import FallbackPath, Vehicle
+from vve_sumo.values import DeferredFallbackPath, FallbackPath, Vehicle
 
 MAX_KNOTS: Final = 64  # of a fallback path: 64 m at a metre each is twice the stopping distance from 10 m/s at 2.4 m/s2
 MAX_CURVATURE: Final = 1.0  # [1/m]; no car turns tighter than 0.3, so a larger value means "as tight as possible"
@@ -38,12 +38,15 @@ class FallbackTracker:
         self._wheelbase = vehicle.wheelbase
         self._understeer = vehicle.understeer_gradient
         self._answer_time = vehicle.steering_delay + vehicle.steering_lag
-        self._profile: FallbackPath | None = None
+        self._profile: FallbackPath | DeferredFallbackPath | None = None
         self._distance = math.nan  # along the path [m]; NaN where not known
         self._speed = math.nan
 
-    def take(self, age: float, profile: FallbackPath | None) -> None:
-        """Follow `profile` from now on, which begins where the car was `age` seconds ago; None for no path."""
+    def take(self, age: float, profile: FallbackPath | DeferredFallbackPath | None) -> None:
+        """Follow `profile` from now on, which begins where the car was `age` seconds ago; None for no path.
+
+        A deferred path is computed by the first call of `steering`, and is no path where it is not `well_formed`.
+        """
         self._profile = profile
         self._distance = self._speed * age
 
@@ -60,8 +63,18 @@ class FallbackTracker:
         ahead = self._distance + self._speed * self._answer_time
         if self._profile is None or not math.isfinite(ahead):
             return None
-        curvature = min(max(_curvature(self._profile, ahead), -MAX_CURVATURE), MAX_CURVATURE)
+        profile = self._followed(self._profile)
+        if profile is None:
+            return None
+        curvature = min(max(_curvature(profile, ahead), -MAX_CURVATURE), MAX_CURVATURE)
         return math.atan(self._wheelbase * curvature) + self._understeer * curvature * self._speed * self._speed
+
+    def _followed(self, profile: FallbackPath | DeferredFallbackPath) -> FallbackPath | None:
+        if isinstance(profile, FallbackPath):
+            return profile
+        path = profile.path()
+        self._profile = path if path is not None and well_formed(path) else None
+        return self._profile
 
 
 def _curvature(profile: FallbackPath, distance: float) -> float:

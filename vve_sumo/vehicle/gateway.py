@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle
+from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, computed
 from vve_sumo.vehicle.actuation import Actuation, Pedals
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, Event, transition
 from vve_sumo.vehicle.brake_monitor import BrakeMonitor
@@ -289,7 +289,7 @@ class Gateway:
             return list(setpoint.faults)
         # Where the path of an expired setpoint begins, seen from the car, is not known. A setpoint with faults may
         # have no path: the path of an earlier setpoint is then better than none.
-        if self._admission.valid(now) and (setpoint.profile is not None or not setpoint.faults):
+        if self._admission.valid(now) and (not setpoint.faults or computed(setpoint.profile) is not None):
             self._way.take(now - setpoint.time, setpoint.profile)
         return []
 

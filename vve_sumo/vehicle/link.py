@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple, TypeVar
 
-from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint
+from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint, computed
 from vve_sumo.vehicle.fallback import MAX_KNOTS
 from vve_sumo.vehicle.gateway import OperatorCommand
 
@@ -57,7 +57,7 @@ class Feedback(NamedTuple):
 
 def encode_setpoint(setpoint: Setpoint) -> bytes:
     """Return the datagram of a setpoint; the note and the faults are cut at 255 bytes each and 64 faults."""
-    s, profile = setpoint, setpoint.profile
+    s, profile = setpoint, computed(setpoint.profile)
     body = [
         _SETPOINT.pack(s.steering, s.acceleration, _whole(s.sequence), *(getattr(s, name) for name in _NUMBERS)),
         b"\1" if s.emergency else b"\0",

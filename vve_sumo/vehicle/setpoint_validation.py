@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from vve_sumo.values import Setpoint
+from vve_sumo.values import FallbackPath, Setpoint
 from vve_sumo.vehicle.fallback import well_formed
 from vve_sumo.vehicle.reports import TOLERANCE
 
@@ -73,7 +73,8 @@ class SetpointValidator:
             return Rejection("setpoint_not_finite", fatal=True)
         if setpoint.sequence < 0 or not math.isfinite(setpoint.time + setpoint.expires):
             return Rejection("setpoint_incomplete", fatal=True)
-        if setpoint.profile is not None and not well_formed(setpoint.profile):
+        # Who follows a deferred path checks it once it is computed.
+        if isinstance(setpoint.profile, FallbackPath) and not well_formed(setpoint.profile):
             return Rejection("profile_invalid", fatal=True)
         if setpoint.sequence <= self._sequence:
             return Rejection("setpoint_out_of_order", fatal=False)
