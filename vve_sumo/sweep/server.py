@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import gc
+import importlib
 import os
 import re
 import resource
@@ -25,8 +26,6 @@ from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
-import pandas  # noqa: F401 - pyarrow imports it as soon as a table becomes numbers: here once, not in every run
-
 from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.drive.provenance import software
 from vve_sumo.drive.resolved_scenario import versions
@@ -35,12 +34,16 @@ from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import CHUNK, READY, Job, Result, progress_line
 from vve_sumo.sweep.run import run_job, tidy
+from vve_sumo.vehicle import interface
 
 POLL_INTERVAL = 0.05  #: between two looks at a run's time and memory [s], in which a run may take some 100 MB more
 PROCESS_POLL_INTERVAL = 1.0  #: between two looks at what a run has started, which costs a millisecond or more [s]
 IDLE_POLL_INTERVAL = 1.0  #: between two looks whether the parent is still there, while there is nothing to do [s]
 MAX_OUTPUT_BYTES = 8192  #: bytes of what a run prints last that are kept while it runs
 MAX_OUTPUT_CHARACTERS = 2000  #: characters of them that are told of a run with a fault
+
+#: modules that every run imports on its way: what figures are computed with, and the shipped wires
+IMPORTED_AHEAD = ("pandas", "pyarrow.pandas_compat", "scipy.ndimage", "scipy.spatial", *interface.PORT.shipped.values())
 
 #: signals by which a process says that it broke; by any other it was ended from outside
 OWN_FAULT = frozenset({"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGSYS", "SIGTRAP"})
@@ -100,6 +103,8 @@ class Server:
 
     def serve(self) -> None:
         """Run job after job until the parent is gone or says no more."""
+        for module in IMPORTED_AHEAD:
+            importlib.import_module(module)
         versions()
         gc.collect()
         self._say(READY)
