@@ -140,6 +140,48 @@ def test_a_kill_at_any_instant_loses_nothing_and_the_bytes_are_the_same() -> Non
     assert isolated(_every_instant) > 80
 
 
+def _interrupted_at(dataset: Dataset, instant: int) -> bool:
+    """Finish every run, and be interrupted at one instant: before or after a call that touches the disk."""
+    left = instant
+
+    def look(_frame: object, event: str, called: object) -> None:
+        nonlocal left
+        if event in ("c_call", "c_return") and called in SYSTEM_CALLS:
+            left -= 1
+            if left == 0:
+                signal.raise_signal(signal.SIGINT)
+
+    try:
+        sys.setprofile(look)
+        for number in ORDER:
+            dataset.add(cell(number), result(number))
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.setprofile(None)
+    return False
+
+
+def _interrupted_at_each(scratch: Path) -> int:
+    fill(scratch / "whole").close()
+    for instant in range(1, 1000):
+        folder = scratch / str(instant)
+        dataset = begun(folder)
+        interrupted = _interrupted_at(dataset, instant)
+        rows = set(load_rows(folder)["number"])
+        assert (dataset.finished, set(filter(dataset.holds, range(COUNT)))) == (len(rows), rows), f"instant {instant}"
+        dataset.close()
+        fill(folder).close()
+        assert content(folder) == content(scratch / "whole"), f"instant {instant}"
+        if not interrupted:
+            return instant
+    raise AssertionError("it never came to an end")
+
+
+def test_what_counts_as_finished_is_what_the_folder_holds_whenever_it_is_interrupted(tmp_path: Path) -> None:
+    assert isolated(_interrupted_at_each, tmp_path) > 80
+
+
 def test_rows_come_back_in_cell_order(tmp_path: Path) -> None:
     fill(tmp_path / "a").close()
     rows = load_rows(tmp_path / "a")

@@ -21,6 +21,8 @@ import contextlib
 import fcntl
 import json
 import os
+import signal
+import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -190,7 +192,8 @@ class Dataset:
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
         try:
-            yield
+            with _interrupted_afterwards():
+                yield
         except OSError as error:
             raise SimulationError(
                 f"{self.folder}: cannot be written: {error.strerror or error}; "
@@ -227,6 +230,25 @@ def _locked(folder: Path) -> int:
         os.close(lock)
         raise ConfigError(f"{folder}: another sweep is at work in it") from None
     return lock
+
+
+@contextlib.contextmanager
+def _interrupted_afterwards() -> Iterator[None]:
+    """Hold an interrupt from the keyboard back, so that it never comes between what the disk holds and what is counted.
+
+    Only the main thread is ever interrupted.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    interrupts: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _frame: interrupts.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if interrupts:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _line(row: Row) -> bytes:
