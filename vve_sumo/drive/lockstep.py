@@ -24,6 +24,7 @@ from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, en
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
+from vve_sumo.frozen import quickly_made
 from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant.car import Car, CarParameters
@@ -122,6 +123,7 @@ class ScriptedOperator:
             self._next = None
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class LockstepTick:
     """One tick of a lockstep drive."""

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 from vve_sumo.controller import Guarded
 from vve_sumo.frames import Placement, move_point
+from vve_sumo.frozen import quickly_made
 from vve_sumo.lot.fallback import fallback_path
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import Path
@@ -52,6 +53,7 @@ FallbackRule = Callable[[Pose, float, Path, float, Vehicle], FallbackPath | Defe
 _NO_READINGS: Readings = MappingProxyType({})
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class TickResult:
     """What the pipeline computed at one tick."""
@@ -68,6 +70,7 @@ class TickResult:
     faults: tuple[str, ...]  #: all faults of this tick
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class _Sensed:
     """What a tick knows before its controller is called."""
@@ -88,6 +91,7 @@ class Wires(Protocol):
         ...
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class Seen:
     """What a tick's virtual sensors say, for the outgoing wires."""

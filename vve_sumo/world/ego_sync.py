@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import libsumo
 
+from vve_sumo.frozen import quickly_made
 from vve_sumo.values import Point, Pose, Vehicle
 from vve_sumo.world.lanes import Lanes
 from vve_sumo.world.simulation import SUMO_ERRORS
@@ -51,6 +52,7 @@ NO_WARNING_BELOW = 1e6
 SPEED_FACTOR = 5.0
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class EgoSyncReport:
     """Whether SUMO has the ego at the requested pose, after one step."""
