@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.fixes import GOOD
 from tests.vehicles import FUSION
 from vve_sumo.frames import wrap_angle
 from vve_sumo.pose.nmea import Decoder
@@ -21,30 +22,18 @@ from vve_sumo.wire.sample import Sample
 BEGIN = 1_400_000_000.0  # [s] of GPS time
 QUALITIES = st.sampled_from([FixQuality.SINGLE, FixQuality.DIFFERENTIAL, FixQuality.RTK_FLOAT, FixQuality.RTK_FIXED])
 
+DRIVING = replace(
+    GOOD,
+    latitude=math.radians(40.0),
+    longitude=math.radians(-83.0),
+    heading=0.3,
+    velocity_north=3.0,
+    velocity_east=4.0,
+)
+
 
 def _fix(time: float, **other: object) -> Fix:
-    fix = Fix(
-        time=time,
-        time_received=time,
-        latitude=math.radians(40.0),
-        longitude=math.radians(-83.0),
-        altitude=220.0,
-        heading=0.3,
-        pitch=0.0,
-        roll=0.0,
-        velocity_north=3.0,
-        velocity_east=4.0,
-        velocity_down=0.0,
-        yaw_rate=0.0,
-        acceleration=0.0,
-        locked=True,
-        quality=FixQuality.RTK_FIXED,
-        position_sigma=0.014,
-        velocity_sigma=0.02,
-        heading_sigma=0.001,
-        differential_age=1.0,
-    )
-    return replace(fix, **other)  # type: ignore[arg-type]
+    return replace(DRIVING, time=time, time_received=time, **other)  # type: ignore[arg-type]
 
 
 FIXES = st.builds(

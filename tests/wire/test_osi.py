@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -65,22 +66,9 @@ def test_actors_as_they_are_and_keep_their_identifiers() -> None:
     assert (walker.base.position.x, walker.base.position.y) == (130.0, -30.0)
     assert walker.base.orientation.yaw == -2.0
     assert math.hypot(walker.base.velocity.x, walker.base.velocity.y) == pytest.approx(math.hypot(1.4, 0.1))
-    later = Actors(2.02, ("walker",), *(column[1:] for column in _columns(ACTORS)))
+    later = Actors(2.02, ("walker",), *(getattr(ACTORS, column.name)[1:] for column in fields(Actors)[2:]))
     (_, again) = encoder.sensor_view(TIME + 0.02, POSE, later).global_ground_truth.moving_object
     assert again.id.value == FIRST_ACTOR + 1
-
-
-def _columns(actors: Actors) -> list[np.ndarray]:  # type: ignore[type-arg]
-    return [
-        actors.x,
-        actors.y,
-        actors.heading,
-        actors.speed,
-        actors.length,
-        actors.width,
-        actors.radar_cross_section,
-        actors.lateral_speed,
-    ]
 
 
 def test_detections_lie_in_the_frame_of_the_front_bumper() -> None:

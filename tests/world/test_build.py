@@ -32,11 +32,6 @@ NODES = {1: (40.002, -82.999), 2: (40.002, -82.998), 3: (40.002, -82.997), 4: (4
 
 
 @pytest.fixture(scope="module")
-def linden(repository: Path) -> Path:
-    return repository / "networks" / "linden.net.xml"
-
-
-@pytest.fixture(scope="module")
 def speeds(repository: Path) -> Path:
     return repository / "networks" / "us_speeds.typ.xml"
 

@@ -18,11 +18,6 @@ PATHS = ("linden_17th", "linden_loop")
 LEVEL = {**{f"linden_{level}": level for level in LEVELS}, "linden_17th_light": "light"}  #: of each shipped file
 
 
-@pytest.fixture(scope="module")
-def linden(repository: Path) -> Path:
-    return repository / "networks" / "linden.net.xml"
-
-
 def _route(repository: Path, path: str) -> list[str]:
     lines = (repository / "routes" / f"{path}.csv").read_text().splitlines()
     return next(line.split()[2:] for line in lines if line.startswith("# edges: "))

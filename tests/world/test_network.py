@@ -20,16 +20,6 @@ from vve_sumo.world.network import LANE_WIDTH, Roads, lane_shapes, lanes_near, r
 
 
 @pytest.fixture(scope="module")
-def linden(repository: Path) -> Path:
-    return repository / "networks" / "linden.net.xml"
-
-
-@pytest.fixture(scope="module")
-def reference(linden: Path):
-    return sumolib.net.readNet(str(linden), withInternal=True)
-
-
-@pytest.fixture(scope="module")
 def roads(linden: Path) -> Roads:
     return Roads(linden)
 

@@ -7,7 +7,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-import sumolib
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.world.buildings import HEIGHT, STOREY, buildings_file, buildings_near
@@ -20,16 +19,6 @@ HOUSE = """<osm version="0.6">
   <way id="9" version="1"><nd ref="1"/><nd ref="2"/><nd ref="3"/><nd ref="4"/><nd ref="1"/>
     <tag k="building" v="house"/><tag k="building:levels" v="3"/></way>
 </osm>"""
-
-
-@pytest.fixture(scope="module")
-def linden(repository: Path) -> Path:
-    return repository / "networks" / "linden.net.xml"
-
-
-@pytest.fixture(scope="module")
-def reference(linden: Path):
-    return sumolib.net.readNet(str(linden), withInternal=True)
 
 
 @pytest.fixture(scope="module")

@@ -23,11 +23,6 @@ MAIN = ("-21405924#2", "21354771")
 BLOCK = ("21354787#13", "21371933#0", "-21405924#3", "-21405924#2", "-21371616#6")  # once around, left turns
 
 
-@pytest.fixture(scope="module")
-def linden(repository: Path) -> Path:
-    return repository / "networks" / "linden.net.xml"
-
-
 def _points(network: Path, file: Path) -> np.ndarray:
     frame = read_network(network).frame()
     rows = [line.split(",") for line in file.read_text().splitlines() if line[0].isdigit()]
