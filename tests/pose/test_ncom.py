@@ -130,6 +130,49 @@ def test_round_trip_to_the_last_bit(milliseconds, **fields):
         assert abs(getattr(last, name) - getattr(sent, name)) <= 0.5001 * bit, name
 
 
+def field(packet: bytes, offset: int, scale: float) -> float:
+    """A 24-bit field as the manual words it: three bytes, lowest first, in two's complement; the lowest is invalid."""
+    raw = int.from_bytes(packet[offset : offset + 3], "little", signed=True)
+    return math.nan if raw == -(2**23) else raw * scale
+
+
+@given(st.binary(min_size=48, max_size=48), angles, angles, st.integers(0, 17))
+def test_every_field_is_read_from_its_own_bytes(body, latitude, longitude, invalid):
+    """All fields hold any bits, one of them the pattern for invalid; the offsets are those of OXTS's manual."""
+    packet = bytearray(pack(fix_at(START, latitude=latitude / 2, longitude=longitude), 0, minute_channel(START)))
+    packet[3:21], packet[39:61] = body[:18], body[18:40]
+    at = [3, 18, 43, 46, 49, 52, 55, 58][invalid % 8]
+    if invalid >= 8:
+        packet[at : at + 3] = b"\x00\x00\x80"
+    (fix,) = decoded(sealed(bytes(packet)))
+    (altitude,) = struct.unpack_from("<f", packet, 39)
+    expected = {
+        "latitude": latitude / 2,
+        "longitude": longitude,
+        "altitude": altitude if math.isfinite(altitude) else math.nan,
+        "acceleration": field(packet, 3, 1e-4),
+        "yaw_rate": -field(packet, 18, 1e-5),
+        "velocity_north": field(packet, 43, 1e-4),
+        "velocity_east": field(packet, 46, 1e-4),
+        "velocity_down": field(packet, 49, 1e-4),
+        "pitch": field(packet, 55, 1e-6),
+        "roll": field(packet, 58, 1e-6),
+    }
+    assert {name: getattr(fix, name) for name in expected} == pytest.approx(expected, rel=0, abs=0, nan_ok=True)
+    off = math.remainder(fix.heading + field(packet, 52, 1e-6) - math.pi / 2, math.tau)
+    assert abs(off) < 1e-12 or math.isnan(off) == math.isnan(fix.heading) == (packet[52:55] == b"\x00\x00\x80")
+
+
+@given(st.binary(min_size=72, max_size=72), st.lists(st.booleans(), min_size=3, max_size=3))
+def test_checksums_are_the_sums_of_all_bytes_before(packet, right):
+    """Without the sync byte, to the modulus 256; `right` says which of the three are made so."""
+    packet = bytearray(packet)
+    for end, made in zip((22, 61, 71), right, strict=True):
+        if made:
+            packet[end] = sum(packet[1:end]) % 256
+    assert checksums_hold(bytes(packet)) == all(packet[end] == sum(packet[1:end]) % 256 for end in (22, 61, 71))
+
+
 @pytest.mark.parametrize(
     ("compass_deg", "heading_deg"), [(0, 90), (90, 0), (180, -90), (270, 180), (350, 100), (10, 80), (359.9, 90.1)]
 )

@@ -34,6 +34,11 @@ class Judged(enum.Enum):
     CHANGED = enum.auto()  #: as NEWER, the last of a run of AHEAD after which the sender's clock is taken as changed
 
 
+_NEWER: Final = (
+    Judged.NEWER
+)  # found once, for every message: Python looks members up in their class at the cost of a call
+
+
 @dataclass(slots=True)
 class _Run:
     """Consecutive messages that are ahead and agree with each other."""
@@ -72,19 +77,16 @@ class Arrivals:
             return Judged.AHEAD
         if not time > self._newest:
             return Judged.NOT_NEWER
-        lead, judged = time - received, Judged.NEWER
-        ahead = lead - self._allowed_lead(received)
-        if ahead > self._tolerance(received):
+        lead, judged = time - received, _NEWER
+        drifted = DRIFT * max(received - self._led_at, 0.0)
+        ahead = lead - (self._lead + drifted)  # of a message as fast as the fastest; NaN before the first
+        if ahead > 0.0 and ahead > self._tolerance(received):
             judged = self._go_on(received, time, lead, ahead)
             if judged is Judged.AHEAD:
                 return judged
             self._lead = math.nan if judged is Judged.CHANGED else -math.inf
-        self._believe(received, time, lead)
+        self._believe(received, time, lead, self._lead - drifted)
         return judged
-
-    def _allowed_lead(self, received: float) -> float:
-        """Largest lead that a message as fast as the fastest can have now [s]; NaN before the first."""
-        return self._lead + DRIFT * max(received - self._led_at, 0.0)
 
     def _young(self, received: float) -> bool:
         return not received - self._faster_at > SETTLING_TIME
@@ -110,11 +112,11 @@ class Arrivals:
             return Judged.AHEAD
         return Judged.NEWER if ahead <= SMALL_JUMP else Judged.CHANGED
 
-    def _believe(self, received: float, time: float, lead: float) -> None:
+    def _believe(self, received: float, time: float, lead: float, leaked: float) -> None:
+        """Accept a time; `leaked` is the fastest lead, less what two clocks may have drifted apart since [s]."""
         self._run = None
         self._interval = min(time - self._newest, 1.01 * self._interval)
         self._newest = time
-        leaked = self._lead - DRIFT * max(received - self._led_at, 0.0)
         if lead <= leaked:
             return
         if math.isnan(leaked) or (self._young(received) and lead > leaked + self._least):

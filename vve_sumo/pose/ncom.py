@@ -11,6 +11,7 @@ from __future__ import annotations
 import enum
 import math
 import struct
+import zlib
 from collections.abc import Callable
 from typing import Final
 
@@ -39,6 +40,14 @@ ANGLE: Final = 1e-6  #: [rad]
 INVALID: Final = -0x800000  #: of a 24-bit field
 MAX_RAW: Final = 0x7FFFFF  #: of a 24-bit field, either sign
 
+#: What a fix takes from a packet, in its order. `Hb` is a 24-bit field: its low two bytes, then its signed high byte.
+_MEASUREMENTS = struct.Struct(
+    "<3x Hb"  # forward acceleration
+    "12x Hb B"  # downward angular rate, navigation status
+    "x ddf"  # latitude, longitude, altitude
+    "Hb Hb Hb"  # velocity north, east, down
+    "Hb Hb Hb 11x"  # heading, pitch, roll
+)
 _POSITION = struct.Struct("<ddf")
 _CHANNEL_0 = struct.Struct("<iBBBB")
 _ACCURACY = struct.Struct("<HHHBB")
@@ -63,17 +72,27 @@ class Outcome(enum.StrEnum):
     TRIGGER = "trigger"
 
 
+# Members that nearly every packet needs, found once: Python looks them up in their class at the cost of a call.
+_FIX, _MINUTE_UNKNOWN = Outcome.FIX, Outcome.MINUTE_UNKNOWN
+_AHEAD, _NOT_NEWER = Judged.AHEAD, Judged.NOT_NEWER
+_UNKNOWN = FixQuality.UNKNOWN
+
+
 def checksums_hold(packet: bytes) -> bool:
     """Whether all three running checksums of a 72-byte packet are right."""
-    first = sum(packet[1:22])
-    if first & 0xFF != packet[22]:
+    # The low half of Adler-32 is start value plus sum of bytes, to the modulus 65521, which so few bytes never reach.
+    total = zlib.adler32(packet[1:22], 0)
+    if total & 0xFF != packet[22]:
         return False
-    second = first + sum(packet[22:61])
-    return second & 0xFF == packet[61] and (second + sum(packet[61:71])) & 0xFF == packet[71]
+    total = zlib.adler32(packet[22:61], total & 0xFFFF)
+    if total & 0xFF != packet[61]:
+        return False
+    return zlib.adler32(packet[61:71], total & 0xFFFF) & 0xFF == packet[71]
 
 
-def _signed(packet: bytes, offset: int, scale: float) -> float:
-    raw = int.from_bytes(packet[offset : offset + 3], "little", signed=True)
+def _signed(low: int, high: int, scale: float) -> float:
+    """Value of a 24-bit field; NaN where it is marked as invalid."""
+    raw = high << 16 | low
     return math.nan if raw == INVALID else raw * scale
 
 
@@ -81,12 +100,14 @@ def _read_mode(payload: bytes) -> float:
     return math.nan if payload[5] & 0x80 else payload[5]
 
 
-def _reader_of_accuracy(scale: float, columns: slice) -> Callable[[bytes], float]:
-    def read(payload: bytes) -> float:
-        values = _ACCURACY.unpack(payload)
-        return max(values[columns]) * scale if values[3] < AGE_LIMIT else math.nan
+def _read_horizontal_accuracy(payload: bytes) -> float:
+    north, east, _, age, _ = _ACCURACY.unpack(payload)
+    return max(north, east) * 1e-3 if age < AGE_LIMIT else math.nan
 
-    return read
+
+def _read_heading_accuracy(payload: bytes) -> float:
+    heading, _, _, age, _ = _ACCURACY.unpack(payload)
+    return heading * 1e-5 if age < AGE_LIMIT else math.nan
 
 
 def _read_differential_age(payload: bytes) -> float:
@@ -116,15 +137,15 @@ MODES: Final = {
 
 def quality_of(mode: float) -> FixQuality:
     """Return the fix quality of a position mode of channel 0; NaN is a mode that is not known."""
-    return QUALITIES.get(mode, FixQuality.UNKNOWN)
+    return QUALITIES.get(mode, _UNKNOWN)
 
 
 #: Reader of each status channel in use: one number each, NaN where the unit marks it as invalid or stale.
 _READERS: Final[dict[int, Callable[[bytes], float]]] = {
     0: _read_mode,
-    3: _reader_of_accuracy(1e-3, slice(0, 2)),
-    4: _reader_of_accuracy(1e-3, slice(0, 2)),
-    5: _reader_of_accuracy(1e-5, slice(0, 1)),
+    3: _read_horizontal_accuracy,  # of the position
+    4: _read_horizontal_accuracy,  # of the velocity
+    5: _read_heading_accuracy,
     20: _read_differential_age,
 }
 
@@ -144,17 +165,23 @@ class StatusChannels:
     """Last values of the status channels; one channel travels with each packet, in turn."""
 
     def __init__(self) -> None:
-        self._heard: dict[int, tuple[int, float]] = {}  #: status channel to (clock when received [ms], value)
+        #: status channel to (clock when received [ms], value)
+        self._heard: dict[int, tuple[float, float]] = dict.fromkeys(_READERS, (-math.inf, math.nan))
 
     def hear(self, channel: int, payload: bytes, clock: int) -> None:
         """Take the 8 bytes of a channel, sent at `clock` [ms], unless it is not used or has newer bytes already."""
-        if channel in _READERS and clock >= self._heard.get(channel, (clock, 0.0))[0]:
-            self._heard[channel] = (clock, _READERS[channel](payload))
+        heard = self._heard.get(channel)
+        if heard is not None and clock >= heard[0]:
+            self._heard[channel] = clock, _READERS[channel](payload)
 
-    def value(self, channel: int, clock: int) -> float:
-        """Return the channel's last value, NaN if that is older than `CHANNEL_LIFETIME`."""
-        heard, value = self._heard.get(channel, (0, math.nan))
-        return value if abs(clock - heard) <= CHANNEL_LIFETIME else math.nan
+    def values(self, clock: int) -> list[float]:
+        """Return position mode, accuracies of position, velocity and heading, and age of corrections, as last heard.
+
+        NaN for a value that is not known or older than `CHANNEL_LIFETIME` at `clock` [ms].
+        """
+        return [
+            value if abs(clock - heard) <= CHANNEL_LIFETIME else math.nan for heard, value in self._heard.values()
+        ]  # fmt: skip
 
 
 class Decoder:
@@ -233,31 +260,31 @@ class Decoder:
         if clock is None:
             return outcome, None
         judged = self._arrivals.judge(time_received, clock / 1000.0)
-        if judged is Judged.AHEAD:
+        if judged is _AHEAD:
             return Outcome.AHEAD, None
         # The channel of an overtaken packet counts too: channels take turns, and where of every two packets the later
         # one comes first, half of the channels travel only in overtaken packets.
         self._channels.hear(packet[62], packet[63:71], clock)
-        if judged is Judged.NOT_NEWER:
+        if judged is _NOT_NEWER:
             return Outcome.NOT_INCREASING, None
         self._clock, self._dated_at = clock, time_received
-        latitude, longitude, altitude = _POSITION.unpack_from(packet, 23)
-        if not (abs(latitude) <= math.pi / 2 and abs(longitude) <= math.tau):
-            return Outcome.NO_POSITION, None
-        return Outcome.FIX, self._fix(packet, clock, time_received, latitude, longitude, altitude)
+        fix = self._fix(packet, clock, time_received)
+        return (Outcome.NO_POSITION if fix is None else _FIX), fix
 
     def _date(self, packet: bytes, milliseconds: int, received: float) -> tuple[Outcome, int | None]:
         """The packet's time [ms], or None where it is not known, with the outcome for that case."""
-        minutes = int.from_bytes(packet[63:67], "little", signed=True) if packet[62] == 0 else 0
-        said = minutes * MINUTE + milliseconds if minutes >= MINUTES_SET else None
+        said = None
+        if packet[62] == 0:
+            minutes = int.from_bytes(packet[63:67], "little", signed=True)
+            said = minutes * MINUTE + milliseconds if minutes >= MINUTES_SET else None
         if self._clock is None:
-            return Outcome.MINUTE_UNKNOWN, said
+            return _MINUTE_UNKNOWN, said
         passed = received - self._dated_at
         expected = self._clock + (round(1000.0 * passed) if 0.0 < passed < math.inf else 0)
         ahead = (milliseconds - expected) % MINUTE
         nearest = expected + (ahead if ahead <= MINUTE // 2 else ahead - MINUTE)
         if said is None:
-            return Outcome.MINUTE_UNKNOWN, None if passed > CLOCK_HOLD else nearest
+            return _MINUTE_UNKNOWN, None if passed > CLOCK_HOLD else nearest
         return Outcome.MINUTE_DOUBTED, said if self._believed((said - nearest) // MINUTE) else None
 
     def _believed(self, off: int) -> bool:
@@ -267,32 +294,38 @@ class Decoder:
             self._arrivals, self._channels = Arrivals(MIN_EARLINESS, MAX_JUMP), StatusChannels()
         return believed
 
-    def _fix(
-        self, packet: bytes, clock: int, time_received: float, latitude: float, longitude: float, altitude: float
-    ) -> Fix:
-        slow = self._channels.value
-        mode = slow(0, clock)
-        self.codes = packet[21], -1 if math.isnan(mode) else int(mode)
+    def _fix(self, packet: bytes, clock: int, time_received: float) -> Fix | None:
+        """The fix in a packet of time `clock` [ms]; None where its position is not a number or out of range."""
+        (
+            forward_low, forward_high, turn_low, turn_high, status,
+            latitude, longitude, altitude,
+            north_low, north_high, east_low, east_high, down_low, down_high,
+            heading_low, heading_high, pitch_low, pitch_high, roll_low, roll_high,
+        ) = _MEASUREMENTS.unpack(packet)  # fmt: skip
+        if not (abs(latitude) <= math.pi / 2 and abs(longitude) <= math.tau):
+            return None
+        mode, position_sigma, velocity_sigma, heading_sigma, differential_age = self._channels.values(clock)
+        self.codes = status, -1 if math.isnan(mode) else int(mode)
         return Fix(
             time=clock / 1000.0,
             time_received=time_received,
             latitude=latitude,
             longitude=longitude,
             altitude=altitude if math.isfinite(altitude) else math.nan,
-            heading=wrap_angle(math.pi / 2 - _signed(packet, 52, ANGLE)),
-            pitch=_signed(packet, 55, ANGLE),
-            roll=_signed(packet, 58, ANGLE),
-            velocity_north=_signed(packet, 43, VELOCITY),
-            velocity_east=_signed(packet, 46, VELOCITY),
-            velocity_down=_signed(packet, 49, VELOCITY),
-            yaw_rate=-_signed(packet, 18, RATE),
-            acceleration=_signed(packet, 3, ACCELERATION),
-            locked=packet[21] == LOCKED,
+            heading=wrap_angle(math.pi / 2 - _signed(heading_low, heading_high, ANGLE)),
+            pitch=_signed(pitch_low, pitch_high, ANGLE),
+            roll=_signed(roll_low, roll_high, ANGLE),
+            velocity_north=_signed(north_low, north_high, VELOCITY),
+            velocity_east=_signed(east_low, east_high, VELOCITY),
+            velocity_down=_signed(down_low, down_high, VELOCITY),
+            yaw_rate=-_signed(turn_low, turn_high, RATE),
+            acceleration=_signed(forward_low, forward_high, ACCELERATION),
+            locked=status == LOCKED,
             quality=quality_of(mode),
-            position_sigma=slow(3, clock),
-            velocity_sigma=slow(4, clock),
-            heading_sigma=slow(5, clock),
-            differential_age=slow(20, clock),
+            position_sigma=position_sigma,
+            velocity_sigma=velocity_sigma,
+            heading_sigma=heading_sigma,
+            differential_age=differential_age,
         )
 
 

@@ -167,7 +167,7 @@ class Decoder:
     def _fix(
         self, cycle: dict[int, tuple[int, ...]], clock: int, time_received: float, latitude: float, longitude: float
     ) -> Fix:
-        slow = self._channels.value
+        mode, position_sigma, velocity_sigma, heading_sigma, differential_age = self._channels.values(clock)
         north, east, down = _scaled(cycle.get(VELOCITY), 0.01)
         compass, pitch, roll = _scaled(cycle.get(ATTITUDE), math.radians(0.01))
         heading = math.pi / 2 - compass if 0.0 <= compass <= math.tau else math.nan
@@ -187,11 +187,11 @@ class Decoder:
             yaw_rate=-_scaled(cycle.get(RATE, cycle.get(RATE_LEVEL)), math.radians(0.01))[2],
             acceleration=_acceleration(cycle, pitch),
             locked=clock - self._since >= LOCKING,
-            quality=quality_of(slow(0, clock)),
-            position_sigma=slow(3, clock),
-            velocity_sigma=slow(4, clock),
-            heading_sigma=slow(5, clock),
-            differential_age=slow(20, clock),
+            quality=quality_of(mode),
+            position_sigma=position_sigma,
+            velocity_sigma=velocity_sigma,
+            heading_sigma=heading_sigma,
+            differential_age=differential_age,
         )
 
 
