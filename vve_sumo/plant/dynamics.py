@@ -51,9 +51,9 @@ class Dynamics:
     """
 
     __slots__ = (
-        "_drag", "_front_gain", "_load_shift", "_mass_lateral_speed", "_mass_yaw_rate", "_rear", "_rear_gain",
-        "_rolling", "_slope_force", "_weight", "acceleration", "chassis", "distance", "grade", "heading",
-        "lateral_speed", "speed", "x", "y", "yaw_rate",
+        "_drag", "_front_gain", "_front_load", "_grip_force", "_load_shift", "_mass_lateral_speed", "_mass_yaw_rate",
+        "_rear", "_rear_gain", "_rear_load", "_rolling", "_slope_force", "acceleration", "chassis", "distance", "grade",
+        "heading", "lateral_speed", "speed", "x", "y", "yaw_rate",
     )  # fmt: skip
 
     def __init__(
@@ -71,14 +71,16 @@ class Dynamics:
         self._mass_lateral_speed = 0.0
         self._mass_yaw_rate = 0.0
         self._rear = chassis.wheelbase - chassis.front_axle_to_mass
-        self._weight = chassis.mass * GRAVITY * math.cos(grade)
         self._slope_force = chassis.mass * GRAVITY * math.sin(grade)
-        self._rolling = chassis.rolling_resistance * self._weight
         self._drag = 0.5 * AIR_DENSITY * chassis.drag_area
-        # Stiffness per newton of axle load, and the load that shifts to the rear for each m/s2.
-        front_load = self._weight * self._rear / chassis.wheelbase
-        self._front_gain = chassis.cornering_stiffness_front / front_load
-        self._rear_gain = chassis.cornering_stiffness_rear / (self._weight - front_load)
+        weight = chassis.mass * GRAVITY * math.cos(grade)
+        self._rolling = chassis.rolling_resistance * weight
+        self._grip_force = chassis.friction * weight
+        # Axle loads at rest, stiffness per newton of them, and the load that shifts to the rear for each m/s2.
+        self._front_load = weight * self._rear / chassis.wheelbase
+        self._rear_load = weight * chassis.front_axle_to_mass / chassis.wheelbase
+        self._front_gain = chassis.cornering_stiffness_front / self._front_load
+        self._rear_gain = chassis.cornering_stiffness_rear / (weight - self._front_load)
         self._load_shift = chassis.mass * chassis.mass_height / chassis.wheelbase
 
     def advance(self, duration: float, steering: float, drive: float, brake: float) -> None:
@@ -106,7 +108,8 @@ class Dynamics:
         """Advance the speed; return its mean over the step. Brakes and rolling drag act as dry friction."""
         mass, speed = self.chassis.mass, self.speed
         push = drive - self._slope_force - self._drag * speed * abs(speed)
-        hold = min(brake, self.chassis.friction * self._weight) + self._rolling
+        grip = self._grip_force
+        hold = (grip if brake > grip else brake) + self._rolling
         if speed == 0.0 and abs(push) <= hold:
             self.acceleration = 0.0
             return 0.0
@@ -125,28 +128,29 @@ class Dynamics:
     def _slide(self, duration: float, speed: float, steering: float) -> tuple[float, float]:
         """Advance lateral speed and yaw rate of the centre of mass (explicit midpoint); return those of mid-step."""
         lateral, yaw_rate = self._mass_lateral_speed, self._mass_yaw_rate
-        rate_1, rate_2 = self._tyres(speed, steering, lateral, yaw_rate)
+        shift = self._load_shift * self.acceleration
+        front_load, rear_load = max(self._front_load - shift, 0.0), max(self._rear_load + shift, 0.0)
+        rate_1, rate_2 = self._tyres(speed, steering, lateral, yaw_rate, front_load, rear_load)
         middle_lateral = lateral + 0.5 * duration * rate_1
         middle_yaw_rate = yaw_rate + 0.5 * duration * rate_2
-        rate_1, rate_2 = self._tyres(speed, steering, middle_lateral, middle_yaw_rate)
+        rate_1, rate_2 = self._tyres(speed, steering, middle_lateral, middle_yaw_rate, front_load, rear_load)
         self._mass_lateral_speed = lateral + duration * rate_1
         self._mass_yaw_rate = yaw_rate + duration * rate_2
         return middle_lateral, middle_yaw_rate
 
-    def _tyres(self, speed: float, steering: float, lateral: float, yaw_rate: float) -> tuple[float, float]:
-        """Lateral [m/s2] and yaw [rad/s2] acceleration of the centre of mass."""
-        chassis, shift = self.chassis, self._load_shift * self.acceleration
-        front_length = chassis.front_axle_to_mass
-        front_load = max(self._weight * self._rear / chassis.wheelbase - shift, 0.0)
-        rear_load = max(self._weight * front_length / chassis.wheelbase + shift, 0.0)
+    def _tyres(
+        self, speed: float, steering: float, lateral: float, yaw_rate: float, front_load: float, rear_load: float
+    ) -> tuple[float, float]:
+        """Lateral [m/s2] and yaw [rad/s2] acceleration of the centre of mass under the axle loads [N]."""
+        chassis, rear_length = self.chassis, self._rear
+        front_length, grip = chassis.front_axle_to_mass, chassis.friction
         front = self._front_gain * (steering - (lateral + front_length * yaw_rate) / speed)
-        rear = self._rear_gain * (self._rear * yaw_rate - lateral) / speed
-        grip = chassis.friction
-        front = front_load * (-grip if front < -grip else min(front, grip))
-        rear = rear_load * (-grip if rear < -grip else min(rear, grip))
+        rear = self._rear_gain * (rear_length * yaw_rate - lateral) / speed
+        front = front_load * (-grip if front < -grip else grip if front > grip else front)
+        rear = rear_load * (-grip if rear < -grip else grip if rear > grip else rear)
         return (
             (front + rear) / chassis.mass - speed * yaw_rate,
-            (front_length * front - self._rear * rear) / chassis.yaw_inertia,
+            (front_length * front - rear_length * rear) / chassis.yaw_inertia,
         )
 
     def _displace(self, duration: float, speed: float, lateral: float, yaw_rate: float) -> None:

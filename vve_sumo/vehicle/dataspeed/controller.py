@@ -70,6 +70,18 @@ def pedal_to_throttle(pedal: float) -> float:
     return min(max((pedal - PEDAL_REST) / (THROTTLE_TRAVEL_END - PEDAL_REST), 0.0), 1.0)
 
 
+def _throttle(command: object) -> float:
+    """Throttle opening that a command asks for, 0 to 1."""
+    if not isinstance(command, ThrottleCommand) or command.kind is ThrottleKind.NONE:
+        return 0.0
+    return min(command.value, 1.0) if command.kind is ThrottleKind.PERCENT else pedal_to_throttle(command.value)
+
+
+def _wheel_angle(command: object) -> float:
+    """Steering-wheel angle that a command asks for [rad]."""
+    return command.wheel_angle if isinstance(command, SteeringCommand) else 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class DbwControllerParameters:
     """How one DBW controller is configured."""
@@ -138,7 +150,9 @@ class DbwController:
         self.watchdog_braking = False
         self.misuses = 0  #: command frames that asked to ignore the driver
         self.request = Request(0.0, 0.0, math.nan)
-        self.driver = HANDS_OFF
+        #: what the last commands ask for, enabled or not: brake torque [N m], throttle opening, wheel angle [rad]
+        self.commanded_torque = self.commanded_throttle = self.commanded_wheel_angle = 0.0
+        self._take(HANDS_OFF)
         self._step = 0
         self._shift_ends: int | None = None
         self._timeout_steps = round(TIMEOUT / duration)
@@ -157,10 +171,13 @@ class DbwController:
             if isinstance(command, BrakeCommand):
                 if command.kind is not BrakeKind.DECELERATION:  # a Fusion's brake module doesn't know it
                     self.brake.hear(command, self._step)
+                    self.commanded_torque = self._torque(self.brake.command)
             elif isinstance(command, ThrottleCommand):
                 self.throttle.hear(command, self._step)
+                self.commanded_throttle = _throttle(self.throttle.command)
             elif isinstance(command, SteeringCommand):
                 self.steering.hear(command, self._step)
+                self.commanded_wheel_angle = _wheel_angle(self.steering.command)
             elif isinstance(command, GearCommand):
                 self._shift(command.gear, speed, brake_torque)
             elif isinstance(command, Malformed):
@@ -169,21 +186,28 @@ class DbwController:
     def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
         """Advance by one step; `speed` [m/s] and steering `wheel_angle` [rad] are the car's own measurements."""
         if driver is not HANDS_OFF or self.driver is not HANDS_OFF:  # without a driver there is nothing to update
+            self._take(driver)
             self._feel(driver)
-        self.driver = driver
         oldest = self._step - self._timeout_steps
         for module in self.modules:
             module.timeout = module.heard <= oldest
         if self.parameters.watchdog:
             self._watch(speed)
+        fault = self.fault
         for module in self.modules:
-            command, refused = module.command, module.broken or module.timeout or module.override or self.fault
+            command, refused = module.command, module.broken or module.timeout or module.override or fault
             module.enabled = not refused and command is not None and command.enable
         if self._shift_ends is not None and self._step >= self._shift_ends:
             self.gear, self._shift_ends = self.gear_command, None
         self._step += 1
-        self.request = Request(self._brake(driver), self._throttle(driver), self._steer(wheel_angle))
+        self.request = Request(self._brake(), self._throttle(), self._steer(wheel_angle))
         return self.request
+
+    def _take(self, driver: DriverInputs) -> None:
+        """Take the driver's inputs, and what the pedals ask for of themselves."""
+        self.driver = driver
+        self._foot_torque = pedal_to_torque(driver.brake_pedal)
+        self._foot_throttle = pedal_to_throttle(driver.throttle_pedal)
 
     def _feel(self, driver: DriverInputs) -> None:
         self.brake.feel(driver.brake_pedal, self._override_steps, self._activity_steps)
@@ -194,18 +218,18 @@ class DbwController:
         if self.fault:
             self._watch_fault()
         elif not (self.brake.override or self.throttle.override or self.steering.override):
-            parked = self.gear is Gear.PARK and abs(speed) < REST_SPEED
             for index, module in enumerate(self.modules):
-                if module.counting and (cause := self._cause(module, parked)) is not None:
+                if module.counting and (cause := self._cause(module, speed)) is not None:
                     self._latch(index, cause)
                     return
 
-    def _cause(self, module: Module, parked: bool) -> int | None:
+    def _cause(self, module: Module, speed: float) -> int | None:
         """Why the watchdog trips on an armed module: an offset from its first code in `WatchdogSource`, or None."""
         assert module.command is not None
         if module.timeout:
             return 2
         if not module.command.enable:
+            parked = self.gear is Gear.PARK and abs(speed) < REST_SPEED
             module.counting = not parked
             return None if parked else 1
         return 0 if self._step - module.counted >= self._timeout_steps else None
@@ -224,9 +248,8 @@ class DbwController:
                 module.source = WatchdogSource.NONE
                 module.counting = False
 
-    def commanded_torque(self) -> float:
-        """Brake torque that the last command asks for, enabled or not [N m]."""
-        command = self.brake.command
+    def _torque(self, command: object) -> float:
+        """Brake torque that a command asks for [N m]."""
         if not isinstance(command, BrakeCommand) or command.kind is BrakeKind.NONE:
             return 0.0
         limit, value = self.parameters.brake_torque_limit, command.value
@@ -236,28 +259,17 @@ class DbwController:
             value *= limit
         return min(value, limit)
 
-    def commanded_throttle(self) -> float:
-        """Throttle opening that the last command asks for, enabled or not, 0 to 1."""
-        command = self.throttle.command
-        if not isinstance(command, ThrottleCommand) or command.kind is ThrottleKind.NONE:
-            return 0.0
-        return min(command.value, 1.0) if command.kind is ThrottleKind.PERCENT else pedal_to_throttle(command.value)
-
-    def commanded_wheel_angle(self) -> float:
-        """Steering-wheel angle that the last command asks for, enabled or not [rad]."""
-        command = self.steering.command
-        return command.wheel_angle if isinstance(command, SteeringCommand) else 0.0
-
-    def _brake(self, driver: DriverInputs) -> float:
-        wanted = self.commanded_torque() if self.brake.enabled else 0.0
+    def _brake(self) -> float:
+        wanted = self.commanded_torque if self.brake.enabled else 0.0
         if self.watchdog_braking:
             wanted = self.parameters.watchdog_torque
-        change = max(wanted, pedal_to_torque(driver.brake_pedal)) - self.request.brake_torque
-        return self.request.brake_torque + min(max(change, -self._brake_change), self._brake_change)
+        last, largest = self.request.brake_torque, self._brake_change
+        change = max(wanted, self._foot_torque) - last
+        return last + (-largest if change < -largest else largest if change > largest else change)
 
-    def _throttle(self, driver: DriverInputs) -> float:
-        wanted = self.commanded_throttle() if self.throttle.enabled else 0.0
-        return max(wanted, pedal_to_throttle(driver.throttle_pedal))
+    def _throttle(self) -> float:
+        wanted = self.commanded_throttle if self.throttle.enabled else 0.0
+        return max(wanted, self._foot_throttle)
 
     def _steer(self, wheel_angle: float) -> float:
         """Next angle towards the commanded one [rad], starting at the measured `wheel_angle`; NaN if not enabled."""
@@ -265,10 +277,11 @@ class DbwController:
         if not self.steering.enabled or not isinstance(command, SteeringCommand):
             return math.nan
         limit, rate = self.parameters.wheel_angle_limit, self.parameters.wheel_rate_limit
-        change = (min(command.wheel_rate, rate) if command.wheel_rate else rate) * self._duration
-        here = wheel_angle if math.isnan(self.request.wheel_angle) else self.request.wheel_angle
-        target = min(max(command.wheel_angle, -limit), limit)
-        return here + min(max(target - here, -change), change)
+        largest = (min(command.wheel_rate, rate) if command.wheel_rate else rate) * self._duration
+        last, wanted = self.request.wheel_angle, command.wheel_angle
+        here = wheel_angle if last != last else last
+        change = (-limit if wanted < -limit else limit if wanted > limit else wanted) - here
+        return here + (-largest if change < -largest else largest if change > largest else change)
 
     def _shift(self, gear: Gear, speed: float, brake_torque: float) -> None:
         if gear is Gear.NONE or (gear is self.gear_command and self._shift_ends is not None):

@@ -111,7 +111,7 @@ class SimulatedDbw1:
     def _brake(self) -> BrakeReport:
         controller = self.controller
         module, driver = controller.brake, controller.driver.brake_pedal
-        command, output = controller.commanded_torque(), controller.request.brake_torque
+        command, output = controller.commanded_torque, controller.request.brake_torque
         kind = BrakeReportKind.TORQUE
         if self._variant is codec.Variant.DBW1_2018:
             kind, command, output = BrakeReportKind.PEDAL, torque_to_pedal(command), torque_to_pedal(output)
@@ -137,7 +137,7 @@ class SimulatedDbw1:
         module = controller.throttle
         return ThrottleReport(
             controller.driver.throttle_pedal,
-            _throttle_pedal(controller.commanded_throttle()),
+            _throttle_pedal(controller.commanded_throttle),
             _throttle_pedal(controller.request.throttle),
             module.enabled,
             override=module.override,
@@ -154,7 +154,7 @@ class SimulatedDbw1:
         torque = min(max(controller.driver.steering_torque, -TORQUE_SENSOR_LIMIT), TORQUE_SENSOR_LIMIT)
         return SteeringReport(
             wheel_angle,
-            controller.commanded_wheel_angle(),
+            controller.commanded_wheel_angle,
             abs(speed) if signless else speed,
             torque,
             module.enabled,
