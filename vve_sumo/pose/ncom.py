@@ -48,7 +48,16 @@ _MEASUREMENTS = struct.Struct(
     "Hb Hb Hb"  # velocity north, east, down
     "Hb Hb Hb 11x"  # heading, pitch, roll
 )
-_POSITION = struct.Struct("<ddf")
+#: A whole packet.
+_PACKET = struct.Struct(
+    "<c H Hb 12s"  # sync byte, time, forward acceleration, four quantities that no fix has
+    "Hb B B"  # downward angular rate, navigation status, checksum
+    "ddf"  # latitude, longitude, altitude
+    "Hb Hb Hb"  # velocity north, east, down
+    "Hb Hb Hb B"  # heading, pitch, roll, checksum
+    "B 8s B"  # status channel, checksum
+)
+_NOT_SENT: Final = 4 * b"\x00\x00\x80"
 _CHANNEL_0 = struct.Struct("<iBBBB")
 _ACCURACY = struct.Struct("<HHHBB")
 _DIFFERENTIAL = struct.Struct("<h4s2x")
@@ -329,14 +338,14 @@ class Decoder:
         )
 
 
-def _field(value: float, scale: float) -> bytes:
-    """24-bit field: NaN is sent as invalid, a value out of range saturates."""
+def _count(value: float, scale: float) -> int:
+    """Count of a 24-bit field: NaN is sent as invalid, a value out of range saturates."""
     count = value / scale
-    if not -MAX_RAW <= count <= MAX_RAW:
-        if math.isnan(count):
-            return b"\x00\x00\x80"
-        count = math.copysign(MAX_RAW, count)
-    return (round(count) & 0xFFFFFF).to_bytes(3, "little")
+    if -MAX_RAW <= count <= MAX_RAW:
+        return round(count)
+    if math.isnan(count):
+        return INVALID
+    return MAX_RAW if count > 0.0 else -MAX_RAW
 
 
 def pack(fix: Fix, channel: int, payload: bytes) -> bytes:
@@ -345,41 +354,39 @@ def pack(fix: Fix, channel: int, payload: bytes) -> bytes:
     Quantities that a fix does not have (lateral and vertical acceleration, roll and pitch rate) are sent as invalid.
     `fix.time` must be finite; `time_received` and what status channels carry (quality, sigmas, ages) are not read.
     """
-    nothing = b"\x00\x00\x80"
-    first = (
-        (round(fix.time * 1000.0) % MINUTE).to_bytes(2, "little")
-        + _field(fix.acceleration, ACCELERATION)
-        + nothing * 4
-        + _field(-fix.yaw_rate, RATE)
-        + bytes((LOCKED if fix.locked else LOCKING,))
-    )
-    second = b"".join(
-        (
-            _POSITION.pack(fix.latitude, fix.longitude, fix.altitude),
-            _field(fix.velocity_north, VELOCITY),
-            _field(fix.velocity_east, VELOCITY),
-            _field(fix.velocity_down, VELOCITY),
-            _field(wrap_angle(math.pi / 2 - fix.heading), ANGLE),
-            _field(fix.pitch, ANGLE),
-            _field(fix.roll, ANGLE),
+    forward, yaw = _count(fix.acceleration, ACCELERATION), _count(-fix.yaw_rate, RATE)
+    north, east = _count(fix.velocity_north, VELOCITY), _count(fix.velocity_east, VELOCITY)
+    down, heading = _count(fix.velocity_down, VELOCITY), _count(wrap_angle(math.pi / 2 - fix.heading), ANGLE)
+    pitch, roll = _count(fix.pitch, ANGLE), _count(fix.roll, ANGLE)
+    # struct has no 24-bit integer: its lower two bytes go as one number, its upper byte as another.
+    packet = bytearray(
+        _PACKET.pack(
+            SYNC, round(fix.time * 1000.0) % MINUTE, forward & 0xFFFF, forward >> 16, _NOT_SENT,
+            yaw & 0xFFFF, yaw >> 16, LOCKED if fix.locked else LOCKING, 0,
+            fix.latitude, fix.longitude, fix.altitude,
+            north & 0xFFFF, north >> 16, east & 0xFFFF, east >> 16, down & 0xFFFF, down >> 16,
+            heading & 0xFFFF, heading >> 16, pitch & 0xFFFF, pitch >> 16, roll & 0xFFFF, roll >> 16, 0,
+            channel, payload, 0,
         )
-    )
-    third = bytes((channel,)) + payload
-    total = sum(first)
-    sum_1 = total & 0xFF
-    total += sum_1 + sum(second)
-    sum_2 = total & 0xFF
-    total += sum_2 + sum(third)
-    return b"".join((SYNC, first, bytes((sum_1,)), second, bytes((sum_2,)), third, bytes((total & 0xFF,))))
+    )  # fmt: skip
+    return _sealed(packet)
+
+
+def _sealed(packet: bytearray) -> bytes:
+    """The packet with the three checksums that belong to it; each sums all bytes before it but the first."""
+    total = sum(packet[1:22])
+    packet[22] = first = total & 0xFF
+    total += first + sum(packet[23:61])
+    packet[61] = second = total & 0xFF
+    packet[71] = total + second + sum(packet[62:71]) & 0xFF
+    return bytes(packet)
 
 
 def with_status(packet: bytes, status: int) -> bytes:
     """Return a 72-byte packet with another navigation status, and the three checksums that belong to it."""
     changed = bytearray(packet)
     changed[21] = status
-    for at in (22, 61, 71):
-        changed[at] = sum(changed[1:at]) & 0xFF
-    return bytes(changed)
+    return _sealed(changed)
 
 
 def _accuracy(sigma: float, scale: float) -> bytes:
