@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import pyproj
+from pyproj.enums import TransformDirection
 from pyproj.exceptions import CRSError
 
 from vve_sumo.errors import ConfigError
@@ -28,6 +29,8 @@ SPREAD_LIMIT: Final = 1.0  #: surveyed points closer to their middle than this f
 SCALE_LIMIT: Final = 0.01  #: two surveys of one place that differ by more differ in their units or places
 
 Pair = tuple[float, float]
+
+_INVERSE: Final = TransformDirection.INVERSE
 
 
 def wrap_angle(angle: float) -> float:
@@ -47,20 +50,22 @@ class MapFrame:
     def __init__(self, projection: str, offset: Pair = (0.0, 0.0)) -> None:
         self.projection = projection
         self.offset = offset
-        self._project = _open_projection(projection)
+        opened = _open_projection(projection)
+        # Calling `opened` itself does the same in twice the time.
+        self._project = pyproj.Transformer.from_pipeline(opened.srs).transform
         self._x, self._y = offset
         if not math.isfinite(self._x + self._y):
             raise ConfigError(f"map offset {offset!r}: expected two finite numbers [m]")
-        self._meridian = _central_meridian(self._project.crs)
+        self._meridian = _central_meridian(opened.crs)
 
     def to_map(self, latitude: float, longitude: float) -> Pair:
         """Return map x, y [m] of WGS84 latitude, longitude [rad]; not finite where the projection has no answer."""
-        x, y = self._project(longitude, latitude, radians=True)
+        x, y = self._project(longitude, latitude, None, None, True)
         return x + self._x, y + self._y
 
     def to_geodetic(self, x: float, y: float) -> Pair:
         """Return WGS84 latitude, longitude [rad] of map x, y [m]."""
-        longitude, latitude = self._project(x - self._x, y - self._y, inverse=True, radians=True)
+        longitude, latitude = self._project(x - self._x, y - self._y, None, None, True, False, _INVERSE)
         return latitude, longitude
 
     def convergence(self, latitude: float, longitude: float) -> float:
@@ -293,28 +298,44 @@ class Placement:
         What a pose does not say is NaN: altitude, roll, vertical speed, accuracies; status 0, position mode -1. The
         caller that plays a receiver replaces them.
         """
-        assert pose.point is Point.REAR_AXLE, f"expected a pose of the rear axle, got {pose.point}"
-        mounting = self._mounting
-        output_x, output_y = _beside(pose.x, pose.y, pose.heading, mounting.forward, mounting.left)
-        speed = pose.speed - pose.yaw_rate * mounting.left
-        lateral = pose.lateral_speed + pose.yaw_rate * mounting.forward
-        x, y = output_x - self._x, output_y - self._y
-        lot_x, lot_y = self._cosine * x + self._sine * y, self._cosine * y - self._sine * x
-        latitude, longitude = self._frame.to_geodetic(lot_x, lot_y)
-        true_heading = pose.heading - self._rotation - self._frame.convergence(latitude, longitude)
-        forward_x, forward_y = math.cos(true_heading), math.sin(true_heading)
+        latitude, longitude, heading, velocity_north, velocity_east, acceleration = self.output(pose)
         return Fix(
             time=pose.time + self._epoch,
             time_received=pose.time,
             latitude=latitude,
             longitude=longitude,
             altitude=math.nan,
-            heading=wrap_angle(true_heading + mounting.heading_misalignment),
+            heading=heading,
             pitch=pose.grade,
             roll=math.nan,
-            velocity_north=speed * forward_y + lateral * forward_x,
-            velocity_east=speed * forward_x - lateral * forward_y,
+            velocity_north=velocity_north,
+            velocity_east=velocity_east,
             velocity_down=math.nan,
             yaw_rate=pose.yaw_rate,
-            acceleration=pose.acceleration - pose.yaw_rate * lateral + GRAVITY * math.sin(pose.grade),
+            acceleration=acceleration,
+        )
+
+    def output(self, pose: Pose) -> tuple[float, float, float, float, float, float]:
+        """Return what a perfect receiver outputs where the rear axle's pose is `pose`.
+
+        These are latitude, longitude and heading [rad], the velocity north and east [m/s] and the forward acceleration
+        [m/s2], in the senses of a `Fix`; the heading is between -pi and pi.
+        """
+        assert pose.point is Point.REAR_AXLE, f"expected a pose of the rear axle, got {pose.point}"
+        mounting, yaw_rate = self._mounting, pose.yaw_rate
+        output_x, output_y = _beside(pose.x, pose.y, pose.heading, mounting.forward, mounting.left)
+        speed = pose.speed - yaw_rate * mounting.left
+        lateral = pose.lateral_speed + yaw_rate * mounting.forward
+        x, y = output_x - self._x, output_y - self._y
+        lot_x, lot_y = self._cosine * x + self._sine * y, self._cosine * y - self._sine * x
+        latitude, longitude = self._frame.to_geodetic(lot_x, lot_y)
+        true_heading = pose.heading - self._rotation - self._frame.convergence(latitude, longitude)
+        forward_x, forward_y = math.cos(true_heading), math.sin(true_heading)
+        return (
+            latitude,
+            longitude,
+            wrap_angle(true_heading + mounting.heading_misalignment),
+            speed * forward_y + lateral * forward_x,
+            speed * forward_x - lateral * forward_y,
+            pose.acceleration - yaw_rate * lateral + GRAVITY * math.sin(pose.grade),
         )

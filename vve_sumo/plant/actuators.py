@@ -6,26 +6,24 @@ Exact for inputs constant over a step; without frames or the car's motion. Dead 
 from __future__ import annotations
 
 import math
+from collections import deque
 
 
 class DeadTime:
     """Returns the input of `delay` seconds ago, rounded to whole steps."""
 
-    __slots__ = ("_index", "_ring")
+    __slots__ = ("_line",)
 
     def __init__(self, delay: float, duration: float, initial: float) -> None:
-        self._ring = [initial] * round(delay / duration)
-        self._index = 0
+        self._line = deque([initial] * round(delay / duration))
 
     def step(self, value: float) -> float:
         """Put `value` in, take the delayed one out."""
-        ring = self._ring
-        if not ring:
+        line = self._line
+        if not line:
             return value
-        index = self._index
-        delayed, ring[index] = ring[index], value
-        self._index = (index + 1) % len(ring)
-        return delayed
+        line.append(value)
+        return line.popleft()
 
 
 def share_of_step(lag: float, duration: float) -> float:
@@ -74,6 +72,9 @@ class Steering:
         if request != request:
             change = -self.angle * self._free_share if rolling else 0.0
         else:
-            change = (min(max(request, -self._limit), self._limit) - self.angle) * self._share
-        self.angle += min(max(change, -self._rate), self._rate)
+            limit = self._limit
+            target = -limit if request < -limit else limit if request > limit else request
+            change = (target - self.angle) * self._share
+        rate = self._rate
+        self.angle += -rate if change < -rate else rate if change > rate else change
         return self.angle

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vve_sumo.frames import MapFrame
+from vve_sumo.frozen import quickly_made
 from vve_sumo.plant.actuators import Lagged, Steering
 from vve_sumo.plant.dynamics import Chassis, Dynamics
 from vve_sumo.plant.noise import White
@@ -49,6 +50,7 @@ class CarParameters:
     heading_misalignment: float = 0.0  #: of the receiver beyond its declared mounting [rad], counter-clockwise
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class CarOutput:
     """What the car sent during a step, in order of time."""
@@ -151,16 +153,16 @@ class Car:
         """True pose of the rear axle in the lot map, for analysis only."""
         motion = self._motion
         return Pose(
-            time=self._time,
-            point=Point.REAR_AXLE,
-            x=motion.x,
-            y=motion.y,
-            heading=motion.heading,
-            speed=motion.speed,
-            lateral_speed=motion.lateral_speed,
-            yaw_rate=motion.yaw_rate,
-            acceleration=motion.acceleration,
-            grade=motion.grade,
+            self._time,
+            Point.REAR_AXLE,
+            motion.x,
+            motion.y,
+            motion.heading,
+            motion.speed,
+            motion.lateral_speed,
+            motion.yaw_rate,
+            motion.acceleration,
+            motion.grade,
         )
 
     @property
@@ -169,27 +171,29 @@ class Car:
         return self._steps / STEPS_PER_SECOND
 
     def _advance(self, driver: DriverInputs) -> None:
-        motion, interface = self._motion, self._interface
-        brake_torque, opening, wheel_angle = interface.step(driver, motion.speed, self._steering.angle)
+        motion, interface, steering = self._motion, self._interface, self._steering
+        brake_torque, opening, wheel_angle = interface.step(driver, motion.speed, steering.angle)
         torque = self._brakes.step(brake_torque)
         throttle = self._engine.step(max(opening, self.stuck_throttle))
-        self._steering.step(wheel_angle, motion.speed != 0.0)
-        held = math.inf if interface.gear is Gear.PARK else self._brake_force * self._really(torque)
-        motion.advance(STEP, self._road_angle(), self._drive_force(throttle), held)
+        steering.step(wheel_angle, motion.speed != 0.0)
+        gear = interface.gear
+        if gear is Gear.PARK:
+            held = math.inf
+        else:
+            held = self._brake_force * (torque if self.brake_share == 1.0 else self._weakened(torque))
+        motion.advance(STEP, self._road_angle(), self._drive_force(gear, throttle), held)
         self._steps += 1
 
-    def _really(self, torque: float) -> float:
+    def _weakened(self, torque: float) -> float:
         """True brake torque for the estimated `torque` [N m]; only the actuator is weak, not the driver's foot."""
-        if self.brake_share == 1.0:
-            return torque
         return max(self.brake_share * torque, min(torque, self._interface.driver_brake_torque))
 
     def _road_angle(self) -> float:
         return (self._steering.angle - self._wheel_bias) / self._steering_ratio
 
-    def _drive_force(self, throttle: float) -> float:
+    def _drive_force(self, gear: Gear, throttle: float) -> float:
         """Force at the wheels [N] by throttle and idle creep, in the direction of the gear."""
-        sign = _DRIVE_SIGNS.get(self._interface.gear, 0.0)
+        sign = _DRIVE_SIGNS.get(gear, 0.0)
         calibration, speed = self._calibration, sign * self._motion.speed
         return sign * (calibration.drive_force(throttle, max(speed, 0.0)) + calibration.creep(speed))
 

@@ -61,7 +61,7 @@ class Receiver:
         seeds: np.random.SeedSequence,
         alter: Callable[[Fix], Fix | None] = unaltered,
     ) -> None:
-        self._parameters = parameters
+        self._parameters, self._epoch = parameters, epoch
         self._placement = Placement(lot, Alignment(), parameters.mounting, epoch)
         self._alter = alter
         self._encoder = Encoder()
@@ -73,14 +73,19 @@ class Receiver:
         self._position, self._velocity, self._heading, self._yaw_rate, self._acceleration = (
             White(stream) for stream in streams[2:7]
         )
+        size = parameters.noise
+        self._size, self._position_white = size, parameters.position_white
+        # Standard deviations of the errors.
+        self._velocity_error, self._heading_error = size * parameters.velocity, size * parameters.heading
+        self._yaw_rate_error, self._acceleration_error = size * parameters.yaw_rate, size * parameters.acceleration
         self._position_sigma = math.hypot(parameters.position_white, wander)
+        self._late = parameters.hidden_delay + parameters.delay
 
     def measure(self, truth: Pose, climbed: float) -> None:
         """Measure the rear axle at lot pose `truth`, `climbed` metres above the start, and send the bytes."""
         fix = self._alter(self._observe(truth, climbed))
         if fix is not None:
-            late = self._parameters.hidden_delay + self._parameters.delay
-            self._under_way.append((truth.time + late, self._encoder.encode(fix)))
+            self._under_way.append((truth.time + self._late, self._encoder.encode(fix)))
 
     def arrived(self, until: float) -> list[tuple[float, bytes]]:
         """Take out the packets that have arrived by drive time `until` [s], with their times of arrival."""
@@ -90,29 +95,34 @@ class Receiver:
         return taken
 
     def _observe(self, truth: Pose, climbed: float) -> Fix:
-        exact, parameters = self._placement.unplace(truth), self._parameters
-        size = parameters.noise
-        north = size * (self._north_wander.draw() + parameters.position_white * self._position.draw())
-        east = size * (self._east_wander.draw() + parameters.position_white * self._position.draw())
-        velocity = size * parameters.velocity
+        latitude, longitude, heading, velocity_north, velocity_east, acceleration = self._placement.output(truth)
+        parameters, size, white = self._parameters, self._size, self._position_white
+        north = size * (self._north_wander.draw() + white * self._position.draw())
+        east = size * (self._east_wander.draw() + white * self._position.draw())
+        heading += self._heading_error * self._heading.draw()
+        velocity_north += self._velocity_error * self._velocity.draw()
+        velocity_east += self._velocity_error * self._velocity.draw()
+        yaw_rate = truth.yaw_rate + self._yaw_rate_error * self._yaw_rate.draw()
+        acceleration += self._acceleration_error * self._acceleration.draw()
+        # In the order of the fields: naming each costs as much as all of them.
         return Fix(
-            time=exact.time + parameters.hidden_delay,
-            time_received=truth.time,
-            latitude=exact.latitude + north / EARTH_RADIUS,
-            longitude=exact.longitude + east / (EARTH_RADIUS * math.cos(exact.latitude)),
-            altitude=ALTITUDE + climbed,
-            heading=exact.heading + size * parameters.heading * self._heading.draw(),
-            pitch=truth.grade,
-            roll=0.0,
-            velocity_north=exact.velocity_north + velocity * self._velocity.draw(),
-            velocity_east=exact.velocity_east + velocity * self._velocity.draw(),
-            velocity_down=-truth.speed * math.tan(truth.grade),
-            yaw_rate=exact.yaw_rate + size * parameters.yaw_rate * self._yaw_rate.draw(),
-            acceleration=exact.acceleration + size * parameters.acceleration * self._acceleration.draw(),
-            locked=True,
-            quality=FixQuality.RTK_FIXED,
-            position_sigma=self._position_sigma,
-            velocity_sigma=parameters.velocity,
-            heading_sigma=parameters.heading,
-            differential_age=parameters.differential_age,
+            truth.time + self._epoch + parameters.hidden_delay,
+            truth.time,
+            latitude + north / EARTH_RADIUS,
+            longitude + east / (EARTH_RADIUS * math.cos(latitude)),
+            ALTITUDE + climbed,
+            heading,
+            truth.grade,
+            0.0,  # roll
+            velocity_north,
+            velocity_east,
+            -truth.speed * math.tan(truth.grade),
+            yaw_rate,
+            acceleration,
+            True,  # locked
+            FixQuality.RTK_FIXED,
+            self._position_sigma,
+            parameters.velocity,
+            parameters.heading,
+            parameters.differential_age,
         )
