@@ -60,12 +60,12 @@ class MapFrame:
 
     def to_map(self, latitude: float, longitude: float) -> Pair:
         """Return map x, y [m] of WGS84 latitude, longitude [rad]; not finite where the projection has no answer."""
-        x, y = self._project(longitude, latitude, None, None, True)
+        x, y = self._project(longitude, latitude, radians=True)
         return x + self._x, y + self._y
 
     def to_geodetic(self, x: float, y: float) -> Pair:
         """Return WGS84 latitude, longitude [rad] of map x, y [m]."""
-        longitude, latitude = self._project(x - self._x, y - self._y, None, None, True, False, _INVERSE)
+        longitude, latitude = self._project(x - self._x, y - self._y, radians=True, direction=_INVERSE)
         return latitude, longitude
 
     def convergence(self, latitude: float, longitude: float) -> float:
