@@ -30,7 +30,9 @@ SCALE_LIMIT: Final = 0.01  #: two surveys of one place that differ by more diffe
 
 Pair = tuple[float, float]
 
+# Found once, for every pose: looking them up in their class costs a call.
 _INVERSE: Final = TransformDirection.INVERSE
+_REAR_AXLE: Final = Point.REAR_AXLE
 
 
 def wrap_angle(angle: float) -> float:
@@ -279,18 +281,10 @@ class Placement:
         output_x = self._cosine * lot_x - self._sine * lot_y + self._x
         output_y = self._sine * lot_x + self._cosine * lot_y + self._y
         x, y = _beside(output_x, output_y, heading, -mounting.forward, -mounting.left)
-        return Pose(
-            time=fix.time - self._epoch,
-            point=Point.REAR_AXLE,
-            x=x,
-            y=y,
-            heading=heading,
-            speed=speed + yaw_rate * mounting.left,
-            lateral_speed=lateral - yaw_rate * mounting.forward,
-            yaw_rate=yaw_rate,
-            acceleration=fix.acceleration + yaw_rate * lateral - GRAVITY * math.sin(grade),
-            grade=grade,
-        )
+        speed, lateral_speed = speed + yaw_rate * mounting.left, lateral - yaw_rate * mounting.forward
+        acceleration = fix.acceleration + yaw_rate * lateral - GRAVITY * math.sin(grade)
+        time = fix.time - self._epoch
+        return Pose(time, _REAR_AXLE, x, y, heading, speed, lateral_speed, yaw_rate, acceleration, grade)
 
     def unplace(self, pose: Pose) -> Fix:
         """Return the fix whose `place` is `pose`, which must be of the rear axle.

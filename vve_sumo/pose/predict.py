@@ -10,9 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from vve_sumo.frames import wrap_angle
 from vve_sumo.values import Point, Pose
+
+_REAR_AXLE: Final = Point.REAR_AXLE  # found once, for every pose: looking it up in its class costs a call
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +136,7 @@ class Predictor:
         yaw_rate: float,
         acceleration: float,
     ) -> Pose:
-        return Pose(time, Point.REAR_AXLE, x, y, heading, speed, lateral_speed, yaw_rate, acceleration, self._grade)
+        return Pose(time, _REAR_AXLE, x, y, heading, speed, lateral_speed, yaw_rate, acceleration, self._grade)
 
     def _start(self, pose: Pose) -> None:
         self._time, self._count, self._resting = pose.time, 1, False
@@ -150,10 +153,6 @@ class Predictor:
         cosine, sine = math.cos(middle), math.sin(middle)
         chord = distance * (1.0 - turn * turn / 24.0)
         return self._x + chord * cosine - lateral * sine, self._y + chord * sine + lateral * cosine
-
-    def _share(self, step: float, constant: float) -> float:
-        """Share of an error that one step corrects; after a start the filter averages instead."""
-        return max(step / (constant + step), 1.0 / self._count)
 
     def _drive(self, pose: Pose, step: float) -> None:
         self._advance(pose, step)
@@ -181,25 +180,26 @@ class Predictor:
             self._direction = math.copysign(1.0, self._speed)
 
     def _correct(self, pose: Pose, step: float) -> None:
+        """Correct each quantity by the share of its error that `step` is of its time constant."""
         tuning = self._tuning
+        least = 1.0 / self._count  # after a start the filter averages instead
         error = pose.speed - self._speed
         self._innovation += (error - self._innovation) * step / (tuning.innovation + step)
         # A speed error that outlasts the noise means a wrong acceleration: weight the measured speed more.
         surprise = self._innovation / tuning.innovation_limit
-        correction = error * self._share(step, tuning.speed / (1.0 + surprise * surprise))
+        correction = error * max(step / (tuning.speed / (1.0 + surprise * surprise) + step), least)
         self._speed += correction
         self._bias -= correction / tuning.bias
-        self._lateral_speed += (pose.lateral_speed - self._lateral_speed) * self._share(step, tuning.speed)
-        share = self._share(step, tuning.position)
+        self._lateral_speed += (pose.lateral_speed - self._lateral_speed) * max(step / (tuning.speed + step), least)
+        share = max(step / (tuning.position + step), least)
         self._x += (pose.x - self._x) * share
         self._y += (pose.y - self._y) * share
-        self._heading = wrap_angle(
-            self._heading + wrap_angle(pose.heading - self._heading) * self._share(step, tuning.heading)
-        )
-        share = self._share(step, tuning.rates)
+        share = max(step / (tuning.heading + step), least)
+        self._heading = wrap_angle(self._heading + wrap_angle(pose.heading - self._heading) * share)
+        share = max(step / (tuning.rates + step), least)
         self._acceleration += (pose.acceleration - self._bias - self._acceleration) * share
         self._yaw_rate += (pose.yaw_rate - self._yaw_rate) * share
-        self._grade += (pose.grade - self._grade) * self._share(step, tuning.grade)
+        self._grade += (pose.grade - self._grade) * max(step / (tuning.grade + step), least)
 
     def _rest(self, pose: Pose, step: float) -> None:
         """Hold the pose until averaged speed or displacement shows motion."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.frozen import quickly_made
 from vve_sumo.values import Fix, FixQuality
 
 EARTH_RADIUS: Final = 6_371_000.0  #: mean [m]; good to 0.5 % over the metre between two fixes
@@ -163,12 +164,16 @@ PLAYBACK: Final = TrustProfile(
 )
 
 
+@quickly_made
 @dataclass(frozen=True, slots=True)
 class Trust:
     """The gate's answer about one fix."""
 
     trusted: bool
     reasons: tuple[str, ...]  #: keys of `REASONS`, empty when trusted
+
+
+_RTK_FIXED: Final = FixQuality.RTK_FIXED  # found once, for every fix: looking it up in its class costs a call
 
 
 def _of_the_fix(fix: Fix, profile: TrustProfile) -> list[str]:
@@ -207,7 +212,7 @@ def _of_the_receiver(fix: Fix, profile: TrustProfile) -> list[str]:
         reasons.append("pitch_invalid")
     if fix.locked is not True:  # so that nothing else passes for it, not a number either
         reasons.append("status_not_locked")
-    if fix.quality is not FixQuality.RTK_FIXED:
+    if fix.quality is not _RTK_FIXED:
         reasons.append("not_rtk_fixed")
     if not 0.0 <= fix.position_sigma <= profile.position_sigma_limit:
         reasons.append("position_sigma")
@@ -274,16 +279,18 @@ def _of_the_rest(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
     return reasons
 
 
-def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
-    """Reasons against a fix by the one before it; both are finite, and `fix` is the newer."""
+def _of_one_step(last: Fix, fix: Fix, off: tuple[float, float, float], profile: TrustProfile) -> list[str]:
+    """Reasons against a fix by the one before it; both are finite, and `fix` is the newer.
+
+    `off` is how far the fix lies from where the one before leads, north and east [m], and its heading [rad].
+    """
     step = fix.time - last.time
-    if step > profile.gap_limit:
-        return ["gap"]
+    north, east, turned = off
     reasons = []
     faster = math.hypot(fix.velocity_north - last.velocity_north, fix.velocity_east - last.velocity_east)
     if not faster <= ACCELERATION_LIMIT * step + VELOCITY_NOISE:
         reasons.append("velocity_jump")
-    if abs(_off_the_yaw_rate(last, fix)) > profile.heading_jump_limit:
+    if abs(turned) > profile.heading_jump_limit:
         reasons.append("heading_jump")
     if fix.latitude == last.latitude and fix.longitude == last.longitude:
         slower = min(
@@ -291,7 +298,7 @@ def _of_the_step(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
         )
         if slower > FROZEN_SPEED:
             reasons.append("frozen_pose")
-    if not math.hypot(*_off_the_velocity(last, fix)) <= profile.jump_limit + 0.25 * ACCELERATION_LIMIT * step * step:
+    if not math.hypot(north, east) <= profile.jump_limit + 0.25 * ACCELERATION_LIMIT * step * step:
         reasons.append("pose_jump")
     return reasons
 
@@ -362,30 +369,34 @@ class TrustGate:
             return []
         if not fix.time > last.time:
             return ["time_not_increasing"]
-        if fix.time - last.time <= self._profile.gap_limit and (jumps := _of_the_rest(last, fix, self._profile)):
+        gap = fix.time - last.time > self._profile.gap_limit
+        if not gap and (jumps := _of_the_rest(last, fix, self._profile)):
             return jumps
         self._last = fix
-        reasons = _of_the_step(last, fix, self._profile)
+        reasons = ["gap"] if gap else self._of_the_step(last, fix)
         if not _BREAKING.isdisjoint(reasons):
             # Older fixes cannot be compared with any more. Fixes that agree for `settling` fill the window again.
             self._drifts.clear()
-        else:
-            reasons += self._drifting(last, fix)
         if not _UNSETTLING.isdisjoint(reasons):
             self._unsettled_until = fix.time + self._profile.settling
         elif fix.time < self._unsettled_until:
             reasons.append("settling")
         return reasons
 
-    def _drifting(self, last: Fix, fix: Fix) -> list[str]:
-        """Reasons by a drift over the window, in steps that are each too small to be found."""
-        north, east = _off_the_velocity(last, fix)
-        north, east = north + self._drift[0], east + self._drift[1]
-        turned = self._drift[2] + _off_the_yaw_rate(last, fix)
+    def _of_the_step(self, last: Fix, fix: Fix) -> list[str]:
+        """Reasons by how far the fix lies from where the one before leads, in this step and over the window."""
+        off = *_off_the_velocity(last, fix), _off_the_yaw_rate(last, fix)
+        reasons = _of_one_step(last, fix, off, self._profile)
+        return reasons + self._drifting(fix.time, off) if _BREAKING.isdisjoint(reasons) else reasons
+
+    def _drifting(self, time: float, off: tuple[float, float, float]) -> list[str]:
+        """Reasons by a drift over the window before `time` [s], in steps `off` that are each too small to be found."""
+        (north, east, turned), (more_north, more_east, more_turned) = self._drift, off
+        north, east, turned = north + more_north, east + more_east, turned + more_turned
         self._drift = (north, east, turned)
         drifts = self._drifts
-        drifts.append((fix.time, north, east, turned))
-        while drifts[0][0] < fix.time - DRIFT_WINDOW:
+        drifts.append((time, north, east, turned))
+        while drifts[0][0] < time - DRIFT_WINDOW:
             drifts.popleft()
         _, first_north, first_east, first_turned = drifts[0]
         reasons = []
