@@ -9,7 +9,6 @@ import math
 import os
 import platform
 import re
-import resource
 import shutil
 import sys
 import tempfile
@@ -28,7 +27,7 @@ from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
 from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
-from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED
+from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, rights
 from vve_sumo.scenario.schema import When
 from vve_sumo.values import Point
 from vve_sumo.vehicle.interface import DEFAULT, load, read_dbc
@@ -49,7 +48,6 @@ LIBRARIES: Final = {
 }
 EXACT: Final = ("libsumo", "sumolib")  #: no other release is tested
 PROCESSES: Final = 4  #: of a live drive, each of which needs a processor
-LOCKED: Final = 1e9  #: memory that a process of a live drive may take [bytes]
 RESOLUTION: Final = 1e-4  #: coarsest resolution of the clock that times the ticks [s]
 FREE: Final = 1e9  #: disk space for records [bytes]; a minute of driving takes a few million
 WRITTEN, PIECES = 131_072, 64  #: bytes of a piece, and number of pieces, in the disk test
@@ -113,22 +111,12 @@ def _clock() -> Check:
 
 def _priority() -> Check:
     """Whether the kernel would run the gateway first, keep it in memory, and spare it when memory runs out."""
-    scheduled = True
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(GATEWAY_PRIORITY))
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    except OSError:
-        scheduled = False
-    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-    locked = os.geteuid() == 0 or limit == resource.RLIM_INFINITY or limit >= LOCKED
+    permitted = rights()
     words = {True: "permitted", False: "not permitted"}
-    found = f"real-time priority {GATEWAY_PRIORITY} {words[scheduled]}, locking memory {words[locked]}, "
-    found += f"oom_score_adj {NEVER_KILLED} {words[_kept()]}"
-    advice = (
-        f"raise this user's limits, rtprio to {GATEWAY_PRIORITY} and memlock to unlimited, in /etc/security/limits.d: "
-    )
-    advice += "else a busy machine may keep the gateway waiting, which stops the car"
-    return judged("priority", found, scheduled and locked, advice, otherwise=Finding.NOTE)
+    found = f"real-time priority {GATEWAY_PRIORITY} {words[permitted.real_time]}, "
+    found += f"locking memory {words[permitted.memory]}, oom_score_adj {NEVER_KILLED} {words[_kept()]}"
+    lacking = permitted.lacking()
+    return judged("priority", found, not lacking, lacking, otherwise=Finding.NOTE)
 
 
 def _kept() -> bool:

@@ -36,6 +36,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "geofence_breach": "the car could not be sure to come to rest inside the lot",
     "internal_error": "a mistake in this program; the traceback lies in the record",
     "latency_budget": "too many ticks within a second took longer than the rig's budget",
+    "not_calm": "waiting for a calm second of the computer",
     "off_path": "the car is farther off its path than allowed",
     "outputs_gone": "the process of the outgoing wires is gone: the foreign brain sees nothing",
     "overrun": "the drive's loop was too late too often: its ticks were skipped",

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from vve_sumo.drive.lockstep import ScriptedOperator
+from vve_sumo.live.calm import PATIENCE
 from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.keys import KeyCommand, OperatorInput
 from vve_sumo.live.screen import Screen
@@ -36,8 +37,8 @@ ALARM_TIME: Final = 3.0
 DRIVE_TIMEOUT: Final = 8.0
 #: time for the page's process to end [s]
 VIEW_TIMEOUT: Final = 3.0
-#: an automatic rig that is not engaged by then is refused [s]
-READY_LIMIT: Final = 60.0
+#: an automatic rig that is not engaged by then is refused [s]; it may wait PATIENCE for a calm second
+READY_LIMIT: Final = 60.0 + PATIENCE
 
 _ACTS: Final = {
     KeyCommand.ENGAGE: OperatorCommand.ENGAGE,
@@ -213,6 +214,8 @@ class Console:
             message = json.loads(data)
             if "refused" in message:
                 self.refused = (message["refused"], message["exit_code"])
+            elif "said" in message:
+                self._screen.say(message["said"])
             else:
                 self._status |= message
 

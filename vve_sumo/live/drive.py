@@ -33,8 +33,9 @@ from vve_sumo.errors import VveError
 from vve_sumo.live import signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.brain_link import ChannelLink, key_of
+from vve_sumo.live.calm import CalmSecond
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
+from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, KILLED_SECOND, UrgentPart, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
 from vve_sumo.live.view_feed import Beside, ViewFeed
@@ -80,6 +81,7 @@ class LiveDrive:
         self._road = LiveRoad(open_world(self._resolved, time.perf_counter), scenario_engine(self._resolved))
         self._tick = Tick(self._pipeline, self._road, self._resolved.path, self, self._recorder, self._clock)
         self._source = source_of(rig)
+        self._urgent = UrgentPart(DRIVE_PRIORITY)
         self._latency = LatencyMonitor(rig.latency.budget_ms / 1000.0, rig.latency.breaches)
         self._scheduler = TickScheduler(self._clock(), PERIOD, rig.latency.deadline_ms / 1000.0)
         self._termination = TerminationMonitor(self._resolved.path.length, self._resolved.scenario.after_stop_s)
@@ -90,6 +92,8 @@ class LiveDrive:
         self._latency_faults: tuple[str, ...] = ()  # of the tick before
         self._received = self._woken = self._handed = math.nan
         self._has_engaged = False
+        # Never for a real car, whose operator is answered at once.
+        self._calm = CalmSecond() if rig.car == "simulated" else None
         self._went_at: float | None = None
         self._outcome: Outcome | None = None
         self._stop_reasons: tuple[str, ...] = ()  # the gateway's, which it no longer reports once it has let go
@@ -125,9 +129,11 @@ class LiveDrive:
         gc.disable()
         # Not earlier: loading a network takes a second, during which no other process would get this core.
         raise_priority(DRIVE_NICE)
+        self._urgent.begin()
         while not self._gateway.closed:
             self._wait()
             self._step()
+        self._urgent.end()
         self._end()
 
     def _clock(self) -> float:
@@ -167,6 +173,8 @@ class LiveDrive:
         for data in self._gateway.receive():
             feedback = link.decode_feedback(data)
             if isinstance(feedback, link.Feedback):
+                if self._feedback is not None:
+                    self._observe_wake_up(feedback.time, feedback.time - self._feedback.time - PERIOD)
                 self._feedback, self._feedback_at = feedback, self._clock()
                 self._has_engaged |= feedback.verdict.state in COMMANDING
                 self._let_sensors_speak(feedback.verdict)
@@ -187,6 +195,7 @@ class LiveDrive:
         decoded = self._clock()
         begun = self._scheduler.begin(decoded)
         self._scheduled_faults = begun.faults
+        self._observe_wake_up(decoded, decoded - begun.due + begun.missed * PERIOD)
         steering = self._feedback.measured_steering if self._feedback else math.nan
         due = DueTick(begun.tick, begun.due, self._scheduler.next_due, begun.catch_up)
         done = self._tick.step(due, steering)
@@ -199,6 +208,7 @@ class LiveDrive:
         if begun.tick % HOUSEKEEPING_TICKS == 0:
             self._clock_report = self._pipeline.clock_report()
             gc.collect(0)
+        self._urgent.begin()
 
     def faults(self) -> tuple[str, ...]:
         """Return the reason codes of this tick except those of the virtual road, which reports its own."""
@@ -220,9 +230,19 @@ class LiveDrive:
         """Reason codes of conditions required only until the car is engaged; called once the tick has its pose."""
         if self._has_engaged:
             return ()
-        waits = () if self._road.step_time_fits else ("road_not_measured",)
+        waits: tuple[str, ...] = () if self._road.step_time_fits else ("road_not_measured",)
+        if self._calm is not None and self._calm.waits:
+            waits += ("not_calm",)
         pose = self._pipeline.pose
         return waits if pose is None else waits + start_pose.start_pose_of(pose, self._resolved.path).faults()
+
+    def _observe_wake_up(self, now: float, late: float) -> None:
+        """Take a wake-up of this process or of the gateway before the car is engaged, with how late it was [s]."""
+        if self._calm is None or self._has_engaged:
+            return
+        self._calm.observe(now, late)
+        if news := self._calm.news():
+            self._console.send(json.dumps({"said": news}).encode())
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Send a setpoint to the gateway; return the gateway's newest status, which is of an earlier step.
@@ -231,6 +251,7 @@ class LiveDrive:
         """
         sent = setpoint is not None and self._gateway.send(link.encode_setpoint(setpoint))
         self._handed = self._clock() if sent else math.nan
+        self._urgent.end()
         return self._feedback.verdict if self._feedback else _NO_STATUS
 
     def _measure(self, begun: ScheduledTick, done: CompletedTick, decoded: float) -> None:
@@ -265,8 +286,9 @@ class LiveDrive:
             "start_position": start.place_text(),
             "start_heading": start.turn_text(),
             "off_path": f"{abs(result.d):.1f} m",
+            "not_calm": "" if self._calm is None else self._calm.words,
         }
-        return {code: words for code, words in numbers.items() if code in result.faults}
+        return {code: words for code, words in numbers.items() if words and code in result.faults}
 
     def _beside(self, begun: ScheduledTick, result: TickResult) -> Beside:
         """Return what the page's process is told beside the completed tick."""
@@ -346,6 +368,7 @@ class LiveDrive:
             "clock": self._pipeline.clock_report(),
             "receiver": self._source.sender_report(),
             "step_time": road.step_time_summary,
+            "no_calm_second": self._calm is not None and self._calm.given_up,
         }
 
     def _send_status(self, begun: ScheduledTick, result: TickResult) -> None:

@@ -32,7 +32,7 @@ from vve_sumo.live.brain_link import key_of, refuse_controller
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.console import Console, ProcessGroup
 from vve_sumo.live.keys import OperatorInput
-from vve_sumo.live.priority import lower_priority
+from vve_sumo.live.priority import Rights, lower_priority, rights
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.live.view_token import certificate_of, token_of
@@ -135,12 +135,12 @@ def person_name(role: str, typed: str) -> str:
     return name
 
 
-def _provenance(plan: Plan, doctor: Mapping[str, Any]) -> str:
+def _provenance(plan: Plan, doctor: Mapping[str, Any], permitted: Rights) -> str:
     """Return the text of the record's provenance file."""
     now = datetime.datetime.now(datetime.UTC)
     document = provenance.provenance(plan.resolved, now.isoformat(timespec="seconds"))
     document |= {"rig_file_sha256": hash_file(plan.rig_file), "operator": plan.operator, "driver": plan.driver}
-    return provenance.text_of(document | {"doctor": dict(doctor)})
+    return provenance.text_of(document | {"doctor": dict(doctor), "rights": permitted._asdict()})
 
 
 def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify) -> dict[str, Any]:
@@ -154,6 +154,9 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
     sensors_of(plan.resolved)
     if plan.resolved.scenario.end_trigger != EndTrigger():
         notify("the scenario's [end_trigger] does not apply to a live drive: nothing lets go of a moving car")
+    permitted = rights()
+    if lacking := permitted.lacking():
+        notify(lacking)
     with (
         held(plan.rig_file),
         contextlib.ExitStack() as stack,
@@ -173,7 +176,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
         scenario_content["gateway"]["shadow"] = plan.shadow
         scenario_content["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
         _write_roads(plan, notify)
-        processes = _processes(plan, scenario_content, _provenance(plan, doctor), ground, car, notify)
+        processes = _processes(plan, scenario_content, _provenance(plan, doctor, permitted), ground, car, notify)
         screen = Screen(terminal)
         console = Console(processes, keys, screen, plan.rig.operator.automatic)
         try:

@@ -1,0 +1,55 @@
+"""The wait for a calm second: what a second's wake-ups say, against the whole list of them; and what is told of it."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vve_sumo.live.calm import LATE, PATIENCE, SECOND, CalmSecond
+
+UNIT = 2.0**-10  #: of time [s]; a power of two, so that sums and differences are exact
+#: time since the wake-up before [UNIT], and how late it was [ms]
+WAKE_UPS = st.lists(st.tuples(st.integers(0, 700), st.integers(0, 10)), min_size=1, max_size=200)
+
+
+@given(WAKE_UPS)
+def test_it_is_calm_exactly_after_a_second_without_a_late_wake_up(wake_ups: list[tuple[int, int]]) -> None:
+    calm, seen, now = CalmSecond(), [], 0
+    last_calm, given_up = 0, False
+    for elapsed, late in wake_ups:
+        now += elapsed
+        seen.append((now, late))
+        calm.observe(now * UNIT, late / 1000.0)
+        within = [late for when, late in seen if when * UNIT > now * UNIT - SECOND]
+        is_calm = (now - seen[0][0]) * UNIT >= SECOND and max(within) <= 1000.0 * LATE
+        last_calm = now if is_calm or len(seen) == 1 else last_calm
+        given_up |= (now - last_calm) * UNIT >= PATIENCE
+        assert calm.worst == max(within) / 1000.0
+        assert calm.given_up is given_up
+        assert calm.waits is not (is_calm or given_up)
+
+
+def test_nothing_is_known_before_the_first_wake_up() -> None:
+    calm = CalmSecond()
+    assert calm.waits
+    assert calm.worst == 0.0
+    assert calm.news() == ""
+
+
+def lines(late: float, seconds: float) -> list[str]:
+    """Return what the operator is told while every wake-up is `late` [s] for so long."""
+    calm, told = CalmSecond(), []
+    for tick in range(round(seconds / 0.02)):
+        calm.observe(0.02 * tick, late)
+        told += filter(None, [calm.news()])
+    return told
+
+
+def test_the_operator_is_told_once_what_is_waited_for_and_once_that_it_is_given_up() -> None:
+    assert lines(0.001, 100.0) == []
+    waiting = "waiting for a calm second: worst wake-up 14 ms in the last second; close other programs"
+    assert lines(0.014, PATIENCE - 1.0) == [waiting]
+    assert lines(0.014, 3.0 * PATIENCE) == [
+        waiting,
+        "no calm second in 30 s: the simulated vehicle drives all the same",
+    ]

@@ -1,0 +1,68 @@
+"""Decides when the computer is calm enough for a drive to begin: a second without a late wake-up, or too long without.
+
+Takes times and knows no clock, no process and no operator.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final
+
+SECOND: Final = 1.0  #: time that must pass without a late wake-up [s]
+#: a later wake-up counts as late [s]. While it waits for a late setpoint, the gateway may itself be woken 10 ms late
+#: before its own clock stops the car; this is half of it
+LATE: Final = 0.005
+PATIENCE: Final = 30.0  #: time without a calm second after which nobody waits for one any more [s]
+
+
+class CalmSecond:
+    """How late the wake-ups of the last second were."""
+
+    def __init__(self) -> None:
+        self._wake_ups: deque[tuple[float, float]] = deque()  # of the last second: when, and how late [s]
+        self._begun = math.nan  # when the first was observed [s]
+        self._last_calm = math.nan  # when the last second was last calm; before that, as `_begun` [s]
+        self._told = ""  # the last news
+        self.given_up = False  #: nobody waits any more: PATIENCE has passed without a calm second
+
+    def observe(self, now: float, late: float) -> None:
+        """Take a wake-up at time `now` [s], which does not run backwards, that was `late` [s]."""
+        if not self._begun <= now:
+            self._begun = self._last_calm = now
+        self._wake_ups.append((now, late))
+        while self._wake_ups[0][0] <= now - SECOND:
+            self._wake_ups.popleft()
+        if self._is_calm(now):
+            self._last_calm = now
+        self.given_up |= now - self._last_calm >= PATIENCE
+
+    @property
+    def worst(self) -> float:
+        """How late the worst wake-up of the last second was [s]; 0 before the first."""
+        return max((late for _, late in self._wake_ups), default=0.0)
+
+    @property
+    def waits(self) -> bool:
+        """Whether to wait for a calm second still."""
+        return not self.given_up and not (self._wake_ups and self._is_calm(self._wake_ups[-1][0]))
+
+    @property
+    def words(self) -> str:
+        """How late the worst wake-up of the last second was, in words; empty while none was late."""
+        return f"worst wake-up {1e3 * self.worst:.0f} ms in the last second" if self.worst > LATE else ""
+
+    def news(self) -> str:
+        """Return a line for the operator, once for the begin of the wait and once where it was given up; else empty."""
+        news = ""
+        if self.given_up:
+            news = f"no calm second in {PATIENCE:.0f} s: the simulated vehicle drives all the same"
+        elif self.waits and self.words and not self._told:
+            news = f"waiting for a calm second: {self.words}; close other programs"
+        if news in ("", self._told):
+            return ""
+        self._told = news
+        return news
+
+    def _is_calm(self, now: float) -> bool:
+        return now - self._begun >= SECOND and self.worst <= LATE
