@@ -39,6 +39,7 @@ from vve_sumo.vehicle.arming import WAITING
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
 from vve_sumo.vehicle.interface import load
 from vve_sumo.vehicle.model import VehicleModel
+from vve_sumo.world.loaded_road import LoadedRoad
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and distance along the path [m]
 Watch = Callable[[int, float, float, float], None]
@@ -143,11 +144,12 @@ class Lockstep:
         working: FilePath,
         alter: Callable[[Fix], Fix | None] = unaltered,
         brain: Brain | None = None,
+        loaded: LoadedRoad | None = None,
     ) -> None:
         """Build the drive and start SUMO; raises ConfigError where something in the scenario is not usable.
 
         `alter` injects receiver faults: it returns the fix to send in place of the true one, None for a lost packet.
-        A foreign `brain` drives in place of the scenario's controller.
+        A foreign `brain` drives in place of the scenario's controller. A road that is `loaded` is driven on.
         """
         parts = assemble(resolved, working, brain)
         self._brain = brain
@@ -157,7 +159,7 @@ class Lockstep:
         vehicle_seed = seed_of(resolved.scenario.seed, "vehicle")
         self._car = Car(car_parameters(resolved), start, parts.frame, DEFAULT_EPOCH, vehicle_seed, alter)
         self._resolved = resolved
-        self._road = VirtualRoad(open_world(resolved), scenario_engine(resolved))
+        self._road = VirtualRoad(open_world(resolved, loaded=loaded), scenario_engine(resolved))
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
         self._rest = RestObserver(resolved.scenario, resolved.path, resolved.vehicle)
         self._end_trigger = None if resolved.scenario.end_trigger == EndTrigger() else resolved.scenario.end_trigger

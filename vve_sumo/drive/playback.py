@@ -27,6 +27,7 @@ from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.values import Fix, GatewayStatus, Setpoint
 from vve_sumo.vehicle.gateway import Gateway
+from vve_sumo.world.loaded_road import LoadedRoad
 
 #: a recording does not say where its receiver was mounted: its positions are taken as the rear axle's
 AT_REAR_AXLE = Mounting(0.0, 0.0)
@@ -59,8 +60,13 @@ def _first_usable(file: FilePath) -> tuple[float, Fix]:
 class Playback:
     """One recorded drive. The constructor starts SUMO; always call `close`."""
 
-    def __init__(self, resolved: ResolvedScenario, file: FilePath, working: FilePath) -> None:
-        """Align the recording's first usable fix with the start of the path; raises ConfigError where that fails."""
+    def __init__(
+        self, resolved: ResolvedScenario, file: FilePath, working: FilePath, loaded: LoadedRoad | None = None
+    ) -> None:
+        """Align the recording's first usable fix with the start of the path; raises ConfigError where that fails.
+
+        A road that is `loaded` is driven on.
+        """
         epoch, first = _first_usable(file)
         self._fixes = recording.fixes(file)
         frame = local_frame(first.latitude, first.longitude)
@@ -73,7 +79,7 @@ class Playback:
         pose_input = PoseInput(Decoder(), PLAYBACK, placement, epoch)
         self._pipeline = build_pipeline(resolved, pose_input, working, fallback=deferred_fallback_path)
         self._gateway = gateway_of(resolved.model)
-        self._road = VirtualRoad(open_world(resolved), scenario_engine(resolved))
+        self._road = VirtualRoad(open_world(resolved, loaded=loaded), scenario_engine(resolved))
         self._prediction_error = PredictionError()
 
     def close(self) -> None:

@@ -32,6 +32,7 @@ from vve_sumo.record.writer import MemoryRecorder, Record, claim
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
+from vve_sumo.world.loaded_road import LoadedRoad
 
 
 class Shell(Protocol):
@@ -101,17 +102,23 @@ def run(
     brain: Brain | None = None,
     kept: bool = True,
     watch: Watch = lambda tick, now, speed, station: None,
+    loaded: LoadedRoad | None = None,
 ) -> Drive:
     """Drive a scenario, or play the recording `pose` in it, into a new record folder.
 
     For a wrong input it raises ConfigError and leaves no record. A later failure is recorded as the outcome `broken`,
     a keyboard interrupt as `interrupted`. A foreign `brain` drives in place of the scenario's controller; where it is
     not there, RigError is raised and no record is left. With `kept` false no folder is written, and the summary lacks
-    only the hashes of the record's files.
+    only the hashes of the record's files. SUMO is not started where the process of which this one is a fork has
+    `loaded` the scenario's road.
     """
     if kept:
         claim(folder)
-    shell: Shell = Lockstep(resolved, working, brain=brain) if pose is None else Playback(resolved, pose, working)
+    shell: Shell
+    if pose is None:
+        shell = Lockstep(resolved, working, brain=brain, loaded=loaded)
+    else:
+        shell = Playback(resolved, pose, working, loaded)
     try:
         if pose is not None:
             resolved = replace(resolved, files={**resolved.files, "pose": pose})

@@ -15,6 +15,7 @@ from vve_sumo.scenario import schema
 from vve_sumo.scenario.engine import ScenarioEngine
 from vve_sumo.values import Actors, Point, Pose, SignalChange
 from vve_sumo.world.ego_sync import EgoSyncReport
+from vve_sumo.world.loaded_road import LoadedRoad, RoadSource
 from vve_sumo.world.obstacles import MapSpot, Obstacle
 from vve_sumo.world.surroundings import table
 from vve_sumo.world.world import World
@@ -47,21 +48,31 @@ def pose_at_rest(x: float, y: float, heading: float) -> Pose:
     return Pose(0.0, Point.REAR_AXLE, x, y, heading, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def open_world(resolved: ResolvedScenario, clock: Callable[[], float] | None = None) -> World:
+def road_source(resolved: ResolvedScenario) -> RoadSource:
+    """Return what a scenario's road is loaded from."""
+    return RoadSource(resolved.network.path, resolved.demand, resolved.scenario.seed, PERIOD)
+
+
+def open_world(
+    resolved: ResolvedScenario, clock: Callable[[], float] | None = None, loaded: LoadedRoad | None = None
+) -> World:
     """Start SUMO with the scenario's network, traffic and obstacles; raises ConfigError as World does.
 
-    With a `clock` [s] the steps are timed, and traffic is limited so that they fit into a live tick.
+    With a `clock` [s] the steps are timed, and traffic is limited so that they fit into a live tick. A road that is
+    `loaded` is gone on with.
     """
+    source = road_source(resolved)
     return World(
-        resolved.network.path,
-        demand=resolved.demand,
-        seed=resolved.scenario.seed,
-        period=PERIOD,
+        source.network,
+        demand=source.demand,
+        seed=source.seed,
+        period=source.period,
         vehicle=resolved.vehicle,
         obstacles=obstacles_of(resolved),
         warm_up=resolved.scenario.road.warm_up_s,
         route=resolved.route,
         clock=clock,
+        loaded=loaded,
     )
 
 

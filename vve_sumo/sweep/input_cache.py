@@ -20,7 +20,7 @@ from vve_sumo.world.network import Network, read_network
 Read = TypeVar("Read")
 
 
-class _Stamp(NamedTuple):
+class Stamp(NamedTuple):
     """What tells a file from the same file changed."""
 
     file: FilePath
@@ -34,33 +34,34 @@ class InputCache:
     MOST = 32  #: of either kind; a sweep over more files reads them anew
 
     def __init__(self) -> None:
-        self._networks: dict[_Stamp, Network] = {}
-        self._paths: dict[tuple[_Stamp, _Stamp], LaidPath] = {}
+        self._networks: dict[Stamp, Network] = {}
+        self._paths: dict[tuple[Stamp, Stamp], LaidPath] = {}
 
     def network(self, file: FilePath) -> Network:
         """Return what `read_network` does."""
-        return self._kept(self._networks, _stamp(file), partial(read_network, file))
+        return self._kept(self._networks, stamp(file), partial(read_network, file))
 
     def path(self, file: FilePath, street: MapFrame, network: Network) -> LaidPath:
         """Return what `read_path` does; `street` is the network's."""
-        stamps = _stamp(file), _stamp(network.path)
+        stamps = stamp(file), stamp(network.path)
         return self._kept(self._paths, stamps, partial(read_path, file, street, network))
 
-    def _kept(self, kept: dict[Any, Read], stamp: Any, read: Callable[[], Read]) -> Read:
-        if stamp not in kept:
+    def _kept(self, kept: dict[Any, Read], state: Any, read: Callable[[], Read]) -> Read:
+        if state not in kept:
             value = read()
             if len(kept) >= self.MOST:
                 del kept[next(iter(kept))]
-            kept[stamp] = value
-        return kept[stamp]
+            kept[state] = value
+        return kept[state]
 
 
-def _stamp(file: FilePath) -> _Stamp:
+def stamp(file: FilePath) -> Stamp:
+    """Return the state of a file; raises ConfigError where there is none."""
     try:
         state = file.stat()
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read: {error.strerror}") from None
-    return _Stamp(file, state.st_mtime_ns, state.st_size)
+    return Stamp(file, state.st_mtime_ns, state.st_size)
 
 
 def resolve_job(job: Job, cache: InputCache) -> ResolvedScenario:

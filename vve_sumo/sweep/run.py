@@ -21,6 +21,7 @@ from vve_sumo.record.writer import claim as claim_folder
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Figure, Job, Result, finite, refused
+from vve_sumo.world.loaded_road import LoadedRoad
 
 #: of a summary, what says which drive it was, not how it went, or differs with the place where it was driven
 NOT_FIGURES = frozenset(
@@ -32,19 +33,25 @@ ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
 
 
 def run_job(
-    job: Job, scratch: FilePath, cache: InputCache, report: Callable[[DriveProgress], None] = lambda progress: None
+    job: Job,
+    scratch: FilePath,
+    cache: InputCache,
+    report: Callable[[DriveProgress], None] = lambda progress: None,
+    loaded: LoadedRoad | None = None,
 ) -> Result:
     """Drive a job in this process, which SUMO allows once, and return its figures, or the fault that kept it from any.
 
     `scratch` is a folder of nobody else's for temporary files; `tidy` is to be called with it afterwards in any case.
-    `report` is called now and then with how far the drive has come.
+    `report` is called now and then with how far the drive has come. `loaded` is the job's road, where the process of
+    which this one is a fork has loaded it.
     """
     try:
         resolved = resolve_job(job, cache)
         claim(job)
         folder, kept = growing(job, scratch), job.keep is not None
         watch = progress_watch(resolved.path.length, report)
-        summary = drives.run(resolved, folder, job.working, pose=job.pose, kept=kept, watch=watch).summary
+        drive = drives.run(resolved, folder, job.working, pose=job.pose, kept=kept, watch=watch, loaded=loaded)
+        summary = drive.summary
     except ConfigError as error:
         return refused(job, error)
     except Exception as error:

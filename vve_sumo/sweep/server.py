@@ -3,6 +3,11 @@
 `python -m vve_sumo.sweep.server PARENT SCRATCH`: a job a line on stdin, a result a line on stdout, in the same order,
 and before it, of a job that asks for it, lines that say how far the run has come.
 It ends with its stdin or its parent, and whatever it started ends with it. It has one thread, or no fork were safe.
+
+The first run on a road's files loads the road itself: what is wrong with them is its fault alone. After a run that
+came through, the server steps back for a fork of itself that loads the road and serves in its place, on the same
+pipes, as long as jobs for this road come: their runs, forked from there, have SUMO started already. A job for another
+road is handed back. Both processes are one to whoever looks from outside: where one dies, the other dies like it.
 """
 
 from __future__ import annotations
@@ -29,11 +34,12 @@ from typing import NoReturn
 from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.drive.provenance import software
 from vve_sumo.drive.resolved_scenario import versions
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import CHUNK, READY, Job, Result, progress_line
 from vve_sumo.sweep.run import run_job, tidy
+from vve_sumo.sweep.shared_road import RoadFiles, SharedRoad
 from vve_sumo.vehicle import interface
 
 POLL_INTERVAL = 0.05  #: between two looks at a run's time and memory [s], in which a run may take some 100 MB more
@@ -45,12 +51,20 @@ MAX_OUTPUT_CHARACTERS = 2000  #: characters of them that are told of a run with 
 #: modules that every run imports on its way: what figures are computed with, and the shipped wires
 IMPORTED_AHEAD = ("pandas", "pyarrow.pandas_compat", "scipy.ndimage", "scipy.spatial", *interface.PORT.shipped.values())
 
+#: exit code of the fork that serves on a loaded road, where the road cannot be loaded to be shared
+NOT_LOADED = 3
+MAX_LOAD_TIME = 3600.0  #: that loading a road may take, whatever a run may [s]
+
 #: signals by which a process says that it broke; by any other it was ended from outside
 OWN_FAULT = frozenset({"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGSYS", "SIGTRAP"})
 
 
 class OrphanedError(Exception):
     """The parent is gone or has closed our stdin."""
+
+
+class OtherRoadError(Exception):
+    """A job has come that is not for the road that this process has loaded."""
 
 
 @dataclass(slots=True)
@@ -100,6 +114,9 @@ class Server:
         self._waiting = b""  #: of the jobs' pipe, what was read but not yet done
         self._cache = InputCache()
         self._warmed: tuple[object, ...] = ()
+        self._roads: dict[RoadFiles, bool] = {}  #: roads on which a run came through: whether forks may share one
+        self._road: SharedRoad | None = None  #: of the fork that serves on a loaded road
+        self._back = -1  #: pipe on which that fork hands back what it does not serve
 
     def serve(self) -> None:
         """Run job after job until the parent is gone or says no more."""
@@ -108,8 +125,23 @@ class Server:
         versions()
         gc.collect()
         self._say(READY)
+        self._serve()
+
+    def _serve(self) -> NoReturn:
         while True:
-            self._say(self.run(Job.from_json(self._next())).to_json())
+            line = self._next()
+            job = Job.from_json(line)
+            if self._road is None and self._roads.get(RoadFiles.of(job)):
+                self._put_back(line)
+                self._lend(job)
+            elif self._road is None or self._road.serves(job):
+                self._say(self.run(job).to_json())
+            else:
+                self._put_back(line)
+                raise OtherRoadError
+
+    def _put_back(self, line: str) -> None:
+        self._waiting = f"{line}\n".encode() + self._waiting
 
     def run(self, job: Job) -> Result:
         """Drive one job in a child and return what came of it; raises OrphanedError when the parent went away."""
@@ -132,6 +164,7 @@ class Server:
         tidy(job, self._scratch, keep=True)
         if not result.fault:
             self._warm(job)
+            self._roads.setdefault(RoadFiles.of(job), True)
         peak = usage.ru_maxrss * 1024 / 1e6
         return replace(result, wall_s=wall, cpu_s=usage.ru_utime + usage.ru_stime, peak_mb=peak)
 
@@ -140,9 +173,10 @@ class Server:
         server, begun = os.getpid(), time.monotonic()
         pid = os.fork()
         if pid == 0:
-            os.close(self._jobs)
-            os.close(self._results)
-            drive = partial(run_job, job, self._scratch, self._cache)
+            for pipe in (self._jobs, self._results, *([self._back] if self._road else ())):
+                os.close(pipe)
+            loaded = self._road.loaded if self._road else None
+            drive = partial(run_job, job, self._scratch, self._cache, loaded=loaded)
             if job.progress:
                 drive = partial(drive, report=partial(_report, answers))
             _live(drive, server, answers, voices)
@@ -151,6 +185,70 @@ class Server:
         for pipe in (answer, voice):
             os.set_blocking(pipe, False)
         return Child(pid, os.pidfd_open(pid), answer, voice, begun, begun)
+
+    def _lend(self, job: Job) -> None:
+        """Let a fork load a job's road and serve in our place, until it hands back a job; where it ends, so do we."""
+        if job.keep is not None:
+            software()  # for the records of its runs
+        (back, self._back), server = os.pipe(), os.getpid()
+        gc.freeze()
+        pid = os.fork()
+        if pid == 0:
+            os.close(back)
+            self._parent = server
+            self._stand_in(job)
+        os.close(self._back)
+        self._waiting = self._handed_back(back)
+        os.close(back)
+        _pid, status = os.waitpid(pid, 0)
+        if os.WIFSIGNALED(status):
+            os.kill(os.getpid(), os.WTERMSIG(status))
+        elif os.WEXITSTATUS(status) == NOT_LOADED:
+            self._roads[RoadFiles.of(job)] = False
+        elif os.WEXITSTATUS(status) != 0:
+            os._exit(os.WEXITSTATUS(status))
+
+    def _handed_back(self, back: int) -> bytes:
+        """Return the lines that the fork hands back when it ends."""
+        lines = b""
+        while True:
+            if select.select([back], [], [], IDLE_POLL_INTERVAL)[0]:
+                heard = os.read(back, CHUNK)
+                if not heard:
+                    return lines
+                lines += heard
+            self._look_up()
+
+    def _stand_in(self, job: Job) -> NoReturn:
+        """Be the fork that serves on a loaded road; hand back the job that is not for it."""
+        code = 1
+        try:
+            process_tree.die_with(self._parent)
+            process_tree.adopt_orphans()
+            # A run has loaded these files in time. Should another seed make that endless, its run shall say so: we die
+            # here, the server dies with us, and the next one drives the job without us.
+            signal.setitimer(signal.ITIMER_REAL, min(job.time_limit_s, MAX_LOAD_TIME))
+            self._road = SharedRoad(job, self._cache)
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            gc.collect()
+            self._serve()
+        except OrphanedError:
+            code = 0
+        except OtherRoadError:
+            code = self._hand_back(0)
+        except (ConfigError, SimulationError):
+            code = self._hand_back(NOT_LOADED)
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+
+    def _hand_back(self, code: int) -> int:
+        """Hand back the lines that wait, and return the exit code that goes with them."""
+        rest = memoryview(self._waiting)
+        while rest:
+            rest = rest[os.write(self._back, rest) :]
+        return code
 
     def _watch(self, child: Child, job: Job) -> str:
         """Wait for a child's end; return the fault if it went beyond a limit, else nothing."""

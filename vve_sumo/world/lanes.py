@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -122,6 +123,12 @@ class Lanes:
         self._entries = {
             inside: lane for lane in self.by_id if not lane.startswith(":") for _, inside, _ in self._links_of(lane)
         }
+
+    def reaching(self, reach: float) -> Lanes:
+        """Return the same lanes for boxes of a radius up to `reach` [m]."""
+        other = copy(self)
+        other._nearby = Nearby(other, reach)
+        return other
 
     def cut(self, box: Box) -> dict[str, Cut]:
         """Return the covered part of every lane that a box cuts, by lane id."""

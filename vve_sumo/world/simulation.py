@@ -11,8 +11,9 @@ import os
 import tempfile
 import xml.parsers.expat
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 import libsumo
 
@@ -82,6 +83,10 @@ def check_input(file: Path, roots: Sequence[str]) -> str:
     return seen[0]
 
 
+def _console() -> IO[bytes]:
+    return tempfile.TemporaryFile(buffering=0)
+
+
 class Simulation:
     """The SUMO simulation; one at a time in a process.
 
@@ -106,7 +111,9 @@ class Simulation:
             files = [str(file) for file, kind in kinds.items() if kind == root]
             arguments += [option, ",".join(files)] if files else []
         arguments += [word for option in OPTIONS for word in option]
-        self._console = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115 - lives as long as the simulation
+        self.may_write = "additional" in kinds.values()  #: to files, which SUMO opens when it starts
+        self._console = _console()
+        self._inherited = False  #: whether another process started SUMO, of which this one is a fork
         try:
             with self._caught():
                 libsumo.start(arguments)
@@ -115,6 +122,12 @@ class Simulation:
             self._console.close()
             names = ", ".join(str(file) for file in (network, *demand))
             raise ConfigError(f"{names}: SUMO does not start: {cause}") from error
+
+    def inherit(self) -> None:
+        """Go on in a fork of the process that started SUMO, with what SUMO has said so far; SUMO ends with the fork."""
+        console = _console()
+        console.write(self._written().encode())
+        self._console, self._inherited = console, True
 
     def step(self) -> None:
         """Advance by one period; raises SimulationError with SUMO's reason."""
@@ -144,12 +157,11 @@ class Simulation:
         """
         if self._console.closed:
             return
-        with self._caught():
-            for action in (libsumo.simulationStep, libsumo.close):
-                try:
-                    action()
-                except SUMO_ERRORS:
-                    continue
+        if not self._inherited:
+            with self._caught():
+                for action in (libsumo.simulationStep, libsumo.close):
+                    with suppress(*SUMO_ERRORS):
+                        action()
         self._console.close()
 
     @contextmanager

@@ -17,12 +17,12 @@ from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.geometry import Box, behind_bumper, overlap
 from vve_sumo.values import Actors, ActorState, Pose, SignalChange, Vehicle
 from vve_sumo.world.ego_sync import DECELERATION, EGO, EgoSync, EgoSyncReport, heading_of, make_type
-from vve_sumo.world.lanes import Lanes, read_lanes
+from vve_sumo.world.loaded_road import LoadedRoad, RoadSource
 from vve_sumo.world.obstacles import OBSTACLE_PROXY_TYPE, Obstacle, Obstacles
 from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
 from vve_sumo.world.scenario_actors import ScenarioActors, box_of
 from vve_sumo.world.signal_states import SignalStates
-from vve_sumo.world.simulation import SUMO_ERRORS, Simulation
+from vve_sumo.world.simulation import SUMO_ERRORS
 from vve_sumo.world.standoff import STANDING, Standoff
 from vve_sumo.world.step_time import StepTimeBudget
 from vve_sumo.world.surroundings import Surroundings, table
@@ -55,21 +55,27 @@ class World:
         range_of_interest: float = 220.0,
         route: Sequence[str] = (),
         clock: Callable[[], float] | None = None,
+        loaded: LoadedRoad | None = None,
     ) -> None:
         """Start SUMO, let its traffic run for `warm_up` [s] without the ego, and wait for the first pose.
 
         `period` is the tick [s], a multiple of 1 ms; `route` the edges that the ego will follow, if known;
         `range_of_interest` [m] reaches from the ego's front bumper to an actor's centre. With a `clock` [s] the
-        steps are timed, and traffic is limited so that they fit into a live tick. Raises ConfigError where a
-        file, an obstacle, the route or a number is not usable, SimulationError where SUMO fails.
+        steps are timed, and traffic is limited so that they fit into a live tick. SUMO is not started where the
+        process of which this one is a fork has `loaded` the road. Raises ConfigError where a file, an obstacle, the
+        route or a number is not usable, SimulationError where SUMO fails.
         """
         if not (math.isfinite(warm_up) and warm_up >= 0.0):
             raise ConfigError(f"warm_up: 0 s or more expected, got {warm_up}")
         self._vehicle, self._period = vehicle, period
         self._clock, self._step_time_budget = clock, StepTimeBudget() if clock else None
-        self._simulation = Simulation(network, demand, seed, period)
+        source = RoadSource(network, tuple(demand), seed, period)
+        if loaded is not None:
+            loaded.inherit(source)
+        road = loaded or LoadedRoad(source)
+        self._simulation = road.simulation
         try:
-            self._furnish(network, vehicle, obstacles, route, range_of_interest)
+            self._furnish(road, vehicle, obstacles, route, range_of_interest)
             self._warm_up(warm_up)
         except BaseException as error:
             self._simulation.close()
@@ -222,13 +228,13 @@ class World:
         self.close()
 
     def _furnish(
-        self, network: Path, vehicle: Vehicle, obstacles: Sequence[Obstacle], route: Sequence[str], reach: float
+        self, road: LoadedRoad, vehicle: Vehicle, obstacles: Sequence[Obstacle], route: Sequence[str], reach: float
     ) -> None:
         boxes = [math.hypot(vehicle.length, vehicle.width)]
         boxes += [math.hypot(o.length, o.width) for o in obstacles if math.isfinite(o.length * o.width)]
-        lanes = Lanes(read_lanes(), 0.5 * max(boxes))
+        lanes = road.lanes.reaching(0.5 * max(boxes))
         if problem := lanes.gap(route):
-            raise ConfigError(f"{network}: {problem}")
+            raise ConfigError(f"{road.source.network}: {problem}")
         make_type(EGO_PROXY_TYPE, vehicle.length, vehicle.width)
         make_type(OBSTACLE_PROXY_TYPE, vehicle.length, vehicle.width)
         self._ego_sync = EgoSync(lanes, vehicle, route)
