@@ -18,6 +18,7 @@ from vve_sumo.sweep.job import Job, Result
 from vve_sumo.sweep.plan import SweepQuery, job_of
 from vve_sumo.sweep.progress import Tally
 from vve_sumo.sweep.run_specs import RunSpec
+from vve_sumo.sweep.schedule import in_order
 from vve_sumo.sweep.search import AdaptiveSearch
 from vve_sumo.sweep.spec import Keep
 
@@ -91,15 +92,17 @@ def _drive(
     """Drive every run that the dataset does not hold, or every one that a search asks for."""
     under_way: dict[str, RunSpec] = {}
     tally = _tally(dataset)
-    runs = query.cells.unless(dataset.holds) if search is None else search.cells()
+
+    def job(run: RunSpec) -> Job:
+        return job_of(query.plan, query.spec, run, _record(dataset.folder, run.key, keep))
 
     def jobs() -> Iterator[Job | None]:
-        for run in runs:
+        for run in in_order(query.cells.unless(dataset.holds), job) if search is None else search.cells():
             if run is None:
                 yield None
                 continue
             under_way[run.key] = run
-            yield job_of(query.plan, query.spec, run, _record(dataset.folder, run.key, keep))
+            yield job(run)
 
     def done(job: Job, result: Result) -> None:
         run = under_way.pop(job.key)
