@@ -23,6 +23,7 @@ import numpy as np
 
 from vve_sumo import bus
 from vve_sumo.commissioning.findings import Check, Finding, judged
+from vve_sumo.commissioning.wake_up import wake_up
 from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
 from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
@@ -64,6 +65,7 @@ def machine(working: FilePath) -> Iterator[Check]:
     yield _processors()
     yield _clock()
     yield _priority()
+    yield wake_up()
     yield _can()
     yield _dbc()
     yield from _disk(working / "runs")
