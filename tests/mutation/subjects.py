@@ -15,6 +15,17 @@ def _vehicle(module: str, *tests: str) -> Subject:
     return Subject(f"vve_sumo.vehicle.{module}", tuple(f"tests/vehicle/test_{test}" for test in tests))
 
 
+_GATEWAY: Final = (
+    "evidence.py",
+    "gateway.py",
+    "fallback.py",
+    "waiting.py",
+    "other_cars.py",
+    "gateway_status.py",
+    "not_commanded.py",
+    "stopping.py",
+)
+
 #: Name on the command line to the module and its tests.
 SUBJECTS: Final[dict[str, Subject]] = {
     # Before those whose tests import it: a module that is imported already cannot be changed.
@@ -36,16 +47,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
     "brake_monitor": _vehicle("brake_monitor", "brake_monitor.py", "figures.py"),
     "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),
-    "gateway": _vehicle(
-        "gateway",
-        "evidence.py",
-        "gateway.py",
-        "fallback.py",
-        "waiting.py",
-        "other_cars.py",
-        "gateway_status.py",
-        "not_commanded.py",
-        "stopping.py",
-    ),
+    "gateway": _vehicle("gateway", *_GATEWAY),
+    "monitor": _vehicle("monitor", *_GATEWAY, "observer.py"),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
 }

@@ -1,4 +1,4 @@
-"""Gateway, the last party before the car: monitors the car, the setpoints and its own timing, and commands the car.
+"""Gateway, the last party before the car: commands the car while the monitored drive is in order, otherwise stops it.
 
 Setpoints, report frames and the time are handed in: the module has no map, controller, bus or clock, and only the
 drive-by-wire interface encodes and decodes frames. Every fault that a step finds becomes a reason code, not an
@@ -22,26 +22,19 @@ from vve_sumo.vehicle.engagement import Engagement
 from vve_sumo.vehicle.fallback import FallbackTracker
 from vve_sumo.vehicle.interface import DEFAULT, ActuationCommand, Gear, VehicleInterface, load
 from vve_sumo.vehicle.limits import Limiter, Limits, move_towards
-from vve_sumo.vehicle.plausibility import CarMotion, Plausibility
-from vve_sumo.vehicle.reports import TOLERANCE, CarReports
+from vve_sumo.vehicle.monitor import Monitor
+from vve_sumo.vehicle.reports import TOLERANCE
 from vve_sumo.vehicle.setpoint_validation import Debounce, SetpointValidator
-from vve_sumo.vehicle.standstill import WHEEL_REST, Evidence, Standstill
+from vve_sumo.vehicle.standstill import WHEEL_REST
 
 MAX_STEP: Final = 2.0  # periods; a longer one is a fault, and rates count no more than this
 # Time of uncertain standstill after which the driver must hold the car [s].
 UNCERTAIN_TIME: Final = 3.0
-# The gateway is done once the car has not been commanded, and nothing has indicated motion, for this long [s].
-DRIVER_TIME: Final = 10.0
-# Nonzero wheel speeds that stay the same to the last bit for longer than this are no evidence for or against rest [s].
-UNCHANGED_TIME: Final = 5.0
 # Park counts once it was reported this long without a break: a shift to drive under way would have shown by then.
 PARK_TIME: Final = 1.0  # [s]
 
 #: Faults that latch even while nothing is commanded: they concern the gateway itself or a second node that commands.
 _LATCHING: Final = frozenset({"another_writer", "timer_gap"})
-
-#: The drive's reason code for a pose without a recent trusted fix; the motion in such a setpoint is only a guess.
-_GUESSED: Final = "pose_stale"
 
 #: Faults after which the odometry may be wrong on where the car is, or the steering may not follow its commands.
 _ASTRAY: Final = frozenset(
@@ -87,7 +80,7 @@ class _Command(NamedTuple):
     limited: tuple[str, ...] = ()
 
 
-class Gateway:
+class Gateway(Monitor):
     """Turns setpoints into command frames once a `period` [s] while there is no fault; otherwise stops the car.
 
     Each step calls the `interface`'s encode exactly once. When nothing steps the gateway, the interface's counters
@@ -108,46 +101,34 @@ class Gateway:
         shadow: bool = False,
         wheel_bias: float = 0.0,
     ) -> None:
+        interface = interface or load(DEFAULT)
+        super().__init__(vehicle, calibration, interface, wheel_bias)
         self._limits = limits or Limits()
         self._period = period
-        self._interface = interface = interface or load(DEFAULT)
+        self._interface = interface
         self._wire = wire = interface.facts
         if not period <= wire.command_timeout:
             raise ConfigError(f"{wire.title}: lets go after {wire.command_timeout:g} s, but a step takes {period:g} s")
         self._shadow = shadow
-        self._ratio, self._wheel_bias = vehicle.steering_ratio, wheel_bias
         steering_limit = min(vehicle.steering_limit, wire.wheel_angle_limit / vehicle.steering_ratio)
         self._steering_limit = steering_limit
         self._wheel_rate = min(vehicle.steering_rate_limit * vehicle.steering_ratio, wire.wheel_rate_limit)
         self._torque_limit = min(
             vehicle.brake_torque_limit, calibration.brake_torque_limit, wire.brake_torque_limit
         )  # fmt: skip
-        self._reports = CarReports(vehicle.wheel_radius, interface)
-        self._admission = SetpointValidator()
         self._way = FallbackTracker(vehicle)
         self._limiter = Limiter(vehicle, self._limits, steering_limit)
         self._actuation = Actuation(calibration, vehicle.brake_delay, vehicle.brake_lag)
-        self._standstill = Standstill()
-        self._plausibility = Plausibility(vehicle, calibration)
         self._response = BrakeMonitor(vehicle, calibration)
         self._handover = Engagement(
             vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), shadow=shadow
         )
         self._parked_long = Debounce(PARK_TIME)
         self._uncertain_long = Debounce(UNCERTAIN_TIME)
-        self._let_go_long = Debounce(DRIVER_TIME)
 
-        self._state = ArmingState.DISARMED
-        # Reason codes of why the car is being stopped or no longer commanded: each once, first cause first.
-        self._causes: dict[str, None] = {}
-        self._notes: list[str] = []  # what an operator should know of this step only
-        self._last_now = math.nan
         self._elapsed = 0.0  # since the last step, bounded [s]
-        self._has_been_engaged = False
-        self._let_go = False  # for long nothing was commanded, and nothing said that the car moves
         self._told = Pedals(0.0, 0.0)  # at the last step
         self._driver: list[str] = []  # pedals that the driver touches
-        self._old_overrides: frozenset[str] = frozenset()
         self._clear = False
         self._stop_deceleration = 0.0
         self._stop_jerk = 0.0
@@ -182,43 +163,6 @@ class Gateway:
             self._obey(now, act)
         return self._speak(now)
 
-    @property
-    def measured_steering(self) -> float:
-        """Last valid road-wheel angle that the car reported [rad], left positive; NaN before the first."""
-        return (self._reports.wheel_angle - self._wheel_bias) / self._ratio
-
-    @property
-    def wheel_speed(self) -> float:
-        """Speed of the rear axle by the last wheel speeds [m/s], forward positive; NaN without valid ones."""
-        return self._reports.speed
-
-    @property
-    def gear(self) -> str:
-        """Gear that the car last reported, in lower case; "none" before the first report."""
-        return self._reports.gear.gear.name.lower()
-
-    @property
-    def sequence(self) -> int:
-        """Sequence number of the newest accepted setpoint; -1 for none, as after disarming or parking."""
-        return -1 if self._admission.setpoint is None else self._admission.setpoint.sequence
-
-    @property
-    def last_dbw_report(self) -> float:
-        """Drive time at which a report of the DBW controller was last decoded [s]; -inf before the first."""
-        return self._reports.last_dbw_report
-
-    @property
-    def done(self) -> bool:
-        """Whether a drive is over: the car was engaged, is no longer commanded, and stands.
-
-        Without certain standstill, a drive is over once nothing has indicated motion for DRIVER_TIME. Until then the
-        gateway goes on sending frames without enable bits whose counter counts: a counter that stops while the car
-        moves could make the DBW controller's watchdog brake against the driver.
-        """
-        if not self._has_been_engaged or self._state in COMMANDING:
-            return False
-        return (self._standstill.certain and self._standstill.at_rest) or self._let_go
-
     # Observation: nothing in this section changes the arming state.
 
     def _watch(self, now: float, setpoint: Setpoint | None, frames: Sequence[Frame]) -> list[str]:
@@ -232,66 +176,36 @@ class Gateway:
         self._last_now = now
         self._elapsed = min(gap, MAX_STEP * self._period) if gap > 0.0 else 0.0
         self._driver = [] if self._shadow else reports.driver()
-        faults += reports.stale(now)
-        faults += reports.faults()
         taken = self._admission.setpoint
-        if setpoint is not None:
-            faults += self._take(now, setpoint)
-        faults += self._admission.faults(now)
-        return faults + self._compare(now, gap, self._admission.setpoint is not taken)
-
-    def _compare(self, now: float, gap: float, fresh: bool) -> list[str]:
-        """Compare receiver, car reports and commands on the same motion; reason codes of what disagrees."""
-        reports, standstill = self._reports, self._standstill
-        known = reports.speed_known(now)
-        speed = reports.speed if known else math.nan
-        setpoint = self._admission.setpoint if self._admission.valid(now) else None
-        if setpoint is not None and _GUESSED in setpoint.faults:
-            setpoint = None
+        faults += self._look(now, setpoint)
         commanded = self._state in COMMANDING and not self._shadow
-        standstill.step(
+        limiter, steered = self._limiter, commanded and self._handover.enabled
+        faults += self._compare(
             now,
             self._elapsed,
-            Evidence(
-                reports.fastest_wheel if known and not reports.unchanged(now) > UNCHANGED_TIME else None,
-                None if setpoint is None else abs(setpoint.speed),
-            ),
-            -self._limiter.acceleration if commanded else None,
+            fresh=self._admission.setpoint is not taken,
+            braking=-limiter.acceleration if commanded else None,
+            steering=limiter.steering if steered else math.nan,
         )
+        standstill = self._standstill
         self._let_go = self._let_go_long.step(now, self._state not in COMMANDING and not standstill.moves)
         # Wheel speeds of zero while standstill is not certain give no distance driven.
         believed = standstill.certain or not reports.fastest_wheel < WHEEL_REST
-        self._way.move(gap, speed if believed else math.nan)
-        car = CarMotion(
-            speed,
-            reports.yaw_rate,
-            self.measured_steering,
-            reports.wheels,
-            self._limiter.steering if commanded and self._handover.enabled else math.nan,
-            standstill.certain,
-        )
-        faults = self._plausibility.step(now, self._elapsed, car, setpoint, fresh)
-        if commanded and self._handover.enabled:
-            satellite = math.nan if setpoint is None else setpoint.speed
-            faults += self._response.step(self._elapsed, self._told, speed, satellite, self._grade())
+        self._way.move(gap, self._speed if believed else math.nan)
+        if steered:
+            faults += self._response.step(
+                self._elapsed, self._told, self._speed, self._satellite_speed, self._grade()
+            )  # fmt: skip
         else:
             self._response.reset()
         return faults
 
-    def _take(self, now: float, setpoint: Setpoint) -> list[str]:
-        """Accept or reject a setpoint with its fallback path; of a rejected one, its fault codes and a fatal reason."""
-        rejection = self._admission.take(now, setpoint)
-        if rejection is not None:
-            # The setpoint is rejected as a command, but the faults that it carries still count.
-            if rejection.fatal:
-                return [rejection.reason, *setpoint.faults]
-            self._notes.append(rejection.reason)
-            return list(setpoint.faults)
+    def _accept(self, now: float, setpoint: Setpoint) -> None:
+        """Follow the fallback path of an accepted setpoint from now on."""
         # Where the path of an expired setpoint begins, seen from the car, is not known. A setpoint with faults may
         # have no path: the path of an earlier setpoint is then better than none.
         if self._admission.valid(now) and (not setpoint.faults or computed(setpoint.profile) is not None):
             self._way.take(now - setpoint.time, setpoint.profile)
-        return []
 
     def _missing(self, now: float) -> list[str]:
         """Reason codes of unmet conditions for engaging, apart from faults."""
