@@ -32,22 +32,20 @@ def covered(corners: Sequence[tuple[float, float]], band: Band) -> tuple[float, 
         ((x - band.x) * band.cos + (y - band.y) * band.sin, (y - band.y) * band.cos - (x - band.x) * band.sin)
         for x, y in corners
     ]
-    for normal_s, normal_d, limit in (
-        (0.0, 1.0, band.half_width),
-        (0.0, -1.0, band.half_width),
-        (1.0, 0.0, band.length),
-        (-1.0, 0.0, 0.0),
-    ):
-        shape = _cut(shape, normal_s, normal_d, limit)
-        if len(shape) < 3:
-            return None
+    shape = _cut(shape, [d - band.half_width for _, d in shape])
+    shape = _cut(shape, [-d - band.half_width for _, d in shape])
+    shape = _cut(shape, [s - band.length for s, _ in shape])
+    shape = _cut(shape, [-s for s, _ in shape])
     along = [s for s, _ in shape]
-    return min(along), max(along)
+    return (min(along), max(along)) if along else None
 
 
-def _cut(shape: Corners, normal_s: float, normal_d: float, limit: float) -> Corners:
-    beyond = [normal_s * s + normal_d * d - limit for s, d in shape]
-    if max(beyond) < 0.0:
+def _cut(shape: Corners, beyond: Sequence[float]) -> Corners:
+    """Return the part of a shape on one side of a line; `beyond` is how far each corner lies past the line [m].
+
+    Empty where less than a triangle is left.
+    """
+    if max(beyond, default=0.0) < 0.0:
         return shape
     kept: Corners = []
     for i, (s, d) in enumerate(shape):
@@ -57,4 +55,4 @@ def _cut(shape: Corners, normal_s: float, normal_d: float, limit: float) -> Corn
             kept.append((last_s + part * (s - last_s), last_d + part * (d - last_d)))
         if now < 0.0:
             kept.append((s, d))
-    return kept
+    return kept if len(kept) > 2 else []

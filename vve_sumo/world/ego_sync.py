@@ -52,6 +52,10 @@ NO_WARNING_BELOW = 1e6
 SPEED_FACTOR = 5.0
 
 
+#: reason codes for errors of position, heading and speed that are above the tolerance
+_ERROR_CODES = ("ego_sync_position", "ego_sync_heading", "ego_sync_speed")
+
+
 @quickly_made
 @dataclass(frozen=True, slots=True)
 class EgoSyncReport:
@@ -182,11 +186,10 @@ class EgoSync:
         except SUMO_ERRORS as problem:
             error = error or str(problem)
             self._known, self._lane = False, ""
-        names = ("ego_sync_position", "ego_sync_heading", "ego_sync_speed")
         if math.isnan(errors[0]):
             faults.append("ego_lost" if self._target else "ego_absent")
         else:
-            faults += [name for name, value in zip(names, errors, strict=True) if not value <= TOLERANCE]
+            faults += [code for code, value in zip(_ERROR_CODES, errors, strict=True) if not value <= TOLERANCE]
         return EgoSyncReport(time, *errors, self._lane, self._lane != "", tuple(dict.fromkeys(faults)), error)
 
     def _hold(self) -> None:

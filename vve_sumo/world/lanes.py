@@ -315,8 +315,3 @@ def _part(box: Box, corners: Corners, cos: float, sin: float, band: Band) -> tup
     if start >= 0.0 and end <= band.length and across + breadth <= band.half_width:
         return start, end
     return covered(corners, band)
-
-
-def in_line(line: Sequence[Lane], corners: Corners) -> bool:
-    """Return whether every corner lies on one of the lanes."""
-    return all(any(holds(lane.bands, x, y) for lane in line) for x, y in corners)

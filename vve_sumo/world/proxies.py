@@ -15,7 +15,8 @@ from collections.abc import Callable, Mapping
 import libsumo
 
 from vve_sumo.geometry import Box, Corners
-from vve_sumo.world.lanes import Cut, Lane, Lanes, holds, in_line
+from vve_sumo.world.coverage import Band
+from vve_sumo.world.lanes import Cut, Lane, Lanes, holds
 
 EGO_PROXY_TYPE = "ego_ghost"
 
@@ -47,6 +48,7 @@ class ProxyVehicles:
         self._by_lane: dict[str, str] = {}
         self._lengths: dict[str, float] = {}
         self._born = 0
+        self._held: list[tuple[Band, ...]] = [()] * 4  #: for each corner of the body the piece of the line it lay on
 
     @property
     def ids(self) -> frozenset[str]:
@@ -67,7 +69,7 @@ class ProxyVehicles:
         """
         self._remember(lane)
         corners = body.corners()
-        if self._line and in_line(self._line, corners) and not self._in_junction(corners):
+        if self._in_own_lanes(corners):
             if self._by_lane:
                 self._keep({})
             return
@@ -94,15 +96,28 @@ class ProxyVehicles:
         """Keep the lanes along which the ego came, newest first."""
         if self._line and self._line[0].id == name:
             return
+        self._held = [()] * 4
         if self._line and not self._lanes.follows(self._line[0].id, name):
             self._line.clear()
         if name in self._lanes.by_id:
             self._line.appendleft(self._lanes.by_id[name])
 
-    def _in_junction(self, corners: Corners) -> bool:
-        """Return whether a corner of the body lies on a lane inside a junction, where other lanes may cross."""
-        inside = [lane.bands for lane in self._line if lane.id.startswith(":")]
-        return any(holds(bands, x, y) for bands in inside for x, y in corners)
+    def _in_own_lanes(self, corners: Corners) -> bool:
+        """Return whether every corner lies within the line of lanes, none on a lane inside a junction.
+
+        Other lanes may cross there.
+        """
+        inside = [band for lane in self._line if lane.id.startswith(":") for band in lane.bands]
+        if inside and any(holds(inside, x, y) for x, y in corners):
+            return False
+        for number, (x, y) in enumerate(corners):
+            # The piece that held this corner at the last tick mostly still does.
+            if not holds(self._held[number], x, y):
+                held = next((band for lane in self._line for band in lane.bands if holds((band,), x, y)), None)
+                if held is None:
+                    return False
+                self._held[number] = (held,)
+        return bool(self._line)
 
     def _keep(self, cuts: Mapping[str, Cut]) -> None:
         for name in [name for name in self._by_lane if name not in cuts]:

@@ -17,8 +17,9 @@ class SignalStates:
 
     def look(self, time: float) -> None:
         """Note what the signals show at a drive time [s]; raises SUMO's errors."""
+        state_of, shown = libsumo.trafficlight.getRedYellowGreenState, self.shown
         for name in self._names:
-            state = libsumo.trafficlight.getRedYellowGreenState(name)
-            if state != self.shown.get(name):
-                self.shown[name] = state
+            state = state_of(name)
+            if state != shown.get(name):
+                shown[name] = state
                 self.changes.append(SignalChange(time, name, state))

@@ -74,8 +74,8 @@ class Body(NamedTuple):
     radar_cross_section: float  #: [m2]
 
 
-#: name, centre x, centre y, heading, speed, body, speed across the heading
-Row = tuple[str, float, float, float, float, Body, float]
+#: name, centre x, centre y, heading, speed, length, width, radar cross section, speed across the heading
+Row = tuple[str, float, float, float, float, float, float, float, float]
 Place = tuple[float, float, float]  #: centre x, centre y, heading
 
 
@@ -90,8 +90,9 @@ class Surroundings:
     def __init__(self, reach: float, obstacles: Sequence[tuple[Obstacle, Box]]) -> None:
         """`reach` [m] is the range from the ego's front bumper to an actor's centre."""
         self._reach = reach
-        self._obstacles = [
-            (declared.id, box, Body(box.length, box.width, cross_section(declared.kind))) for declared, box in obstacles
+        self._obstacles: list[Row] = [
+            (one.id, box.x, box.y, box.heading, 0.0, box.length, box.width, cross_section(one.kind), 0.0)
+            for one, box in obstacles
         ]
         self._bodies: dict[str, Body] = {}
         self._before: dict[str, Place] = {}
@@ -111,10 +112,11 @@ class Surroundings:
         cross section [m2]. A vehicle's lateral speed is the mean since the last snapshot. Its front is where SUMO has
         it; its heading follows SUMO's, limited by MAX_TAIL_SWING. Raises SUMO's errors.
         """
-        found = [*self._vehicles(time, hidden), *_persons()]
-        found += [(name, box.x, box.y, box.heading, 0.0, body, 0.0) for name, box, body in self._obstacles]
+        found = self._vehicles(time, hidden)
+        found += _persons()
+        found += self._obstacles
         found += [
-            (one.id, one.x, one.y, one.heading, one.speed, Body(one.length, one.width, section), 0.0)
+            (one.id, one.x, one.y, one.heading, one.speed, one.length, one.width, section, 0.0)
             for one, section in players
         ]
         limit = self._reach * self._reach
@@ -132,12 +134,13 @@ class Surroundings:
             if seen.ids[row] in self._before
         ]
 
-    def _vehicles(self, time: float, hidden: Set[str]) -> Iterator[Row]:
+    def _vehicles(self, time: float, hidden: Set[str]) -> list[Row]:
         seen = libsumo.vehicle.getContextSubscriptionResults(EGO)
         if len(self._bodies) > len(seen) + MAX_FORGOTTEN:
             self._bodies = {name: body for name, body in self._bodies.items() if name in seen}
         period, before, self._before = time - self._time, self._before, {}
         self._time = time
+        rows: list[Row] = []
         for name, values in seen.items():
             if name in hidden:
                 continue
@@ -150,7 +153,8 @@ class Surroundings:
             if last is not None:
                 lateral = _lateral(last, place, period)
             self._before[name] = place
-            yield name, x, y, heading, values[libsumo.VAR_SPEED], body, lateral
+            rows.append((name, x, y, heading, values[libsumo.VAR_SPEED], *body, lateral))
+        return rows
 
     def _learn(self, name: str) -> Body:
         vehicle = libsumo.vehicle
@@ -166,7 +170,7 @@ def _persons() -> Iterator[Row]:
         if person.getVehicle(name) == "":
             body = Body(person.getLength(name), person.getWidth(name), RADAR_CROSS_SECTIONS["pedestrian"])
             x, y = person.getPosition(name)
-            yield name, *_centre(x, y, heading_of(person.getAngle(name)), body), person.getSpeed(name), body, 0.0
+            yield name, *_centre(x, y, heading_of(person.getAngle(name)), body), person.getSpeed(name), *body, 0.0
 
 
 def followed(before: float, heading: float, most: float) -> float:
@@ -197,10 +201,7 @@ def table(time: float, rows: Sequence[Row]) -> Actors:
     """Return rows as a table of actors at a drive time [s]."""
     if not rows:
         return Actors(time, (), *NO_COLUMNS)
-    names, x, y, heading, speed, bodies, lateral = zip(*rows, strict=True)
-    length, width, section = zip(*bodies, strict=True)
-    columns = (x, y, heading, speed, length, width, section, lateral)
-    arrays = [np.array(column) for column in columns]
-    for array in arrays:
-        array.setflags(write=False)  # all sensors and the record share the arrays
-    return Actors(time, names, *arrays)
+    names, *columns = zip(*rows, strict=True)
+    block = np.array(columns)
+    block.setflags(write=False)  # all sensors and the record share the columns
+    return Actors(time, names, *block)
