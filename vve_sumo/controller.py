@@ -131,7 +131,9 @@ class Guarded:
 
 
 def _has_types(command: ControlCommand) -> bool:
-    values: tuple[object, ...] = (command.steering, command.acceleration)
+    steering: object = command.steering
+    acceleration: object = command.acceleration
     flag: object = command.emergency
     note: object = command.note
-    return all(isinstance(value, (float, int)) for value in values) and isinstance(flag, bool) and isinstance(note, str)
+    numbers = isinstance(steering, (float, int)) and isinstance(acceleration, (float, int))
+    return numbers and isinstance(flag, bool) and isinstance(note, str)

@@ -106,7 +106,7 @@ class Path:
     the parameter equals arc length to about a part in a thousand, and at the points better.
     """
 
-    __slots__ = ("_knots", "_pieces", "_samples", "length", "segments")
+    __slots__ = ("_knots", "_pieces", "_projected", "_samples", "length", "segments")
 
     length: float  #: arc length from the first point to the last [m]
     segments: tuple[Segment, ...]  #: one between each two points
@@ -117,6 +117,8 @@ class Path:
         self._knots = [piece.start for piece in self.segments] + [length]
         self._pieces = [_straight(self.segments[0], 0.0), *self.segments, _straight(self.segments[-1], length)]
         self._samples = self._sampled()
+        # What `project` was asked last, and its answer: pipeline, controller and record ask for the same point.
+        self._projected: tuple[tuple[float, float, float | None], Station] | None = None
 
     @classmethod
     def from_points(cls, x: ArrayLike, y: ArrayLike, noise: float = 0.0) -> Path:
@@ -168,6 +170,9 @@ class Path:
         `near` is an s [m] close to the foot's, such as the previous tick's: the search goes downhill from there, so
         that a path may cross itself. None searches the whole path and prefers the earliest branch.
         """
+        asked, last = (x, y, near), self._projected
+        if last is not None and last[0] == asked:
+            return last[1]
         s = self._nearest_sample(x, y) if near is None else near
         pieces, knots = self._pieces, self._knots
         for _ in range(NEWTON_ROUNDS):
@@ -184,7 +189,9 @@ class Path:
             s += min(NEWTON_MAX_STEP, max(-NEWTON_MAX_STEP, step))
         speed = math.sqrt(speed_squared)
         offset = (dx * ty - dy * tx) / speed
-        return Station(s, offset, math.atan2(ty, tx), (tx * ay - ty * ax) / (speed_squared * speed))
+        foot = Station(s, offset, math.atan2(ty, tx), (tx * ay - ty * ax) / (speed_squared * speed))
+        self._projected = asked, foot
+        return foot
 
     def frenet_near(self, s: float, x: float, y: float, heading: float) -> tuple[float, float, float, float]:
         """Return s [m], d [m] and heading error [rad] of a place near `s`, and the curvature at `s` [1/m].

@@ -11,8 +11,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count, groupby
-from operator import itemgetter
+from itertools import count
 from pathlib import Path as FilePath
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
@@ -237,8 +236,11 @@ class _Bus:
 
     def reported(self, reports: Sequence[tuple[float, Frame]]) -> None:
         """Take the frames that the car sent since the last tick, with their drive times [s]."""
-        for time, sent in groupby(reports, key=itemgetter(0)):
-            self._record.saw_frames(time, CAR_BUS, [frame for _time, frame in sent])
+        sent: dict[float, list[Frame]] = {}
+        for time, frame in reports:
+            sent.setdefault(time, []).append(frame)
+        for time, frames in sent.items():
+            self._record.saw_frames(time, CAR_BUS, frames)
         self._reports = [frame for _time, frame in reports]
 
     def faults(self) -> tuple[str, ...]:

@@ -8,10 +8,15 @@ from typing import Any, NamedTuple
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.virtual_road import VirtualRoad
 from vve_sumo.path import Path
-from vve_sumo.values import GatewayStatus, Pose, TickRow
+from vve_sumo.values import ControlCommand, GatewayStatus, Point, Pose, TickRow
 from vve_sumo.world.ego_sync import EgoSyncReport
 
 _NAN = math.nan
+
+#: what stands in the row where there is no pose, no setpoint, no report
+_NO_POSE = Pose(_NAN, Point.REAR_AXLE, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN)
+_NO_COMMAND = ControlCommand(_NAN, _NAN)
+_NO_REPORT = EgoSyncReport(_NAN, _NAN, _NAN, _NAN, "", False, ())
 
 
 class RecordedTick(NamedTuple):
@@ -28,23 +33,23 @@ class RecordedTick(NamedTuple):
 
 def result_columns(result: TickResult) -> dict[str, Any]:
     """Return the pipeline's results, by the record's columns."""
-    pose, setpoint = result.pose, result.setpoint
+    pose, asked = result.pose or _NO_POSE, result.setpoint or _NO_COMMAND
     return {
-        "x_m": pose.x if pose else _NAN,
-        "y_m": pose.y if pose else _NAN,
-        "heading_rad": pose.heading if pose else _NAN,
-        "speed_mps": pose.speed if pose else _NAN,
-        "acceleration_mps2": pose.acceleration if pose else _NAN,
-        "yaw_rate_radps": pose.yaw_rate if pose else _NAN,
+        "x_m": pose.x,
+        "y_m": pose.y,
+        "heading_rad": pose.heading,
+        "speed_mps": pose.speed,
+        "acceleration_mps2": pose.acceleration,
+        "yaw_rate_radps": pose.yaw_rate,
         "s_m": result.s,
         "estimated_deviation_m": result.d,
         "pose_age_s": result.pose_age,
         "pose_reasons": "+".join(result.pose_reasons),
         "readings": len(result.readings),
-        "steering_setpoint_rad": setpoint.steering if setpoint else _NAN,
-        "acceleration_setpoint_mps2": setpoint.acceleration if setpoint else _NAN,
-        "emergency": setpoint is not None and setpoint.emergency,
-        "note": setpoint.note if setpoint else "",
+        "steering_setpoint_rad": asked.steering,
+        "acceleration_setpoint_mps2": asked.acceleration,
+        "emergency": asked.emergency,
+        "note": asked.note,
         "faults": "+".join(result.faults),
     }
 
@@ -63,31 +68,32 @@ def status_columns(status: GatewayStatus) -> dict[str, Any]:
 
 
 def tick_row(
-    recorded: RecordedTick, path: Path, asked: Pose | None, report: EgoSyncReport | None, road: VirtualRoad
+    recorded: RecordedTick, path: Path, requested: Pose | None, report: EgoSyncReport | None, road: VirtualRoad
 ) -> TickRow:
     """Return a tick's row of the record, after the virtual road has advanced."""
-    result, truth = recorded.result, recorded.truth
+    result = recorded.result
+    truth, asked, found = recorded.truth or _NO_POSE, requested or _NO_POSE, report or _NO_REPORT
     return TickRow(
         tick=recorded.tick,
         time_s=recorded.now,
         datagrams=recorded.datagrams,
         pose_trusted=result.pose is not None and not result.pose_reasons and "pose_stale" not in result.faults,
-        true_x_m=truth.x if truth else _NAN,
-        true_y_m=truth.y if truth else _NAN,
-        true_heading_rad=truth.heading if truth else _NAN,
-        true_speed_mps=truth.speed if truth else _NAN,
-        true_acceleration_mps2=truth.acceleration if truth else _NAN,
-        lateral_deviation_m=_NAN if truth is None else _beside(truth, result.s, path),
+        true_x_m=truth.x,
+        true_y_m=truth.y,
+        true_heading_rad=truth.heading,
+        true_speed_mps=truth.speed,
+        true_acceleration_mps2=truth.acceleration,
+        lateral_deviation_m=_NAN if recorded.truth is None else _beside(truth, result.s, path),
         shell_faults="+".join(result.shell_faults),
         measured_steering_rad=recorded.steering,
-        requested_x_m=asked.x if asked else _NAN,
-        requested_y_m=asked.y if asked else _NAN,
-        requested_heading_rad=asked.heading if asked else _NAN,
-        requested_speed_mps=asked.speed if asked else _NAN,
-        ego_sync_position_error_m=report.position_error if report else _NAN,
-        ego_sync_speed_error_mps=report.speed_error if report else _NAN,
-        ego_sync_faults="+".join(report.faults) if report else "",
-        lane=report.lane if report else "",
+        requested_x_m=asked.x,
+        requested_y_m=asked.y,
+        requested_heading_rad=asked.heading,
+        requested_speed_mps=asked.speed,
+        ego_sync_position_error_m=found.position_error,
+        ego_sync_speed_error_mps=found.speed_error,
+        ego_sync_faults="+".join(found.faults),
+        lane=found.lane,
         actors=len(road.actors.ids),
         contacts="+".join(road.contacts),
         **result_columns(result),

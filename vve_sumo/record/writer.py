@@ -11,6 +11,7 @@ import hashlib
 import json
 import operator
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar
@@ -38,6 +39,9 @@ from vve_sumo.record.layout import (
 from vve_sumo.record.summary import write_summary
 from vve_sumo.sensors.port import Column
 from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
+
+#: Returns a text's bytes; most texts of a record are names and codes that come at every tick.
+_encoded = lru_cache(maxsize=4096)(str.encode)
 
 #: ticks between two writes; 10 ticks of 20 ms are 0.2 s, the most that a killed process may lose
 TICKS_PER_BATCH = 10
@@ -108,16 +112,19 @@ class _Table:
         self.hashes = ColumnHashes(schema)
         self._kinds = [(kind, NUMPY_KINDS.get(kind)) for kind in schema.types]
         self._rows: list[tuple[Any, ...]] = []
-        self._portions: list[tuple[Column, ...]] = []
+        self._portions: list[tuple[int, int, tuple[Column, ...]]] = []
         self._batches: list[pa.RecordBatch] = []
 
     def append(self, row: tuple[Any, ...]) -> None:
         """Add a row."""
         self._rows.append(row)
 
-    def extend(self, portion: tuple[Column, ...]) -> None:
-        """Add rows as columns: texts as sequences, numbers as arrays. A table gets only columns or only rows."""
-        self._portions.append(portion)
+    def extend(self, tick: int, rows: int, portion: tuple[Column, ...]) -> None:
+        """Add a tick's rows as the columns after `tick`: texts as sequences, numbers as arrays.
+
+        A table gets only columns or only rows.
+        """
+        self._portions.append((tick, rows, portion))
 
     def flush(self) -> None:
         if not self._rows and not self._portions:
@@ -143,15 +150,16 @@ class _Table:
         return pa.Table.from_batches(self._batches, self.schema)
 
     def _joined(self) -> list[Column]:
-        return [
-            list(chain.from_iterable(parts)) if numeric is None else np.concatenate(parts)
-            for parts, (_kind, numeric) in zip(zip(*self._portions, strict=True), self._kinds, strict=True)
-        ]
+        ticks, rows, portions = zip(*self._portions, strict=True)
+        columns: list[Column] = [np.repeat(ticks, rows)]
+        for parts, (_kind, numeric) in zip(zip(*portions, strict=True), self._kinds[1:], strict=True):
+            columns.append(list(chain.from_iterable(parts)) if numeric is None else np.concatenate(parts))
+        return columns
 
     # `pyarrow.array` takes five times as long for a short column, and imports pandas where it is installed.
 
     def _strings(self, number: int, column: Column, kind: pa.DataType) -> pa.Array:
-        pieces = column if kind == pa.binary() else [text.encode() for text in column]
+        pieces = column if kind == pa.binary() else list(map(_encoded, column))
         self.hashes.add_bytes(number, pieces)
         ends = np.zeros(len(pieces) + 1, np.int32)
         np.cumsum([len(piece) for piece in pieces], out=ends[1:])
@@ -241,13 +249,14 @@ class MemoryRecorder:
         rows = len(columns[0])
         self._tables["readings"].append((tick, sensor, measured, rows))
         if rows:
-            self._tables[sensor_table(sensor)].extend((np.full(rows, tick), *columns))
+            self._tables[sensor_table(sensor)].extend(tick, rows, columns)
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Record the actors that the sensors see at tick `tick`."""
         if not actors.ids:
             return
         columns = (
+            actors.ids,
             actors.x,
             actors.y,
             actors.heading,
@@ -257,7 +266,7 @@ class MemoryRecorder:
             actors.radar_cross_section,
             actors.lateral_speed,
         )
-        self._tables["actors"].extend((np.full(len(actors.ids), tick), actors.ids, *columns))
+        self._tables["actors"].extend(tick, len(actors.ids), columns)
 
     def ticked(self, row: TickRow) -> None:
         """Record the row of a tick; every `ticks_per_batch`-th tick flushes."""
