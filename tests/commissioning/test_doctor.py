@@ -27,7 +27,7 @@ from vve_sumo.live.slcan import Adapter
 from vve_sumo.pose.ncom import Encoder
 from vve_sumo.rig import load as rigs
 from vve_sumo.values import Fix, FixQuality, Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 
 DAY = datetime.date(2026, 5, 1)
 
@@ -282,7 +282,7 @@ def test_an_echo_is_heard_on_the_same_bus_only() -> None:
     with Bus("virtual", "echo one") as here, Bus("virtual", "echo one") as there, Bus("virtual", "echo two") as far:
         assert rig_checks.echoed(here, there).finding is Finding.GO
         assert rig_checks.echoed(here, far).finding is Finding.NO_GO
-        assert rig_checks.NO_COMMAND not in codec.COMMAND_IDS
+        assert rig_checks.NO_COMMAND not in layout.COMMAND_IDS
 
 
 def test_what_is_named_wrongly_is_no_go_and_the_rest_is_told(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
-from vve_sumo.vehicle.dataspeed.codec import COMMAND_IDS
+from vve_sumo.vehicle.dataspeed.layout import COMMAND_IDS
 
 TICKS = 150
 #: moves from the first pose on, so that no two ticks look at the same

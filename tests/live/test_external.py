@@ -26,7 +26,7 @@ from tests.live.stage import DRIVES, free_port, rows
 from vve_sumo.bus import read_log
 from vve_sumo.live.replay import read_live_inputs, replay_drive, replay_gateway
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.wire.datagrams import RadarDatagram, decode_radar
 
 pytestmark = pytest.mark.live
@@ -131,14 +131,14 @@ def evidence(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
 def test_not_one_frame_on_the_bus_is_ours(evidence: Evidence) -> None:
     senders = {sender for sender, _frame in evidence.bus}
     assert senders == {"car", "brain"}
-    assert {frame.id for sender, frame in evidence.bus if sender == "car"}.isdisjoint(codec.COMMAND_IDS)
+    assert {frame.id for sender, frame in evidence.bus if sender == "car"}.isdisjoint(layout.COMMAND_IDS)
     assert {row["frames_sent"] for row in evidence.steps} == {0}
 
 
 def test_every_command_in_the_record_is_the_brains(evidence: Evidence) -> None:
     """The record holds the brain's commands in the brain's order, from the first to the last that came while it ran."""
     sent = [frame for sender, frame in evidence.bus if sender == "brain"]
-    kept = [f for _time, _bus, f in read_log(evidence.record / "can.log") if f.id in codec.COMMAND_IDS]
+    kept = [f for _time, _bus, f in read_log(evidence.record / "can.log") if f.id in layout.COMMAND_IDS]
     assert len(kept) > 400
     begin = next(n for n in range(len(sent)) if sent[n : n + 40] == kept[:40])
     assert sent[begin : begin + len(kept)] == kept

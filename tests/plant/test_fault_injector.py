@@ -23,7 +23,7 @@ from vve_sumo.plant.injected_faults import KINDS, START_SPEED, InjectedFault
 from vve_sumo.pose.ncom import LENGTH, Decoder, Outcome, checksums_hold
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.values import Fix, FixQuality, Frame, Pose
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig, WheelSpeeds
 
@@ -421,7 +421,7 @@ def test_stale_reports_stop_while_commands_work(plain):
 @pytest.mark.parametrize("variant", list(codec.Variant))
 def test_another_writer_uses_our_identifiers_and_is_obeyed(variant, plain):
     ride = Ride(fault("another_writer"), variant=variant)
-    foreign = [(time, frame) for time, frame in ride.frames if frame.id in codec.COMMAND_IDS]
+    foreign = [(time, frame) for time, frame in ride.frames if frame.id in layout.COMMAND_IDS]
     assert [frame.id for _, frame in foreign] == [codec.BRAKE_COMMAND, codec.STEERING_COMMAND] * (len(foreign) // 2)
     assert len(foreign) == pytest.approx(50, abs=2)
     assert all(ride.during(time) for time, _ in foreign)

@@ -17,7 +17,7 @@ from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
 from vve_sumo.vehicle import brake_monitor, engagement, gateway, monitor, plausibility, reports, setpoint_validation
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, REASONS
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
@@ -279,7 +279,7 @@ FAULTS = [
         ("gear_fault", codec.GearReport(Gear.DRIVE, fault_bus=True)),
         ("gear_lost", codec.GearReport(Gear.NEUTRAL)))],
     ("report_malformed", {"forged": Frame(codec.BRAKE_REPORT, bytes(7))}, {}),
-    *[("another_writer", {}, {"extra": (Frame(identifier, bytes(8)),)}) for identifier in sorted(codec.COMMAND_IDS)],
+    *[("another_writer", {}, {"extra": (Frame(identifier, bytes(8)),)}) for identifier in sorted(layout.COMMAND_IDS)],
     ("setpoint_expired", {}, {"acceleration": None}),
     ("setpoint_expired", {}, {"sequence": 7}),
     ("setpoint_expired", {}, {"expires": 1e9}),

@@ -22,7 +22,7 @@ from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, GatewayRow
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import ActuationCommand, Gear
@@ -79,7 +79,7 @@ class Bench:
     def __init__(self, wire: Wire, car: LiveCar, *, cruise: bool, silent: bool = False) -> None:
         self._silent = silent
         self.car, self.t0 = car, car.t0
-        self.witness = Witness(wire.car, codec.COMMAND_IDS | {codec.GEAR_REPORT})
+        self.witness = Witness(wire.car, layout.COMMAND_IDS | {codec.GEAR_REPORT})
         self.begun = self.now
         self.rows: list[GatewayRow] = []
         self.sent: list[Frame] = []
@@ -163,7 +163,7 @@ class Bench:
                 if verb == "stepped":
                     self.rows.append(said[0])
                 elif verb == "saw_frames":
-                    self.sent += [Frame(*frame) for frame in said[2] if frame[0] in codec.COMMAND_IDS]
+                    self.sent += [Frame(*frame) for frame in said[2] if frame[0] in layout.COMMAND_IDS]
 
     def commands(self, kind: int) -> list[Heard]:
         """Everything that the wire carried of one kind, on drive time."""

@@ -26,7 +26,7 @@ from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError
 from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.gateway import OperatorCommand
 
 LINK_DOWN = 0.5  # [s]
@@ -103,7 +103,7 @@ def check_nominal(wire: Wire, car: LiveCar) -> str:
     top = max(speed for _, _, speed in truth)
     assert abs(top - SPEED) < 0.3, top
     # Every command that the gateway says it sent was on the wire, once and in this order; nobody else sent one.
-    heard = [heard.frame for heard in bench.witness.heard if heard.frame.id in codec.COMMAND_IDS]
+    heard = [heard.frame for heard in bench.witness.heard if heard.frame.id in layout.COMMAND_IDS]
     assert heard == bench.sent
     return f"top {top:.2f} m/s, {truth[-1][1] - truth[0][1]:.1f} m, {len(heard)} command frames"
 
@@ -136,7 +136,7 @@ def check_silence(wire: Wire, car: LiveCar) -> str:
         bench.close()
         brain.close()
     _ended_well(bench)
-    heard = [heard.frame for heard in bench.witness.heard if heard.frame.id in codec.COMMAND_IDS]
+    heard = [heard.frame for heard in bench.witness.heard if heard.frame.id in layout.COMMAND_IDS]
     assert heard == brain.sent
     assert {row.frames_sent for row in bench.rows} == {0}
     states = [ArmingState.DISARMED, ArmingState.READY, ArmingState.ENGAGED, ArmingState.STOPPING]

@@ -374,11 +374,11 @@ def pack(fix: Fix, channel: int, payload: bytes) -> bytes:
 
 def _sealed(packet: bytearray) -> bytes:
     """The packet with the three checksums that belong to it; each sums all bytes before it but the first."""
-    total = sum(packet[1:22])
-    packet[22] = first = total & 0xFF
-    total += first + sum(packet[23:61])
-    packet[61] = second = total & 0xFF
-    packet[71] = total + second + sum(packet[62:71]) & 0xFF
+    total = zlib.adler32(packet[1:22], 0)  # its low half is the sum of the bytes; see `checksums_hold`
+    packet[22] = total & 0xFF
+    total = zlib.adler32(packet[22:61], total & 0xFFFF)
+    packet[61] = total & 0xFF
+    packet[71] = zlib.adler32(packet[61:71], total & 0xFFFF) & 0xFF
     return bytes(packet)
 
 

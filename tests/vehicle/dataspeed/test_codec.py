@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.codec import Gear, GearReject, ParkingBrake, Variant, WatchdogSource
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.interface import read_dbc
@@ -25,7 +25,7 @@ NAMES = {
     codec.STEERING_REPORT: "SteeringReport",
     codec.GEAR_COMMAND: "GearCommand",
     codec.GEAR_REPORT: "GearReport",
-    codec.MISC_COMMAND: "MiscCommand",
+    layout.MISC_COMMAND: "MiscCommand",
     codec.WHEEL_SPEEDS: "WheelSpeeds",
     codec.ACCELERATIONS: "Accelerations",
     codec.YAW_RATE: "YawRate",
@@ -283,7 +283,7 @@ def test_any_bytes_are_understood_or_refused_but_never_break(row):
     frame = Frame(*row)
     for variant in Variant:
         message = codec.decode(frame, variant)
-        if frame.id == codec.MISC_COMMAND:
+        if frame.id == layout.MISC_COMMAND:
             assert message is None
         elif len(frame.data) not in (DBC.get_message_by_frame_id(frame.id).length, 4):
             assert message == codec.Malformed(frame.id, "length")

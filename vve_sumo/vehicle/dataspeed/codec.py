@@ -1,18 +1,49 @@
 """Codec of a Dataspeed DBW1 drive-by-wire controller: values in, CAN frame out, and back.
 
 Both directions: the gateway encodes commands and decodes reports, the simulated vehicle does the reverse.
-It knows bits, scales and ranges, and nothing about when or why anything is sent. `dbw1.dbc` states the same layout.
+It knows bits, and nothing about when or why anything is sent. `layout` holds identifiers, scales and ranges.
 """
 
 from __future__ import annotations
 
-import enum
 import math
 import struct
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from vve_sumo.values import Frame
+from vve_sumo.vehicle.dataspeed.layout import (
+    ACCELERATION_STEP,
+    ACCELERATIONS,
+    BRAKE_COMMAND,
+    BRAKE_INFO,
+    BRAKE_REPORT,
+    BRAKE_TORQUE_STEP,
+    DRIVER_TORQUE_STEP,
+    FULL_TRAVEL,
+    GEAR_COMMAND,
+    GEAR_REPORT,
+    GYRO_STEP,
+    OVER_GROUND_STEP,
+    SPEED_STEP,
+    STEERING_COMMAND,
+    STEERING_REPORT,
+    TENTH_DEGREE,
+    THROTTLE_COMMAND,
+    THROTTLE_REPORT,
+    TORQUE_LIMIT,
+    TORQUE_MODE_STEP,
+    WHEEL_ANGLE_LIMIT,
+    WHEEL_RATE_LIMIT,
+    WHEEL_RATE_STEP,
+    WHEEL_SPEED_STEP,
+    WHEEL_SPEEDS,
+    YAW_RATE,
+    Variant,
+    counts,
+    signed,
+    value_of,
+)
 from vve_sumo.vehicle.dataspeed.messages import (
     BrakeCommand,
     BrakeInfo,
@@ -33,36 +64,6 @@ from vve_sumo.vehicle.dataspeed.messages import (
 )
 from vve_sumo.vehicle.interface import Accelerations, Gear, Malformed, WheelSpeeds, YawRate
 
-# Layout and scales: Dataspeed's BSD-3 sources `dbw_mkz_can` (2018; repository yinzixuan126/dbw_mkz_ros, dispatch.h,
-# DbwNode.cpp) and `dbw_ford_can` 2.1.16 (2024; repository revyos-ros/dbw_ros-release, dispatch.hpp, DbwNode.cpp).
-BRAKE_COMMAND: Final = 0x060
-BRAKE_REPORT: Final = 0x061
-THROTTLE_COMMAND: Final = 0x062
-THROTTLE_REPORT: Final = 0x063
-STEERING_COMMAND: Final = 0x064
-STEERING_REPORT: Final = 0x065
-GEAR_COMMAND: Final = 0x066
-GEAR_REPORT: Final = 0x067
-MISC_COMMAND: Final = 0x068
-WHEEL_SPEEDS: Final = 0x06A
-ACCELERATIONS: Final = 0x06B
-YAW_RATE: Final = 0x06C
-BRAKE_INFO: Final = 0x074
-
-#: Identifiers that only one node may send; hearing one of them from another node is a fault.
-COMMAND_IDS: Final = frozenset({BRAKE_COMMAND, THROTTLE_COMMAND, STEERING_COMMAND, GEAR_COMMAND, MISC_COMMAND})
-
-FULL_TRAVEL = 65535.0  # counts of a pedal's whole travel, and of 100 percent
-TENTH_DEGREE = math.radians(0.1)  # step of steering-wheel angles
-SPEED_STEP = 0.01 / 3.6  # of the vehicle speed in the steering report [m/s]
-DRIVER_TORQUE_STEP = 1.0 / 16.0  # [N m]
-TORQUE_MODE_STEP = 1.0 / 128.0  # steering command in torque mode [N m]
-WHEEL_SPEED_STEP = 0.01  # [rad/s]
-ACCELERATION_STEP = 0.01  # [m/s2]
-GYRO_STEP = 2e-4  # [rad/s]
-BRAKE_TORQUE_STEP = 4.0  # in the brake info [N m]
-OVER_GROUND_STEP = 0.035  # acceleration over ground in the brake info [m/s2]
-
 _EN, _CLEAR, _IGNORE = 1, 2, 4  # bits of every command's flag byte; _IGNORE is only ever looked for, never set
 
 _PEDAL_COMMAND = struct.Struct("<HBBxxxB")
@@ -75,20 +76,6 @@ _THREE_WORDS = struct.Struct("<hhh")
 _TWO_WORDS = struct.Struct("<hh")
 _BRAKE_INFO = struct.Struct("<HHHH")
 
-
-class Variant(enum.Enum):
-    """Generation of the firmware; the two disagree on a few fields, so a rig must verify which one it has."""
-
-    DBW1_2018 = enum.auto()
-    #: The default: if it is wrong for the car, the steering moves at half the commanded rate, not at twice the rate.
-    DBW1_2024 = enum.auto()
-
-
-# Largest values that the two generations state (BrakeCmd.msg, SteeringCmd.msg): [N m], [rad], [rad/s].
-TORQUE_LIMIT: Final = {Variant.DBW1_2018: 3250.0, Variant.DBW1_2024: 3412.0}
-WHEEL_ANGLE_LIMIT: Final = {Variant.DBW1_2018: 8.2, Variant.DBW1_2024: 9.6}
-WHEEL_RATE_LIMIT: Final = {Variant.DBW1_2018: 8.7, Variant.DBW1_2024: 17.5}
-_WHEEL_RATE_STEP = {Variant.DBW1_2018: math.radians(2.0), Variant.DBW1_2024: math.radians(4.0)}
 
 #: (smallest, largest, counts per unit) of every kind of pedal command; a torque is limited by its variant.
 _BRAKE_SCALE = {
@@ -153,27 +140,6 @@ def decode(frame: Frame, variant: Variant = Variant.DBW1_2024) -> Message | Malf
     return Malformed(frame.id, "length")
 
 
-def _counts(value: float, low: float, high: float, scale: float, what: str) -> int:
-    """Counts of an unsigned field, refused outside its range; NaN fails both comparisons."""
-    if not low <= value <= high:
-        raise ValueError(f"{what} must be {low:g} to {high:g}, got {value:g}")
-    return round(value * scale)
-
-
-def _signed(value: float, step: float, what: str, invalid: int = -32768) -> int:
-    """Counts of a signed report field whose lowest pattern means "invalid"."""
-    if value != value:
-        return invalid
-    count = round(value / step) if math.isfinite(value) else invalid
-    if not invalid < count < -invalid:
-        raise ValueError(f"{what} must be within +-{(-invalid - 1) * step:g}, got {value:g}")
-    return count
-
-
-def _value(count: int, step: float, invalid: int = -32768) -> float:
-    return math.nan if count == invalid else count * step
-
-
 def _flags(command: BrakeCommand | ThrottleCommand | SteeringCommand) -> int:
     counter = command.counter
     if counter is None:
@@ -193,12 +159,12 @@ def _command_frame(identifier: int, layout: struct.Struct, first: int, a: int, b
 
 def _encode_brake_command(command: BrakeCommand, variant: Variant) -> Frame:
     low, high, scale = _BRAKE_SCALE[command.kind]
-    value = _counts(command.value, low, min(high, TORQUE_LIMIT[variant]), scale, "brake command")
+    value = counts(command.value, low, min(high, TORQUE_LIMIT[variant]), scale, "brake command")
     return _command_frame(BRAKE_COMMAND, _PEDAL_COMMAND, value, command.kind << 4, _flags(command), command.counter)
 
 
 def _encode_throttle_command(command: ThrottleCommand, _: Variant) -> Frame:
-    value = _counts(command.value, *_THROTTLE_SCALE[command.kind], "throttle command")
+    value = counts(command.value, *_THROTTLE_SCALE[command.kind], "throttle command")
     return _command_frame(THROTTLE_COMMAND, _PEDAL_COMMAND, value, command.kind << 4, _flags(command), command.counter)
 
 
@@ -212,8 +178,8 @@ def _decode_pedal_command(identifier: int, data: bytes) -> BrakeCommand | Thrott
 
 
 def _encode_steering_command(command: SteeringCommand, variant: Variant) -> Frame:
-    limit, step = WHEEL_ANGLE_LIMIT[variant], _WHEEL_RATE_STEP[variant]
-    angle = _counts(command.wheel_angle, -limit, limit, 1.0 / TENTH_DEGREE, "steering-wheel angle")
+    limit, step = WHEEL_ANGLE_LIMIT[variant], WHEEL_RATE_STEP[variant]
+    angle = counts(command.wheel_angle, -limit, limit, 1.0 / TENTH_DEGREE, "steering-wheel angle")
     if not 0.0 <= command.wheel_rate <= WHEEL_RATE_LIMIT[variant]:
         raise ValueError(f"steering-wheel rate must be 0 to {WHEEL_RATE_LIMIT[variant]:g}, got {command.wheel_rate:g}")
     # Rounded down, but never to zero: zero asks for the DBW controller's largest rate.
@@ -226,7 +192,7 @@ def _decode_steering_command(data: bytes, variant: Variant) -> SteeringCommand |
     if flags & _IGNORE or flags & 0x80:
         return Malformed(STEERING_COMMAND, "ignore_bit" if flags & _IGNORE else "torque_mode")
     return SteeringCommand(
-        angle * TENTH_DEGREE, rate * _WHEEL_RATE_STEP[variant], bool(flags & _EN), counter, bool(flags & _CLEAR)
+        angle * TENTH_DEGREE, rate * WHEEL_RATE_STEP[variant], bool(flags & _EN), counter, bool(flags & _CLEAR)
     )
 
 
@@ -250,9 +216,9 @@ def _encode_brake_report(report: BrakeReport, variant: Variant) -> Frame:
     return Frame(
         BRAKE_REPORT,
         _PEDAL_REPORT.pack(
-            _counts(report.driver_input, 0.0, FULL_TRAVEL * first, 1.0 / first, "driver's brake"),
-            _counts(report.command, 0.0, FULL_TRAVEL * second, 1.0 / second, "reported brake command"),
-            _counts(report.output, 0.0, FULL_TRAVEL * second, 1.0 / second, "reported brake output"),
+            counts(report.driver_input, 0.0, FULL_TRAVEL * first, 1.0 / first, "driver's brake"),
+            counts(report.command, 0.0, FULL_TRAVEL * second, 1.0 / second, "reported brake command"),
+            counts(report.output, 0.0, FULL_TRAVEL * second, 1.0 / second, "reported brake output"),
             status | report.watchdog_braking << 3 | report.watchdog_source << 4,
             _pedal_flags(report),
         ),
@@ -303,9 +269,9 @@ def _encode_throttle_report(report: ThrottleReport, _: Variant) -> Frame:
     return Frame(
         THROTTLE_REPORT,
         _PEDAL_REPORT.pack(
-            _counts(report.driver_input, 0.0, 1.0, FULL_TRAVEL, "driver's throttle"),
-            _counts(report.command, 0.0, 1.0, FULL_TRAVEL, "reported throttle command"),
-            _counts(report.output, 0.0, 1.0, FULL_TRAVEL, "reported throttle output"),
+            counts(report.driver_input, 0.0, 1.0, FULL_TRAVEL, "driver's throttle"),
+            counts(report.command, 0.0, 1.0, FULL_TRAVEL, "reported throttle command"),
+            counts(report.output, 0.0, 1.0, FULL_TRAVEL, "reported throttle output"),
             report.watchdog_source << 4,
             _pedal_flags(report),
         ),
@@ -332,8 +298,8 @@ def _decode_throttle_report(data: bytes, _: Variant) -> ThrottleReport:
 
 
 def _encode_steering_report(report: SteeringReport, variant: Variant) -> Frame:
-    angle = _signed(report.wheel_angle, TENTH_DEGREE, "reported steering-wheel angle")
-    torque = _signed(report.torque, DRIVER_TORQUE_STEP, "driver's steering torque", -128)
+    angle = signed(report.wheel_angle, TENTH_DEGREE, "reported steering-wheel angle")
+    torque = signed(report.torque, DRIVER_TORQUE_STEP, "driver's steering torque", -128)
     flags = (
         report.enabled
         | report.override << 1
@@ -345,31 +311,31 @@ def _encode_steering_report(report: SteeringReport, variant: Variant) -> Frame:
         | report.timeout << 7
     )
     if variant is Variant.DBW1_2018:
-        command = _signed(report.command, TENTH_DEGREE, "reported steering command")
-        speed = _counts(report.speed, 0.0, 65535 * SPEED_STEP, 1.0 / SPEED_STEP, "reported speed")
+        command = signed(report.command, TENTH_DEGREE, "reported steering command")
+        speed = counts(report.speed, 0.0, 65535 * SPEED_STEP, 1.0 / SPEED_STEP, "reported speed")
         return Frame(STEERING_REPORT, _STEERING_REPORT_2018.pack(angle, command, speed, torque, flags))
     step = TORQUE_MODE_STEP if report.torque_mode else TENTH_DEGREE
-    command = _signed(report.command, step, "reported steering command", -16384) & 0x7FFF | report.torque_mode << 15
-    speed = _signed(report.speed, SPEED_STEP, "reported speed")
+    command = signed(report.command, step, "reported steering command", -16384) & 0x7FFF | report.torque_mode << 15
+    speed = signed(report.speed, SPEED_STEP, "reported speed")
     return Frame(STEERING_REPORT, _STEERING_REPORT.pack(angle, command, speed, torque, flags))
 
 
 def _decode_steering_report(data: bytes, variant: Variant) -> SteeringReport:
     if variant is Variant.DBW1_2018:
         angle, command, speed, torque, flags = _STEERING_REPORT_2018.unpack(data)
-        command_value, speed_value, torque_mode = _value(command, TENTH_DEGREE), speed * SPEED_STEP, False
+        command_value, speed_value, torque_mode = value_of(command, TENTH_DEGREE), speed * SPEED_STEP, False
     else:
         angle, word, speed, torque, flags = _STEERING_REPORT.unpack(data)
         torque_mode = bool(word & 0x8000)
         step = TORQUE_MODE_STEP if torque_mode else TENTH_DEGREE
-        command_value = _value(((word & 0x7FFF) ^ 0x4000) - 0x4000, step, -16384)
-        speed_value = _value(speed, SPEED_STEP)
+        command_value = value_of(((word & 0x7FFF) ^ 0x4000) - 0x4000, step, -16384)
+        speed_value = value_of(speed, SPEED_STEP)
     enabled, override, fault_power, fault_watchdog, fault_bus_1, fault_bus_2, fault_calibration, timeout = _FLAGS[flags]
     return SteeringReport(
-        _value(angle, TENTH_DEGREE),
+        value_of(angle, TENTH_DEGREE),
         command_value,
         speed_value,
-        _value(torque, DRIVER_TORQUE_STEP, -128),
+        value_of(torque, DRIVER_TORQUE_STEP, -128),
         enabled,
         override,
         timeout,
@@ -395,14 +361,22 @@ def _decode_gear_report(data: bytes, _: Variant) -> GearReport | Malformed:
 
 
 def _encode_wheel_speeds(report: WheelSpeeds, _: Variant) -> Frame:
-    counts = [_signed(speed, WHEEL_SPEED_STEP, "wheel speed") for speed in report]
-    return Frame(WHEEL_SPEEDS, _FOUR_WORDS.pack(*counts))
+    front_left, front_right, rear_left, rear_right = report
+    return Frame(
+        WHEEL_SPEEDS,
+        _FOUR_WORDS.pack(
+            signed(front_left, WHEEL_SPEED_STEP, "wheel speed"),
+            signed(front_right, WHEEL_SPEED_STEP, "wheel speed"),
+            signed(rear_left, WHEEL_SPEED_STEP, "wheel speed"),
+            signed(rear_right, WHEEL_SPEED_STEP, "wheel speed"),
+        ),
+    )
 
 
 def _decode_wheel_speeds(data: bytes, _: Variant) -> WheelSpeeds:
     a, b, c, d = _FOUR_WORDS.unpack(data)
     step = WHEEL_SPEED_STEP
-    return WheelSpeeds(_value(a, step), _value(b, step), _value(c, step), _value(d, step))
+    return WheelSpeeds(value_of(a, step), value_of(b, step), value_of(c, step), value_of(d, step))
 
 
 def _encode_accelerations(report: Accelerations, _: Variant) -> Frame:
@@ -410,9 +384,9 @@ def _encode_accelerations(report: Accelerations, _: Variant) -> Frame:
     return Frame(
         ACCELERATIONS,
         _THREE_WORDS.pack(
-            _signed(-report.lateral, ACCELERATION_STEP, "lateral acceleration"),
-            _signed(report.longitudinal, ACCELERATION_STEP, "longitudinal acceleration"),
-            _signed(-report.vertical, ACCELERATION_STEP, "vertical acceleration"),
+            signed(-report.lateral, ACCELERATION_STEP, "lateral acceleration"),
+            signed(report.longitudinal, ACCELERATION_STEP, "longitudinal acceleration"),
+            signed(-report.vertical, ACCELERATION_STEP, "vertical acceleration"),
         ),
     )
 
@@ -420,29 +394,29 @@ def _encode_accelerations(report: Accelerations, _: Variant) -> Frame:
 def _decode_accelerations(data: bytes, _: Variant) -> Accelerations:
     lateral, longitudinal, vertical = _THREE_WORDS.unpack(data)
     step = ACCELERATION_STEP
-    return Accelerations(_value(longitudinal, step), _value(lateral, -step), _value(vertical, -step))
+    return Accelerations(value_of(longitudinal, step), value_of(lateral, -step), value_of(vertical, -step))
 
 
 def _encode_yaw_rate(report: YawRate, _: Variant) -> Frame:
     return Frame(
         YAW_RATE,
-        _TWO_WORDS.pack(_signed(report.roll, GYRO_STEP, "roll rate"), _signed(report.yaw, GYRO_STEP, "yaw rate")),
+        _TWO_WORDS.pack(signed(report.roll, GYRO_STEP, "roll rate"), signed(report.yaw, GYRO_STEP, "yaw rate")),
     )
 
 
 def _decode_yaw_rate(data: bytes, _: Variant) -> YawRate:
     roll, yaw = _TWO_WORDS.unpack(data)
-    return YawRate(_value(roll, GYRO_STEP), _value(yaw, GYRO_STEP))
+    return YawRate(value_of(roll, GYRO_STEP), value_of(yaw, GYRO_STEP))
 
 
 def _torque_counts(torque: float) -> int:
     if torque != torque:
         return 0xFFF
-    return _counts(torque, 0.0, 0xFFE * BRAKE_TORQUE_STEP, 1.0 / BRAKE_TORQUE_STEP, "reported brake torque")
+    return counts(torque, 0.0, 0xFFE * BRAKE_TORQUE_STEP, 1.0 / BRAKE_TORQUE_STEP, "reported brake torque")
 
 
 def _encode_brake_info(report: BrakeInfo, _: Variant) -> Frame:
-    over_ground = _signed(report.acceleration_over_ground, OVER_GROUND_STEP, "acceleration over ground", -512)
+    over_ground = signed(report.acceleration_over_ground, OVER_GROUND_STEP, "acceleration over ground", -512)
     activity = report.abs_active << 10 | report.stability_active << 12 | report.traction_active << 14
     return Frame(
         BRAKE_INFO,
@@ -458,11 +432,11 @@ def _encode_brake_info(report: BrakeInfo, _: Variant) -> Frame:
 def _decode_brake_info(data: bytes, _: Variant) -> BrakeInfo:
     requested, actual, _torque, tail = _BRAKE_INFO.unpack(data)
     return BrakeInfo(
-        _value(requested & 0xFFF, BRAKE_TORQUE_STEP, 0xFFF),
-        _value(actual & 0xFFF, BRAKE_TORQUE_STEP, 0xFFF),
+        value_of(requested & 0xFFF, BRAKE_TORQUE_STEP, 0xFFF),
+        value_of(actual & 0xFFF, BRAKE_TORQUE_STEP, 0xFFF),
         bool(requested & 0x8000),
         _PARKING_BRAKES[actual >> 14],
-        _value(((tail & 0x3FF) ^ 0x200) - 0x200, OVER_GROUND_STEP, -512),
+        value_of(((tail & 0x3FF) ^ 0x200) - 0x200, OVER_GROUND_STEP, -512),
         bool(tail & 0x400),
         bool(tail & 0x1000),
         bool(tail & 0x4000),

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.messages import (
     BrakeCommand,
     BrakeKind,
@@ -86,7 +86,7 @@ def _wheel_angle(command: object) -> float:
 class DbwControllerParameters:
     """How one DBW controller is configured."""
 
-    variant: codec.Variant = codec.Variant.DBW1_2024
+    variant: layout.Variant = layout.Variant.DBW1_2024
     watchdog: bool = True  #: the optional watchdog is fitted; commands whose counter changes arm it
     watchdog_torque: float = 1500.0  #: its braking [N m]; the real strength is not public, this one is an assumption
     brake_torque_limit: float = 3250.0  #: most that a command gets [N m]
@@ -165,7 +165,7 @@ class DbwController:
     def receive(self, frames: Sequence[Frame], speed: float, brake_torque: float) -> None:
         """Take in frames from the bus; a frame with a wrong length or value is ignored."""
         for frame in frames:
-            if frame.id not in codec.COMMAND_IDS:
+            if frame.id not in layout.COMMAND_IDS:
                 continue
             command = codec.decode(frame, self.parameters.variant)
             if isinstance(command, BrakeCommand):

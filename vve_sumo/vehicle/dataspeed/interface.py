@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.controller import TIMEOUT, DbwController, DbwControllerParameters
 from vve_sumo.vehicle.dataspeed.messages import (
     BrakeCommand,
@@ -48,18 +48,18 @@ from vve_sumo.vehicle.interface import (
 )
 
 REPORTS: Final[dict[int, tuple[type, ...]]] = {
-    codec.BRAKE_REPORT: (BrakeState,),
-    codec.THROTTLE_REPORT: (ThrottleState,),
-    codec.STEERING_REPORT: (SteeringState,),
-    codec.GEAR_REPORT: (GearState,),
-    codec.WHEEL_SPEEDS: (WheelSpeeds,),
-    codec.YAW_RATE: (YawRate,),
-    codec.ACCELERATIONS: (Accelerations,),
-    codec.BRAKE_INFO: (BrakeTorque,),
+    layout.BRAKE_REPORT: (BrakeState,),
+    layout.THROTTLE_REPORT: (ThrottleState,),
+    layout.STEERING_REPORT: (SteeringState,),
+    layout.GEAR_REPORT: (GearState,),
+    layout.WHEEL_SPEEDS: (WheelSpeeds,),
+    layout.YAW_RATE: (YawRate,),
+    layout.ACCELERATIONS: (Accelerations,),
+    layout.BRAKE_INFO: (BrakeTorque,),
 }
 
 #: Only the last two bytes of a brake or throttle report hold the state; the others are pedal positions and torques.
-_PEDALS: Final = frozenset({codec.BRAKE_REPORT, codec.THROTTLE_REPORT})
+_PEDALS: Final = frozenset({layout.BRAKE_REPORT, layout.THROTTLE_REPORT})
 PEDAL_REPORT_LENGTH: Final = 8
 STATUS_OF_PEDAL: Final = slice(6, 8)
 
@@ -71,16 +71,16 @@ WHEN_COMMANDS_STOP: Final = (
 class DataspeedDbw1:
     """The interface of one firmware generation."""
 
-    def __init__(self, variant: codec.Variant = codec.Variant.DBW1_2024) -> None:
+    def __init__(self, variant: layout.Variant = layout.Variant.DBW1_2024) -> None:
         self._variant = variant
         self._facts = InterfaceFacts(
             title=f"Dataspeed DBW1 ({variant.name.lower()})",
-            commands=codec.COMMAND_IDS,
+            commands=layout.COMMAND_IDS,
             reports=REPORTS,
             occupied=frozenset(range(0x060, 0x080)),
-            brake_torque_limit=codec.TORQUE_LIMIT[variant],
-            wheel_angle_limit=codec.WHEEL_ANGLE_LIMIT[variant],
-            wheel_rate_limit=codec.WHEEL_RATE_LIMIT[variant],
+            brake_torque_limit=layout.TORQUE_LIMIT[variant],
+            wheel_angle_limit=layout.WHEEL_ANGLE_LIMIT[variant],
+            wheel_rate_limit=layout.WHEEL_RATE_LIMIT[variant],
             command_timeout=TIMEOUT,
             when_commands_stop=WHEN_COMMANDS_STOP,
             dbc=Path(__file__).with_name("dbw1.dbc"),
@@ -148,7 +148,7 @@ class DataspeedDbw1:
 
 def make(settings: Mapping[str, SettingValue]) -> DataspeedDbw1:
     """Make the interface; its one setting is `variant`, the firmware's generation, to be verified on the car."""
-    names = {variant.name.lower(): variant for variant in codec.Variant}
+    names = {variant.name.lower(): variant for variant in layout.Variant}
     if unknown := sorted(settings.keys() - {"variant"}):
         raise ConfigError(f"setting {unknown[0]!r} is unknown; allowed is 'variant'")
     said = settings.get("variant")

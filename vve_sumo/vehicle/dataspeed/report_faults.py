@@ -9,41 +9,41 @@ import math
 from typing import Any, Final
 
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, SteeringReport, ThrottleReport
 from vve_sumo.vehicle.interface import Due, WheelSpeeds
 
 #: Reports in which a fault sets some fields: identifier to the fault's kind and those fields.
 _SET: Final[dict[int, tuple[str, dict[str, Any]]]] = {
-    codec.BRAKE_REPORT: ("brake_fault", {"fault_channel_1": True}),
-    codec.THROTTLE_REPORT: ("throttle_fault", {"fault_channel_1": True}),
-    codec.STEERING_REPORT: ("steering_fault", {"fault_bus_1": True}),
-    codec.WHEEL_SPEEDS: ("wheel_speed_invalid", {"rear_left": math.nan}),
+    layout.BRAKE_REPORT: ("brake_fault", {"fault_channel_1": True}),
+    layout.THROTTLE_REPORT: ("throttle_fault", {"fault_channel_1": True}),
+    layout.STEERING_REPORT: ("steering_fault", {"fault_bus_1": True}),
+    layout.WHEEL_SPEEDS: ("wheel_speed_invalid", {"rear_left": math.nan}),
 }
 
 #: Reports that a fault freezes: identifier to the fault's kind.
 _FROZEN: Final = {
-    codec.WHEEL_SPEEDS: "wheel_speeds_frozen",
-    codec.STEERING_REPORT: "steering_report_frozen",
-    codec.YAW_RATE: "yaw_rate_frozen",
-    codec.BRAKE_REPORT: "brake_report_frozen",
-    codec.THROTTLE_REPORT: "throttle_report_frozen",
+    layout.WHEEL_SPEEDS: "wheel_speeds_frozen",
+    layout.STEERING_REPORT: "steering_report_frozen",
+    layout.YAW_RATE: "yaw_rate_frozen",
+    layout.BRAKE_REPORT: "brake_report_frozen",
+    layout.THROTTLE_REPORT: "throttle_report_frozen",
 }
 
 #: Reports of the car's speed. All come from the same four sensors, so they go wrong together.
-_OF_SPEED: Final = frozenset({codec.WHEEL_SPEEDS, codec.STEERING_REPORT, codec.BRAKE_INFO})
+_OF_SPEED: Final = frozenset({layout.WHEEL_SPEEDS, layout.STEERING_REPORT, layout.BRAKE_INFO})
 
 
 class ReportFaults:
     """Alters reports, one after the other."""
 
-    def __init__(self, variant: codec.Variant) -> None:
+    def __init__(self, variant: layout.Variant) -> None:
         self._variant = variant
         self._kept: dict[int, Frame] = {}  # content of each frozen report, by identifier
 
     def alter(self, time: float, frame: Frame, due: Due) -> Frame:
         """Return what is sent at `time` in place of a report, by the faults that are due."""
-        if frame.id == codec.STEERING_REPORT and due("report_malformed", time) is not None:
+        if frame.id == layout.STEERING_REPORT and due("report_malformed", time) is not None:
             return Frame(frame.id, frame.data[:-1])
         return self._set(time, self._scaled(time, self._frozen(time, frame, due), due), due)
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.controller import (
     REST_SPEED,
     THROTTLE_TRAVEL_END,
@@ -113,7 +113,7 @@ class SimulatedDbw1:
         module, driver = controller.brake, controller.driver.brake_pedal
         command, output = controller.commanded_torque, controller.request.brake_torque
         kind = BrakeReportKind.TORQUE
-        if self._variant is codec.Variant.DBW1_2018:
+        if self._variant is layout.Variant.DBW1_2018:
             kind, command, output = BrakeReportKind.PEDAL, torque_to_pedal(command), torque_to_pedal(output)
         else:
             driver = pedal_to_torque(driver)
@@ -150,7 +150,7 @@ class SimulatedDbw1:
     def _steering(self, wheel_angle: float, speed: float) -> SteeringReport:
         controller = self.controller
         module = controller.steering
-        signless = self._variant is codec.Variant.DBW1_2018
+        signless = self._variant is layout.Variant.DBW1_2018
         torque = min(max(controller.driver.steering_torque, -TORQUE_SENSOR_LIMIT), TORQUE_SENSOR_LIMIT)
         return SteeringReport(
             wheel_angle,
