@@ -200,7 +200,7 @@ class Car:
     def _speak(self, reports: list[tuple[float, Frame]]) -> None:
         motion, time = self._motion, self._time
         measured = self._sensors.measure(motion, self._road_angle(), self._steering.angle, self._brakes.value)
-        reports.extend((time, frame) for frame in self._interface.reports(measured))
+        reports += [(time, frame) for frame in self._interface.reports(measured)]
         self._receiver.measure(self.truth(), motion.distance * math.tan(motion.grade))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Final
 
 from vve_sumo.values import Frame
@@ -97,15 +97,8 @@ _REPORT_STEPS = {
     BrakeReportKind.TORQUE: (1.0, 1.0),
 }
 
-_PEDALS: Final[
-    dict[
-        int,
-        tuple[type[BrakeCommand] | type[ThrottleCommand], Mapping[int, Any], Mapping[Any, tuple[float, float, float]]],
-    ]
-] = {
-    BRAKE_COMMAND: (BrakeCommand, {int(kind): kind for kind in BrakeKind}, _BRAKE_SCALE),
-    THROTTLE_COMMAND: (ThrottleCommand, {int(kind): kind for kind in ThrottleKind}, _THROTTLE_SCALE),
-}
+_BRAKE_KINDS = {int(kind): kind for kind in BrakeKind}
+_THROTTLE_KINDS = {int(kind): kind for kind in ThrottleKind}
 _REPORT_KINDS = {int(kind): kind for kind in BrakeReportKind}
 _GEARS = {int(gear): gear for gear in Gear}
 #: Every flag byte as eight booleans, lowest bit first.
@@ -168,13 +161,20 @@ def _encode_throttle_command(command: ThrottleCommand, _: Variant) -> Frame:
     return _command_frame(THROTTLE_COMMAND, _PEDAL_COMMAND, value, command.kind << 4, _flags(command), command.counter)
 
 
-def _decode_pedal_command(identifier: int, data: bytes) -> BrakeCommand | ThrottleCommand | Malformed:
-    message, kinds, scales = _PEDALS[identifier]
+def _decode_brake_command(data: bytes, _: Variant) -> BrakeCommand | Malformed:
     value, kind_bits, flags, counter = _PEDAL_COMMAND.unpack(data)
-    kind = kinds.get(kind_bits >> 4)
+    kind = _BRAKE_KINDS.get(kind_bits >> 4)
     if kind is None or flags & _IGNORE:
-        return Malformed(identifier, "value" if kind is None else "ignore_bit")
-    return message(kind, value / scales[kind][2], bool(flags & _EN), counter, bool(flags & _CLEAR))
+        return Malformed(BRAKE_COMMAND, "value" if kind is None else "ignore_bit")
+    return BrakeCommand(kind, value / _BRAKE_SCALE[kind][2], bool(flags & _EN), counter, bool(flags & _CLEAR))
+
+
+def _decode_throttle_command(data: bytes, _: Variant) -> ThrottleCommand | Malformed:
+    value, kind_bits, flags, counter = _PEDAL_COMMAND.unpack(data)
+    kind = _THROTTLE_KINDS.get(kind_bits >> 4)
+    if kind is None or flags & _IGNORE:
+        return Malformed(THROTTLE_COMMAND, "value" if kind is None else "ignore_bit")
+    return ThrottleCommand(kind, value / _THROTTLE_SCALE[kind][2], bool(flags & _EN), counter, bool(flags & _CLEAR))
 
 
 def _encode_steering_command(command: SteeringCommand, variant: Variant) -> Frame:
@@ -460,8 +460,8 @@ _ENCODERS: Final[dict[type, Callable[[Any, Variant], Frame]]] = {
 
 #: Identifier to (length of its data, decoder).
 _DECODERS: Final[dict[int, tuple[int, Callable[[bytes, Variant], Any]]]] = {
-    BRAKE_COMMAND: (8, lambda data, _: _decode_pedal_command(BRAKE_COMMAND, data)),
-    THROTTLE_COMMAND: (8, lambda data, _: _decode_pedal_command(THROTTLE_COMMAND, data)),
+    BRAKE_COMMAND: (8, _decode_brake_command),
+    THROTTLE_COMMAND: (8, _decode_throttle_command),
     STEERING_COMMAND: (8, _decode_steering_command),
     GEAR_COMMAND: (1, _decode_gear_command),
     BRAKE_REPORT: (8, _decode_brake_report),

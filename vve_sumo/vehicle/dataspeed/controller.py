@@ -70,16 +70,11 @@ def pedal_to_throttle(pedal: float) -> float:
     return min(max((pedal - PEDAL_REST) / (THROTTLE_TRAVEL_END - PEDAL_REST), 0.0), 1.0)
 
 
-def _throttle(command: object) -> float:
+def _throttle(command: ThrottleCommand) -> float:
     """Throttle opening that a command asks for, 0 to 1."""
-    if not isinstance(command, ThrottleCommand) or command.kind is ThrottleKind.NONE:
+    if command.kind is ThrottleKind.NONE:
         return 0.0
     return min(command.value, 1.0) if command.kind is ThrottleKind.PERCENT else pedal_to_throttle(command.value)
-
-
-def _wheel_angle(command: object) -> float:
-    """Steering-wheel angle that a command asks for [rad]."""
-    return command.wheel_angle if isinstance(command, SteeringCommand) else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +107,7 @@ class Module:
     pressed: int = 0  #: steps beyond the override threshold
     touched: int = 0  #: steps beyond the activity threshold
     source: WatchdogSource = WatchdogSource.NONE
+    asked: bool = False  #: the last usable command asks to enable it
     broken: bool = False  #: cannot be enabled, whatever is commanded
 
     def hear(self, command: BrakeCommand | ThrottleCommand | SteeringCommand, step: int) -> None:
@@ -124,7 +120,7 @@ class Module:
         if last is None or last.counter != command.counter:
             self.counted = step
             self.counting |= last is not None and last.enable and command.enable
-        self.command, self.heard = command, step
+        self.command, self.heard, self.asked = command, step, command.enable
 
     def feel(self, value: float, override_steps: int, activity_steps: int) -> None:
         """Update the driver's activity and override from an input `value`."""
@@ -152,6 +148,7 @@ class DbwController:
         self.request = Request(0.0, 0.0, math.nan)
         #: what the last commands ask for, enabled or not: brake torque [N m], throttle opening, wheel angle [rad]
         self.commanded_torque = self.commanded_throttle = self.commanded_wheel_angle = 0.0
+        self._wheel_target = self._wheel_change = 0.0  # within the limit, and largest change in a step [rad]
         self._take(HANDS_OFF)
         self._step = 0
         self._shift_ends: int | None = None
@@ -171,13 +168,16 @@ class DbwController:
             if isinstance(command, BrakeCommand):
                 if command.kind is not BrakeKind.DECELERATION:  # a Fusion's brake module doesn't know it
                     self.brake.hear(command, self._step)
-                    self.commanded_torque = self._torque(self.brake.command)
+                    if command is self.brake.command:
+                        self.commanded_torque = self._torque(command)
             elif isinstance(command, ThrottleCommand):
                 self.throttle.hear(command, self._step)
-                self.commanded_throttle = _throttle(self.throttle.command)
+                if command is self.throttle.command:
+                    self.commanded_throttle = _throttle(command)
             elif isinstance(command, SteeringCommand):
                 self.steering.hear(command, self._step)
-                self.commanded_wheel_angle = _wheel_angle(self.steering.command)
+                if command is self.steering.command:
+                    self._aim(command)
             elif isinstance(command, GearCommand):
                 self._shift(command.gear, speed, brake_torque)
             elif isinstance(command, Malformed):
@@ -192,15 +192,15 @@ class DbwController:
         for module in self.modules:
             module.timeout = module.heard <= oldest
         if self.parameters.watchdog:
-            self._watch(speed)
+            self._watch(speed, oldest)
         fault = self.fault
         for module in self.modules:
-            command, refused = module.command, module.broken or module.timeout or module.override or fault
-            module.enabled = not refused and command is not None and command.enable
+            module.enabled = module.asked and not (module.broken or module.timeout or module.override or fault)
         if self._shift_ends is not None and self._step >= self._shift_ends:
             self.gear, self._shift_ends = self.gear_command, None
         self._step += 1
-        self.request = Request(self._brake(), self._throttle(), self._steer(wheel_angle))
+        throttle = max(self.commanded_throttle if self.throttle.enabled else 0.0, self._foot_throttle)
+        self.request = Request(self._brake(), throttle, self._steer(wheel_angle))
         return self.request
 
     def _take(self, driver: DriverInputs) -> None:
@@ -214,25 +214,27 @@ class DbwController:
         self.throttle.feel(driver.throttle_pedal, self._override_steps, self._activity_steps)
         self.steering.feel(abs(driver.steering_torque), self._override_steps, self._activity_steps)
 
-    def _watch(self, speed: float) -> None:
+    def _watch(self, speed: float, oldest: int) -> None:
+        """Latch the watchdog where an armed module has heard nothing usable since the step `oldest`."""
         if self.fault:
             self._watch_fault()
         elif not (self.brake.override or self.throttle.override or self.steering.override):
             for index, module in enumerate(self.modules):
-                if module.counting and (cause := self._cause(module, speed)) is not None:
-                    self._latch(index, cause)
-                    return
+                if module.counting and (module.timeout or not module.asked or module.counted <= oldest):
+                    cause = self._cause(module, speed)
+                    if cause is not None:
+                        self._latch(index, cause)
+                        return
 
     def _cause(self, module: Module, speed: float) -> int | None:
         """Why the watchdog trips on an armed module: an offset from its first code in `WatchdogSource`, or None."""
-        assert module.command is not None
         if module.timeout:
             return 2
-        if not module.command.enable:
+        if not module.asked:
             parked = self.gear is Gear.PARK and abs(speed) < REST_SPEED
             module.counting = not parked
             return None if parked else 1
-        return 0 if self._step - module.counted >= self._timeout_steps else None
+        return 0
 
     def _latch(self, index: int, cause: int) -> None:
         self.fault = self.watchdog_braking = True
@@ -248,9 +250,9 @@ class DbwController:
                 module.source = WatchdogSource.NONE
                 module.counting = False
 
-    def _torque(self, command: object) -> float:
+    def _torque(self, command: BrakeCommand) -> float:
         """Brake torque that a command asks for [N m]."""
-        if not isinstance(command, BrakeCommand) or command.kind is BrakeKind.NONE:
+        if command.kind is BrakeKind.NONE:
             return 0.0
         limit, value = self.parameters.brake_torque_limit, command.value
         if command.kind is BrakeKind.PEDAL:
@@ -258,6 +260,13 @@ class DbwController:
         elif command.kind is BrakeKind.PERCENT:
             value *= limit
         return min(value, limit)
+
+    def _aim(self, command: SteeringCommand) -> None:
+        """Take the angle and the rate of a steering command."""
+        limit, rate = self.parameters.wheel_angle_limit, self.parameters.wheel_rate_limit
+        self.commanded_wheel_angle = command.wheel_angle
+        self._wheel_target = min(max(command.wheel_angle, -limit), limit)
+        self._wheel_change = (min(command.wheel_rate, rate) if command.wheel_rate else rate) * self._duration
 
     def _brake(self) -> float:
         wanted = self.commanded_torque if self.brake.enabled else 0.0
@@ -267,20 +276,13 @@ class DbwController:
         change = max(wanted, self._foot_torque) - last
         return last + (-largest if change < -largest else largest if change > largest else change)
 
-    def _throttle(self) -> float:
-        wanted = self.commanded_throttle if self.throttle.enabled else 0.0
-        return max(wanted, self._foot_throttle)
-
     def _steer(self, wheel_angle: float) -> float:
         """Next angle towards the commanded one [rad], starting at the measured `wheel_angle`; NaN if not enabled."""
-        command = self.steering.command
-        if not self.steering.enabled or not isinstance(command, SteeringCommand):
+        if not self.steering.enabled:
             return math.nan
-        limit, rate = self.parameters.wheel_angle_limit, self.parameters.wheel_rate_limit
-        largest = (min(command.wheel_rate, rate) if command.wheel_rate else rate) * self._duration
-        last, wanted = self.request.wheel_angle, command.wheel_angle
+        last, largest = self.request.wheel_angle, self._wheel_change
         here = wheel_angle if last != last else last
-        change = (-limit if wanted < -limit else limit if wanted > limit else wanted) - here
+        change = self._wheel_target - here
         return here + (-largest if change < -largest else largest if change > largest else change)
 
     def _shift(self, gear: Gear, speed: float, brake_torque: float) -> None:
