@@ -1,6 +1,6 @@
 """What it takes to analyse a sweep of 100,000 runs: wall time and greatest memory of tables and of the report.
 
-python benchmarks/analysis.py [--runs N]
+python benchmarks/analysis.py [--runs N] [--smoke]
 The rows are made up (a car that brakes late for a parked one, with noise) and written by the code that a sweep writes
 with; nothing is driven. Two datasets: a grid of three parameters with five seeds a point, and points drawn once each,
 every one a group of its own. Each measurement is a process of its own, so that its memory is its own.
@@ -116,20 +116,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=100_000)
     parser.add_argument("--measure", nargs=2, metavar=("STEP", "DIR"), help=argparse.SUPPRESS)
+    parser.add_argument("--smoke", action="store_true", help="a few runs, only to see that it runs")
     arguments = parser.parse_args()
     if arguments.measure:
         measure(arguments.measure[0], Path(arguments.measure[1]))
         return
     memory = "/dev/shm" if Path("/dev/shm").is_dir() else None  # the writer waits for the disk at every run
-    for design in ("grid", "drawn"):
+    runs, designs = (20, ("drawn",)) if arguments.smoke else (arguments.runs, ("grid", "drawn"))
+    for design in designs:
         with tempfile.TemporaryDirectory(dir=memory) as scratch:
             folder = Path(scratch) / design
             began = time.perf_counter()
-            make(folder, design, arguments.runs)
+            make(folder, design, runs)
             size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) / 1e6
-            print(f"{design}: {arguments.runs} runs, {size:.0f} MB, written in {time.perf_counter() - began:.0f} s")
+            took = time.perf_counter() - began
+            print(f"{design}: {runs} runs, {size:.0f} MB, written in {took:.0f} s", flush=True)
             for step in STEPS:
-                subprocess.run([sys.executable, __file__, "--measure", step, str(folder)], check=False)
+                subprocess.run([sys.executable, __file__, "--measure", step, str(folder)], check=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Load of the emulated radars' CAN buses: the scans of recorded drives, encoded, and the bits counted on the wire.
 
-    python -m benchmarks.bus_load RECORD...
+    python -m benchmarks.bus_load [RECORD...] [--smoke]
 
 A data frame of n bytes with an 11-bit identifier has 44 + 8 n bits and the 3 of the space after it; of the first
 34 + 8 n a stuffed bit follows every fifth equal one, at most (33 + 8 n) / 4 of them (Bosch, CAN specification 2.0, part
@@ -9,13 +9,15 @@ B; the bound: Nolte, Hansson and Norström, 2002). Worst is that bound, measured
 
 from __future__ import annotations
 
-import sys
+import argparse
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pyarrow.compute as pc
 
+from tests.drive.street import drive_once
 from tests.vehicles import FUSION
 from vve_sumo.record.reader import read_table
 from vve_sumo.values import Actors, Detections, Frame, Point, Pose
@@ -106,6 +108,21 @@ def load(kind: str, drive: Sequence[Sample]) -> tuple[float, float]:
 
 def main() -> None:
     """Print the computed bounds, and the load of each recorded drive."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("records", nargs="*", type=Path, metavar="RECORD")
+    parser.add_argument("--smoke", action="store_true", help="with a short drive besides, only to see that it runs")
+    asked = parser.parse_args()
+    print_bounds()
+    for folder in asked.records:
+        print_load(folder)
+    if asked.smoke:
+        with tempfile.TemporaryDirectory() as scratch:
+            drive_once({"duration_s": 2.0, "obstacles": [{"id": "parked_car", "at_m": 60.0}]}, f"{scratch}/short")
+            print_load(Path(scratch) / "short")
+
+
+def print_bounds() -> None:
+    """Print between which shares of the bus each radar's frames lie."""
     cycle = [8] * (esr.TRACKS + 4) + [1]
     for name, sizes, rate in (
         ("ESR, 64 tracks and 5 more frames", cycle, 1.0 / esr.PERIOD),
@@ -117,11 +134,14 @@ def main() -> None:
     ):
         bounds = [rate * sum(map(of, sizes)) / BITRATE for of in (least, worst)]
         print(f"{name:<36} {len(sizes):4d} frames  {bounds[0]:6.1%} to {bounds[1]:6.1%}")
-    for folder in map(Path, sys.argv[1:]):
-        drive = list(samples(folder))
-        for kind in ("esr", "ars408"):
-            share, most = load(kind, drive)
-            print(f"{folder.name:<28} {kind:<8} {share:6.1%}  at most {most} at once")
+
+
+def print_load(folder: Path) -> None:
+    """Print the load of a recorded drive."""
+    drive = list(samples(folder))
+    for kind in ("esr", "ars408"):
+        share, most = load(kind, drive)
+        print(f"{folder.name:<28} {kind:<8} {share:6.1%}  at most {most} at once")
 
 
 def _ars408(objects: int) -> tuple[Frame, ...]:

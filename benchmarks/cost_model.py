@@ -1,6 +1,6 @@
 """What a million runs take: processor time, wall time, disk, and what a cluster adds to each run.
 
-python benchmarks/cost_model.py [--runs N] [--ticks N] [--cores N [N ...]] [--tasks N]
+python benchmarks/cost_model.py [--runs N] [--ticks N] [--cores N [N ...]] [--tasks N] [--smoke]
 **Measured**, on this machine: the processor time of drives of several lengths as the sweep's server drives them, to
 which a + b x ticks is fitted by least squares (to the least of each length: a busy neighbour only ever adds), and what
 the server itself takes; what the client takes to keep a row; the bytes of a row in a part of 1000, of its machine's
@@ -24,6 +24,7 @@ import sys
 import tempfile
 import time
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -97,13 +98,13 @@ def spent(who: int) -> float:
     return usage.ru_utime + usage.ru_stime
 
 
-def fitted(demand: list[str], runs: int) -> tuple[Model, float, list[Result]]:
+def fitted(demand: list[str], lengths: Sequence[float], runs: int) -> tuple[Model, float, list[Result]]:
     """Return the model of a kind of run, how far its worst length lies off it, and the results that it is from."""
     before = spent(resource.RUSAGE_CHILDREN)
-    came = driven([job(demand, seconds, seed) for seed in range(1, runs + 1) for seconds in LENGTHS])
+    came = driven([job(demand, seconds, seed) for seed in range(1, runs + 1) for seconds in lengths])
     total = spent(resource.RUSAGE_CHILDREN) - before
-    ticks = np.array([seconds / PERIOD for seconds in LENGTHS])
-    cost = np.array([min(r.cpu_s for one, r in came if one.table["duration_s"] == length) for length in LENGTHS])
+    ticks = np.array([seconds / PERIOD for seconds in lengths])
+    cost = np.array([min(r.cpu_s for one, r in came if one.table["duration_s"] == length) for length in lengths])
     b, a = np.polyfit(ticks, cost, 1)
     server = (total - sum(result.cpu_s for _one, result in came)) / len(came)
     return Model(a, b, server), float(np.max(np.abs(a + b * ticks - cost))), [result for _one, result in came]
@@ -112,43 +113,44 @@ def fitted(demand: list[str], runs: int) -> tuple[Model, float, list[Result]]:
 def changed(result: Result, seed: int) -> Result:
     """Return a result as another run's might be."""
     chance = random.Random(seed)
+    floats = {name for name, figure in FIGURES.items() if figure.kind == "float"}
     figures = {
-        name: (value or 1.0) * (1.0 + 0.01 * chance.gauss()) if FIGURES.get(name) == "float" else value  # type: ignore[operator]
+        name: (value or 1.0) * (1.0 + 0.01 * chance.gauss()) if name in floats else value  # type: ignore[operator]
         for name, value in result.figures.items()
     }
     machine = {name: getattr(result, name) * (1.0 + 0.01 * chance.gauss()) for name in ("wall_s", "cpu_s", "peak_mb")}
     return dataclasses.replace(result, figures=figures | {"record_sha256": chance.randbytes(32).hex()}, **machine)
 
 
-def kept(results: list[Result]) -> Sizes:
+def kept(results: list[Result], rows: int) -> Sizes:
     """Keep a part's rows and return what that took."""
     table = job([], 60.0, 1).table
     plan = Plan(
         spec={"scenario": SCENARIO.stem, "seeds": 1}, scenario=SCENARIO.stem, table=table, file=str(SCENARIO),
-        working=str(REPOSITORY), cells=ROWS, parameters=dict.fromkeys(PARAMETERS, "float"),
+        working=str(REPOSITORY), cells=rows, parameters=dict.fromkeys(PARAMETERS, "float"),
         criteria=list(table["criteria"]), files_sha256={}, versions=versions(),
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "sweep"
-        dataset = Dataset(folder, plan, resume=False)
+        dataset = Dataset(folder, plan, resume=False, rows_per_part=rows)
         begun = spent(resource.RUSAGE_SELF)
-        for number in range(ROWS):
+        for number in range(rows):
             chance = random.Random(number)
             cell = RunSpec(number, f"{number:016x}", {name: chance.random() for name in PARAMETERS}, 1)
             journal = folder / "journal.jsonl"
             length = journal.stat().st_size
             dataset.add(cell, changed(results[number % len(results)], number))
-        client = (spent(resource.RUSAGE_SELF) - begun) / ROWS
+        client = (spent(resource.RUSAGE_SELF) - begun) / rows
         row, machine = ((folder / place / "part-00000.parquet").stat().st_size for place in ("rows", "machine"))
         dataset.close()
-    return Sizes(row / ROWS, machine / ROWS, length / (ROWS - 1), client)
+    return Sizes(row / rows, machine / rows, length / (rows - 1), client)
 
 
-def record() -> int:
-    """Return the bytes of a full record of the longest drive."""
+def record(seconds: float) -> int:
+    """Return the bytes of a full record of a drive."""
     with tempfile.TemporaryDirectory() as scratch:
         keep = Path(scratch) / "record"
-        driven([job(TRAFFIC["about 50 vehicles"], LENGTHS[-1], 1, keep)])
+        driven([job(TRAFFIC["about 50 vehicles"], seconds, 1, keep)])
         return sum(file.stat().st_size for file in keep.rglob("*") if file.is_file())
 
 
@@ -200,27 +202,29 @@ def main() -> None:
     parser.add_argument("--ticks", type=int, default=3000, help="of a run, for the million (default: 3000: 60 s)")
     parser.add_argument("--cores", type=int, nargs="+", default=[2, 16, 128, 1024], help="for the million")
     parser.add_argument("--tasks", type=int, default=1000, help="of Dask that do nothing (default: 1000)")
+    parser.add_argument("--smoke", action="store_true", help="short drives and few tasks, only to see that it runs")
     arguments = parser.parse_args()
+    lengths, runs, rows, tasks = LENGTHS, arguments.runs, ROWS, arguments.tasks
+    if arguments.smoke:
+        lengths, runs, rows, tasks = (0.5, 1.0, 1.5), 1, 20, 2 * AHEAD
     print("measured: processor time of a run = a + b x ticks, and the server's own, its start shared by the runs")
     models, results = {}, list[Result]()
     for name, demand in TRAFFIC.items():
-        model, off, came = fitted(demand, arguments.runs)
+        model, off, came = fitted(demand, lengths, runs)
         models[name], results = model, results + came
         print(
             f"  {name:18} a {model.a:.3f} s  b {1e3 * model.b:.4f} ms  "
             f"(worst length {off:.3f} s off)  server {model.server:.3f} s"
         )
-    sizes, whole, tasks = kept(results), record(), dask_tasks(arguments.tasks)
+    sizes, whole, dask = kept(results, rows), record(lengths[-1]), dask_tasks(tasks)
     print(f"measured: bytes of a run: row {sizes.row:.0f}, machine {sizes.machine:.0f}, journal {sizes.journal:.0f}")
-    print(f"  until its part is whole; full record of 60 s among 50 vehicles {whole / 1e6:.2f} MB")
+    print(f"  until its part is whole; full record of {lengths[-1]:g} s among 50 vehicles {whole / 1e6:.2f} MB")
     print(f"measured: the client takes {1e3 * sizes.client:.2f} ms to keep a row")
     own = sizes.client
-    if tasks is not None:
-        own += tasks[0]
-        print(
-            f"measured: a task of Dask takes its client {1e3 * tasks[0]:.2f} ms, its scheduler {1e3 * tasks[1]:.2f} ms"
-        )
-    limit = max(own, tasks[1] if tasks else 0.0)
+    if dask is not None:
+        own += dask[0]
+        print(f"measured: a task of Dask takes its client {1e3 * dask[0]:.2f} ms, its scheduler {1e3 * dask[1]:.2f} ms")
+    limit = max(own, dask[1] if dask else 0.0)
     print(f"\nextrapolated: a million runs of {arguments.ticks} ticks, days of wall time on so many idle cores")
     print(f"  {'':18} {'core-hours':>10} " + " ".join(f"{cores:>8}" for cores in arguments.cores))
     for name, model in models.items():

@@ -1,7 +1,8 @@
 """Identifies the Ford Fusion's numbers from decoded recordings of its bus and prints each with its residual.
 
-Usage: python benchmarks/identify_fusion.py FOLDER, where FOLDER holds tidy_collision_assist_activated.csv and
-tidy_lkast_activated.csv (decoded from repository autti/veloz, branch 20170214). Prints; changes nothing.
+Usage: python -m benchmarks.identify_fusion [FOLDER] [--smoke], where FOLDER holds tidy_collision_assist_activated.csv
+and tidy_lkast_activated.csv (decoded from repository autti/veloz, branch 20170214); without one, those beside this
+checkout. Prints; changes nothing. It takes seconds, so `--smoke` leaves nothing out.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
+from tests.conftest import SHARED_DATA
 from vve_sumo.plant.actuators import Lagged
 from vve_sumo.plant.car import STEP, chassis
 from vve_sumo.plant.dynamics import Dynamics
@@ -150,8 +152,13 @@ def print_steering(log: pd.DataFrame) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="where the recordings lie")
+    recordings = SHARED_DATA / "drives" / "ford_fusion"
+    parser.add_argument("folder", type=Path, nargs="?", default=recordings, help="where the recordings lie")
+    parser.add_argument("--smoke", action="store_true", help="as without: it takes seconds")
     folder = parser.parse_args().folder
+    if not folder.is_dir():
+        print(f"skipped: no recordings in {folder}")
+        return
     braking = pd.read_csv(folder / "tidy_collision_assist_activated.csv")
     print_braking(braking)
     print_throttle(braking)

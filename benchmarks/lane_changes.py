@@ -4,11 +4,12 @@ A vehicle that changes lanes takes seconds; one that jumps would vanish from a r
 vehicle of Linden is compared with the snapshot before: the centre's step across the mean of the two headings. The ego
 stands beside the network. Three seeds of twenty minutes each.
 
-Usage: python benchmarks/lane_changes.py
+Usage: python benchmarks/lane_changes.py [--smoke]
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 from concurrent.futures import ProcessPoolExecutor
@@ -42,8 +43,8 @@ class Steps(NamedTuple):
     longest: float  #: [m]
 
 
-def looked_at(level: str, seed: int) -> Steps:
-    """Drive twenty minutes of a demand."""
+def looked_at(level: str, seed: int, seconds: float) -> Steps:
+    """Drive some time [s] of a demand."""
     x_min, y_min, *_ = read_network(NETWORK).boundary
     demand = REPOSITORY / "routes" / f"linden_{level}.rou.xml"
     number, jumps, longest = 0, 0, 0.0
@@ -52,7 +53,7 @@ def looked_at(level: str, seed: int) -> Steps:
         range_of_interest=WHOLE_NETWORK,
     ) as world:  # fmt: skip
         before: tuple[tuple[str, ...], Floats] = ((), np.empty((3, 0)))
-        for k in range(round(SECONDS / PERIOD)):
+        for k in range(round(seconds / PERIOD)):
             pose = Pose(k * PERIOD, Point.FRONT_BUMPER, x_min - 100.0, y_min - 100.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             world.place(pose)
             world.step()
@@ -77,15 +78,18 @@ def to_the_side(old_ids: tuple[str, ...], old: Floats, ids: tuple[str, ...], new
 
 def main() -> None:
     """Print a line for each demand."""
-    jobs = [(level, seed) for level in LEVELS for seed in SEEDS]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--smoke", action="store_true", help="some seconds of one seed, only to see that it runs")
+    seeds, seconds = ((1,), 2.0) if parser.parse_args().smoke else (SEEDS, SECONDS)
+    jobs = [(level, seed, seconds) for level in LEVELS for seed in seeds]
     # One run a process: a process holds one simulation, and begins it anew.
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), max_tasks_per_child=1) as pool:
         done = dict(zip(jobs, pool.map(looked_at, *zip(*jobs, strict=True)), strict=True))
     print("| demand | hours | steps of vehicles | longest step to the side [m] | jumps |\n|---|---|---|---|---|")
     for level in LEVELS:
-        mine = [done[level, seed] for seed in SEEDS]
+        mine = [done[level, seed, seconds] for seed in seeds]
         number, jumps, longest = sum(s.number for s in mine), sum(s.jumps for s in mine), max(s.longest for s in mine)
-        print(f"| {level} | {len(SEEDS) * SECONDS / 3600.0:.1f} | {number:,} | {longest:.3f} | {jumps} |")
+        print(f"| {level} | {len(seeds) * seconds / 3600.0:.1f} | {number:,} | {longest:.3f} | {jumps} |")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Drives every shipped scenario with a few seeds and writes docs/library.md and its pictures.
 
 `python -m benchmarks.library`: some ten minutes on two processors. `--pictures` draws, and writes the page with the
-figures that it has; nothing is driven.
+figures that it has; nothing is driven. `--smoke` does both for one short scenario, and changes nothing.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 import multiprocessing
 import re
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ PAGE, PICTURES = REPOSITORY / "docs" / "library.md", REPOSITORY / "docs" / "scen
 SEEDS = (1, 2)
 #: minutes each: their own seed will do
 LONG = {"leap_loop", "rush_hour"}
+SHORTEST = "leap_hard_stop"
 WORKERS = 2
 BEGIN, END = "<!-- written by benchmarks/library.py; do not edit -->", "<!-- end of what it wrote -->"
 COLUMNS = (
@@ -50,14 +51,14 @@ def drive(name: str, seed: int) -> dict[str, Any]:
         return drives.run(resolved, Path(scratch) / "record", REPOSITORY).summary
 
 
-def paint(name: str) -> None:
-    """Draw a scenario's picture."""
+def paint(name: str, folder: Path) -> None:
+    """Draw a scenario's picture into a folder."""
     from vve_sumo.drive.run import resolve_by_name
     from vve_sumo.drive.scenario_text import circumstances
     from vve_sumo.plotting.scenario import draw
 
     resolved = resolve_by_name(name, REPOSITORY)
-    draw(resolved, PICTURES / f"{name}.png", circumstances(resolved, REPOSITORY))
+    draw(resolved, folder / f"{name}.png", circumstances(resolved, REPOSITORY))
 
 
 def row(name: str, summaries: Sequence[dict[str, Any]]) -> str:
@@ -103,18 +104,16 @@ def seeds(name: str) -> tuple[int, ...]:
     return (load(REPOSITORY / "scenarios" / f"{name}.toml").seed,) if name in LONG else SEEDS
 
 
-def sections() -> str:
-    """Return what the page says of all scenarios."""
-    return "\n".join(
-        line for name in names() for line in section(name, load(REPOSITORY / "scenarios" / f"{name}.toml"))
-    )
+def sections(these: Sequence[str]) -> str:
+    """Return what the page says of these scenarios."""
+    return "\n".join(line for name in these for line in section(name, load(REPOSITORY / "scenarios" / f"{name}.toml")))
 
 
-def measured() -> str:
-    """Drive every scenario with every seed and return the table."""
+def measured(these: Sequence[str], seeds_of: Callable[[str], Sequence[int]]) -> str:
+    """Drive these scenarios with every seed and return the table."""
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(WORKERS, mp_context=spawn, max_tasks_per_child=1) as pool:
-        runs = {name: [pool.submit(drive, name, seed) for seed in seeds(name)] for name in names()}
+        runs = {name: [pool.submit(drive, name, seed) for seed in seeds_of(name)] for name in these}
         rows = []
         for name, drives in runs.items():
             summaries = [one.result() for one in drives]
@@ -123,20 +122,36 @@ def measured() -> str:
     return "\n".join([f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", *rows])
 
 
+def written(text: str, table: str, body: str) -> str:
+    """Return the page's text with this body, and with this table unless it is empty."""
+    found = re.search(rf"(.*){BEGIN}\n(.*?)\n\n## One by one\n.*{END}(.*)", text, re.DOTALL)
+    assert found is not None, f"{PAGE}: no place to write"
+    table = table or found.group(2).strip()
+    return f"{found.group(1)}{BEGIN}\n\n{table}\n\n## One by one\n\n{body}\n{END}{found.group(3)}"
+
+
+def smoke() -> None:
+    """Draw, drive and write of a single scenario; the page and the pictures stay as they are."""
+    with tempfile.TemporaryDirectory() as scratch:
+        paint(SHORTEST, Path(scratch))
+        table = measured([SHORTEST], lambda _name: SEEDS[:1])
+        print(written(PAGE.read_text(encoding="utf-8"), table, sections([SHORTEST])))
+
+
 def main() -> None:
     """Draw, drive, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pictures", action="store_true", help="draw and write, do not drive")
-    only_pictures = parser.parse_args().pictures
+    parser.add_argument("--smoke", action="store_true", help="of one scenario, only to see that it runs")
+    asked = parser.parse_args()
+    if asked.smoke:
+        smoke()
+        return
     PICTURES.mkdir(exist_ok=True)
     for name in names():
-        paint(name)
-    text = PAGE.read_text(encoding="utf-8")
-    found = re.search(rf"(.*){BEGIN}\n(.*?)\n\n## One by one\n.*{END}(.*)", text, re.DOTALL)
-    assert found is not None, f"{PAGE}: no place to write"
-    table = found.group(2).strip() if only_pictures else measured()
-    body = f"{found.group(1)}{BEGIN}\n\n{table}\n\n## One by one\n\n{sections()}\n{END}{found.group(3)}"
-    PAGE.write_text(body, encoding="utf-8")
+        paint(name, PICTURES)
+    table = "" if asked.pictures else measured(names(), seeds)
+    PAGE.write_text(written(PAGE.read_text(encoding="utf-8"), table, sections(names())), encoding="utf-8")
 
 
 if __name__ == "__main__":

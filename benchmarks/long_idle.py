@@ -1,8 +1,8 @@
 """Hours of standing, creeping and slow driving in one drive without a stop: does anything wrap, drift or grow?
 
-Usage: PYTHONPATH=. python benchmarks/long_idle.py [--hours H]. The whole pipeline with the simulated vehicle and no
-street, as in benchmarks/false_alarms.py. Prints the memory of the process and the true deviation each quarter of an
-hour, and the first reason to stop, which there should not be; changes nothing.
+Usage: PYTHONPATH=. python benchmarks/long_idle.py [--hours H] [--smoke]. The whole pipeline with the simulated vehicle
+and no street, as in benchmarks/false_alarms.py. Prints the memory of the process and the true deviation each quarter of
+an hour, and the first reason to stop, which there should not be; changes nothing.
 """
 
 from __future__ import annotations
@@ -52,7 +52,9 @@ def main() -> None:
     """Drive and tell."""
     parser = argparse.ArgumentParser(description="a drive of hours at walking pace")
     parser.add_argument("--hours", type=float, default=4.0)
-    hours = parser.parse_args().hours
+    parser.add_argument("--smoke", action="store_true", help="half a minute, only to see that it runs")
+    asked = parser.parse_args()
+    hours = 30.0 / 3600.0 if asked.smoke else asked.hours
     x = np.arange(0.0, ROAD * max(hours, 1.0), 1.0)
     path = Path.from_points(x, 2.0 * np.sin(x / 20.0) * np.minimum(x / 40.0, 1.0))
     loop = ClosedLoop(path, 3.0, controller=Dawdling(), pipeline=NoWayToRest, deviation_limit=4.0)

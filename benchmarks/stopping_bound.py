@@ -1,9 +1,10 @@
 """Counts false alarms of the stopping-bound check on nominal stops, and faults of brakes or road that it misses.
 
-`python -m benchmarks.stopping_bound FOLDER [--nominal N] [--planted N] [--processes N]`: 1,000 nominal drives and 20 of
-each fault take about an hour of one processor. What FOLDER has already is not driven again, so a run that was killed
-goes on. Every drive is drawn from its own number: scenario, speed, controller, tuning, seed, and for half of the
-nominal ones an error of mass, brake gain and grade that a sound car may have. Prints; changes nothing but FOLDER.
+`python -m benchmarks.stopping_bound FOLDER [--nominal N] [--planted N] [--processes N]`, or `--smoke` without a folder:
+1,000 nominal drives and 20 of each fault take about an hour of one processor. What FOLDER has already is not driven
+again, so a run that was killed goes on. Every drive is drawn from its own number: scenario, speed, controller, tuning,
+seed, and for half of the nominal ones an error of mass, brake gain and grade that a sound car may have. Prints; changes
+nothing but FOLDER.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ FAULTS: dict[str, tuple[dict[str, float], float, float]] = {
     "200 ms of dead time": ({}, 0.2, 0.0),
     "100 ms of lag": ({}, 0.0, 0.1),
 }
+#: drives of `--smoke`, which are short: what is planted, and the number
+SMOKE = (("nominal", 0), ("200 ms of dead time", 0))
 LAWS = ("preview", "pure_pursuit", "stanley", "lqr")
 
 
@@ -254,16 +257,28 @@ def told(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
 def main() -> None:
     """Drive what is missing and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--nominal", type=int, default=1000)
     parser.add_argument("--planted", type=int, default=20, help="drives of each fault")
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--smoke", action="store_true", help="two drives, only to see that it runs")
     asked = parser.parse_args()
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    file = asked.folder / "rows.jsonl"
+    if asked.smoke:
+        with tempfile.TemporaryDirectory() as scratch:
+            measure([case(*one) for one in SMOKE], Path(scratch), 2)
+        return
+    if asked.folder is None:
+        parser.error("expected a folder for the rows")
     counts = {fault: asked.nominal if fault == "nominal" else asked.planted for fault in FAULTS}
     cases = [case(fault, number) for fault, count in counts.items() for number in range(count)]
-    drive_all(cases, file, asked.processes)
+    measure(cases, asked.folder, asked.processes)
+
+
+def measure(cases: Sequence[Case], folder: Path, processes: int) -> None:
+    """Drive what a folder does not hold of these cases and print their table."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "rows.jsonl"
+    drive_all(cases, file, processes)
     wanted = {(one.fault, one.number) for one in cases}
     print("\n".join(told([row for row in rows_in(file) if (row["fault"], row["number"]) in wanted])))
 

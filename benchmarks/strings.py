@@ -6,11 +6,12 @@ Two measurements in bare SUMO, with the vehicle types that `vve-sumo network dem
   the Highway Capacity Manual (2010, chapter 18: base 1,900 passenger cars an hour and lane, a heavy vehicle as two);
 * string behaviour: the leader of eight followers dips by 5 m/s; how deep the last one's dip is against the leader's.
 
-Usage: python benchmarks/strings.py
+Usage: python benchmarks/strings.py [--smoke]
 """
 
 from __future__ import annotations
 
+import argparse
 import multiprocessing
 import os
 import random
@@ -71,7 +72,7 @@ def start(network: Path, routes: str, seed: int) -> None:
     libsumo.start(["sumo", *files, "--seed", str(seed), "--step-length", f"{STEP}", *options])
 
 
-def saturation(tau: float, seed: int, lanes: int = 1) -> float:
+def saturation(tau: float, seed: int, lanes: int = 1, cycles: int = CYCLES) -> float:
     """Return the mean saturation headway of a lane [s] with a driver's headway wish `tau` [s]."""
     import libsumo
 
@@ -94,7 +95,7 @@ def saturation(tau: float, seed: int, lanes: int = 1) -> float:
         (signal,) = libsumo.trafficlight.getIDList()
         links = libsumo.trafficlight.getControlledLinks(signal)
         found: list[float] = []
-        for _ in range(CYCLES):
+        for _ in range(cycles):
             for colour, duration in (("r", RED), ("G", GREEN)):
                 state = "".join(colour if link[0][0].startswith("ab") else "r" for link in links)
                 libsumo.trafficlight.setRedYellowGreenState(signal, state)
@@ -149,18 +150,23 @@ def amplification(driver: dict[str, str], seed: int) -> float:
 
 def main() -> None:
     """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--smoke", action="store_true", help="one value of each kind, only to see that it runs")
+    taus, seeds, cycles, strings = (0.9, 1.0, 1.1, 1.2, 1.3), (1, 2, 3, 4), CYCLES, list(STRINGS)
+    if parser.parse_args().smoke:
+        taus, seeds, cycles, strings = (1.1,), (1,), 1, strings[:1]
     heavy = sum(TYPES[name].share for name in HEAVY)
     goal = 3600.0 / SATURATION_FLOW * (1.0 + heavy * (HEAVY_AS - 1.0))
     print(f"saturation headway with {100 * heavy:.0f} % heavy vehicles: {goal:.2f} s by the Highway Capacity Manual")
     with multiprocessing.get_context("spawn").Pool(2, maxtasksperchild=1) as pool:
-        for tau in (0.9, 1.0, 1.1, 1.2, 1.3):
-            values = pool.starmap(saturation, [(tau, seed) for seed in (1, 2, 3, 4)], chunksize=1)
+        for tau in taus:
+            values = pool.starmap(saturation, [(tau, seed, 1, cycles) for seed in seeds], chunksize=1)
             print(f"  tau {tau:.1f} s: {statistics.fmean(values):.3f} s ({min(values):.3f} to {max(values):.3f})")
-        values = pool.starmap(saturation, [(1.1, seed, 2) for seed in (1, 2, 3, 4)], chunksize=1)
+        values = pool.starmap(saturation, [(1.1, seed, 2, cycles) for seed in seeds], chunksize=1)
         print(f"  tau 1.1 s, two lanes: {statistics.fmean(values):.3f} s ({min(values):.3f} to {max(values):.3f})")
         print(f"a dip of {DIP:g} m/s behind {FOLLOWERS} followers at {CRUISE:g} m/s, the last one's over the leader's")
-        for name, driver in STRINGS.items():
-            values = pool.starmap(amplification, [(driver, seed) for seed in (1, 2, 3)], chunksize=1)
+        for name in strings:
+            values = pool.starmap(amplification, [(STRINGS[name], seed) for seed in seeds[:3]], chunksize=1)
             print(f"  {name}: {statistics.fmean(values):.2f} ({min(values):.2f} to {max(values):.2f})")
 
 

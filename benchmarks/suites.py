@@ -2,13 +2,15 @@
 
 `python -m benchmarks.suites FOLDER [SUITE …]` drives into a folder of each suite under FOLDER; what was driven there
 already stays, so a run that was killed goes on. `--page` drives nothing and writes the page with the tables that FOLDER
-has. A suite without a table there keeps the one that the page has.
+has. A suite without a table there keeps the one that the page has. `--smoke` drives a single suite once, and changes
+nothing.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,6 +21,7 @@ from vve_sumo.suite.query import SuiteQuery
 
 PAGE = Path(__file__).parent.parent / "docs" / "suites.md"
 SEEDS = 10
+SHORTEST = "pass_through"
 BEGIN, END = "<!-- written by benchmarks/suites.py; do not edit -->", "<!-- end of what it wrote -->"
 HEADING = re.compile(r"^### `(\w+)`\n", re.MULTILINE)
 
@@ -26,22 +29,30 @@ HEADING = re.compile(r"^### `(\w+)`\n", re.MULTILINE)
 def main() -> None:
     """Drive, unless only the page is wanted; then write it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("suites", nargs="*", metavar="suite", help="left out: all")
     parser.add_argument("--page", action="store_true", help="write the page, drive nothing")
     parser.add_argument("--workers", type=int, help="drives at a time (default: as many as processors)")
+    parser.add_argument("--smoke", action="store_true", help="a short suite with one seed, only to see that it runs")
     asked = parser.parse_args()
-    if not asked.page:
-        drive(asked.folder, asked.suites or catalogue.names(), asked.workers)
     page = PAGE.read_text(encoding="utf-8")
+    if asked.smoke:
+        with tempfile.TemporaryDirectory() as scratch:
+            drive(Path(scratch), [SHORTEST], 1, asked.workers)
+            print(written(page, tables(Path(scratch))))
+        return
+    if asked.folder is None:
+        parser.error("expected a folder for the drives")
+    if not asked.page:
+        drive(asked.folder, asked.suites or catalogue.names(), SEEDS, asked.workers)
     PAGE.write_text(written(page, tables(asked.folder)), encoding="utf-8")
 
 
-def drive(folder: Path, names: Sequence[str], workers: int | None) -> None:
+def drive(folder: Path, names: Sequence[str], seeds: int, workers: int | None) -> None:
     """Drive suites, each into a folder of its own, or go on with what is there."""
     for name in names:
         out = folder / name
-        suite.drive(name, SuiteQuery(out=out, seeds=SEEDS, workers=workers, resume=(out / NAME).is_file()))
+        suite.drive(name, SuiteQuery(out=out, seeds=seeds, workers=workers, resume=(out / NAME).is_file()))
 
 
 def tables(folder: Path) -> dict[str, str]:

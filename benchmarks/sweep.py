@@ -1,6 +1,6 @@
 """What a run of a sweep costs: beside SUMO's bare steps, with two workers, and over thousands of runs.
 
-python benchmarks/sweep.py [--rounds N] [--jobs N] [--runs N]
+python benchmarks/sweep.py [--rounds N] [--jobs N] [--runs N] [--smoke]
 A drive of 60 s (3000 ticks) among 50 vehicles of Linden past a car parked far on, noise on, with the shipped
 controller. **Whole** is a run as the sweep's server drives it: fork of a process that has Python and SUMO imported,
 scenario, street, car and controller set up, drive, record hashed (nobody keeps it), figures, result. **Bare** is SUMO
@@ -34,7 +34,7 @@ from vve_sumo.sweep.engine import Local  # noqa: E402
 from vve_sumo.sweep.job import Job, Result  # noqa: E402
 from vve_sumo.sweep.worker import Worker  # noqa: E402
 
-TICKS, PERIOD = 3000, 0.02
+TICKS, SHORT_TICKS, PERIOD = 3000, 100, 0.02
 SCENARIO = REPOSITORY / "scenarios" / "parked_car.toml"
 DEMAND = REPOSITORY / "routes" / "linden_moderate.rou.xml"
 NETWORK = REPOSITORY / "networks" / "linden.net.xml"
@@ -56,17 +56,17 @@ class Cost(NamedTuple):
     wall: float  #: [s]
 
 
-def job(key: str, demand: Path, seconds: float = TICKS * PERIOD, seed: int = 1) -> Job:
+def job(key: str, demand: Path, ticks: int, seed: int = 1) -> Job:
     """Return the drive of this benchmark."""
     table: dict[str, Any] = tomllib.loads(SCENARIO.read_text(encoding="utf-8"))
-    table |= {"duration_s": seconds, "seed": seed}
+    table |= {"duration_s": ticks * PERIOD, "seed": seed}
     table["road"]["demand"] = [str(demand)]
     table["obstacles"][0]["at_m"] = 760.0
     table.pop("criteria", None)
     return Job(key, SCENARIO.stem, table, SCENARIO, REPOSITORY)
 
 
-def bare(demand: Path) -> Cost:
+def bare(demand: Path, ticks: int) -> Cost:
     """Let a child start SUMO, step it and close it."""
     import libsumo
 
@@ -77,7 +77,7 @@ def bare(demand: Path) -> Cost:
     begun, pid = time.monotonic(), os.fork()
     if pid == 0:
         libsumo.start(arguments)
-        for _ in range(TICKS):
+        for _ in range(ticks):
             libsumo.simulationStep()
         libsumo.close()
         os._exit(0)
@@ -100,24 +100,24 @@ def driven(engine: Local, jobs: list[Job]) -> list[Result]:
     return results
 
 
-def whole(worker: Worker, one: Job) -> Cost:
-    """Let a sweep's server drive a job."""
+def whole(worker: Worker, one: Job, ticks: int) -> Cost:
+    """Let a sweep's server drive a job of so many ticks."""
     worker.submit(one)
     while (result := worker.result()) is None:
         select.select([worker], [], [])
-    if result.fault or result.figures["ticks"] != TICKS:
+    if result.fault or result.figures["ticks"] != ticks:
         sys.exit(f"the drive did not last: {result}")
     return Cost(result.cpu_s, result.wall_s)
 
 
-def compare(name: str, demand: Path, rounds: int) -> None:
+def compare(name: str, demand: Path, rounds: int, ticks: int) -> None:
     """Alternate whole drives and bare steps; print medians and their ratio."""
-    worker, one, wholes, bares = Worker(), job("one", demand), [], []
+    worker, one, wholes, bares = Worker(), job("one", demand, ticks), [], []
     try:
-        whole(worker, one)  # a server reads network and path once, not at every run
+        whole(worker, one, ticks)  # a server reads network and path once, not at every run
         for _ in range(rounds):
-            wholes.append(whole(worker, one))
-            bares.append(bare(demand))
+            wholes.append(whole(worker, one, ticks))
+            bares.append(bare(demand, ticks))
     finally:
         worker.kill()
     print(f"\n{name}: medians of {rounds}")
@@ -133,17 +133,18 @@ def hourly(count: int, drive: Callable[[], object]) -> float:
     return 3600.0 * count / (time.monotonic() - begun)
 
 
-def workers(count: int) -> None:
+def workers(count: int, ticks: int, rounds: int) -> None:
     """Print runs an hour of one worker, two, and a fresh process for each run."""
-    jobs = [job(f"{seed}", DEMAND, seed=seed) for seed in range(1, count + 1)]
+    jobs = [job(f"{seed}", DEMAND, ticks, seed) for seed in range(1, count + 1)]
     few = jobs[: max(1, count // 8)]
     rates: dict[str, list[float]] = {"one worker": [], "two workers": [], "fresh process a run": []}
-    for _ in range(3):
+    for _ in range(rounds):
         rates["one worker"].append(hourly(count, lambda: driven(Local(1), jobs)))
         rates["two workers"].append(hourly(count, lambda: driven(Local(2), jobs)))
         rates["fresh process a run"].append(hourly(len(few), lambda: fresh(few)))
     medians = {name: statistics.median(found) for name, found in rates.items()}
-    print(f"\nruns an hour, {count} runs of 60 s each time, start of the server included: medians of 3")
+    each = f"{count} runs of {ticks * PERIOD:g} s each time"
+    print(f"\nruns an hour, {each}, start of the server included: medians of {rounds}")
     for name, rate in medians.items():
         print(f"  {name:20} {rate:7.0f}")
     print(f"  two workers over one: {medians['two workers'] / medians['one worker']:.2f}")
@@ -163,13 +164,14 @@ def fresh(jobs: list[Job]) -> None:
 
 def memory(runs: int) -> None:
     """Drive many short runs and print the greatest memory of the first 500 and of the last."""
-    jobs = [job(f"{seed}", DEMAND, seconds=2.0, seed=seed) for seed in range(1, runs + 1)]
+    jobs = [job(f"{seed}", DEMAND, SHORT_TICKS, seed) for seed in range(1, runs + 1)]
     begun = time.monotonic()
     results = driven(Local(2), jobs)
     assert len({result.key for result in results}) == runs
     part = min(500, runs // 2)
     first, last = (max(r.peak_mb for r in some) for some in (results[:part], results[-part:]))
-    print(f"\n{runs} runs of 2 s with two workers in {time.monotonic() - begun:.0f} s, every one there once")
+    took, each = time.monotonic() - begun, SHORT_TICKS * PERIOD
+    print(f"\n{runs} runs of {each:g} s with two workers in {took:.0f} s, every one there once")
     print(f"  greatest memory: first {part} {first:.1f} MB, last {part} {last:.1f} MB, {last / first - 1:+.1%}")
 
 
@@ -179,17 +181,23 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7, help="of whole drive and bare steps (default: 7)")
     parser.add_argument("--jobs", type=int, default=24, help="driven for runs an hour; 0 for none (default: 24)")
     parser.add_argument("--runs", type=int, help="short runs for the memory, instead of everything else")
+    parser.add_argument("--smoke", action="store_true", help="a few short runs, only to see that it runs")
     arguments = parser.parse_args()
+    rounds, jobs, ticks, repeated = arguments.rounds, arguments.jobs, TICKS, 3
+    if arguments.smoke:
+        rounds, jobs, ticks, repeated = 1, 2, SHORT_TICKS, 1
+        memory(2)
     if arguments.runs:
         memory(arguments.runs)
         return
     with tempfile.TemporaryDirectory() as scratch:
         every = Path(scratch) / "acting_at_every_tick.rou.xml"
         every.write_text(DEMAND.read_text(encoding="utf-8").replace(ACTING, ""), encoding="utf-8")
-        compare("shipped traffic: drivers act every 0.1 s", DEMAND, arguments.rounds)
-        compare("the same vehicles, drivers act at every tick", every, arguments.rounds)
-    if arguments.jobs:
-        workers(arguments.jobs)
+        if not arguments.smoke:
+            compare("shipped traffic: drivers act every 0.1 s", DEMAND, rounds, ticks)
+        compare("the same vehicles, drivers act at every tick", every, rounds, ticks)
+    if jobs:
+        workers(jobs, ticks, repeated)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What a tick costs, as ratios within one run: from fix to frames, and the whole lockstep tick against SUMO's own step.
 
-python benchmarks/tick.py [--ticks N]
+python benchmarks/tick.py [--ticks N] [--smoke]
 Fifty boxes stand in the radar's range; the network holds 50 or 500 vehicles besides. Blocks of the four settings
 alternate, so that a noisy machine disturbs all of them alike. Medians and means in milliseconds of this machine.
 """
@@ -165,13 +165,17 @@ def main() -> None:
     """Alternate blocks of the settings and print medians, means and ratios."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ticks", type=int, default=1500, help="counted for each setting (default: 1500)")
+    parser.add_argument("--smoke", action="store_true", help="a few ticks, only to see that it runs")
     arguments = parser.parse_args()
+    size, uncounted, counted, few, many = BLOCK, WARM_UP // BLOCK + 1, arguments.ticks // BLOCK, 50, 500
+    if arguments.smoke:
+        size, uncounted, counted, few, many = 10, 1, 1, 5, 10
     context = multiprocessing.get_context("spawn")
     cases = {
-        "50 vehicles": (serve, 50, True),
-        "500 vehicles": (serve, 500, True),
-        "50 vehicles, nothing parked": (serve, 50, False),
-        STEPS: (serve_steps, 50, False),
+        f"{few} vehicles": (serve, few, True),
+        f"{many} vehicles": (serve, many, True),
+        f"{few} vehicles, nothing parked": (serve, few, False),
+        STEPS: (serve_steps, few, False),
     }
     pipes = {}
     for name, (server, *case) in cases.items():
@@ -180,11 +184,11 @@ def main() -> None:
         pipes[name] = here
     found: dict[str, list[Any]] = {name: [] for name in cases}
     counts: dict[str, tuple[int, int]] = {}
-    for block in range(WARM_UP // BLOCK + 1 + arguments.ticks // BLOCK):
+    for block in range(uncounted + counted):
         for name, pipe in pipes.items():
-            pipe.send(BLOCK)
+            pipe.send(size)
             rows, vehicles, boxes = pipe.recv()
-            if block > WARM_UP // BLOCK:
+            if block >= uncounted:
                 found[name] += rows
                 counts[name] = (vehicles, boxes)
     for pipe in pipes.values():
@@ -209,10 +213,9 @@ def report(found: dict[str, list[Any]], counts: dict[str, tuple[int, int]]) -> N
         print(f"  inside simulationStep            mean   {inside:6.3f} ms, ratio {whole / inside:.2f}")
         if counts[name][0] < 150:
             print(f"  against step-only blocks         mean   {bare:6.3f} ms, ratio {whole / bare:.2f}")
-    few, many = medians["50 vehicles"], medians["500 vehicles"]
-    print(
-        f"500 against 50 vehicles, same boxes: {many[0] / few[0]:.2f} on ticks that scan, {many[1] / few[1]:.2f} else"
-    )
+    (few_name, few), (many_name, many), *_ = medians.items()
+    ratios = f"{many[0] / few[0]:.2f} on ticks that scan, {many[1] / few[1]:.2f} else"
+    print(f"{many_name} against {few_name}, same boxes: {ratios}")
 
 
 if __name__ == "__main__":

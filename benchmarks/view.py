@@ -3,7 +3,7 @@
 python -m benchmarks.view [RECORD] [--seconds S] [--rounds N] [--smoke]
 RECORD is a long drive's; without one, opening and seeking are not measured. The live drives are the slow ones of
 benchmarks/latency.py: without a page, with a page in a browser, and with twenty hostile clients beside it, in turns.
-All in headless Chromium with software rendering at 1280x720. `--smoke` is quick and its figures say nothing.
+All in headless Chromium with software rendering at 1280x720. `--smoke` is quick, and its figures say nothing.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +34,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from benchmarks.latency import REPOSITORY, rig, scenario
+from tests.drive.street import drive_once
 from vve_sumo.drive.latency_monitor import quantile
 from vve_sumo.record.reader import read_table
 from vve_sumo.view.frames import pack
@@ -42,6 +43,7 @@ from vve_sumo.world.network import lanes_near, read_network
 
 SIZE = {"width": 1280, "height": 720}
 ROWS, VEHICLES, HOSTILE = 100_000, 500, 20
+LIVE = ("no page", "page", "hostile")  #: kinds of live drives
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 #: draws a scene with all lanes and vehicles for some seconds; returns frames a second
@@ -204,7 +206,7 @@ def hostile(address: str, over: Any) -> None:
 
 
 def live(browser: Browser, folder: Path, case: str, seconds: float, number: int) -> Live:
-    """Drive once; `case` is "no page", "page" or "hostile"."""
+    """Drive once; `case` is one of LIVE."""
     record = folder / f"record_{case.replace(' ', '_')}_{number}"
     command = [sys.executable, "-m", "vve_sumo.cli", "drive", str(scenario(folder, 0, seconds))]
     command += ["--rig", str(rig(folder, {})), "--out", str(record), *(["--view"] if case != "no page" else [])]
@@ -245,9 +247,8 @@ def _totals(table: pa.Table) -> list[float]:
     return sorted(totals[np.isfinite(totals)].tolist())
 
 
-def drives(browser: Browser, seconds: float, rounds: int) -> None:
+def drives(browser: Browser, cases: Sequence[str], seconds: float, rounds: int) -> None:
     """Print tick latency without and with pages, and how fresh frames are when they are drawn."""
-    cases = ("no page", "page", "hostile")
     found: dict[str, list[Live]] = {case: [] for case in cases}
     with tempfile.TemporaryDirectory() as scratch:
         for number in range(rounds):
@@ -270,19 +271,31 @@ def main() -> None:
     parser.add_argument("record", nargs="?", type=Path, help="of a long drive, to open and seek in")
     parser.add_argument("--seconds", type=float, default=30.0, help="of each live drive (default: 30)")
     parser.add_argument("--rounds", type=int, default=2, help="of live drives (default: 2)")
-    parser.add_argument("--smoke", action="store_true", help="small and short; without live drives")
+    parser.add_argument("--smoke", action="store_true", help="small and short, only to see that it runs")
     arguments = parser.parse_args()
     with sync_playwright() as play:
         browser = play.chromium.launch(
             executable_path=next(filter(None, map(shutil.which, BROWSERS))), args=["--no-sandbox", "--disable-gpu"]
         )
-        if arguments.record is not None:
-            replay(browser, arguments.record)
-        drawing(browser, 0.3 if arguments.smoke else 5.0)
-        sweep(browser, 1000 if arguments.smoke else ROWS)
-        if not arguments.smoke:
-            drives(browser, arguments.seconds, arguments.rounds)
+        if arguments.smoke:
+            smoke(browser)
+        else:
+            if arguments.record is not None:
+                replay(browser, arguments.record)
+            drawing(browser, 5.0)
+            sweep(browser, ROWS)
+            drives(browser, LIVE, arguments.seconds, arguments.rounds)
         browser.close()
+
+
+def smoke(browser: Browser) -> None:
+    """Measure everything on a small scale."""
+    with tempfile.TemporaryDirectory() as scratch:
+        drive_once({"duration_s": 1.0}, f"{scratch}/short")
+        replay(browser, Path(scratch) / "short")
+    drawing(browser, 0.3)
+    sweep(browser, 1000)
+    drives(browser, LIVE[-1:], 2.0, 1)
 
 
 if __name__ == "__main__":

@@ -3,11 +3,12 @@
 Closed forms stand in for drives: the gap that a cut-in leaves (4 parameters), the same with noise, and the impact on a
 pedestrian who steps out (3 parameters, most of them without any impact). Costs; lower is worse for the car.
 
-Usage: python -m benchmarks.worst_case
+Usage: python -m benchmarks.worst_case [--smoke]
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import statistics
 import zlib
@@ -86,10 +87,13 @@ def sobol(cost: Cost, dimensions: int, seed: int) -> Iterator[float]:
 
 def main() -> None:
     """Print the median over seeds of the lowest cost after so many tries."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--smoke", action="store_true", help="a single seed, only to see that it runs")
+    seeds = SEEDS[:1] if parser.parse_args().smoke else SEEDS
     print(f"{'':34}" + "".join(f"{tries:>10}" for tries in TRIES) + "   tries")
     for cost, dimensions in ((cut_in, 4), (noisy_cut_in, 4), (steps_out, 3)):
         for method in (ours, evolution, sobol):
-            runs = [list(islice(method(cost, dimensions, seed), TRIES[-1])) for seed in SEEDS]
+            runs = [list(islice(method(cost, dimensions, seed), TRIES[-1])) for seed in seeds]
             lowest = [statistics.median(min(run[:tries]) for run in runs) for tries in TRIES]
             print(f"{cost.__name__:16}{method.__name__:18}" + "".join(f"{one:10.2f}" for one in lowest), flush=True)
 

@@ -1,0 +1,65 @@
+"""Every benchmark runs: on a tiny amount of work, from end to end, and prints its table."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from tests.browser import BROWSERS
+from tests.conftest import REPOSITORY
+from vve_sumo.export.formats import FORMATS
+
+NAMES = sorted(file.stem for file in (REPOSITORY / "benchmarks").glob("*.py"))
+
+#: of each, the lines of its table, and how many there are; a drive's own figures are there where they are known
+TABLES: dict[str, tuple[str, int]] = {
+    "analysis": (r"(rows, (all|two) columns|batches|grouped|grouped by one|sql|report) +[\d.]+ s +\d+ MB", 7),
+    "bus_load": (r"short +(esr|ars408) +[\d.]+%  at most [1-9]\d* at once", 2),
+    "busy": (r"beside nothing, without rights: \d of 1 .*; datagram to frame median [\d.]+ ms, .*", 1),
+    "cost_model": (r"  (no traffic|light traffic|about 50 vehicles) +-?\d+( +-?[\d.]+){4}", 3),
+    "exports": (r"\| `short` \| [\w-]+ \| [\d.]+ \| [\d.]+ \| \d+ \|", len(FORMATS)),
+    "false_alarms": (r"stops: 0, 0\.00 an hour", 1),
+    "false_alarms_recorded": (r".* m/s: nothing", 6),
+    "identify_fusion": (r" +mass 1[67]\d\d kg .*", 1),
+    "lane_changes": (r"\| (light|moderate|heavy) \| 0\.0 \| [1-9][\d,]* \| 0\.\d+ \| 0 \|", 3),
+    "latency": (r".* fix to (ncom|radar): median [\d.]+ ms, p99 [\d.]+ ms, [1-9]\d+ datagrams", 2),
+    "library": (r"\| \[`leap_hard_stop`\]\(#leap_hard_stop\) \| 1 of 1 \| fault \| .*", 2),
+    "long_idle": (r"0\.01 h: .* 0\.\d+ m off at most; engaged ", 1),
+    "lot": (r"(check|check, near an edge|way to rest) +\d+ +\d+ +\d+", 3),
+    "parked_car": (r"  45 +1/1 +0 +0 +[45]\.\d\d to .*", 1),
+    "stopping_bound": (r"(nominal +1 +1 +0|200 ms of dead time +1 +1 +1) .*", 2),
+    "strings": (r"  .*: \d\.\d+( s)? \(\d\.\d+ to \d\.\d+\)", 3),
+    "suites": (r"3 rows: 2 passed, 1 not applicable; 2 of 2 drives passed\.?", 2),
+    "sweep": (r"  (one worker|two workers|fresh process a run) +[1-9]\d*|  (cpu|wall) +whole .*  ratio +[\d.]+", 5),
+    "tick": (r"  whole tick +mean +[\d.]+ ms|10 vehicles against 5 vehicles, same boxes: [\d.]+ on .* else", 4),
+    "view": (r"500 vehicles, \d{4} lanes, .*: [1-9]\d* frames/s|sorted by .*: \d+ ms|hostile: .*; drawn \d+ ms .*", 7),
+    "world": (r"(driver|chase|above) +[\d.]+ pictures/s: .* [1-9]\d* triangles, .*", 3),
+    "worst_case": (r"(cut_in|noisy_cut_in|steps_out) +(ours|evolution|sobol)( +-\d+\.\d\d){3}", 9),
+}
+BROWSER = pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no browser is installed")
+MARKS = {
+    "busy": [pytest.mark.live],
+    "latency": [pytest.mark.live],
+    "view": [pytest.mark.live, pytest.mark.alone, BROWSER],
+    "world": [BROWSER],
+}
+
+
+def test_every_benchmark_has_a_table_here() -> None:
+    assert sorted(TABLES) == NAMES
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, ())) for name in NAMES])
+def test_it_runs_and_prints_its_table(name: str) -> None:
+    command = [sys.executable, "-m", f"benchmarks.{name}", "--smoke"]
+    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    if done.stdout.startswith("skipped: no recordings"):
+        pytest.skip(done.stdout.strip())
+    line, count = TABLES[name]
+    found = re.findall(rf"^(?:{line})$", done.stdout, re.MULTILINE)
+    assert len(found) == count, done.stdout
