@@ -104,3 +104,26 @@ def test_a_car_that_faces_the_wrong_way_beside_the_start_is_not_ready_and_told_i
     assert posed
     assert all("start_position+start_heading" in row["shell_faults"] for row in posed), "from the first setpoint on"
     assert {row["state"] for row in read_table(tmp_path / "record", "gateway").to_pylist()} == {"disarmed"}
+
+
+@pytest.mark.live
+def test_a_simulated_vehicle_waits_for_a_calm_second_and_the_engineer_is_told(tmp_path: Path) -> None:
+    def stall() -> None:
+        at.kill("drive", signal.SIGSTOP)
+        time.sleep(0.03)
+        at.kill("drive", signal.SIGCONT)
+        until = time.monotonic() + 0.2
+        at.until(lambda: time.monotonic() > until)
+
+    with desk(*arguments(tmp_path), record=tmp_path / "record") as at:
+        at.until(lambda: "m to go" in at.text and (tmp_path / "record" / "processes.json").exists())
+        while "waiting for a calm second: worst wake-up " not in at.text:
+            stall()
+        assert "ms in the last second; close other programs" in at.text
+        for _ in range(15):
+            stall()
+            assert "READY: E ENGAGES" not in at.text.replace("NOT READY", "")
+        engage(at)
+        at.press("x")
+        at.ends()
+    assert not json.loads((tmp_path / "record" / "summary.json").read_text())["no_calm_second"]

@@ -17,35 +17,30 @@ PATIENCE: Final = 30.0  #: time without a calm second after which nobody waits f
 
 
 class CalmSecond:
-    """How late the wake-ups of the last second were."""
+    """The wait for a second without a late wake-up; once over, it is over for good."""
 
     def __init__(self) -> None:
         self._wake_ups: deque[tuple[float, float]] = deque()  # of the last second: when, and how late [s]
         self._begun = math.nan  # when the first was observed [s]
-        self._last_calm = math.nan  # when the last second was last calm; before that, as `_begun` [s]
         self._told = ""  # the last news
-        self.given_up = False  #: nobody waits any more: PATIENCE has passed without a calm second
+        self.waits = True  #: whether to wait still
+        self.given_up = False  #: the wait is over because PATIENCE has passed
 
     def observe(self, now: float, late: float) -> None:
         """Take a wake-up at time `now` [s], which does not run backwards, that was `late` [s]."""
         if not self._begun <= now:
-            self._begun = self._last_calm = now
+            self._begun = now
         self._wake_ups.append((now, late))
         while self._wake_ups[0][0] <= now - SECOND:
             self._wake_ups.popleft()
-        if self._is_calm(now):
-            self._last_calm = now
-        self.given_up |= now - self._last_calm >= PATIENCE
+        calm = now - self._begun >= SECOND and self.worst <= LATE
+        self.given_up |= self.waits and not calm and now - self._begun >= PATIENCE
+        self.waits &= not calm and not self.given_up
 
     @property
     def worst(self) -> float:
         """How late the worst wake-up of the last second was [s]; 0 before the first."""
         return max((late for _, late in self._wake_ups), default=0.0)
-
-    @property
-    def waits(self) -> bool:
-        """Whether to wait for a calm second still."""
-        return not self.given_up and not (self._wake_ups and self._is_calm(self._wake_ups[-1][0]))
 
     @property
     def words(self) -> str:
@@ -63,6 +58,3 @@ class CalmSecond:
             return ""
         self._told = news
         return news
-
-    def _is_calm(self, now: float) -> bool:
-        return now - self._begun >= SECOND and self.worst <= LATE

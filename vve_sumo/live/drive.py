@@ -94,6 +94,7 @@ class LiveDrive:
         self._has_engaged = False
         # Never for a real car, whose operator is answered at once.
         self._calm = CalmSecond() if rig.car == "simulated" else None
+        self._gateway_late = 0.0  # of its steps since the last tick, the worst [s]
         self._went_at: float | None = None
         self._outcome: Outcome | None = None
         self._stop_reasons: tuple[str, ...] = ()  # the gateway's, which it no longer reports once it has let go
@@ -174,7 +175,8 @@ class LiveDrive:
             feedback = link.decode_feedback(data)
             if isinstance(feedback, link.Feedback):
                 if self._feedback is not None:
-                    self._observe_wake_up(feedback.time, feedback.time - self._feedback.time - PERIOD)
+                    step = feedback.time - self._feedback.time
+                    self._gateway_late = max(self._gateway_late, step - PERIOD)
                 self._feedback, self._feedback_at = feedback, self._clock()
                 self._has_engaged |= feedback.verdict.state in COMMANDING
                 self._let_sensors_speak(feedback.verdict)
@@ -237,10 +239,11 @@ class LiveDrive:
         return waits if pose is None else waits + start_pose.start_pose_of(pose, self._resolved.path).faults()
 
     def _observe_wake_up(self, now: float, late: float) -> None:
-        """Take a wake-up of this process or of the gateway before the car is engaged, with how late it was [s]."""
+        """Take the wake-up of this tick, which was `late` [s], and those of the gateway since the last one."""
+        gateway_late, self._gateway_late = self._gateway_late, 0.0
         if self._calm is None or self._has_engaged:
             return
-        self._calm.observe(now, late)
+        self._calm.observe(now, max(late, gateway_late))
         if news := self._calm.news():
             self._console.send(json.dumps({"said": news}).encode())
 
