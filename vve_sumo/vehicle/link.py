@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any, Final, NamedTuple, TypeVar
 
 from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint, computed
@@ -24,13 +25,15 @@ _MAGIC: Final = b"VV"
 _HEAD: Final = struct.Struct("<2sBB")
 _CRC: Final = struct.Struct("<I")
 _SETPOINT: Final = struct.Struct("<ddqdddddddd")
-_NUMBERS: Final = ("time", "expires", "x", "y", "heading", "speed", "yaw_rate", "grade")
+_numbers: Final = attrgetter("time", "expires", "x", "y", "heading", "speed", "yaw_rate", "grade")
 _PROFILE: Final = struct.Struct("<dB")
 _FEEDBACK: Final = struct.Struct("<dqdddq")
 _VERDICT: Final = struct.Struct("<dddd")
 _KIND_SETPOINT, _KIND_ACT, _KIND_FEEDBACK = 1, 2, 3
 # One knot more than a fallback path may have is sent, so that the gateway rejects a path that was too long.
 _KNOTS_SENT: Final = MAX_KNOTS + 1
+#: of a fallback path's knots, by their number
+_KNOTS: Final = tuple(struct.Struct(f"<{number}d") for number in range(_KNOTS_SENT + 1))
 _MAX_INTEGER: Final = (1 << 63) - 1
 
 _Message = TypeVar("_Message")
@@ -59,7 +62,7 @@ def encode_setpoint(setpoint: Setpoint) -> bytes:
     """Return the datagram of a setpoint; the note and the faults are cut at 255 bytes each and 64 faults."""
     s, profile = setpoint, computed(setpoint.profile)
     body = [
-        _SETPOINT.pack(s.steering, s.acceleration, _whole(s.sequence), *(getattr(s, name) for name in _NUMBERS)),
+        _SETPOINT.pack(s.steering, s.acceleration, _whole(s.sequence), *_numbers(s)),
         b"\1" if s.emergency else b"\0",
         _text(s.note),
         _texts(s.faults),
@@ -74,14 +77,21 @@ def decode_setpoint(data: bytes) -> Setpoint | Malformed:
 
 
 def _setpoint(reader: _Reader) -> Setpoint:
-    steering, acceleration, sequence, *numbers = reader.take(_SETPOINT)
+    steering, acceleration, sequence, time, expires, x, y, heading, speed, yaw_rate, grade = reader.take(_SETPOINT)
     return Setpoint(
         steering=steering,
         acceleration=acceleration,
         emergency=reader.flag(),
         note=reader.text(),
         sequence=sequence,
-        **dict(zip(_NUMBERS, numbers, strict=True)),
+        time=time,
+        expires=expires,
+        x=x,
+        y=y,
+        heading=heading,
+        speed=speed,
+        yaw_rate=yaw_rate,
+        grade=grade,
         faults=reader.texts(),
         profile=reader.profile() if reader.flag() else None,
     )
@@ -173,7 +183,7 @@ def _texts(texts: tuple[str, ...]) -> bytes:
 
 def _profile(profile: FallbackPath) -> bytes:
     knots = profile.curvature[:_KNOTS_SENT]
-    return _PROFILE.pack(profile.spacing, len(knots)) + struct.pack(f"<{len(knots)}d", *knots)
+    return _PROFILE.pack(profile.spacing, len(knots)) + _KNOTS[len(knots)].pack(*knots)
 
 
 class _Reader:
@@ -216,7 +226,7 @@ class _Reader:
         spacing, number = self.take(_PROFILE)
         if number > _KNOTS_SENT:
             raise ValueError("too many knots")
-        return FallbackPath(spacing, self.take(struct.Struct(f"<{number}d")))
+        return FallbackPath(spacing, self.take(_KNOTS[number]))
 
     def finished(self, message: _Message) -> _Message:
         """Return `message`; raises ValueError if bytes are left over."""
