@@ -15,6 +15,7 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vve_sumo import workspace
 from vve_sumo.config_file import read_json
@@ -49,6 +50,8 @@ MAX_DISTANCE_FROM_LANES = 50.0
 LANE_POINT_SPACING = 10.0
 #: lanes that come within this distance of the path are kept for the record [m]; it reaches what the sensors see
 MAX_DISTANCE_FROM_PATH = 150.0
+#: points of a line that are looked at together when others are looked for near it
+NEAR_BLOCK = 64
 #: comment in a path's file that names the edges it runs along
 EDGES_COMMENT = "# edges:"
 
@@ -249,12 +252,13 @@ def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> LaidPath
         _inside(where, x, y, network)
     points = np.array(placed).reshape(-1, 2)
     lanes = _lanes_around(points, network)
-    _on_the_roads(places, points, lanes, network)
+    lines = [_dense(lane.shape) for lane in lanes]
+    _on_the_roads(places, points, lines, network)
     try:
         path = Path.from_points([x for x, _y in placed], [y for _x, y in placed])
     except ConfigError as error:
         raise ConfigError(f"{table.name}: {error}") from None
-    return LaidPath(path, edges, _lanes_along(path, lanes))
+    return LaidPath(path, edges, _lanes_along(path, lanes, lines))
 
 
 def _lanes_around(points: Floats, network: Network) -> list[Lane]:
@@ -265,35 +269,41 @@ def _lanes_around(points: Floats, network: Network) -> list[Lane]:
     return lanes_near(network.path, (low[0], low[1], high[0], high[1]))
 
 
-def _lanes_along(path: Path, lanes: list[Lane]) -> tuple[Lane, ...]:
-    """Return those of the lanes that come within MAX_DISTANCE_FROM_PATH of the path."""
+def _lanes_along(path: Path, lanes: list[Lane], lines: list[Floats]) -> tuple[Lane, ...]:
+    """Return those of the lanes, drawn as `lines`, that come within MAX_DISTANCE_FROM_PATH of the path."""
     if not lanes:
         return ()
-    from scipy.spatial import KDTree  # a fifth of a second, for those who drive only
-
-    tree = KDTree(_dense(np.array(path.points)))
-    lines = [_dense(lane.shape) for lane in lanes]
-    distance, _nearest = tree.query(np.vstack(lines))
+    close = are_near(np.vstack(lines), _dense(np.array(path.points)), MAX_DISTANCE_FROM_PATH)
     first = np.cumsum([0, *map(len, lines[:-1])])
-    near = np.minimum.reduceat(distance, first) <= MAX_DISTANCE_FROM_PATH
-    return tuple(lane for lane, kept in zip(lanes, near.tolist(), strict=True) if kept)
+    kept = np.logical_or.reduceat(close, first)
+    return tuple(lane for lane, near in zip(lanes, kept.tolist(), strict=True) if near)
 
 
-def _on_the_roads(places: list[str], points: Floats, lanes: list[Lane], network: Network) -> None:
+def _on_the_roads(places: list[str], points: Floats, lines: list[Floats], network: Network) -> None:
     """Raise ConfigError at the first point that is far from every lane: a wrong network or wrong coordinates."""
-    if len(points) == 0:
-        return
-    from scipy.spatial import KDTree  # a fifth of a second, for those who drive only
-
-    spots = np.vstack([_dense(lane.shape) for lane in lanes]) if lanes else np.zeros((0, 2))
-    distance = KDTree(spots).query(points)[0] if len(spots) else np.full(len(points), np.inf)
-    far = np.flatnonzero(distance > MAX_DISTANCE_FROM_LANES)
+    spots = np.vstack(lines) if lines else np.zeros((0, 2))
+    far = np.flatnonzero(~are_near(points, spots, MAX_DISTANCE_FROM_LANES))
     if len(far):
         at = int(far[0])
         raise ConfigError(
             f"{places[at]}: ({points[at, 0]:.1f}, {points[at, 1]:.1f}) m is more than "
             f"{MAX_DISTANCE_FROM_LANES:.0f} m from every lane of {network.path.name}"
         )
+
+
+def are_near(points: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
+    """Return for each point (n, 2) whether one of the others (m, 2) is at most so far away.
+
+    The others are best in the order of a line. A tree of scipy's would be no faster than its import is slow.
+    """
+    near = np.zeros(len(points), dtype=np.bool_)
+    for first in range(0, len(others), NEAR_BLOCK):
+        some = others[first : first + NEAR_BLOCK]
+        inside = (points >= some.min(axis=0) - distance) & (points <= some.max(axis=0) + distance)
+        left = np.flatnonzero(inside.all(axis=1) & ~near)
+        apart = points[left, None] - some
+        near[left] = (np.sqrt((apart * apart).sum(axis=2)) <= distance).any(axis=1)
+    return near
 
 
 def _dense(line: Floats) -> Floats:
