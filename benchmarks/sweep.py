@@ -6,7 +6,9 @@ controller. **Whole** is a run as the sweep's server drives it: fork of a proces
 scenario, street, car and controller set up, drive, record hashed (nobody keeps it), figures, result. **Bare** is SUMO
 alone in a fork of a process that has it imported: the same network, demand, options and step length, loaded, stepped
 3000 times and closed; no ego, no reading. Both alternate, each in a process of its own; medians of processor and wall
-time. The traffic is the shipped one, whose drivers act every 0.1 s, and the same one acting at every tick.
+time. The traffic is the shipped one, whose drivers act every 0.1 s, and the same one acting at every tick. All wholes
+have one seed: their server has loaded the road, so that a whole does not load it, as a bare does.
+Runs an hour are those of a few seeds, as in most sweeps, and of a seed for each run, whose road is loaded each time.
 With --runs, that many short runs instead, and whether the memory of the last 500 is that of the first.
 """
 
@@ -37,6 +39,7 @@ from vve_sumo.sweep.worker import Worker  # noqa: E402
 TICKS, SHORT_TICKS, PERIOD = 3000, 100, 0.02
 SCENARIO = REPOSITORY / "scenarios" / "parked_car.toml"
 DEMAND = REPOSITORY / "routes" / "linden_moderate.rou.xml"
+SEEDS = 3  #: of a sweep of which runs an hour are counted, one after the other, as a sweep orders its runs
 NETWORK = REPOSITORY / "networks" / "linden.net.xml"
 ACTING = ' actionStepLength="0.1"'  #: of the shipped traffic's vehicle types
 FRESH = """
@@ -135,18 +138,23 @@ def hourly(count: int, drive: Callable[[], object]) -> float:
 
 def workers(count: int, ticks: int, rounds: int) -> None:
     """Print runs an hour of one worker, two, and a fresh process for each run."""
-    jobs = [job(f"{seed}", DEMAND, ticks, seed) for seed in range(1, count + 1)]
+    jobs = [job(f"{number}", DEMAND, ticks, 1 + number * SEEDS // count) for number in range(count)]
+    apart = [job(f"{seed}", DEMAND, ticks, seed) for seed in range(1, count + 1)]
     few = jobs[: max(1, count // 8)]
-    rates: dict[str, list[float]] = {"one worker": [], "two workers": [], "fresh process a run": []}
+    rates: dict[str, list[float]] = {}
     for _ in range(rounds):
-        rates["one worker"].append(hourly(count, lambda: driven(Local(1), jobs)))
-        rates["two workers"].append(hourly(count, lambda: driven(Local(2), jobs)))
-        rates["fresh process a run"].append(hourly(len(few), lambda: fresh(few)))
+        for name, drive, driven_jobs in (
+            ("one worker", lambda: driven(Local(1), jobs), jobs),
+            ("two workers", lambda: driven(Local(2), jobs), jobs),
+            ("two workers, a seed a run", lambda: driven(Local(2), apart), apart),
+            ("fresh process a run", lambda: fresh(few), few),
+        ):
+            rates.setdefault(name, []).append(hourly(len(driven_jobs), drive))
     medians = {name: statistics.median(found) for name, found in rates.items()}
     each = f"{count} runs of {ticks * PERIOD:g} s each time"
-    print(f"\nruns an hour, {each}, start of the server included: medians of {rounds}")
+    print(f"\nruns an hour, {each}, of {SEEDS} seeds, start of the server included: medians of {rounds}")
     for name, rate in medians.items():
-        print(f"  {name:20} {rate:7.0f}")
+        print(f"  {name:26} {rate:7.0f}")
     print(f"  two workers over one: {medians['two workers'] / medians['one worker']:.2f}")
 
 
