@@ -33,6 +33,10 @@ SUBJECTS: Final[dict[str, Subject]] = {
         "vve_sumo.vehicle.dataspeed.interface",
         ("tests/vehicle/dataspeed/test_interface.py", "tests/vehicle/test_reports.py"),
     ),
+    "dataspeed_signals": Subject(
+        "vve_sumo.vehicle.dataspeed.signals",
+        ("tests/vehicle/dataspeed/test_interface.py", "tests/vehicle/test_reports.py"),
+    ),
     "arming": _vehicle(
         "arming",
         "arming.py",

@@ -18,6 +18,8 @@ SHIFT_TIME: Final = 3.0  # from asking for drive to drive confirmed [s]; a rotar
 STEERING_DIFFERENCE: Final = 0.10  # road-wheel angle [rad]
 STEERING_DIFFERENCE_TIME: Final = 0.5  # [s]
 
+_DRIVE: Final = Gear.DRIVE  # found once, for every step: looking it up in its class costs a call
+
 
 class Engagement:
     """Monitors the car from the operator's ENGAGE to following its commands.
@@ -57,7 +59,7 @@ class Engagement:
                 return ["handshake_timeout"] if now - self._begun > HANDSHAKE_TIME + TOLERANCE else []
             self._shifting_since = now
         troubles = reports.dropped_out()
-        in_drive = reports.gear.gear is Gear.DRIVE
+        in_drive = reports.gear.gear is _DRIVE
         if self.in_drive and not in_drive:
             troubles.append("gear_lost")
         elif not in_drive and now - self._shifting_since > SHIFT_TIME + TOLERANCE:

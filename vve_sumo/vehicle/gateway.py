@@ -33,6 +33,10 @@ UNCERTAIN_TIME: Final = 3.0
 # Park counts once it was reported this long without a break: a shift to drive under way would have shown by then.
 PARK_TIME: Final = 1.0  # [s]
 
+# Found once, for every step: looking them up in their class costs a call.
+_ENGAGED, _STOPPED = ArmingState.ENGAGED, ArmingState.STOPPED
+_NO_GEAR: Final = Gear.NONE
+
 #: Faults that latch even while nothing is commanded: they concern the gateway itself or a second node that commands.
 _LATCHING: Final = frozenset({"another_writer", "timer_gap"})
 
@@ -227,7 +231,7 @@ class Gateway(Monitor):
 
     def _progress(self, now: float) -> list[str]:
         """Reason codes of the commands that the car does not follow."""
-        if self._state is not ArmingState.ENGAGED:
+        if self._state is not _ENGAGED:
             return self._handover.dropped_out(self._reports)
         measured = (self._reports.steering.wheel_angle - self._wheel_bias) / self._ratio
         return self._handover.follow(now, self._reports, self._limiter.steering - measured)
@@ -255,12 +259,12 @@ class Gateway(Monitor):
         faults += self._progress(now)
         if faults:
             self._happen(now, Event.FAULT, faults)
-        if self._state is ArmingState.ENGAGED and not self._admission.valid(now):
+        if self._state is _ENGAGED and not self._admission.valid(now):
             self._happen(now, Event.EXPIRED, ["setpoint_expired"])
         standstill = self._standstill
         if standstill.at_rest:
             self._happen(now, Event.AT_REST, [])
-        stopped = self._state is ArmingState.STOPPED
+        stopped = self._state is _STOPPED
         if self._parked_long.step(now, stopped and standstill.certain and self._reports.in_park(now)):
             self._happen(now, Event.PARKED, [])
         doubted = self._reports.fastest_wheel < WHEEL_REST and not standstill.certain
@@ -361,7 +365,7 @@ class Gateway(Monitor):
         self._told = Pedals(torque, command.pedals.throttle)
         verdict = GatewayStatus(
             state=self._state,
-            reasons=tuple(dict.fromkeys([*self._causes, *self._notes])),
+            reasons=tuple(dict.fromkeys([*self._causes, *self._notes])) if self._causes or self._notes else (),
             steering=command.steering,
             acceleration=command.acceleration,
             limited=command.limited,
@@ -372,16 +376,14 @@ class Gateway(Monitor):
 
     def _command(self, now: float) -> _Command:
         setpoint = self._admission.setpoint
-        match self._state:
-            case ArmingState.ENGAGED if self._handover.going and setpoint is not None:
+        if self._state is _ENGAGED:
+            if self._handover.going and setpoint is not None:
                 return self._follow(setpoint)
-            case ArmingState.ENGAGED:
-                self._notes += self._handover.waits_for(self._driver)
-                return self._wait()
-            case ArmingState.STOPPING | ArmingState.STOPPED:
-                return self._stop(now)
-            case _:
-                return _Command(Pedals(0.0, 0.0), 0.0, self._measured_steering())
+            self._notes += self._handover.waits_for(self._driver)
+            return self._wait()
+        if self._state in COMMANDING:
+            return self._stop(now)
+        return _Command(Pedals(0.0, 0.0), 0.0, self._measured_steering())
 
     def _follow(self, setpoint: Setpoint) -> _Command:
         self._followed = setpoint
@@ -449,9 +451,9 @@ class Gateway(Monitor):
 
     def _gear_wish(self) -> Gear:
         if self._shadow or not self._standstill.certain:
-            return Gear.NONE
-        if self._state is ArmingState.STOPPED:
+            return _NO_GEAR
+        if self._state is _STOPPED:
             return Gear.PARK
-        if self._state is ArmingState.ENGAGED and self._handover.enabled and not self._handover.in_drive:
+        if self._state is _ENGAGED and self._handover.enabled and not self._handover.in_drive:
             return Gear.DRIVE
-        return Gear.NONE
+        return _NO_GEAR

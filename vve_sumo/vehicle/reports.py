@@ -195,16 +195,16 @@ class CarReports:
     def _store_wheels(self, now: float, wheels: WheelSpeeds) -> None:
         if wheels != self.wheels:
             self.wheels, self._wheels_changed = wheels, now
-        # The mean of the rear wheels is the rear axle's speed in a bend too. One invalid wheel makes both numbers NaN.
-        self.speed = 0.5 * (wheels.rear_left + wheels.rear_right) * self._wheel_radius
-        total = wheels.front_left + wheels.front_right + wheels.rear_left + wheels.rear_right
-        fastest = max(
-            abs(wheels.front_left), abs(wheels.front_right), abs(wheels.rear_left), abs(wheels.rear_right)
-        )  # fmt: skip
-        if math.isfinite(total):
-            self.fastest_wheel = fastest * self._wheel_radius
-        else:
+        front_left, front_right, rear_left, rear_right = wheels
+        # One invalid wheel makes both numbers NaN.
+        if not math.isfinite(front_left + front_right + rear_left + rear_right):
             self.speed = self.fastest_wheel = math.nan
+            return
+        # The mean of the rear wheels is the rear axle's speed in a bend too.
+        self.speed = 0.5 * (rear_left + rear_right) * self._wheel_radius
+        self.fastest_wheel = (
+            max(abs(front_left), abs(front_right), abs(rear_left), abs(rear_right)) * self._wheel_radius
+        )
 
 
 _OF_THE_INTERFACE: Final[tuple[type, ...]] = (BrakeState, ThrottleState, SteeringState, GearState)

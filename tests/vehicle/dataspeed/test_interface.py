@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Frame
@@ -18,6 +20,7 @@ THROTTLE = codec.ThrottleReport(0.15, 0.15, 0.15, enabled=False)
 STEERING = codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=False)
 GEAR = codec.GearReport(port.Gear.NEUTRAL)
 COMMAND = port.ActuationCommand(512.0, 0.25, 0.5, 4.0, port.Gear.DRIVE, enable=True, clear=False)
+LENGTHS = dict.fromkeys(REPORTS, 8) | {0x067: 2, 0x06B: 6, 0x06C: 4}  #: of the report frames [bytes]
 FAULTS = ("fault_channel_1", "fault_channel_2", "fault_power")
 
 
@@ -100,6 +103,61 @@ def test_each_flag_of_the_shifter_is_its_own():
     assert state(GEAR) == port.GearState(port.Gear.NEUTRAL)
     assert state(GEAR._replace(override=True)) == port.GearState(port.Gear.NEUTRAL, override=True)
     assert state(GEAR._replace(fault_bus=True)) == port.GearState(port.Gear.NEUTRAL, fault=True)
+
+
+def of_a_message(message):
+    """The report in a whole message that the codec decoded."""
+    match message:
+        case codec.BrakeReport() | codec.ThrottleReport():
+            fault = message.fault_channel_1 or message.fault_channel_2 or message.fault_power
+            shared = message.enabled, message.override, message.driver, message.timeout, fault, message.fault_watchdog
+            if isinstance(message, codec.ThrottleReport):
+                return port.ThrottleState(*shared)
+            return port.BrakeState(*shared, message.watchdog_braking)
+        case codec.SteeringReport():
+            buses = message.fault_bus_1 or message.fault_bus_2
+            fault = buses or message.fault_calibration or message.fault_power
+            watchdog = message.fault_watchdog
+            return port.SteeringState(
+                message.wheel_angle, message.enabled, message.override, message.timeout, fault, watchdog
+            )
+        case codec.GearReport():
+            return port.GearState(message.gear, message.override, message.fault_bus)
+        case codec.BrakeInfo():
+            return port.BrakeTorque(message.torque_actual)
+        case _:
+            return message
+
+
+def same_as_the_codec(interface, variant, frame):
+    message, report = codec.decode(frame, variant), interface.decode(frame)
+    if isinstance(message, port.Malformed):
+        return report == message
+    return repr(report) == repr((of_a_message(message),))  # to the last bit, and NaN is NaN
+
+
+@given(
+    st.sampled_from(Variant), st.lists(st.tuples(st.sampled_from(sorted(REPORTS)), st.binary(max_size=9)), max_size=6)
+)
+def test_any_bytes_report_what_the_codec_decodes_of_them(variant, said):
+    """Several frames on one interface: what was said before changes nothing."""
+    interface = DataspeedDbw1(variant)
+    for number, data in said:
+        for sized in (data, (data + bytes(8))[: LENGTHS[number]]):
+            assert same_as_the_codec(interface, variant, Frame(number, sized))
+
+
+@pytest.mark.parametrize("variant", Variant)
+@pytest.mark.parametrize("number", REPORTS)
+def test_any_value_of_a_byte_reports_what_the_codec_decodes_of_it(variant, number):
+    """Every value of each byte, among bytes of zeros and of ones: kinds, gears, invalid patterns."""
+    interface = DataspeedDbw1(variant)
+    for rest in (bytes(8), b"\xff" * 8):
+        for at in range(LENGTHS[number]):
+            for value in range(256):
+                for pair in ((value,), (value, 0x0F), (value, 0x80)):
+                    data = (rest[:at] + bytes(pair) + rest)[: LENGTHS[number]]
+                    assert same_as_the_codec(interface, variant, Frame(number, data)), data
 
 
 def test_sensors_are_passed_on():

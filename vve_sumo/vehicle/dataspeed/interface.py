@@ -7,9 +7,9 @@ The bit that takes the driver's override away cannot be set.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Frame
@@ -17,17 +17,13 @@ from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.controller import TIMEOUT, DbwController, DbwControllerParameters
 from vve_sumo.vehicle.dataspeed.messages import (
     BrakeCommand,
-    BrakeInfo,
     BrakeKind,
-    BrakeReport,
     GearCommand,
-    GearReport,
     SteeringCommand,
-    SteeringReport,
     ThrottleCommand,
     ThrottleKind,
-    ThrottleReport,
 )
+from vve_sumo.vehicle.dataspeed.signals import READINGS
 from vve_sumo.vehicle.dataspeed.simulated import SimulatedDbw1
 from vve_sumo.vehicle.interface import (
     Accelerations,
@@ -58,10 +54,9 @@ REPORTS: Final[dict[int, tuple[type, ...]]] = {
     layout.BRAKE_INFO: (BrakeTorque,),
 }
 
-#: Only the last two bytes of a brake or throttle report hold the state; the others are pedal positions and torques.
-_PEDALS: Final = frozenset({layout.BRAKE_REPORT, layout.THROTTLE_REPORT})
-PEDAL_REPORT_LENGTH: Final = 8
-STATUS_OF_PEDAL: Final = slice(6, 8)
+# Found once, for every step: looking them up in their class costs a call.
+_TORQUE: Final = BrakeKind.TORQUE
+_PERCENT: Final = ThrottleKind.PERCENT
 
 WHEN_COMMANDS_STOP: Final = (
     "lets go of pedals and steering; where its watchdog is armed it brakes until the driver takes over"
@@ -90,8 +85,8 @@ class DataspeedDbw1:
         self._gear_frames = {
             (gear, clear): codec.encode(GearCommand(gear, clear), variant) for gear in Gear for clear in (False, True)
         }
-        # Identifier to the last decoded frame, as bytes and as reports. Most reports repeat themselves.
-        self._understood: dict[int, tuple[bytes, tuple[Report, ...]]] = {}
+        # Identifier to the last counts that were read, and to their reports. Most reports repeat themselves.
+        self._understood: dict[int, tuple[tuple[int, ...], tuple[Report, ...]]] = {}
 
     @property
     def facts(self) -> InterfaceFacts:
@@ -104,29 +99,30 @@ class DataspeedDbw1:
         variant = self._variant
         counter = self._counter = (self._counter + 1) & 0xFF
         return (
-            codec.encode(BrakeCommand(BrakeKind.TORQUE, torque, enable, counter, clear), variant),
-            codec.encode(ThrottleCommand(ThrottleKind.PERCENT, throttle, enable, counter, clear), variant),
+            codec.encode(BrakeCommand(_TORQUE, torque, enable, counter, clear), variant),
+            codec.encode(ThrottleCommand(_PERCENT, throttle, enable, counter, clear), variant),
             codec.encode(SteeringCommand(wheel_angle, wheel_rate, enable, counter, clear), variant),
             self._gear_frames[gear, clear],
         )
 
     def decode(self, frame: Frame) -> tuple[Report, ...] | Malformed:
-        """Return what a frame reports; a repeated content gives the same reports without decoding."""
-        number, said = frame
-        if number in _PEDALS:
-            # A report of another length is damaged; empty bytes are equal to no decoded report.
-            said = said[STATUS_OF_PEDAL] if len(said) == PEDAL_REPORT_LENGTH else b""
-        before = self._understood.get(number)
-        if before is not None and before[0] == said:
-            return before[1]
-        if number not in REPORTS:
+        """Return what a frame reports; repeated signals give the same reports again."""
+        number, data = frame
+        reading = READINGS[self._variant].get(number)
+        if reading is None:
             return ()
-        message: Any = codec.decode(frame, self._variant)
-        if type(message) is Malformed:
-            return message
-        convert = _NEUTRAL.get(type(message))
-        reports = (message if convert is None else convert(message),)
-        self._understood[number] = said, reports
+        signals, understand = reading
+        if len(data) != signals.size:
+            return Malformed(number, "length")
+        counts = signals.unpack(data)
+        before = self._understood.get(number)
+        if before is not None and before[0] == counts:
+            return before[1]
+        report = understand(*counts)
+        if isinstance(report, Malformed):
+            return report
+        reports = (report,)
+        self._understood[number] = counts, reports
         return reports
 
     def commanded(self, frame: Frame) -> Commanded | None:
@@ -155,47 +151,3 @@ def make(settings: Mapping[str, SettingValue]) -> DataspeedDbw1:
     if said not in names:
         raise ConfigError(f"setting 'variant' must be {' or '.join(names)}, to be verified on the car; got {said!r}")
     return DataspeedDbw1(names[str(said)])
-
-
-def _throttle(report: BrakeReport | ThrottleReport) -> ThrottleState:
-    return ThrottleState(
-        report.enabled,
-        report.override,
-        report.driver,
-        report.timeout,
-        report.fault_channel_1 or report.fault_channel_2 or report.fault_power,
-        report.fault_watchdog,
-    )
-
-
-def _brake(report: BrakeReport) -> BrakeState:
-    return BrakeState(*_throttle(report), watchdog_braking=report.watchdog_braking)
-
-
-def _steering(report: SteeringReport) -> SteeringState:
-    return SteeringState(
-        report.wheel_angle,
-        report.enabled,
-        report.override,
-        report.timeout,
-        report.fault_bus_1 or report.fault_bus_2 or report.fault_calibration or report.fault_power,
-        report.fault_watchdog,
-    )
-
-
-def _gear(report: GearReport) -> GearState:
-    return GearState(report.gear, report.override, report.fault_bus)
-
-
-def _brake_torque(report: BrakeInfo) -> BrakeTorque:
-    return BrakeTorque(report.torque_actual)
-
-
-#: How a message becomes a report; wheel speeds, yaw rate and accelerations are reports already.
-_NEUTRAL: Final[Mapping[type, Callable[[Any], Report]]] = {
-    BrakeReport: _brake,
-    ThrottleReport: _throttle,
-    SteeringReport: _steering,
-    GearReport: _gear,
-    BrakeInfo: _brake_torque,
-}

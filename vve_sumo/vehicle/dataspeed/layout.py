@@ -40,7 +40,7 @@ BRAKE_TORQUE_STEP = 4.0  # in the brake info [N m]
 OVER_GROUND_STEP = 0.035  # acceleration over ground in the brake info [m/s2]
 
 
-class Variant(enum.Enum):
+class Variant(enum.IntEnum):  # whole numbers are hashed quickly, and each command looks up its variant's limits
     """Generation of the firmware; the two disagree on a few fields, so a rig must verify which one it has."""
 
     DBW1_2018 = enum.auto()

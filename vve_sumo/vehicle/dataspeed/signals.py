@@ -1,0 +1,117 @@
+"""Reads from a report frame only the signals that the port's reports hold, without those around them.
+
+`codec.decode` reads whole messages; here is what the gateway reads of ten frames a tick. The layout is the same.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
+
+from vve_sumo.vehicle.dataspeed import layout
+from vve_sumo.vehicle.dataspeed.layout import value_of
+from vve_sumo.vehicle.interface import (
+    Accelerations,
+    BrakeState,
+    BrakeTorque,
+    Gear,
+    GearState,
+    Malformed,
+    Report,
+    SteeringState,
+    ThrottleState,
+    WheelSpeeds,
+    YawRate,
+)
+
+# Bits of the last byte of a module's report, and of the byte before it in a brake report.
+_ENABLED, _OVERRIDE, _DRIVER, _WATCHDOG, _TIMEOUT = 0x01, 0x02, 0x04, 0x08, 0x80
+_PEDAL_FAULTS = 0x70  # either channel of the pedal sensor, the supply
+_STEERING_FAULTS = 0x74  # either bus, the calibration, the supply
+_KIND, _NO_KIND = 0x03, 0x03  # of the values in a brake report of the newer generation
+_WATCHDOG_BRAKING = 0x08
+
+_GEARS: Final = {int(gear): gear for gear in Gear}
+
+
+class Reading(NamedTuple):
+    """How a report frame is read."""
+
+    signals: struct.Struct  #: those that are read, in a frame of this length
+    understand: Callable[..., Report | Malformed]  #: from them to the report
+
+
+def _brake(status: int, flags: int) -> BrakeState:
+    return BrakeState(*_throttle(flags), watchdog_braking=bool(status & _WATCHDOG_BRAKING))
+
+
+def _brake_of_a_kind(status: int, flags: int) -> BrakeState | Malformed:
+    return Malformed(layout.BRAKE_REPORT, "value") if status & _KIND == _NO_KIND else _brake(status, flags)
+
+
+def _throttle(flags: int) -> ThrottleState:
+    return ThrottleState(
+        bool(flags & _ENABLED),
+        bool(flags & _OVERRIDE),
+        bool(flags & _DRIVER),
+        bool(flags & _TIMEOUT),
+        bool(flags & _PEDAL_FAULTS),
+        bool(flags & _WATCHDOG),
+    )
+
+
+def _steering(angle: int, flags: int) -> SteeringState:
+    return SteeringState(
+        value_of(angle, layout.TENTH_DEGREE),
+        bool(flags & _ENABLED),
+        bool(flags & _OVERRIDE),
+        bool(flags & _TIMEOUT),
+        bool(flags & _STEERING_FAULTS),
+        bool(flags & _WATCHDOG),
+    )
+
+
+def _gear(first: int) -> GearState | Malformed:
+    gear, command = _GEARS.get(first & 7), _GEARS.get(first >> 4 & 7)
+    if gear is None or command is None:
+        return Malformed(layout.GEAR_REPORT, "value")
+    return GearState(gear, bool(first & 0x08), bool(first & 0x80))
+
+
+def _wheel_speeds(front_left: int, front_right: int, rear_left: int, rear_right: int) -> WheelSpeeds:
+    step = layout.WHEEL_SPEED_STEP
+    return WheelSpeeds(
+        value_of(front_left, step), value_of(front_right, step), value_of(rear_left, step), value_of(rear_right, step)
+    )
+
+
+def _yaw_rate(roll: int, yaw: int) -> YawRate:
+    return YawRate(value_of(roll, layout.GYRO_STEP), value_of(yaw, layout.GYRO_STEP))
+
+
+def _accelerations(lateral: int, longitudinal: int, vertical: int) -> Accelerations:
+    step = layout.ACCELERATION_STEP
+    return Accelerations(value_of(longitudinal, step), value_of(lateral, -step), value_of(vertical, -step))
+
+
+def _brake_torque(actual: int) -> BrakeTorque:
+    return BrakeTorque(value_of(actual & 0xFFF, layout.BRAKE_TORQUE_STEP, 0xFFF))
+
+
+_SHARED: Final = {
+    layout.THROTTLE_REPORT: Reading(struct.Struct("<7xB"), _throttle),
+    layout.STEERING_REPORT: Reading(struct.Struct("<h5xB"), _steering),
+    layout.GEAR_REPORT: Reading(struct.Struct("<Bx"), _gear),
+    layout.WHEEL_SPEEDS: Reading(struct.Struct("<hhhh"), _wheel_speeds),
+    layout.YAW_RATE: Reading(struct.Struct("<hh"), _yaw_rate),
+    layout.ACCELERATIONS: Reading(struct.Struct("<hhh"), _accelerations),
+    layout.BRAKE_INFO: Reading(struct.Struct("<2xH4x"), _brake_torque),
+}
+_BRAKE: Final = struct.Struct("<6xBB")
+
+#: How a firmware generation's report frames are read, by identifier.
+READINGS: Final[Mapping[layout.Variant, Mapping[int, Reading]]] = {
+    layout.Variant.DBW1_2018: _SHARED | {layout.BRAKE_REPORT: Reading(_BRAKE, _brake)},
+    layout.Variant.DBW1_2024: _SHARED | {layout.BRAKE_REPORT: Reading(_BRAKE, _brake_of_a_kind)},
+}
