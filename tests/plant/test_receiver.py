@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
 
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
-from vve_sumo.plant.noise import Wander, White
+from vve_sumo.plant.noise import wander, white
 from vve_sumo.plant.receiver import Receiver, ReceiverParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import Fix, FixQuality, Point, Pose
@@ -151,15 +152,14 @@ def test_a_fault_can_be_put_between_measuring_and_sending() -> None:
 
 
 def test_wandering_noise_has_its_size_and_its_memory() -> None:
-    wander = Wander(sigma=2.0, time=0.5, period=0.01, seeds=np.random.SeedSequence(11))
-    values = np.array([wander.draw() for _ in range(400_000)])
+    wandering = wander(sigma=2.0, time=0.5, period=0.01, seeds=np.random.SeedSequence(11))
+    values = np.array(list(islice(wandering, 400_000)))
     assert np.std(values) == pytest.approx(2.0, rel=0.03)
     lag = 50  # one correlation time
     assert np.corrcoef(values[:-lag], values[lag:])[0, 1] == pytest.approx(math.exp(-1.0), abs=0.04)
 
 
 def test_white_noise_is_what_numpy_draws_whatever_the_blocks() -> None:
-    white = White(np.random.SeedSequence(5))
-    ours = sorted(white.draw() for _ in range(1024))
+    ours = sorted(islice(white(np.random.SeedSequence(5)), 1024))
     theirs = np.random.Generator(np.random.PCG64(np.random.SeedSequence(5))).standard_normal(1024)
     assert ours == sorted(theirs.tolist())

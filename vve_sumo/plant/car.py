@@ -15,7 +15,7 @@ from vve_sumo.frames import MapFrame
 from vve_sumo.frozen import quickly_made
 from vve_sumo.plant.actuators import Lagged, Steering
 from vve_sumo.plant.dynamics import Chassis, Dynamics
-from vve_sumo.plant.noise import White
+from vve_sumo.plant.noise import white
 from vve_sumo.plant.onboard_sensors import Axles, OnboardSensors
 from vve_sumo.plant.receiver import Receiver, ReceiverParameters, unaltered
 from vve_sumo.values import Fix, Frame, Point, Pose, Vehicle
@@ -109,7 +109,7 @@ class Car:
         gyro_noise = parameters.receiver.noise * parameters.gyro_noise
         radius = vehicle.wheel_radius * parameters.wheel_radius_factor
         axles = Axles(vehicle.wheelbase, parameters.track, radius)
-        self._sensors = OnboardSensors(axles, gyro_noise, White(gyro_seeds), parameters.gyro_bias)
+        self._sensors = OnboardSensors(axles, gyro_noise, white(gyro_seeds), parameters.gyro_bias)
         self._receiver = Receiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)
         self._brake_force = parameters.brake_gain_factor * calibration.brake_force(1.0)
         self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias

@@ -6,10 +6,10 @@ They read the motion and change nothing; the interface decides what is reported,
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from vve_sumo.plant.dynamics import Dynamics
-from vve_sumo.plant.noise import White
 from vve_sumo.vehicle.calibration import GRAVITY
 from vve_sumo.vehicle.interface import Accelerations, Measured, WheelSpeeds, YawRate
 
@@ -25,7 +25,7 @@ class Axles(NamedTuple):
 class OnboardSensors:
     """Turns the motion into measurements, with the gyroscope's errors."""
 
-    def __init__(self, axles: Axles, gyro_noise: float, white: White, gyro_bias: float = 0.0) -> None:
+    def __init__(self, axles: Axles, gyro_noise: float, white: Iterator[float], gyro_bias: float = 0.0) -> None:
         """`gyro_noise` is the standard deviation of the yaw rate, `gyro_bias` its mean [rad/s], `white` its source."""
         self._axles = axles
         self._gyro_bias = gyro_bias
@@ -39,7 +39,7 @@ class OnboardSensors:
         estimate [N m].
         """
         felt = motion.acceleration + GRAVITY * math.sin(motion.grade)
-        yaw_rate = motion.yaw_rate + self._gyro_bias + self._gyro_noise * self._white.draw()
+        yaw_rate = motion.yaw_rate + self._gyro_bias + self._gyro_noise * next(self._white)
         return Measured(
             motion.speed,
             motion.acceleration,

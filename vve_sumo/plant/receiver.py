@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
-from vve_sumo.plant.noise import Wander, White
+from vve_sumo.plant.noise import wander, white
 from vve_sumo.pose.ncom import Encoder
 from vve_sumo.values import Fix, FixQuality, Pose
 
@@ -67,18 +67,20 @@ class Receiver:
         self._encoder = Encoder()
         self._under_way: deque[tuple[float, bytes]] = deque()
         streams = seeds.spawn(STREAMS)
-        wander = parameters.position_wander
-        self._north_wander = Wander(wander, parameters.wander_time, PERIOD, streams[0])
-        self._east_wander = Wander(wander, parameters.wander_time, PERIOD, streams[1])
-        self._position, self._velocity, self._heading, self._yaw_rate, self._acceleration = (
-            White(stream) for stream in streams[2:7]
-        )
+        slow, correlation = parameters.position_wander, parameters.wander_time
+        position, velocity, heading, yaw_rate, acceleration = (white(stream) for stream in streams[2:7])
+        # Of each fix: the slow error north and east, then draws for position and velocity, north and east each.
+        self._draws = zip(
+            wander(slow, correlation, PERIOD, streams[0]), wander(slow, correlation, PERIOD, streams[1]),
+            position, position, velocity, velocity, heading, yaw_rate, acceleration,
+            strict=True,
+        )  # fmt: skip
         size = parameters.noise
         self._size, self._position_white = size, parameters.position_white
         # Standard deviations of the errors.
         self._velocity_error, self._heading_error = size * parameters.velocity, size * parameters.heading
         self._yaw_rate_error, self._acceleration_error = size * parameters.yaw_rate, size * parameters.acceleration
-        self._position_sigma = math.hypot(parameters.position_white, wander)
+        self._position_sigma = math.hypot(parameters.position_white, slow)
         self._late = parameters.hidden_delay + parameters.delay
 
     def measure(self, truth: Pose, climbed: float) -> None:
@@ -96,14 +98,9 @@ class Receiver:
 
     def _observe(self, truth: Pose, climbed: float) -> Fix:
         latitude, longitude, heading, velocity_north, velocity_east, acceleration = self._placement.output(truth)
-        parameters, size, white = self._parameters, self._size, self._position_white
-        north = size * (self._north_wander.draw() + white * self._position.draw())
-        east = size * (self._east_wander.draw() + white * self._position.draw())
-        heading += self._heading_error * self._heading.draw()
-        velocity_north += self._velocity_error * self._velocity.draw()
-        velocity_east += self._velocity_error * self._velocity.draw()
-        yaw_rate = truth.yaw_rate + self._yaw_rate_error * self._yaw_rate.draw()
-        acceleration += self._acceleration_error * self._acceleration.draw()
+        slow_north, slow_east, north, east, north_speed, east_speed, turn, turning, pushed = next(self._draws)
+        parameters, size, fast = self._parameters, self._size, self._position_white
+        north, east = size * (slow_north + fast * north), size * (slow_east + fast * east)
         # In the order of the fields: naming each costs as much as all of them.
         return Fix(
             truth.time + self._epoch + parameters.hidden_delay,
@@ -111,14 +108,14 @@ class Receiver:
             latitude + north / EARTH_RADIUS,
             longitude + east / (EARTH_RADIUS * math.cos(latitude)),
             ALTITUDE + climbed,
-            heading,
+            heading + self._heading_error * turn,
             truth.grade,
             0.0,  # roll
-            velocity_north,
-            velocity_east,
+            velocity_north + self._velocity_error * north_speed,
+            velocity_east + self._velocity_error * east_speed,
             -truth.speed * math.tan(truth.grade),
-            yaw_rate,
-            acceleration,
+            truth.yaw_rate + self._yaw_rate_error * turning,
+            acceleration + self._acceleration_error * pushed,
             True,  # locked
             FixQuality.RTK_FIXED,
             self._position_sigma,

@@ -299,7 +299,7 @@ def _decode_throttle_report(data: bytes, _: Variant) -> ThrottleReport:
 
 def _encode_steering_report(report: SteeringReport, variant: Variant) -> Frame:
     angle = signed(report.wheel_angle, TENTH_DEGREE, "reported steering-wheel angle")
-    torque = signed(report.torque, DRIVER_TORQUE_STEP, "driver's steering torque", -128)
+    torque = signed(report.torque, DRIVER_TORQUE_STEP, "driver's steering torque", 127.5)
     flags = (
         report.enabled
         | report.override << 1
@@ -315,7 +315,7 @@ def _encode_steering_report(report: SteeringReport, variant: Variant) -> Frame:
         speed = counts(report.speed, 0.0, 65535 * SPEED_STEP, 1.0 / SPEED_STEP, "reported speed")
         return Frame(STEERING_REPORT, _STEERING_REPORT_2018.pack(angle, command, speed, torque, flags))
     step = TORQUE_MODE_STEP if report.torque_mode else TENTH_DEGREE
-    command = signed(report.command, step, "reported steering command", -16384) & 0x7FFF | report.torque_mode << 15
+    command = signed(report.command, step, "reported steering command", 16383.5) & 0x7FFF | report.torque_mode << 15
     speed = signed(report.speed, SPEED_STEP, "reported speed")
     return Frame(STEERING_REPORT, _STEERING_REPORT.pack(angle, command, speed, torque, flags))
 
@@ -416,7 +416,7 @@ def _torque_counts(torque: float) -> int:
 
 
 def _encode_brake_info(report: BrakeInfo, _: Variant) -> Frame:
-    over_ground = signed(report.acceleration_over_ground, OVER_GROUND_STEP, "acceleration over ground", -512)
+    over_ground = signed(report.acceleration_over_ground, OVER_GROUND_STEP, "acceleration over ground", 511.5)
     activity = report.abs_active << 10 | report.stability_active << 12 | report.traction_active << 14
     return Frame(
         BRAKE_INFO,

@@ -62,14 +62,17 @@ def counts(value: float, low: float, high: float, scale: float, what: str) -> in
     return round(value * scale)
 
 
-def signed(value: float, step: float, what: str, invalid: int = -32768) -> int:
-    """Counts of a signed report field whose lowest pattern means "invalid"; raises ValueError outside the others."""
+def signed(value: float, step: float, what: str, limit: float = 32767.5) -> int:
+    """Counts of a signed report field whose lowest pattern means "invalid"; raises ValueError for what does not fit.
+
+    The `limit` is half a count more than the largest: it would be rounded to one that the field cannot hold.
+    """
     count = value / step
-    if invalid + 0.5 < count < -invalid - 0.5:  # half a count more rounds to `invalid` or its negative
+    if -limit < count < limit:
         return round(count)
     if value != value:
-        return invalid
-    raise ValueError(f"{what} must be within +-{(-invalid - 1) * step:g}, got {value:g}")
+        return -round(limit + 0.5)
+    raise ValueError(f"{what} must be within +-{(limit - 0.5) * step:g}, got {value:g}")
 
 
 def value_of(count: int, step: float, invalid: int = -32768) -> float:
