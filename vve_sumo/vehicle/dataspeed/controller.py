@@ -150,7 +150,7 @@ class DbwController:
         self.commanded_torque = self.commanded_throttle = self.commanded_wheel_angle = 0.0
         self._wheel_target = self._wheel_change = 0.0  # within the limit, and largest change in a step [rad]
         self._take(HANDS_OFF)
-        self._step = 0
+        self._step = self._due = 0
         self._shift_ends: int | None = None
         self._timeout_steps = round(TIMEOUT / duration)
         self._override_steps = round(OVERRIDE_TIME / duration)
@@ -161,6 +161,7 @@ class DbwController:
 
     def receive(self, frames: Sequence[Frame], speed: float, brake_torque: float) -> None:
         """Take in frames from the bus; a frame with a wrong length or value is ignored."""
+        self._due = 0
         for frame in frames:
             if frame.id not in layout.COMMAND_IDS:
                 continue
@@ -188,6 +189,22 @@ class DbwController:
         if driver is not HANDS_OFF or self.driver is not HANDS_OFF:  # without a driver there is nothing to update
             self._take(driver)
             self._feel(driver)
+            self._due = 0
+        if self._step >= self._due:
+            self._update(speed)
+        self._step += 1
+        throttle = max(self.commanded_throttle if self.throttle.enabled else 0.0, self._foot_throttle)
+        self.request = Request(self._brake(), throttle, self._steer(wheel_angle))
+        return self.request
+
+    def drop_out(self, subsystem: int | None) -> None:
+        """Make one module fail: 1 brake, 2 throttle, 3 steering; None restores all."""
+        for number, module in enumerate(self.modules, start=1):
+            module.broken = number == subsystem
+        self._due = 0
+
+    def _update(self, speed: float) -> None:
+        """Update modules, watchdog and gear, and find the step before which only a command or a driver changes them."""
         oldest = self._step - self._timeout_steps
         for module in self.modules:
             module.timeout = module.heard <= oldest
@@ -198,10 +215,9 @@ class DbwController:
             module.enabled = module.asked and not (module.broken or module.timeout or module.override or fault)
         if self._shift_ends is not None and self._step >= self._shift_ends:
             self.gear, self._shift_ends = self.gear_command, None
-        self._step += 1
-        throttle = max(self.commanded_throttle if self.throttle.enabled else 0.0, self._foot_throttle)
-        self.request = Request(self._brake(), throttle, self._steer(wheel_angle))
-        return self.request
+        # A counter never changes after the last command, so no time-out comes before it is found to be stuck.
+        stuck = min(module.counted for module in self.modules) + self._timeout_steps
+        self._due = stuck if self._shift_ends is None else 0
 
     def _take(self, driver: DriverInputs) -> None:
         """Take the driver's inputs, and what the pedals ask for of themselves."""

@@ -22,6 +22,7 @@ from vve_sumo.vehicle.dataspeed.messages import (
     BrakeReport,
     BrakeReportKind,
     GearReport,
+    ParkingBrake,
     SteeringReport,
     ThrottleReport,
 )
@@ -73,8 +74,7 @@ class SimulatedDbw1:
 
     def drop_out(self, subsystem: int | None) -> None:
         """Make one module fail; None restores all."""
-        for number, module in enumerate(self.controller.modules, start=1):
-            module.broken = number == subsystem
+        self.controller.drop_out(subsystem)
 
     def alter(self, time: float, frame: Frame, due: Due) -> Frame:
         """Return what is sent at `time` in place of a report."""
@@ -91,10 +91,11 @@ class SimulatedDbw1:
         ]
         if self._hundredths % MODULE_PERIOD == 0:
             info = BrakeInfo(
-                torque_requested=self.controller.request.brake_torque,
-                torque_actual=measured.brake_torque,
-                stationary=abs(measured.speed) < REST_SPEED,
-                acceleration_over_ground=measured.acceleration,
+                self.controller.request.brake_torque,
+                measured.brake_torque,
+                abs(measured.speed) < REST_SPEED,
+                ParkingBrake.OFF,
+                measured.acceleration,
             )
             frames += [
                 codec.encode(self._brake(), variant),
@@ -117,19 +118,20 @@ class SimulatedDbw1:
             kind, command, output = BrakeReportKind.PEDAL, torque_to_pedal(command), torque_to_pedal(output)
         else:
             driver = pedal_to_torque(driver)
+        # In the order of the fields, here and below: naming them takes longer than all the rest.
         return BrakeReport(
             kind,
             driver,
             command,
             output,
             module.enabled,
-            lights=controller.request.brake_torque >= BRAKE_LIGHTS,
-            override=module.override,
-            driver=module.driver,
-            timeout=module.timeout,
-            watchdog_braking=controller.watchdog_braking,
-            watchdog_source=module.source,
-            fault_watchdog=controller.fault,
+            controller.request.brake_torque >= BRAKE_LIGHTS,
+            module.override,
+            module.driver,
+            module.timeout,
+            controller.watchdog_braking,
+            module.source,
+            controller.fault,
         )
 
     def _throttle(self) -> ThrottleReport:
@@ -140,11 +142,11 @@ class SimulatedDbw1:
             _throttle_pedal(controller.commanded_throttle),
             _throttle_pedal(controller.request.throttle),
             module.enabled,
-            override=module.override,
-            driver=module.driver,
-            timeout=module.timeout,
-            watchdog_source=module.source,
-            fault_watchdog=controller.fault,
+            module.override,
+            module.driver,
+            module.timeout,
+            module.source,
+            controller.fault,
         )
 
     def _steering(self, wheel_angle: float, speed: float) -> SteeringReport:
@@ -158,9 +160,10 @@ class SimulatedDbw1:
             abs(speed) if signless else speed,
             torque,
             module.enabled,
-            override=module.override,
-            timeout=module.timeout,
-            fault_watchdog=controller.fault,
+            module.override,
+            module.timeout,
+            False,  # torque mode
+            controller.fault,
         )
 
 
