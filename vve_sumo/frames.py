@@ -189,16 +189,16 @@ class Alignment:
         cosine, sine = math.cos(self.rotation), math.sin(self.rotation)
         x, y = cosine * pose.x - sine * pose.y + self.x, sine * pose.x + cosine * pose.y + self.y
         return Pose(
-            time=pose.time,
-            point=pose.point,
-            x=x,
-            y=y,
-            heading=wrap_angle(pose.heading + self.rotation),
-            speed=pose.speed,
-            lateral_speed=pose.lateral_speed,
-            yaw_rate=pose.yaw_rate,
-            acceleration=pose.acceleration,
-            grade=pose.grade,
+            pose.time,
+            pose.point,
+            x,
+            y,
+            wrap_angle(pose.heading + self.rotation),
+            pose.speed,
+            pose.lateral_speed,
+            pose.yaw_rate,
+            pose.acceleration,
+            pose.grade,
         )
 
 
@@ -315,7 +315,7 @@ class Placement:
         These are latitude, longitude and heading [rad], the velocity north and east [m/s] and the forward acceleration
         [m/s2], in the senses of a `Fix`; the heading is between -pi and pi.
         """
-        assert pose.point is Point.REAR_AXLE, f"expected a pose of the rear axle, got {pose.point}"
+        assert pose.point is _REAR_AXLE, f"expected a pose of the rear axle, got {pose.point}"
         mounting, yaw_rate = self._mounting, pose.yaw_rate
         output_x, output_y = _beside(pose.x, pose.y, pose.heading, mounting.forward, mounting.left)
         speed = pose.speed - yaw_rate * mounting.left

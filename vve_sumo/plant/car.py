@@ -25,6 +25,8 @@ from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs, Gear, InterfaceC
 STEP = 0.005  # of the integration and of the drive-by-wire controller [s]
 STEPS_PER_SECOND = round(1.0 / STEP)
 FAST = 2  # steps between measurements: 100 Hz; reports and fixes come with them
+# In Python 3.11 naming a member of an enumeration is a call; code that runs in every step names these instead.
+_PARK, _REAR_AXLE = Gear.PARK, Point.REAR_AXLE
 _DRIVE_SIGNS = {Gear.DRIVE: 1.0, Gear.LOW: 1.0, Gear.REVERSE: -1.0}
 
 
@@ -154,7 +156,7 @@ class Car:
         motion = self._motion
         return Pose(
             self._time,
-            Point.REAR_AXLE,
+            _REAR_AXLE,
             motion.x,
             motion.y,
             motion.heading,
@@ -177,7 +179,7 @@ class Car:
         throttle = self._engine.step(max(opening, self.stuck_throttle))
         steering.step(wheel_angle, motion.speed != 0.0)
         gear = interface.gear
-        if gear is Gear.PARK:
+        if gear is _PARK:
             held = math.inf
         else:
             held = self._brake_force * (torque if self.brake_share == 1.0 else self._weakened(torque))

@@ -20,6 +20,7 @@ from vve_sumo.values import Fix, FixQuality, Pose
 PERIOD = 0.01  # between fixes [s]; NCOM's standard 100 Hz
 EARTH_RADIUS = 6_371_000.0  # mean [m]; only turns centimetres of noise into angles
 ALTITUDE = 220.0  # of the lot at the start, about Columbus's [m]
+_RTK_FIXED = FixQuality.RTK_FIXED
 STREAMS = 8  # independent sources of noise
 
 
@@ -117,7 +118,7 @@ class Receiver:
             truth.yaw_rate + self._yaw_rate_error * turning,
             acceleration + self._acceleration_error * pushed,
             True,  # locked
-            FixQuality.RTK_FIXED,
+            _RTK_FIXED,
             self._position_sigma,
             parameters.velocity,
             parameters.heading,

@@ -99,6 +99,8 @@ _REPORT_STEPS = {
 
 _BRAKE_KINDS = {int(kind): kind for kind in BrakeKind}
 _THROTTLE_KINDS = {int(kind): kind for kind in ThrottleKind}
+# In Python 3.11 naming a member of an enumeration is a call; code that runs with every frame names these instead.
+_OLD, _MODERN = Variant.DBW1_2018, Variant.DBW1_2024
 _REPORT_KINDS = {int(kind): kind for kind in BrakeReportKind}
 _GEARS = {int(gear): gear for gear in Gear}
 #: Every flag byte as eight booleans, lowest bit first.
@@ -207,7 +209,7 @@ def _decode_gear_command(data: bytes, _: Variant) -> GearCommand | Malformed:
 
 def _encode_brake_report(report: BrakeReport, variant: Variant) -> Frame:
     first, second = _REPORT_STEPS[report.kind]
-    if variant is Variant.DBW1_2024:
+    if variant is _MODERN:
         status = report.kind | report.lights << 2
     elif report.kind is BrakeReportKind.PEDAL:
         status = report.lights << 1
@@ -227,7 +229,7 @@ def _encode_brake_report(report: BrakeReport, variant: Variant) -> Frame:
 
 def _decode_brake_report(data: bytes, variant: Variant) -> BrakeReport | Malformed:
     driver_input, command, output, status, flags = _PEDAL_REPORT.unpack(data)
-    modern = variant is Variant.DBW1_2024
+    modern = variant is _MODERN
     kind = _REPORT_KINDS.get(status & 3) if modern else BrakeReportKind.PEDAL
     if kind is None:
         return Malformed(BRAKE_REPORT, "value")
@@ -310,7 +312,7 @@ def _encode_steering_report(report: SteeringReport, variant: Variant) -> Frame:
         | report.fault_calibration << 6
         | report.timeout << 7
     )
-    if variant is Variant.DBW1_2018:
+    if variant is _OLD:
         command = signed(report.command, TENTH_DEGREE, "reported steering command")
         speed = counts(report.speed, 0.0, 65535 * SPEED_STEP, 1.0 / SPEED_STEP, "reported speed")
         return Frame(STEERING_REPORT, _STEERING_REPORT_2018.pack(angle, command, speed, torque, flags))
@@ -321,7 +323,7 @@ def _encode_steering_report(report: SteeringReport, variant: Variant) -> Frame:
 
 
 def _decode_steering_report(data: bytes, variant: Variant) -> SteeringReport:
-    if variant is Variant.DBW1_2018:
+    if variant is _OLD:
         angle, command, speed, torque, flags = _STEERING_REPORT_2018.unpack(data)
         command_value, speed_value, torque_mode = value_of(command, TENTH_DEGREE), speed * SPEED_STEP, False
     else:

@@ -44,6 +44,13 @@ _TORQUES = (0.0, 816.0, 1832.0, 3316.0, 3412.0)
 BRAKE_RAMP = 0.4 / 0.020 * _TORQUES[-1] / (_PEDALS[-1] - _PEDALS[0])
 
 
+# In Python 3.11 naming a member of an enumeration is a call; code that runs with every command names these instead.
+_NO_BRAKE, _BRAKE_PEDAL, _BRAKE_PERCENT = BrakeKind.NONE, BrakeKind.PEDAL, BrakeKind.PERCENT
+_DECELERATION = BrakeKind.DECELERATION
+_NO_THROTTLE, _THROTTLE_PERCENT = ThrottleKind.NONE, ThrottleKind.PERCENT
+_NO_GEAR, _ACCEPTED = Gear.NONE, GearReject.NONE
+
+
 def _interpolate(value: float, points: tuple[float, ...], results: tuple[float, ...]) -> float:
     """Piecewise linear, flat beyond the ends."""
     if value <= points[0]:
@@ -72,9 +79,9 @@ def pedal_to_throttle(pedal: float) -> float:
 
 def _throttle(command: ThrottleCommand) -> float:
     """Throttle opening that a command asks for, 0 to 1."""
-    if command.kind is ThrottleKind.NONE:
+    if command.kind is _NO_THROTTLE:
         return 0.0
-    return min(command.value, 1.0) if command.kind is ThrottleKind.PERCENT else pedal_to_throttle(command.value)
+    return min(command.value, 1.0) if command.kind is _THROTTLE_PERCENT else pedal_to_throttle(command.value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +174,7 @@ class DbwController:
                 continue
             command = codec.decode(frame, self.parameters.variant)
             if isinstance(command, BrakeCommand):
-                if command.kind is not BrakeKind.DECELERATION:  # a Fusion's brake module doesn't know it
+                if command.kind is not _DECELERATION:  # a Fusion's brake module doesn't know it
                     self.brake.hear(command, self._step)
                     if command is self.brake.command:
                         self.commanded_torque = self._torque(command)
@@ -268,12 +275,12 @@ class DbwController:
 
     def _torque(self, command: BrakeCommand) -> float:
         """Brake torque that a command asks for [N m]."""
-        if command.kind is BrakeKind.NONE:
+        if command.kind is _NO_BRAKE:
             return 0.0
         limit, value = self.parameters.brake_torque_limit, command.value
-        if command.kind is BrakeKind.PEDAL:
+        if command.kind is _BRAKE_PEDAL:
             value = pedal_to_torque(value)
-        elif command.kind is BrakeKind.PERCENT:
+        elif command.kind is _BRAKE_PERCENT:
             value *= limit
         return min(value, limit)
 
@@ -302,17 +309,17 @@ class DbwController:
         return here + (-largest if change < -largest else largest if change > largest else change)
 
     def _shift(self, gear: Gear, speed: float, brake_torque: float) -> None:
-        if gear is Gear.NONE or (gear is self.gear_command and self._shift_ends is not None):
+        if gear is _NO_GEAR or (gear is self.gear_command and self._shift_ends is not None):
             return
         self.gear_reject = self._refusal(gear, speed, brake_torque)
-        if self.gear_reject is GearReject.NONE:
+        if self.gear_reject is _ACCEPTED:
             self.gear_command = gear
             if gear is not self.gear:
                 self._shift_ends = self._step + self._shift_steps
 
     def _refusal(self, gear: Gear, speed: float, brake_torque: float) -> GearReject:
         if gear is self.gear:
-            return GearReject.NONE
+            return _ACCEPTED
         if gear is Gear.LOW:
             return GearReject.UNSUPPORTED
         if self._shift_ends is not None:

@@ -33,6 +33,9 @@ BRAKE_LIGHTS: Final = 520.0  # torque from which the brake lights are on [N m] (
 TORQUE_SENSOR_LIMIT: Final = 7.9  # of the driver's steering torque [N m]
 MODULE_PERIOD, GEAR_PERIOD = 2, 5  # of reports, in hundredths of a second: 50 and 20 Hz
 
+# In Python 3.11 naming a member of an enumeration is a call; code that runs in every report names these instead.
+_RELEASED, _BY_TORQUE = ParkingBrake.OFF, BrakeReportKind.TORQUE
+
 
 class SimulatedDbw1:
     """A `SimulatedInterface`: the controller, its reports and their faults."""
@@ -41,6 +44,7 @@ class SimulatedDbw1:
         self.controller = controller
         self._variant = controller.parameters.variant
         self._faults = ReportFaults(self._variant)
+        self._is_old = self._variant is layout.Variant.DBW1_2018
         self._hundredths = 0
 
     @property
@@ -94,7 +98,7 @@ class SimulatedDbw1:
                 self.controller.request.brake_torque,
                 measured.brake_torque,
                 abs(measured.speed) < REST_SPEED,
-                ParkingBrake.OFF,
+                _RELEASED,
                 measured.acceleration,
             )
             frames += [
@@ -113,8 +117,8 @@ class SimulatedDbw1:
         controller = self.controller
         module, driver = controller.brake, controller.driver.brake_pedal
         command, output = controller.commanded_torque, controller.request.brake_torque
-        kind = BrakeReportKind.TORQUE
-        if self._variant is layout.Variant.DBW1_2018:
+        kind = _BY_TORQUE
+        if self._is_old:
             kind, command, output = BrakeReportKind.PEDAL, torque_to_pedal(command), torque_to_pedal(output)
         else:
             driver = pedal_to_torque(driver)
@@ -152,12 +156,11 @@ class SimulatedDbw1:
     def _steering(self, wheel_angle: float, speed: float) -> SteeringReport:
         controller = self.controller
         module = controller.steering
-        signless = self._variant is layout.Variant.DBW1_2018
         torque = min(max(controller.driver.steering_torque, -TORQUE_SENSOR_LIMIT), TORQUE_SENSOR_LIMIT)
         return SteeringReport(
             wheel_angle,
             controller.commanded_wheel_angle,
-            abs(speed) if signless else speed,
+            abs(speed) if self._is_old else speed,
             torque,
             module.enabled,
             module.override,
