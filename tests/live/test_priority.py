@@ -117,3 +117,24 @@ print(policies == [os.SCHED_OTHER, os.SCHED_FIFO, os.SCHED_OTHER])
 def test_an_urgent_part_without_the_right_is_like_the_rest() -> None:
     code = "import os\npart = priority.UrgentPart(10)\npart.begin()\nprint(os.sched_getscheduler(0), part.granted)"
     assert unprivileged(code) == f"{os.SCHED_OTHER} False"
+
+
+@permitted
+@pytest.mark.parametrize(("pauses", "expected"), [(True, 0), (False, -9)])
+def test_urgent_parts_count_together_until_a_pause(pauses: bool, expected: int) -> None:
+    code = f"""
+import time
+priority.MAX_REAL_TIME = 100_000
+part = priority.UrgentPart(1)
+until = time.monotonic() + 1.0
+while time.monotonic() < until:
+    part.begin()
+    begun = time.monotonic()
+    while time.monotonic() - begun < 0.02: pass
+    part.end()
+    if {pauses}:
+        part.pause()
+    else:
+        time.sleep(0.001)
+"""
+    assert run(code).returncode == expected

@@ -210,7 +210,11 @@ class LiveDrive:
         if begun.tick % HOUSEKEEPING_TICKS == 0:
             self._clock_report = self._pipeline.clock_report()
             gc.collect(0)
-        self._urgent.begin()
+        if begun.missed:
+            # Ticks that take too long would else take a whole processor from the gateway, with no wait in between.
+            self._urgent.pause()
+        else:
+            self._urgent.begin()
 
     def faults(self) -> tuple[str, ...]:
         """Return the reason codes of this tick except those of the virtual road, which reports its own."""

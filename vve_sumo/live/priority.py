@@ -17,6 +17,7 @@ import os
 import platform
 import resource
 import struct
+import time
 from pathlib import Path as FilePath
 from typing import Final, NamedTuple
 
@@ -35,8 +36,11 @@ KILLED_FIRST: Final = 200  #: the recorder
 BACKGROUND_NICE: Final = 5  #: nice value of the recorder and the console, which can wait
 
 #: longest time that a real-time process may compute without waiting [us]; then the kernel kills it. No step of a drive
-#: takes a tenth of it, and after a tenth of it the gateway stops the car
-MAX_REAL_TIME: Final = 1_000_000
+#: takes a tenth of it, after a fifth of it the gateway stops the car, and after twice of it Linux would hold up the
+#: gateway too
+MAX_REAL_TIME: Final = 500_000
+#: sleep that ends the kernel's count of it [s]
+PAUSE: Final = 1e-4
 #: turn on the processor that a process without the right asks for [ns]: about what a step of the drive computes between
 #: a fix and its frames
 SHORT_TURN: Final = 500_000
@@ -137,6 +141,12 @@ class UrgentPart:
         """Run what follows like an ordinary process."""
         if self.granted:
             os.sched_setscheduler(0, os.SCHED_OTHER, self._ordinary)
+
+    def pause(self) -> None:
+        """Sleep for PAUSE with real-time priority, from which the kernel counts anew; what follows is ordinary."""
+        self.begin()
+        time.sleep(PAUSE)
+        self.end()
 
 
 def ask_for_short_turns() -> bool:
