@@ -34,9 +34,8 @@ class Judged(enum.Enum):
     CHANGED = enum.auto()  #: as NEWER, the last of a run of AHEAD after which the sender's clock is taken as changed
 
 
-_NEWER: Final = (
-    Judged.NEWER
-)  # found once, for every message: Python looks members up in their class at the cost of a call
+# Found once, for every message: Python looks members up in their class at the cost of a call.
+_NEWER: Final = Judged.NEWER
 
 
 @dataclass(slots=True)
