@@ -42,7 +42,7 @@ def test_a_rig_that_says_nothing_of_its_car_has_the_fusion() -> None:
     plain = rig()
     assert resolve.vehicle_of(plain) == vehicles.FUSION.vehicle
     assert resolve.calibration_of(plain) == vehicles.FUSION.calibration
-    assert resolve.limits_of(plain) == Limits()
+    assert resolve.limits_of(plain) == Limits(speed=plain.limits.speed_mps)
     assert resolve.interface_of(plain) == DEFAULT
     assert resolve.steering_wheel_bias_of(plain) == 0.0
 
@@ -81,7 +81,7 @@ def test_every_declared_quantity_has_its_key() -> None:
     limits = {field.name for field in dataclasses.fields(Limits)} - {"comfort", "emergency"}
     for prefix, nested in (("comfort", Envelope), ("emergency", EmergencyBraking)):
         limits |= {f"{prefix}_{field.name}" for field in dataclasses.fields(nested)}
-    assert bare(list(LimitsTable.model_fields)) == limits | {"speed"}
+    assert bare(list(LimitsTable.model_fields)) == limits
 
 
 def test_units_and_signs() -> None:

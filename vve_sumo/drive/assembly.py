@@ -115,6 +115,7 @@ def build_pipeline(
         path=resolved.path,
         desired_speed=resolved.scenario.ego.speed_mps,
         deviation_limit=resolved.scenario.ego.deviation_limit_m,
+        speed_margin=resolved.scenario.ego.speed_margin_mps,
         clock=pose.clock,
         epoch=pose.epoch,
         geofence=pose.geofence,

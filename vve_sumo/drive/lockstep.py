@@ -202,7 +202,7 @@ class Lockstep:
             if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked)):
                 return drive_end(Outcome.COMPLETED, (why, *status.reasons), self._pipeline, self._road)
             ahead = partial(self._rest.ahead, ticked.truth, s, ticked.actors)
-            outcome = self._termination.step(now, speed, s, status.state, contact, ahead)
+            outcome = self._termination.step(now, speed, s, status.state, status.reasons, contact, ahead)
             if outcome is None and tick >= last:
                 outcome = Outcome.TIMEOUT
             if outcome is not None:

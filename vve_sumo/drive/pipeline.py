@@ -121,14 +121,17 @@ class Pipeline:
         path: Path,
         desired_speed: float,
         deviation_limit: float = math.inf,
+        speed_margin: float = math.inf,
         clock: Clock | None = None,
         epoch: float = 0.0,
         geofence: Geofence | None = None,
         wires: Wires | None = None,
         fallback: FallbackRule = fallback_path,
     ) -> None:
-        """Put the pipeline together; a lateral deviation above `deviation_limit` [m] is the fault `off_path`.
+        """Put the pipeline together.
 
+        A lateral deviation above `deviation_limit` [m] is the fault `off_path`. A speed above `desired_speed` [m/s] by
+        more than `speed_margin` [m/s] is the fault `above_desired_speed`.
         `clock` maps the receiver's times to drive time; without one the receiver's clock is the drive's. GNSS second
         `epoch` is drive time 0. `geofence` is the lot's; without one the car may stop anywhere.
         `wires` carry the virtual sensors to a foreign control computer; without them nobody else is told.
@@ -137,7 +140,7 @@ class Pipeline:
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor
         self._sensors, self._controller = dict(sensors), controller
         self._vehicle, self._path, self._desired_speed = vehicle, path, desired_speed
-        self._deviation_limit = deviation_limit
+        self._deviation_limit, self._speed_limit = deviation_limit, desired_speed + speed_margin
         self._clock, self._epoch, self._geofence, self._wires = clock, epoch, geofence, wires
         self._fallback_rule = fallback
         self._sequence = 0
@@ -215,6 +218,7 @@ class Pipeline:
             beside = self._path.project(pose.x, pose.y, self._s)
             self._s, s, d = beside.s, beside.s, beside.offset
             faults += ("off_path",) if not abs(d) <= self._deviation_limit else ()
+            faults += ("above_desired_speed",) if not pose.speed <= self._speed_limit else ()
             if not abs(now - self._prepared_for) <= PREPARED_TOLERANCE:
                 # Ticks were skipped: the car is no longer where the prepared fallback path begins.
                 self.prepare(now, steering)

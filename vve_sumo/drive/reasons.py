@@ -13,6 +13,7 @@ from vve_sumo.vehicle import arming
 
 #: Codes that neither the gateway (`arming.REASONS`) nor the trust gate (`trust.REASONS`) defines.
 DRIVE_REASONS: Final[dict[str, str]] = {
+    "above_desired_speed": "the car is faster than the scenario's speed and its margin",
     "actors_not_finite": "the virtual road holds an actor whose place or speed is not a number",
     "brain_overdue": "the foreign brain did not answer within the time that the rig gives it in lockstep",
     "brain_silent": "no setpoint of the foreign brain is alive",

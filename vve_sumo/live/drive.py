@@ -44,7 +44,7 @@ from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.arming import COMMANDING, ENDING, WAITING
+from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS, ENDING, WAITING
 from vve_sumo.wire.outputs import KINDS
 from vve_sumo.wire.setpoints import SetpointInbox
 
@@ -335,7 +335,7 @@ class LiveDrive:
         pose, contact = result.pose, bool(self._road.contacts)
         speed, driven = pose.speed if pose else math.nan, now - self._went_at
         ahead = partial(self._rest.ahead, pose, result.s, done.actors)
-        outcome = self._termination.step(driven, speed, result.s, status.state, contact, ahead)
+        outcome = self._termination.step(driven, speed, result.s, status.state, status.reasons, contact, ahead)
         if outcome is None and driven > self._resolved.scenario.duration_s:
             outcome = Outcome.TIMEOUT
         if outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.TIMEOUT):
@@ -352,7 +352,7 @@ class LiveDrive:
             self._close(Outcome.FAULT, (*self._stop_reasons, "gateway_gone"))
         elif self._went_at is None:
             self._close(Outcome.INTERRUPTED, self._stop_reasons)
-        elif "driver_override" in self._stop_reasons:
+        elif not DRIVER_SIGNS.isdisjoint(self._stop_reasons):
             self._close(Outcome.DRIVER, self._stop_reasons)
         elif self._termination.collided:
             self._close(Outcome.CONTACT, self._stop_reasons)

@@ -63,7 +63,7 @@ def steering_wheel_bias_of(rig: Rig) -> float:
 
 def limits_of(rig: Rig) -> Limits:
     """Return the limits that the gateway enforces."""
-    said, usual = in_si(rig.limits, "speed_mps"), Limits()
+    said, usual = in_si(rig.limits), Limits()
 
     def changed(prefix: str) -> dict[str, float]:
         return {key.removeprefix(prefix): value for key, value in said.items() if key.startswith(prefix)}
