@@ -26,14 +26,13 @@ from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
 from vve_sumo.live.gateway import (
     DBW_SILENCE_LIMIT,
-    MAX_STEP_INTERVAL,
-    MIN_STEP_INTERVAL,
     Inbox,
     dbw_is_gone,
     next_step_time,
 )
 from vve_sumo.live.priority import NEVER_KILLED
 from vve_sumo.record.reader import read_table
+from vve_sumo.timing import MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.dataspeed import codec

@@ -23,9 +23,9 @@ from tests.live.command_line import begun, own_rig, vve_sumo
 from tests.live.patience import until
 from tests.live.records import SHORTER
 from tests.view.test_page import COLOURS
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.signals import Signals, read_signals
+from vve_sumo.timing import PERIOD
 
 # A browser that draws without a graphics card takes both cores, and would fail the drives of other tests.
 pytestmark = [pytest.mark.live, pytest.mark.alone]

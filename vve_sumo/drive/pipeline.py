@@ -24,6 +24,7 @@ from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate
 from vve_sumo.sensors.guarded import GuardedSensor
 from vve_sumo.sensors.port import Column
+from vve_sumo.timing import SETPOINT_LIFETIME
 from vve_sumo.values import (
     Actors,
     ControlCommand,
@@ -41,8 +42,6 @@ from vve_sumo.values import (
 
 #: greatest difference of a tick's time from the time for which its fallback path was prepared [s]; else prepared anew
 PREPARED_TOLERANCE = 0.01
-#: how long a setpoint may be acted on [s]; the DBW controller's own command time-out is the same 100 ms
-SETPOINT_LIFETIME = 0.1
 
 #: the sensors' readings at a tick: the columns of each sensor's table in the record, by the sensor's name
 Readings = Mapping[str, tuple[Column, ...]]

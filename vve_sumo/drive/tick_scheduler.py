@@ -21,6 +21,8 @@ from collections import deque
 from statistics import median
 from typing import Final, NamedTuple
 
+from vve_sumo.timing import PERIOD
+
 MAX_CATCH_UP: Final = 5  #: greatest number of extra steps of the virtual road in one tick
 OVERRUN_LIMIT: Final = 5  #: ticks that began after a skip, among the last OVERRUN_WINDOW, that are an overrun
 OVERRUN_WINDOW: Final = 10
@@ -60,7 +62,7 @@ class TickScheduler:
     again. Once that time is not later than now, it calls `begin`.
     """
 
-    def __init__(self, start: float, period: float = 0.02, grace: float = 0.003) -> None:
+    def __init__(self, start: float, period: float = PERIOD, grace: float = 0.003) -> None:
         """Tick 0 is due at `start`; `grace` is how long a tick waits for its fix beyond its due time."""
         self._period, self._grace = period, grace
         self._tick = 0

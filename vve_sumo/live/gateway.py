@@ -25,6 +25,7 @@ from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.spawn import receive_config
+from vve_sumo.timing import LONE_STEP_INTERVAL, MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
 from vve_sumo.values import ArmingState, Frame, GatewayRow, GatewayStatus, Setpoint, Vehicle
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING
@@ -35,11 +36,6 @@ from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 from vve_sumo.vehicle.observer import Observer
 
 CAR_BUS: Final = "can0"  #: the car's bus, as the record names it
-# Time between two steps, in periods. An early setpoint waits for MIN, so that the DBW controller never gets two
-# commands at once. A late one is waited for until MAX, but after a step without a setpoint only for LONE, the period.
-MIN_STEP_INTERVAL: Final = 0.5
-MAX_STEP_INTERVAL: Final = 1.5
-LONE_STEP_INTERVAL: Final = 1.0
 #: between two polls of a bus whose driver has no file descriptor to wait on [s]
 POLL_INTERVAL: Final = 0.001
 #: between two status messages to the console while nothing changes [s]

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, computed
 from vve_sumo.vehicle.actuation import Actuation, Pedals
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, Event, transition
@@ -100,7 +101,7 @@ class Gateway(Monitor):
         vehicle: Vehicle,
         calibration: Calibration,
         limits: Limits | None = None,
-        period: float = 0.02,
+        period: float = PERIOD,
         interface: VehicleInterface | None = None,
         shadow: bool = False,
         wheel_bias: float = 0.0,
