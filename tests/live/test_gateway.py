@@ -134,10 +134,12 @@ def test_acts_come_in_their_order_and_stop_before_all_others(acts):
     inbox = Inbox()
     for act in acts:
         inbox.take_from_console(b"prose" if act is None else link.encode_operator_command(act))
-    stops = any(act in (OperatorCommand.STOP, None) for act in acts)
+    operators = any(act in (OperatorCommand.STOP, None) for act in acts)
+    stops = operators or OperatorCommand.STOP_BY_PAGE in acts
     assert inbox.fresh is stops
     taken = [inbox.take().act for _ in range(len(acts) + 1)]
-    assert taken == ([OperatorCommand.STOP] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
+    stop = OperatorCommand.STOP if operators else OperatorCommand.STOP_BY_PAGE
+    assert taken == ([stop] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
 
 
 def test_a_stop_asked_for_again_and_again_is_urgent_once():

@@ -217,7 +217,8 @@ def test_a_feed_that_stops_is_said_in_time(seen: Seen) -> None:
 
 
 def test_the_button_stops_the_car_without_a_feed(seen: Seen) -> None:
-    assert seen.summary["reasons"][0] == "stop_asked"
+    assert seen.summary["reasons"][0] == "stop_asked_by_page", "it is not recorded as the operator's"
+    assert seen.summary["outcome"] == "interrupted"
     assert "stopping" in seen.ticks["state"]
     assert "the gateway was asked to stop" in seen.unheard
     assert seen.stopped_after < 5.0

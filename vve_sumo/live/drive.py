@@ -356,7 +356,7 @@ class LiveDrive:
             self._close(Outcome.DRIVER, self._stop_reasons)
         elif self._termination.collided:
             self._close(Outcome.CONTACT, self._stop_reasons)
-        elif set(self._stop_reasons[:1]) <= {"stop_asked", "operator_gone"}:
+        elif set(self._stop_reasons[:1]) <= {"stop_asked", "stop_asked_by_page", "operator_gone"}:
             # The first reason counts: the drive was over before any fault found on the fallback path.
             self._close(Outcome.INTERRUPTED, self._stop_reasons)
         else:

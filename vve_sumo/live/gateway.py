@@ -30,7 +30,7 @@ from vve_sumo.values import ArmingState, Frame, GatewayRow, GatewayStatus, Setpo
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.gateway import STOPS, Gateway, GatewayOutput, OperatorCommand
 from vve_sumo.vehicle.interface import InterfaceConfig, load
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 from vve_sumo.vehicle.observer import Observer
@@ -90,7 +90,7 @@ class Inbox:
 
         The gateway counts in periods: an operator who hammers a key must not make them shorter.
         """
-        return self._setpoint is not None or (OperatorCommand.STOP in self._acts and not self._stopped)
+        return self._setpoint is not None or (not STOPS.isdisjoint(self._acts) and not self._stopped)
 
     def take_from_drive(self, datagram: bytes) -> None:
         """Take in a datagram of the drive."""
@@ -106,18 +106,24 @@ class Inbox:
             self._wrong.append("setpoint_corrupt")
 
     def take_from_console(self, datagram: bytes) -> None:
-        """Take in an operator command; a datagram that cannot be understood counts as a stop."""
+        """Take in an operator command; a datagram that cannot be understood counts as the operator's stop.
+
+        A stop goes before all that waits, the operator's before that of the page.
+        """
         act = link.decode_operator_command(datagram)
-        if act is OperatorCommand.STOP or not isinstance(act, OperatorCommand):
-            self._acts.clear()
+        if not isinstance(act, OperatorCommand):
             act = OperatorCommand.STOP
-        if OperatorCommand.STOP not in self._acts:
+        waiting = STOPS.intersection(self._acts)
+        if act in STOPS and OperatorCommand.STOP not in waiting:
+            self._acts.clear()
+            self._acts.append(act)
+        elif not waiting:
             self._acts.append(act)
 
     def take(self) -> StepInputs:
         """Return the inputs of the next step and remove them."""
         act = self._acts.popleft() if self._acts else None
-        self._stopped |= act is OperatorCommand.STOP
+        self._stopped |= act in STOPS
         taken = StepInputs(self._setpoint, self._datagram, act, tuple(self._wrong))
         self._setpoint, self._datagram, self._wrong = None, b"", []
         return taken

@@ -65,8 +65,13 @@ class OperatorCommand(enum.StrEnum):
     ENGAGE = "engage"  #: take the car over at rest, and hold it
     GO = "go"  #: let it move
     STOP = "stop"
+    STOP_BY_PAGE = "stop_by_page"  #: whoever has the page in a browser asks to stop; nobody knows who that is
     END = "end"  #: the drive is over: bring the car to rest
     DISARM = "disarm"
+
+
+#: Commands that stop the car, whoever gives them.
+STOPS: Final = frozenset({OperatorCommand.STOP, OperatorCommand.STOP_BY_PAGE})
 
 
 class GatewayOutput(NamedTuple):
@@ -285,6 +290,8 @@ class Gateway(Monitor):
                 self._notes.append("go_too_early")
             case OperatorCommand.STOP:
                 self._happen(now, Event.STOP, ["stop_asked"])
+            case OperatorCommand.STOP_BY_PAGE:
+                self._happen(now, Event.STOP, ["stop_asked_by_page"])
             case OperatorCommand.END:
                 self._happen(now, Event.STOP, ["drive_over"])
             case OperatorCommand.DISARM if self._state is ArmingState.STOPPED:
