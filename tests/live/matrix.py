@@ -200,6 +200,11 @@ MATRIX: Final = (
         ("latency_budget",), GATEWAY, 0.320 + STEP, controller="slowish", budget_ms=10.0,
     ),
     Row(
+        # The thirteenth within a second, and two ticks in which the gateway answers.
+        "late_thirds", "every third tick takes 30 ms, within the rig's budget", Right.REST, ("latency_budget",),
+        GATEWAY, 13 * 3 * PERIOD + 2 * PERIOD + STEP, first=("overrun",), controller="limping",
+    ),
+    Row(
         "geofence_breach", "the controller steers off the path, towards a pole in the lot", Right.REST,
         ("geofence_breach",), GATEWAY, PERIOD + STEP, controller="wandering", pole=True, by_reason=True,
     ),
