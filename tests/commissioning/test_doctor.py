@@ -236,6 +236,10 @@ def test_what_speaks_against_a_fix_is_told_in_words(tmp_path: Path) -> None:
     assert old.finding is Finding.NO_GO
     assert "25.0 s old" in old.found
     assert "corrections" in old.advice
+    unlocked = heard_from(rig, locked=False)
+    assert "not locked" in of(unlocked, "fix").found
+    assert of(unlocked, "fix").finding is of(unlocked, "age").finding is Finding.NO_GO
+    assert "navigation is locked" in of(unlocked, "fix").advice
     moving = of(heard_from(rig, velocity_east=2.0, velocity_north=0.2), "standing")
     assert moving.finding is Finding.NO_GO
 

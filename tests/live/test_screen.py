@@ -341,3 +341,9 @@ def test_a_pipe_that_nobody_reads_or_holds_does_not_hold_the_drive_up():
         os.close(reading)
         screen.show(DRIVING)
         screen.close()
+
+
+def test_a_stop_over_the_page_is_not_called_the_operators() -> None:
+    said = transition(DRIVING | {"state": "stopping", "reasons": ["stop_asked_by_page"]})
+    assert "STOPPING: somebody asked to stop over the page in a browser" in said
+    assert "operator" not in said

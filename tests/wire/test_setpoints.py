@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vve_sumo.wire.datagrams import MAX_LIFETIME, SEQUENCES, SetpointDatagram, encode_setpoint
+from vve_sumo.timing import SETPOINT_LIFETIME
+from vve_sumo.wire.datagrams import SEQUENCES, SetpointDatagram, encode_setpoint
 from vve_sumo.wire.setpoints import FORGED, LATE, MAX_ANSWERED, REPLAYED, UNASKED, SetpointInbox, signed
 
 EPOCH = 998.0  #: GNSS second of drive time 0
@@ -66,7 +67,8 @@ def test_sequences_begin_again_after_the_greatest() -> None:
 
 @given(
     steps=st.lists(
-        st.tuples(st.floats(0.0, 0.2), st.integers(0, 3), st.booleans(), st.floats(0.001, MAX_LIFETIME)), max_size=30
+        st.tuples(st.floats(0.0, 0.2), st.integers(0, 3), st.booleans(), st.floats(0.001, SETPOINT_LIFETIME)),
+        max_size=30,
     )
 )
 def test_a_command_is_never_older_than_its_lifetime(steps: list[tuple[float, int, bool, float]]) -> None:

@@ -24,12 +24,13 @@ import numpy as np
 from vve_sumo import bus
 from vve_sumo.commissioning.findings import Check, Finding, judged
 from vve_sumo.commissioning.wake_up import wake_up
-from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
 from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, rights
 from vve_sumo.scenario.schema import When
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Point
 from vve_sumo.vehicle.interface import DEFAULT, load, read_dbc
 from vve_sumo.world.step_time import LIMIT

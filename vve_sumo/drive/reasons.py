@@ -36,7 +36,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "gateway_silent": "the gateway's process says nothing: nobody could stop the drive",
     "geofence_breach": "the car could not be sure to come to rest inside the lot",
     "internal_error": "a mistake in this program; the traceback lies in the record",
-    "latency_budget": "too many ticks within a second took longer than the rig's budget",
+    "latency_budget": "too many ticks within a second took longer than the rig's budget, or than a period",
     "not_calm": "waiting for a calm second of the computer",
     "off_path": "the car is farther off its path than allowed",
     "outputs_gone": "the process of the outgoing wires is gone: the foreign brain sees nothing",

@@ -29,6 +29,7 @@ from vve_sumo.path import Path
 from vve_sumo.record.layout import LAYOUT, check_layout
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import SensorSettings, configured
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
@@ -38,7 +39,6 @@ from vve_sumo.world.network import Lane, Network, lanes_near, read_network
 if TYPE_CHECKING:
     from vve_sumo.rig.schema import Rig
 
-PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the DBW controller expects commands
 #: GNSS second of drive time 0 where no receiver gives one: 2026-01-01 00:00 UTC, with 18 leap seconds
 DEFAULT_EPOCH = 1_451_260_818.0
 #: libraries whose version is recorded beside our own, because a drive may go differently with another version

@@ -13,7 +13,7 @@ from typing import Any, Final, Protocol
 import pyarrow as pa
 
 from vve_sumo.drive.reasons import in_words
-from vve_sumo.drive.resolved_scenario import PERIOD, versions
+from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.per_drive import PER_DRIVE
@@ -23,6 +23,7 @@ from vve_sumo.record.hashes import hash_files, whole
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.roads import read_roads
 from vve_sumo.scenario.schema import Band, Criteria, Scenario
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.arming import DRIVER_SIGNS
 

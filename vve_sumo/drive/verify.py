@@ -19,7 +19,7 @@ import pyarrow as pa
 
 from vve_sumo.drive import provenance
 from vve_sumo.drive.latency_monitor import latency_summary
-from vve_sumo.drive.resolved_scenario import PERIOD, read_resolved
+from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of
@@ -33,6 +33,7 @@ from vve_sumo.record.roads import read_roads
 from vve_sumo.record.summary import SUMMARY_HASH_KEY, sealed
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import EndTrigger, Scenario
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Point, Pose, Vehicle
 from vve_sumo.vehicle.arming import DRIVER_SIGNS
 

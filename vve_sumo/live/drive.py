@@ -23,7 +23,6 @@ from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.brain import Brain, NoController, Publisher, SetpointController, virtual_placement
 from vve_sumo.drive.latency_monitor import LatencyMonitor
 from vve_sumo.drive.pipeline import TickResult
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import CompletedTick, DueTick, Tick
@@ -42,6 +41,7 @@ from vve_sumo.live.view_feed import Beside, ViewFeed
 from vve_sumo.pose.sources import open_udp
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS, ENDING, WAITING
@@ -356,7 +356,7 @@ class LiveDrive:
             self._close(Outcome.DRIVER, self._stop_reasons)
         elif self._termination.collided:
             self._close(Outcome.CONTACT, self._stop_reasons)
-        elif set(self._stop_reasons[:1]) <= {"stop_asked", "operator_gone"}:
+        elif set(self._stop_reasons[:1]) <= {"stop_asked", "stop_asked_by_page", "operator_gone"}:
             # The first reason counts: the drive was over before any fault found on the fallback path.
             self._close(Outcome.INTERRUPTED, self._stop_reasons)
         else:

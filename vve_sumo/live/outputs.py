@@ -18,7 +18,6 @@ from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 from vve_sumo.bus import Bus
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.errors import VveError
 from vve_sumo.live import signals
 from vve_sumo.live.channel import Channel
@@ -26,6 +25,7 @@ from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, se
 from vve_sumo.live.pty_bus import PREFIX, PtyOutlet
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
 from vve_sumo.wire.outputs import KINDS, Context, Output
 from vve_sumo.wire.sample import Sample, sequence_of

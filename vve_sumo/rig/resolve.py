@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from vve_sumo.config_file import in_si
 from vve_sumo.errors import ConfigError
@@ -17,6 +17,7 @@ from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.rig.schema import Rig
+from vve_sumo.timing import NOTICED, SETPOINT_LIFETIME
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle import load as vehicles
 from vve_sumo.vehicle.calibration import Calibration
@@ -26,9 +27,6 @@ from vve_sumo.vehicle.model import VehicleModel
 
 if TYPE_CHECKING:
     from vve_sumo.plant.injected_faults import InjectedFault
-
-EXPIRY: Final = 0.100  #: how long the last good setpoint is acted on [s]
-NOTICED: Final = 0.030  #: the gateway's timer sees an expired setpoint this much later at most [s]
 
 
 def model_of(rig: Rig) -> VehicleModel:
@@ -155,12 +153,14 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
     vehicle, limits, lag = vehicle_of(rig), limits_of(rig), calibration_of(rig).drive_lag
     gateway = Stop(
         limits.stop_deceleration,
-        EXPIRY + NOTICED + vehicle.brake_delay + vehicle.brake_lag,
+        SETPOINT_LIFETIME + NOTICED + vehicle.brake_delay + vehicle.brake_lag,
         limits.stop_deceleration / limits.stop_jerk,
         lag,
     )
     test = rig.watchdog_test
-    watchdog = gateway if test is None else Stop(test.deceleration_mps2, EXPIRY + test.delay_s, drive_lag=lag)
+    watchdog = (
+        gateway if test is None else Stop(test.deceleration_mps2, SETPOINT_LIFETIME + test.delay_s, drive_lag=lag)
+    )
     downhill = math.sin(math.atan(rig.lot.grade_percent / 100.0))
     return Geofence(lot_of(rig), vehicle, alignment, gateway=gateway, watchdog=watchdog, downhill=downhill)
 
