@@ -14,6 +14,7 @@ from vve_sumo.plant.car import STEPS_PER_SECOND, Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injector import FaultInjector
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.values import Frame, Pose
+from vve_sumo.vehicle.interface import HANDS_OFF
 
 
 class FaultInjectedCar:
@@ -30,7 +31,8 @@ class FaultInjectedCar:
         fault_seeds: np.random.SeedSequence,
     ) -> None:
         self._injector = FaultInjector(faults, fault_seeds, parameters.interface)
-        self.car = Car(parameters, start, lot, epoch, seeds, self._injector.on_fix)
+        self.car = Car(parameters, start, lot, epoch, seeds, self._injector.on_fix, self._injector.on_measured)
+        self.driver_inputs = HANDS_OFF  #: what the driver truly does in the newest step
         self._steps = 0
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:
@@ -51,9 +53,10 @@ class FaultInjectedCar:
         injector, car, now = self._injector, self.car, self._steps / STEPS_PER_SECOND
         commands = injector.on_commands(now, frames)
         injector.on_car(now, car)
+        self.driver_inputs = injector.driver(now)
         self._steps += 1
         until = self._steps / STEPS_PER_SECOND
-        output = car.step(until, commands, injector.driver(now))
+        output = car.step(until, commands, self.driver_inputs)
         injector.moves(until, car.truth().speed)
         return CarOutput(
             injector.on_reports(until, output.reports, car.interface), injector.on_packets(until, output.ncom)
