@@ -167,17 +167,12 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
 
 def faults_of(rig: Rig) -> tuple[InjectedFault, ...]:
     """Return the faults that are injected into the simulated vehicle, and the actions of its driver."""
-    from vve_sumo.plant.injected_faults import Clock, InjectedFault, Shape
+    from vve_sumo.plant.injected_faults import InjectedFault
 
     faults = []
     for number, wanted in enumerate(rig.faults):
-        value = math.nan if wanted.value is None else wanted.value
-        period = math.nan if wanted.period_s is None else wanted.period_s
-        clock = Clock.DRIVE if wanted.from_start else Clock.MOVED
         try:
-            faults.append(
-                InjectedFault(wanted.kind, wanted.at_s, wanted.for_s, value, Shape(wanted.shape), period, clock)
-            )
+            faults.append(InjectedFault.from_dict(wanted.model_dump()))
         except ConfigError as error:
             raise ConfigError(f"faults.{number}: {error}") from None
     return tuple(faults)
