@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
 from vve_sumo.cli import live_drive
-from vve_sumo.cli.console import INTERRUPTED, complain
+from vve_sumo.cli.console import INTERRUPTED, complain, notify
 from vve_sumo.cli.drive_result import draw_and_show
 from vve_sumo.cli.parser import Parser, setting, values_of
 from vve_sumo.errors import ConfigError, SimulationError
@@ -71,8 +71,8 @@ def arguments(parser: Parser) -> None:
     parser.add_argument(
         "--lockstep",
         action="store_true",
-        help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it; "
-        "a brain that the rig names is waited for at every tick",
+        help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it, and the "
+        "rig's faults injected into it; a brain that the rig names is waited for at every tick",
     )
     parser.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
     parser.add_argument("--view", action="store_true", help="live, with a page in a browser; its address is printed")
@@ -114,6 +114,8 @@ def _lockstep(arguments: argparse.Namespace) -> int:
         rig=arguments.rig,
         values=values_of(arguments.values),
     )
+    for fault in resolved.faults if arguments.pose is None else ():
+        notify(f"injected: {fault}")
     folder = arguments.out if arguments.out is not None else new_run_folder(resolved.name, working)
     foreign = nullcontext(None) if arguments.rig is None else _brain(arguments, resolved, working)
     with foreign as brain, progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:

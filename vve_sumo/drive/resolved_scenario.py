@@ -37,6 +37,7 @@ from vve_sumo.version import __version__
 from vve_sumo.world.network import Lane, Network, lanes_near, read_network
 
 if TYPE_CHECKING:
+    from vve_sumo.plant.injected_faults import InjectedFault
     from vve_sumo.rig.schema import Rig
 
 #: GNSS second of drive time 0 where no receiver gives one: 2026-01-01 00:00 UTC, with 18 leap seconds
@@ -85,6 +86,7 @@ class ResolvedScenario:
     actor_paths: dict[str, Path]  #: paths of actors, by the names that they use, on the virtual road's map
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
     file: FilePath  #: the scenario's own
+    faults: tuple[InjectedFault, ...] = ()  #: that are injected into the simulated vehicle
 
     @property
     def vehicle(self) -> Vehicle:
@@ -112,6 +114,7 @@ class ResolvedScenario:
             "sensors": sensors,
             "files_sha256": plugged_in.digests(files),
             "versions": versions(),
+            **({"faults": [fault.to_dict() for fault in self.faults]} if self.faults else {}),
         }
 
     def controller(self, working: FilePath) -> Controller:
@@ -141,13 +144,18 @@ class ResolvedScenario:
         return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
 
     def with_rig(self, rig: Rig, working: FilePath) -> ResolvedScenario:
-        """Return the same scenario with a rig's car; raises ConfigError where its vehicle model is not found."""
-        from vve_sumo.rig.resolve import model_of  # imported here: it loads the lot's geometry, which only rigs need
+        """Return the same scenario with a rig's car and the faults that are injected into it.
+
+        Raises ConfigError where the rig's vehicle model is not found.
+        """
+        # Imported here: it loads the lot's geometry, which only rigs need.
+        from vve_sumo.rig.resolve import faults_of, model_of
 
         file = workspace.find("vehicle", rig.vehicle.model, working)
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})
         scenario = self.scenario.model_copy(update={"ego": ego})
-        return replace(self, scenario=scenario, model=model_of(rig), files=self.files | {"vehicle": file})
+        files = self.files | {"vehicle": file}
+        return replace(self, scenario=scenario, model=model_of(rig), files=files, faults=faults_of(rig))
 
 
 @cache
@@ -170,6 +178,16 @@ def recorded_model(resolved: Mapping[str, Any]) -> VehicleModel:
         return VehicleModel.from_dict({**resolved["vehicle_model"], "vehicle": resolved["vehicle"]})
     except (KeyError, TypeError) as error:
         raise ConfigError(f"scenario.json: no vehicle model of this version: {error!r}") from None
+
+
+def recorded_faults(resolved: Mapping[str, Any]) -> tuple[InjectedFault, ...]:
+    """Return the injected faults in a record's `scenario.json`; raises ConfigError for what is no fault."""
+    from vve_sumo.plant.injected_faults import InjectedFault
+
+    try:
+        return tuple(map(InjectedFault.from_dict, resolved.get("faults", ())))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"scenario.json: faults: none of this version: {error!r}") from None
 
 
 def resolve_scenario(

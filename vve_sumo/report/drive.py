@@ -78,6 +78,8 @@ def _is_playback(run: Run) -> bool:
 def _settings(run: Run, figures: Figures) -> dict[str, object]:
     scenario = run.resolved["settings"]
     more = [("rig", str(figures.get("rig") or "named in the record"))] if run.live else []
+    if injected := ", ".join(dict.fromkeys(str(fault["kind"]) for fault in run.resolved.get("faults", ()))):
+        more.append(("injected faults", injected))
     judged = isinstance(figures.get("passed"), bool)
     return {
         "description": str(scenario.get("description") or ""),

@@ -166,14 +166,13 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
 
 
 def faults_of(rig: Rig) -> tuple[InjectedFault, ...]:
-    """Return the faults that are injected into the simulated vehicle."""
+    """Return the faults that are injected into the simulated vehicle, and the actions of its driver."""
     from vve_sumo.plant.injected_faults import InjectedFault
 
     faults = []
     for number, wanted in enumerate(rig.faults):
-        value = math.nan if wanted.value is None else wanted.value
         try:
-            faults.append(InjectedFault(wanted.kind, wanted.at_s, wanted.for_s, value))
+            faults.append(InjectedFault.from_dict(wanted.model_dump()))
         except ConfigError as error:
             raise ConfigError(f"faults.{number}: {error}") from None
     return tuple(faults)
