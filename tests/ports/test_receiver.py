@@ -8,6 +8,7 @@ import math
 import os
 import pty
 import socket
+import time
 import tomllib
 import tty
 from collections.abc import Iterator
@@ -271,3 +272,24 @@ def test_what_is_no_receiver_is_one_line(tmp_path: Path, lines: str, said: str) 
         load(f"{file}:make")
     assert str(refused.value).startswith(f"receiver {file}:make: ")
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("kind", "portions"), [("ncom_udp", as_ncom), ("nmea_udp", as_nmea)])
+def test_a_stray_datagram_before_the_receiver_does_not_lock_it_out(kind: str, portions: Any) -> None:
+    with udp_far_end() as far:
+        more = SIGMAS if kind == "nmea_udp" else {}
+        table = load(kind)(kind=kind, minimum_delay_ms=10.0, port=far.changes["port"], **more)
+        source = table.open(no_bus)
+        try:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+                stranger.sendto(b"whoever is there", ("127.0.0.1", far.changes["port"]))
+                for _received, data in portions()[:3]:
+                    far.write(data)
+                time.sleep(0.05)
+                arrived = [data for _stamp, data in source.receive()]
+                assert arrived[1:] == [data for _received, data in portions()[:3]]
+                assert source.found() == ()
+                name = f"127.0.0.1:{stranger.getsockname()[1]}"
+                assert source.sender_report()["refused"] == {name: 1}
+        finally:
+            source.close()

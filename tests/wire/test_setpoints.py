@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from vve_sumo.timing import SETPOINT_LIFETIME
 from vve_sumo.wire.datagrams import SEQUENCES, SetpointDatagram, encode_setpoint
-from vve_sumo.wire.setpoints import FORGED, LATE, MAX_ANSWERED, REPLAYED, UNASKED, SetpointInbox, signed
+from vve_sumo.wire.setpoints import FORGED, LATE, MAX_ANSWERED, REPLAYED, UNASKED, SetpointInbox
+from vve_sumo.wire.signature import signed
 
 EPOCH = 998.0  #: GNSS second of drive time 0
 ASKED = SetpointDatagram(sequence=5, answers=100, time=1000.0, lifetime=0.08, steering=0.1, acceleration=-2.0)

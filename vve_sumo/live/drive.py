@@ -31,14 +31,13 @@ from vve_sumo.drive.virtual_road import open_world, scenario_engine
 from vve_sumo.errors import VveError
 from vve_sumo.live import signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
-from vve_sumo.live.brain_link import ChannelLink, key_of
+from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints
 from vve_sumo.live.calm import CalmSecond
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, KILLED_SECOND, UrgentPart, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
 from vve_sumo.live.view_feed import Beside, ViewFeed
-from vve_sumo.pose.sources import open_udp
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import PERIOD
@@ -108,16 +107,16 @@ class LiveDrive:
         """Return the way to a foreign brain, and the brain; neither where the rig has no outputs."""
         if outputs is None:
             return None, None
-        said, setpoints = rig.brain, None
+        said, key, setpoints = rig.brain, key_of(rig.brain, working), None
         if said.kind == "setpoints":
-            setpoints = open_udp(said.address, said.port, said.source, "brain")
+            setpoints = open_setpoints(said, key)
         actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
         placement = virtual_placement(self._resolved.map_frame, mounting_of(rig), lot.epoch)
         publisher = Publisher(link_.send, placement, lot.epoch, held=said.kind == "external")
         controller: SetpointController | NoController | None = None
         if said.kind == "setpoints":
-            inbox = SetpointInbox(lot.epoch, key_of(said, working))
+            inbox = SetpointInbox(lot.epoch, key)
             controller = SetpointController(publisher, link_.receive, inbox, waits=False)
         elif said.kind == "external":
             controller = NoController()

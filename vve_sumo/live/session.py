@@ -297,6 +297,7 @@ def _outputs(
         "vehicle": vehicle,
         "projection": plan.resolved.map_frame.projection,
         "map_offset": plan.resolved.map_frame.offset,
+        "key": key_of(plan.rig.brain, plan.working).hex(),
         "log": str(plan.folder / "outputs.log"),
     }
     process = spawn.start("outputs", config, {"drive": outputs_drive, "console": theirs}, own_session=True)

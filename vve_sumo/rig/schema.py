@@ -252,10 +252,12 @@ class Other(Table):
 def _place(text: str) -> str:
     host, _, port = text.rpartition(":")
     try:
-        ipaddress.IPv4Address(host)
+        address = ipaddress.IPv4Address(host)
         number = int(port)
     except ValueError:
         raise ValueError("expected an IPv4 address and a port, such as 127.0.0.1:5001") from None
+    if address.is_unspecified or address.is_multicast or address.is_reserved:
+        raise ValueError(f"{host} is everyone's, expected the address of one device")
     if not 1 <= number <= 65535:
         raise ValueError(f"port {number} is none, expected 1 to 65535")
     return text
@@ -332,7 +334,8 @@ class Brain(Table):
     port: NetworkPort = Field(default=5003, description="`setpoints`: to listen on")
     source: Sender | None = Field(default=None, description="`setpoints`: the brain's address, where it is not on here")
     key_file: Name | None = Field(
-        default=None, description="`setpoints`: file with the 64 hexadecimal digits of the key that signs them"
+        default=None,
+        description="file with the 64 hexadecimal digits of the key that signs setpoints and radar datagrams",
     )
     deadline_s: Annotated[float, Field(gt=0.0, le=3600.0)] = Field(
         default=10.0, description="`setpoints`, in lockstep: wait so long for the answer to a radar datagram"
