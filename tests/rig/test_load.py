@@ -309,13 +309,30 @@ def test_what_no_simulated_vehicle_is_driven_with(change: Change, words: str) ->
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("car_end", [None, "vcan1"])
-def test_a_simulated_vehicle_may_be_on_vcan_or_on_a_card_of_its_own(car_end: str | None) -> None:
+def on_socketcan(channel: str, car_end: str | None, *, automatic: bool) -> dict[str, Any]:
     table = simulated()
-    table["bus"].update(interface="socketcan", channel="vcan0" if car_end is None else "can0")
+    table["bus"].update(interface="socketcan", channel=channel)
+    table["operator"]["automatic"] = automatic
     if car_end:
         table["car_start"]["channel"] = car_end
+    return table
+
+
+@pytest.mark.parametrize(("channel", "car_end"), [("vcan0", None), ("can0", "can1"), ("can0", "vcan1")])
+def test_a_simulated_vehicle_may_be_on_vcan_or_on_a_card_of_its_own(channel: str, car_end: str | None) -> None:
+    table = on_socketcan(channel, car_end, automatic=False)
     assert parse(table, SIMULATED).bus.interface == "socketcan"
+
+
+@pytest.mark.parametrize(("channel", "car_end"), [("can0", "can1"), ("can0", "vcan1"), ("vcan0", "can1")])
+def test_nobody_but_a_person_engages_over_a_cable(channel: str, car_end: str) -> None:
+    words = f"operator.automatic: a wrong cable on socketcan:{channel} would make it engage a real car"
+    assert said(on_socketcan(channel, car_end, automatic=True), lambda table: None).startswith(words)
+
+
+@pytest.mark.parametrize("car_end", [None, "vcan0", "vcan1"])
+def test_the_program_may_engage_by_itself_where_both_ends_are_virtual(car_end: str | None) -> None:
+    assert parse(on_socketcan("vcan0", car_end, automatic=True), SIMULATED).operator.automatic
 
 
 CAN1 = {"interface": "socketcan", "channel": "can1"}

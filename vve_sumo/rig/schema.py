@@ -199,7 +199,9 @@ class Latency(Table):
 class Operator(Table):
     """Who engages and stops."""
 
-    automatic: bool = Field(default=False, description="engages and goes by itself; simulated vehicles only")
+    automatic: bool = Field(
+        default=False, description="engages and goes by itself; for simulated vehicles on a pty or a vcan only"
+    )
     stop_can_id: Annotated[int, Field(ge=0, le=0x7FF)] | None = Field(
         default=None, description="a frame with this identifier on the car's bus asks for a stop"
     )

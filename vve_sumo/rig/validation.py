@@ -33,6 +33,7 @@ from vve_sumo.vehicle.interface import VehicleInterface, load
 #: interfaces of python-can that anyone on the network can send into
 OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
 PTY: Final = "pty"  #: channel that the simulated vehicle's process makes
+VIRTUAL_CAN: Final = "vcan"  #: with what the names of virtual SocketCAN interfaces begin
 MAX_LOT_EXTENT: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
 EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only to tell near from far
 
@@ -90,7 +91,7 @@ def _of_a_real_car(rig: Rig) -> Iterator[str]:
     bus = rig.bus
     if bus.interface in OPEN_INTERFACES:
         yield f"bus.interface: anyone on the network could command a real car over {bus.interface!r}, use a CAN card"
-    if bus.interface == "virtual" or bus.channel == PTY or bus.channel.startswith("vcan"):
+    if bus.interface == "virtual" or bus.channel == PTY or bus.channel.startswith(VIRTUAL_CAN):
         yield f"bus: no real car is on {bus.interface}:{bus.channel}"
     if rig.operator.automatic:
         yield "operator.automatic: a real car is engaged by a person"
@@ -119,8 +120,21 @@ def _of_a_simulated_vehicle(rig: Rig) -> Iterator[str]:
             f"bus: a simulated vehicle is on interface 'slcan', channel '{PTY}', or on 'socketcan', "
             f"got {bus.interface}:{bus.channel}"
         )
-    elif not bus.channel.startswith("vcan") and start.channel in (None, bus.channel):
+    elif not bus.channel.startswith(VIRTUAL_CAN) and start.channel in (None, bus.channel):
         yield f"car_start.channel: {bus.channel!r} is no vcan; name the card at the simulated vehicle's end of the bus"
+    if rig.operator.automatic and not _emulated(rig):
+        yield (
+            f"operator.automatic: a wrong cable on {bus.interface}:{bus.channel} would make it engage a real car; only "
+            f"on 'slcan', channel '{PTY}', or with both ends of the bus on a vcan does the program engage by itself"
+        )
+
+
+def _emulated(rig: Rig) -> bool:
+    """Whether both ends of the car's bus are inside this computer by their names: a pty, or virtual SocketCAN."""
+    bus, far_end = rig.bus, rig.car_start.channel if rig.car_start is not None else None
+    if bus.interface == "slcan":
+        return bus.channel == PTY
+    return all(channel.startswith(VIRTUAL_CAN) for channel in (bus.channel, far_end or bus.channel))
 
 
 def _of_the_brain(rig: Rig) -> Iterator[str]:
