@@ -57,7 +57,7 @@ def examine(
             hold = held(workspace.find("rig", str(rig), working), loaded)
             advice = "wait for its end; on a serial adapter a second look would close the first one's channel"
             if report.attempt("in use", advice, lambda: bool(stack.enter_context(hold))):
-                rig_checks.examine(report, loaded, resolved)
+                rig_checks.examine(report, loaded, resolved, working)
                 _examine_brain(report, loaded, working)
     return report
 

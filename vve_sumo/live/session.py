@@ -103,7 +103,7 @@ def plan(
     loaded = rigs.load(rig_file, working)
     if shadow and loaded.brain.kind == "external":
         raise ConfigError(f"--shadow: {rig_file} has an external brain, which alone sets the enable bits; leave it out")
-    if not shadow and (reason := arming_obstacle(loaded)) is not None:
+    if not shadow and (reason := arming_obstacle(loaded, datetime.date.today())) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
     refuse_card(loaded)
     refuse_controller(loaded, controller)

@@ -5,6 +5,7 @@ Checks the contents of the file only; opens no bus and no socket.
 
 from __future__ import annotations
 
+import datetime
 import ipaddress
 import math
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from vve_sumo.lot.swept_area import Body, as_pairs, fan
 from vve_sumo.pose import oxts_can
 from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.pose.receivers.udp import UdpReceiver
+from vve_sumo.rig.dates import day_to_come, expired_day
 from vve_sumo.rig.resolve import (
     alignment_of,
     calibration_of,
@@ -59,8 +61,8 @@ def refuse(rig: Rig) -> None:
         raise ConfigError(complaint)
 
 
-def arming_obstacle(rig: Rig) -> str | None:
-    """Return why this rig may not command a car (shadow mode stays possible); None where it may."""
+def arming_obstacle(rig: Rig, today: datetime.date) -> str | None:
+    """Return why this rig may not command a car today (shadow mode stays possible); None where it may."""
     test = rig.watchdog_test
     if not receiver_of(rig).profile.may_arm:
         return "pose.kind: a recording says nothing about where a car is now"
@@ -71,11 +73,12 @@ def arming_obstacle(rig: Rig) -> str | None:
             "watchdog_test is missing: stop the frames on this car, measure what the watchdog of its drive-by-wire "
             "controller does, write it down"
         )
-    return None
+    return day_to_come(rig, today) or expired_day(rig, today)
 
 
 def _complaints(rig: Rig) -> Iterator[str]:
     yield from _of_a_real_car(rig) if rig.car == "real" else _of_a_simulated_vehicle(rig)
+    yield from _of_the_watchdog(rig)
     yield from _of_the_brain(rig)
     yield from _of_outputs(rig)
     yield from _collisions(rig)
@@ -135,6 +138,16 @@ def _emulated(rig: Rig) -> bool:
     if bus.interface == "slcan":
         return bus.channel == PTY
     return all(channel.startswith(VIRTUAL_CAN) for channel in (bus.channel, far_end or bus.channel))
+
+
+def _of_the_watchdog(rig: Rig) -> Iterator[str]:
+    """A watchdog that would have acted before the interface misses a command."""
+    test, facts = rig.watchdog_test, _interface(rig).facts
+    if test is not None and test.delay_s < facts.command_timeout:
+        yield (
+            f"watchdog_test.delay_s: {test.delay_s:g} s, but {rig.drive_by_wire.interface} waits "
+            f"{facts.command_timeout:g} s for a command before anything happens; expected that at least"
+        )
 
 
 def _of_the_brain(rig: Rig) -> Iterator[str]:
