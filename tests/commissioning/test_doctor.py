@@ -112,6 +112,10 @@ def test_a_port_that_another_program_has_is_no_go_and_no_car_is_started(tmp_path
     assert "Traceback" not in run.stderr
 
 
+#: so that neither test nor survey of a real car's rig grows too old on the day that the tests run
+LASTING = (("armed = true", "armed = true\nvalid_days = 3650"), ("margin_m = 1.0", "margin_m = 1.0\nvalid_days = 3650"))
+
+
 def real_rig(folder: Path, channel: str, *changes: tuple[str, str]) -> Path:
     """A real car's rig whose CAN adapter is a terminal, with the simulated rig's lot."""
     text = own_rig(folder, *changes).read_text(encoding="utf-8")
@@ -123,7 +127,7 @@ def real_rig(folder: Path, channel: str, *changes: tuple[str, str]) -> Path:
 
 
 def test_a_bus_and_a_receiver_that_are_not_there_are_no_go(tmp_path: Path) -> None:
-    rig = real_rig(tmp_path, "/dev/nobody")
+    rig = real_rig(tmp_path, "/dev/nobody", *LASTING)
     run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     assert run.returncode == 3
     finding, text = told(run, "bus")
@@ -155,7 +159,7 @@ def listened(rig: Path, car: LiveCar, adapter: Adapter, extra: tuple[Frame, ...]
 @pytest.mark.live
 def test_on_a_real_cars_bus_it_listens_and_says_nothing(tmp_path: Path) -> None:
     with Adapter() as adapter:
-        run = listened(real_rig(tmp_path, adapter.name), LiveCar(), adapter)
+        run = listened(real_rig(tmp_path, adapter.name, *LASTING), LiveCar(), adapter)
     assert told(run, "reports")[0] == "go"
     assert told(run, "enabled") == ("go", "nothing is enabled")
     assert told(run, "calibration")[0] == "note"
@@ -166,7 +170,9 @@ def test_on_a_real_cars_bus_it_listens_and_says_nothing(tmp_path: Path) -> None:
 def test_another_writer_on_our_identifiers_is_no_go(tmp_path: Path) -> None:
     command = codec.encode(codec.GearCommand(codec.Gear.DRIVE), codec.Variant.DBW1_2024)
     with Adapter() as adapter:
-        run = listened(real_rig(tmp_path, adapter.name), LiveCar(), adapter, (command, Frame(0x061, b"short")))
+        run = listened(
+            real_rig(tmp_path, adapter.name, *LASTING), LiveCar(), adapter, (command, Frame(0x061, b"short"))
+        )
     finding, text = told(run, "commands")
     assert finding == "NO-GO"
     assert "0x066" in text

@@ -155,6 +155,7 @@ class _Doctor(JsonModel):
     verdict: Text = "none"
     date_utc: Text = ""
     caveats: Annotated[tuple[Text, ...], Field(strict=False)] = ()
+    override: Text | None = None
 
 
 class Provenance(JsonModel):
