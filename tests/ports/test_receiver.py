@@ -32,6 +32,7 @@ from vve_sumo.rig.resolve import receiver_of
 from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.values import Frame
 
+TODAY = datetime.date(2026, 5, 1)
 TOY = Path(__file__).parent / "toy" / "csv_udp.py"
 DELAY = 0.01
 CAR = {"minimum_delay_ms": 10.0}
@@ -247,7 +248,7 @@ def test_a_key_that_somebody_s_own_receiver_lacks_is_one_line() -> None:
 
 
 def test_no_car_is_armed_on_a_recording() -> None:
-    assert "recording" in str(arming_obstacle(parse(a_rig(kind="file", file="a.ncom"), Path("mine.toml"))))
+    assert "recording" in str(arming_obstacle(parse(a_rig(kind="file", file="a.ncom"), Path("mine.toml")), TODAY))
 
 
 @pytest.mark.parametrize(

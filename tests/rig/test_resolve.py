@@ -205,10 +205,10 @@ def test_the_fence_counts_with_the_slope_and_the_tested_watchdog() -> None:
         return float(high_x - x)
 
     test = {"date": datetime.date(2026, 5, 1), "armed": True}
-    strong = first_refused(watchdog_test=test | {"deceleration_mps2": 6.0, "delay_s": 0.05})
-    weak = first_refused(watchdog_test=test | {"deceleration_mps2": 1.5, "delay_s": 0.05})
-    assert weak - strong > 64.0 / 3.0 - 64.0 / 4.8 - 3.0
-    steep = first_refused(watchdog_test=test | {"deceleration_mps2": 6.0, "delay_s": 0.05}, lot={"grade_percent": 8.0})
+    strong = first_refused(watchdog_test=test | {"deceleration_mps2": 5.9, "delay_s": 0.1})
+    weak = first_refused(watchdog_test=test | {"deceleration_mps2": 1.5, "delay_s": 0.1})
+    assert weak - strong > 64.0 / 3.0 - 64.0 / 4.72 - 3.0
+    steep = first_refused(watchdog_test=test | {"deceleration_mps2": 5.9, "delay_s": 0.1}, lot={"grade_percent": 8.0})
     assert steep > strong + 3.0
 
 

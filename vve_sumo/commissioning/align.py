@@ -96,7 +96,7 @@ def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> Al
     """
     rig, path, t0 = site.rig, site.resolved.path, time.monotonic()
     with contextlib.ExitStack() as stack:
-        stack.enter_context(held(site.rig_file))
+        stack.enter_context(held(site.rig_file, rig))
         source = assembly.source_of(rig)
         stack.callback(source.close)
         if rig.car == "simulated":

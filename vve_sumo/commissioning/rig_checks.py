@@ -13,9 +13,11 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.bus import Bus
+from vve_sumo.commissioning import watchdog_record
 from vve_sumo.commissioning.findings import Check, Finding, Report, judged
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
@@ -31,6 +33,7 @@ from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import Trust, TrustGate
 from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.dates import StatedDay, stated_days
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.values import Fix, Frame
@@ -90,9 +93,13 @@ class Observed:
         return row[::-1]
 
 
-def examine(report: Report, rig: Rig, resolved: ResolvedScenario | None) -> None:
-    """Make every possible check of a rig, and with a `resolved` scenario those of its path in the lot."""
+def examine(report: Report, rig: Rig, resolved: ResolvedScenario | None, working: Path) -> None:
+    """Make every possible check of a rig, and with a `resolved` scenario those of its path in the lot.
+
+    The records that the rig names are looked up from `working`.
+    """
     report.add(documents(rig, datetime.date.today()))
+    report.add(watchdog_record.checks(rig, working))
     t0 = time.monotonic()
     with contextlib.ExitStack() as stack:
         # The receiver comes first: if another program has its port, the simulated vehicle must not send to it.
@@ -118,7 +125,7 @@ def examine(report: Report, rig: Rig, resolved: ResolvedScenario | None) -> None
 
 def documents(rig: Rig, today: datetime.date) -> Iterator[Check]:
     """Check what the rig file states: whether it may arm, the dates of tests and calibration, and the lot."""
-    problem = arming_obstacle(rig)
+    problem = arming_obstacle(rig, today)
     yield (
         Check("arming", "the rig may arm")
         if problem is None
@@ -126,25 +133,26 @@ def documents(rig: Rig, today: datetime.date) -> Iterator[Check]:
             "arming", problem, Finding.NO_GO, "until then a drive runs with --shadow; docs/live.md tells how to test"
         )
     )
-    yield _watchdog(rig, today)
-    if rig.calibration.date is not None:
-        yield _dated("calibration", f"of {rig.calibration.date}", rig.calibration.date, today)
+    days = {stated.key: stated for stated in stated_days(rig)}
+    yield _watchdog(rig, days.get("watchdog_test.date"), today)
+    if (calibrated := days.get("calibration.date")) is not None:
+        yield _dated("calibration", f"of {calibrated.day}", calibrated, rig, today)
     elif rig.car == "real":
         model = rig.vehicle.model
         advice = f"pedals and steering are taken to be those of model {model}; vve-sumo calibrate finds this car's"
         yield Check("calibration", "none", Finding.NOTE, advice)
-    lot = meaning.lot_of(rig)
+    lot, surveyed = meaning.lot_of(rig), days["lot.surveyed"]
     found = f"{lot.area:.0f} m2, {len(lot.holes)} holes, margin {lot.margin:g} m, grade {rig.lot.grade_percent:g} %"
-    yield _dated("lot", f"{found}, surveyed {rig.lot.surveyed}", rig.lot.surveyed, today)
+    yield _dated("lot", f"{found}, surveyed {surveyed.day}", surveyed, rig, today)
 
 
-def _watchdog(rig: Rig, today: datetime.date) -> Check:
+def _watchdog(rig: Rig, stated: StatedDay | None, today: datetime.date) -> Check:
     test = rig.watchdog_test
-    if test is None:
+    if test is None or stated is None:
         finding = Finding.NO_GO if rig.car == "real" else Finding.NOTE
         return Check("watchdog test", "none", finding, "docs/live.md tells how to make it")
     found = f"of {test.date}: {test.deceleration_mps2:g} m/s2 after {test.delay_s:g} s"
-    dated = _dated("watchdog test", found, test.date, today)
+    dated = _dated("watchdog test", found, stated, rig, today)
     if test.armed or dated.finding is Finding.NO_GO:
         return dated
     advice = (
@@ -154,12 +162,17 @@ def _watchdog(rig: Rig, today: datetime.date) -> Check:
     return Check("watchdog test", f"not armed, {dated.found}", Finding.NOTE, advice)
 
 
-def _dated(name: str, found: str, day: datetime.date, today: datetime.date) -> Check:
-    if day > today:
+def _dated(name: str, found: str, stated: StatedDay, rig: Rig, today: datetime.date) -> Check:
+    """Judge a day that the rig states; what a simulated vehicle's rig states does not grow old."""
+    if stated.is_to_come(today):
         return Check(name, found, Finding.NO_GO, "that day is still to come: correct the date, or this machine's clock")
-    age = (today - day).days
+    age = (today - stated.day).days
     text = f"{found}, {age} days ago"
-    return judged(name, text, age <= MAX_AGE_DAYS, "repeat it if anything was changed since", otherwise=Finding.NOTE)
+    if stated.has_expired(today):
+        table = stated.key.partition(".")[0]
+        return Check(name, text, Finding.NO_GO, f"{table}.valid_days allows {stated.valid_days}: repeat it")
+    young = rig.car == "simulated" or age <= MAX_AGE_DAYS
+    return judged(name, text, young, "repeat it if anything was changed since", otherwise=Finding.NOTE)
 
 
 def _bus(report: Report, rig: Rig, t0: float, stack: contextlib.ExitStack) -> Bus:

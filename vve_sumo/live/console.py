@@ -21,7 +21,7 @@ from vve_sumo.live.calm import PATIENCE
 from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.keys import KeyCommand, OperatorInput
 from vve_sumo.live.screen import Screen
-from vve_sumo.live.wording import Guard, answer, why
+from vve_sumo.live.wording import Guard, answer, doctor_overridden, why
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING, WAITING
@@ -98,8 +98,13 @@ def _end(process: subprocess.Popen[bytes], timeout: float) -> None:
 class Console:
     """The operator's console; runs until the gateway's process has ended."""
 
-    def __init__(self, processes: ProcessGroup, keys: OperatorInput, screen: Screen, automatic: bool) -> None:
-        """Take commands from `keys`, and with `automatic` also from a `ScriptedOperator`."""
+    def __init__(
+        self, processes: ProcessGroup, keys: OperatorInput, screen: Screen, automatic: bool, overridden: str = ""
+    ) -> None:
+        """Take commands from `keys`, and with `automatic` also from a `ScriptedOperator`.
+
+        `overridden` is why the car is armed without the doctor's GO; the screen shows it for the whole drive.
+        """
         self._processes, self._keys, self._screen = processes, keys, screen
         self._operator = ScriptedOperator() if automatic else None
         self._state = ArmingState.DISARMED
@@ -107,7 +112,10 @@ class Console:
         self._stop: OperatorCommand | None = None  # whose stop is to be sent: the operator's, or the page's
         self._heard_at = math.inf  # time of the gateway's last message; inf before the first
         self._begun = time.monotonic()
-        self._status: dict[str, Any] = {"went": False}  # a go has been sent, and was not refused
+        # `went`: a go has been sent, and was not refused
+        self._status: dict[str, Any] = {"went": False, "doctor_overridden": overridden}
+        if overridden:
+            screen.say(doctor_overridden(overridden))
         self.why: tuple[str, ...] = ()  #: the gateway's last reasons for stopping the car, or for letting go of it
         self.refused: tuple[str, int] | None = None  #: why the drive never began, and the exit code for that
 

@@ -241,6 +241,8 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     if todo := advice(status):
         lines.append(f"  > {todo}")
     lines.append(_health(status))
+    if status.get("doctor_overridden"):
+        lines.append(f"  ! {doctor_overridden(status['doctor_overridden'])}")
     if status.get("gateway") == Guard.SILENT:
         lines.append("  ! the gateway's process tells nothing: it is not run")
     if not fresh and "tick" not in status:
@@ -253,6 +255,11 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     if len(words) > MAX_REASONS:
         lines.append(f"  - and {len(words) - MAX_REASONS} more")
     return lines
+
+
+def doctor_overridden(reason: str) -> str:
+    """Return the line that says for the whole drive that the car is armed without the doctor's GO."""
+    return f"DOCTOR OVERRIDDEN: {reason}"
 
 
 def _motion(status: Mapping[str, Any], fresh: bool) -> str:
