@@ -127,7 +127,7 @@ def test_the_example_with_a_survey_may_shadow_but_not_arm() -> None:
     assert refusal.startswith("watchdog_test is missing")
     table = real() | {"watchdog_test": WATCHDOG}
     assert arming_obstacle(parse(table, EXAMPLE)) is None
-    table["watchdog_test"] = WATCHDOG | {"armed": False}
+    table["watchdog_test"] = WATCHDOG | {"armed": False, "deceleration_mps2": 0.2}
     assert arming_obstacle(parse(table, EXAMPLE)) is None, "armed or not, it was tried"
     played = real() | {"watchdog_test": WATCHDOG, "pose": {"kind": "file", "file": "a.ncom"}}
     assert "recording" in str(arming_obstacle(parse(played, EXAMPLE)))

@@ -111,9 +111,10 @@ def test_units_and_signs() -> None:
 
 
 def test_a_heavier_car_gets_a_brake_gain_in_proportion_unless_it_was_measured() -> None:
-    doubled = resolve.calibration_of(rig(vehicle={"mass_kg": 3380.0}))
+    heavy = {"vehicle": {"mass_kg": 3380.0}, "limits": {"critical_deceleration_mps2": 2.9}}
+    doubled = resolve.calibration_of(rig(**heavy))
     assert doubled.brake_gain == pytest.approx(1100.0)
-    measured = resolve.calibration_of(rig(vehicle={"mass_kg": 3380.0}, calibration={"brake_gain_kgm": 900.0}))
+    measured = resolve.calibration_of(rig(**heavy, calibration={"brake_gain_kgm": 900.0}))
     assert measured.brake_gain == 900.0
 
 
@@ -204,10 +205,10 @@ def test_the_fence_counts_with_the_slope_and_the_tested_watchdog() -> None:
         return float(high_x - x)
 
     test = {"date": datetime.date(2026, 5, 1), "armed": True}
-    strong = first_refused(watchdog_test=test | {"deceleration_mps2": 6.0, "delay_s": 0.05})
+    strong = first_refused(watchdog_test=test | {"deceleration_mps2": 5.9, "delay_s": 0.05})
     weak = first_refused(watchdog_test=test | {"deceleration_mps2": 1.5, "delay_s": 0.05})
-    assert weak - strong > 64.0 / 3.0 - 64.0 / 4.8 - 3.0
-    steep = first_refused(watchdog_test=test | {"deceleration_mps2": 6.0, "delay_s": 0.05}, lot={"grade_percent": 8.0})
+    assert weak - strong > 64.0 / 3.0 - 64.0 / 4.72 - 3.0
+    steep = first_refused(watchdog_test=test | {"deceleration_mps2": 5.9, "delay_s": 0.05}, lot={"grade_percent": 8.0})
     assert steep > strong + 3.0
 
 

@@ -30,6 +30,7 @@ from vve_sumo.record.layout import LAYOUT, check_layout
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import SensorSettings, configured
 from vve_sumo.values import Floats, Vehicle
+from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.version import __version__
@@ -85,10 +86,11 @@ class ResolvedScenario:
     actor_paths: dict[str, Path]  #: paths of actors, by the names that they use, on the virtual road's map
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
     file: FilePath  #: the scenario's own
+    note: str = ""  #: what brakes the car less than declared, in one line; empty where nothing does
 
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle as declared."""
+        """The vehicle as declared, braking no harder than its brakes, wire, gateway and tyres allow."""
         return self.model.vehicle
 
     def to_dict(self, working: FilePath) -> dict[str, Any]:
@@ -147,7 +149,25 @@ class ResolvedScenario:
         file = workspace.find("vehicle", rig.vehicle.model, working)
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})
         scenario = self.scenario.model_copy(update={"ego": ego})
-        return replace(self, scenario=scenario, model=model_of(rig), files=self.files | {"vehicle": file})
+        model, note = _braking_as_it_can(model_of(rig))
+        return replace(self, scenario=scenario, model=model, note=note, files=self.files | {"vehicle": file})
+
+
+def load_vehicle_model(file: FilePath) -> tuple[VehicleModel, str]:
+    """Return a vehicle file's model, braking no harder than it can, and the line that says so where it matters.
+
+    Raises ConfigError naming the file, also where its drive-by-wire interface cannot be made.
+    """
+    model = load_vehicle(file)
+    try:
+        return _braking_as_it_can(model)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: drive_by_wire: {error}") from None
+
+
+def _braking_as_it_can(model: VehicleModel) -> tuple[VehicleModel, str]:
+    braking = of_model(model)
+    return limited_to(model, braking), braking.shortfall()
 
 
 @cache
@@ -212,6 +232,7 @@ def resolve_scenario(
     def read(of: FilePath) -> Path:
         return (path_in or read_path)(of, map_frame, network).path
 
+    model, note = load_vehicle_model(vehicle_file)
     followed = find_actor_paths(scenario.actors, file, path, find, read)
     files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
@@ -224,7 +245,8 @@ def resolve_scenario(
         path=path,
         route=laid.edges,
         lanes=laid.lanes,
-        model=load_vehicle(vehicle_file),
+        model=model,
+        note=note,
         files=files,
         actor_paths=followed.lines,
         recordings=followed.recordings,
