@@ -101,6 +101,7 @@ class ResolvedScenario:
         sensors = {name: [*map(list, settings.columns)] for name, settings in self.sensors().items()}
         parts = [*plugged_in.of_scenario(self.scenario, working)]
         parts.append(plugged_in.vehicle_interface(self.model.interface.name))
+        noted = {"braking_note": self.note} if self.note else {}
         files = self.files | {role: file for part in parts for role, file in part.files().items()}
         model = self.model.to_dict()
         return {
@@ -114,7 +115,7 @@ class ResolvedScenario:
             "sensors": sensors,
             "files_sha256": plugged_in.digests(files),
             "versions": versions(),
-        }
+        } | noted
 
     def controller(self, working: FilePath) -> Controller:
         """Make the system under test; raises ConfigError as `controller.load` does."""
@@ -149,7 +150,7 @@ class ResolvedScenario:
         file = workspace.find("vehicle", rig.vehicle.model, working)
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})
         scenario = self.scenario.model_copy(update={"ego": ego})
-        model, note = _braking_as_it_can(model_of(rig))
+        model, note = braking_as_it_can(model_of(rig))
         return replace(self, scenario=scenario, model=model, note=note, files=self.files | {"vehicle": file})
 
 
@@ -160,12 +161,13 @@ def load_vehicle_model(file: FilePath) -> tuple[VehicleModel, str]:
     """
     model = load_vehicle(file)
     try:
-        return _braking_as_it_can(model)
+        return braking_as_it_can(model)
     except ConfigError as error:
         raise ConfigError(f"{file}: drive_by_wire: {error}") from None
 
 
-def _braking_as_it_can(model: VehicleModel) -> tuple[VehicleModel, str]:
+def braking_as_it_can(model: VehicleModel) -> tuple[VehicleModel, str]:
+    """Return a model braking no harder than it can, and the line that says so; raises ConfigError as `of_model`."""
     braking = of_model(model)
     return limited_to(model, braking), braking.shortfall()
 

@@ -6,35 +6,11 @@ The one place where it is checked; `rig.validation` asks it for every rig that i
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
 
-from vve_sumo.rig.resolve import limits_of, model_of
+from vve_sumo.rig.resolve import braking_of, limits_of
 from vve_sumo.rig.schema import Rig, WatchdogTest
-from vve_sumo.vehicle.calibration import GRAVITY
-from vve_sumo.vehicle.effective_deceleration import DRY_FRICTION, EffectiveDeceleration, effective_deceleration
+from vve_sumo.vehicle.effective_deceleration import EffectiveDeceleration
 from vve_sumo.vehicle.interface import InterfaceFacts, WhenCommandsStop
-
-#: a car that rolls in drive with its pedals released slows by less: rolling, air, engine; an assumption [m/s2]
-MAX_ROLLING_DECELERATION: Final = 1.0
-
-
-def braking_of(rig: Rig, facts: InterfaceFacts, friction: float = DRY_FRICTION) -> EffectiveDeceleration:
-    """Return what the rig's car, brakes, wire, gateway and the tyres at this friction allow."""
-    model = model_of(rig)
-    return effective_deceleration(model.vehicle, model.calibration, model.limits, facts, friction=friction)
-
-
-def watchdog_deceleration(rig: Rig, facts: InterfaceFacts, friction: float = DRY_FRICTION) -> float | None:
-    """Return how hard the car stops when the frames end [m/s2]; None where nobody tried it.
-
-    It is the least of what was measured on the car, what the interface says of its watchdog, and what the car can do.
-    """
-    test = rig.watchdog_test
-    if test is None:
-        return None
-    car = braking_of(rig, facts, friction).without_gateway().value
-    watchdog = facts.when_commands_stop.largest_deceleration(rig.calibration.brake_gain_kgm)
-    return min(test.deceleration_mps2, car, watchdog if test.armed else MAX_ROLLING_DECELERATION)
 
 
 def complaints(rig: Rig, facts: InterfaceFacts) -> Iterator[str]:
@@ -57,12 +33,6 @@ def _of_the_gateway(rig: Rig, braking: EffectiveDeceleration) -> Iterator[str]:
         if value > braking.value:
             usual = "" if key in said else ", its default"
             yield f"limits.{key}: expected {braking.expected()}; got {value:g}{usual}"
-    for key, value in (
-        ("emergency_deceleration_mps2", limits.emergency.deceleration),
-        ("lateral_acceleration_mps2", limits.lateral_acceleration),
-    ):
-        if value > GRAVITY:
-            yield f"limits.{key}: expected {GRAVITY:.2f} m/s2 or less, more no tyre holds; got {value:g}"
 
 
 def _of_the_watchdog(
@@ -72,15 +42,12 @@ def _of_the_watchdog(
     by_itself = f"when commands stop, {facts.title} {stops.words}"
     if stops.action is WhenCommandsStop.HOLDS:
         yield f"watchdog_test: expected none: {by_itself}, so nothing stops the car; drive with --shadow"
+    if value > braking.value:
+        yield f"{key}: expected {braking.expected()}; got {value:g}"
     if not test.armed:
-        if value > MAX_ROLLING_DECELERATION:
-            rolling = f"{MAX_ROLLING_DECELERATION:g} m/s2 or less"
-            yield f"{key}: expected {rolling}, without an armed watchdog the car rolls; got {value:g}"
         return
     if stops.action is WhenCommandsStop.RELEASES:
         yield f"watchdog_test.armed: expected false: {by_itself}; it has no watchdog that brakes"
     most = stops.largest_deceleration(rig.calibration.brake_gain_kgm)
     if value > most:
         yield f"{key}: expected {most:.2f} m/s2 or less, all that the watchdog of {facts.title} gives; got {value:g}"
-    if value > braking.value:
-        yield f"{key}: expected {braking.expected()}; got {value:g}"

@@ -88,14 +88,14 @@ def effective_deceleration(
     def by_torque(torque: float) -> float:
         return torque / (calibration.brake_gain * mass_factor)
 
-    gain, wire = calibration.brake_gain, facts.brake_torque_limit
+    by_gain, wire = f", calibration.brake_gain_kgm {calibration.brake_gain:g}", facts.brake_torque_limit
     torque = min(vehicle.brake_torque_limit, calibration.brake_torque_limit)
     declared, emergency = vehicle.deceleration_limit, limits.emergency.deceleration
     return EffectiveDeceleration(
         Bound("car", declared / mass_factor, f"vehicle.deceleration_limit_mps2 is {declared:g}"),
         (
-            Bound("brakes", by_torque(torque), f"vehicle.brake_torque_limit_nm is {torque:g}, {gain:g} N m a m/s2"),
-            Bound("wire", by_torque(wire), f"{facts.title} takes {wire:g} N m, {gain:g} N m a m/s2"),
+            Bound("brakes", by_torque(torque), f"vehicle.brake_torque_limit_nm is {torque:g}{by_gain}"),
+            Bound("wire", by_torque(wire), f"{facts.title} takes {wire:g} N m{by_gain}"),
             Bound("gateway", emergency / mass_factor, f"limits.emergency_deceleration_mps2 is {emergency:g}"),
             Bound("tyres", friction * GRAVITY, f"friction {friction:g}"),
         ),
