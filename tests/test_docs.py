@@ -123,8 +123,8 @@ def _receivers() -> str:
 
 def _rig_keys() -> str:
     """The table of a rig's keys; what a rig leaves out of its car's tables is its vehicle model's."""
-    tables = "|".join(MODEL_TABLES)
-    return re.sub(rf"^(\| `(?:{tables})\.\w+` \|) required \|", r"\1 the model's |", keys(Rig), flags=re.MULTILINE)
+    optional = rf"(?:{'|'.join(MODEL_TABLES)})\.\w+|drive_by_wire\.interface"
+    return re.sub(rf"^(\| `(?:{optional})` \|) required \|", r"\1 the model's |", keys(Rig), flags=re.MULTILINE)
 
 
 def _cases() -> str:

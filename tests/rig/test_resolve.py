@@ -112,9 +112,10 @@ def test_units_and_signs() -> None:
 
 
 def test_a_heavier_car_gets_a_brake_gain_in_proportion_unless_it_was_measured() -> None:
-    doubled = resolve.calibration_of(rig(vehicle={"mass_kg": 3380.0}))
+    heavy = {"vehicle": {"mass_kg": 3380.0}, "limits": {"critical_deceleration_mps2": 2.9}}
+    doubled = resolve.calibration_of(rig(**heavy))
     assert doubled.brake_gain == pytest.approx(1100.0)
-    measured = resolve.calibration_of(rig(vehicle={"mass_kg": 3380.0}, calibration={"brake_gain_kgm": 900.0}))
+    measured = resolve.calibration_of(rig(**heavy, calibration={"brake_gain_kgm": 900.0}))
     assert measured.brake_gain == 900.0
 
 

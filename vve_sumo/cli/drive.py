@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
 from vve_sumo.cli import live_drive
-from vve_sumo.cli.console import INTERRUPTED, complain, notify
+from vve_sumo.cli.console import INTERRUPTED, complain, note, notify
 from vve_sumo.cli.drive_result import draw_and_show
 from vve_sumo.cli.parser import Parser, setting, values_of
 from vve_sumo.errors import ConfigError, SimulationError
@@ -119,6 +119,8 @@ def _lockstep(arguments: argparse.Namespace) -> int:
     )
     for fault in resolved.faults if arguments.pose is None else ():
         notify(f"injected: {fault}")
+    if resolved.note:
+        note(resolved.note)
     folder = arguments.out if arguments.out is not None else new_run_folder(resolved.name, working)
     foreign = nullcontext(None) if arguments.rig is None else _brain(arguments, resolved, working)
     with foreign as brain, progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
@@ -180,6 +182,8 @@ def _live(arguments: argparse.Namespace) -> int:
         view=arguments.view,
     )
     doctor = live_drive.examined(plan, arguments.override_doctor)  # before anybody is asked for a name
+    if plan.resolved.note:
+        note(plan.resolved.note)
     plan = live_drive.named(plan, arguments.operator, arguments.driver)
     with session.removed_when_empty(plan.folder):
         done = Drive(plan.folder, live_drive.drive(plan, doctor))

@@ -84,6 +84,8 @@ def _examine_scenario(report: Report, resolved: ResolvedScenario, rig: Rig | Non
             "speed", "see limits.speed_mps of the rig", lambda: assembly.scenario_with_rig(resolved, rig, working)
         )
         if fitted is not None:
+            resolved = fitted
             report.add([Check("speed", f"{fitted.scenario.ego.speed_mps:g} of {rig.limits.speed_mps:g} m/s allowed")])
+    report.add([machine_checks.braking(resolved)])
     advice = "correct the scenario's street, traffic or obstacles"
     report.attempt("street", advice, lambda: report.add(machine_checks.street(resolved)))

@@ -32,6 +32,7 @@ from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import SensorSettings, configured
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
+from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.version import __version__
@@ -96,10 +97,11 @@ class ResolvedScenario:
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
     file: FilePath  #: the scenario's own
     faults: tuple[InjectedFault, ...] = ()  #: that are injected into the simulated vehicle
+    note: str = ""  #: what brakes the car less than declared, in one line; empty where nothing does
 
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle as declared."""
+        """The vehicle as declared, braking no harder than its brakes, wire, gateway and tyres allow."""
         return self.model.vehicle
 
     def to_dict(self, working: FilePath) -> dict[str, Any]:
@@ -110,6 +112,7 @@ class ResolvedScenario:
         sensors = {name: [*map(list, settings.columns)] for name, settings in self.sensors().items()}
         parts = [*plugged_in.of_scenario(self.scenario, working)]
         parts.append(plugged_in.vehicle_interface(self.model.interface.name))
+        noted = {"braking_note": self.note} if self.note else {}
         files = self.files | {role: file for part in parts for role, file in part.files().items()}
         model = self.model.to_dict()
         return {
@@ -124,7 +127,7 @@ class ResolvedScenario:
             "files_sha256": plugged_in.digests(files),
             "versions": versions(),
             **({"faults": [fault.to_dict() for fault in self.faults]} if self.faults else {}),
-        }
+        } | noted
 
     def controller(self, working: FilePath) -> Controller:
         """Make the system under test; raises ConfigError as `controller.load` does."""
@@ -164,8 +167,27 @@ class ResolvedScenario:
         refuse_tight_bend(self.path, model.vehicle.tightest_curvature, str(self.files["path"]))
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})
         scenario = self.scenario.model_copy(update={"ego": ego})
+        model, note = braking_as_it_can(model)
         files = self.files | {"vehicle": file}
-        return replace(self, scenario=scenario, model=model, files=files, faults=faults_of(rig))
+        return replace(self, scenario=scenario, model=model, note=note, files=files, faults=faults_of(rig))
+
+
+def load_vehicle_model(file: FilePath) -> tuple[VehicleModel, str]:
+    """Return a vehicle file's model, braking no harder than it can, and the line that says so where it matters.
+
+    Raises ConfigError naming the file, also where its drive-by-wire interface cannot be made.
+    """
+    model = load_vehicle(file)
+    try:
+        return braking_as_it_can(model)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: drive_by_wire: {error}") from None
+
+
+def braking_as_it_can(model: VehicleModel) -> tuple[VehicleModel, str]:
+    """Return a model braking no harder than it can, and the line that says so; raises ConfigError as `of_model`."""
+    braking = of_model(model)
+    return limited_to(model, braking), braking.shortfall()
 
 
 @cache
@@ -242,6 +264,7 @@ def resolve_scenario(
     def read(of: FilePath) -> Path:
         return (path_in or read_path)(of, map_frame, network).path
 
+    model, note = load_vehicle_model(vehicle_file)
     followed = find_actor_paths(scenario.actors, file, path, find, read)
     files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
@@ -255,6 +278,7 @@ def resolve_scenario(
         route=laid.edges,
         lanes=laid.lanes,
         model=model,
+        note=note,
         files=files,
         actor_paths=followed.lines,
         recordings=followed.recordings,

@@ -69,11 +69,13 @@ def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, A
         found = workspace.find("vehicle", name, working, beside=file.parent)
     except ConfigError as error:
         raise ConfigError(f"{file}: vehicle.model: {error}") from None
-    vehicles.load(found)  # refuses what is wrong in the model's own file
+    wire = vehicles.load(found).interface  # and what is wrong in the model's own file is refused
     model = read_as(found, "vehicle", VehicleFile)
     whole = {one: {k: v for k, v in model[one].items() if k != "sources"} | said[one] for one in MODEL_TABLES}
     if "brake_gain_kgm" not in said["calibration"]:
         _scale_brake_gain(whole, model["vehicle"])
+    if isinstance(table.get("drive_by_wire"), dict):  # its settings are verified on the car: none are the model's
+        whole["drive_by_wire"] = {"interface": wire.name} | table["drive_by_wire"]
     # A record keeps the rig whole: the model's file must be found again from anywhere.
     whole["vehicle"]["model"] = name if name == found.name.removesuffix(".toml") else str(found.absolute())
     return table | whole

@@ -21,7 +21,8 @@ from vve_sumo.timing import NOTICED, SETPOINT_LIFETIME
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle import load as vehicles
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.interface import InterfaceConfig
+from vve_sumo.vehicle.effective_deceleration import DRY_FRICTION, EffectiveDeceleration, effective_deceleration
+from vve_sumo.vehicle.interface import InterfaceConfig, InterfaceFacts, load
 from vve_sumo.vehicle.limits import Limits
 from vve_sumo.vehicle.model import VehicleModel
 
@@ -72,6 +73,24 @@ def limits_of(rig: Rig) -> Limits:
         replace(usual.emergency, **changed("emergency_")),
     )
     return Limits(comfort, emergency, **rest)
+
+
+def braking_of(rig: Rig, facts: InterfaceFacts, friction: float = DRY_FRICTION) -> EffectiveDeceleration:
+    """Return how hard the rig's car brakes by its interface's `facts`, on tyres of this friction."""
+    return effective_deceleration(vehicle_of(rig), calibration_of(rig), limits_of(rig), facts, friction=friction)
+
+
+def watchdog_deceleration_of(rig: Rig, facts: InterfaceFacts, friction: float = DRY_FRICTION) -> float | None:
+    """Return how hard the car stops where the frames end [m/s2]; None where nobody tried it.
+
+    The least of what was measured, what the interface says of its watchdog, and what the car can do.
+    """
+    test = rig.watchdog_test
+    if test is None:
+        return None
+    car = braking_of(rig, facts, friction).without_gateway().value
+    watchdog = facts.when_commands_stop.largest_deceleration(rig.calibration.brake_gain_kgm)
+    return min(test.deceleration_mps2, car, watchdog if test.armed else math.inf)
 
 
 def mounting_of(rig: Rig) -> Mounting:
@@ -158,8 +177,9 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
         lag,
     )
     test = rig.watchdog_test
+    strength = watchdog_deceleration_of(rig, load(interface_of(rig)).facts)
     watchdog = (
-        gateway if test is None else Stop(test.deceleration_mps2, SETPOINT_LIFETIME + test.delay_s, drive_lag=lag)
+        gateway if test is None or strength is None else Stop(strength, SETPOINT_LIFETIME + test.delay_s, drive_lag=lag)
     )
     downhill = math.sin(math.atan(rig.lot.grade_percent / 100.0))
     return Geofence(lot_of(rig), vehicle, alignment, gateway=gateway, watchdog=watchdog, downhill=downhill)

@@ -21,7 +21,7 @@ from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.scenario.schema import Car as TrueCar
 from vve_sumo.scenario.schema import Lot as Start
 from vve_sumo.vehicle.schema import Calibration as ModelCalibration
-from vve_sumo.vehicle.schema import Declared, Simulated
+from vve_sumo.vehicle.schema import Declared, DriveByWire, Simulated
 
 Date = datetime.date
 
@@ -79,18 +79,6 @@ class Bus(Table):
     bitrate: Bitrate = Field(default=500_000, description="bit/s")
 
     FORMER: ClassVar[Mapping[str, str]] = {"variant": "drive_by_wire.settings.variant"}
-
-
-class DriveByWire(Table):
-    """The drive-by-wire interface that the car is commanded through."""
-
-    interface: Name = Field(
-        default="dataspeed_dbw1", description="`dataspeed_dbw1`, `file.py:make`, or an installed package's entry point"
-    )
-    settings: dict[str, bool | Finite | int | str] = Field(
-        description="handed to make(settings); of `dataspeed_dbw1` the one key `variant`, the firmware's generation, "
-        "`dbw1_2018` or `dbw1_2024`: to be verified on the car"
-    )
 
 
 class Vehicle(Declared):

@@ -17,6 +17,7 @@ from vve_sumo.lot.swept_area import Body, as_pairs, fan
 from vve_sumo.pose import oxts_can
 from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.pose.receivers.udp import UdpReceiver
+from vve_sumo.rig import stop_figures
 from vve_sumo.rig.dates import day_to_come, expired_day
 from vve_sumo.rig.resolve import (
     alignment_of,
@@ -85,6 +86,7 @@ def _complaints(rig: Rig) -> Iterator[str]:
     yield from _far_corners(rig)
     for resolve in (vehicle_of, calibration_of, limits_of, faults_of, lot_of):
         resolve(rig)
+    yield from stop_figures.complaints(rig, _interface(rig).facts)
     alignment_of(rig, rig.alignment.network or "")
     if rig.car_start is not None:
         yield from _outside(rig)

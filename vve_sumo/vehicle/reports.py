@@ -182,7 +182,7 @@ class CarReports:
 
     def brake_torque(self, now: float) -> float:
         """Brake torque that the car itself reports, of all wheels [N m]; NaN where it reports none that is fresh."""
-        fresh = self._times.get(BrakeTorque, -math.inf) >= now - MAX_AGE - TOLERANCE
+        fresh = self._times.get(BrakeTorque, -math.inf) >= now - MAX_REPORT_AGE - TOLERANCE
         return self._brake_torque if fresh else math.nan
 
     def age(self, kind: type, now: float) -> float:
