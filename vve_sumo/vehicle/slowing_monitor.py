@@ -14,7 +14,8 @@ from vve_sumo.vehicle.brake_monitor import added
 from vve_sumo.vehicle.calibration import GRAVITY, Calibration
 
 # What any sound car does at least. Brakes that give 10 % more torque than calibrated, on a car 15 % lighter, have a
-# share of 1.3. An engine that gives a fifth less, on a car 15 % heavier, has one of 0.7; less while a transmission shifts.
+# share of 1.3. An engine that gives a fifth less, on a car 15 % heavier, has a share of 0.7, and a smaller one while a
+# transmission shifts.
 BRAKE_SHARE: Final = 1.35  # of the commanded torque that the brakes may give at most
 DRIVE_SHARE: Final = 0.5  # of the commanded drive force that the engine gives at least
 DRAG_SHARE: Final = 1.5  # of the calibrated drag that the car may have
