@@ -12,6 +12,7 @@ from typing import Final
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.brake_monitor import added
 from vve_sumo.vehicle.calibration import GRAVITY, Calibration
+from vve_sumo.vehicle.standstill import MAX_BRAKING
 
 # Brakes that give 10 % more torque than calibrated, on a car 15 % lighter, have a share of 1.3.
 BRAKE_SHARE: Final = 1.35  # of the commanded torque that the brakes may give at most
@@ -57,7 +58,9 @@ class SlowingMonitor:
             self._deficit = self._satellite_deficit = 0.0
             return False
         allowed = self._least(wheels, grade) * elapsed
-        self._deficit = added(self._deficit, allowed - (wheels - before[0]))
+        # Wheel speeds that fall faster than any car brakes have failed: what they lose beyond that is nobody's foot.
+        gained = max(wheels - before[0], -MAX_BRAKING * elapsed)
+        self._deficit = added(self._deficit, allowed - gained)
         self._satellite_deficit = added(self._satellite_deficit, allowed - (satellite - before[1]))
         # One of two speeds alone points at locked wheels or a wrong receiver, not at a foot.
         confirmed = self._satellite_deficit > SATELLITE_DEFICIT or not math.isfinite(satellite)
