@@ -1,4 +1,4 @@
-"""A driver's foot on the whole simulated car, with reports that fail: what is left of its signs, and what came of it."""
+"""A driver's foot on the whole simulated car, with reports that fail, and what came of it."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def foot_comes(
     seconds: float = 15.0,
     speed: float = 5.0,
 ) -> Course:
-    """Drive on under `alter`, let the foot come after `frozen_before` for as long as it `lasts`; `speed` is asked for."""
+    """Drive on under `alter` at `speed`; the foot comes after `frozen_before` for as long as it `lasts`."""
     course = Course([], [], [])
     for number in range(round((frozen_before + seconds) / PERIOD)):
         time = number * PERIOD - frozen_before
