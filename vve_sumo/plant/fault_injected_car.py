@@ -12,6 +12,7 @@ import numpy as np
 from vve_sumo.frames import MapFrame
 from vve_sumo.plant.car import STEPS_PER_SECOND, Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injector import FaultInjector
+from vve_sumo.plant.injectable import require_injectable
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.values import Fix, Frame, Pose
@@ -21,7 +22,8 @@ from vve_sumo.vehicle.interface import HANDS_OFF
 class FaultInjectedCar:
     """A `Car` (see there for the arguments) and its `FaultInjector`, stepped together; the driver is the injector's.
 
-    `alter` comes before the injector: the injector alters the fix that `alter` returns.
+    `alter` comes before the injector: the injector alters the fix that `alter` returns. Raises ConfigError for a fault
+    that cannot be injected through the car's interface.
     """
 
     def __init__(
@@ -35,6 +37,8 @@ class FaultInjectedCar:
         fault_seeds: np.random.SeedSequence,
         alter: Callable[[Fix], Fix | None] = unaltered,
     ) -> None:
+        faults = tuple(faults)
+        require_injectable(faults, parameters.interface)
         self._injector = injector = FaultInjector(faults, fault_seeds, parameters.interface)
 
         def on_fix(fix: Fix) -> Fix | None:

@@ -12,6 +12,7 @@ from typing import Final
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.brake_monitor import added
 from vve_sumo.vehicle.calibration import GRAVITY, Calibration
+from vve_sumo.vehicle.standstill import MAX_BRAKING
 
 # What any sound car does at least. Brakes that give 10 % more torque than calibrated, on a car 15 % lighter, have a
 # share of 1.3. An engine that gives a fifth less, on a car 15 % heavier, has a share of 0.7, and a smaller one while a
@@ -69,7 +70,8 @@ class SlowingMonitor:
         if before is None or elapsed <= 0.0 or not math.isfinite(wheels):
             self._deficit = self._satellite_deficit = self._changed = 0.0
             return False
-        gained = wheels - before[0]
+        # Wheel speeds that fall faster than any car brakes have failed: what they lose beyond that is nobody's foot.
+        gained = max(wheels - before[0], -MAX_BRAKING * elapsed)
         allowed = self._least(wheels, grade) * elapsed
         self._deficit = added(self._deficit, allowed - gained)
         self._satellite_deficit = added(self._satellite_deficit, allowed - (satellite - before[1]))
