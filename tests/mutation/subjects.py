@@ -54,4 +54,5 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "gateway": _vehicle("gateway", *_GATEWAY),
     "monitor": _vehicle("monitor", *_GATEWAY, "observer.py"),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
+    "steadiness": Subject("vve_sumo.pose.steadiness", ("tests/pose/test_steadiness.py",)),
 }
