@@ -47,6 +47,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "setpoint_validation": _vehicle("setpoint_validation", "setpoint_validation.py", "figures.py"),
     "engagement": _vehicle("engagement", "engagement.py", "figures.py"),
     "reports": _vehicle("reports", "reports.py", "figures.py"),
+    "report_consistency": _vehicle("report_consistency", "report_consistency.py"),
     "limits": _vehicle("limits", "limits.py", "envelopes.py", "figures.py"),
     "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
     "brake_monitor": _vehicle("brake_monitor", "brake_monitor.py", "figures.py"),

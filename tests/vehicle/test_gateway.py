@@ -15,7 +15,16 @@ from hypothesis import strategies as st
 
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
-from vve_sumo.vehicle import brake_monitor, engagement, gateway, monitor, plausibility, reports, setpoint_validation
+from vve_sumo.vehicle import (
+    brake_monitor,
+    engagement,
+    gateway,
+    monitor,
+    plausibility,
+    report_consistency,
+    reports,
+    setpoint_validation,
+)
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, REASONS
 from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.codec import Gear
@@ -851,7 +860,16 @@ OF_ITS_PROCESS = {"bus_down", "drive_gone", "external_brain", "operator_gone", "
 def test_every_reason_it_can_give_has_plain_words():
     """All string literals in the modules that give reasons and look like codes."""
     given_codes = set()
-    for module in (gateway, monitor, setpoint_validation, engagement, plausibility, reports, brake_monitor):
+    for module in (
+        gateway,
+        monitor,
+        setpoint_validation,
+        engagement,
+        plausibility,
+        reports,
+        report_consistency,
+        brake_monitor,
+    ):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and "_" in node.value:
                 given_codes.add(node.value)
