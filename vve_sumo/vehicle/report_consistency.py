@@ -22,12 +22,12 @@ WINDOW: Final = 0.5  # [s]
 class _Spikes:
     """Counts the spikes of one measurement."""
 
-    __slots__ = ("_bound", "_change", "_times", "_value")
+    __slots__ = ("_bound", "_change", "_value", "times")
 
     def __init__(self, bound: float) -> None:
         self._bound = bound
         self._value = self._change = 0.0
-        self._times: deque[float] = deque(maxlen=MAX_SPIKES + 1)
+        self.times: deque[float] = deque(maxlen=MAX_SPIKES + 1)  #: of the newest spikes [s]
 
     def step(self, now: float, value: float) -> None:
         """Take the measurement of the next report."""
@@ -37,13 +37,8 @@ class _Spikes:
             self._change = 0.0
             return
         if change * self._change < 0.0:  # never where one of the two is not a number
-            self._times.append(now)
+            self.times.append(now)
         self._change = change
-
-    def too_many(self, now: float) -> bool:
-        """Whether more than MAX_SPIKES were within WINDOW before `now` [s]."""
-        times = self._times
-        return len(times) > MAX_SPIKES and now - times[0] <= WINDOW
 
 
 class ReportConsistency:
@@ -53,9 +48,11 @@ class ReportConsistency:
         self.speed = _Spikes(SPEED_SPIKE)  #: of the rear axle, by the wheels [m/s]
         self.yaw_rate = _Spikes(YAW_RATE_SPIKE)  #: [rad/s]
         self.wheel_angle = _Spikes(STEERING_SPIKE)  #: of the steering wheel [rad]
+        self._times = (self.speed.times, self.yaw_rate.times, self.wheel_angle.times)
 
     def faults(self, now: float) -> list[str]:
         """Reason codes at drive time `now` [s]."""
-        if self.speed.too_many(now) or self.yaw_rate.too_many(now) or self.wheel_angle.too_many(now):
-            return ["reports_inconsistent"]
+        for times in self._times:
+            if len(times) > MAX_SPIKES and now - times[0] <= WINDOW:
+                return ["reports_inconsistent"]
         return []
