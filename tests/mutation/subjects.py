@@ -47,6 +47,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "setpoint_validation": _vehicle("setpoint_validation", "setpoint_validation.py", "figures.py"),
     "engagement": _vehicle("engagement", "engagement.py", "figures.py"),
     "reports": _vehicle("reports", "reports.py", "figures.py"),
+    "report_consistency": _vehicle("report_consistency", "report_consistency.py"),
     "limits": _vehicle("limits", "limits.py", "envelopes.py", "figures.py"),
     "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
     "brake_monitor": _vehicle("brake_monitor", "brake_monitor.py", "figures.py"),
@@ -54,4 +55,5 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "gateway": _vehicle("gateway", *_GATEWAY),
     "monitor": _vehicle("monitor", *_GATEWAY, "observer.py"),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
+    "steadiness": Subject("vve_sumo.pose.steadiness", ("tests/pose/test_steadiness.py",)),
 }
