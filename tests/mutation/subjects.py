@@ -48,6 +48,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "engagement": _vehicle("engagement", "engagement.py", "figures.py"),
     "reports": _vehicle("reports", "reports.py", "figures.py"),
     "limits": _vehicle("limits", "limits.py", "envelopes.py", "figures.py"),
+    "effective_deceleration": _vehicle("effective_deceleration", "effective_deceleration.py"),
     "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
     "brake_monitor": _vehicle("brake_monitor", "brake_monitor.py", "figures.py"),
     "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),
