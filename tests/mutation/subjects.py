@@ -49,6 +49,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "reports": _vehicle("reports", "reports.py", "figures.py"),
     "report_consistency": _vehicle("report_consistency", "report_consistency.py"),
     "limits": _vehicle("limits", "limits.py", "envelopes.py", "figures.py"),
+    "effective_deceleration": _vehicle("effective_deceleration", "effective_deceleration.py"),
     "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
     "brake_monitor": _vehicle("brake_monitor", "brake_monitor.py", "figures.py"),
     "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),
