@@ -181,6 +181,7 @@ def test_doctor_says_no_go(tmp_path: Path) -> None:
     ours = f'[drive_by_wire]\ninterface = "{file}:make"\nsettings = {{ brake_nm = 3412.0 }}'
     was = '[drive_by_wire]\nsettings = { variant = "dbw1_2024" }'
     assert was in text
+    text = text.replace("delay_s = 0.12", "delay_s = 0.25")  # the toy waits 0.2 s for a command
     (tmp_path / "ours.toml").write_text(text.replace(was, ours), encoding="utf-8")
     against = examine("parked_car", str(tmp_path / "ours.toml"), REPOSITORY).against
     said = [check.found for check in against if check.name == "rig"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -104,3 +105,56 @@ def test_a_watchdog_brakes_with_a_positive_number(wrong: dict[str, float]) -> No
 def test_what_does_not_brake_has_no_strength(action: WhenCommandsStop) -> None:
     with pytest.raises(ConfigError, match=rf"an interface that {action.value} has no deceleration"):
         CommandsStop(action, "in words", deceleration=2.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "part", "least"),
+    [
+        ({"vehicle": {"deceleration_limit": 4.0}}, "car", 4.0),
+        ({"vehicle": {"brake_torque_limit": 1100.0}}, "brakes", 2.0),
+        ({"calibration": {"brake_torque_limit": 1100.0}}, "brakes", 2.0),
+        ({"facts": {"brake_torque_limit": 1100.0}}, "wire", 2.0),
+        ({"limits": {"emergency": EmergencyBraking(4.0, 30.0)}}, "gateway", 4.0),
+        ({"friction": 0.3}, "tyres", 0.3 * 9.80665),
+    ],
+)
+def test_each_part_can_be_the_least_and_says_why(change: dict[str, Any], part: str, least: float) -> None:
+    figures: dict[str, Any] = {
+        name: replace(whole, **change.get(name, {}))
+        for name, whole in (
+            ("vehicle", FUSION.vehicle), ("calibration", FUSION.calibration), ("limits", Limits()), ("facts", FACTS)
+        )
+    }  # fmt: skip
+    friction = {"friction": change["friction"]} if "friction" in change else {}
+    braking = effective_deceleration(*figures.values(), **friction)
+    assert (braking.least.part, braking.value) == (part, pytest.approx(least))
+    heavier = effective_deceleration(*figures.values(), **friction, mass_factor=1.25)
+    assert heavier.value == pytest.approx(min(least / (1.0 if part == "tyres" else 1.25), 5.9 / 1.25))
+    rest = braking.without_gateway()
+    assert rest.value == pytest.approx(5.9 if part == "gateway" else least)
+    assert [bound.part for bound in rest.others] == ["brakes", "wire", "tyres"]
+
+
+def test_all_parts_stand_in_one_line() -> None:
+    assert of_model(FUSION).in_words() == (
+        "car 5.9, brakes 5.9, wire 6.2, gateway 9, tyres 8.82 m/s2; least: vehicle.deceleration_limit_mps2 is 5.9"
+    )
+    assert [bound.why for bound in of_model(FUSION).others] == [
+        "vehicle.brake_torque_limit_nm is 3250, calibration.brake_gain_kgm 550",
+        "Dataspeed DBW1 (dbw1_2024) takes 3412 N m, calibration.brake_gain_kgm 550",
+        "limits.emergency_deceleration_mps2 is 9",
+        "friction 0.9",
+    ]
+    assert of_model(FUSION).expected() == f"5.9 m/s2 or less ({of_model(FUSION).in_words()})"
+
+
+def test_a_fully_laden_model_on_a_slippery_road() -> None:
+    assert of_model(FUSION, mass_factor=FUSION.laden_factor).value == pytest.approx(5.9 * 1690.0 / 2095.0)
+    assert of_model(FUSION, friction=0.1).value == pytest.approx(0.980665)
+
+
+@pytest.mark.parametrize(("declared", "noted"), [(1.02, False), (1.0201, True)])
+def test_two_percent_are_rounding(declared: float, noted: bool) -> None:
+    facts = replace(FACTS, brake_torque_limit=2750.0)
+    vehicle = replace(FUSION.vehicle, deceleration_limit=5.0 * declared)
+    assert bool(effective_deceleration(vehicle, FUSION.calibration, Limits(), facts).shortfall()) is noted
