@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-import json
 import math
-import shutil
 import signal
 from pathlib import Path
 
@@ -20,10 +18,18 @@ from tests.live.matrix import MATRIX, Signal
 from tests.live.stage import Stage
 from tests.rig.test_load import EXAMPLE, ROLLED, WATCHDOG, real
 from vve_sumo.commissioning.findings import Check, Finding
-from vve_sumo.commissioning.watchdog_record import NAME, WatchdogStop, checks, compared, read, watchdog_stop
+from vve_sumo.commissioning.watchdog_record import (
+    NAME,
+    WatchdogStop,
+    checks,
+    compared,
+    day_of,
+    read,
+    watchdog_stop,
+)
 from vve_sumo.errors import ConfigError
 from vve_sumo.rig.load import load, parse
-from vve_sumo.rig.schema import WatchdogTest
+from vve_sumo.rig.schema import Rig, WatchdogTest
 from vve_sumo.values import Floats
 
 STEP = 0.02  #: between two frames, and between two ticks [s]
@@ -129,29 +135,48 @@ def test_the_doctor_reads_the_figures_of_a_live_test(tmp_path: Path) -> None:
     assert told.deceleration == pytest.approx(0.6 * speed[0] / (lower - upper), rel=0.05)
     assert 0.1 <= told.delay <= 0.5
 
-    # The rig as it was driven, and one that claims more.
-    def said(**test: object) -> Check:
-        changed = (
-            ("armed = true", f'armed = true\nrecords = ["{evidence.folder.name}"]'),
-            ("= 2026-01-01\narmed", "= 2026-02-02\narmed"),
-        )
-        rig = load(own_rig(tmp_path / "run", *changed))
+    # The rig as it was driven, and one that claims more; then what is no record of this test.
+    records = ("armed = true", f'armed = true\nrecords = ["{evidence.folder.name}"]')
+    rig = load(own_rig(tmp_path / "run", records))
+    day = day_of(evidence.folder)
+    assert day == datetime.datetime.now(datetime.UTC).date()
+
+    def said(rig: Rig = rig, **test: object) -> Check:
         assert rig.watchdog_test is not None
-        rig = rig.model_copy(update={"watchdog_test": rig.watchdog_test.model_copy(update=test)})
+        stated = {"deceleration_mps2": told.deceleration - 0.01, "delay_s": told.delay} | test
+        rig = rig.model_copy(update={"watchdog_test": rig.watchdog_test.model_copy(update=stated)})
         (check,) = checks(rig, tmp_path / "run")
         return check
 
-    fit = {"deceleration_mps2": told.deceleration - 0.01, "delay_s": told.delay}
-    assert said(**fit).finding is Finding.GO
-    assert said(**fit | {"deceleration_mps2": 9.0}).finding is Finding.NO_GO
-    assert said(**fit | {"delay_s": 0.1 * told.delay}).finding is Finding.NO_GO
-    later = said(**fit, date=datetime.date(2099, 1, 1))
-    assert later.finding is Finding.NO_GO
-    assert "watchdog_test.date says 2099-01-01" in later.found
-    altered = evidence.folder / "can.log"
-    shutil.copy(altered, tmp_path / "can.log")
-    altered.write_text(altered.read_text().replace("060#", "061#", 1))
-    assert "can.log is not as the drive left it" in said(**fit).found
-    shutil.copy(tmp_path / "can.log", altered)
-    scenario = json.loads((evidence.folder / "scenario.json").read_text())
-    assert scenario["rig"]["car"] == "simulated"
+    assert said().finding is Finding.GO
+    assert "(1 run)" in said().found
+    assert said(deceleration_mps2=9.0).finding is Finding.NO_GO
+    assert said(delay_s=0.1 * told.delay).finding is Finding.NO_GO
+    assert said(date=day + datetime.timedelta(days=1)).finding is Finding.GO, "there it was that day already"
+    for refused, words in (
+        (said(date=day + datetime.timedelta(days=2)), f"was driven on {day}, watchdog_test.date says"),
+        (said(rig.model_copy(update={"car": "real"})), "expected a live drive of a real car"),
+        (said(with_vehicle(rig, wheelbase_m=2.9)), "is the record of another car than the rig's"),
+    ):
+        assert refused.finding is Finding.NO_GO
+        assert words in refused.found
+    log = evidence.folder / "can.log"
+    whole = log.read_text()
+    log.write_text(whole.replace("060#", "061#", 1))
+    assert "can.log is not as the drive left it" in said().found
+    log.write_text(whole)
+    assert said().finding is Finding.GO
+    for file in ("summary.json", "ticks.parquet"):
+        (evidence.folder / file).unlink()
+    assert "the drive that wrote it never finished it" in said().found
+
+
+def with_vehicle(rig: Rig, **values: float) -> Rig:
+    return rig.model_copy(update={"vehicle": rig.vehicle.model_copy(update=values)})
+
+
+@pytest.mark.parametrize("text", ["{}", '{"began_utc": 5}', '{"began_utc": "yesterday"}', "no JSON"])
+def test_a_record_that_does_not_tell_its_day_is_named(tmp_path: Path, text: str) -> None:
+    (tmp_path / "provenance.json").write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"provenance\.json"):
+        day_of(tmp_path)

@@ -36,7 +36,7 @@ from vve_sumo.live.priority import Rights, lower_priority, rights
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.live.view_token import certificate_of, token_of
-from vve_sumo.live.virtual_can import refuse_card
+from vve_sumo.live.virtual_can import card_obstacle
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
 from vve_sumo.record.reader import read_table
@@ -105,7 +105,8 @@ def plan(
         raise ConfigError(f"--shadow: {rig_file} has an external brain, which alone sets the enable bits; leave it out")
     if not shadow and (reason := arming_obstacle(loaded, datetime.date.today())) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
-    refuse_card(loaded)
+    if (reason := card_obstacle(loaded)) is not None:
+        raise RigError(f"{rig_file}: {reason}")
     refuse_controller(loaded, controller)
     key_of(loaded.brain, working)  # raises for one that cannot be read
     if view:

@@ -79,7 +79,6 @@ def arming_obstacle(rig: Rig, today: datetime.date) -> str | None:
 
 def _complaints(rig: Rig) -> Iterator[str]:
     yield from _of_a_real_car(rig) if rig.car == "real" else _of_a_simulated_vehicle(rig)
-    yield from _of_the_watchdog(rig)
     yield from _of_the_brain(rig)
     yield from _of_outputs(rig)
     yield from _collisions(rig)
@@ -90,6 +89,7 @@ def _complaints(rig: Rig) -> Iterator[str]:
     alignment_of(rig, rig.alignment.network or "")
     if rig.car_start is not None:
         yield from _outside(rig)
+    yield from _of_the_watchdog(rig)
 
 
 def _of_a_real_car(rig: Rig) -> Iterator[str]:
