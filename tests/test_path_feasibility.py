@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.errors import ConfigError
@@ -64,6 +64,7 @@ def test_a_kink_that_the_car_cuts_closely_is_none(turn: float) -> None:
     refuse_tight_bend(laid(corner(turn)), 1.0 / CIRCLE, "mine.csv")
 
 
+@settings(deadline=None)
 @given(
     st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(1.0, 30.0)), min_size=1, max_size=6),
     st.floats(-math.pi, math.pi),
@@ -80,6 +81,7 @@ def test_what_the_car_has_driven_is_never_refused(steps: list[tuple[float, float
     assert find_reversal(kept) is None
 
 
+@settings(deadline=None)
 @given(st.floats(0.1, 3.0), st.floats(-math.pi, math.pi), st.floats(-1e4, 1e4))
 def test_where_a_path_lies_changes_nothing(turn: float, rotation: float, shift: float) -> None:
     plain = corner(turn)
