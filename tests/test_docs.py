@@ -43,6 +43,7 @@ from vve_sumo.sweep.controllers import VariedController
 from vve_sumo.sweep.spec import Boundary, Spec, Worst, parse_spec
 from vve_sumo.values import TickRow
 from vve_sumo.vehicle import arming, diagram
+from vve_sumo.vehicle.interface import INTERFACE_KINDS
 from vve_sumo.vehicle.schema import VehicleFile
 
 DOCS = REPOSITORY / "docs"
@@ -108,6 +109,11 @@ def _kinds() -> str:
     return "\n".join(lines)
 
 
+def _interface_kinds() -> str:
+    lines = ["| kind | while it is due |", "|---|---|"]
+    return "\n".join([*lines, *(f"| `{kind}` | {words} |" for kind, words in INTERFACE_KINDS.items())])
+
+
 def _receivers() -> str:
     """The keys of `[pose]` that each kind of receiver has beside those of all."""
     lines = ["| kind | what it is | key | default | meaning |", "|---|---|---|---|---|"]
@@ -123,8 +129,8 @@ def _receivers() -> str:
 
 def _rig_keys() -> str:
     """The table of a rig's keys; what a rig leaves out of its car's tables is its vehicle model's."""
-    tables = "|".join(MODEL_TABLES)
-    return re.sub(rf"^(\| `(?:{tables})\.\w+` \|) required \|", r"\1 the model's |", keys(Rig), flags=re.MULTILINE)
+    optional = rf"(?:{'|'.join(MODEL_TABLES)})\.\w+|drive_by_wire\.interface"
+    return re.sub(rf"^(\| `(?:{optional})` \|) required \|", r"\1 the model's |", keys(Rig), flags=re.MULTILINE)
 
 
 def _cases() -> str:
@@ -159,6 +165,7 @@ GENERATED = {
     ("sweeps.md", "controllers keys"): lambda: keys(VariedController, "controllers[]."),
     ("sweeps.md", "boundary keys"): lambda: keys(Boundary, "search."),
     ("sweeps.md", "worst keys"): lambda: keys(Worst, "search."),
+    ("vehicle.md", "interface kinds"): _interface_kinds,
     ("vehicle.md", "keys"): lambda: keys(VehicleFile),
     ("vehicle.md", "arming diagram"): lambda: f"```mermaid\n{diagram.mermaid()}\n```",
     ("vehicle.md", "gateway reasons"): lambda: _codes(arming.REASONS),
@@ -220,7 +227,9 @@ def test_the_sweeps_in_the_documentation_are_some() -> None:
 def test_the_rig_in_the_documentation_is_one_that_may_be_armed() -> None:
     text = (DOCS / "rigs.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    assert arming_obstacle(parse_rig(tomllib.loads(block), DOCS / "rigs.md")) is None
+    rig = parse_rig(tomllib.loads(block), DOCS / "rigs.md")
+    assert rig.watchdog_test is not None
+    assert arming_obstacle(rig, rig.watchdog_test.date) is None
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in DOCS.glob("*.md"))])

@@ -13,19 +13,18 @@ from typing import Final, NamedTuple
 
 from tests import vehicles
 from tests.conftest import REPOSITORY
-from vve_sumo.live.gateway import MAX_STEP_INTERVAL
+from vve_sumo.timing import MAX_REPORT_AGE, NOTICED, PERIOD, SETPOINT_LIFETIME
 from vve_sumo.vehicle.limits import Limits
 
-PERIOD: Final = 0.020
 #: the injected faults begin so long after the car first moves, at about 4.7 m/s; the others at this speed
 AT: Final = 3.0
 SPEED: Final = 4.4
 
 # From the fault to the moment at which whoever stops the car knows of it.
-STEP: Final = MAX_STEP_INTERVAL * PERIOD  # the gateway looks at what it was told
-EXPIRY: Final = 0.100 + STEP  # the last setpoint is acted on to its end
+STEP: Final = NOTICED  # the gateway looks at what it was told
+EXPIRY: Final = SETPOINT_LIFETIME + STEP  # the last setpoint is acted on to its end
 FIX: Final = 0.150 + PERIOD + STEP  # a fix that counts is too old, a tick says so
-REPORT: Final = 0.100 + STEP  # a report is too old
+REPORT: Final = MAX_REPORT_AGE + STEP  # a report is too old
 WRITE: Final = 0.200 + STEP  # the recorder tries to write, and says that it could not
 #: faults that are ridden through in one drive come one after the other, so long each [s]
 EACH: Final = 3.0
@@ -129,6 +128,11 @@ def _report(name: str, fault: str, fault_of: Fault, reasons: tuple[str, ...], st
     return Row(name, fault, Right.REST, reasons, stops, PERIOD + STEP, faults=(fault_of,))
 
 
+def _foot(name: str, fault: str, *faults: Fault, reasons: tuple[str, ...], notice: float) -> Row:
+    """A foot that takes nothing over, or that no module reports: the gateway stops the car for it."""
+    return Row(name, fault, Right.REST, reasons, GATEWAY, notice + STEP, "driver_has_control", faults=faults)
+
+
 def _driver(name: str, fault: str, *faults: Fault, reasons: tuple[str, ...] = ("driver_override",)) -> Row:
     return Row(name, fault, Right.DRIVER, reasons, ending="driver_has_control", faults=faults)
 
@@ -199,6 +203,15 @@ MATRIX: Final = (
     Row(
         "latency_budget", "ticks keep their time, but take longer than the rig's budget", Right.REST,
         ("latency_budget",), GATEWAY, 0.320 + STEP, controller="slowish", budget_ms=10.0,
+    ),
+    Row(
+        # The thirteenth within a second, and two ticks in which the gateway answers.
+        "late_thirds", "every third tick takes 30 ms, within the rig's budget", Right.REST, ("latency_budget",),
+        GATEWAY, 13 * 3 * PERIOD + 2 * PERIOD + STEP, first=("overrun",), controller="limping",
+    ),
+    Row(
+        "speeding", "the controller asks for 2 m/s2 for ever", Right.REST, ("above_desired_speed",), GATEWAY,
+        PERIOD + STEP, controller="racing", by_reason=True,
     ),
     Row(
         "geofence_breach", "the controller steers off the path, towards a pole in the lot", Right.REST,
@@ -302,6 +315,24 @@ MATRIX: Final = (
     ),
     # The driver.
     _driver("brake_override", "the driver is on the brake", Fault("brake_override")),
+    _foot(
+        "driver_touch", "the driver brakes gently for 3 s, short of taking over", Fault("driver_touch", 3.0, 0.215),
+        reasons=("driver_on_brake",), notice=2.0 * PERIOD,
+    ),
+    _foot(
+        "foot_unreported", "the driver brakes hard for 4 s, and the brake report is frozen",
+        Fault("brake_override", 4.0, 0.30), Fault("brake_report_frozen", later=-1.0),
+        reasons=("driver_inferred",), notice=0.2,
+    ),
+    _foot(
+        "foot_seen_by_motion", "the driver brakes hard for 4 s; the brake report and the reported torque are frozen",
+        Fault("brake_override", 4.0, 0.30), Fault("brake_report_frozen", later=-1.0),
+        Fault("brake_torque_frozen", later=-1.0), reasons=("driver_inferred",), notice=0.3,
+    ),
+    Row(
+        "override_false", "the brake module reports an override for 50 ms, and nobody touches anything", Right.REST,
+        ("override_unconfirmed",), GATEWAY, 2.0 * PERIOD + STEP, faults=(Fault("override_false", 0.05),),
+    ),
     _driver("throttle_override", "the driver is on the throttle, then on the brake",
             Fault("throttle_override", 0.6), _BRAKES),
     _driver("steering_override", "the driver turns the wheel, then brakes", Fault("steering_override", 0.6), _BRAKES),

@@ -5,19 +5,26 @@ It works the same in lockstep and in real time, without a clock or I/O.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from vve_sumo.frames import MapFrame
 from vve_sumo.plant.car import STEPS_PER_SECOND, Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injector import FaultInjector
+from vve_sumo.plant.injectable import require_injectable
 from vve_sumo.plant.injected_faults import InjectedFault
-from vve_sumo.values import Frame, Pose
+from vve_sumo.plant.receiver import unaltered
+from vve_sumo.values import Fix, Frame, Pose
+from vve_sumo.vehicle.interface import HANDS_OFF
 
 
 class FaultInjectedCar:
-    """A `Car` (see there for the arguments) and its `FaultInjector`, stepped together; the driver is the injector's."""
+    """A `Car` (see there for the arguments) and its `FaultInjector`, stepped together; the driver is the injector's.
+
+    `alter` comes before the injector: the injector alters the fix that `alter` returns. Raises ConfigError for a fault
+    that cannot be injected through the car's interface.
+    """
 
     def __init__(
         self,
@@ -28,9 +35,18 @@ class FaultInjectedCar:
         seeds: np.random.SeedSequence,
         faults: Iterable[InjectedFault],
         fault_seeds: np.random.SeedSequence,
+        alter: Callable[[Fix], Fix | None] = unaltered,
     ) -> None:
-        self._injector = FaultInjector(faults, fault_seeds, parameters.interface)
-        self.car = Car(parameters, start, lot, epoch, seeds, self._injector.on_fix)
+        faults = tuple(faults)
+        require_injectable(faults, parameters.interface)
+        self._injector = injector = FaultInjector(faults, fault_seeds, parameters.interface)
+
+        def on_fix(fix: Fix) -> Fix | None:
+            altered = alter(fix)
+            return None if altered is None else injector.on_fix(altered)
+
+        self.car = Car(parameters, start, lot, epoch, seeds, on_fix, injector.on_measured)
+        self.driver_inputs = HANDS_OFF  #: what the driver truly does in the newest step
         self._steps = 0
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:
@@ -51,9 +67,10 @@ class FaultInjectedCar:
         injector, car, now = self._injector, self.car, self._steps / STEPS_PER_SECOND
         commands = injector.on_commands(now, frames)
         injector.on_car(now, car)
+        self.driver_inputs = injector.driver(now)
         self._steps += 1
         until = self._steps / STEPS_PER_SECOND
-        output = car.step(until, commands, injector.driver(now))
+        output = car.step(until, commands, self.driver_inputs)
         injector.moves(until, car.truth().speed)
         return CarOutput(
             injector.on_reports(until, output.reports, car.interface), injector.on_packets(until, output.ncom)

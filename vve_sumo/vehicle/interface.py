@@ -160,6 +160,45 @@ REQUIRED: Final[frozenset[type]] = frozenset(
 )  # fmt: skip
 
 
+class WhenCommandsStop(enum.Enum):
+    """What a DBW controller does by itself when commands stop."""
+
+    RELEASES = "releases"  #: lets go of pedals and steering: the car rolls
+    HOLDS = "holds"  #: keeps doing what was commanded last: nothing stops the car
+    BRAKES = "brakes"  #: brakes where its watchdog is armed, else lets go
+
+
+@dataclass(frozen=True, slots=True)
+class CommandsStop:
+    """What a DBW controller does by itself when commands stop, and how hard it then brakes at most.
+
+    Raises ConfigError for a strength that is not positive, and for one of an interface that does not brake.
+    """
+
+    action: WhenCommandsStop
+    words: str  #: the same in words
+    brake_torque: float = math.inf  #: of its watchdog at most, all wheels together [N m]; inf where nobody states it
+    deceleration: float = math.inf  #: of its watchdog at most [m/s2]; inf where nobody states it
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError where action and strength contradict each other."""
+        for name in ("brake_torque", "deceleration"):
+            value = getattr(self, name)
+            if not value > 0.0:
+                raise ConfigError(f"when_commands_stop: {name} must be a positive number, got {value!r}")
+            if math.isfinite(value) and self.action is not WhenCommandsStop.BRAKES:
+                raise ConfigError(f"when_commands_stop: an interface that {self.action.value} has no {name}")
+
+    def largest_deceleration(self, brake_gain: float) -> float:
+        """Return what its watchdog brakes with at most [m/s2]: inf where nobody states it, 0 where it has none.
+
+        `brake_gain` is the brake torque for each m/s2 of deceleration [kg m].
+        """
+        if self.action is not WhenCommandsStop.BRAKES:
+            return 0.0
+        return min(self.deceleration, self.brake_torque / brake_gain)
+
+
 @dataclass(frozen=True, slots=True)
 class InterfaceFacts:
     """Properties that do not change while an interface is in use."""
@@ -172,7 +211,7 @@ class InterfaceFacts:
     wheel_angle_limit: float  #: largest that the wire takes, of the steering wheel, both ways [rad]
     wheel_rate_limit: float  #: largest that the wire takes, of the steering wheel [rad/s]
     command_timeout: float  #: without a command for this long a subsystem releases its actuator by itself [s]
-    when_commands_stop: str  #: what the DBW controller does then by itself, in words
+    when_commands_stop: CommandsStop  #: what the DBW controller does then by itself
     dbc: Path | None = None  #: file that states the layout of the frames, where there is one
 
 
@@ -222,6 +261,7 @@ class DriverInputs:
     throttle_pedal: float = PEDAL_REST  #: pedal sensor, fraction
     steering_torque: float = 0.0  #: on the wheel [N m], left positive
     acknowledge: bool = False  #: resets a latched watchdog fault
+    gear: Gear = Gear.NONE  #: to which the driver holds the gear lever; NONE: no hand is on it
 
 
 HANDS_OFF: Final = DriverInputs()
@@ -247,6 +287,24 @@ class Measured(NamedTuple):
     brake_torque: float  #: applied by the brakes' own estimate, all wheels together [N m]
 
 
+#: Kinds of injected fault that a simulated DBW controller has to inject itself, because only the interface knows how
+#: its frames say it, with what `decode` must give while the fault is due. Nothing else that is reported changes, as far
+#: as the wire tells it apart, and the controller does what it would do without the fault.
+INTERFACE_KINDS: Final[Mapping[str, str]] = {
+    "brake_fault": "`BrakeState.fault` is true",
+    "throttle_fault": "`ThrottleState.fault` is true",
+    "steering_fault": "`SteeringState.fault` is true",
+    "report_malformed": "the frame that holds `SteeringState` is `Malformed`",
+    "steering_report_frozen": "`SteeringState` stays what it was when the fault began; counters and checksums go on",
+    "brake_report_frozen": "`BrakeState` stays what it was when the fault began; counters and checksums go on",
+    "throttle_report_frozen": "`ThrottleState` stays what it was when the fault began; counters and checksums go on",
+    "brake_driver_bits_zero": "`BrakeState.override` and `BrakeState.driver` are false, whatever the driver does",
+    "throttle_driver_bits_zero": "`ThrottleState.override` and `.driver` are false, whatever the driver does",
+    "override_false": "`override` is true in one report: of brakes (value 1), throttle (2), steering (3), shifter (4)",
+    "gear_lever": "no report is altered: `step` moves the lever to `DriverInputs.gear` where a car's own shifter does, "
+    "and `GearState.override` is true",
+}
+
 #: Strength of the injected fault of a kind at a time [s], NaN where the kind has none; None where it is not active.
 Due = Callable[[str, float], float | None]
 
@@ -270,6 +328,11 @@ class SimulatedInterface(Protocol):
         ...
 
     @property
+    def injectable(self) -> frozenset[str]:
+        """Return those of `INTERFACE_KINDS` that it can inject; a drive with any other of them is refused."""
+        ...
+
+    @property
     def driver_brake_torque(self) -> float:
         """Return the brake torque that the driver's foot asks for [N m]."""
         ...
@@ -279,7 +342,10 @@ class SimulatedInterface(Protocol):
         ...
 
     def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
-        """Advance by one step; `speed` [m/s] and steering `wheel_angle` [rad] are the car's own measurements."""
+        """Advance by one step; `speed` [m/s] and steering `wheel_angle` [rad] are the car's own measurements.
+
+        The driver takes over by either pedal and by torque on the steering wheel.
+        """
         ...
 
     def reports(self, measured: Measured) -> list[Frame]:
@@ -291,9 +357,11 @@ class SimulatedInterface(Protocol):
         ...
 
     def alter(self, time: float, frame: Frame, due: Due) -> Frame:
-        """Return what is sent at `time` [s] in place of a report, by the report faults that are `due`.
+        """Return what is sent at `time` [s] in place of a report.
 
-        An interface that cannot inject a fault leaves the report as it is.
+        `due(kind, time)` says whether a fault of one of the kinds in `injectable` is due, by its value, NaN where the
+        kind has none; `INTERFACE_KINDS` says what the report must then hold. With none due the frame is returned as it
+        is.
         """
         ...
 
@@ -329,6 +397,11 @@ def load(config: InterfaceConfig) -> VehicleInterface:
     missing = sorted(kind.__name__ for kind in REQUIRED.difference(*facts.reports.values()))
     if missing:
         raise ConfigError(f"{PORT.kind} {config.name}: it reports no {', '.join(missing)}, which the gateway needs")
+    if not isinstance(facts.when_commands_stop, CommandsStop):
+        raise ConfigError(
+            f"{PORT.kind} {config.name}: facts.when_commands_stop: expected a CommandsStop, "
+            f"got {facts.when_commands_stop!r}"
+        )
     if both := facts.commands & facts.reports.keys():
         raise ConfigError(f"{PORT.kind} {config.name}: identifier 0x{min(both):03X} is both a command and a report")
     return interface
