@@ -21,6 +21,7 @@ from vve_sumo.vehicle import (
     gateway,
     monitor,
     plausibility,
+    report_consistency,
     reports,
     response,
     setpoint_validation,
@@ -901,7 +902,17 @@ OF_ITS_PROCESS = {"bus_down", "drive_gone", "external_brain", "operator_gone", "
 def test_every_reason_it_can_give_has_plain_words():
     """All string literals in the modules that give reasons and look like codes."""
     given_codes = set()
-    for module in (gateway, monitor, setpoint_validation, engagement, plausibility, reports, brake_monitor, response):
+    for module in (
+        gateway,
+        monitor,
+        setpoint_validation,
+        engagement,
+        plausibility,
+        reports,
+        report_consistency,
+        brake_monitor,
+        response,
+    ):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and "_" in node.value:
                 given_codes.add(node.value)

@@ -174,6 +174,7 @@ REASONS: Final[dict[str, str]] = {
     "profile_invalid": "a setpoint's fallback path is malformed and the setpoint was refused",
     "report_invalid": "the car reports one of its measurements as invalid",
     "report_malformed": "a report has the wrong length or an impossible value",
+    "reports_inconsistent": "the car's reports jump to and fro faster than a car can: old ones among fresh ones",
     "setpoint_corrupt": "a setpoint arrived damaged",
     "setpoint_expired": "the last setpoint is too old to act on",
     "setpoint_from_future": "a setpoint is dated after now and was refused",
