@@ -172,11 +172,8 @@ def test_a_foot_on_a_coasting_car_is_found_by_the_speed_that_is_missing(foot):
     drag = 1.5 * CALIBRATION.drag(10.0) / CALIBRATION.mass
     monitor = SlowingMonitor(CALIBRATION)
     coasting(monitor)
-    speed = 10.0
-    for number in range(200):
-        speed -= foot * STEP
-        if monitor.step(STEP, Pedals(0.0, 0.0), speed, speed, 0.0):
-            break
+    speeds = (10.0 - foot * STEP * (n + 1) for n in range(200))
+    number = next(n for n, v in enumerate(speeds) if monitor.step(STEP, Pedals(0.0, 0.0), v, v, 0.0))
     expected = SPEED_DEFICIT / (foot - DECELERATION_MARGIN - drag)
     assert (number + 1) * STEP == pytest.approx(expected, abs=1.5 * STEP)
 
