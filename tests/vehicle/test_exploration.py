@@ -140,11 +140,13 @@ def watched(before: Explored, world: World, act: OperatorCommand | None) -> None
         assert state is S.ENGAGED
         assert before.going
         assert not world.driver
+    if was is S.ENGAGED and going and world.driver:
+        assert state in (S.STOPPING, S.STOPPED, S.FAULT), "a foot ends the drive"
     if state is S.ENGAGED:
         assert not world.found
         assert world.said != "fault"
     if was in COMMANDING:
-        let_go = {S.FAULT} if world.override else set()
+        let_go = {S.FAULT} if world.override and world.driver else set()
         if was is S.STOPPED and world.gear is Gear.PARK and not world.speed:
             let_go.add(S.DISARMED)
         assert state in {S.STOPPING, S.STOPPED} | let_go | ({S.ENGAGED} if was is S.ENGAGED else set())
@@ -215,9 +217,20 @@ def test_from_every_state_the_driver_gets_the_car(reached):
         commanded = after.state in COMMANDING
         # An override from before the act counts only once it has been seen to be gone.
         after.step(World())
-        after.step(World(override=True))
+        after.step(World(override=True, driver="brake"))
         if commanded and after.state is not S.DISARMED:
             assert after.state is S.FAULT
+
+
+def test_from_every_state_an_override_that_nothing_confirms_leads_to_rest(reached):
+    for place in reached.values():
+        after = place.copy()
+        commanded = after.state in COMMANDING
+        after.step(World())
+        for _ in range(LONG):
+            after.step(World(override=True))
+        if commanded:
+            assert after.state is S.STOPPED
 
 
 def test_no_run_without_the_act_of_engaging_ever_engages(reached):

@@ -59,12 +59,13 @@ def alarmed(whole: WholeCar) -> tuple[float, float]:
     return math.inf, whole.distance - begun
 
 
-@pytest.mark.parametrize("share", [0.0, 0.05])
-def test_a_car_held_on_dead_brakes_raises_the_alarm(share):
+@pytest.mark.parametrize(("share", "within"), [(0.0, 0.5), (0.05, 0.8)])
+def test_a_car_held_on_dead_brakes_raises_the_alarm(share, within):
+    """Brakes that still hold a little let the car gain speed more slowly; its way until the alarm is the same."""
     whole = held()
     whole.car.brake_share = share
     time, way = alarmed(whole)
-    assert time < 0.5
+    assert time < within
     assert way < 0.1
 
 

@@ -300,7 +300,9 @@ class Gateway(Monitor):
         if self._parked_long.step(now, stopped and standstill.certain and self._reports.in_park(now)):
             self._happen(now, Event.PARKED, [])
         doubted = self._reports.fastest_wheel < WHEEL_REST and not standstill.certain
-        if self._uncertain_long.step(now, doubted) or standstill.contradicted:
+        # A car that pulls away after a long stand contradicts for a moment: the receiver sees slow motion as rest.
+        pulls_away = self._state is _ENGAGED and self._handover.going
+        if self._uncertain_long.step(now, doubted) or (standstill.contradicted and not pulls_away):
             self._notes += ["standstill_uncertain", "driver_needed"]
         self._call_the_driver(overrides)
 

@@ -1,0 +1,55 @@
+"""Nominal driving with stop and go, bends and slopes, of a car that is not as calibrated: not one event."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import takewhile
+
+import pytest
+
+from controllers import follow_and_stop
+from tests import vehicles
+from tests.vehicle.closed_loop import ClosedLoop, winding
+from vve_sumo.controller import Controller
+from vve_sumo.values import ArmingState, ControlCommand, Observation
+
+
+class StopAndGo:
+    """A controller that drives as another one does, and comes to rest once in every `period` [s]."""
+
+    def __init__(self, other: Controller, period: float, deceleration: float) -> None:
+        self._other, self._period, self._deceleration = other, period, deceleration
+
+    def step(self, observation: Observation) -> ControlCommand:
+        command = self._other.step(observation)
+        if observation.time % self._period < 0.55 * self._period:
+            return command
+        return replace(command, acceleration=min(command.acceleration, -self._deceleration))
+
+
+CARS = {
+    "light, strong brakes, downhill": {"mass_factor": 0.85, "brake_gain_factor": 1.1, "grade": -math.atan(0.03)},
+    "heavy, weak brakes, downhill": {"mass_factor": 1.15, "brake_gain_factor": 0.9, "grade": -math.atan(0.03)},
+    "heavy, weak brakes, uphill": {"mass_factor": 1.15, "brake_gain_factor": 0.9, "grade": math.atan(0.03)},
+    "light, strong brakes, uphill": {"mass_factor": 0.85, "brake_gain_factor": 1.1, "grade": math.atan(0.03)},
+    "slippery": {"friction": 0.5},
+}
+
+
+@pytest.mark.parametrize("car", CARS)
+@pytest.mark.parametrize(("speed", "period", "deceleration"), [(8.0, 14.0, 3.4), (5.0, 9.0, 1.5)])
+def test_a_minute_of_stop_and_go_is_without_an_event(car, speed, period, deceleration):
+    parameters = vehicles.parameters(**CARS[car])
+    controller = StopAndGo(follow_and_stop.make(parameters.vehicle, {}), period, deceleration)
+    loop = ClosedLoop(winding(800.0), speed, parameters=parameters, controller=controller)
+    begun, stops, fastest, moved = False, 0, 0.0, False
+    for ticked in takewhile(lambda ticked: ticked.now < 60.0, loop.ticks()):
+        state, reasons = ticked.verdict.state, ticked.verdict.reasons
+        begun |= state is ArmingState.ENGAGED and not reasons
+        if begun:
+            assert (state, reasons) == (ArmingState.ENGAGED, ()), ticked
+        stops += moved and ticked.truth.speed == 0.0
+        moved, fastest = ticked.truth.speed > 0.0, max(fastest, ticked.truth.speed)
+    assert stops >= 3
+    assert fastest > 0.8 * speed
