@@ -24,6 +24,7 @@ from vve_sumo.plant.car import Car
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injectable import injectable_kinds, require_injectable
 from vve_sumo.plant.injected_faults import KINDS, Clock, InjectedFault
+from vve_sumo.timing import MAX_GEAR_REPORT_AGE, MAX_REPORT_AGE
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 from vve_sumo.vehicle.interface import (
@@ -50,7 +51,7 @@ from vve_sumo.vehicle.interface import (
     YawRate,
     load,
 )
-from vve_sumo.vehicle.reports import MAX_AGE, MAX_GEAR_AGE, CarReports
+from vve_sumo.vehicle.reports import CarReports
 
 from tests.vehicle.whole_car import LOT  # isort: skip
 import itertools
@@ -161,7 +162,7 @@ class VehicleInterfaceConformance:
         assert 0.0 < facts.wheel_rate_limit < math.inf
         assert PERIOD < facts.command_timeout < math.inf
         assert facts.title
-        assert facts.when_commands_stop
+        assert facts.when_commands_stop.words
 
     # Out.
 
@@ -247,7 +248,7 @@ class VehicleInterfaceConformance:
     def test_required_reports_come_in_time(self, bench):
         bench.run(3.0, NEUTRAL)
         for kind in REQUIRED:
-            limit = MAX_GEAR_AGE if kind is GearState else MAX_AGE
+            limit = MAX_GEAR_REPORT_AGE if kind is GearState else MAX_REPORT_AGE
             times = [0.0, *bench.times[kind], bench.now]
             assert max(two - one for one, two in itertools.pairwise(times)) <= 0.6 * limit
 

@@ -160,6 +160,7 @@ class _Doctor(JsonModel):
     verdict: Text = "none"
     date_utc: Text = ""
     caveats: Annotated[tuple[Text, ...], Field(strict=False)] = ()
+    override: Text | None = None
 
 
 class Provenance(JsonModel):

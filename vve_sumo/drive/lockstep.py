@@ -17,7 +17,7 @@ from pathlib import Path as FilePath
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.brain import Brain
 from vve_sumo.drive.pipeline import Pipeline, TickResult
-from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import DueTick, Tick
@@ -34,6 +34,7 @@ from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
 from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.scenario.schema import EndTrigger
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.arming import WAITING
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
@@ -218,7 +219,7 @@ class Lockstep:
             if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked)):
                 return drive_end(Outcome.COMPLETED, (why, *status.reasons), self._pipeline, self._road)
             ahead = partial(self._rest.ahead, ticked.truth, s, ticked.actors)
-            outcome = self._termination.step(now, speed, s, status.state, contact, ahead)
+            outcome = self._termination.step(now, speed, s, status.state, status.reasons, contact, ahead)
             if outcome is None and tick >= last:
                 outcome = Outcome.TIMEOUT
             if outcome is not None:

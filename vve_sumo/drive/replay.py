@@ -22,7 +22,6 @@ from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.lockstep import ScriptedOperator, assemble
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import (
-    PERIOD,
     ResolvedScenario,
     read_resolved,
     recorded_faults,
@@ -37,6 +36,7 @@ from vve_sumo.record.car_bus import with_direction
 from vve_sumo.record.layout import LIVE_SCHEMAS, SCHEMAS, recorded_brain, sensor_table
 from vve_sumo.record.reader import read_pose_chunks, read_table, sensor_tables
 from vve_sumo.scenario.load import parse
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, Frame
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig, load
 

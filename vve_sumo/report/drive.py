@@ -203,6 +203,8 @@ def _machine_and_people(run: Run) -> list[Row]:
     if run.live:
         doctor = origin.doctor
         checked = [" of ".join(filter(None, (doctor.verdict, doctor.date_utc))), *doctor.caveats] if doctor else [NONE]
+        if doctor and doctor.override:
+            checked.append(f"overridden: {doctor.override}")
         rows += [("operator", origin.operator or "not stated"), ("driver", origin.driver or "not stated")]
         rows += [("doctor", ", ".join(checked))]
     return rows
