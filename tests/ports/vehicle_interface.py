@@ -48,6 +48,7 @@ from vve_sumo.vehicle.interface import (
     ThrottleState,
     VehicleInterface,
     WheelSpeeds,
+    WhenCommandsStop,
     YawRate,
     load,
 )
@@ -295,6 +296,9 @@ class VehicleInterfaceConformance:
         bench.run(0.4 * bench.interface.facts.command_timeout + 0.05, None)
         assert not any(bench.end.enabled)
         assert not any(bench.enabled())
+        stops = bench.interface.facts.when_commands_stop
+        assert bench.end.watchdog_braking is (stops.action is WhenCommandsStop.BRAKES)
+        assert bench.measured.brake_torque <= stops.brake_torque
 
     def test_a_driver_who_takes_over_keeps_the_car_until_a_clear(self, bench):
         bench.engaged()
