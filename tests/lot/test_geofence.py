@@ -65,7 +65,7 @@ def test_no_car_that_does_what_is_declared_goes_farther(
     while v > 0.0 or t == 0.0:
         since = t + 0.5 * step - delay
         # The drive force grows as a setpoint may ask until the brakes set in, then fades; the brakes rise.
-        force = drive + JERK * t if since < 0.0 else drive * math.exp(-since / 0.25)
+        force = drive + JERK * t if since < 0.0 else (drive + JERK * delay) * math.exp(-since / 0.25)
         brake = 0.0 if since < 0.0 else deceleration * (min(since / rise, 1.0) if rise else 1.0)
         a = force - brake + GRAVITY * downhill
         s, v, t = s + max(v + 0.5 * a * step, 0.0) * step, v + a * step, t + step

@@ -96,6 +96,7 @@ class ClosedLoop:
             deviation_limit=deviation_limit,
         )
         self.gateway = Gateway(vehicle, calibration=parameters.calibration, period=PERIOD)
+        self.silent_from = math.inf  #: drive time from which the gateway gets no setpoint [s]
         self._path, self._operator = path, ScriptedOperator()
         self._station: float | None = None
 
@@ -118,7 +119,8 @@ class ClosedLoop:
         steering = gateway.measured_steering
         pipeline.see(now, NOBODY)
         decided = pipeline.decide(tick, now, steering)
-        output = gateway.step(now, decided.setpoint, [frame for _time, frame in heard.reports], act)
+        setpoint = decided.setpoint if now < self.silent_from else None
+        output = gateway.step(now, setpoint, [frame for _time, frame in heard.reports], act)
         pipeline.prepare(now + PERIOD, steering)
         truth = self.car.truth()
         beside = self._path.project(truth.x, truth.y, self._station)

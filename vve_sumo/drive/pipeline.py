@@ -7,6 +7,7 @@ I/O, no clock and no gateway. `drive.tick` defines the order of the calls, `driv
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -42,6 +43,8 @@ from vve_sumo.values import (
 
 #: greatest difference of a tick's time from the time for which its fallback path was prepared [s]; else prepared anew
 PREPARED_TOLERANCE = 0.01
+#: of how many setpoints the requested angles are kept for the geofence: those that a car may not have answered yet
+REQUESTS = 10
 
 #: the sensors' readings at a tick: the columns of each sensor's table in the record, by the sensor's name
 Readings = Mapping[str, tuple[Column, ...]]
@@ -153,6 +156,7 @@ class Pipeline:
         self._fallback: FallbackPath | DeferredFallbackPath | None = None
         self._prepared_for = -math.inf
         self._geofence_breach: tuple[str, ...] = ()
+        self._requested: deque[float] = deque(maxlen=REQUESTS)  # road-wheel angles [rad]
         self.newest_epoch = -math.inf  #: of the newest fix, trusted or not, as drive time [s]
 
     def receive(self, received: float, data: bytes) -> None:
@@ -218,6 +222,7 @@ class Pipeline:
             command, failures = self._controller.step(self._observation(tick, now, pose, steering))
             faults += failures
             setpoint = self._stamped(command or _after_failure(steering), now, pose, faults)
+            self._requested.append(setpoint.steering)
         return TickResult(
             setpoint=setpoint,
             pose=pose,
@@ -248,7 +253,10 @@ class Pipeline:
             return
         self._fallback = self._fallback_rule(pose, steering, self._path, self._s, self._vehicle)
         if self._geofence is not None:
-            self._geofence_breach = self._geofence.check(pose, steering, computed(self._fallback))
+            requested = (min(self._requested), max(self._requested)) if self._requested else None
+            self._geofence_breach = self._geofence.check(
+                pose, steering, computed(self._fallback), max(self._s, 0.0), requested
+            )
 
     def front_bumper_at(self, time: float) -> Pose | None:
         """Return the front bumper's pose to request of SUMO for drive time `time` [s]; None before a trusted fix."""

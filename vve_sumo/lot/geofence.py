@@ -7,6 +7,7 @@ knows no gateway and no bus, and returns only a reason code.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -17,6 +18,7 @@ from vve_sumo.frames import GRAVITY, Alignment
 from vve_sumo.laws import squared_speed_limits
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body, Complexes, as_pairs, fan, relaxing, trail
+from vve_sumo.lot.turning import Turning
 from vve_sumo.path import EXTENSION, SAMPLE_SPACING, Path
 from vve_sumo.values import FallbackPath, Floats, Point, Pose, Vehicle
 
@@ -44,10 +46,12 @@ class Stop:
         """Return the stopping distance [m] from `speed` [m/s, not negative], `downhill` being the slope; inf if never.
 
         Until the brakes set in, speed rises by the present acceleration, by what `JERK` lets a setpoint add, and by the
-        slope's share b. Then v t + b t^2 / 2 - j t^3 / 6 while the deceleration rises to a, and v^2 / (2 (a - b)).
+        slope's share b; the drive force of both fades with its lag. Then v t + b t^2 / 2 - j t^3 / 6 while the
+        deceleration rises to a, and v^2 / (2 (a - b)).
         """
         pull = GRAVITY * downhill
-        gained = max(acceleration, 0.0) * (self.delay + self.drive_lag) + 0.5 * JERK * self.delay * self.delay
+        gained = max(acceleration, 0.0) * (self.delay + self.drive_lag)
+        gained += JERK * self.delay * (0.5 * self.delay + self.drive_lag)
         start = speed + gained + pull * self.delay
         if not self.deceleration > pull:
             return math.inf
@@ -71,45 +75,70 @@ class Driven(NamedTuple):
     profile: FallbackPath  #: the path itself
 
 
+def no_drift(_driven: float) -> float:
+    """Return 0: a receiver that never drifts."""
+    return 0.0
+
+
 class Geofence:
     """Checks that every fallback path stays inside the lot.
 
     `alignment` maps the lot's map to the street's. `gateway` is the gateway's stop, on the fallback path or at a held
     wheel angle; `watchdog` is that of the DBW controller, with a wheel angle anywhere between held and straight.
-    `downhill` is the lot's worst slope, positive.
+    `downhill` is the lot's worst slope, positive. `turning` is what setpoints may still do to the wheel before a stop
+    begins; without it they hold it. `drift` gives the receiver's largest drift that is not noticed [m] over a way [m]:
+    the ground that is checked grows by it.
     """
 
     def __init__(
-        self, lot: Lot, vehicle: Vehicle, alignment: Alignment, *, gateway: Stop, watchdog: Stop, downhill: float = 0.0
+        self,
+        lot: Lot,
+        vehicle: Vehicle,
+        alignment: Alignment,
+        *,
+        gateway: Stop,
+        watchdog: Stop,
+        downhill: float = 0.0,
+        turning: Turning | None = None,
+        drift: Callable[[float], float] = no_drift,
     ) -> None:
         self.lot = lot
         self._to_lot = alignment.inverse()
         self._gateway, self._watchdog, self._downhill = gateway, watchdog, downhill
         self._body = Body.of(vehicle)
+        self._turning, self._drift = turning, drift
         self._wheelbase, self._understeer = vehicle.wheelbase, vehicle.understeer_gradient
 
-    def check(self, pose: Pose, steering: float, profile: FallbackPath | None) -> tuple[str, ...]:
+    def check(
+        self,
+        pose: Pose,
+        steering: float,
+        profile: FallbackPath | None,
+        driven: float = 0.0,
+        requested: tuple[float, float] | None = None,
+    ) -> tuple[str, ...]:
         """Return ("geofence_breach",) unless the car comes to rest inside the lot from this pose, whoever stops it.
 
         `pose` is the rear axle's in the street's map, `steering` the road-wheel angle that the car reports [rad, left
-        positive], `profile` the fallback path that the setpoint carries, None for none. A value that is not
-        finite is a breach.
+        positive], `profile` the fallback path that the setpoint carries, None for none. `driven` is the way since the
+        drive began [m], `requested` the least and the greatest road-wheel angle that the latest setpoints asked for
+        [rad], by default the reported one. A value that is not finite is a breach.
         """
-        distances = self._distances(pose, steering)
+        distances = self._distances(pose, steering + driven)
         if distances is None:
             return GEOFENCE_BREACH
-        placed = self._to_lot.apply(pose)
-        if self.lot.holds_disc(placed.x, placed.y, max(map(abs, distances)) + self._body.reach):
+        placed, body = self._to_lot.apply(pose), self._body.grown(self._drift(driven))
+        if self.lot.holds_disc(placed.x, placed.y, max(map(abs, distances)) + body.reach):
             return ()
-        shapes = self._shapes(pose.speed, distances, steering, profile)
+        shapes = self._shapes(body, pose.speed, distances, steering, profile, requested)
         if shapes is None or not self.lot.holds(as_pairs(shapes, placed.x, placed.y, placed.heading)):
             return GEOFENCE_BREACH
         return ()
 
-    def sweep(self, pose: Pose, steering: float, profile: FallbackPath | None) -> Floats | None:
+    def sweep(self, pose: Pose, steering: float, profile: FallbackPath | None, driven: float = 0.0) -> Floats | None:
         """Return the ground that `check` looks at, as rectangles in the map of `pose`, (n, 4, 2); None for no rest."""
-        distances = self._distances(pose, steering)
-        shapes = None if distances is None else self._shapes(pose.speed, distances, steering, profile)
+        distances, body = self._distances(pose, steering), self._body.grown(self._drift(driven))
+        shapes = None if distances is None else self._shapes(body, pose.speed, distances, steering, profile, None)
         return None if shapes is None else as_pairs(shapes, pose.x, pose.y, pose.heading)
 
     def aligned(self, alignment: Alignment) -> Geofence:
@@ -124,8 +153,10 @@ class Geofence:
         None where it always could. The car is taken to keep to the path, to start from rest, and to slow down for
         bends as any controller must; beyond the end it rolls on straight.
         """
-        at = (place for place in self.driven(path, speed) if self.check(place.pose, place.steering, place.profile))
-        return next((place.station for place in at), None)
+        for place in self.driven(path, speed):
+            if self.check(place.pose, place.steering, place.profile, place.station):
+                return place.station
+        return None
 
     def driven(self, path: Path, speed: float) -> list[Driven]:
         """Return the places that `along` checks, one a metre of the path."""
@@ -159,23 +190,43 @@ class Geofence:
         return math.copysign(gateway, pose.speed), math.copysign(watchdog, pose.speed)
 
     def _shapes(
-        self, speed: float, distances: tuple[float, float], steering: float, profile: FallbackPath | None
+        self,
+        body: Body,
+        speed: float,
+        distances: tuple[float, float],
+        steering: float,
+        profile: FallbackPath | None,
+        requested: tuple[float, float] | None,
     ) -> Complexes | None:
         """Swept area of all fallback paths, in the rear axle's frame; None where `profile` is invalid."""
         by_gateway, by_watchdog = distances
-        # A held wheel angle turns the car tighter the slower it gets.
-        tight = math.tan(steering) / self._wheelbase
-        wide = math.tan(steering) / (self._wheelbase + self._understeer * speed * speed)
-        low, high = min(tight, wide), max(tight, wide)
-        swept = [relaxing(self._body, min(low, 0.0), max(high, 0.0), by_watchdog)]
-        if abs(by_gateway) > abs(by_watchdog):
-            swept.append(fan(self._body, low, high, by_gateway))
+        turning, asked = self._turning, requested or (steering, steering)
+        held = (steering, steering) if turning is None else turning.at_once(speed, steering, asked)
+        low, high = self._bends(speed, *held)
+        swept = [relaxing(body, min(low, 0.0), max(high, 0.0), by_watchdog)]
+        if profile is None and turning is not None:
+            # Nobody leads the wheel back to where it was: it may be held wherever setpoints have turned it by then.
+            swept.append(fan(body, *self._bends(speed, *turning.until_stop(speed, steering, asked)), by_gateway))
+        elif abs(by_gateway) > abs(by_watchdog):
+            swept.append(fan(body, *self._bends(speed, steering, steering), by_gateway))
         if profile is not None and by_gateway > 0.0:
             knots = _knots(profile, by_gateway)
             if knots is None:
                 return None
-            swept.append(trail(self._body, knots, profile.spacing))
+            ways = [knots]
+            if turning is not None:
+                ways += turning.led_astray(knots, profile.spacing, speed, steering, asked)
+            swept += [trail(body, way, profile.spacing) for way in ways]
         return np.concatenate(swept)
+
+    def _bends(self, speed: float, low: float, high: float) -> tuple[float, float]:
+        """Least and greatest curvature [1/m] of wheels held between two angles [rad], from `speed` to rest."""
+        # A held wheel angle turns the car tighter the slower it gets.
+        wide = self._wheelbase + self._understeer * speed * speed
+        return (
+            math.tan(low) / (self._wheelbase if low < 0.0 else wide),
+            math.tan(high) / (self._wheelbase if high > 0.0 else wide),
+        )
 
 
 def _knots(profile: FallbackPath, distance: float) -> Floats | None:

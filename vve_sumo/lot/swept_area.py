@@ -39,6 +39,13 @@ class Body:
         corners = np.array([front + 1j * half, -rear + 1j * half, -rear - 1j * half, front - 1j * half])
         return cls(corners, float(np.abs(corners).max()))
 
+    def grown(self, by: float) -> Body:
+        """Return the rectangle with every side moved outwards [m]."""
+        if by == 0.0:
+            return self
+        corners = self.corners + by * (np.sign(self.corners.real) + 1j * np.sign(self.corners.imag))
+        return Body(corners, float(np.abs(corners).max()))
+
 
 def fan(body: Body, low: float, high: float, distance: float) -> Complexes:
     """Return shapes, (n, 4), that cover the body on every circle from curvature `low` to `high` [1/m] up to `distance`.

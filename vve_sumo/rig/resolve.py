@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING
 
 from vve_sumo.config_file import in_si
 from vve_sumo.errors import ConfigError
-from vve_sumo.frames import Alignment, MapFrame, Mounting, local_frame
+from vve_sumo.frames import GRAVITY, Alignment, MapFrame, Mounting, local_frame
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
+from vve_sumo.lot.turning import Turning
 from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import NOTICED, SETPOINT_LIFETIME
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle import load as vehicles
 from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.drift import unseen_drift
 from vve_sumo.vehicle.effective_deceleration import DRY_FRICTION, EffectiveDeceleration, effective_deceleration
 from vve_sumo.vehicle.interface import InterfaceConfig, InterfaceFacts, load
 from vve_sumo.vehicle.limits import Limits
@@ -167,22 +169,34 @@ def _surveyed(rig: Rig) -> Alignment:
 def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
     """Return the geofence of the lot, which `alignment` maps to the street.
 
-    Where the watchdog was never tried (then the car cannot be armed), the gateway's own stop stands for it.
+    Where the watchdog was never tried (then the car cannot be armed), the gateway's own stop stands for it. No stop is
+    stronger than the lot's friction allows.
     """
     vehicle, limits, lag = vehicle_of(rig), limits_of(rig), calibration_of(rig).drive_lag
+    slope = math.atan(rig.lot.grade_percent / 100.0)
+    grip = rig.lot.friction * GRAVITY * math.cos(slope)
+    deceleration = min(limits.stop_deceleration, grip)
     gateway = Stop(
-        limits.stop_deceleration,
+        deceleration,
         SETPOINT_LIFETIME + NOTICED + vehicle.brake_delay + vehicle.brake_lag,
-        limits.stop_deceleration / limits.stop_jerk,
+        deceleration / limits.stop_jerk,
         lag,
     )
     test = rig.watchdog_test
     strength = watchdog_deceleration_of(rig, load(interface_of(rig)).facts)
-    watchdog = (
-        gateway if test is None or strength is None else Stop(strength, SETPOINT_LIFETIME + test.delay_s, drive_lag=lag)
+    watchdog = gateway
+    if test is not None and strength is not None:
+        watchdog = Stop(min(strength, grip), SETPOINT_LIFETIME + test.delay_s, drive_lag=lag)
+    return Geofence(
+        lot_of(rig),
+        vehicle,
+        alignment,
+        gateway=gateway,
+        watchdog=watchdog,
+        downhill=math.sin(slope),
+        turning=Turning.of(vehicle, limits.comfort.lateral_jerk, SETPOINT_LIFETIME + NOTICED),
+        drift=unseen_drift,
     )
-    downhill = math.sin(math.atan(rig.lot.grade_percent / 100.0))
-    return Geofence(lot_of(rig), vehicle, alignment, gateway=gateway, watchdog=watchdog, downhill=downhill)
 
 
 def faults_of(rig: Rig) -> tuple[InjectedFault, ...]:

@@ -17,13 +17,16 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 from vve_sumo.config_file import Bitrate, Finite, Name, NotNegative, Positive, Short, Table
 from vve_sumo.pose.receivers.port import ReceiverTable
 from vve_sumo.pose.receivers.udp import Address, NetworkPort, Sender
-from vve_sumo.scenario.schema import DEFAULT_VEHICLE
+from vve_sumo.scenario.schema import DEFAULT_VEHICLE, Weather
 from vve_sumo.scenario.schema import Car as TrueCar
 from vve_sumo.scenario.schema import Lot as Start
 from vve_sumo.vehicle.schema import Calibration as ModelCalibration
 from vve_sumo.vehicle.schema import Declared, DriveByWire, Simulated
 
 Date = datetime.date
+
+#: of tyre on a dry road, that of a scenario's weather where it says none
+DRY_FRICTION = Weather().friction
 
 
 def _latitude_first(corner: tuple[float, float]) -> tuple[float, float]:
@@ -128,10 +131,16 @@ class Lot(Table):
         default=(), description="poles, islands: outlines inside the outline"
     )
     margin_m: Annotated[float, Field(ge=0.0, le=50.0)] = Field(
-        default=1.0, description="kept free along every edge: mirrors, errors of pose, survey and stopping"
+        default=1.0,
+        description="kept free along every edge: mirrors, errors of survey and stopping; the receiver's drift is added",
     )
     grade_percent: Annotated[float, Field(ge=0.0, le=15.0)] = Field(description="worst slope, taken as downhill")
     valid_days: Days = Field(default=1095, description="after the survey, for a real car: then the lot is walked again")
+    friction: Annotated[float, Field(ge=0.05, le=1.2)] = Field(
+        default=DRY_FRICTION,
+        description="lowest of tyre on ground: about 0.9 dry, 0.6 wet, 0.3 snow; no stop is taken to be stronger than "
+        "it allows",
+    )
 
 
 class Alignment(Table):

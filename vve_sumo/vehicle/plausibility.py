@@ -13,11 +13,9 @@ from typing import Final, NamedTuple
 
 from vve_sumo.values import Setpoint, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.drift import DELAY, DriftCheck, Sample
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
-# Tolerated age of the receiver's data beyond what their epoch says [s]; it also covers the slip of braking tyres. A
-# longer constant delay shows in how the car drives (docs/studies.md): a wider tolerance here would hide false data.
-DELAY: Final = 0.30
 # Allowed difference of satellite and wheel speed: this for the noise of both, plus the wheels' calibrated scale error
 # and DELAY times the acceleration.
 SPEED_DIFFERENCE: Final = 0.30  # [m/s]
@@ -132,6 +130,8 @@ class Plausibility:
         self._kept: tuple[deque[_Place], ...] = tuple(deque() for _ in WINDOWS)
         self._sampled = -math.inf
         self._turn = 0  # of the windows
+        self._way = 0.0  # driven, backwards counts negative [m]
+        self._drift = DriftCheck(self._slip, self._speed_share)
 
     def step(
         self, now: float, elapsed: float, car: CarMotion, setpoint: Setpoint | None, fresh: bool
@@ -214,6 +214,7 @@ class Plausibility:
         self._x += driven * cosine - across * sine
         self._y += driven * sine + across * cosine
         self._heading += turn
+        self._way += driven
         self._distance += abs(driven)
         self._turned += abs(turn)
 
@@ -228,6 +229,7 @@ class Plausibility:
         if self._sampled != -math.inf:
             for kept in self._kept:
                 kept.clear()
+            self._drift.reset()
             self._sampled = -math.inf
 
     def _pose(self, now: float, car: CarMotion, setpoint: Setpoint) -> list[str]:
@@ -237,11 +239,19 @@ class Plausibility:
         kept, oldest = self._kept[self._turn], place.time - WINDOWS[self._turn]
         while kept and kept[0].time < oldest:
             kept.popleft()
+        explained = True
         if place.time - self._sampled >= SAMPLE_PERIOD:
             self._sampled = place.time
             for window in self._kept:
                 window.append(place)
-        return self._compared(kept[0], place) if kept else []
+            way = self._way - car.speed * (now - setpoint.time)
+            explained = self._drift.explain(
+                Sample(setpoint.x, setpoint.y, setpoint.heading, setpoint.speed, car.speed, way)
+            )
+        reasons = self._compared(kept[0], place) if kept else []
+        if not explained and "position_mismatch" not in reasons:
+            reasons.append("position_mismatch")
+        return reasons
 
     def _place(self, now: float, car: CarMotion, setpoint: Setpoint) -> _Place:
         """The setpoint's pose, with dead reckoning extrapolated back to its time."""
