@@ -5,6 +5,7 @@ It works the same in lockstep and in real time, without a clock or I/O.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -13,7 +14,8 @@ from vve_sumo.frames import MapFrame
 from vve_sumo.plant.car import STEPS_PER_SECOND, Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injector import FaultInjector
 from vve_sumo.plant.injected_faults import InjectedFault
-from vve_sumo.values import Frame, Pose
+from vve_sumo.values import Fix, Frame, Pose
+from vve_sumo.vehicle.interface import HANDS_OFF
 
 
 class FaultInjectedCar:
@@ -29,9 +31,16 @@ class FaultInjectedCar:
         faults: Iterable[InjectedFault],
         fault_seeds: np.random.SeedSequence,
     ) -> None:
+        self._seeds, self._interface = fault_seeds, parameters.interface
         self._injector = FaultInjector(faults, fault_seeds, parameters.interface)
-        self.car = Car(parameters, start, lot, epoch, seeds, self._injector.on_fix)
+        self.car = Car(parameters, start, lot, epoch, seeds, self._on_fix)
+        self.driver = HANDS_OFF  #: what the driver did at the last step
         self._steps = 0
+
+    def inject(self, faults: Iterable[InjectedFault], moved: float) -> None:
+        """Inject `faults` in place of those before; those that count from the first motion count from `moved` [s]."""
+        self._injector = FaultInjector(faults, self._seeds, self._interface)
+        self._injector.moves(moved, math.inf)
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:
         """Take in `frames`, advance to drive time `until` [s], a multiple of 5 ms; return the output until then."""
@@ -47,13 +56,17 @@ class FaultInjectedCar:
         """True pose of the rear axle in the lot map."""
         return self.car.truth()
 
+    def _on_fix(self, fix: Fix) -> Fix | None:
+        return self._injector.on_fix(fix)
+
     def _step(self, frames: Sequence[Frame]) -> CarOutput:
         injector, car, now = self._injector, self.car, self._steps / STEPS_PER_SECOND
         commands = injector.on_commands(now, frames)
         injector.on_car(now, car)
         self._steps += 1
         until = self._steps / STEPS_PER_SECOND
-        output = car.step(until, commands, injector.driver(now))
+        self.driver = injector.driver(now)
+        output = car.step(until, commands, self.driver)
         injector.moves(until, car.truth().speed)
         return CarOutput(
             injector.on_reports(until, output.reports, car.interface), injector.on_packets(until, output.ncom)
