@@ -298,6 +298,15 @@ def test_what_no_real_car_is_driven_with(change: Change, words: str) -> None:
             "faults.0: fault pose_lost: takes no",
         ),
         (put("faults", [{"kind": "pose_lost", "at_s": -1.0}]), "faults.0.at_s: "),
+        (
+            put("faults", [{"kind": "pose_lost", "at_s": 1.0, "shape": "ramp"}]),
+            "faults.0: fault pose_lost: its strength does not grow: no ramp",
+        ),
+        (put("faults", [{"kind": "pose_lost", "at_s": 1.0, "shape": "saw"}]), "faults.0.shape: "),
+        (
+            put("faults", [{"kind": "pose_lost", "at_s": 1.0, "shape": "flapping"}]),
+            "faults.0: fault pose_lost: shape flapping needs a positive period",
+        ),
     ],
 )
 def test_what_no_simulated_vehicle_is_driven_with(change: Change, words: str) -> None:

@@ -18,6 +18,7 @@ from vve_sumo.config_file import UNITS
 from vve_sumo.drive.resolved_scenario import resolve_scenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
+from vve_sumo.plant.injected_faults import Clock, Shape
 from vve_sumo.rig import resolve
 from vve_sumo.rig.load import load, parse
 from vve_sumo.rig.schema import Calibration as CalibrationTable
@@ -216,3 +217,13 @@ def test_faults_become_what_the_car_knows() -> None:
         parse(simulated() | {"faults": [{"kind": "pose_jump", "at_s": 8.0, "for_s": 2.0, "value": 5.0}]}, SIMULATED)
     )
     assert [(fault.kind, fault.at, fault.duration, fault.value) for fault in faults] == [("pose_jump", 8.0, 2.0, 5.0)]
+
+
+def test_a_faults_shape_and_clock_are_the_rigs() -> None:
+    wanted = [
+        {"kind": "pose_rtk_lost", "at_s": 0.0, "for_s": 3.0, "shape": "flapping", "period_s": 0.1, "from_start": True},
+        {"kind": "brakes_weak", "at_s": 1.0, "shape": "ramp"},
+    ]
+    flapping, ramp = resolve.faults_of(parse(simulated() | {"faults": wanted}, SIMULATED))
+    assert (flapping.shape, flapping.period, flapping.clock) == (Shape.FLAPPING, 0.1, Clock.DRIVE)
+    assert (ramp.shape, ramp.clock) == (Shape.RAMP, Clock.MOVED)

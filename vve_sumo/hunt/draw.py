@@ -11,7 +11,7 @@ from typing import Final
 from vve_sumo.errors import ConfigError
 from vve_sumo.hunt.brains import BEHAVIOURS
 from vve_sumo.hunt.episode import DRIVER, FAULTS, KEYS, Action, Episode, Phase, RoadConditions
-from vve_sumo.plant.injected_faults import KINDS, VALUES
+from vve_sumo.plant.injected_faults import KINDS, NEUTRAL, NUMBERS, VALUES, Shape
 
 #: Roads that random episodes are driven on: few, because episodes on the same road share its nominal drive.
 ROADS: Final = (
@@ -56,11 +56,12 @@ DRIVER_ACTIONS: Final = tuple(
         ("brake_override", (0.23, 0.26, 0.33)),
         ("throttle_override", (0.2, 0.4)),
         ("steering_override", (2.0, 5.0)),
+        ("gear_lever", (3.0,)),
     )
     for value in values
 )
-#: Kinds whose value counts something and is a whole number.
-WHOLE: Final = frozenset({"pose_garbage", "dbw_dropout"})
+#: Kinds whose value is a whole number.
+WHOLE: Final = NUMBERS | {"pose_garbage"}
 #: Widest range that values are drawn from, where the kind's own is so wide that hardly a draw would be of use.
 USEFUL: Final = {
     "pose_jump": (-8.0, 8.0),
@@ -76,6 +77,8 @@ USEFUL: Final = {
     "pose_overtaken": (-1.0, 1.0),
 }
 DURATIONS: Final = (0.06, 0.3, 1.0, 3.0, 8.0)
+#: Of flapping faults, of each half [s].
+PERIODS: Final = (0.04, 0.1, 0.3, 1.0)
 MAX_ACTIONS: Final = 3
 
 
@@ -98,7 +101,18 @@ def action(random: Random, kinds: Sequence[str]) -> Action:
     if kind in KEYS:
         return Action(kind, after, 1.0)
     duration = random.choice(DURATIONS)
-    return Action(kind, after, duration, value_of(kind, random) if kind in KINDS else float("nan"))
+    if kind not in KINDS:
+        return Action(kind, after, duration)
+    shape, period = shape_of(kind, random)
+    return Action(kind, after, duration, value_of(kind, random), shape, period)
+
+
+def shape_of(kind: str, random: Random) -> tuple[Shape, float]:
+    """Draw a shape that an injected fault of the kind can have, and its period."""
+    shape = random.choices((Shape.STEP, Shape.RAMP, Shape.FLAPPING), (6, 2, 2))[0]
+    if shape is Shape.FLAPPING:
+        return shape, random.choice(PERIODS)
+    return (shape if kind in NEUTRAL else Shape.STEP), float("nan")
 
 
 def kinds_by_chance(random: Random) -> Sequence[str]:

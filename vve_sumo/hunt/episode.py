@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.hunt.brains import BEHAVIOURS
-from vve_sumo.plant.injected_faults import KINDS, InjectedFault
+from vve_sumo.plant.injected_faults import DRIVER_ACTIONS, KINDS, Clock, InjectedFault, Shape
 from vve_sumo.vehicle.gateway import OperatorCommand
 
 
@@ -31,12 +31,8 @@ class Phase(enum.StrEnum):
     RELEASED = "released"  #: parked, the gateway has let go
 
 
-#: What a driver does, as kinds of injected faults; `gear_lever` where the simulated vehicle has one.
-DRIVER: Final = tuple(
-    kind
-    for kind in ("brake_override", "throttle_override", "steering_override", "driver_touch", "gear_lever")
-    if kind in KINDS
-)
+#: What a driver does, as kinds of injected faults.
+DRIVER: Final = tuple(kind for kind in KINDS if kind in DRIVER_ACTIONS)
 #: Faults of car, bus and receiver.
 FAULTS: Final = tuple(kind for kind in KINDS if kind not in DRIVER)
 #: Operator commands as kinds of actions.
@@ -53,6 +49,8 @@ class Action:
     after: float  #: beginning, after the episode's onset [s]
     duration: float  #: [s]; a key is pressed once
     value: float = math.nan  #: of an injected fault; NaN is the kind's default
+    shape: Shape = Shape.STEP  #: of an injected fault
+    period: float = math.nan  #: of `Shape.FLAPPING`, of each half [s]
 
     def __post_init__(self) -> None:
         """Raise ConfigError for what cannot be done."""
@@ -69,18 +67,29 @@ class Action:
         return self.after if self.kind in KEYS else self.after + self.duration
 
     def fault(self, onset: float) -> InjectedFault:
-        """Return the fault to inject; `onset` is that of the episode on the clock that the fault counts on [s]."""
-        return InjectedFault(self.kind, onset + self.after, self.duration, self.value)
+        """Return the fault to inject; `onset` is the drive time of the episode's [s]."""
+        at = onset + self.after
+        return InjectedFault(self.kind, at, self.duration, self.value, self.shape, self.period, Clock.DRIVE)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON."""
-        value = {} if math.isnan(self.value) else {"value": self.value}
-        return {"kind": self.kind, "after_s": self.after, "for_s": self.duration, **value}
+        numbers = {"value": self.value, "period_s": self.period}
+        told = {name: number for name, number in numbers.items() if not math.isnan(number)}
+        shape = {} if self.shape is Shape.STEP else {"shape": self.shape.value}
+        return {"kind": self.kind, "after_s": self.after, "for_s": self.duration, **told, **shape}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Action:
         """Return what `to_dict` gave; raises KeyError or ConfigError for other data."""
-        return cls(data["kind"], data["after_s"], data["for_s"], data.get("value", math.nan))
+        shape, period = Shape(data.get("shape", Shape.STEP)), data.get("period_s", math.nan)
+        return cls(data["kind"], data["after_s"], data["for_s"], data.get("value", math.nan), shape, period)
+
+    def __str__(self) -> str:
+        """Return the action in a few words."""
+        value = "" if math.isnan(self.value) else f"={self.value:g}"
+        shape = "" if self.shape is Shape.STEP else f" ({self.shape.value})"
+        lasting = "" if self.kind in KEYS else f" for {self.duration:g} s"
+        return f"{self.kind}{value}{shape} at {self.after:g} s{lasting}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,9 +144,5 @@ class Episode:
 
     def __str__(self) -> str:
         """Return the timeline on one line."""
-        said = ", ".join(
-            f"{one.kind}{'' if math.isnan(one.value) else f'={one.value:g}'} at {one.after:g} s"
-            + ("" if one.kind in KEYS else f" for {one.duration:g} s")
-            for one in self.actions
-        )
+        said = ", ".join(map(str, self.actions))
         return f"{self.phase.value} + {self.offset:g} s: {said}"

@@ -47,9 +47,10 @@ BLINDING: Final = frozenset(
         "throttle_report_frozen",
         "reports_stale",
         "bus_silent",
-        "override_bits_zero",
-        "brake_bits_zero",
-        "driver_bits_zero",
+        "brake_driver_bits_zero",
+        "brake_torque_frozen",
+        "brake_torque_scaled",
+        "reports_old",
     }
 )
 
@@ -114,7 +115,7 @@ def foot_on_throttle(driver: DriverInputs) -> bool:
 def takes_over(driver: DriverInputs) -> bool:
     """Whether the driver acts so that a DBW controller lets go."""
     pedals = max(driver.brake_pedal, driver.throttle_pedal)
-    return pedals >= PEDAL_REST + OVERRIDE or abs(driver.steering_torque) >= STEERS
+    return pedals >= PEDAL_REST + OVERRIDE or abs(driver.steering_torque) >= STEERS or driver.gear is not Gear.NONE
 
 
 class Driven:

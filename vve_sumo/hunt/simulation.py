@@ -206,7 +206,7 @@ class Simulation:
     def begin(self, actions: Sequence[Action]) -> None:
         """Let a timeline of actions set in with the next tick."""
         now = self.now
-        self._car.inject([one.fault(0.0) for one in actions if one.kind in KINDS], now)
+        self._car.inject([one.fault(now) for one in actions if one.kind in KINDS])
         self._brain.behaviours = [
             Behaviour(one.kind, now + one.after, now + one.end) for one in actions if one.kind in BEHAVIOURS
         ]
@@ -266,7 +266,7 @@ class Simulation:
         return TruthSample(
             time=now,
             pose=truth,
-            driver=car.driver,
+            driver=car.driver_inputs,
             gear=interface.gear,
             enabled=interface.enabled,
             command=command,

@@ -140,7 +140,7 @@ class CarConfig:
             seed=data["seed"],
             target=(host, port),
             bus=(interface, channel) if data["bus"] else None,
-            faults=tuple(InjectedFault(**fault) for fault in data["faults"]),
+            faults=tuple(InjectedFault.from_dict(fault) for fault in data["faults"]),
             truth=None if data["truth"] is None else Path(data["truth"]),
             brain=data["brain"],
             bus_log=None if data["bus_log"] is None else Path(data["bus_log"]),

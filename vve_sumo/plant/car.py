@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,15 @@ from vve_sumo.plant.onboard_sensors import Axles, OnboardSensors
 from vve_sumo.plant.receiver import Receiver, ReceiverParameters, unaltered
 from vve_sumo.values import Fix, Frame, Point, Pose, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs, Gear, InterfaceConfig, SimulatedInterface, load
+from vve_sumo.vehicle.interface import (
+    HANDS_OFF,
+    DriverInputs,
+    Gear,
+    InterfaceConfig,
+    Measured,
+    SimulatedInterface,
+    load,
+)
 
 STEP = 0.005  # of the integration and of the drive-by-wire controller [s]
 STEPS_PER_SECOND = round(1.0 / STEP)
@@ -50,6 +59,24 @@ class CarParameters:
     steering_wheel_bias: float = 0.0  #: reported wheel angle at which the wheels point straight [rad], left positive
     wheel_radius_factor: float = 1.0  #: true over declared rolling radius
     heading_misalignment: float = 0.0  #: of the receiver beyond its declared mounting [rad], counter-clockwise
+
+
+class ActuatorFaults(NamedTuple):
+    """How the true actuators differ from what the car's modules believe of them; the defaults are a healthy car's."""
+
+    brake_share: float = 1.0  #: true share of the torque that the brake actuator is believed to give, not the foot
+    brake_drag: float = 0.0  #: torque with which the brakes bind, which is neither asked for nor reported [N m]
+    stuck_throttle: float = 0.0  #: smallest opening to which the throttle closes, 0 to 1
+    drive_share: float = 1.0  #: true share of the engine's force at its throttle
+    steering_share: float = 1.0  #: true share of the steering wheel's movement in each step
+
+
+HEALTHY = ActuatorFaults()
+
+
+def as_measured(_time: float, measured: Measured) -> Measured:
+    """What the sensors measure, as it is."""
+    return measured
 
 
 @quickly_made
@@ -82,7 +109,8 @@ class Car:
     """A car on the lot, from standstill in park.
 
     `start` is x, y [m] and heading [rad] of the rear axle in the `lot` map; `epoch` the GNSS second of drive time 0;
-    `seeds` is spawned from, one child for each source of noise; `alter` injects faults into fixes (see `Receiver`).
+    `seeds` is spawned from, one child for each source of noise; `alter` injects faults into fixes (see `Receiver`),
+    `alter_measured` into what the car's own sensors measured by a time [s].
     """
 
     def __init__(
@@ -93,6 +121,7 @@ class Car:
         epoch: float,
         seeds: np.random.SeedSequence,
         alter: Callable[[Fix], Fix | None] = unaltered,
+        alter_measured: Callable[[float, Measured], Measured] = as_measured,
     ) -> None:
         vehicle, calibration = parameters.vehicle, parameters.calibration
         self._parameters = parameters
@@ -116,8 +145,8 @@ class Car:
         self._brake_force = parameters.brake_gain_factor * calibration.brake_force(1.0)
         self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias
         self._steering_ratio = vehicle.steering_ratio
-        self.brake_share = 1.0  #: true share of the torque that the brake actuator is believed to give; a fault
-        self.stuck_throttle = 0.0  #: smallest opening to which the throttle closes, 0 to 1; a fault
+        self.actuator_faults = HEALTHY
+        self._alter_measured = alter_measured
         self._steps = 0
 
     @property
@@ -176,19 +205,24 @@ class Car:
         motion, interface, steering = self._motion, self._interface, self._steering
         brake_torque, opening, wheel_angle = interface.step(driver, motion.speed, steering.angle)
         torque = self._brakes.step(brake_torque)
-        throttle = self._engine.step(max(opening, self.stuck_throttle))
+        faults = self.actuator_faults
+        throttle = self._engine.step(max(opening, faults.stuck_throttle))
+        angle = steering.angle
         steering.step(wheel_angle, motion.speed != 0.0)
+        if faults.steering_share != 1.0:
+            steering.angle = angle + faults.steering_share * (steering.angle - angle)
         gear = interface.gear
         if gear is _PARK:
             held = math.inf
         else:
-            held = self._brake_force * (torque if self.brake_share == 1.0 else self._weakened(torque))
+            held = self._brake_force * (torque if faults is HEALTHY else self._true_torque(torque))
         motion.advance(STEP, self._road_angle(), self._drive_force(gear, throttle), held)
         self._steps += 1
 
-    def _weakened(self, torque: float) -> float:
+    def _true_torque(self, torque: float) -> float:
         """True brake torque for the estimated `torque` [N m]; only the actuator is weak, not the driver's foot."""
-        return max(self.brake_share * torque, min(torque, self._interface.driver_brake_torque))
+        share, drag = self.actuator_faults.brake_share, self.actuator_faults.brake_drag
+        return max(share * torque, min(torque, self._interface.driver_brake_torque)) + drag
 
     def _road_angle(self) -> float:
         return (self._steering.angle - self._wheel_bias) / self._steering_ratio
@@ -197,12 +231,13 @@ class Car:
         """Force at the wheels [N] by throttle and idle creep, in the direction of the gear."""
         sign = _DRIVE_SIGNS.get(gear, 0.0)
         calibration, speed = self._calibration, sign * self._motion.speed
-        return sign * (calibration.drive_force(throttle, max(speed, 0.0)) + calibration.creep(speed))
+        force = self.actuator_faults.drive_share * calibration.drive_force(throttle, max(speed, 0.0))
+        return sign * (force + calibration.creep(speed))
 
     def _speak(self, reports: list[tuple[float, Frame]]) -> None:
         motion, time = self._motion, self._time
         measured = self._sensors.measure(motion, self._road_angle(), self._steering.angle, self._brakes.value)
-        reports += [(time, frame) for frame in self._interface.reports(measured)]
+        reports += [(time, frame) for frame in self._interface.reports(self._alter_measured(time, measured))]
         self._receiver.measure(self.truth(), motion.distance * math.tan(motion.grade))
 
 

@@ -5,7 +5,6 @@ It works the same in lockstep and in real time, without a clock or I/O.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -15,7 +14,7 @@ from vve_sumo.plant.car import STEPS_PER_SECOND, Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injector import FaultInjector
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.values import Fix, Frame, Pose
-from vve_sumo.vehicle.interface import HANDS_OFF
+from vve_sumo.vehicle.interface import HANDS_OFF, Measured
 
 
 class FaultInjectedCar:
@@ -33,14 +32,13 @@ class FaultInjectedCar:
     ) -> None:
         self._seeds, self._interface = fault_seeds, parameters.interface
         self._injector = FaultInjector(faults, fault_seeds, parameters.interface)
-        self.car = Car(parameters, start, lot, epoch, seeds, self._on_fix)
-        self.driver = HANDS_OFF  #: what the driver did at the last step
+        self.car = Car(parameters, start, lot, epoch, seeds, self._on_fix, self._on_measured)
+        self.driver_inputs = HANDS_OFF  #: what the driver truly does in the newest step
         self._steps = 0
 
-    def inject(self, faults: Iterable[InjectedFault], moved: float) -> None:
-        """Inject `faults` in place of those before; those that count from the first motion count from `moved` [s]."""
+    def inject(self, faults: Iterable[InjectedFault]) -> None:
+        """Inject `faults` in place of those before."""
         self._injector = FaultInjector(faults, self._seeds, self._interface)
-        self._injector.moves(moved, math.inf)
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:
         """Take in `frames`, advance to drive time `until` [s], a multiple of 5 ms; return the output until then."""
@@ -59,14 +57,17 @@ class FaultInjectedCar:
     def _on_fix(self, fix: Fix) -> Fix | None:
         return self._injector.on_fix(fix)
 
+    def _on_measured(self, time: float, measured: Measured) -> Measured:
+        return self._injector.on_measured(time, measured)
+
     def _step(self, frames: Sequence[Frame]) -> CarOutput:
         injector, car, now = self._injector, self.car, self._steps / STEPS_PER_SECOND
         commands = injector.on_commands(now, frames)
         injector.on_car(now, car)
+        self.driver_inputs = injector.driver(now)
         self._steps += 1
         until = self._steps / STEPS_PER_SECOND
-        self.driver = injector.driver(now)
-        output = car.step(until, commands, self.driver)
+        output = car.step(until, commands, self.driver_inputs)
         injector.moves(until, car.truth().speed)
         return CarOutput(
             injector.on_reports(until, output.reports, car.interface), injector.on_packets(until, output.ncom)

@@ -1,4 +1,4 @@
-"""Injects faults at a stated time after the car first moves, to test what a drive must survive.
+"""Injects faults and the driver's actions at stated times, to test what a drive must survive.
 
 It alters what passes between the simulated vehicle and the rest; it knows no gateway, no clock and no I/O.
 """
@@ -8,28 +8,53 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from vve_sumo.plant.car import Car
-from vve_sumo.plant.injected_faults import Due, InjectedFault
+from vve_sumo.plant.car import ActuatorFaults, Car
+from vve_sumo.plant.injected_faults import MAX_REPORT_AGE, ROUNDING, Due, InjectedFault
 from vve_sumo.plant.receiver_faults import Forger, ReceiverFaults, WrongMinute
+from vve_sumo.plant.sensor_faults import SensorFaults
 from vve_sumo.values import Fix, Frame
 from vve_sumo.vehicle.interface import (
     HANDS_OFF,
+    PEDAL_REST,
     ActuationCommand,
     BrakeState,
     DriverInputs,
     Gear,
     InterfaceConfig,
+    Measured,
     SimulatedInterface,
     load,
 )
 
-ROUNDING: Final = 1e-9  # of times that are sums [s]
 MAX_GARBAGE_LENGTH: Final = 150  # bytes; about two packets
+
+
+class OldReports:
+    """Sends reports again that are older, between the fresh ones."""
+
+    def __init__(self, due: Due) -> None:
+        self._due = due
+        self._sent: dict[int, deque[tuple[float, Frame]]] = {}  # by identifier, the oldest first
+        self._turns: dict[int, int] = {}  # reports since the fault began, by identifier
+
+    def insert(self, time: float, frame: Frame) -> list[tuple[float, Frame]]:
+        """Return time and frame of a report that is sent at `time`, with the old one that follows it."""
+        if not self._due.ever("reports_old"):
+            return [(time, frame)]
+        sent = self._sent.setdefault(frame.id, deque())
+        sent.append((time, frame))
+        while sent[0][0] < time - MAX_REPORT_AGE:
+            sent.popleft()
+        age = self._due.value("reports_old", time)
+        turn = self._turns[frame.id] = 0 if age is None else self._turns.get(frame.id, 0) + 1
+        if age is None or turn % 2 == 0:
+            return [(time, frame)]
+        old = [before for when, before in sent if when <= time - age + ROUNDING]
+        return [(time, frame), *((time, before) for before in old[-1:])]
 
 
 class FaultInjector:
@@ -44,6 +69,7 @@ class FaultInjector:
         self._due = due = Due(faults)
         self._random = np.random.Generator(np.random.PCG64(seeds))
         self._fixes, self._minute, self._forger = ReceiverFaults(due), WrongMinute(due), Forger(due)
+        self._sensors, self._old = SensorFaults(due, self._random), OldReports(due)
         self._writer = load(interface)  # the other writer's
         kinds = self._writer.facts.reports.items()
         self._brake_reports = frozenset(number for number, reported in kinds if BrakeState in reported)
@@ -53,12 +79,16 @@ class FaultInjector:
         self._foreign: list[Frame] = []  # the other writer's frames that the DBW controller has not yet received
 
     def moves(self, time: float, speed: float) -> None:
-        """Take note of the car's speed [m/s]; the faults' times count from when it first moves."""
+        """Take note of the car's speed [m/s]; most faults' times count from when it first moves."""
         self._due.moves(time, speed)
 
     def on_fix(self, fix: Fix) -> Fix | None:
         """Return the fix to be sent in place of `fix`, or None; its `time_received` says when it was measured."""
         return self._fixes.alter(fix)
+
+    def on_measured(self, time: float, measured: Measured) -> Measured:
+        """Return what the car's own sensors say at `time` in place of what they `measured`."""
+        return self._sensors.alter(time, measured)
 
     def on_packets(self, now: float, packets: Sequence[tuple[float, bytes]]) -> list[tuple[float, bytes]]:
         """Return what arrives by `now`, of `packets` (time of arrival and bytes) and of what was held back before."""
@@ -84,7 +114,7 @@ class FaultInjector:
             return []
         heard = []
         for time, frame in reports:
-            heard.append((time, interface.alter(time, frame, self._due.value)))
+            heard += self._old.insert(time, interface.alter(time, frame, self._due.value))
             if frame.id in self._brake_reports and (torque := self._due.value("another_writer", time)) is not None:
                 written = self._written(torque)
                 self._foreign += written
@@ -94,27 +124,32 @@ class FaultInjector:
     def on_commands(self, now: float, commands: Sequence[Frame]) -> list[Frame]:
         """Return the frames that the DBW controller receives at `now`, from the `commands` on the bus."""
         foreign, self._foreign = self._foreign, []
-        return [] if self._due.value("bus_silent", now) is not None else [*commands, *foreign]
+        lost = any(self._due.value(kind, now) is not None for kind in ("bus_silent", "commands_lost"))
+        return [] if lost else [*commands, *foreign]
 
     def driver(self, now: float) -> DriverInputs:
         """Return what the driver does at `now`."""
-        inputs = HANDS_OFF
-        for kind in ("driver_touch", "brake_override"):
-            if (pedal := self._due.value(kind, now)) is not None:
-                inputs = replace(inputs, brake_pedal=pedal)
-        if (pedal := self._due.value("throttle_override", now)) is not None:
-            inputs = replace(inputs, throttle_pedal=pedal)
-        if (torque := self._due.value("steering_override", now)) is not None:
-            inputs = replace(inputs, steering_torque=torque)
-        return inputs
+        value = self._due.value
+        brake = max(value("driver_touch", now) or PEDAL_REST, value("brake_override", now) or PEDAL_REST)
+        throttle = value("throttle_override", now) or PEDAL_REST
+        torque, lever = value("steering_override", now) or 0.0, value("gear_lever", now)
+        gear = Gear.NONE if lever is None else Gear(int(lever))
+        inputs = DriverInputs(brake, throttle, torque, gear=gear)
+        return HANDS_OFF if inputs == HANDS_OFF else inputs
 
     def on_car(self, now: float, car: Car) -> None:
-        """Make the car's modules, brakes and throttle fail while a fault is due, and restore them."""
-        broken = self._due.value("dbw_dropout", now)
+        """Make the car's modules and actuators fail while a fault is due, and restore them."""
+        value = self._due.value
+        broken = value("dbw_dropout", now)
         car.interface.drop_out(None if broken is None else int(broken))
-        brakes, throttle = self._due.value("brakes_weak", now), self._due.value("drive_unasked", now)
-        car.brake_share = 1.0 if brakes is None else brakes
-        car.stuck_throttle = 0.0 if throttle is None else throttle
+        stuck = value("steering_stuck", now) is not None
+        car.actuator_faults = ActuatorFaults(
+            brake_share=_or(value("brakes_weak", now), 1.0),
+            brake_drag=_or(value("brakes_drag", now), 0.0),
+            stuck_throttle=_or(value("drive_unasked", now), 0.0),
+            drive_share=_or(value("throttle_weak", now), 1.0),
+            steering_share=0.0 if stuck else _or(value("steering_weak", now), 1.0),
+        )
 
     def _mangled(self, time: float, packet: bytes) -> list[bytes]:
         """The packets that replace `packet`, in order."""
@@ -142,8 +177,8 @@ class FaultInjector:
     def _release(self, time: float) -> float:
         """When a packet that arrived at `time` is released."""
         time += self._due.value("pose_late", time) or 0.0
-        if (period := self._due.value("pose_bursts", time)) is not None:
-            begun = self._due.moved
+        if (bursts := self._due.share("pose_bursts", time)) is not None:
+            begun, period = bursts.began, bursts.value
             time = begun + math.ceil((time - begun) / period - ROUNDING) * period
         return time
 
@@ -152,3 +187,7 @@ class FaultInjector:
         frames = self._writer.encode(ActuationCommand(torque, 0.0, 0.0, 0.0, Gear.NONE, enable=True, clear=False))
         said = [(frame, self._writer.commanded(frame)) for frame in frames]
         return [frame for frame, command in said if command is not None and math.isnan(command.throttle)]
+
+
+def _or(value: float | None, usual: float) -> float:
+    return usual if value is None else value

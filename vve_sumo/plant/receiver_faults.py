@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from vve_sumo.plant.injected_faults import Due
+from vve_sumo.plant.injected_faults import Due, Share
 from vve_sumo.plant.receiver import PERIOD
 from vve_sumo.pose.ncom import Decoder, Encoder
 from vve_sumo.values import Fix, FixQuality
@@ -57,13 +57,13 @@ class ReceiverFaults:
     def _drift(self, time: float, fix: Fix) -> Fix:
         """Apply the faults by which position or heading drift away slowly."""
         if (drift := self._due.share("pose_drift_lateral", time)) is not None:
-            fix = _carried_off(fix, 0.0, drift.value, drift.since)
+            fix = _carried_off(fix, 0.0, 1.0, drift)
         if (drift := self._due.share("pose_drift_along", time)) is not None:
-            fix = _carried_off(fix, drift.value, 0.0, drift.since)
+            fix = _carried_off(fix, 1.0, 0.0, drift)
         if (steps := self._due.share("pose_steps", time)) is not None:
             fix = _beside(fix, steps.value * (1 + math.floor(steps.since / STEP_INTERVAL)))
         if (drift := self._due.share("pose_heading_drift", time)) is not None:
-            heading = math.remainder(fix.heading + drift.value * drift.since, math.tau)
+            heading = math.remainder(fix.heading + drift.total, math.tau)
             fix = replace(fix, heading=heading, yaw_rate=fix.yaw_rate + drift.value)
         return fix
 
@@ -111,9 +111,9 @@ class Forger:
         pieces = [packet]
         for fix in fixes:
             if before is not None:
-                pieces.insert(0, self._encoder.encode(_carried_off(fix, 0.0, before.value, before.since)))
+                pieces.insert(0, self._encoder.encode(_carried_off(fix, 0.0, 1.0, before)))
             if after is not None:
-                pieces.append(self._encoder.encode(_carried_off(_next(fix), 0.0, after.value, after.since)))
+                pieces.append(self._encoder.encode(_carried_off(_next(fix), 0.0, 1.0, after)))
         return pieces
 
 
@@ -123,14 +123,14 @@ def _next(fix: Fix) -> Fix:
     return replace(_moved(fix, north, east), time=fix.time + PERIOD)
 
 
-def _carried_off(fix: Fix, ahead: float, left: float, since: float) -> Fix:
-    """The fix after a drift of `since` seconds with velocities [m/s] `ahead` and `left`, which its velocity shows."""
+def _carried_off(fix: Fix, ahead: float, left: float, drift: Share) -> Fix:
+    """The fix after a drift in the direction of `ahead` and `left`, which its velocity shows."""
     cos, sin = math.cos(fix.heading), math.sin(fix.heading)
     north, east = ahead * sin + left * cos, ahead * cos - left * sin
     return replace(
-        _moved(fix, since * north, since * east),
-        velocity_north=fix.velocity_north + north,
-        velocity_east=fix.velocity_east + east,
+        _moved(fix, drift.total * north, drift.total * east),
+        velocity_north=fix.velocity_north + drift.value * north,
+        velocity_east=fix.velocity_east + drift.value * east,
     )
 
 

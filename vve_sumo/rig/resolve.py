@@ -166,14 +166,18 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
 
 
 def faults_of(rig: Rig) -> tuple[InjectedFault, ...]:
-    """Return the faults that are injected into the simulated vehicle."""
-    from vve_sumo.plant.injected_faults import InjectedFault
+    """Return the faults that are injected into the simulated vehicle, and the actions of its driver."""
+    from vve_sumo.plant.injected_faults import Clock, InjectedFault, Shape
 
     faults = []
     for number, wanted in enumerate(rig.faults):
         value = math.nan if wanted.value is None else wanted.value
+        period = math.nan if wanted.period_s is None else wanted.period_s
+        clock = Clock.DRIVE if wanted.from_start else Clock.MOVED
         try:
-            faults.append(InjectedFault(wanted.kind, wanted.at_s, wanted.for_s, value))
+            faults.append(
+                InjectedFault(wanted.kind, wanted.at_s, wanted.for_s, value, Shape(wanted.shape), period, clock)
+            )
         except ConfigError as error:
             raise ConfigError(f"faults.{number}: {error}") from None
     return tuple(faults)

@@ -369,9 +369,16 @@ class InjectedFault(Table):
     """A fault that is injected into the simulated vehicle."""
 
     kind: Name = Field(description="see the fault matrix")
-    at_s: NotNegative = Field(description="after the car first moves")
+    at_s: NotNegative = Field(description="after the car first moves, or see `from_start`")
     for_s: Positive = Field(default=3600.0, description="how long it lasts")
     value: Finite | None = Field(default=None, description="how strong it is, where the kind knows that")
+    shape: Literal["step", "ramp", "flapping"] = Field(
+        default="step",
+        description="`step`: its whole strength at once; `ramp`: grows linearly to `value` over `for_s`; `flapping`: "
+        "in turn on and off, each for `period_s`",
+    )
+    period_s: Positive | None = Field(default=None, description="of `flapping`: each half's duration")
+    from_start: bool = Field(default=False, description="`at_s` counts from the start of the drive")
 
 
 class Rig(Table):

@@ -216,6 +216,7 @@ class DriverInputs:
     throttle_pedal: float = PEDAL_REST  #: pedal sensor, fraction
     steering_torque: float = 0.0  #: on the wheel [N m], left positive
     acknowledge: bool = False  #: resets a latched watchdog fault
+    gear: Gear = Gear.NONE  #: to which the driver holds the gear lever; NONE: no hand is on it
 
 
 HANDS_OFF: Final = DriverInputs()

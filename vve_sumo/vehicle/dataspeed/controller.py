@@ -149,6 +149,7 @@ class DbwController:
         self.gear = Gear.PARK
         self.gear_command = Gear.NONE
         self.gear_reject = GearReject.NONE
+        self.gear_override = False  #: the driver moved the lever; latched until a clear
         self.fault = False  #: the watchdog has latched
         self.watchdog_braking = False
         self.misuses = 0  #: command frames that asked to ignore the driver
@@ -187,6 +188,8 @@ class DbwController:
                 if command is self.steering.command:
                     self._aim(command)
             elif isinstance(command, GearCommand):
+                if command.clear and self.driver.gear is _NO_GEAR:
+                    self.gear_override = False
                 self._shift(command.gear, speed, brake_torque)
             elif isinstance(command, Malformed):
                 self.misuses += command.reason == "ignore_bit"
@@ -196,6 +199,7 @@ class DbwController:
         if driver is not HANDS_OFF or self.driver is not HANDS_OFF:  # without a driver there is nothing to update
             self._take(driver)
             self._feel(driver)
+            self._move_lever(driver.gear, speed)
             self._due = 0
         if self._step >= self._due:
             self._update(speed)
@@ -317,7 +321,28 @@ class DbwController:
             if gear is not self.gear:
                 self._shift_ends = self._step + self._shift_steps
 
+    def _move_lever(self, gear: Gear, speed: float) -> None:
+        """Follow the driver's lever where a car's own shifter does, and report an override.
+
+        Neutral is taken at any speed, drive from neutral while the car rolls forward; what else the driver wants, the
+        car takes at rest. It leaves park only with a foot on the brake.
+        """
+        if gear is _NO_GEAR:
+            return
+        self.gear_override = True
+        if gear is self.gear or self._shift_ends is not None:
+            return
+        if self.gear is Gear.PARK:
+            follows = self._foot_torque >= SHIFT_BRAKE
+        else:
+            rolls_on = self.gear is Gear.NEUTRAL and gear is Gear.DRIVE and speed > 0.0
+            follows = gear is Gear.NEUTRAL or rolls_on or abs(speed) < REST_SPEED
+        if follows:
+            self.gear_command, self._shift_ends = gear, self._step + self._shift_steps
+
     def _refusal(self, gear: Gear, speed: float, brake_torque: float) -> GearReject:
+        if self.gear_override:
+            return GearReject.OVERRIDE
         if gear is self.gear:
             return _ACCEPTED
         if gear is Gear.LOW:

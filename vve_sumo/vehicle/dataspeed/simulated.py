@@ -109,7 +109,9 @@ class SimulatedDbw1:
             ]
         if self._hundredths % GEAR_PERIOD == 0:
             controller = self.controller
-            report = GearReport(controller.gear, controller.gear_command, reject=controller.gear_reject)
+            report = GearReport(
+                controller.gear, controller.gear_command, controller.gear_override, reject=controller.gear_reject
+            )
             frames.append(codec.encode(report, variant))
         return frames
 
