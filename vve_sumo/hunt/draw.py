@@ -179,7 +179,14 @@ def _nudged(one: Action, random: Random) -> Action:
         return one
 
 
-def pairs(phases: Sequence[Phase], seed: int) -> Iterator[tuple[str, Episode]]:
+def pairs(phases: Sequence[Phase], seed: int) -> list[tuple[str, Episode]]:
+    """Return every pair in an order of chance, so that the first of them are a sample of all; see `all_pairs`."""
+    every = list(all_pairs(phases, seed))
+    Random(seed).shuffle(every)
+    return every
+
+
+def all_pairs(phases: Sequence[Phase], seed: int) -> Iterator[tuple[str, Episode]]:
     """Yield every pair, with its name: kind of fault by kind of fault, driver action or behaviour; driver by behaviour.
 
     Each pair is tried once in every phase, on the nominal road. The first sets in at the onset and the second up to

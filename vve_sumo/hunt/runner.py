@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gc
 import json
+import math
 import os
 import select
 import signal
@@ -23,11 +24,14 @@ from vve_sumo.hunt.episode import Episode, Phase, RoadConditions
 from vve_sumo.hunt.invariants import Judges, Tolerances, Violation
 from vve_sumo.hunt.simulation import Course, Simulation
 from vve_sumo.hunt.truth import TruthSample
+from vve_sumo.live.wording import DRIVING
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle.arming import WAITING
 
-#: an episode goes on for so long after its last action, unless it is over before [s]: a stop from the limit takes less
-AFTERMATH: Final = 8.0
+#: an episode of a car that is still driven goes on for so long after its last action [s]
+AFTERMATH: Final = 3.0
+#: a car that is not driven any more has so long to come to rest [s]: a stop from the limit takes less
+STOP_TIME: Final = 9.0
 #: the longest episode, after its onset [s]
 LONGEST: Final = 25.0
 #: an episode ends so long after the car has come to rest and nothing more is to come [s]
@@ -52,6 +56,8 @@ class Result:
     outcome: str  #: that the drive would have had, empty where it had none yet
     reasons: tuple[str, ...]  #: of the gateway at the end
     seconds: float  #: simulated after the onset
+    onset: float = 0.0  #: drive time of the onset [s]
+    moved: float | None = None  #: drive time at which the car had first moved by then [s]
     failure: str = ""  #: traceback of an exception that escaped, which is a violation too
 
     @property
@@ -73,6 +79,8 @@ class Result:
             "outcome": self.outcome,
             "reasons": list(self.reasons),
             "seconds": self.seconds,
+            "onset_s": self.onset,
+            "moved_s": self.moved,
             "failure": self.failure,
         }
 
@@ -86,6 +94,8 @@ class Result:
             data["outcome"],
             tuple(data["reasons"]),
             data["seconds"],
+            data["onset_s"],
+            data["moved_s"],
             data["failure"],
         )
 
@@ -135,12 +145,13 @@ Shown = Callable[[TruthSample, Simulation], None]
 
 def finish(simulation: Simulation, episode: Episode, tolerances: Tolerances, show: Shown | None = None) -> Result:
     """Let an episode's actions set in now, go on to its end, and judge it."""
-    begun = simulation.now
+    begun, moved = simulation.now, simulation.moved
     simulation.begin(episode.actions)
     judges = Judges(simulation.rig, simulation.parameters, simulation.resolved.model.limits, tolerances)
     if simulation.operator.went:
         judges.went()
-    over, quiet, sample = begun + min(episode.end + AFTERMATH, LONGEST), 0.0, None
+    last, quiet, sample = begun + min(episode.end, LONGEST - STOP_TIME), 0.0, None
+    over = last + STOP_TIME
     last_set_in = begun + max((action.after for action in episode.actions), default=0.0)
     while simulation.now < over - PERIOD / 2:
         sample = simulation.step()
@@ -149,6 +160,8 @@ def finish(simulation: Simulation, episode: Episode, tolerances: Tolerances, sho
             show(sample, simulation)
         if judges.violations:
             over = min(over, judges.violations[0].time + AFTER_VIOLATION)
+        if sample.phase == DRIVING and sample.time > last + AFTERMATH:
+            break
         still = abs(sample.pose.speed) < 0.01 and sample.time > last_set_in
         idle = sample.state not in (ArmingState.ENGAGED, ArmingState.STOPPING) or simulation.outcome is not None
         quiet = quiet + PERIOD if still and idle else 0.0
@@ -163,6 +176,8 @@ def finish(simulation: Simulation, episode: Episode, tolerances: Tolerances, sho
         "" if outcome is None else outcome.value,
         () if sample is None else tuple(sample.reasons),
         round(simulation.now - begun, 3),
+        round(begun, 3),
+        None if math.isnan(moved) else round(moved, 3),
     )
 
 
@@ -246,7 +261,7 @@ def _guarded(simulation: Simulation, episode: Episode, tolerances: Tolerances) -
     try:
         return finish(simulation, episode, tolerances)
     except Exception:
-        return Result(episode, (), {}, "", (), 0.0, traceback.format_exc())
+        return Result(episode, (), {}, "", (), 0.0, failure=traceback.format_exc())
 
 
 def _collect(children: dict[int, tuple[int, Episode, bytearray]]) -> Iterator[Result]:
@@ -263,4 +278,4 @@ def _collect(children: dict[int, tuple[int, Episode, bytearray]]) -> Iterator[Re
         if data:
             yield Result.from_dict(json.loads(data))
         else:
-            yield Result(episode, (), {}, "", (), 0.0, "the episode's process died")
+            yield Result(episode, (), {}, "", (), 0.0, failure="the episode's process died")

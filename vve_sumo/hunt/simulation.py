@@ -27,7 +27,7 @@ from vve_sumo.hunt.episode import KEYS, Action, RoadConditions
 from vve_sumo.hunt.truth import TruthSample, WitnessedInterface
 from vve_sumo.live.wording import phase
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
-from vve_sumo.plant.injected_faults import KINDS
+from vve_sumo.plant.injected_faults import KINDS, START_SPEED
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
 from vve_sumo.rig import resolve as meaning
@@ -190,6 +190,7 @@ class Simulation:
         self._frames: Sequence[Frame] = ()
         self._actions: tuple[tuple[str, float, float], ...] = ()
         self.number = 0  #: of the next tick
+        self.moved = math.nan  #: drive time at which the car first moved [s]
         self.outcome: Outcome | None = None  #: that the drive would have by now
         self.s = math.nan  #: distance along the path [m]
         self.asked = math.nan  #: acceleration that the setpoint asks for [m/s2]
@@ -243,6 +244,8 @@ class Simulation:
         for time, data in came.ncom:
             self._tick.receive(time, data)
         self.number += 1
+        if math.isnan(self.moved) and abs(truth.speed) > START_SPEED:
+            self.moved = now
         return sample
 
     def _watch_for_the_end(self, now: float, truth: Pose, actors: Actors) -> None:
