@@ -14,6 +14,7 @@ from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
+from vve_sumo.vehicle.dataspeed.pedals import torque_to_pedal
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
 PERIOD = 0.02
@@ -51,6 +52,9 @@ class Car:
     _wanted: Gear = Gear.NONE
     _shifting: float = 0.0
     _angle_wish: float = 0.0
+    _throttle_wish: float = 0.0
+    _brake_echo: float = 0.0
+    _throttle_echo: float = 0.0
 
     def hear(self, frames: tuple[Frame, ...]) -> None:
         """Obey command frames, as the kit does."""
@@ -58,6 +62,7 @@ class Car:
         if brake.clear and throttle.clear and steering.clear:
             self.override = False
         self.enabled = brake.enable and throttle.enable and steering.enable and not self.override
+        self._brake_echo, self._throttle_echo = brake.value, throttle.value
         self._brake_pipe.append(brake.value if self.enabled else 0.0)
         self._throttle_wish = throttle.value if self.enabled else 0.0
         if self.enabled and not self.steering_stuck:
@@ -83,13 +88,13 @@ class Car:
             codec.BrakeReport(
                 codec.BrakeReportKind.PEDAL,
                 0.19 if self.driver_brake else 0.15,
-                0.15,
+                torque_to_pedal(self._brake_echo),
                 0.15,
                 self.enabled,
                 override=self.override,
                 driver=self.driver_brake,
             ),
-            codec.ThrottleReport(0.15, 0.15, 0.15, self.enabled),
+            codec.ThrottleReport(0.15, 0.15 + 0.65 * self._throttle_echo, 0.15, self.enabled),
             codec.SteeringReport(self.wheel_angle, self._angle_wish, abs(self.speed), 0.0, self.enabled),
             codec.GearReport(self.gear, self._wanted),
             codec.WheelSpeeds(wheel, wheel, wheel, wheel),

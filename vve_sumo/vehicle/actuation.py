@@ -22,6 +22,7 @@ REST_SPEED: Final = 0.05  # slower than this is standing [m/s]; wheel-speed sens
 ROLL_BACK_SPEED: Final = 0.10  # faster backwards than this is rolling away [m/s]
 HOLD_GRADE: Final = 0.10  # the car is held on any grade up to this, whatever grade is estimated
 HOLD_MARGIN: Final = 1.3  # covers 15 % mass and 10 % brake gain
+HOLDING_SHARE: Final = 0.9  # of the holding torque from which a standing car counts as held
 HOLD_RATE: Final = 3000.0  # of the holding torque, both ways [N m/s]; full hold within a third of a second
 
 
@@ -47,6 +48,8 @@ class Actuation:
         creep = calibration.creep_force / calibration.mass
         hold_torque = HOLD_MARGIN * calibration.brake_gain * (creep + GRAVITY * HOLD_GRADE)
         self._hold_torque = min(hold_torque, calibration.brake_torque_limit)
+        #: a car that stands is held by this brake torque at least, less what the last steps of its rise miss [N m]
+        self.holding_torque = HOLDING_SHARE * self._hold_torque
         self.reset()
 
     def reset(self) -> None:

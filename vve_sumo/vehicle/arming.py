@@ -21,6 +21,7 @@ class Event(enum.StrEnum):
     EXPIRED = "expired"  #: no setpoint that is still valid
     FAULT = "fault"  #: something is broken; the car can still be commanded
     OVERRIDE = "override"  #: the driver took over
+    DRIVER = "driver"  #: the driver touches a pedal of a car under way, short of taking it over
     STOP = "stop"  #: the operator's act, or the drive is over
     AT_REST = "at_rest"  #: the car stands and is held
     PARKED = "parked"  #: the car stands in park
@@ -33,7 +34,8 @@ _STOPPING, _STOPPED, _FAULT = ArmingState.STOPPING, ArmingState.STOPPED, ArmingS
 #: State to (event to next state); complete, so that nothing is left to a default.
 #: ENGAGED is entered only from READY, on ENGAGE. GO changes no state: it lets an ENGAGED car move. From ENGAGED every
 #: trouble leads to STOPPING and so to rest, except OVERRIDE: it gives the car to the driver at once, as FAULT commands
-#: nothing. STOPPED is left only on PARKED or on OVERRIDE: no operator command can let the car creep.
+#: nothing. DRIVER, a foot that takes nothing over, leads to rest as well: no car that a foot has slowed goes on by
+#: itself. STOPPED is left only on PARKED or on OVERRIDE: no operator command can let the car creep.
 TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
     _DISARMED: {
         Event.CONDITIONS_MET: _READY,
@@ -43,6 +45,7 @@ TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
         Event.EXPIRED: _DISARMED,
         Event.FAULT: _FAULT,
         Event.OVERRIDE: _DISARMED,
+        Event.DRIVER: _DISARMED,
         Event.STOP: _DISARMED,
         Event.AT_REST: _DISARMED,
         Event.PARKED: _DISARMED,
@@ -56,6 +59,7 @@ TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
         Event.EXPIRED: _DISARMED,
         Event.FAULT: _FAULT,
         Event.OVERRIDE: _DISARMED,
+        Event.DRIVER: _READY,
         Event.STOP: _DISARMED,
         Event.AT_REST: _READY,
         Event.PARKED: _READY,
@@ -69,6 +73,7 @@ TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
         Event.EXPIRED: _STOPPING,
         Event.FAULT: _STOPPING,
         Event.OVERRIDE: _FAULT,
+        Event.DRIVER: _STOPPING,
         Event.STOP: _STOPPING,
         Event.AT_REST: _ENGAGED,
         Event.PARKED: _ENGAGED,
@@ -82,6 +87,7 @@ TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
         Event.EXPIRED: _STOPPING,
         Event.FAULT: _STOPPING,
         Event.OVERRIDE: _FAULT,
+        Event.DRIVER: _STOPPING,
         Event.STOP: _STOPPING,
         Event.AT_REST: _STOPPED,
         Event.PARKED: _STOPPING,
@@ -95,6 +101,7 @@ TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
         Event.EXPIRED: _STOPPED,
         Event.FAULT: _STOPPED,
         Event.OVERRIDE: _FAULT,
+        Event.DRIVER: _STOPPED,
         Event.STOP: _STOPPED,
         Event.AT_REST: _STOPPED,
         Event.PARKED: _DISARMED,
@@ -108,6 +115,7 @@ TRANSITIONS: Final[dict[ArmingState, dict[Event, ArmingState]]] = {
         Event.EXPIRED: _FAULT,
         Event.FAULT: _FAULT,
         Event.OVERRIDE: _FAULT,
+        Event.DRIVER: _FAULT,
         Event.STOP: _FAULT,
         Event.AT_REST: _FAULT,
         Event.PARKED: _FAULT,
@@ -129,8 +137,10 @@ REASONS: Final[dict[str, str]] = {
     "brake_disabled": "the brake module dropped out although it is told to work",
     "brake_fault": "the brake module reports a fault",
     "brake_not_following": "the car brakes less than its brakes are told to: the driver must brake",
+    "brake_report_frozen": "the brake report stays the same although the brakes are told otherwise",
     "brake_report_stale": "no brake report for too long",
     "brake_timeout": "the brake module misses our commands",
+    "brakes_latched": "the driver's foot has taken the brakes from the gateway until the next engagement",
     "bus_down": "the car's bus takes no frames",
     "dbw_already_enabled": "the DBW controller is enabled although nobody asked it to be",
     "dbw_braking": "the DBW controller's own watchdog is braking the car",
@@ -139,6 +149,7 @@ REASONS: Final[dict[str, str]] = {
     "drive_gone": "the process that computes setpoints is gone",
     "drive_not_following": "the car gains speed although nothing asks it to",
     "drive_over": "the drive is over",
+    "driver_inferred": "the car brakes or slows down as under a driver's foot, though no module reports one",
     "driver_needed": "the driver must hold the car: brake, and shift to park",
     "driver_not_on_brake": "in drive the driver's brake must hold the car until it is taken over",
     "driver_on_brake": "the driver's foot is on the brake",
@@ -159,6 +170,7 @@ REASONS: Final[dict[str, str]] = {
     "not_standing": "the car is not known to stand",
     "operator_gone": "nobody is at the controls any more",
     "position_mismatch": "the receiver's position and dead reckoning from the wheels disagree",
+    "override_unconfirmed": "a module says that the driver took over, and nothing else shows a driver",
     "profile_invalid": "a setpoint's fallback path is malformed and the setpoint was refused",
     "report_invalid": "the car reports one of its measurements as invalid",
     "report_malformed": "a report has the wrong length or an impossible value",
@@ -171,6 +183,7 @@ REASONS: Final[dict[str, str]] = {
     "setpoint_out_of_order": "a setpoint does not count up and was refused",
     "shadow": "shadow mode: every enable bit stays off",
     "shifting": "waiting for the car to confirm drive",
+    "speed_above_limit": "the car is faster than the rig's speed limit",
     "speed_mismatch": "satellite speed and wheel speeds disagree",
     "standstill_uncertain": "the wheels and the receiver disagree on whether the car stands",
     "steering_disabled": "the steering module dropped out although it is told to work",
@@ -184,6 +197,7 @@ REASONS: Final[dict[str, str]] = {
     "stop_input": "the stop button on the bus was pressed",
     "throttle_disabled": "the throttle module dropped out although it is told to work",
     "throttle_fault": "the throttle module reports a fault",
+    "throttle_report_frozen": "the throttle report stays the same although the throttle is told otherwise",
     "throttle_report_stale": "no throttle report for too long",
     "throttle_timeout": "the throttle module misses our commands",
     "timer_gap": "the gateway's own clock jumped: it was not run in time",
@@ -195,6 +209,9 @@ REASONS: Final[dict[str, str]] = {
     "yaw_rate_stale": "no gyroscope report for too long",
 }
 
+#: Reasons that say that the driver has stepped in.
+DRIVER_SIGNS: Final = frozenset({"driver_inferred", "driver_on_brake", "driver_on_throttle", "driver_override"})
+
 #: Reasons for the harder stop: the car does not follow its commands, two nodes command it, or it is not monitored.
 CRITICAL: Final = frozenset(
     {
@@ -202,6 +219,7 @@ CRITICAL: Final = frozenset(
         "brake_disabled",
         "brake_fault",
         "brake_not_following",
+        "brake_report_frozen",
         "brake_timeout",
         "bus_down",
         "drive_not_following",

@@ -13,6 +13,7 @@ from typing import Final
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.calibration import GRAVITY, Calibration
+from vve_sumo.vehicle.setpoint_validation import Debounce
 
 # A car that is 15 % heavier than declared, and whose brakes give 10 % less torque, has a share of 0.78.
 BRAKE_SHARE: Final = 0.75  # of the commanded torque that the brakes must give at least
@@ -23,7 +24,10 @@ PUSH_SHARE: Final = 1.5
 PUSH_MARGIN: Final = 0.3  # [m/s2]
 SPEED_EXCESS: Final = 0.25  # faster than the weakest car that is still sound by this is a fault [m/s]
 SATELLITE_EXCESS: Final = 0.10  # and by the receiver's speed this much at least, where it is known [m/s]
-MIN_SPEED: Final = 0.5  # slower than this nothing is judged: creep, holding and the grade are not known well [m/s]
+MIN_SPEED: Final = 0.1  # slower than this the car counts as standing, and `HoldMonitor` judges it [m/s]
+# A car that was standing under a holding torque and is faster than this for this long is not held by its brakes.
+ROLL_SPEED: Final = 0.08  # of the fastest wheel; sensors resolve 3 mm/s [m/s]
+ROLL_TIME: Final = 0.1  # [s]
 ACCELERATION_LAG: Final = 0.1  # of the measured acceleration [s]
 
 
@@ -50,18 +54,22 @@ class BrakeMonitor:
         self._excess = self._satellite_excess = 0.0
 
     def step(
-        self, elapsed: float, pedals: Pedals, wheels: float, satellite: float, grade: float
-    ) -> list[str]:  # fmt: skip
-        """Reason codes at speeds `wheels` and `satellite` [m/s], NaN where one is not known, on `grade` [rad]."""
+        self, elapsed: float, pedals: Pedals, wheels: float, satellite: float, grade: float, others_brake: bool = False
+    ) -> list[str]:
+        """Reason codes at speeds `wheels` and `satellite` [m/s], NaN where one is not known, on `grade` [rad].
+
+        Where the DBW controller brakes by itself (`others_brake`), how hard it does is not known: the car may only not
+        gain speed.
+        """
         before, self._speeds = self._speeds, (wheels, satellite)
         self._follow(elapsed, pedals)
         if before is None or elapsed <= 0.0 or not wheels > MIN_SPEED:
             self._excess = self._satellite_excess = 0.0
             return []
         gained, satellite_gained = wheels - before[0], satellite - before[1]
-        allowed = self._most(wheels, grade) * elapsed
-        self._excess = _added(self._excess, gained - allowed)
-        self._satellite_excess = _added(self._satellite_excess, satellite_gained - allowed)
+        allowed = self._most(wheels, grade, 0.0 if others_brake else self._torque) * elapsed
+        self._excess = added(self._excess, gained - allowed)
+        self._satellite_excess = added(self._satellite_excess, satellite_gained - allowed)
         if math.isfinite(gained):
             share = elapsed / (ACCELERATION_LAG + elapsed)
             self._acceleration += (gained / elapsed - self._acceleration) * share
@@ -69,7 +77,8 @@ class BrakeMonitor:
         confirmed = self._satellite_excess > SATELLITE_EXCESS or not math.isfinite(satellite)
         if not (self._excess > SPEED_EXCESS and confirmed):
             return []
-        return ["brake_not_following" if self._torque > 0.0 else "drive_not_following"]
+        braked = self._torque > 0.0 or others_brake
+        return ["brake_not_following" if braked else "drive_not_following"]
 
     def _follow(self, elapsed: float, pedals: Pedals) -> None:
         """Advance the modelled brake torque and engine acceleration under the commanded `pedals`."""
@@ -88,15 +97,33 @@ class BrakeMonitor:
             self._push = PUSH_SHARE * max(self._acceleration, 0.0) + PUSH_MARGIN
         self._push -= self._push * elapsed / (self._push_lag + elapsed)
 
-    def _most(self, speed: float, grade: float) -> float:
+    def _most(self, speed: float, grade: float, torque: float) -> float:
         """Largest acceleration that a sound car may have now [m/s2]."""
         calibration = self._calibration
         force = PUSH_SHARE * calibration.creep(speed) - calibration.drag(speed)
-        force -= BRAKE_SHARE * calibration.brake_force(self._torque)
+        force -= BRAKE_SHARE * calibration.brake_force(torque)
         return force / calibration.mass - GRAVITY * math.sin(grade) + self._push + ACCELERATION_MARGIN
 
 
-def _added(excess: float, more: float) -> float:
+class HoldMonitor:
+    """Monitors that a car that stands under a commanded holding torque goes on standing."""
+
+    def __init__(self) -> None:
+        self._stood = False
+        self._rolls_long = Debounce(ROLL_TIME)
+
+    def reset(self) -> None:
+        """Forget the past: the gateway does not hold the car."""
+        self._stood = False
+        self._rolls_long.reset()
+
+    def step(self, now: float, held: bool, stands: bool, fastest_wheel: float) -> bool:
+        """Return whether the car rolls off although it is `held`; `stands` is certain, `fastest_wheel` in m/s."""
+        self._stood = held and (self._stood or stands)
+        return self._rolls_long.step(now, self._stood and fastest_wheel > ROLL_SPEED)
+
+
+def added(excess: float, more: float) -> float:
     """Return the cumulative sum, never below zero; NaN and +inf add nothing, -inf resets it to zero."""
     if more == -math.inf:
         return 0.0

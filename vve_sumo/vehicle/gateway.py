@@ -16,7 +16,6 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, computed
 from vve_sumo.vehicle.actuation import Actuation, Pedals
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, Event, transition
-from vve_sumo.vehicle.brake_monitor import BrakeMonitor
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.engagement import Engagement
 from vve_sumo.vehicle.fallback import FallbackTracker
@@ -24,6 +23,7 @@ from vve_sumo.vehicle.interface import DEFAULT, ActuationCommand, Gear, VehicleI
 from vve_sumo.vehicle.limits import Limiter, Limits, move_towards
 from vve_sumo.vehicle.monitor import Monitor
 from vve_sumo.vehicle.reports import TOLERANCE
+from vve_sumo.vehicle.response import ResponseMonitor
 from vve_sumo.vehicle.setpoint_validation import Debounce, SetpointValidator
 from vve_sumo.vehicle.standstill import WHEEL_REST
 
@@ -32,6 +32,8 @@ MAX_STEP: Final = 2.0  # periods; a longer one is a fault, and rates count no mo
 UNCERTAIN_TIME: Final = 3.0
 # Park counts once it was reported this long without a break: a shift to drive under way would have shown by then.
 PARK_TIME: Final = 1.0  # [s]
+# A car that a driver has taken over, and that moves this long with no foot on a pedal, calls for the driver [s].
+UNATTENDED_TIME: Final = 1.0
 
 # Found once, for every step: looking them up in their class costs a call.
 _ENGAGED, _STOPPED = ArmingState.ENGAGED, ArmingState.STOPPED
@@ -56,6 +58,10 @@ _ASTRAY: Final = frozenset(
 
 #: Faults after which the wheel speeds are wrong, or it is not known whether wheels or receiver are right.
 _SPEED_UNKNOWN: Final = frozenset({"speed_mismatch", "wheel_speeds_frozen"})
+
+
+#: Faults after which the brakes cannot be relied on, so that the driver is called while the car moves.
+_HELPLESS: Final = frozenset({"brake_not_following", "override_unconfirmed"})
 
 
 class OperatorCommand(enum.StrEnum):
@@ -123,7 +129,7 @@ class Gateway(Monitor):
         self._way = FallbackTracker(vehicle)
         self._limiter = Limiter(vehicle, self._limits, steering_limit)
         self._actuation = Actuation(calibration, vehicle.brake_delay, vehicle.brake_lag)
-        self._response = BrakeMonitor(vehicle, calibration)
+        self._response = ResponseMonitor(vehicle, calibration, self._actuation.holding_torque)
         self._handover = Engagement(
             vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), shadow=shadow
         )
@@ -133,6 +139,7 @@ class Gateway(Monitor):
         self._elapsed = 0.0  # since the last step, bounded [s]
         self._told = Pedals(0.0, 0.0)  # at the last step
         self._driver: list[str] = []  # pedals that the driver touches
+        self._unattended_long = Debounce(UNATTENDED_TIME)
         self._clear = False
         self._stop_deceleration = 0.0
         self._stop_jerk = 0.0
@@ -198,8 +205,15 @@ class Gateway(Monitor):
         self._way.move(gap, self._speed if believed else math.nan)
         if steered:
             faults += self._response.step(
-                self._elapsed, self._told, self._speed, self._satellite_speed, self._grade()
-            )  # fmt: skip
+                now,
+                self._elapsed,
+                self._told,
+                self._reports,
+                (self._speed, self._satellite_speed),
+                self._grade(),
+                stands=standstill.certain,
+                going=self._state is _ENGAGED and self._handover.going,
+            )
         else:
             self._response.reset()
         return faults
@@ -243,6 +257,9 @@ class Gateway(Monitor):
         if latching:
             self._happen(now, Event.FAULT, latching)
         if self._state is ArmingState.FAULT:
+            alone = self._standstill.moves and not self._driver and "driver_override" in self._causes
+            if self._unattended_long.step(now, alone and self._has_been_engaged):
+                self._notes.append("driver_needed")
             return
         missing = faults + self._missing(now)
         self._happen(now, Event.CONDITIONS_LOST if missing else Event.CONDITIONS_MET, [])
@@ -253,9 +270,18 @@ class Gateway(Monitor):
         # An override latched before engaging does not count until the CLEAR sent on engaging has reset it. Once the
         # DBW controller has confirmed and its handshake time is over, every latched override counts.
         self._old_overrides = frozenset() if self._handover.settled(now) else self._old_overrides & overrides
-        if overrides - self._old_overrides:
+        taken = overrides - self._old_overrides
+        if any(map(self._reports.confirmed, taken)) or (taken and self._response.driver_inferred):
             self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
             return
+        if taken:
+            # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
+            faults.append("override_unconfirmed")
+        under_way = self._state is ArmingState.STOPPING or (self._state is _ENGAGED and self._handover.going)
+        if under_way and (signs := [*self._driver, *["driver_inferred"] * self._response.driver_inferred]):
+            self._happen(now, Event.DRIVER, signs)
+        if self._limiter.too_fast(self._fastest()):
+            faults.append("speed_above_limit")
         faults += self._progress(now)
         if faults:
             self._happen(now, Event.FAULT, faults)
@@ -270,6 +296,21 @@ class Gateway(Monitor):
         doubted = self._reports.fastest_wheel < WHEEL_REST and not standstill.certain
         if self._uncertain_long.step(now, doubted) or standstill.contradicted:
             self._notes += ["standstill_uncertain", "driver_needed"]
+        self._call_the_driver(overrides)
+
+    def _call_the_driver(self, overrides: frozenset[str]) -> None:
+        """Note that the gateway has no brakes, or that the car rolls though it should be held by them."""
+        latched = self._response.brakes_latched or "brake" in overrides - self._old_overrides
+        if latched:
+            self._notes.append("brakes_latched")
+        helpless = latched or not _HELPLESS.isdisjoint(self._causes)
+        if helpless and not self._standstill.certain and "driver_needed" not in self._notes:
+            self._notes.append("driver_needed")
+
+    def _fastest(self) -> float:
+        """Largest speed that wheels or receiver report [m/s]; NaN where neither is known."""
+        wheels, satellite = abs(self._speed), abs(self._satellite_speed)
+        return wheels if wheels >= satellite or satellite != satellite else satellite
 
     def _obey(self, now: float, act: OperatorCommand) -> None:
         match act:
@@ -320,6 +361,8 @@ class Gateway(Monitor):
         self._parked_long.reset()
         self._followed = None
         self._clear = True
+        self._response.engage()
+        self._unattended_long.reset()
         self._old_overrides = self._reports.overrides()
         self._limiter.reset(0.0, self._measured_steering())
         self._actuation.reset()
@@ -387,15 +430,11 @@ class Gateway(Monitor):
 
     def _follow(self, setpoint: Setpoint) -> _Command:
         self._followed = setpoint
-        speed, limiter, requested = self._reports.speed, self._limiter, setpoint.acceleration
-        driver = bool(self._driver)
-        if driver:
-            # No throttle while the driver touches a pedal, and no catching up on it afterwards.
-            self._notes += self._driver
-            requested, limiter.acceleration = min(requested, 0.0), min(limiter.acceleration, 0.0)
+        speed, limiter = self._reports.speed, self._limiter
+        requested = limiter.within_speed(setpoint.acceleration, self._fastest())
         granted = limiter.step(requested, setpoint.steering, speed, setpoint.emergency, self._elapsed)
-        pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade, self._elapsed, brakes_only=driver)
-        limited = granted.limited if requested == setpoint.acceleration else (*granted.limited, "driver")
+        pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade, self._elapsed)
+        limited = granted.limited if requested == setpoint.acceleration else (*granted.limited, "speed")
         return _Command(pedals, granted.acceleration, granted.steering, limited)
 
     def _wait(self) -> _Command:

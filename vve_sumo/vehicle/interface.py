@@ -9,6 +9,7 @@ raises on a received frame. `tests/ports/vehicle_interface.py` tests any impleme
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,6 +76,8 @@ class BrakeState(NamedTuple):
     fault: bool = False  #: something in it is broken
     watchdog: bool = False  #: the interface's own watchdog has latched
     watchdog_braking: bool = False  #: the interface brakes because of its watchdog
+    driver_torque: float = math.nan  #: that the driver's pedal asks for, all wheels together [N m]; NaN not reported
+    command: float = math.nan  #: torque last commanded, as the subsystem understood it [N m]; NaN not reported
 
 
 class ThrottleState(NamedTuple):
@@ -86,6 +89,8 @@ class ThrottleState(NamedTuple):
     timeout: bool = False
     fault: bool = False
     watchdog: bool = False
+    driver_opening: float = math.nan  #: that the driver's pedal asks for, 0 to 1; NaN not reported
+    command: float = math.nan  #: opening last commanded, as the subsystem understood it, 0 to 1; NaN not reported
 
 
 class SteeringState(NamedTuple):
@@ -97,6 +102,7 @@ class SteeringState(NamedTuple):
     timeout: bool = False
     fault: bool = False
     watchdog: bool = False
+    driver_torque: float = math.nan  #: of the driver on the steering wheel [N m], left positive; NaN not reported
 
 
 class GearState(NamedTuple):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Vehicle
@@ -66,6 +66,7 @@ class Limits:
     stop_lateral_jerk: float = 10.0  #: from steering along the fallback path [m/s3], twice the comfort one
     critical_deceleration: float = 4.0  #: of the gateway's own stop after a critical fault [m/s2]
     critical_jerk: float = 15.0  #: with which it sets in [m/s3]
+    speed: float | None = None  #: largest speed of the car [m/s]; None for no limit
 
     def __post_init__(self) -> None:
         """Raise ConfigError for limits that are not positive, or emergency braking weaker than other braking."""
@@ -74,11 +75,20 @@ class Limits:
             "critical_jerk",
         ):  # fmt: skip
             _check_positive(f"limits: {name}", getattr(self, name))
+        if self.speed is not None:
+            _check_positive("limits: speed", self.speed)
         if self.emergency.deceleration < max(self.comfort.deceleration, self.critical_deceleration):
             raise ConfigError(
                 "limits: emergency deceleration must not be below the comfort and critical ones, "
                 f"got {self.emergency.deceleration:g}"
             )
+
+
+# The speed limit is approached exponentially with this time constant, several times the drive's delay and lag [s].
+SPEED_LIMIT_TIME: Final = 0.8
+SPEED_LIMIT_BRAKING: Final = 1.0  # largest deceleration with which a car above its speed limit is slowed [m/s2]
+#: A car faster than its limit by more than this is stopped: the wheels' scale, a steep slope, the last of a push [m/s].
+SPEED_LIMIT_MARGIN: Final = 1.0
 
 
 class LimitedMotion(NamedTuple):
@@ -125,6 +135,22 @@ class Limiter:
         self.acceleration = self._limit_acceleration(acceleration, emergency, elapsed, limited)
         self.steering = self._limit_steering(steering, speed, self._limits.comfort.lateral_jerk, elapsed, limited)
         return LimitedMotion(self.acceleration, self.steering, tuple(limited))
+
+    def within_speed(self, acceleration: float, speed: float) -> float:
+        """Return `acceleration` [m/s2], or the largest that keeps the speed limit at `speed` [m/s], which is less.
+
+        Without a speed limit, and where the speed is not known, nothing is limited.
+        """
+        limit = self._limits.speed
+        if limit is None:
+            return acceleration
+        largest = max((limit - speed) / SPEED_LIMIT_TIME, -SPEED_LIMIT_BRAKING)
+        return min(acceleration, largest) if largest == largest else acceleration
+
+    def too_fast(self, speed: float) -> bool:
+        """Return whether the car is beyond its speed limit and the margin at `speed` [m/s]; False where unknown."""
+        limit = self._limits.speed
+        return limit is not None and speed > limit + SPEED_LIMIT_MARGIN
 
     def steer(self, steering: float, speed: float, elapsed: float) -> tuple[str, ...]:
         """Move towards road-wheel angle `steering` [rad] alone; names of the limits that changed it.

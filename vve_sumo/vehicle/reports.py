@@ -13,6 +13,7 @@ from vve_sumo.values import Frame
 from vve_sumo.vehicle.interface import (
     REQUIRED,
     BrakeState,
+    BrakeTorque,
     Gear,
     GearState,
     Malformed,
@@ -28,6 +29,16 @@ MAX_AGE: Final = 0.100  # of a report that comes at 50 or 100 Hz [s]; the interf
 MAX_GEAR_AGE: Final = 0.200  # the gear comes at 20 Hz: four periods [s]
 TOLERANCE: Final = 1e-6  # so that rounding of times never decides [s]
 
+# Inputs that are a driver's, whatever the module's own bits say: both are between an untouched pedal and the position
+# that a Dataspeed module calls activity (0.18 of the sensor's range: 57 N m, 0.046), with room for a sensor's offset.
+FOOT_TORQUE: Final = 150.0  # that the driver's brake pedal asks for [N m]
+FOOT_OPENING: Final = 0.05  # that the driver's throttle pedal asks for, 0 to 1
+#: Torque of a driver on the steering wheel that confirms an override; an untouched wheel's friction gives less [N m].
+HAND_TORQUE: Final = 2.0
+
+#: Reports that are read: the required ones, and where there is one the brake torque, in which a foot shows too.
+_READ: Final = REQUIRED | {BrakeTorque}
+
 
 class CarReports:
     """The newest report of every kind, each with the time it was taken in."""
@@ -38,7 +49,7 @@ class CarReports:
         facts = interface.facts
         self._commands = facts.commands
         # Other reports are not decoded: they come as often as those needed here and would cost as much.
-        self._read = frozenset(number for number, kinds in facts.reports.items() if not REQUIRED.isdisjoint(kinds))
+        self._read = frozenset(number for number, kinds in facts.reports.items() if not _READ.isdisjoint(kinds))
         self._times: dict[type, float] = {}
         self._newest: dict[type, Report] = {}
         self.brake = BrakeState(enabled=False)
@@ -50,6 +61,7 @@ class CarReports:
         self._wheels_changed = -math.inf  # when they were last others than before
         self.fastest_wheel = math.nan  #: largest speed of any wheel's tread, without sign [m/s]
         self.yaw_rate = math.nan  #: [rad/s] counter-clockwise
+        self._brake_torque = math.nan
         self.wheel_angle = math.nan  #: last valid angle of the steering wheel [rad], left positive
 
     @property
@@ -145,11 +157,38 @@ class CarReports:
         return frozenset(name for name, override in latched.items() if override)
 
     def driver(self) -> list[str]:
-        """Reason codes of the pedals that the driver touches; the steering module does not report touch."""
-        if not (self.brake.driver or self.throttle.driver):
+        """Reason codes of the pedals that the driver touches, by the modules' bits or by the pedals' positions."""
+        brake, throttle = self.brake, self.throttle
+        on_brake = brake.driver or brake.driver_torque > FOOT_TORQUE
+        on_throttle = throttle.driver or throttle.driver_opening > FOOT_OPENING
+        if not (on_brake or on_throttle):
             return []
-        touched = (self.brake.driver, "driver_on_brake"), (self.throttle.driver, "driver_on_throttle")
-        return [code for active, code in touched if active]
+        return ["driver_on_brake"] * on_brake + ["driver_on_throttle"] * on_throttle
+
+    def confirmed(self, override: str) -> bool:
+        """Whether something besides the module's own word says that the driver caused its latched `override`.
+
+        A module whose interface reports nothing else is believed.
+        """
+        match override:
+            case "brake":
+                return bool(self.driver()) or self.brake.driver_torque != self.brake.driver_torque
+            case "throttle":
+                return bool(self.driver()) or self.throttle.driver_opening != self.throttle.driver_opening
+            case "steering":
+                torque = self.steering.driver_torque
+                return abs(torque) > HAND_TORQUE or torque != torque
+            case _:
+                return self.gear.gear is not Gear.DRIVE
+
+    def brake_torque(self, now: float) -> float:
+        """Brake torque that the car itself reports, of all wheels [N m]; NaN where it reports none that is fresh."""
+        fresh = self._times.get(BrakeTorque, -math.inf) >= now - MAX_AGE - TOLERANCE
+        return self._brake_torque if fresh else math.nan
+
+    def age(self, kind: type, now: float) -> float:
+        """Time since a report of this kind was last decoded [s]; inf before the first."""
+        return now - self._times.get(kind, -math.inf)
 
     def all_enabled(self) -> bool:
         """Whether brake, throttle and steering all say that they are enabled."""
@@ -189,6 +228,8 @@ class CarReports:
                 self.throttle = report
             case GearState():
                 self.gear = report
+            case BrakeTorque(actual=torque):
+                self._brake_torque = torque
             case _:
                 pass
 

@@ -16,8 +16,6 @@ from vve_sumo.vehicle.dataspeed.controller import (
     DbwController,
     DbwControllerParameters,
     DriverInputs,
-    pedal_to_torque,
-    torque_to_pedal,
 )
 from vve_sumo.vehicle.dataspeed.messages import (
     BrakeCommand,
@@ -30,6 +28,7 @@ from vve_sumo.vehicle.dataspeed.messages import (
     ThrottleKind,
     WatchdogSource,
 )
+from vve_sumo.vehicle.dataspeed.pedals import pedal_to_torque, torque_to_pedal
 
 STEP = 0.005
 PERIOD = 4  # steps between commands: 20 ms

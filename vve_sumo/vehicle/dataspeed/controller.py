@@ -7,7 +7,6 @@ Behaviour as published in Dataspeed's `dbw_mkz_can` and `dbw_ford_can` sources, 
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,58 +22,28 @@ from vve_sumo.vehicle.dataspeed.messages import (
     ThrottleKind,
     WatchdogSource,
 )
-from vve_sumo.vehicle.interface import HANDS_OFF, PEDAL_REST, DriverInputs, Gear, Malformed, Request
+from vve_sumo.vehicle.dataspeed.pedals import PEDALS, TORQUES, pedal_to_throttle, pedal_to_torque
+from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs, Gear, Malformed, Request
 
 # Time without a usable command after which a module drops out [s]; a stuck counter trips the watchdog after the same
 # time, which is an assumption: that time is not public.
 TIMEOUT = 0.100
 OVERRIDE_TIME = 0.100  # input beyond the threshold for this long is the driver taking over [s]
 ACTIVITY_TIME = 0.020  # [s]
-THROTTLE_TRAVEL_END = 0.80  # pedal sensor of a floored pedal, fraction of its range
 BRAKE_OVERRIDE, THROTTLE_OVERRIDE = 0.22, 0.30  # pedal sensor
 PEDAL_ACTIVITY = 0.18  # pedal sensor
 STEERING_OVERRIDE, STEERING_ACTIVITY = 3.0, 1.5  # driver's torque on the wheel [N m]; not public, assumptions
 REST_SPEED = 0.05  # slower counts as standing [m/s]
 SHIFT_BRAKE = 200.0  # torque that the shifter takes for a pressed pedal [N m]; an assumption
 
-# Brake pedal sensor and the torque it asks for [N m] (pedal_lut.h).
-_PEDALS = (0.175, 0.246, 0.283, 0.323, 0.330)
-_TORQUES = (0.0, 816.0, 1832.0, 3316.0, 3412.0)
 # The DBW controller moves the pedal at most 0.4 in 20 ms; as torque, by the table's mean slope [N m/s].
-BRAKE_RAMP = 0.4 / 0.020 * _TORQUES[-1] / (_PEDALS[-1] - _PEDALS[0])
-
+BRAKE_RAMP = 0.4 / 0.020 * TORQUES[-1] / (PEDALS[-1] - PEDALS[0])
 
 # In Python 3.11 naming a member of an enumeration is a call; code that runs with every command names these instead.
 _NO_BRAKE, _BRAKE_PEDAL, _BRAKE_PERCENT = BrakeKind.NONE, BrakeKind.PEDAL, BrakeKind.PERCENT
 _DECELERATION = BrakeKind.DECELERATION
 _NO_THROTTLE, _THROTTLE_PERCENT = ThrottleKind.NONE, ThrottleKind.PERCENT
 _NO_GEAR, _ACCEPTED = Gear.NONE, GearReject.NONE
-
-
-def _interpolate(value: float, points: tuple[float, ...], results: tuple[float, ...]) -> float:
-    """Piecewise linear, flat beyond the ends."""
-    if value <= points[0]:
-        return results[0]
-    if value >= points[-1]:
-        return results[-1]
-    index = bisect_right(points, value)
-    share = (value - points[index - 1]) / (points[index] - points[index - 1])
-    return results[index - 1] + share * (results[index] - results[index - 1])
-
-
-def pedal_to_torque(pedal: float) -> float:
-    """Brake torque [N m] that a brake pedal sensor at `pedal` asks for."""
-    return _interpolate(pedal, _PEDALS, _TORQUES)
-
-
-def torque_to_pedal(torque: float) -> float:
-    """Brake pedal sensor that asks for `torque` [N m]; at rest for none."""
-    return _interpolate(torque, _TORQUES, _PEDALS) if torque > 0.0 else PEDAL_REST
-
-
-def pedal_to_throttle(pedal: float) -> float:
-    """Throttle opening, 0 to 1, of an accelerator pedal sensor at `pedal`."""
-    return min(max((pedal - PEDAL_REST) / (THROTTLE_TRAVEL_END - PEDAL_REST), 0.0), 1.0)
 
 
 def _throttle(command: ThrottleCommand) -> float:

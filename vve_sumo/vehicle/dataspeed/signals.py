@@ -5,12 +5,14 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
 from vve_sumo.vehicle.dataspeed import layout
-from vve_sumo.vehicle.dataspeed.layout import value_of
+from vve_sumo.vehicle.dataspeed.layout import FULL_TRAVEL, value_of
+from vve_sumo.vehicle.dataspeed.pedals import pedal_to_throttle, pedal_to_torque
 from vve_sumo.vehicle.interface import (
     Accelerations,
     BrakeState,
@@ -29,7 +31,8 @@ from vve_sumo.vehicle.interface import (
 _ENABLED, _OVERRIDE, _DRIVER, _WATCHDOG, _TIMEOUT = 0x01, 0x02, 0x04, 0x08, 0x80
 _PEDAL_FAULTS = 0x70  # either channel of the pedal sensor, the supply
 _STEERING_FAULTS = 0x74  # either bus, the calibration, the supply
-_KIND, _NO_KIND = 0x03, 0x03  # of the values in a brake report of the newer generation
+# Kind of the values in a brake report of the newer generation.
+_KIND, _BY_PEDAL, _BY_TORQUE, _NO_KIND = 0x03, 0x00, 0x02, 0x03
 _WATCHDOG_BRAKING = 0x08
 
 _GEARS: Final = {int(gear): gear for gear in Gear}
@@ -42,15 +45,40 @@ class Reading(NamedTuple):
     understand: Callable[..., Report | Malformed]  #: from them to the report
 
 
-def _brake(status: int, flags: int) -> BrakeState:
-    return BrakeState(*_throttle(flags), watchdog_braking=bool(status & _WATCHDOG_BRAKING))
+def _brake_2018(driver: int, command: int, status: int, flags: int) -> BrakeState:
+    return BrakeState(
+        bool(flags & _ENABLED),
+        bool(flags & _OVERRIDE),
+        bool(flags & _DRIVER),
+        bool(flags & _TIMEOUT),
+        bool(flags & _PEDAL_FAULTS),
+        bool(flags & _WATCHDOG),
+        bool(status & _WATCHDOG_BRAKING),
+        pedal_to_torque(driver / FULL_TRAVEL),
+        pedal_to_torque(command / FULL_TRAVEL),
+    )
 
 
-def _brake_of_a_kind(status: int, flags: int) -> BrakeState | Malformed:
-    return Malformed(layout.BRAKE_REPORT, "value") if status & _KIND == _NO_KIND else _brake(status, flags)
+def _brake_2024(driver: int, command: int, status: int, flags: int) -> BrakeState | Malformed:
+    kind = status & _KIND
+    if kind == _BY_PEDAL:
+        return _brake_2018(driver, command, status, flags)
+    if kind == _NO_KIND:
+        return Malformed(layout.BRAKE_REPORT, "value")
+    return BrakeState(
+        bool(flags & _ENABLED),
+        bool(flags & _OVERRIDE),
+        bool(flags & _DRIVER),
+        bool(flags & _TIMEOUT),
+        bool(flags & _PEDAL_FAULTS),
+        bool(flags & _WATCHDOG),
+        bool(status & _WATCHDOG_BRAKING),
+        float(driver),  # in steps of 1 N m, by torque and by deceleration alike
+        float(command) if kind == _BY_TORQUE else math.nan,
+    )
 
 
-def _throttle(flags: int) -> ThrottleState:
+def _throttle(driver: int, command: int, flags: int) -> ThrottleState:
     return ThrottleState(
         bool(flags & _ENABLED),
         bool(flags & _OVERRIDE),
@@ -58,10 +86,12 @@ def _throttle(flags: int) -> ThrottleState:
         bool(flags & _TIMEOUT),
         bool(flags & _PEDAL_FAULTS),
         bool(flags & _WATCHDOG),
+        pedal_to_throttle(driver / FULL_TRAVEL),
+        pedal_to_throttle(command / FULL_TRAVEL),
     )
 
 
-def _steering(angle: int, flags: int) -> SteeringState:
+def _steering(angle: int, torque: int, flags: int) -> SteeringState:
     return SteeringState(
         value_of(angle, layout.TENTH_DEGREE),
         bool(flags & _ENABLED),
@@ -69,6 +99,7 @@ def _steering(angle: int, flags: int) -> SteeringState:
         bool(flags & _TIMEOUT),
         bool(flags & _STEERING_FAULTS),
         bool(flags & _WATCHDOG),
+        value_of(torque, layout.DRIVER_TORQUE_STEP, -128),
     )
 
 
@@ -100,18 +131,18 @@ def _brake_torque(actual: int) -> BrakeTorque:
 
 
 _SHARED: Final = {
-    layout.THROTTLE_REPORT: Reading(struct.Struct("<7xB"), _throttle),
-    layout.STEERING_REPORT: Reading(struct.Struct("<h5xB"), _steering),
+    layout.THROTTLE_REPORT: Reading(struct.Struct("<HH3xB"), _throttle),
+    layout.STEERING_REPORT: Reading(struct.Struct("<h4xbB"), _steering),
     layout.GEAR_REPORT: Reading(struct.Struct("<Bx"), _gear),
     layout.WHEEL_SPEEDS: Reading(struct.Struct("<hhhh"), _wheel_speeds),
     layout.YAW_RATE: Reading(struct.Struct("<hh"), _yaw_rate),
     layout.ACCELERATIONS: Reading(struct.Struct("<hhh"), _accelerations),
     layout.BRAKE_INFO: Reading(struct.Struct("<2xH4x"), _brake_torque),
 }
-_BRAKE: Final = struct.Struct("<6xBB")
+_BRAKE: Final = struct.Struct("<HH2xBB")
 
 #: How a firmware generation's report frames are read, by identifier.
 READINGS: Final[Mapping[layout.Variant, Mapping[int, Reading]]] = {
-    layout.Variant.DBW1_2018: _SHARED | {layout.BRAKE_REPORT: Reading(_BRAKE, _brake)},
-    layout.Variant.DBW1_2024: _SHARED | {layout.BRAKE_REPORT: Reading(_BRAKE, _brake_of_a_kind)},
+    layout.Variant.DBW1_2018: _SHARED | {layout.BRAKE_REPORT: Reading(_BRAKE, _brake_2018)},
+    layout.Variant.DBW1_2024: _SHARED | {layout.BRAKE_REPORT: Reading(_BRAKE, _brake_2024)},
 }

@@ -10,13 +10,7 @@ from typing import Final
 
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec, layout
-from vve_sumo.vehicle.dataspeed.controller import (
-    REST_SPEED,
-    THROTTLE_TRAVEL_END,
-    DbwController,
-    pedal_to_torque,
-    torque_to_pedal,
-)
+from vve_sumo.vehicle.dataspeed.controller import REST_SPEED, DbwController
 from vve_sumo.vehicle.dataspeed.messages import (
     BrakeInfo,
     BrakeReport,
@@ -26,6 +20,7 @@ from vve_sumo.vehicle.dataspeed.messages import (
     SteeringReport,
     ThrottleReport,
 )
+from vve_sumo.vehicle.dataspeed.pedals import THROTTLE_TRAVEL_END, pedal_to_torque, torque_to_pedal
 from vve_sumo.vehicle.dataspeed.report_faults import ReportFaults
 from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Due, Gear, Measured, Request
 

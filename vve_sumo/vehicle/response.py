@@ -1,0 +1,92 @@
+"""Monitors how the car answers its pedals: brakes, drive, hold, the modules' repeated commands, and a driver's foot.
+
+One place for the monitors that compare a commanded car with its reports. The gateway decides what follows from them.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vve_sumo.values import Vehicle
+from vve_sumo.vehicle.actuation import Pedals
+from vve_sumo.vehicle.brake_monitor import BrakeMonitor, HoldMonitor
+from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.command_echo import OPENING_CHANGE, TORQUE_CHANGE, CommandEcho
+from vve_sumo.vehicle.driver_signs import DriverSigns
+from vve_sumo.vehicle.interface import BrakeState, ThrottleState
+from vve_sumo.vehicle.reports import MAX_AGE, TOLERANCE, CarReports
+from vve_sumo.vehicle.slowing_monitor import SlowingMonitor
+
+
+class ResponseMonitor:
+    """Watches a commanded car; `holding_torque` is the brake torque that holds it where it stands [N m]."""
+
+    def __init__(self, vehicle: Vehicle, calibration: Calibration, holding_torque: float) -> None:
+        self._holding_torque = holding_torque
+        self._brakes = BrakeMonitor(vehicle, calibration)
+        self._hold = HoldMonitor()
+        self._slowing = SlowingMonitor(calibration)
+        self._signs = DriverSigns()
+        self._brake_echo, self._throttle_echo = CommandEcho(TORQUE_CHANGE), CommandEcho(OPENING_CHANGE)
+        self.driver_inferred = False  #: the car brakes or slows down as under a driver's foot
+
+    @property
+    def brakes_latched(self) -> bool:
+        """Whether a foot has been strong enough, for long enough, to take the brakes until the next engagement."""
+        return self._signs.brakes_latched
+
+    def engage(self) -> None:
+        """Begin a drive: what latched in the one before is being cleared."""
+        self.reset()
+        self._signs.reset()
+
+    def reset(self) -> None:
+        """Forget how the car answered: it is not commanded."""
+        for monitor in (self._brakes, self._hold, self._slowing, self._brake_echo, self._throttle_echo):
+            monitor.reset()
+        self.driver_inferred = False
+
+    def step(
+        self,
+        now: float,
+        elapsed: float,
+        told: Pedals,
+        reports: CarReports,
+        speeds: tuple[float, float],
+        grade: float,
+        *,
+        stands: bool,
+        going: bool,
+    ) -> list[str]:
+        """Return reason codes at `now` [s], `elapsed` after the last step; `told` are the pedals of that step.
+
+        `speeds` are those of wheels and receiver [m/s], NaN where unknown; `grade` [rad], uphill positive. The car
+        certainly `stands`, or is allowed to move (`going`).
+        """
+        brake = reports.brake
+        wheels, satellite = speeds
+        faults = self._brakes.step(elapsed, told, wheels, satellite, grade, brake.watchdog_braking)
+        held = told.brake_torque >= self._holding_torque and not brake.watchdog_braking
+        if self._hold.step(now, held, stands, reports.fastest_wheel):
+            faults.append("brake_not_following")
+        faults += self._frozen(now, told, reports)
+        unasked = self._signs.step(
+            now, elapsed, told.brake_torque, reports.brake_torque(now), brake.driver_torque
+        )  # fmt: skip
+        slowed = False
+        if going:
+            slowed = self._slowing.step(elapsed, told, wheels, satellite, grade)
+        else:
+            self._slowing.reset()
+        self.driver_inferred = (unasked or slowed) and not brake.watchdog_braking
+        return faults
+
+    def _frozen(self, now: float, told: Pedals, reports: CarReports) -> list[str]:
+        """Reason codes of modules whose fresh reports do not repeat their commands."""
+        oldest = MAX_AGE + TOLERANCE
+        torque = reports.brake.command if reports.age(BrakeState, now) <= oldest else math.nan
+        opening = reports.throttle.command if reports.age(ThrottleState, now) <= oldest else math.nan
+        faults = ["brake_report_frozen"] if self._brake_echo.step(now, told.brake_torque, torque) else []
+        if self._throttle_echo.step(now, told.throttle, opening):
+            faults.append("throttle_report_frozen")
+        return faults
