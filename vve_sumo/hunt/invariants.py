@@ -68,8 +68,8 @@ class Tolerances:
     firm_pedal: float = 0.24
     #: a foot that has brought the car to rest: the car may roll so far without a new go [m]
     creep: float = 0.3
-    #: above the rig's limit of speed [m/s]
-    speed_margin: float = 1.0
+    #: above the rig's limit of speed [m/s]: the 1.0 m/s at which the gateway stops, and what the car gains until then
+    speed_margin: float = 1.5
     #: from the bound of a stop, or the roll of a held car, to the alarm [s]
     alarm_time: float = 0.5
     #: bound of a stop: share that speed and slip add, and what reports every 20 ms cannot time better [m]

@@ -59,6 +59,16 @@ class HuntProgress:
     seconds: float = 0.0  #: of this run
     last_found: int = 0  #: number of the episode that the newest finding came of
 
+    @property
+    def rate(self) -> float:
+        """Return the episodes of this run an hour, the time for shrinking included."""
+        return 3600.0 * self.here / max(self.seconds, 1e-3)
+
+    def say(self) -> str:
+        """Return how far it has come, on one line."""
+        of = "" if self.total is None else f" of {self.total}"
+        return f"{self.done}{of} episodes, {self.rate:.0f} an hour, {self.found} found"
+
 
 Watch = Callable[[HuntProgress], None]
 
@@ -69,7 +79,7 @@ def course_of(scenario: str, rig: str, working: Path) -> tuple[Course, Path]:
     loaded = load_rig(file, working)
     if loaded.brain.kind != "own":
         raise ConfigError(f"{file}: brain.kind is {loaded.brain.kind!r}, expected 'own': a hunt drives the gateway")
-    values = {"road.demand": []}
+    values: dict[str, Any] = {"road.demand": []}
     resolved = scenario_with_rig(resolve_by_name(scenario, working, values=values), loaded, working)
     return Course(resolved, loaded, working), file
 
@@ -132,16 +142,14 @@ class Hunt:
         """Run the episodes that no run before has, take in all, and return what came of them in their order."""
         known = self.journal.results
         missing = [(name, episode) for name, episode in named if name not in known]
-        for name, result in self._run_named(missing):
+        for fresh, (name, result) in enumerate(self._run_named(missing), start=1):
             self.journal.add(name, result)
             self.progress.here += 1
-            self._show(self.progress.done + self.progress.here)
+            self._show(self.progress.done + fresh)
         results = [known[name] for name, _episode in named if name in known]
         for result in results:
             self.progress.done += 1
             self._take(result)
-        self.progress.here = 0
-        self._show(self.progress.done)
         return results
 
     def _run_named(self, missing: Sequence[tuple[str, Episode]]) -> Iterator[tuple[str, Result]]:
