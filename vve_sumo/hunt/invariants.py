@@ -391,7 +391,8 @@ class SteeringCommands:
         change, allowed = abs(angle - last), self.vehicle.steering_rate_limit * PERIOD
         # Speed, and with it what is allowed, is the car's true one: whoever reports another is found out soon.
         square = sample.pose.speed * sample.pose.speed
-        jerk = max(self.limits.comfort.lateral_jerk, self.limits.stop_lateral_jerk)
+        driven = sample.state is ArmingState.ENGAGED
+        jerk = self.limits.comfort.lateral_jerk if driven else self.limits.stop_lateral_jerk
         gained = max(change * square / self.vehicle.wheelbase - 1.05 * jerk * PERIOD, 0.0)
         self._excess.append((sample.time, gained))
         self._sum += gained

@@ -35,7 +35,7 @@ STOP_TIME: Final = 9.0
 #: the longest episode, after its onset [s]
 LONGEST: Final = 25.0
 #: an episode ends so long after the car has come to rest and nothing more is to come [s]
-QUIET: Final = 3.0
+QUIET: Final = 1.5
 #: an episode goes on for so long after the first violation, which others may follow [s]
 AFTER_VIOLATION: Final = 1.0
 #: a nominal drive that has not come to a phase by then never will [s]
@@ -205,6 +205,9 @@ def _run_group(
     course: Course, road: RoadConditions, seed: int, group: list[Episode], tolerances: Tolerances, workers: int
 ) -> Iterator[Result]:
     children: dict[int, tuple[int, Episode, bytearray]] = {}
+    # A collection in the parent would touch, and so copy, every page that its children share with it.
+    gc.collect()
+    gc.freeze()
     try:
         for simulation, due in _onsets(course, road, seed, group):
             for episode in due:
@@ -215,6 +218,7 @@ def _run_group(
         while children:
             yield from _collect(children)
     finally:
+        gc.unfreeze()
         for reader, (child, _episode, _data) in children.items():
             os.close(reader)
             os.kill(child, signal.SIGKILL)
@@ -237,7 +241,8 @@ def _onsets(
                 due[simulation.number + max(round(episode.offset / PERIOD), 0)].append(episode)
         if begun := due.pop(simulation.number, None):
             yield simulation, begun
-        sample = simulation.step()
+        if waiting or due:
+            sample = simulation.step()
 
 
 def _fork(simulation: Simulation, episode: Episode, tolerances: Tolerances) -> tuple[int, int]:

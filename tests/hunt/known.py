@@ -1,0 +1,31 @@
+"""Limits of what a gateway can know, each with its argument: violations that need them are expected."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from vve_sumo.hunt.episode import Episode
+
+
+class Limit(NamedTuple):
+    """A violation that no gateway can prevent by the reports that it has."""
+
+    invariant: str
+    kinds: frozenset[str]  #: that the timeline has to hold
+    why: str
+
+
+LIMITS: Final = (
+    Limit(
+        "told_driving",
+        frozenset({"steering_report_frozen", "dbw_dropout"}),
+        "on a straight road a steering that is off and whose report is frozen differs from a good one in nothing; "
+        "it is found as soon as the steering is told to move",
+    ),
+)
+
+
+def known(invariant: str, episode: Episode) -> bool:
+    """Whether a listed limit explains the violation."""
+    kinds = {action.kind for action in episode.actions}
+    return any(limit.invariant == invariant and limit.kinds <= kinds for limit in LIMITS)
