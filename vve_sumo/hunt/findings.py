@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vve_sumo.hunt.episode import Episode, Phase
+from vve_sumo.hunt.known_limits import known
 from vve_sumo.hunt.runner import Result
 from vve_sumo.plant.injected_faults import KINDS, Shape
 
@@ -53,9 +54,11 @@ class Findings:
         self.all: list[Finding] = []
 
     def new(self, result: Result) -> Iterator[str]:
-        """Yield the invariants that an episode breaks in a way not yet found."""
+        """Yield the invariants that an episode breaks in a way not yet found, and that no known limit explains."""
         for invariant in result.broken:
-            if not any(finding.explains(result, invariant) for finding in self.all):
+            if not known(invariant, result.episode) and not any(
+                finding.explains(result, invariant) for finding in self.all
+            ):
                 yield invariant
 
     def keep(self, finding: Finding, rig: str) -> Path:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple, Protocol
+from typing import ClassVar, Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.values import ArmingState, Vehicle
 from vve_sumo.vehicle.arming import COMMANDING
+from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Gear
 from vve_sumo.vehicle.limits import Limits
 
@@ -94,7 +94,7 @@ class Violation(NamedTuple):
 class Judge(Protocol):
     """One invariant."""
 
-    name: str
+    name: ClassVar[str]
     margin: float
 
     def step(self, sample: TruthSample) -> str | None:
@@ -131,7 +131,7 @@ class Driven:
             self.acted_at = sample.time
         if takes_over(sample.driver):
             self.taken = True
-        if sample.went and sample.said is not None and sample.state is ArmingState.ENGAGED:
+        if sample.went and sample.said is OperatorCommand.GO and sample.state is ArmingState.ENGAGED:
             self.taken = False
 
 
@@ -140,7 +140,7 @@ class FootClosesThrottle:
     """Throttle is closed soon after a foot on the brake, and stays so until a new go; a car at rest stays at rest."""
 
     tolerances: Tolerances
-    name: str = "foot_closes_throttle"
+    name: ClassVar[str] = "foot_closes_throttle"
     margin: float = 1.0
     _since: float | None = None  # of the foot
     _blind: bool = False
@@ -200,8 +200,7 @@ class SpeedLimit:
 
     limit: float  #: [m/s]
     tolerances: Tolerances
-    push: float  #: acceleration by a throttle that is stuck fully open [m/s2]
-    name: str = "speed_limit"
+    name: ClassVar[str] = "speed_limit"
     margin: float = 1.0
     _gas_until: float = -math.inf
 
@@ -224,10 +223,9 @@ class InsideLot:
     """The body of a car that nobody has taken over stays inside the lot's outline."""
 
     lot: Lot  #: without margin
-    safety: float  #: the rig's margin [m]
     body: Body
     driven: Driven
-    name: str = "inside_lot"
+    name: ClassVar[str] = "inside_lot"
     margin: float = 1.0
     _count: int = 0
 
@@ -251,11 +249,10 @@ class StopsInBound:
     """A car that the gateway stops, or has let go of with no driver, is at rest within a bound or raises the alarm."""
 
     stop: Stop  #: of the weakest layer that may act
-    downhill: float
-    parameters: CarParameters
+    downhill: float  #: slope, as `Stop.distance` takes it
     tolerances: Tolerances
     driven: Driven
-    name: str = "stops_in_bound"
+    name: ClassVar[str] = "stops_in_bound"
     margin: float = 1.0
     _bound: float | None = None
     _driven: float = 0.0
@@ -305,7 +302,7 @@ class ToldDriving:
     """Nobody is told that the car is driven while a module of it acts on no command."""
 
     tolerances: Tolerances
-    name: str = "told_driving"
+    name: ClassVar[str] = "told_driving"
     margin: float = 1.0
     _since: float | None = None
 
@@ -328,7 +325,7 @@ class ToldDriving:
 class NoParkWhileMoving:
     """Park is never requested of a car that moves."""
 
-    name: str = "no_park_while_moving"
+    name: ClassVar[str] = "no_park_while_moving"
     margin: float = 1.0
 
     def step(self, sample: TruthSample) -> str | None:
@@ -346,7 +343,7 @@ class HeldStands:
 
     tolerances: Tolerances
     driven: Driven
-    name: str = "held_stands"
+    name: ClassVar[str] = "held_stands"
     margin: float = 1.0
     _rolled: float = 0.0
     _since: float | None = None
@@ -376,7 +373,7 @@ class SteeringCommands:
     vehicle: Vehicle
     limits: Limits
     tolerances: Tolerances
-    name: str = "steering_commands"
+    name: ClassVar[str] = "steering_commands"
     margin: float = 1.0
     _last: float | None = None
     _excess: deque[tuple[float, float]] = field(default_factory=deque)
@@ -411,7 +408,7 @@ class SteeringCommands:
 class HonestVerdict:
     """A drive into which the driver had to step never ends as if nothing had been."""
 
-    name: str = "honest_verdict"
+    name: ClassVar[str] = "honest_verdict"
     margin: float = 1.0
     _since: float | None = None
     stepped_in: bool = False
@@ -436,6 +433,20 @@ class HonestVerdict:
         return None
 
 
+#: every invariant
+ALL: Final = (
+    FootClosesThrottle,
+    SpeedLimit,
+    InsideLot,
+    StopsInBound,
+    ToldDriving,
+    NoParkWhileMoving,
+    HeldStands,
+    SteeringCommands,
+    HonestVerdict,
+)
+
+
 class Judges:
     """All invariants of one episode."""
 
@@ -446,14 +457,12 @@ class Judges:
         self._driven = Driven()
         self._verdict = HonestVerdict()
         self._foot = FootClosesThrottle(tolerances)
-        grade = parameters.grade
         weakest = weakest_stop(rig, parameters, limits)
-        push = parameters.calibration.drive_force(1.0, 0.0) / parameters.calibration.mass
         self.judges: tuple[Judge, ...] = (
             self._foot,
-            SpeedLimit(rig.limits.speed_mps, tolerances, push),
-            InsideLot(whole, lot.margin, Body.of(vehicle), self._driven),
-            StopsInBound(weakest, max(-math.sin(grade), 0.0), parameters, tolerances, self._driven),
+            SpeedLimit(rig.limits.speed_mps, tolerances),
+            InsideLot(whole, Body.of(vehicle), self._driven),
+            StopsInBound(weakest, max(-math.sin(parameters.grade), 0.0), tolerances, self._driven),
             ToldDriving(tolerances),
             NoParkWhileMoving(),
             HeldStands(tolerances, self._driven),
@@ -499,8 +508,3 @@ def weakest_stop(rig: Rig, parameters: CarParameters, limits: Limits) -> Stop:
     true = deceleration * min(parameters.brake_gain_factor / parameters.mass_factor, 1.0)
     true = min(true, 0.9 * parameters.friction * GRAVITY)
     return Stop(true, delay, true / limits.stop_jerk, parameters.calibration.drive_lag)
-
-
-def least(margins: Sequence[float]) -> float:
-    """Return the least margin, 1 of none."""
-    return min(margins, default=1.0)

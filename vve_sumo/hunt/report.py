@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from vve_sumo.hunt.findings import Finding
+from vve_sumo.hunt.known_limits import known
 from vve_sumo.hunt.runner import Result
 
 
@@ -27,10 +28,12 @@ def text(
     """Return the report; `total` is the number of pairs, None for a search; `rate` is in episodes an hour."""
     episodes, seconds = len(results), sum(result.seconds for result in results.values())
     broken = sum(bool(result.broken) for result in results.values())
+    expected = sum(known(name, result.episode) for result in results.values() for name in result.broken)
     covered = f" of {total} pairs" if total is not None else ""
     lines = [
         f"{episodes}{covered} episodes, {seconds / 3600.0:.1f} h simulated, {rate:.0f} an hour",
         f"{len(findings)} found, in {broken} episodes; the last {max(episodes - last_found, 0)} episodes gave none",
+        f"{expected} violations are known limits (docs/hunt.md)",
         "",
         "least margins of what held (1: far from it, 0: broken):",
     ]

@@ -161,10 +161,7 @@ class Hunt:
             yield names[_key(result.episode)].pop(), result
 
     def _take(self, result: Result) -> None:
-        for invariant in list(self.findings.new(result)):
-            # What a simpler timeline found just now may explain this one too.
-            if any(finding.explains(result, invariant) for finding in self.findings.all):
-                continue
+        for invariant in self.findings.new(result):
             simplest = shrunk(result, invariant, self._run_all)
             self.findings.keep(Finding(invariant, simplest), self.rig_text)
             self.progress.found, self.progress.last_found = len(self.findings.all), self.progress.done

@@ -1,4 +1,4 @@
-"""Limits of what a gateway can know, each with its argument: violations that need them are expected."""
+"""Limits of what a gateway can know by its reports, each with its argument; a hunt counts them, and reports none."""
 
 from __future__ import annotations
 
