@@ -26,9 +26,9 @@ from controllers import follow_and_stop
 from tests import vehicles
 from tests.vehicle.closed_loop import ClosedLoop
 from vve_sumo.drive.pipeline import Pipeline
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.path import Path
 from vve_sumo.plant.car import CarParameters
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, ControlCommand, Observation
 
 LEG = 180.0  # [s]

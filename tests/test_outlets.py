@@ -35,6 +35,21 @@ def test_udp_keeps_the_boundaries_of_datagrams(port: int) -> None:
         outlet.close()
 
 
+def test_udp_does_not_broadcast(port: int) -> None:
+    with pytest.raises(RigError, match=rf"^udp 127\.255\.255\.255:{port}: is everyone's, expected the address of one"):
+        UdpOutlet("127.255.255.255", port)
+
+
+def test_udp_sends_what_a_seal_makes_of_each_portion(port: int) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.bind(("127.0.0.1", port))
+        end.settimeout(5.0)
+        outlet = UdpOutlet("127.0.0.1", port, lambda portion: portion + b"!")
+        outlet.send((b"one", b""))
+        assert [end.recv(100), end.recv(100)] == [b"one!", b"!"]
+        outlet.close()
+
+
 def test_udp_reaches_a_listener_that_comes_later(port: int) -> None:
     outlet = UdpOutlet("127.0.0.1", port)
     for _ in range(3):

@@ -11,7 +11,7 @@ import contextlib
 import errno
 import os
 import socket
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, Protocol, TypeVar
 
 import serial
@@ -47,21 +47,27 @@ class Outlet(Protocol[Carried_contra]):
 class UdpOutlet:
     """Sends datagrams to one address; nobody needs to listen there."""
 
-    def __init__(self, host: str, port: int) -> None:
-        """Open a socket; raises RigError where the address cannot be reached at all."""
-        self.lost = 0
+    def __init__(self, host: str, port: int, seal: Callable[[bytes], bytes] = bytes) -> None:
+        """Open a socket; raises RigError where the address cannot be reached at all.
+
+        `seal` returns what is sent in place of a portion, such as one with a signature.
+        """
+        self.lost, self._seal = 0, seal
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        # Without leave to broadcast the kernel refuses a network's broadcast address: its digits do not show it.
         try:
             self._socket.connect((host, port))
+        except PermissionError:
+            self._socket.close()
+            raise RigError(f"udp {host}:{port}: is everyone's, expected the address of one device") from None
         except OSError as error:
             self._socket.close()
             raise RigError(f"udp {host}:{port}: cannot be sent to ({error})") from None
 
     def send(self, portions: Sequence[bytes]) -> None:
         """Send each portion as a datagram."""
-        for portion in portions:
+        for portion in map(self._seal, portions):
             try:
                 self._socket.send(portion)
             except ConnectionRefusedError:

@@ -171,7 +171,7 @@ class Vehicle:
     brake_delay: float  #: dead time from frame to first torque [s]
     brake_lag: float  #: first-order time constant after the dead time [s]
     brake_torque_limit: float  #: all wheels together [N m]
-    deceleration_limit: float  #: reached at the torque limit, laden, on the level [m/s2]
+    deceleration_limit: float  #: that car, brakes, wire, gateway and tyres allow, laden, on the level [m/s2]
 
     @property
     def rear_axle_to_bumper(self) -> float:

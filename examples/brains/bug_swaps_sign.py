@@ -1,6 +1,6 @@
 """A brain with a planted bug, to test benches with: it swaps the sign of the range rate.
 
-    python bug_swaps_sign.py WAYPOINTS.csv [--gnss PORT] [--radar PORT] [--setpoints PORT]
+    python bug_swaps_sign.py WAYPOINTS.csv [--gnss PORT] [--radar PORT] [--setpoints PORT] [--key FILE]
 
 All the rest of it is `stop_for_parked.py`'s. It must never drive a car.
 """
@@ -22,7 +22,7 @@ def main() -> None:
     """Answer until interrupted."""
     given = arguments(__doc__).parse_args()
     brain = SwapsSign(waypoints(given.waypoints), given.speed)
-    answer(brain, Gnss(given.gnss), listen(given.radar), given.setpoints, lambda _fix, radar: radar)
+    answer(brain, Gnss(given.gnss), listen(given.radar), given.setpoints, lambda _fix, radar: radar, given.key)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from typing import Protocol
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import Fix
 from vve_sumo.wire.datagrams import RadarDatagram, SetpointDatagram, decode_radar, encode_setpoint
+from vve_sumo.wire.signature import signed, without_tag
 
 EARTH = 6_371_000.0  # [m]
 WHEELBASE, BUMPER = 2.85, 3.84  # [m]
@@ -198,15 +199,18 @@ class Gnss:
 Look = Callable[[Fix, RadarDatagram], Seen | None]
 
 
-def answer(brain: Brain, gnss: Gnss, radar: socket.socket, setpoints: int, look: Look) -> None:
+def answer(brain: Brain, gnss: Gnss, radar: socket.socket, setpoints: int, look: Look, key: bytes = b"") -> None:
     """Answer each radar datagram that the brain believes with a setpoint; without a radar the answer is to brake.
 
     The datagram is the beat of the setpoints, whatever the brain sees by: a setpoint names the one that it answers.
+    With a `key`, datagrams that are not signed with it are not believed, and setpoints are signed.
     """
     out, sequence, steering = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0, 0.0
     out.bind(("127.0.0.1", 0))
     while True:
-        beat, fix = decode_radar(radar.recv(2048)), gnss.read()  # the fix of the same tick was sent before
+        body = without_tag(radar.recv(2048), key)
+        beat = None if body is None else decode_radar(body)
+        fix = gnss.read()  # the fix of the same tick was sent before
         if beat is None or fix is None or abs(fix.time - beat.time) > SAME_TICK or not brain.believes(beat):
             continue
         seen, acceleration = look(fix, beat), -BLIND
@@ -214,7 +218,13 @@ def answer(brain: Brain, gnss: Gnss, radar: socket.socket, setpoints: int, look:
             steering, acceleration = brain.answer(fix, seen)
         sequence += 1
         asked = SetpointDatagram(sequence, beat.sequence, beat.time, 0.1, steering, acceleration)
-        out.sendto(encode_setpoint(asked), ("127.0.0.1", setpoints))
+        data = encode_setpoint(asked)
+        out.sendto(signed(data, key) if key else data, ("127.0.0.1", setpoints))
+
+
+def read_key(file: str) -> bytes:
+    """Return the key in a file of hexadecimal digits."""
+    return bytes.fromhex(Path(file).read_text(encoding="ascii"))
 
 
 def arguments(description: str | None) -> argparse.ArgumentParser:
@@ -224,5 +234,6 @@ def arguments(description: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--gnss", type=int, default=5001, help="port of NCOM")
     parser.add_argument("--radar", type=int, default=5002, help="port of the radar datagrams")
     parser.add_argument("--setpoints", type=int, default=5003, help="port that the setpoints go to")
+    parser.add_argument("--key", type=read_key, default=b"", metavar="FILE", help="the rig's brain.key_file")
     parser.add_argument("--speed", type=float, default=11.176, help="[m/s]")
     return parser

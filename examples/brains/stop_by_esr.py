@@ -1,6 +1,7 @@
 """A brain that sees by a Delphi ESR: NCOM over UDP and the radar's tracks over CAN in, setpoints out.
 
-    python stop_by_esr.py WAYPOINTS.csv [--esr INTERFACE:CHANNEL] [--gnss PORT] [--radar PORT] [--setpoints PORT]
+    python stop_by_esr.py WAYPOINTS.csv [--esr INTERFACE:CHANNEL] [--gnss PORT] [--radar PORT]
+        [--setpoints PORT] [--key FILE]
 
 It drives as stop_for_parked.py beside it. Of the radar datagram it reads the sequence alone, for a setpoint names the
 datagram that it answers.
@@ -31,7 +32,7 @@ def main() -> None:
         radar.tell(speed, 0.0)
         return radar.scan(fix.time, fix.time, speed)
 
-    answer(brain, gnss, beat, given.setpoints, look)
+    answer(brain, gnss, beat, given.setpoints, look, given.key)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """A brain that sees by ASAM OSI: NCOM and SensorData in over UDP, setpoints out.
 
-    python stop_by_osi.py WAYPOINTS.csv [--osi PORT] [--gnss PORT] [--radar PORT] [--setpoints PORT]
+    python stop_by_osi.py WAYPOINTS.csv [--osi PORT] [--gnss PORT] [--radar PORT] [--setpoints PORT] [--key FILE]
 
 It drives as stop_for_parked.py beside it. Of the radar datagram it reads the sequence alone, for a setpoint names the
 datagram that it answers. Needs osi-python.
@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("--osi", type=int, default=5004, help="port of SensorData")
     given = parser.parse_args()
     brain = Brain(waypoints(given.waypoints), given.speed)
-    answer(brain, Gnss(given.gnss), listen(given.radar), given.setpoints, OsiRadar(given.osi).look)
+    answer(brain, Gnss(given.gnss), listen(given.radar), given.setpoints, OsiRadar(given.osi).look, given.key)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """A brain that knows only the wires: NCOM and the radar datagram in, setpoints out.
 
-    python stop_for_parked.py WAYPOINTS.csv [--gnss PORT] [--radar PORT] [--setpoints PORT]
+    python stop_for_parked.py WAYPOINTS.csv [--gnss PORT] [--radar PORT] [--setpoints PORT] [--key FILE]
 
 It follows recorded waypoints (latitude_deg, longitude_deg) by pure pursuit, keeps a speed, and stops before what the
 radar sees in its way. It never drives by what is invalid: it answers such a datagram with nothing, and the gateway on
@@ -16,7 +16,7 @@ def main() -> None:
     """Answer until interrupted."""
     given = arguments(__doc__).parse_args()
     brain = Brain(waypoints(given.waypoints), given.speed)
-    answer(brain, Gnss(given.gnss), listen(given.radar), given.setpoints, lambda _fix, radar: radar)
+    answer(brain, Gnss(given.gnss), listen(given.radar), given.setpoints, lambda _fix, radar: radar, given.key)
 
 
 if __name__ == "__main__":

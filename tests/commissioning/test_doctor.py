@@ -112,6 +112,10 @@ def test_a_port_that_another_program_has_is_no_go_and_no_car_is_started(tmp_path
     assert "Traceback" not in run.stderr
 
 
+#: so that neither test nor survey of a real car's rig grows too old on the day that the tests run
+LASTING = (("armed = true", "armed = true\nvalid_days = 3650"), ("margin_m = 1.0", "margin_m = 1.0\nvalid_days = 3650"))
+
+
 def real_rig(folder: Path, channel: str, *changes: tuple[str, str]) -> Path:
     """A real car's rig whose CAN adapter is a terminal, with the simulated rig's lot."""
     text = own_rig(folder, *changes).read_text(encoding="utf-8")
@@ -123,7 +127,7 @@ def real_rig(folder: Path, channel: str, *changes: tuple[str, str]) -> Path:
 
 
 def test_a_bus_and_a_receiver_that_are_not_there_are_no_go(tmp_path: Path) -> None:
-    rig = real_rig(tmp_path, "/dev/nobody")
+    rig = real_rig(tmp_path, "/dev/nobody", *LASTING)
     run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     assert run.returncode == 3
     finding, text = told(run, "bus")
@@ -133,7 +137,7 @@ def test_a_bus_and_a_receiver_that_are_not_there_are_no_go(tmp_path: Path) -> No
     finding, text = told(run, "fixes")
     assert finding == "NO-GO"
     assert "pose.port" in text
-    assert run.stdout.splitlines()[-1] == "NO-GO: bus, fixes, path in the lot"
+    assert run.stdout.splitlines()[-1] == "NO-GO: watchdog record, bus, fixes, path in the lot"
     assert run.stderr == ""
 
 
@@ -155,18 +159,20 @@ def listened(rig: Path, car: LiveCar, adapter: Adapter, extra: tuple[Frame, ...]
 @pytest.mark.live
 def test_on_a_real_cars_bus_it_listens_and_says_nothing(tmp_path: Path) -> None:
     with Adapter() as adapter:
-        run = listened(real_rig(tmp_path, adapter.name), LiveCar(), adapter)
+        run = listened(real_rig(tmp_path, adapter.name, *LASTING), LiveCar(), adapter)
     assert told(run, "reports")[0] == "go"
     assert told(run, "enabled") == ("go", "nothing is enabled")
     assert told(run, "calibration")[0] == "note"
-    assert run.stdout.splitlines()[-1] == "NO-GO: fixes, path in the lot"
+    assert run.stdout.splitlines()[-1] == "NO-GO: watchdog record, fixes, path in the lot"
 
 
 @pytest.mark.live
 def test_another_writer_on_our_identifiers_is_no_go(tmp_path: Path) -> None:
     command = codec.encode(codec.GearCommand(codec.Gear.DRIVE), codec.Variant.DBW1_2024)
     with Adapter() as adapter:
-        run = listened(real_rig(tmp_path, adapter.name), LiveCar(), adapter, (command, Frame(0x061, b"short")))
+        run = listened(
+            real_rig(tmp_path, adapter.name, *LASTING), LiveCar(), adapter, (command, Frame(0x061, b"short"))
+        )
     finding, text = told(run, "commands")
     assert finding == "NO-GO"
     assert "0x066" in text
@@ -236,6 +242,10 @@ def test_what_speaks_against_a_fix_is_told_in_words(tmp_path: Path) -> None:
     assert old.finding is Finding.NO_GO
     assert "25.0 s old" in old.found
     assert "corrections" in old.advice
+    unlocked = heard_from(rig, locked=False)
+    assert "not locked" in of(unlocked, "fix").found
+    assert of(unlocked, "fix").finding is of(unlocked, "age").finding is Finding.NO_GO
+    assert "navigation is locked" in of(unlocked, "fix").advice
     moving = of(heard_from(rig, velocity_east=2.0, velocity_north=0.2), "standing")
     assert moving.finding is Finding.NO_GO
 
@@ -257,17 +267,36 @@ def test_the_papers_of_a_real_car(tmp_path: Path) -> None:
     untested = documents(real_rig(tmp_path, "/dev/ttyACM0", (WATCHDOG, "")))
     assert untested["arming"].finding is untested["watchdog test"].finding is Finding.NO_GO
     assert "--shadow" in untested["arming"].advice
-    unarmed = documents(real_rig(tmp_path, "/dev/ttyACM0", ("armed = true", "armed = false")))
+    rolled = WATCHDOG.replace("armed = true", "armed = false").replace("= 2.5", "= 0.3")
+    unarmed = documents(real_rig(tmp_path, "/dev/ttyACM0", (WATCHDOG, rolled)))
     assert unarmed["watchdog test"].finding is Finding.NOTE
     assert "driver" in unarmed["watchdog test"].advice
 
 
-def test_days_that_are_long_past_are_told_and_days_to_come_refused(tmp_path: Path) -> None:
-    rig = own_rig(tmp_path)
-    late = documents(rig, datetime.date(2027, 3, 1))
-    assert late["lot"].finding is late["watchdog test"].finding is Finding.NOTE
-    early = documents(rig, datetime.date(2025, 12, 31))
-    assert early["lot"].finding is Finding.NO_GO
+def test_what_a_real_car_s_rig_states_grows_old(tmp_path: Path) -> None:
+    rig = real_rig(tmp_path, "/dev/ttyACM0", ("[limits]", "[calibration]\ndate = 2026-01-01\n\n[limits]"))
+    year, day = datetime.date(2027, 1, 1), datetime.timedelta(days=1)
+    fit = documents(rig, year)
+    assert {fit[name].finding for name in ("arming", "watchdog test", "calibration", "lot")} == {Finding.GO}
+    late = documents(rig, year + day)
+    assert late["arming"].finding is late["watchdog test"].finding is Finding.NO_GO
+    assert late["arming"].found.startswith("watchdog_test.date: the test of 2026-01-01 was 366 days ago")
+    assert "watchdog_test.valid_days allows 365" in late["watchdog test"].advice
+    assert late["lot"].finding is late["calibration"].finding is Finding.NOTE
+    assert documents(rig, datetime.date(2029, 1, 1))["lot"].finding is Finding.NO_GO
+
+
+def test_a_simulated_vehicle_s_days_do_not_grow_old(tmp_path: Path) -> None:
+    late = documents(own_rig(tmp_path), datetime.date(2099, 3, 1))
+    assert {late[name].finding for name in ("arming", "watchdog test", "lot")} == {Finding.GO}
+
+
+def test_days_to_come_are_refused_but_for_those_of_another_time_zone(tmp_path: Path) -> None:
+    for rig in (own_rig(tmp_path), real_rig(tmp_path, "/dev/ttyACM0")):
+        assert documents(rig, datetime.date(2025, 12, 31))["lot"].finding is Finding.GO
+        early = documents(rig, datetime.date(2025, 12, 30))
+        assert early["lot"].finding is early["watchdog test"].finding is Finding.NO_GO
+    assert early["arming"].found.startswith("lot.surveyed: 2026-01-01 is still to come, today is 2025-12-30")
 
 
 def test_a_lot_is_told_in_square_metres(tmp_path: Path) -> None:

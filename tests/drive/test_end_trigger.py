@@ -12,11 +12,11 @@ import pytest
 
 from tests.drive.street import altered, drive_once
 from tests.isolated import isolated
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.drive.termination import end_reason
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.record.reader import read_table
 from vve_sumo.scenario.schema import EndTrigger
+from vve_sumo.timing import PERIOD
 
 NAN = math.nan
 #: nearly blind, and without its emergency layer: drives into the obstacle

@@ -105,6 +105,22 @@ def test_no_budget_is_kept_by_chance(took):
     assert said[-1] == ("latency_budget",)
 
 
+@pytest.mark.parametrize(("every", "said"), [(3, True), (5, False)])
+def test_commands_that_come_after_the_next_tick_is_due_are_late_within_any_budget(every, said):
+    """30 ms of a budget of 40, every third time: 16 or 17 in a second, and 12 are allowed; every fifth are 10."""
+    monitor, found = LatencyMonitor(0.040, 10), []
+    rows = [row(tick, 0.030 if tick % every == 0 else 0.002) for tick in range(200)]
+    for i, one in enumerate(rows):
+        if i >= 2:
+            answered = rows[i - 2]
+            took = 0.030 if answered.tick % every == 0 else 0.002
+            monitor.gateway_answered(answered.sequence, answered.received_s + took)
+        found.append(monitor.step(one))
+    assert (("latency_budget",) in found) is said
+    if said:
+        assert found.index(("latency_budget",)) * PERIOD < 1.0
+
+
 def test_a_gateway_that_does_not_answer_is_a_breach():
     monitor = LatencyMonitor(0.005, 0)
     said = [monitor.step(row(tick)) for tick in range(10)]

@@ -10,6 +10,7 @@ import pytest
 from vve_sumo.drive.rest import Ahead
 from vve_sumo.drive.termination import DRIVE_OFF_TIME, MAX_REST, START_TIMEOUT, Outcome, TerminationMonitor
 from vve_sumo.values import ArmingState
+from vve_sumo.vehicle.arming import DRIVER_SIGNS
 
 ENGAGED, STOPPED = ArmingState.ENGAGED, ArmingState.STOPPED
 
@@ -23,9 +24,16 @@ class Watch(TerminationMonitor):
     """A monitor of a car that stands before nothing, on a road without traffic, unless a test says otherwise."""
 
     def see(
-        self, time: float, speed: float, station: float, state: ArmingState = ENGAGED, *, contact: bool = False
+        self,
+        time: float,
+        speed: float,
+        station: float,
+        state: ArmingState = ENGAGED,
+        *,
+        reasons: tuple[str, ...] = (),
+        contact: bool = False,
     ) -> Outcome | None:
-        return self.step(time, speed, station, state, contact, lambda: Ahead.NOTHING)
+        return self.step(time, speed, station, state, reasons, contact, lambda: Ahead.NOTHING)
 
 
 def ending() -> Watch:
@@ -44,11 +52,11 @@ def test_rest_counts_only_after_the_car_was_under_way_and_only_in_one_piece() ->
     assert watch.see(11.0, 0.0, 40.1) is Outcome.STOPPED
 
 
-def at_rest(station: float, state: ArmingState, contact: bool) -> Outcome | None:
+def at_rest(station: float, state: ArmingState, contact: bool, reasons: tuple[str, ...] = ()) -> Outcome | None:
     watch = ending()
     watch.see(0.0, 3.0, 0.0, contact=contact)
-    watch.see(1.0, 0.0, station, state)
-    return watch.see(3.5, 0.0, station, state)
+    watch.see(1.0, 0.0, station, state, reasons=reasons)
+    return watch.see(3.5, 0.0, station, state, reasons=reasons)
 
 
 def test_the_name_of_the_ending() -> None:
@@ -58,6 +66,13 @@ def test_the_name_of_the_ending() -> None:
     assert at_rest(50.0, ENGAGED, contact=False) is Outcome.STOPPED
     assert at_rest(50.0, STOPPED, contact=False) is Outcome.FAULT
     assert at_rest(50.0, STOPPED, contact=True) is Outcome.CONTACT
+
+
+@pytest.mark.parametrize("sign", sorted(DRIVER_SIGNS))
+def test_a_car_at_rest_after_its_driver_stepped_in_ended_by_the_driver(sign: str) -> None:
+    assert at_rest(50.0, STOPPED, contact=False, reasons=("pose_stale", sign)) is Outcome.DRIVER
+    assert at_rest(50.0, ArmingState.FAULT, contact=False, reasons=(sign,)) is Outcome.DRIVER
+    assert at_rest(50.0, STOPPED, contact=True, reasons=(sign,)) is Outcome.CONTACT
 
 
 def test_rolling_back_is_no_rest() -> None:
@@ -91,7 +106,7 @@ def ends(
     for tick in range(round(300.0 / TICK)):
         rested = tick * TICK
         speed = 1.0 if moving(rested) else 0.0
-        outcome = watch.step(AT_REST_FROM + rested, speed, station, state, False, lambda: ahead(rested))  # noqa: B023
+        outcome = watch.step(AT_REST_FROM + rested, speed, station, state, (), False, lambda: ahead(rested))  # noqa: B023
         if outcome is not None:
             return rested, outcome
     return math.inf, None

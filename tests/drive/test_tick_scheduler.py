@@ -237,6 +237,29 @@ def test_a_loop_that_is_always_too_slow_is_an_overrun():
     assert first < 2 * OVERRUN_WINDOW
 
 
+def test_a_tick_that_is_30_ms_late_every_third_time_is_an_overrun_within_a_second():
+    """The loop is not run for 30 ms before every third tick, as where another program has its processor."""
+    stalls = [(1.0 + 0.08 * k, 0.045) for k in range(36)]
+    run = drive(Stream(duration=4.0), stalls)
+    check(run)
+    skipped = [now for now, begun in run.begins if begun.missed]
+    assert max(begun.missed for _, begun in run.begins) == 1
+    first = next(now for now, begun in run.begins if begun.faults)
+    assert skipped[0] < first < skipped[0] + 1.0
+    counts = [sum(one[1].missed > 0 for one in run.begins[i : i + OVERRUN_WINDOW]) for i in range(len(run.begins))]
+    assert max(counts) < OVERRUN_LIMIT, "the short window alone would say nothing"
+
+
+def test_a_fifth_of_the_last_second_is_the_limit():
+    """Counted by hand: a skip before every fifth of fifty ticks is one, before every sixth none."""
+    for every, said in ((5, True), (6, False)):
+        scheduler, now, faults = TickScheduler(0.0, PERIOD), 0.0, set()
+        for number in range(300):
+            now = max(scheduler.wait_until(), now) + (PERIOD if number % every == 0 else 0.0)
+            faults |= set(scheduler.begin(now).faults)
+        assert bool(faults) is said
+
+
 def test_one_slow_tick_now_and_then_is_none():
     run = drive(Stream(duration=6.0), [(1.0 + 0.5 * k, 0.045) for k in range(8)])
     check(run)

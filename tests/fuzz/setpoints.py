@@ -24,7 +24,8 @@ from typing import Final
 from tests.fuzz.invariant import hold
 from vve_sumo.wire import setpoints
 from vve_sumo.wire.datagrams import SetpointDatagram, Wrong, encode_setpoint
-from vve_sumo.wire.setpoints import TAG, SetpointInbox, signed
+from vve_sumo.wire.setpoints import SetpointInbox
+from vve_sumo.wire.signature import TAG, signed
 
 INPUTS: Final = 1000  # of a run
 PERIOD: Final = 0.02

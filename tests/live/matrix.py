@@ -13,19 +13,18 @@ from typing import Final, NamedTuple
 
 from tests import vehicles
 from tests.conftest import REPOSITORY
-from vve_sumo.live.gateway import MAX_STEP_INTERVAL
+from vve_sumo.timing import MAX_REPORT_AGE, NOTICED, PERIOD, SETPOINT_LIFETIME
 from vve_sumo.vehicle.limits import Limits
 
-PERIOD: Final = 0.020
 #: the injected faults begin so long after the car first moves, at about 4.7 m/s; the others at this speed
 AT: Final = 3.0
 SPEED: Final = 4.4
 
 # From the fault to the moment at which whoever stops the car knows of it.
-STEP: Final = MAX_STEP_INTERVAL * PERIOD  # the gateway looks at what it was told
-EXPIRY: Final = 0.100 + STEP  # the last setpoint is acted on to its end
+STEP: Final = NOTICED  # the gateway looks at what it was told
+EXPIRY: Final = SETPOINT_LIFETIME + STEP  # the last setpoint is acted on to its end
 FIX: Final = 0.150 + PERIOD + STEP  # a fix that counts is too old, a tick says so
-REPORT: Final = 0.100 + STEP  # a report is too old
+REPORT: Final = MAX_REPORT_AGE + STEP  # a report is too old
 WRITE: Final = 0.200 + STEP  # the recorder tries to write, and says that it could not
 #: faults that are ridden through in one drive come one after the other, so long each [s]
 EACH: Final = 3.0
@@ -199,6 +198,11 @@ MATRIX: Final = (
     Row(
         "latency_budget", "ticks keep their time, but take longer than the rig's budget", Right.REST,
         ("latency_budget",), GATEWAY, 0.320 + STEP, controller="slowish", budget_ms=10.0,
+    ),
+    Row(
+        # The thirteenth within a second, and two ticks in which the gateway answers.
+        "late_thirds", "every third tick takes 30 ms, within the rig's budget", Right.REST, ("latency_budget",),
+        GATEWAY, 13 * 3 * PERIOD + 2 * PERIOD + STEP, first=("overrun",), controller="limping",
     ),
     Row(
         "geofence_breach", "the controller steers off the path, towards a pole in the lot", Right.REST,

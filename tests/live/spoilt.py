@@ -72,6 +72,17 @@ def _busy(duration: float) -> Spoiling:
     return spoil
 
 
+class _Limp:
+    """Takes its time for every third tick."""
+
+    def __init__(self) -> None:
+        self._number = 0
+
+    def __call__(self, answer: ControlCommand) -> ControlCommand:
+        self._number += 1
+        return _busy(0.030)(answer) if self._number % 3 == 0 else answer
+
+
 def _weave(answer: ControlCommand) -> ControlCommand:
     return replace(answer, steering=WEAVE * math.sin(math.tau * time.monotonic() / WEAVES_IN))
 
@@ -81,6 +92,7 @@ not_a_number = _maker(lambda answer: replace(answer, acceleration=math.nan))
 hanging = _maker(_hang)
 slow = _maker(_busy(0.030))
 slowish = _maker(_busy(0.012))
+limping = _maker(_Limp())
 wandering = _maker(lambda answer: replace(answer, steering=-WANDER), 3.0)
 weaving = _maker(_weave, 3.5)
 braking = _maker(lambda answer: replace(answer, acceleration=min(answer.acceleration, -BRAKES)))

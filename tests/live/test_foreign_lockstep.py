@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import shutil
 import socket
 import subprocess
@@ -90,6 +91,56 @@ def test_minimal_brains_of_both_languages_drive_the_same(tmp_path: Path) -> None
         with running(_commands(program, tmp_path, ports), ports[1]):
             records.append(_driven(tmp_path, program.replace(".", "_"))[0])
     assert records[0] == records[1]
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "stop_for_parked.py",
+        "minimal.py",
+        pytest.param("minimal.c", marks=pytest.mark.skipif(CC is None, reason="needs a C compiler")),
+    ],
+)
+def test_a_brain_with_the_key_drives_and_one_without_it_is_not_heard(program: str, tmp_path: Path) -> None:
+    ports = write_rig(tmp_path, deadline=1.0)
+    rig = (tmp_path / "foreign.toml").read_text(encoding="utf-8")
+    (tmp_path / "foreign.toml").write_text(rig.replace("[brain]\n", '[brain]\nkey_file = "key"\n'), encoding="utf-8")
+    (tmp_path / "key").write_text(random.Random(1).randbytes(32).hex() + "\n", encoding="ascii")
+    (tmp_path / "other").write_text(random.Random(2).randbytes(32).hex() + "\n", encoding="ascii")
+    words = _commands(program, tmp_path, ports)
+    with running([*words, *_key(program, tmp_path / "key")], ports[1]):
+        assert _driven(tmp_path, "one")[1] > 3.0, "the brain did not drive"
+    for number, unsigned in enumerate((words, [*words, *_key(program, tmp_path / "other")])):
+        with running(unsigned, ports[1]):
+            refused = command("drive", "parked_car", *SHORT, "--out", f"none_{number}", cwd=tmp_path)
+        assert refused.returncode == 3
+        # It believes nothing that it hears, and says nothing.
+        assert "the brain does not answer" in refused.stderr
+        assert "start it before the drive" in refused.stderr
+
+
+def _key(program: str, file: Path) -> list[str]:
+    return [str(file)] if program.startswith("minimal") else ["--key", str(file)]
+
+
+def test_a_stray_datagram_before_the_brain_does_not_lock_it_out(tmp_path: Path) -> None:
+    ports = write_rig(tmp_path)
+    words = _commands("minimal.py", tmp_path, ports)
+    over = threading.Event()
+
+    def stray() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            while not over.wait(0.002):  # from before the port is open: the first that it hears
+                stranger.sendto(b"whoever is there", ("127.0.0.1", ports[2]))
+
+    thread = threading.Thread(target=stray)
+    thread.start()
+    try:
+        with running(words, ports[1]):
+            assert _driven(tmp_path, "one")[1] > 3.0, "the brain did not drive"
+    finally:
+        over.set()
+        thread.join()
 
 
 def test_brain_that_is_not_there_is_one_line_and_no_record(tmp_path: Path) -> None:

@@ -26,14 +26,13 @@ from vve_sumo.live import signals
 from vve_sumo.live.channel import ALIVE
 from vve_sumo.live.gateway import (
     DBW_SILENCE_LIMIT,
-    MAX_STEP_INTERVAL,
-    MIN_STEP_INTERVAL,
     Inbox,
     dbw_is_gone,
     next_step_time,
 )
 from vve_sumo.live.priority import NEVER_KILLED
 from vve_sumo.record.reader import read_table
+from vve_sumo.timing import MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.dataspeed import codec
@@ -135,10 +134,12 @@ def test_acts_come_in_their_order_and_stop_before_all_others(acts):
     inbox = Inbox()
     for act in acts:
         inbox.take_from_console(b"prose" if act is None else link.encode_operator_command(act))
-    stops = any(act in (OperatorCommand.STOP, None) for act in acts)
+    operators = any(act in (OperatorCommand.STOP, None) for act in acts)
+    stops = operators or OperatorCommand.STOP_BY_PAGE in acts
     assert inbox.fresh is stops
     taken = [inbox.take().act for _ in range(len(acts) + 1)]
-    assert taken == ([OperatorCommand.STOP] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
+    stop = OperatorCommand.STOP if operators else OperatorCommand.STOP_BY_PAGE
+    assert taken == ([stop] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
 
 
 def test_a_stop_asked_for_again_and_again_is_urgent_once():

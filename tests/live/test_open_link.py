@@ -30,7 +30,7 @@ def test_a_view_of_lockstep_has_the_projection_and_the_offset_of_the_map() -> No
         view = {"kind": "osi_view", "udp": f"127.0.0.1:{end.getsockname()[1]}"}
         (table["brain"]["port"],) = free_ports(1)
         table["outputs"].append(view)
-        link = open_link(parse(table, Path("rig.toml")), resolved)
+        link = open_link(parse(table, Path("rig.toml")), resolved, b"")
         try:
             link.send(sample(0.0))
             truth = SensorView.FromString(end.recv(65_535)).global_ground_truth

@@ -18,8 +18,9 @@ from vve_sumo.drive.brain import Publisher, virtual_placement
 from vve_sumo.frames import Mounting, local_frame
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.outputs import LATE, Outputs, Wire
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, Point, Pose
-from vve_sumo.wire.sample import NO_SCAN, TICK, Measured, Sample, no_fix, sequence_of
+from vve_sumo.wire.sample import NO_SCAN, Measured, Sample, no_fix, sequence_of
 from vve_sumo.wire.sample_codec import pack
 
 pytestmark = pytest.mark.live
@@ -65,8 +66,8 @@ def running(echo: Echo) -> Iterator[tuple[Channel, float, Outputs]]:
 def ticks(drive: Channel, t0: float, numbers: Sequence[int], late: Callable[[int], float]) -> None:
     """Hand over the samples of these ticks, each so much after its time [s]."""
     for number in numbers:
-        time.sleep(max(t0 + number * TICK + late(number) - time.monotonic(), 0.0))
-        now = number * TICK
+        time.sleep(max(t0 + number * PERIOD + late(number) - time.monotonic(), 0.0))
+        now = number * PERIOD
         drive.send(pack(Sample(sequence_of(now), now, now, None), actors=False))
 
 
@@ -118,7 +119,7 @@ def test_sequences_rise_whatever_the_phase_of_the_receiver(phase: float, jitter:
     """Ticks that keep to a receiver's clock, which is off from ours and estimated with jitter."""
     sent: list[int] = []
     publisher = Publisher(lambda sample: sent.append(sample.sequence), PLACEMENT, 0.0)
-    times = [5.0 + phase + number * TICK + early for number, early in enumerate(jitter)]
+    times = [5.0 + phase + number * PERIOD + early for number, early in enumerate(jitter)]
     for now in times:
         publisher.publish(now, None, ())
     assert all(later > earlier for earlier, later in pairwise(sent))
@@ -126,5 +127,5 @@ def test_sequences_rise_whatever_the_phase_of_the_receiver(phase: float, jitter:
 
 
 def test_a_tick_has_the_sequence_of_its_number() -> None:
-    assert [sequence_of(number * TICK) for number in range(10_000)] == list(range(1, 10_001))
+    assert [sequence_of(number * PERIOD) for number in range(10_000)] == list(range(1, 10_001))
     assert [sequence_of(time) for time in (-1.0, 0.0, 0.019, 0.0201)] == [1, 1, 1, 2]

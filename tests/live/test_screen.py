@@ -26,6 +26,7 @@ from vve_sumo.live.wording import (
     NEEDED,
     NEVER,
     PARKED,
+    ROLLS,
     SILENT,
     Guard,
     advice,
@@ -133,7 +134,7 @@ def test_a_gateway_that_says_nothing_or_is_gone_is_an_alarm_whatever_it_said_las
     for said in (DRIVING, stopping("stop_asked"), DRIVING | {"state": "stopped"}, DRIVING | {"state": "ready"}):
         silent, gone = (phase(said | {"gateway": guard.value}) for guard in (Guard.SILENT, Guard.GONE))
         assert (silent, gone) == ("gateway silent: brake", "gateway gone: brake")
-    assert {SILENT, GONE, BRAKES, BRAIN_SILENT, BRAIN_GONE} == ALARMS
+    assert {SILENT, GONE, BRAKES, ROLLS, BRAIN_SILENT, BRAIN_GONE} == ALARMS
     assert "any key" not in "\n".join(picture(DRIVING | {"gateway": "silent"})).lower()
     assert "watchdog" in advice(DRIVING | {"gateway": "silent"})
 
@@ -142,7 +143,17 @@ def test_brakes_that_do_not_answer_are_an_alarm_until_rest_or_the_driver():
     assert phase(stopping("brake_not_following")) == phase(DRIVING | {"reasons": ["brake_not_following"]}) == BRAKES
     assert "BRAKES DO NOT ANSWER: BRAKE" in picture(stopping("brake_not_following"))[0]
     assert phase(DRIVING | {"state": "stopped", "reasons": ["brake_not_following"]}) not in ALARMS
+    rolls = ["brake_not_following", "driver_needed"]
+    assert phase(DRIVING | {"state": "stopped", "reasons": rolls}) == BRAKES
     assert phase(DRIVING | {"state": "fault", "reasons": ["driver_override", "brake_not_following"]}) == CONTROL
+
+
+def test_a_car_that_its_driver_took_over_and_nobody_brakes_is_an_alarm():
+    taken = DRIVING | {"state": "fault", "reasons": ["driver_override", "driver_needed"]}
+    assert phase(taken) == ROLLS
+    assert "BRAKE" in picture(taken)[0]
+    assert "shift to P" in advice(taken)
+    assert phase(taken | {"gateway": "ended"}) not in ALARMS
 
 
 def test_at_rest_and_in_a_fault_it_says_what_to_do():
@@ -330,3 +341,9 @@ def test_a_pipe_that_nobody_reads_or_holds_does_not_hold_the_drive_up():
         os.close(reading)
         screen.show(DRIVING)
         screen.close()
+
+
+def test_a_stop_over_the_page_is_not_called_the_operators() -> None:
+    said = transition(DRIVING | {"state": "stopping", "reasons": ["stop_asked_by_page"]})
+    assert "STOPPING: somebody asked to stop over the page in a browser" in said
+    assert "operator" not in said

@@ -11,11 +11,13 @@ from collections.abc import Callable
 
 import pytest
 
-from vve_sumo.live.brain_link import ChannelLink
+from tests.live.stage import free_ports
+from vve_sumo.live.brain_link import ChannelLink, open_setpoints
 from vve_sumo.live.channel import pair
-from vve_sumo.pose.sources import open_udp
-from vve_sumo.wire.datagrams import SetpointDatagram, encode_setpoint
+from vve_sumo.rig.schema import Brain
+from vve_sumo.wire.datagrams import RadarDatagram, SetpointDatagram, encode_radar, encode_setpoint
 from vve_sumo.wire.setpoints import SetpointInbox
+from vve_sumo.wire.signature import signed
 
 HERE = "127.0.0.1"
 
@@ -23,10 +25,11 @@ HERE = "127.0.0.1"
 class Bench:
     """A link as a live drive has it, its inbox, and two programs that send to it."""
 
-    def __init__(self) -> None:
-        self._source = open_udp(HERE, 0, None, "brain")
+    def __init__(self, key: bytes = b"") -> None:
+        (port,) = free_ports(1)
+        self._source = open_setpoints(Brain(kind="setpoints", port=port), key)
         ours, self._theirs = pair()
-        self.link, self.inbox = ChannelLink(ours, self._source, 0.0, actors=False), SetpointInbox(0.0)
+        self.link, self.inbox = ChannelLink(ours, self._source, 0.0, actors=False), SetpointInbox(0.0, key)
         self.inbox.asked(7)
         with socket.socket(fileno=socket.dup(self._source.fileno())) as same:
             self._port = same.getsockname()[1]
@@ -68,6 +71,40 @@ def test_a_strangers_setpoint_is_refused_and_found(bench: Bench) -> None:
     assert bench.link.faults() == ("setpoint_two_senders",)
     bench.send(bench.brain, _setpoint(2, -2.0))
     assert bench.inbox.taken == 2, "the brain is still heard"
+
+
+@pytest.mark.parametrize(
+    "junk",
+    [
+        b"",
+        b"hello",
+        b"\0" * 44,
+        encode_setpoint(SetpointDatagram(1, 7, 0.0, 0.1, 0.0, 2.0))[:-1] + b"\0",
+        encode_radar(RadarDatagram(1, 0.0, 0.1, 0.0, 0.0, 0.0, ())),
+    ],
+    ids=["empty", "short", "zeros", "torn", "radar"],
+)
+def test_what_is_no_setpoint_makes_nobody_the_brain(bench: Bench, junk: bytes) -> None:
+    bench.send(bench.stranger, junk)
+    bench.send(bench.brain, _setpoint(1, -1.0))
+    assert bench.inbox.taken == 1, "the brain is heard"
+    assert bench.link.faults() == ()
+    bench.send(bench.stranger, junk)
+    assert bench.link.faults() == ("setpoint_two_senders",)
+    assert sum(bench.inbox.counts.values()) <= 1, "once there is a brain, nothing of a stranger is looked at"
+
+
+def test_with_a_key_only_a_signed_setpoint_makes_its_sender_the_brain() -> None:
+    bench = Bench(b"secret")
+    try:
+        for forged in (_setpoint(1, 2.0), signed(_setpoint(1, 2.0), b"other")):
+            bench.send(bench.stranger, forged)
+        assert bench.inbox.counts == {"setpoint_forged": 2}
+        bench.send(bench.brain, signed(_setpoint(1, -1.0), b"secret"))
+        assert bench.inbox.taken == 1
+        assert bench.link.faults() == ()
+    finally:
+        bench.close()
 
 
 @pytest.mark.parametrize(

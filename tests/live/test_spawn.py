@@ -54,6 +54,20 @@ def test_what_a_process_says_goes_to_its_log(tmp_path):
     assert ours.closed
 
 
+def test_a_descriptor_that_is_to_be_inherited_stays_open_until_the_process_ends(tmp_path):
+    ours, theirs = pair()
+    reading, writing = os.pipe()
+    process = start("recorder", config(tmp_path / "r"), {"drive": theirs}, inherited=(writing,))
+    os.close(writing)
+    os.set_blocking(reading, False)
+    with pytest.raises(BlockingIOError):
+        os.read(reading, 1)  # which the other process still could write
+    ours.close()
+    assert process.wait(30.0) == 0
+    assert os.read(reading, 1) == b"", "nobody has it open any more"
+    os.close(reading)
+
+
 @pytest.mark.parametrize("own", [False, True])
 def test_a_session_of_its_own_where_asked(tmp_path, own):
     ours, theirs = pair()

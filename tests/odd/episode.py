@@ -12,8 +12,9 @@ from typing import Final
 from tests.odd.ego import Manoeuvre, OddEgo, plan
 from tests.odd.judge import Memory, judge
 from tests.vehicles import FUSION
-from vve_sumo.drive.resolved_scenario import PERIOD, read_path
+from vve_sumo.drive.resolved_scenario import read_path
 from vve_sumo.geometry import Box
+from vve_sumo.timing import PERIOD
 from vve_sumo.world.network import read_network
 from vve_sumo.world.world import World
 

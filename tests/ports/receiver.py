@@ -30,6 +30,7 @@ import pytest
 from pydantic import ValidationError
 
 from vve_sumo.pose.receivers.port import FixDecoder, FrameBus, OpenBus, Receiver, ReceiverTable, load
+from vve_sumo.pose.receivers.udp import UdpReceiver
 from vve_sumo.pose.trust import TrustGate
 from vve_sumo.values import Fix, FixQuality
 
@@ -185,6 +186,16 @@ class ReceiverConformance:
         _trusted(self.receiver(), self.fixes(list(zip(arrivals, muddled, strict=True))))
 
     # --- the wire ----------------------------------------------------------------------------------------------------
+
+    def test_over_udp_a_datagram_of_the_receiver_is_told_from_others(self) -> None:
+        table = self.configured()
+        if not isinstance(table, UdpReceiver):
+            return
+        assert all(table.recognises(data) for _received, data in self.portions() if data)
+        assert not table.recognises(b"")
+        if type(table).recognises is not UdpReceiver.recognises:
+            chance = random.Random(1)
+            assert not any(table.recognises(chance.randbytes(size)) for size in range(1, 300))
 
     def test_what_is_sent_arrives(self, tmp_path: Path) -> None:
         sent = [data for _received, data in self.portions()[:OPENED]]

@@ -8,6 +8,7 @@ import math
 import os
 import pty
 import socket
+import time
 import tomllib
 import tty
 from collections.abc import Iterator
@@ -31,6 +32,7 @@ from vve_sumo.rig.resolve import receiver_of
 from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.values import Frame
 
+TODAY = datetime.date(2026, 5, 1)
 TOY = Path(__file__).parent / "toy" / "csv_udp.py"
 DELAY = 0.01
 CAR = {"minimum_delay_ms": 10.0}
@@ -246,7 +248,7 @@ def test_a_key_that_somebody_s_own_receiver_lacks_is_one_line() -> None:
 
 
 def test_no_car_is_armed_on_a_recording() -> None:
-    assert "recording" in str(arming_obstacle(parse(a_rig(kind="file", file="a.ncom"), Path("mine.toml"))))
+    assert "recording" in str(arming_obstacle(parse(a_rig(kind="file", file="a.ncom"), Path("mine.toml")), TODAY))
 
 
 @pytest.mark.parametrize(
@@ -271,3 +273,24 @@ def test_what_is_no_receiver_is_one_line(tmp_path: Path, lines: str, said: str) 
         load(f"{file}:make")
     assert str(refused.value).startswith(f"receiver {file}:make: ")
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("kind", "portions"), [("ncom_udp", as_ncom), ("nmea_udp", as_nmea)])
+def test_a_stray_datagram_before_the_receiver_does_not_lock_it_out(kind: str, portions: Any) -> None:
+    with udp_far_end() as far:
+        more = SIGMAS if kind == "nmea_udp" else {}
+        table = load(kind)(kind=kind, minimum_delay_ms=10.0, port=far.changes["port"], **more)
+        source = table.open(no_bus)
+        try:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+                stranger.sendto(b"whoever is there", ("127.0.0.1", far.changes["port"]))
+                for _received, data in portions()[:3]:
+                    far.write(data)
+                time.sleep(0.05)
+                arrived = [data for _stamp, data in source.receive()]
+                assert arrived[1:] == [data for _received, data in portions()[:3]]
+                assert source.found() == ()
+                name = f"127.0.0.1:{stranger.getsockname()[1]}"
+                assert source.sender_report()["refused"] == {name: 1}
+        finally:
+            source.close()

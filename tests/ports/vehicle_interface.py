@@ -138,7 +138,7 @@ class VehicleInterfaceConformance:
         assert 0.0 < facts.wheel_rate_limit < math.inf
         assert PERIOD < facts.command_timeout < math.inf
         assert facts.title
-        assert facts.when_commands_stop
+        assert facts.when_commands_stop.words
 
     # Out.
 

@@ -13,7 +13,7 @@ from vve_sumo.controller import Guarded
 from vve_sumo.drive.assembly import sensors_of
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement, wrap_angle
-from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.dating import FixDater
 from vve_sumo.pose.ncom import Decoder, Encoder, pack
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
@@ -78,7 +78,7 @@ def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[t
         vehicle=resolved.vehicle,
         path=resolved.path,
         desired_speed=speed,
-        clock=Clock(EPOCH, 0.01),
+        dater=FixDater(0.01, EPOCH),
         epoch=EPOCH,
     )
     encoder, places, refused = Encoder(), [], []

@@ -21,7 +21,7 @@ def test_at_most_one_sender_is_ever_taken_and_every_other_datagram_is_counted_an
     senders, now, taken = Senders(source), 0.0, []
     for address, port, passed in datagrams:
         now += passed
-        accepted = senders.accepts(now, (address, port))
+        accepted = senders.accepts(now, (address, port), b"x")
         if accepted:
             taken.append((address, port))
         else:
@@ -35,9 +35,22 @@ def test_at_most_one_sender_is_ever_taken_and_every_other_datagram_is_counted_an
 
 def test_the_receiver_is_taken_after_strangers_spoke():
     senders = Senders(SOURCE)
-    assert not senders.accepts(0.0, ("10.0.0.1", 3000))
-    assert senders.accepts(0.1, (SOURCE, 3000))
+    assert not senders.accepts(0.0, ("10.0.0.1", 3000), b"x")
+    assert senders.accepts(0.1, (SOURCE, 3000), b"x")
     assert senders.sender_report() == {"sender": f"{SOURCE}:3000", "refused": {"10.0.0.1:3000": 1}}
+
+
+def test_who_sends_what_no_receiver_sends_is_not_the_receiver():
+    senders = Senders(SOURCE, lambda data: data == b"fix")
+    assert senders.accepts(0.0, (SOURCE, 1), b"junk"), "its decoder says what is wrong"
+    assert senders.found(0.0) == ()
+    assert senders.accepts(0.1, (SOURCE, 2), b"junk")
+    assert senders.accepts(0.2, (SOURCE, 2), b"fix")
+    assert senders.sender_report() == {"sender": f"{SOURCE}:2", "refused": {f"{SOURCE}:1": 1}}
+    assert senders.accepts(0.3, (SOURCE, 2), b"junk"), "damage on the way makes nobody another one"
+    assert not senders.accepts(0.4, (SOURCE, 1), b"fix")
+    assert senders.found(0.4) == ("pose_two_senders",)
+    assert senders.sender_report()["refused"] == {f"{SOURCE}:1": 2}
 
 
 @pytest.mark.parametrize(
@@ -45,16 +58,16 @@ def test_the_receiver_is_taken_after_strangers_spoke():
 )
 def test_another_port_is_told_from_another_address(sender, code):
     senders = Senders(SOURCE)
-    assert senders.accepts(0.0, (SOURCE, 3000))
-    assert not senders.accepts(1.0, sender)
+    assert senders.accepts(0.0, (SOURCE, 3000), b"x")
+    assert not senders.accepts(1.0, sender, b"x")
     assert senders.found(1.0 + STANDS) == (code,)
-    assert senders.accepts(1.1, (SOURCE, 3000)), "the receiver is heard on"
+    assert senders.accepts(1.1, (SOURCE, 3000), b"x"), "the receiver is heard on"
 
 
 def test_a_flood_from_everywhere_takes_no_more_room_than_a_few_names():
     senders = Senders(SOURCE)
     for number in range(10_000):
-        senders.accepts(0.0, (f"10.0.{number // 256}.{number % 256}", 5))
+        senders.accepts(0.0, (f"10.0.{number // 256}.{number % 256}", 5), b"x")
     refused = senders.sender_report()["refused"]
     assert len(refused) == MAX_NAMED + 1
     assert sum(refused.values()) == 10_000

@@ -75,6 +75,11 @@ def test_a_brain_that_is_not_known_or_not_heard_is_refused(brain: dict[str, Any]
         ([RADAR | {"udp": "127.0.0.1:5003"}], "outputs.0.udp: 127.0.0.1:5003 is where brain listens"),
         ([RADAR | {"udp": "localhost:5002"}], "expected an IPv4 address and a port"),
         ([RADAR | {"udp": "127.0.0.1:0"}], "port 0 is none"),
+        *(
+            ([RADAR | {"udp": f"{all_of_them}:5002"}], f"outputs.0.udp: {all_of_them} is everyone's, expected")
+            for all_of_them in ("0.0.0.0", "224.0.0.1", "239.255.7.7", "255.255.255.255")
+        ),
+        ([RADAR, {"kind": "ncom", "tcp": "0.0.0.0:5001"}], "outputs.1.tcp: 0.0.0.0 is everyone's"),
         ([RADAR | {"host": "bus"}], "host says nothing for kind 'radar'"),
         ([RADAR, *2 * [{"kind": "nmea", "device": "/dev/ttyS1"}]], "outputs.2.device: /dev/ttyS1 is the line of"),
         ([RADAR, {"kind": "nmea", "device": "pty"}], "outputs.1.device: pty is the line of bus"),

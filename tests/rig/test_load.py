@@ -21,6 +21,8 @@ SIMULATED = REPOSITORY / "rigs" / "simulated.toml"
 EXAMPLE = REPOSITORY / "rigs" / "fusion_example.toml"
 DAY = datetime.date(2026, 5, 1)
 WATCHDOG = {"date": DAY, "armed": True, "deceleration_mps2": 2.5, "delay_s": 0.2}
+#: the same where the watchdog did not brake
+ROLLED = WATCHDOG | {"armed": False, "deceleration_mps2": 0.3}
 NMEA_UDP = {"kind": "nmea_udp", "velocity_sigma_mps": 0.05, "heading_sigma_deg": 0.2, "minimum_delay_ms": 20.0}
 HEARD_BY_ALL = {"kind": "ncom_udp", "address": "0.0.0.0", "source": "127.0.0.1", "minimum_delay_ms": 10.0}
 #: an approximate square of 220 m, one of its corners being the first
@@ -62,7 +64,7 @@ def put(place: str, value: object) -> Change:
 def test_the_twin_is_ready_and_commands_nothing_real() -> None:
     rig = load(SIMULATED)
     assert rig.car == "simulated"
-    assert arming_obstacle(rig) is None
+    assert arming_obstacle(rig, DAY) is None
     assert rig.operator.automatic
 
 
@@ -122,15 +124,15 @@ def test_a_receiver_on_the_network_is_named_and_one_on_the_loopback_need_not_be(
 
 
 def test_the_example_with_a_survey_may_shadow_but_not_arm() -> None:
-    refusal = arming_obstacle(parse(real(), EXAMPLE))
+    refusal = arming_obstacle(parse(real(), EXAMPLE), DAY)
     assert refusal is not None
     assert refusal.startswith("watchdog_test is missing")
     table = real() | {"watchdog_test": WATCHDOG}
-    assert arming_obstacle(parse(table, EXAMPLE)) is None
-    table["watchdog_test"] = WATCHDOG | {"armed": False}
-    assert arming_obstacle(parse(table, EXAMPLE)) is None, "armed or not, it was tried"
+    assert arming_obstacle(parse(table, EXAMPLE), DAY) is None
+    table["watchdog_test"] = ROLLED
+    assert arming_obstacle(parse(table, EXAMPLE), DAY) is None, "armed or not, it was tried"
     played = real() | {"watchdog_test": WATCHDOG, "pose": {"kind": "file", "file": "a.ncom"}}
-    assert "recording" in str(arming_obstacle(parse(played, EXAMPLE)))
+    assert "recording" in str(arming_obstacle(parse(played, EXAMPLE), DAY))
 
 
 def test_a_rig_survives_its_record() -> None:
@@ -159,6 +161,24 @@ def test_a_rig_survives_its_record() -> None:
         (put("limits.speed_mps", float("inf")), "limits.speed_mps: "),
         (put("limits.speed_mps", "8"), "limits.speed_mps: "),
         (put("limits.stop_deceleration_mps2", -2.4), "limits.stop_deceleration_mps2: "),
+        (put("limits.comfort_deceleration_mps2", 50.0), "limits.comfort_deceleration_mps2: "),
+        (put("limits.comfort_acceleration_mps2", 50.0), "limits.comfort_acceleration_mps2: "),
+        (put("limits.lateral_acceleration_mps2", 100.0), "limits.lateral_acceleration_mps2: "),
+        (put("limits.emergency_deceleration_mps2", 9.9), "limits.emergency_deceleration_mps2: "),
+        (put("limits.critical_deceleration_mps2", 9.9), "limits.critical_deceleration_mps2: "),
+        (put("limits.stop_jerk_mps3", 1000.0), "limits.stop_jerk_mps3: "),
+        (
+            put("watchdog_test", WATCHDOG | {"armed": False, "deceleration_mps2": 9.0, "delay_s": 0.001}),
+            "watchdog_test: deceleration_mps2: 9 m/s2 with armed = false, where nobody brakes; expected that of",
+        ),
+        (put("watchdog_test", WATCHDOG | {"deceleration_mps2": 9.9}), "watchdog_test.deceleration_mps2: "),
+        (
+            put("watchdog_test", WATCHDOG | {"delay_s": 0.099}),
+            "watchdog_test.delay_s: 0.099 s, but dataspeed_dbw1 waits 0.1 s for a command before anything happens",
+        ),
+        (put("watchdog_test", WATCHDOG | {"valid_days": 0}), "watchdog_test.valid_days: "),
+        (put("watchdog_test", WATCHDOG | {"records": "runs/a"}), "watchdog_test.records: "),
+        (put("lot.valid_days", 36500), "lot.valid_days: "),
         (put("limits.emergency_deceleration_mps2", 3.0), "limits: emergency deceleration must not be below"),
         (put("rehearse", []), "key 'rehearse' is now 'faults'"),
         (put("car", "hardware_free"), "car: expected 'real' or 'simulated', got 'hardware_free'"),
@@ -318,13 +338,30 @@ def test_what_no_simulated_vehicle_is_driven_with(change: Change, words: str) ->
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("car_end", [None, "vcan1"])
-def test_a_simulated_vehicle_may_be_on_vcan_or_on_a_card_of_its_own(car_end: str | None) -> None:
+def on_socketcan(channel: str, car_end: str | None, *, automatic: bool) -> dict[str, Any]:
     table = simulated()
-    table["bus"].update(interface="socketcan", channel="vcan0" if car_end is None else "can0")
+    table["bus"].update(interface="socketcan", channel=channel)
+    table["operator"]["automatic"] = automatic
     if car_end:
         table["car_start"]["channel"] = car_end
+    return table
+
+
+@pytest.mark.parametrize(("channel", "car_end"), [("vcan0", None), ("can0", "can1"), ("can0", "vcan1")])
+def test_a_simulated_vehicle_may_be_on_vcan_or_on_a_card_of_its_own(channel: str, car_end: str | None) -> None:
+    table = on_socketcan(channel, car_end, automatic=False)
     assert parse(table, SIMULATED).bus.interface == "socketcan"
+
+
+@pytest.mark.parametrize(("channel", "car_end"), [("can0", "can1"), ("can0", "vcan1"), ("vcan0", "can1")])
+def test_nobody_but_a_person_engages_over_a_cable(channel: str, car_end: str) -> None:
+    words = f"operator.automatic: a wrong cable on socketcan:{channel} would make it engage a real car"
+    assert said(on_socketcan(channel, car_end, automatic=True), lambda table: None).startswith(words)
+
+
+@pytest.mark.parametrize("car_end", [None, "vcan0", "vcan1"])
+def test_the_program_may_engage_by_itself_where_both_ends_are_virtual(car_end: str | None) -> None:
+    assert parse(on_socketcan("vcan0", car_end, automatic=True), SIMULATED).operator.automatic
 
 
 CAN1 = {"interface": "socketcan", "channel": "can1"}

@@ -43,7 +43,7 @@ def test_a_rig_that_says_nothing_of_its_car_has_the_fusion() -> None:
     plain = rig()
     assert resolve.vehicle_of(plain) == vehicles.FUSION.vehicle
     assert resolve.calibration_of(plain) == vehicles.FUSION.calibration
-    assert resolve.limits_of(plain) == Limits()
+    assert resolve.limits_of(plain) == Limits(speed=plain.limits.speed_mps)
     assert resolve.interface_of(plain) == DEFAULT
     assert resolve.steering_wheel_bias_of(plain) == 0.0
 
@@ -82,7 +82,7 @@ def test_every_declared_quantity_has_its_key() -> None:
     limits = {field.name for field in dataclasses.fields(Limits)} - {"comfort", "emergency"}
     for prefix, nested in (("comfort", Envelope), ("emergency", EmergencyBraking)):
         limits |= {f"{prefix}_{field.name}" for field in dataclasses.fields(nested)}
-    assert bare(list(LimitsTable.model_fields)) == limits | {"speed"}
+    assert bare(list(LimitsTable.model_fields)) == limits
 
 
 def test_units_and_signs() -> None:
@@ -112,9 +112,10 @@ def test_units_and_signs() -> None:
 
 
 def test_a_heavier_car_gets_a_brake_gain_in_proportion_unless_it_was_measured() -> None:
-    doubled = resolve.calibration_of(rig(vehicle={"mass_kg": 3380.0}))
+    heavy = {"vehicle": {"mass_kg": 3380.0}, "limits": {"critical_deceleration_mps2": 2.9}}
+    doubled = resolve.calibration_of(rig(**heavy))
     assert doubled.brake_gain == pytest.approx(1100.0)
-    measured = resolve.calibration_of(rig(vehicle={"mass_kg": 3380.0}, calibration={"brake_gain_kgm": 900.0}))
+    measured = resolve.calibration_of(rig(**heavy, calibration={"brake_gain_kgm": 900.0}))
     assert measured.brake_gain == 900.0
 
 
@@ -205,10 +206,10 @@ def test_the_fence_counts_with_the_slope_and_the_tested_watchdog() -> None:
         return float(high_x - x)
 
     test = {"date": datetime.date(2026, 5, 1), "armed": True}
-    strong = first_refused(watchdog_test=test | {"deceleration_mps2": 6.0, "delay_s": 0.05})
-    weak = first_refused(watchdog_test=test | {"deceleration_mps2": 1.5, "delay_s": 0.05})
-    assert weak - strong > 64.0 / 3.0 - 64.0 / 4.8 - 3.0
-    steep = first_refused(watchdog_test=test | {"deceleration_mps2": 6.0, "delay_s": 0.05}, lot={"grade_percent": 8.0})
+    strong = first_refused(watchdog_test=test | {"deceleration_mps2": 5.9, "delay_s": 0.1})
+    weak = first_refused(watchdog_test=test | {"deceleration_mps2": 1.5, "delay_s": 0.1})
+    assert weak - strong > 64.0 / 3.0 - 64.0 / 4.72 - 3.0
+    steep = first_refused(watchdog_test=test | {"deceleration_mps2": 5.9, "delay_s": 0.1}, lot={"grade_percent": 8.0})
     assert steep > strong + 3.0
 
 

@@ -14,9 +14,10 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.engine import SIZES
 from vve_sumo.scenario.schema import Actor, Scenario
 from vve_sumo.suite import catalogue, requirements
-from vve_sumo.suite.physics import DETECTION, TICK, Course, full_braking, gap_used, reaction_time
+from vve_sumo.suite.physics import DETECTION, Course, full_braking, gap_used, reaction_time
 from vve_sumo.suite.row import Row
 from vve_sumo.suite.track import loads
+from vve_sumo.timing import PERIOD
 from vve_sumo.world.proving_ground import TEST_TRACK
 
 KMH = 1.0 / 3.6
@@ -221,7 +222,7 @@ def test_targets_are_as_wide_as_cars():
 def test_what_braking_for_a_steady_car_needs_is_the_stopping_distance(speed, lead):
     needed = gap_used(full_braking(CAR, speed), Course(lead))
     delay = reaction_time(CAR)
-    assert delay >= DETECTION + TICK + CAR.brake_delay
+    assert delay >= DETECTION + PERIOD + CAR.brake_delay
     closed = laws.stopping_distance(speed - lead, CAR.deceleration_limit, delay, 2.0 * CAR.brake_lag)
     assert needed == pytest.approx(closed, abs=1e-3)
 

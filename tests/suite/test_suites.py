@@ -17,17 +17,17 @@ from tests.exhaustive import with_slow
 from vve_sumo import laws
 from vve_sumo.cli import main
 from vve_sumo.cli.suite import drive
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.reader import read_table
 from vve_sumo.suite import catalogue, table
-from vve_sumo.suite.physics import DETECTION, TICK, Need
+from vve_sumo.suite.physics import DETECTION, Need
 from vve_sumo.suite.query import SuiteQuery, driven_by
 from vve_sumo.suite.row import Approach, CutIn, Judged, Outcome, Row, Verdict
 from vve_sumo.suite.run import invalidity, judge, run
 from vve_sumo.suite.track import AEB, scenario, target
 from vve_sumo.sweep.engine import Local
 from vve_sumo.sweep.job import Result
+from vve_sumo.timing import PERIOD
 
 KMH = 1.0 / 3.6
 CAR = vehicles.FUSION.vehicle
@@ -154,7 +154,7 @@ def test_what_goes_wrong_is_told_apart(tmp_path):
     late = outcomes["late"]
     assert late.verdict is Verdict.UNAVOIDABLE
     # No car comes to less than with its brakes on from the first moment.
-    least = laws.impact_speed(late.approach_mps[0], ahead, 1.05 * CAR.deceleration_limit, TICK + CAR.brake_delay)
+    least = laws.impact_speed(late.approach_mps[0], ahead, 1.05 * CAR.deceleration_limit, PERIOD + CAR.brake_delay)
     latest = laws.impact_speed(late.approach_mps[1], ahead, CAR.deceleration_limit, DETECTION + 0.25)
     assert least < late.impact_mps < latest
 

@@ -18,7 +18,7 @@ from tests import vehicles
 from vve_sumo.controller import Controller, Guarded
 from vve_sumo.drive.lockstep import ScriptedOperator
 from vve_sumo.drive.pipeline import Pipeline
-from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.frames import Alignment, Placement, local_frame
 from vve_sumo.path import Path
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
@@ -29,6 +29,7 @@ from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.sensors.guarded import GuardedSensor
 from vve_sumo.sensors.radar_settings import RadarSettings
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, ArmingState, ControlCommand, Frame, GatewayStatus, Observation, Pose
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
+from vve_sumo import timing
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle import engagement, reports, setpoint_validation, standstill
+from vve_sumo.vehicle import engagement, reports, standstill
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, ENDING, Event
 from vve_sumo.vehicle.limits import COMFORT, EMERGENCY, Limits
 
@@ -48,8 +49,8 @@ def test_limits():
 
 def test_times():
     """The kit gives up after 100 ms; reports come at 50 Hz, the gear at 20 Hz, of which three may be lost."""
-    assert setpoint_validation.MAX_LIFETIME == reports.MAX_AGE == 0.1
-    assert reports.MAX_GEAR_AGE == 4 / 20
+    assert timing.SETPOINT_LIFETIME == timing.MAX_REPORT_AGE == 0.1
+    assert timing.MAX_GEAR_REPORT_AGE == 4 / 20
     assert reports.TOLERANCE == 1e-6
     assert (engagement.HANDSHAKE_TIME, engagement.SHIFT_TIME) == (0.4, 3.0)
     assert (standstill.REST_TIME, standstill.SATELLITE_REST_TIME) == (0.3, 3.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -16,11 +17,13 @@ from vehiclemodels.parameters_vehicle3 import parameters_vehicle3
 
 from tests.complaints import complaint_of
 from tests.conftest import REPOSITORY
+from tests.vehicle.van import TOY, van_file
 from tests.vehicles import FUSION, MKZ
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig
 from vve_sumo.vehicle.load import load, parse
 from vve_sumo.vehicle.model import SimulatedParameters, VehicleModel
 from vve_sumo.vehicle.schema import ASSUMED
@@ -119,6 +122,9 @@ def without(table: str, key: str) -> Change:
         ),
         (lambda t: t["simulated"]["sources"].update(track_m="assumed: "), "expected the reason after 'assumed: '"),
         (without("calibration", "sources"), "key 'calibration.sources' is missing"),
+        (lambda t: t.pop("drive_by_wire"), "key 'drive_by_wire' is missing"),
+        (without("drive_by_wire", "settings"), "key 'drive_by_wire.settings' is missing"),
+        (put("drive_by_wire", "interface", 3), "drive_by_wire.interface: expected a text in quotes, got 3"),
         (without("vehicle", "mass_kg"), "key 'vehicle.mass_kg' is missing"),
         (put("vehicle", "mass_lb", 3700.0), "unknown key 'vehicle.mass_lb', did you mean 'mass_kg'?"),
         (put("vehicle", "mass_kg", math.nan), "vehicle.mass_kg: "),
@@ -146,3 +152,17 @@ def test_a_file_that_is_no_toml_is_named(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("mass = ", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"vehicle .*mine\.toml: not TOML"):
         load(tmp_path / "mine.toml")
+
+
+def test_an_interface_beside_the_vehicles_file_is_found_from_anywhere(tmp_path: Path) -> None:
+    shutil.copy(TOY, tmp_path / "wire.py")
+    file = van_file(tmp_path, 'interface = "wire.py:make"\nsettings = { brake_nm = 6000.0 }')
+    assert load(file).interface == InterfaceConfig(f"{tmp_path / 'wire.py'}:make", {"brake_nm": 6000.0})
+    (tmp_path / "wire.py").unlink()
+    assert load(file).interface.name == f"{Path('wire.py').resolve()}:make", "else it is of the working folder"
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
+def test_a_shipped_vehicle_names_its_wire(file: Path) -> None:
+    assert "drive_by_wire" in tomllib.loads(file.read_text(encoding="utf-8"))
+    assert load(file).interface == DEFAULT

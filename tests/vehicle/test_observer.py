@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -63,17 +64,18 @@ class Watched:
         return self
 
 
-def test_a_drive_from_ready_to_its_end_with_the_car_in_drive_all_the_time():
+@pytest.mark.parametrize(("act", "reason"), [(Act.STOP, "stop_asked"), (Act.STOP_BY_PAGE, "stop_asked_by_page")])
+def test_a_drive_from_ready_to_its_end_with_the_car_in_drive_all_the_time(act, reason):
     """The brain's own command frames are no second writer's, and a car that stands in drive is enough for the end."""
     watched = Watched().driving()
-    assert watched.step(Act.STOP).state is S.STOPPING
+    assert watched.step(act).state is S.STOPPING
     assert watched.run(1.0).state is S.STOPPING  # the brain takes its time
     assert not watched.observer.done
     watched.car.speed = 0.0
     assert watched.run(1.0).state is S.STOPPED
     status = watched.run(1.5)
     assert (status.state, watched.observer.done) == (S.READY, True)
-    assert status.reasons[0] == "stop_asked"
+    assert status.reasons[0] == reason
 
 
 def test_every_fault_ends_the_drive_and_is_kept_as_its_reason():

@@ -23,9 +23,9 @@ from tests.live.command_line import begun, own_rig, vve_sumo
 from tests.live.patience import until
 from tests.live.records import SHORTER
 from tests.view.test_page import COLOURS
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.signals import Signals, read_signals
+from vve_sumo.timing import PERIOD
 
 # A browser that draws without a graphics card takes both cores, and would fail the drives of other tests.
 pytestmark = [pytest.mark.live, pytest.mark.alone]
@@ -217,7 +217,8 @@ def test_a_feed_that_stops_is_said_in_time(seen: Seen) -> None:
 
 
 def test_the_button_stops_the_car_without_a_feed(seen: Seen) -> None:
-    assert seen.summary["reasons"][0] == "stop_asked"
+    assert seen.summary["reasons"][0] == "stop_asked_by_page", "it is not recorded as the operator's"
+    assert seen.summary["outcome"] == "interrupted"
     assert "stopping" in seen.ticks["state"]
     assert "the gateway was asked to stop" in seen.unheard
     assert seen.stopped_after < 5.0

@@ -12,12 +12,14 @@ import sys
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from random import Random
 
 import pytest
 
 from tests.conftest import REPOSITORY
 from vve_sumo.wire import datagrams
 from vve_sumo.wire.datagrams import RadarDatagram, SetpointDatagram, Target
+from vve_sumo.wire.signature import signed
 
 BRAINS = REPOSITORY / "examples" / "brains"
 CC = shutil.which("cc") or shutil.which("gcc")
@@ -84,6 +86,51 @@ def test_header_refuses_a_number_that_is_none_wherever_it_is(place: int, none: f
     body[place : place + struct.calcsize(form)] = struct.pack(form, none)
     data = bytes(body) + struct.pack("<I", zlib.crc32(body))
     assert subprocess.run([round_trip], input=data, capture_output=True, check=False).returncode == 1
+
+
+SIGNER = """
+#include <string.h>
+#include "vve_wire.h"
+int main(int count, char **words) {
+    uint8_t data[4096], key[VVE_KEY];
+    if (count < 3 || !vve_read_key(words[2], key)) return 3;
+    size_t length = fread(data, 1, sizeof data - VVE_TAG, stdin);
+    length = strcmp(words[1], "sign") ? vve_without_tag(data, length, key) : vve_sign(data, length, key);
+    fwrite(data, 1, length, stdout);
+    return length == 0;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def signer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The program that signs what it reads, or takes a signature off."""
+    folder = tmp_path_factory.mktemp("c")
+    (folder / "signer.c").write_text(SIGNER, encoding="utf-8")
+    return _compiled(folder / "signer.c", folder)
+
+
+def _signer(program: Path, what: str, key: Path, data: bytes) -> bytes | None:
+    done = subprocess.run([program, what, key], input=data, capture_output=True, check=False)
+    assert done.returncode in (0, 1)
+    return done.stdout if done.returncode == 0 else None
+
+
+def test_header_signs_and_checks_as_python_does(signer: Path, tmp_path: Path) -> None:
+    chance = Random(5)
+    for length in (1, 43, 44, 52, 55, 56, 57, 63, 64, 65, 119, 120, 127, 128, 1000, 1076):
+        key, data = chance.randbytes(32), chance.randbytes(length)
+        (tmp_path / "key").write_text(key.hex() + "\n", encoding="ascii")
+        tagged = signed(data, key)
+        assert _signer(signer, "sign", tmp_path / "key", data) == tagged
+        assert _signer(signer, "check", tmp_path / "key", tagged) == data
+        bit = chance.randrange(8 * len(tagged))
+        forged = bytearray(tagged)
+        forged[bit // 8] ^= 1 << bit % 8
+        for other in (bytes(forged), tagged[:-1], data, signed(data, chance.randbytes(32))):
+            assert _signer(signer, "check", tmp_path / "key", other) is None
+    (tmp_path / "key").write_text("12 34", encoding="ascii")
+    assert subprocess.run([signer, "sign", tmp_path / "key"], input=b"", check=False).returncode == 3
 
 
 @contextlib.contextmanager

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vve_sumo.wire.datagrams import MAX_LIFETIME, SEQUENCES, SetpointDatagram, encode_setpoint
-from vve_sumo.wire.setpoints import FORGED, LATE, MAX_ANSWERED, REPLAYED, UNASKED, SetpointInbox, signed
+from vve_sumo.timing import SETPOINT_LIFETIME
+from vve_sumo.wire.datagrams import SEQUENCES, SetpointDatagram, encode_setpoint
+from vve_sumo.wire.setpoints import FORGED, LATE, MAX_ANSWERED, REPLAYED, UNASKED, SetpointInbox
+from vve_sumo.wire.signature import signed
 
 EPOCH = 998.0  #: GNSS second of drive time 0
 ASKED = SetpointDatagram(sequence=5, answers=100, time=1000.0, lifetime=0.08, steering=0.1, acceleration=-2.0)
@@ -66,7 +68,8 @@ def test_sequences_begin_again_after_the_greatest() -> None:
 
 @given(
     steps=st.lists(
-        st.tuples(st.floats(0.0, 0.2), st.integers(0, 3), st.booleans(), st.floats(0.001, MAX_LIFETIME)), max_size=30
+        st.tuples(st.floats(0.0, 0.2), st.integers(0, 3), st.booleans(), st.floats(0.001, SETPOINT_LIFETIME)),
+        max_size=30,
     )
 )
 def test_a_command_is_never_older_than_its_lifetime(steps: list[tuple[float, int, bool, float]]) -> None:

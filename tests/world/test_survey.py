@@ -145,3 +145,20 @@ def test_a_way_that_cannot_be_recorded_is_refused(linden, tmp_path, start, end, 
     with pytest.raises(ConfigError, match=message):
         record_path(linden, start, end, tmp_path / "path.csv", **options)
     assert not (tmp_path / "path.csv").exists()
+
+
+def test_a_path_that_the_car_cannot_follow_is_not_written(repository: Path, tmp_path: Path) -> None:
+    out = tmp_path / "way.csv"
+    network = repository / "networks" / "linden.net.xml"
+    assert isolated(_refused_for, network, out, 1.0 / 30.0).startswith(f"{network}: from {MAIN[0]} to {MAIN[1]}: at ")
+    assert not out.exists()
+    assert isolated(_refused_for, network, out, 1.0 / 5.0) == ""
+    assert out.exists()
+
+
+def _refused_for(network: Path, out: Path, tightest: float) -> str:
+    try:
+        record_path(network, *MAIN, out, tightest=tightest)
+    except ConfigError as error:
+        return str(error)
+    return ""

@@ -125,6 +125,10 @@ _Columns = Annotated[
 ]
 
 
+class _Fault(JsonModel):
+    kind: Text
+
+
 class Record(JsonModel):
     """What `scenario.json` says of a drive."""
 
@@ -137,6 +141,7 @@ class Record(JsonModel):
     settings: _Settings
     sensors: dict[str, _Columns]
     rig: _Rig | None = None
+    faults: Annotated[tuple[_Fault, ...], Field(strict=False)] = ()
 
 
 class _Code(JsonModel):
@@ -155,6 +160,7 @@ class _Doctor(JsonModel):
     verdict: Text = "none"
     date_utc: Text = ""
     caveats: Annotated[tuple[Text, ...], Field(strict=False)] = ()
+    override: Text | None = None
 
 
 class Provenance(JsonModel):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 from vve_sumo import progress_bar
 from vve_sumo.api.results import Run
 from vve_sumo.api.scenario import Scenario
+from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.run import new_run_folder
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record.writer import claim
@@ -70,6 +72,8 @@ def drive(
             left.replace(folder)
     if result.fault:
         raise _error(asked.name, folder, result)
+    if (note := read_resolved(folder).get("braking_note")) is not None:
+        warnings.warn(note, stacklevel=2)
     return Run(folder)
 
 

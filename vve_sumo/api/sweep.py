@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,8 @@ def sweep(
     """
     working = Path.cwd()
     query = _query(what, vary, controllers, seeds, working)
+    for line in query.notes:
+        warnings.warn(line, stacklevel=2)
     folder = new_run_folder(query.plan.scenario, working) if out is None else Path(out)
     begun = (folder / "sweep.json").exists()
     again = f"vve.sweep(…, out={str(folder)!r})"

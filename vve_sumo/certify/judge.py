@@ -15,6 +15,7 @@ import numpy as np
 from vve_sumo.certify.cases import BRAKING_DEMAND, LEADS, MIN_LEFT, SAFE_DEMAND, Case, Reaction
 from vve_sumo.certify.link import Answer, Window
 from vve_sumo.certify.results import Course, Verdict
+from vve_sumo.timing import PERIOD
 
 #: the car stands [m/s]
 AT_REST: Final = 0.05
@@ -28,7 +29,6 @@ USUAL_BRAKING: Final = 1.8
 BEYOND_NOMINAL: Final = 0.5
 #: outcomes that are no fault of the brain: nothing can be said of it then
 BROKEN: Final = ("broken", "interrupted")
-_TICK: Final = 0.02  # [s]
 _SLACK: Final = 1e-6  # [s]
 
 
@@ -72,8 +72,8 @@ def window_of(case: Case, nominal: Course) -> Window | None:
     """Return when a case's fault is there, by the nominal drive with the same seed; None where nothing is injected."""
     if case.make is None:
         return None
-    tick = round((onset_of(nominal) + LEADS[case.begins]) / _TICK)
-    begins = max(tick, 0) * _TICK
+    tick = round((onset_of(nominal) + LEADS[case.begins]) / PERIOD)
+    begins = max(tick, 0) * PERIOD
     return Window(begins, begins + case.lasts)
 
 
@@ -116,8 +116,8 @@ def _stopping(window: Window, course: Course) -> float:
         return 0.0
     moving = course.time[np.abs(course.speed) > CREEP]
     # What acts to the end has not stopped: a car that a contact or the gateway stops first has not been stopped by it.
-    never = abs(float(course.speed[-1])) > AT_REST or float(moving[-1]) - acting[-1] < 2.0 * _TICK
-    return math.inf if never else acting[-1] + _TICK - window.begins
+    never = abs(float(course.speed[-1])) > AT_REST or float(moving[-1]) - acting[-1] < 2.0 * PERIOD
+    return math.inf if never else acting[-1] + PERIOD - window.begins
 
 
 def _beside(window: Window, course: Course, nominal: Course | None) -> list[tuple[Answer, float]]:

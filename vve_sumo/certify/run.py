@@ -36,9 +36,8 @@ from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.run import Drive, resolve_by_name
 from vve_sumo.drive.run import run as run_drive
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.live.brain_link import key_of
+from vve_sumo.live.brain_link import key_of, open_setpoints
 from vve_sumo.live.outputs import opened
-from vve_sumo.pose.sources import open_udp
 from vve_sumo.rig.load import load as load_rig
 from vve_sumo.rig.schema import Rig
 from vve_sumo.wire.outputs import Context
@@ -130,11 +129,11 @@ class Bench:
     ) -> FaultLink:
         said, context = (
             self.rig.brain,
-            Context(resolved.vehicle, resolved.map_frame.projection, resolved.map_frame.offset),
+            Context(resolved.vehicle, resolved.map_frame.projection, resolved.map_frame.offset, key=self._key),
         )
         wires = opened([output.model_dump(mode="json") for output in self.rig.outputs], context)
         try:
-            setpoints = open_udp(said.address, said.port, said.source, "brain")
+            setpoints = open_setpoints(said, self._key)
         except BaseException:
             for wire in wires:
                 wire.outlet.close()

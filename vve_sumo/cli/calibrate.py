@@ -32,6 +32,7 @@ def arguments(parser: Parser) -> None:
     parser.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
     parser.add_argument("--record", type=Path, metavar="DIR", help="of a drive, instead of driving")
     parser.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
+    live_drive.override_argument(parser)
     parser.add_argument("--write", action="store_true", help="change the rig file; comments stay")
     parser.add_argument(
         "--leave", type=names, default=(), metavar="KEY,KEY", help="poor numbers that the rig file keeps as they are"
@@ -50,21 +51,23 @@ def run(arguments: argparse.Namespace) -> int:
     rig_file = calibration_drive.rig_file_of(arguments.rig, working, write=arguments.write)
     if arguments.record is not None:
         calibration_drive.refuse_altered(arguments.record)
-    folder = arguments.record if arguments.record is not None else _drive(arguments.rig, working, arguments.out)
+    folder = arguments.record if arguments.record is not None else _drive(arguments, working)
     today = datetime.date.today().isoformat()
     return conclude(folder, rig_file if arguments.write else None, today, arguments.leave)
 
 
-def _drive(rig: str, working: Path, out: Path | None) -> Path:
+def _drive(arguments: argparse.Namespace, working: Path) -> Path:
     from vve_sumo.commissioning import calibration_drive
 
-    plan = live_drive.named(calibration_drive.plan(rig, working, out), None, None)
+    plan = calibration_drive.plan(arguments.rig, working, arguments.out)
+    doctor = live_drive.examined(plan, arguments.override_doctor)  # before anybody is asked for a name
+    plan = live_drive.named(plan, None, None)
     speed = plan.resolved.scenario.ego.speed_mps
     notify(
         f"calibration drive: {plan.resolved.path.length:.0f} m straight ahead at up to {speed:g} m/s, braking, "
         "coasting and steering gently in between; keep your foot over the brake"
     )
-    calibration_drive.refuse_cut_short(live_drive.drive(plan), plan.folder)
+    calibration_drive.refuse_cut_short(live_drive.drive(plan, doctor), plan.folder)
     return plan.folder
 
 

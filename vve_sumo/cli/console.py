@@ -19,6 +19,11 @@ def notify(line: str) -> None:
     print(line, file=sys.stderr)
 
 
+def note(line: str) -> None:
+    """Print a line that whoever drives should know before."""
+    notify(f"note: {line}")
+
+
 def complain(line: str) -> None:
     """Print a line of what went wrong, as a program that is one of several on a terminal does."""
     notify(f"vve-sumo: {line}")

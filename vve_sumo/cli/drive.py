@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
 from vve_sumo.cli import live_drive
-from vve_sumo.cli.console import INTERRUPTED, complain
+from vve_sumo.cli.console import INTERRUPTED, complain, note, notify
 from vve_sumo.cli.drive_result import draw_and_show
 from vve_sumo.cli.parser import Parser, setting, values_of
 from vve_sumo.errors import ConfigError, SimulationError
@@ -71,13 +71,14 @@ def arguments(parser: Parser) -> None:
     parser.add_argument(
         "--lockstep",
         action="store_true",
-        help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it; "
-        "a brain that the rig names is waited for at every tick",
+        help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it, and the "
+        "rig's faults injected into it; a brain that the rig names is waited for at every tick",
     )
     parser.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
     parser.add_argument("--view", action="store_true", help="live, with a page in a browser; its address is printed")
     parser.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
     parser.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
+    live_drive.override_argument(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
 
 
@@ -96,6 +97,8 @@ def run(arguments: argparse.Namespace) -> int:
     for role in ("operator", "driver"):
         if getattr(arguments, role) is not None:
             raise ConfigError(f"--{role}: only a live drive has one; name the rig with --rig")
+    if arguments.override_doctor is not None:
+        raise ConfigError("--override-doctor: only a live drive arms a car; name the rig with --rig")
     return _lockstep(arguments)
 
 
@@ -114,6 +117,10 @@ def _lockstep(arguments: argparse.Namespace) -> int:
         rig=arguments.rig,
         values=values_of(arguments.values),
     )
+    for fault in resolved.faults if arguments.pose is None else ():
+        notify(f"injected: {fault}")
+    if resolved.note:
+        note(resolved.note)
     folder = arguments.out if arguments.out is not None else new_run_folder(resolved.name, working)
     foreign = nullcontext(None) if arguments.rig is None else _brain(arguments, resolved, working)
     with foreign as brain, progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
@@ -174,9 +181,12 @@ def _live(arguments: argparse.Namespace) -> int:
         values=values_of(arguments.values),
         view=arguments.view,
     )
+    doctor = live_drive.examined(plan, arguments.override_doctor)  # before anybody is asked for a name
+    if plan.resolved.note:
+        note(plan.resolved.note)
     plan = live_drive.named(plan, arguments.operator, arguments.driver)
     with session.removed_when_empty(plan.folder):
-        done = Drive(plan.folder, live_drive.drive(plan))
+        done = Drive(plan.folder, live_drive.drive(plan, doctor))
     draw_and_show(plan.resolved, done)
     if done.summary["outcome"] == Outcome.BROKEN:
         return SimulationError.exit_code

@@ -58,12 +58,13 @@ def run(arguments: argparse.Namespace) -> int:
         start_position=arguments.from_position,
         end_position=arguments.to_position,
         tolerance=arguments.tolerance,
+        tightest=max_curvature,
     )
     radius = f"{1.0 / survey.curvature:.1f} m" if survey.curvature > 1e-6 else "none"
     print(f"{survey.length:.0f} m of path ({survey.points} points, tightest bend {radius}) written to {arguments.out}")
     if survey.curvature > max_curvature:
         print(
-            f"warning: {arguments.vehicle} turns no tighter than {1.0 / max_curvature:.1f} m; a U-turn?",
+            f"warning: {arguments.vehicle} turns no tighter than {1.0 / max_curvature:.1f} m and will cut the bend",
             file=sys.stderr,
         )
     return 0

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
-from vve_sumo.cli.console import complain, plain_console
+from vve_sumo.cli.console import complain, note, plain_console
 from vve_sumo.cli.parser import Parser, add_command, add_subcommands, numbers
 from vve_sumo.errors import ConfigError, SimulationError
 
@@ -74,6 +74,7 @@ def arguments(parser: Parser) -> None:
     cliff.add_argument(
         "--seeds", type=int, metavar="N", help="drives of each step (default: 3; 1 where nothing is left to chance)"
     )
+    cliff.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
     cliff.add_argument("--workers", type=int, metavar="N", help="runs at a time (default: as many as processors)")
     cliff.add_argument("--resume", action="store_true", help="go on with the study in DIR; finished runs stay")
     cliff.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
@@ -88,12 +89,15 @@ def _cliff(arguments: argparse.Namespace) -> int:
     name, out = arguments.scenario, arguments.out
     delays_ms, factors, seeds = arguments.delays_ms, arguments.noise, arguments.seeds
     steps = _steps(delays_ms, factors, seeds)
-    again = f"vve-sumo study cliff {shlex.quote(name)} --out {shlex.quote(str(out))}{steps} --resume"
-    query = cliff_study(name, Path.cwd(), delays_ms=delays_ms, factors=factors, seeds=seeds)
+    again = f"vve-sumo study cliff {shlex.quote(name)} --out {shlex.quote(str(out))}{steps}"
+    again += f" --rig {shlex.quote(arguments.rig)} --resume" if arguments.rig else " --resume"
+    query = cliff_study(name, Path.cwd(), delays_ms=delays_ms, factors=factors, seeds=seeds, rig=arguments.rig)
+    for line in query.notes:
+        note(line)
     engine, keep = engine_of(arguments.workers, None), query.spec.keep
     with progress_bar.of_runs(quiet=arguments.quiet) as shown:
         fill(out, query, engine, keep, resume=arguments.resume, again=again, progress=shown, notify=complain)
-    return _conclude(name, out, query)
+    return _conclude(name, out, query, arguments.rig)
 
 
 def _steps(delays_ms: Sequence[float] | None, factors: Sequence[float] | None, seeds: int | None) -> str:
@@ -104,12 +108,12 @@ def _steps(delays_ms: Sequence[float] | None, factors: Sequence[float] | None, s
     )
 
 
-def _conclude(name: str, out: Path, query: SweepQuery) -> int:
+def _conclude(name: str, out: Path, query: SweepQuery, rig: str | None) -> int:
     from vve_sumo.analysis.dataset import Sweep
     from vve_sumo.analysis.latency_margin import keep_design_margin, latency_margin_of
     from vve_sumo.plotting import latency_margin, save
 
-    delay, why = _design_margin(name, Path(query.plan.working))
+    delay, why = _design_margin(name, Path(query.plan.working), rig)
     keep_design_margin(out, delay)
     found = latency_margin_of(Sweep(out))
     _show(found, why)
@@ -118,12 +122,12 @@ def _conclude(name: str, out: Path, query: SweepQuery) -> int:
     return SimulationError.exit_code if not found.steps["judged"].any() else 0
 
 
-def _design_margin(name: str, working: Path) -> tuple[float, str]:
+def _design_margin(name: str, working: Path, rig: str | None) -> tuple[float, str]:
     """Return the delay that the steering bears by its design [s], or NaN and why nobody knows."""
     from vve_sumo.drive.run import resolve_by_name
     from vve_sumo.drive.steering_margins import margins_at_speed
 
-    resolved = resolve_by_name(name, working)
+    resolved = resolve_by_name(name, working, rig=rig)
     try:
         return margins_at_speed(resolved, working).delay, ""
     except ConfigError as error:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
+from vve_sumo.cli.console import note
 from vve_sumo.cli.parser import Parser
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ examples:
   vve-sumo suite r152 --seeds 10 --out r152 --resume   go on after a kill
   vve-sumo suite fmvss127 --out a --keep    with the full record of every drive
   vve-sumo suite r152 --controller mine.py:make
+  vve-sumo suite r152 --rig ours            the simulated vehicle as the rig declares and calibrates it
 """
 
 
@@ -49,9 +51,8 @@ def arguments(parser: Parser) -> None:
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="drives of each row, by seed (default: 1)")
     parser.add_argument("--workers", type=int, metavar="N", help="drives at a time (default: as many as processors)")
     parser.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point, untuned")
-    parser.add_argument(
-        "--vehicle", default="ford_fusion", metavar="NAME", help="under vehicles/, or a file (default: ford_fusion)"
-    )
+    parser.add_argument("--vehicle", metavar="NAME", help="under vehicles/, or a file (default: ford_fusion)")
+    parser.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
     parser.add_argument("--keep", action="store_true", help="keep every drive's record under DIR/records")
     parser.add_argument("--resume", action="store_true", help="go on with the suite in DIR; finished drives stay")
 
@@ -71,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
         workers=arguments.workers,
         controller=arguments.controller,
         vehicle=arguments.vehicle,
+        rig=arguments.rig,
         keep=arguments.keep,
         resume=arguments.resume,
     )
@@ -83,9 +85,12 @@ def drive(name: str, query: SuiteQuery) -> int:
     from vve_sumo.suite import query as queries
 
     working = Path.cwd()
-    rows = queries.rows_of(name, query, working)
+    car = queries.car_of(query, working)
+    rows = queries.rows_of(name, query, car, working)
+    if car.note:
+        note(car.note)
     with progress_bar.of_runs(quiet=False) as shown:
-        judged = queries.drive(name, rows, query, working, shown)
+        judged = queries.drive(name, rows, query, car, working, shown)
     _show(catalogue.SUITES[name].title, judged)
     if query.out is not None:
         for file in table.write(name, judged, query.out):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
-from vve_sumo.cli.console import complain, notify, plain_console
+from vve_sumo.cli.console import complain, note, notify, plain_console
 from vve_sumo.cli.parser import Parser
 from vve_sumo.errors import ConfigError, SimulationError
 
@@ -45,6 +45,7 @@ examples:
   vve-sumo sweep mine.toml --out mine --keep failed        with full records of what failed
   vve-sumo sweep mine.toml --out mine --resume             go on after a kill
   vve-sumo sweep seen_late_speed --search --out found      where a criterion flips, or the worst case
+  vve-sumo sweep mine.toml --out mine --rig ours           the simulated vehicle as the rig calibrates it
   vve-sumo sweep --rerun mine 0f3a9c1b5d7e2a48             one run again: is its record the same?
 """
 
@@ -61,6 +62,7 @@ def arguments(parser: Parser) -> None:
         "--keep", metavar="WHOSE", help="full records: none, failed, all or KEY,KEY (default: the file's)"
     )
     parser.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
+    parser.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
     parser.add_argument("--cluster", metavar="ADDRESS", help="drive on the workers of a Dask scheduler")
     parser.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     parser.add_argument("--rerun", nargs=2, metavar=("DIR", "KEY"), help="drive one run of a dataset again and compare")
@@ -88,11 +90,21 @@ def _drive(arguments: argparse.Namespace) -> int:
     from vve_sumo.sweep.plan import query_of
 
     name, out, cluster = arguments.spec, arguments.out, arguments.cluster
-    query = query_of(name, Path.cwd(), yes=arguments.yes, search=arguments.search, vehicle=arguments.vehicle)
+    query = query_of(
+        name,
+        Path.cwd(),
+        yes=arguments.yes,
+        search=arguments.search,
+        vehicle=arguments.vehicle,
+        rig=arguments.rig,
+    )
+    for line in query.notes:
+        note(line)
     keep = query.spec.keep if arguments.keep is None else _keep(arguments.keep)
     engine = engine_of(arguments.workers, cluster)
     again = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
     again += f" --vehicle {arguments.vehicle}" if arguments.vehicle else ""
+    again += f" --rig {arguments.rig}" if arguments.rig else ""
     with progress_bar.of_runs(quiet=arguments.quiet) as shown:
         search = fill(out, query, engine, keep, resume=arguments.resume, again=again, progress=shown, notify=complain)
     return _conclude(out, query) if search is None else _conclude_search(out, query, search)

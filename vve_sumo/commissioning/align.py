@@ -28,6 +28,7 @@ from vve_sumo.live.alignment import lot_alignment
 from vve_sumo.lot.fit import Fit, fit, measured, shortened
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import Path
+from vve_sumo.path_feasibility import refuse_tight_bend
 from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
@@ -95,7 +96,7 @@ def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> Al
     """
     rig, path, t0 = site.rig, site.resolved.path, time.monotonic()
     with contextlib.ExitStack() as stack:
-        stack.enter_context(held(site.rig_file))
+        stack.enter_context(held(site.rig_file, rig))
         source = assembly.source_of(rig)
         stack.callback(source.close)
         if rig.car == "simulated":
@@ -210,6 +211,7 @@ def cut(site: Site, result: AlignmentResult, out: FilePath) -> Path:
     geofence = site.geofence.aligned(result.alignment)
     short = shortened(site.resolved.path, geofence, site.speed, result.fit.station)
     source = site.resolved.files["path"]
+    refuse_tight_bend(short, site.resolved.vehicle.tightest_curvature, f"{source}: its first {short.length:.0f} m")
     comments = [line for line in source.read_text(encoding="utf-8-sig").splitlines() if line.startswith("#")]
     points = (short.at(s) for s in np.linspace(0.0, short.length, round(short.length) + 1).tolist())
     rows = [

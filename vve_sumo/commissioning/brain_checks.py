@@ -8,9 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from vve_sumo.commissioning.findings import Check
-from vve_sumo.live.brain_link import key_of
+from vve_sumo.live.brain_link import key_of, open_setpoints
 from vve_sumo.live.outputs import opened
-from vve_sumo.pose.sources import open_udp
 from vve_sumo.rig.resolve import vehicle_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.wire.outputs import Context
@@ -19,8 +18,9 @@ from vve_sumo.wire.outputs import Context
 def setpoints(rig: Rig, working: Path) -> Check:
     """Return where setpoints are heard, and of whom; raises VveError naming the key that is wrong."""
     brain = rig.brain
-    signed = ", signed" if key_of(brain, working) else ""
-    open_udp(brain.address, brain.port, brain.source, "brain").close()
+    key = key_of(brain, working)
+    signed = ", signed" if key else ""
+    open_setpoints(brain, key).close()
     return Check("setpoints", f"{brain.address} port {brain.port}, of {brain.source or 'this machine'}{signed}")
 
 

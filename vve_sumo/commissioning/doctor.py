@@ -54,10 +54,10 @@ def examine(
         _examine_scenario(report, resolved, loaded, working)
     if loaded is not None:
         with contextlib.ExitStack() as stack:
-            hold = held(workspace.find("rig", str(rig), working))
+            hold = held(workspace.find("rig", str(rig), working), loaded)
             advice = "wait for its end; on a serial adapter a second look would close the first one's channel"
-            if report.attempt("in use", advice, lambda: stack.enter_context(hold) is None):
-                rig_checks.examine(report, loaded, resolved)
+            if report.attempt("in use", advice, lambda: bool(stack.enter_context(hold))):
+                rig_checks.examine(report, loaded, resolved, working)
                 _examine_brain(report, loaded, working)
     return report
 
@@ -84,6 +84,8 @@ def _examine_scenario(report: Report, resolved: ResolvedScenario, rig: Rig | Non
             "speed", "see limits.speed_mps of the rig", lambda: assembly.scenario_with_rig(resolved, rig, working)
         )
         if fitted is not None:
+            resolved = fitted
             report.add([Check("speed", f"{fitted.scenario.ego.speed_mps:g} of {rig.limits.speed_mps:g} m/s allowed")])
+    report.add([machine_checks.braking(resolved)])
     advice = "correct the scenario's street, traffic or obstacles"
     report.attempt("street", advice, lambda: report.add(machine_checks.street(resolved)))

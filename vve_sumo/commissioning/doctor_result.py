@@ -18,6 +18,7 @@ from vve_sumo.record.hashes import hash_file
 FOLDER: Final = Path("runs") / "doctor"
 #: an older verdict is about the car of another day
 MAX_AGE: Final = datetime.timedelta(days=1)
+CHECK_KEYS: Final = ("name", "finding", "found")  #: of each check in the file
 
 
 def file_of(rig_file: Path, working: Path) -> Path:
@@ -33,7 +34,9 @@ def keep(rig_file: Path, checks: Sequence[Check], scenario: str, working: Path, 
         "date_utc": now.isoformat(timespec="seconds"),
         "scenario": scenario,
         "rig_file_sha256": hash_file(rig_file),
-        "checks": [{"name": check.name, "finding": check.finding.value, "found": check.found} for check in checks],
+        "checks": [
+            dict(zip(CHECK_KEYS, (check.name, check.finding.value, check.found), strict=True)) for check in checks
+        ],
     }
     file = file_of(rig_file, working)
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -52,9 +55,23 @@ def last(rig_file: Path, working: Path, now: datetime.datetime) -> dict[str, Any
         age = now - datetime.datetime.fromisoformat(data["date_utc"])
         of_this = data["rig_file_sha256"] == hash_file(rig_file)
         data["verdict"] = str(data["verdict"])
+        data["checks"] = [{key: str(check[key]) for key in CHECK_KEYS} for check in data["checks"]]
     except (OSError, ValueError, KeyError, TypeError):
         return {"verdict": "none", "caveats": []}
     caveats = [] if of_this else ["of another version of the rig file"]
     caveats += ["older than a day"] if age > MAX_AGE else []
     caveats += ["from the future: a clock was set"] if age < datetime.timedelta() else []
     return {**data, "caveats": caveats}
+
+
+def obstacle(result: dict[str, Any]) -> str | None:
+    """Return why a car may not be armed on what `last` returned, in words; None where the doctor said GO of it."""
+    if result["verdict"] == "none":
+        return "the doctor has not examined this rig"
+    if result["caveats"]:
+        return f"the doctor's {result['verdict']} is {' and '.join(result['caveats'])}"
+    if result["verdict"] == "GO":
+        return None
+    checks = result.get("checks", ())
+    against = [str(check["name"]) for check in checks if check["finding"] == Finding.NO_GO.value]
+    return f"the doctor says NO-GO: {', '.join(against)}"

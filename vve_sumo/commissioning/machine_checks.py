@@ -24,13 +24,15 @@ import numpy as np
 from vve_sumo import bus
 from vve_sumo.commissioning.findings import Check, Finding, judged
 from vve_sumo.commissioning.wake_up import wake_up
-from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
 from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, rights
 from vve_sumo.scenario.schema import When
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Point
+from vve_sumo.vehicle.effective_deceleration import of_model
 from vve_sumo.vehicle.interface import DEFAULT, load, read_dbc
 from vve_sumo.world.step_time import LIMIT
 
@@ -180,6 +182,16 @@ def _written(folder: FilePath) -> tuple[float, float]:
             longest = max(longest, time.perf_counter() - before)
         os.fsync(file.fileno())
         return PIECES * WRITTEN / (time.perf_counter() - begun), longest
+
+
+def braking(resolved: ResolvedScenario) -> Check:
+    """Check how hard the car brakes as it is driven, and whether that is what is declared of it."""
+    model = resolved.model
+    if resolved.note:
+        advice = "controllers plan with that; is drive_by_wire, of the vehicle or of the rig, this car's own?"
+        return Check("braking", resolved.note, Finding.NOTE, advice)
+    laden, mass = of_model(model, mass_factor=model.laden_factor), model.simulated.laden_mass
+    return Check("braking", f"{of_model(model).in_words()}; laden with {mass:g} kg {laden.value:.2f} m/s2")
 
 
 def network(resolved: ResolvedScenario) -> Iterator[Check]:

@@ -13,9 +13,11 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.bus import Bus
+from vve_sumo.commissioning import watchdog_record
 from vve_sumo.commissioning.findings import Check, Finding, Report, judged
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
@@ -25,11 +27,13 @@ from vve_sumo.frames import Alignment, Placement
 from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
 from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average_fixes, lot_alignment
 from vve_sumo.lot.fit import measured
-from vve_sumo.pose.clock import AgeKind, Clock
+from vve_sumo.pose.clock import AgeKind
+from vve_sumo.pose.dating import FixDater, Undated
 from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import Trust, TrustGate
 from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.dates import StatedDay, stated_days
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.values import Fix, Frame
@@ -68,10 +72,9 @@ REPORTS: Final[dict[type, str]] = {
 class Observed:
     """What was received from receiver and bus while listening."""
 
-    epoch: float  #: GNSS second of drive time 0; NaN before the first fix
-    wall: float  #: the same by this machine's wall clock
-    clock: Clock | None
-    fixes: list[tuple[Fix, Trust]]  #: on the drive's clock
+    dater: FixDater
+    wall: float  #: GNSS second of drive time 0 by this machine's wall clock
+    fixes: list[tuple[Fix, Trust]]  #: on the drive's clock; of a fix that cannot be dated the time is NaN
     frames: Counter[int]  #: by identifier
     ages: dict[int, float]  #: since the last frame of an identifier [s]
     troubles: Counter[str]  #: of the frames
@@ -90,9 +93,13 @@ class Observed:
         return row[::-1]
 
 
-def examine(report: Report, rig: Rig, resolved: ResolvedScenario | None) -> None:
-    """Make every possible check of a rig, and with a `resolved` scenario those of its path in the lot."""
+def examine(report: Report, rig: Rig, resolved: ResolvedScenario | None, working: Path) -> None:
+    """Make every possible check of a rig, and with a `resolved` scenario those of its path in the lot.
+
+    The records that the rig names are looked up from `working`.
+    """
     report.add(documents(rig, datetime.date.today()))
+    report.add(watchdog_record.checks(rig, working))
     t0 = time.monotonic()
     with contextlib.ExitStack() as stack:
         # The receiver comes first: if another program has its port, the simulated vehicle must not send to it.
@@ -118,7 +125,7 @@ def examine(report: Report, rig: Rig, resolved: ResolvedScenario | None) -> None
 
 def documents(rig: Rig, today: datetime.date) -> Iterator[Check]:
     """Check what the rig file states: whether it may arm, the dates of tests and calibration, and the lot."""
-    problem = arming_obstacle(rig)
+    problem = arming_obstacle(rig, today)
     yield (
         Check("arming", "the rig may arm")
         if problem is None
@@ -126,25 +133,26 @@ def documents(rig: Rig, today: datetime.date) -> Iterator[Check]:
             "arming", problem, Finding.NO_GO, "until then a drive runs with --shadow; docs/live.md tells how to test"
         )
     )
-    yield _watchdog(rig, today)
-    if rig.calibration.date is not None:
-        yield _dated("calibration", f"of {rig.calibration.date}", rig.calibration.date, today)
+    days = {stated.key: stated for stated in stated_days(rig)}
+    yield _watchdog(rig, days.get("watchdog_test.date"), today)
+    if (calibrated := days.get("calibration.date")) is not None:
+        yield _dated("calibration", f"of {calibrated.day}", calibrated, rig, today)
     elif rig.car == "real":
         model = rig.vehicle.model
         advice = f"pedals and steering are taken to be those of model {model}; vve-sumo calibrate finds this car's"
         yield Check("calibration", "none", Finding.NOTE, advice)
-    lot = meaning.lot_of(rig)
+    lot, surveyed = meaning.lot_of(rig), days["lot.surveyed"]
     found = f"{lot.area:.0f} m2, {len(lot.holes)} holes, margin {lot.margin:g} m, grade {rig.lot.grade_percent:g} %"
-    yield _dated("lot", f"{found}, surveyed {rig.lot.surveyed}", rig.lot.surveyed, today)
+    yield _dated("lot", f"{found}, surveyed {surveyed.day}", surveyed, rig, today)
 
 
-def _watchdog(rig: Rig, today: datetime.date) -> Check:
+def _watchdog(rig: Rig, stated: StatedDay | None, today: datetime.date) -> Check:
     test = rig.watchdog_test
-    if test is None:
+    if test is None or stated is None:
         finding = Finding.NO_GO if rig.car == "real" else Finding.NOTE
         return Check("watchdog test", "none", finding, "docs/live.md tells how to make it")
     found = f"of {test.date}: {test.deceleration_mps2:g} m/s2 after {test.delay_s:g} s"
-    dated = _dated("watchdog test", found, test.date, today)
+    dated = _dated("watchdog test", found, stated, rig, today)
     if test.armed or dated.finding is Finding.NO_GO:
         return dated
     advice = (
@@ -154,12 +162,17 @@ def _watchdog(rig: Rig, today: datetime.date) -> Check:
     return Check("watchdog test", f"not armed, {dated.found}", Finding.NOTE, advice)
 
 
-def _dated(name: str, found: str, day: datetime.date, today: datetime.date) -> Check:
-    if day > today:
+def _dated(name: str, found: str, stated: StatedDay, rig: Rig, today: datetime.date) -> Check:
+    """Judge a day that the rig states; what a simulated vehicle's rig states does not grow old."""
+    if stated.is_to_come(today):
         return Check(name, found, Finding.NO_GO, "that day is still to come: correct the date, or this machine's clock")
-    age = (today - day).days
+    age = (today - stated.day).days
     text = f"{found}, {age} days ago"
-    return judged(name, text, age <= MAX_AGE_DAYS, "repeat it if anything was changed since", otherwise=Finding.NOTE)
+    if stated.has_expired(today):
+        table = stated.key.partition(".")[0]
+        return Check(name, text, Finding.NO_GO, f"{table}.valid_days allows {stated.valid_days}: repeat it")
+    young = rig.car == "simulated" or age <= MAX_AGE_DAYS
+    return judged(name, text, young, "repeat it if anything was changed since", otherwise=Finding.NOTE)
 
 
 def _bus(report: Report, rig: Rig, t0: float, stack: contextlib.ExitStack) -> Bus:
@@ -199,10 +212,12 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Obser
     absolute, delay = assembly.absolute_epoch(rig, t0), assembly.minimum_delay_of(rig)
     interface = load(meaning.interface_of(rig))
     reports = CarReports(meaning.vehicle_of(rig).wheel_radius, interface)
-    epoch = assembly.wall_epoch(t0)
-    observed = Observed(math.nan, epoch, None, [], Counter(), {}, Counter(), [], reports, interface.facts)
+    dater = FixDater(delay, math.nan if absolute is None else absolute, absolute=absolute is not None)
+    wall = assembly.wall_epoch(t0)
+    observed = Observed(dater, wall, [], Counter(), {}, Counter(), [], reports, interface.facts)
     receiver = meaning.receiver_of(rig)
-    decoder, gate = receiver.decoder(), None
+    decoder = receiver.decoder()
+    gate: TrustGate | None = None
     last: dict[int, float] = {}
     if source is not None:
         source.receive()  # portions that arrived while the rest was opened are not counted
@@ -211,11 +226,12 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Obser
     while (now := time.monotonic()) < end:
         for stamp, data in source.receive() if source else []:
             for fix in decoder.feed(data, stamp - t0):
-                if observed.clock is None or gate is None:
-                    observed.epoch = fix.time - (stamp - t0 - delay) if absolute is None else absolute
-                    observed.clock = Clock(observed.epoch, delay, absolute=absolute is not None)
-                    gate = TrustGate(receiver.profile, observed.epoch)
-                _take_fix(observed, gate, stamp - t0, fix)
+                dated = dater.date(stamp - t0, fix)
+                if isinstance(dated, Undated):
+                    observed.fixes.append((replace(fix, time=math.nan), Trust(False, (dated.reason,))))
+                    continue
+                gate = gate or TrustGate(receiver.profile, dater.epoch)
+                observed.fixes.append((dated, gate.step(stamp - t0, dated)))
         frames = _drained(bus)
         observed.frames.update(frame.id for frame in frames)
         last |= dict.fromkeys((frame.id for frame in frames), now)
@@ -224,14 +240,6 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Obser
     now = time.monotonic()
     observed.stale, observed.ages = reports.stale(now), {number: now - then for number, then in last.items()}
     return observed
-
-
-def _take_fix(observed: Observed, gate: TrustGate, received: float, fix: Fix) -> None:
-    """Convert a fix to the drive's clock and judge it, as a drive does."""
-    assert observed.clock is not None
-    made = observed.clock.step(received, fix.time) if fix.locked else observed.clock.at(fix.time)
-    timed = replace(fix, time=observed.epoch + made)
-    observed.fixes.append((timed, gate.step(received, timed)))
 
 
 def _drained(bus: Bus | None) -> list[Frame]:
@@ -321,7 +329,7 @@ def _quality(receiver: Receiver, observed: Observed) -> Iterator[Check]:
         f"{newest.velocity_sigma:.3f} m/s, {math.degrees(newest.heading_sigma):.2f} deg; "
         f"corrections {newest.differential_age:.1f} s old"
     )
-    last = [trust for fix, trust in observed.fixes if fix.time > newest.time - 1.0]
+    last = [trust for fix, trust in observed.fixes if fix.time_received > newest.time_received - 1.0]
     against = Counter(code for trust in last for code in trust.reasons)
     hints = [receiver.not_fixed_hint] if "not_rtk_fixed" in against else []
     advice = "; ".join([_in_words([code for code, _count in against.most_common(4)]), *hints])
@@ -332,11 +340,14 @@ def _quality(receiver: Receiver, observed: Observed) -> Iterator[Check]:
 
 def _age(rig: Rig, observed: Observed) -> Check:
     """Check how old fixes are when they arrive, with the offset and drift of the clocks."""
-    assert observed.clock is not None  # there were fixes
-    report = observed.clock.report()
-    ages = [1e3 * (fix.time_received - (fix.time - observed.epoch)) for fix, _trust in observed.fixes]
+    report, epoch = observed.dater.report(), observed.dater.epoch
+    ages = [1e3 * (fix.time_received - (fix.time - epoch)) for fix, _trust in observed.fixes if math.isfinite(fix.time)]
+    if report is None or not ages:
+        return Check(
+            "age", "not known: no locked fix says the time", Finding.NO_GO, "wait until the receiver is locked"
+        )
     drift = "drift known after 10 s" if math.isnan(report.drift_ppm) else f"drift {report.drift_ppm:.1f} ppm"
-    ahead = observed.wall - (observed.epoch - report.offset)
+    ahead = observed.wall - observed.dater.measured_epoch
     found = (
         f"{min(ages):.1f} to {max(ages):.1f} ms old ({report.age}), jitter {1e3 * report.jitter_p50:.1f} ms, "
         f"p99 {1e3 * report.jitter_p99:.1f} ms; this machine's clock {ahead:+.3f} s from GNSS, {drift}"
@@ -355,6 +366,7 @@ def path_checks(rig: Rig, resolved: ResolvedScenario, observed: Observed) -> Ite
     """
     stored, standing = meaning.alignment_of(rig, resolved.scenario.road.network), observed.standing
     frame, mounting = meaning.frame_of(rig), meaning.mounting_of(rig)
+    epoch = observed.dater.measured_epoch
     begin = resolved.path.at(0.0)
     if stored is None:
         if not standing or standing[-1].time - standing[0].time < AVERAGING_TIME:
@@ -364,9 +376,9 @@ def path_checks(rig: Rig, resolved: ResolvedScenario, observed: Observed) -> Ite
             yield Check("path in the lot", "not known", Finding.NO_GO, advice)
             return
         place = pose_at_rest(begin.x, begin.y, begin.heading)
-        stored = lot_alignment(average_fixes(observed.epoch, standing), frame, mounting, place, None).alignment
+        stored = lot_alignment(average_fixes(epoch, standing), frame, mounting, place, None).alignment
     elif standing:
-        yield _at_the_start(resolved, Placement(frame, stored, mounting, observed.epoch), observed.epoch, standing)
+        yield _at_the_start(resolved, Placement(frame, stored, mounting, epoch), epoch, standing)
     yield _in_the_lot(rig, resolved, stored)
 
 

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import Final
 
 from vve_sumo.commissioning.findings import Check, Finding, judged
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.live.calm import LATE
 from vve_sumo.live.priority import DRIVE_PRIORITY, UrgentPart, ask_for_short_turns
+from vve_sumo.timing import PERIOD
 
 WAKE_UPS: Final = 150  #: number measured; 3 s
 #: a later wake-up of the gateway [s] is a step of two periods, at which its own clock stops the car

@@ -20,7 +20,7 @@ from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.lot.fallback import fallback_path
 from vve_sumo.lot.geofence import Geofence
-from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.dating import FixDater
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate, TrustProfile
@@ -77,7 +77,7 @@ class PoseInput:
     profile: TrustProfile
     placement: Placement
     epoch: float  #: GNSS second of drive time 0
-    clock: Clock | None = None  #: maps the receiver's times to drive time; None where both clocks are the same
+    dater: FixDater | None = None  #: maps the receiver's times to drive time; None where both clocks are the same
     geofence: Geofence | None = None  #: None where the car may stop anywhere
 
 
@@ -117,7 +117,8 @@ def build_pipeline(
         path=resolved.path,
         desired_speed=resolved.scenario.ego.speed_mps,
         deviation_limit=resolved.scenario.ego.deviation_limit_m,
-        clock=pose.clock,
+        speed_margin=resolved.scenario.ego.speed_margin_mps,
+        dater=pose.dater,
         epoch=pose.epoch,
         geofence=pose.geofence,
         wires=None if brain is None else brain.publisher,

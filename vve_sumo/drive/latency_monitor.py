@@ -12,12 +12,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import LatencyRow
 
 if TYPE_CHECKING:
     import pyarrow
 
 ANSWER_TIMEOUT_TICKS: Final = 5  #: ticks that the gateway has to answer a setpoint
+#: More ticks than this within a window whose command comes after the next tick is due are a fault within any budget:
+#: every fourth. A budget says how late a command may be; a loop that comes that late so often does not keep time.
+MAX_LATE_TICKS: Final = 12
 WINDOW_TICKS: Final = 250  #: newest ticks, from which the screen's percentiles are computed
 
 #: Legs in order, each from the end of the one before. The first begins when the fix's bytes arrive or, where the
@@ -31,11 +35,15 @@ class LatencyMonitor:
     """Completes each tick's row with the gateway's answer, and counts breaches of the latency budget."""
 
     def __init__(self, budget: float, breaches: int, window: float = 1.0) -> None:
-        """Report a fault once more than `breaches` ticks within `window` [s] exceed `budget` [s] or get no answer."""
+        """Report a fault once more than `breaches` ticks within `window` [s] exceed `budget` [s] or get no answer.
+
+        Whatever the budget, more than `MAX_LATE_TICKS` that take longer than the period are a fault too.
+        """
         self._budget, self._allowed, self._window = budget, breaches, window
         self._open: OrderedDict[int, LatencyRow] = OrderedDict()  # by sequence
         self._done: list[LatencyRow] = []
         self._breaches: deque[float] = deque()
+        self._late: deque[float] = deque()
         self._recent: deque[float] = deque(maxlen=WINDOW_TICKS)
         self._tally = LatencyTally()
 
@@ -46,16 +54,18 @@ class LatencyMonitor:
             self._complete(replace(row, framed_s=sent), answered=True)
 
     def step(self, row: LatencyRow) -> tuple[str, ...]:
-        """Take a tick's row, still without `framed_s`; return ("latency_budget",) while too many ticks breach it."""
+        """Take a tick's row, still without `framed_s`; return ("latency_budget",) while too many ticks are late."""
         if row.sequence < 0:
             self._complete(row, answered=True)
         else:
             self._open[row.sequence] = row
         for sequence in [s for s, waiting in self._open.items() if waiting.tick <= row.tick - ANSWER_TIMEOUT_TICKS]:
             self._complete(self._open.pop(sequence), answered=False)
-        while self._breaches and not self._breaches[0] > row.woken_s - self._window:
-            self._breaches.popleft()
-        return ("latency_budget",) if len(self._breaches) > self._allowed else ()
+        for times in (self._breaches, self._late):
+            while times and not times[0] > row.woken_s - self._window:
+                times.popleft()
+        late = len(self._breaches) > self._allowed or len(self._late) > MAX_LATE_TICKS
+        return ("latency_budget",) if late else ()
 
     def completed(self) -> list[LatencyRow]:
         """Return the rows that were completed since the last call, for the record."""
@@ -94,6 +104,8 @@ class LatencyMonitor:
         commanded = not math.isnan(row.framed_s)
         if not answered or (commanded and not took <= self._budget):
             self._breaches.append(row.woken_s)
+        if commanded and not took <= PERIOD:
+            self._late.append(row.woken_s)
 
 
 class LatencyTally:

@@ -17,7 +17,7 @@ from pathlib import Path as FilePath
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.brain import Brain
 from vve_sumo.drive.pipeline import Pipeline, TickResult
-from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import DueTick, Tick
@@ -27,12 +27,14 @@ from vve_sumo.frozen import quickly_made
 from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant.car import Car, CarParameters
+from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.parameters import perturbed
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
 from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.scenario.schema import EndTrigger
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.arming import WAITING
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
@@ -69,6 +71,22 @@ def gateway_of(model: VehicleModel) -> Gateway:
         period=PERIOD,
         interface=load(model.interface),
         wheel_bias=model.steering_wheel_bias,
+    )
+
+
+def simulated_car(
+    resolved: ResolvedScenario,
+    start: tuple[float, float, float],
+    frame: MapFrame,
+    alter: Callable[[Fix], Fix | None] = unaltered,
+) -> Car | FaultInjectedCar:
+    """Return the simulated vehicle of a lockstep drive at `start` in the lot's `frame`, with the scenario's faults."""
+    parameters, seed = car_parameters(resolved), resolved.scenario.seed
+    vehicle_seed = seed_of(seed, "vehicle")
+    if not resolved.faults:
+        return Car(parameters, start, frame, DEFAULT_EPOCH, vehicle_seed, alter)
+    return FaultInjectedCar(
+        parameters, start, frame, DEFAULT_EPOCH, vehicle_seed, resolved.faults, seed_of(seed, "faults"), alter
     )
 
 
@@ -155,8 +173,7 @@ class Lockstep:
         self._pipeline, self._gateway, self._alignment = parts.pipeline, parts.gateway, parts.alignment
         self.lot = LotAlignment(parts.frame.projection, parts.alignment, DEFAULT_EPOCH)
         start = (parts.start.x, parts.start.y, parts.start.heading)
-        vehicle_seed = seed_of(resolved.scenario.seed, "vehicle")
-        self._car = Car(car_parameters(resolved), start, parts.frame, DEFAULT_EPOCH, vehicle_seed, alter)
+        self._car = simulated_car(resolved, start, parts.frame, alter)
         self._resolved = resolved
         self._road = VirtualRoad(open_world(resolved, loaded=loaded), scenario_engine(resolved))
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
@@ -202,7 +219,7 @@ class Lockstep:
             if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked)):
                 return drive_end(Outcome.COMPLETED, (why, *status.reasons), self._pipeline, self._road)
             ahead = partial(self._rest.ahead, ticked.truth, s, ticked.actors)
-            outcome = self._termination.step(now, speed, s, status.state, contact, ahead)
+            outcome = self._termination.step(now, speed, s, status.state, status.reasons, contact, ahead)
             if outcome is None and tick >= last:
                 outcome = Outcome.TIMEOUT
             if outcome is not None:

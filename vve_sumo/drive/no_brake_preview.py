@@ -11,11 +11,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.virtual_road import obstacle_position, scenario_engine
 from vve_sumo.geometry import Box, behind_bumper, overlap
 from vve_sumo.laws import squared_speed_limits
 from vve_sumo.path import SAMPLE_SPACING, Path
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import ActorState, Point, Pose
 
 #: the shipped controller's accelerations on a free road: speeding up, slowing for bends, lateral in bends [m/s2]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -18,12 +18,13 @@ from vve_sumo.frozen import quickly_made
 from vve_sumo.lot.fallback import fallback_path
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import Path
-from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.dating import FixDater, Undated
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate
 from vve_sumo.sensors.guarded import GuardedSensor
 from vve_sumo.sensors.port import Column
+from vve_sumo.timing import SETPOINT_LIFETIME
 from vve_sumo.values import (
     Actors,
     ControlCommand,
@@ -41,8 +42,6 @@ from vve_sumo.values import (
 
 #: greatest difference of a tick's time from the time for which its fallback path was prepared [s]; else prepared anew
 PREPARED_TOLERANCE = 0.01
-#: how long a setpoint may be acted on [s]; the DBW controller's own command time-out is the same 100 ms
-SETPOINT_LIFETIME = 0.1
 
 #: the sensors' readings at a tick: the columns of each sensor's table in the record, by the sensor's name
 Readings = Mapping[str, tuple[Column, ...]]
@@ -121,15 +120,18 @@ class Pipeline:
         path: Path,
         desired_speed: float,
         deviation_limit: float = math.inf,
-        clock: Clock | None = None,
+        speed_margin: float = math.inf,
+        dater: FixDater | None = None,
         epoch: float = 0.0,
         geofence: Geofence | None = None,
         wires: Wires | None = None,
         fallback: FallbackRule = fallback_path,
     ) -> None:
-        """Put the pipeline together; a lateral deviation above `deviation_limit` [m] is the fault `off_path`.
+        """Put the pipeline together.
 
-        `clock` maps the receiver's times to drive time; without one the receiver's clock is the drive's. GNSS second
+        A lateral deviation above `deviation_limit` [m] is the fault `off_path`. A speed above `desired_speed` [m/s] by
+        more than `speed_margin` [m/s] is the fault `above_desired_speed`.
+        `dater` maps the receiver's times to drive time; without one the receiver's clock is the drive's. GNSS second
         `epoch` is drive time 0. `geofence` is the lot's; without one the car may stop anywhere.
         `wires` carry the virtual sensors to a foreign control computer; without them nobody else is told.
         `fallback` gives the fallback path; where the gateway lives in this process it may be a deferred one.
@@ -137,8 +139,8 @@ class Pipeline:
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor
         self._sensors, self._controller = dict(sensors), controller
         self._vehicle, self._path, self._desired_speed = vehicle, path, desired_speed
-        self._deviation_limit = deviation_limit
-        self._clock, self._epoch, self._geofence, self._wires = clock, epoch, geofence, wires
+        self._deviation_limit, self._speed_limit = deviation_limit, desired_speed + speed_margin
+        self._dater, self._epoch, self._geofence, self._wires = dater, epoch, geofence, wires
         self._fallback_rule = fallback
         self._sequence = 0
         self._s: float | None = None
@@ -156,21 +158,11 @@ class Pipeline:
     def receive(self, received: float, data: bytes) -> None:
         """Take pose bytes that arrived at drive time `received` [s]."""
         for fix in self._decoder.feed(data, received):
-            timed = fix if self._clock is None else self._timed(self._clock, received, fix)
-            if timed is None:
-                self._reasons = ("fix_ahead",)
+            dated = fix if self._dater is None else self._dater.date(received, fix)
+            if isinstance(dated, Undated):
+                self._reasons = (dated.reason,)
             else:
-                self.accept(received, timed)
-
-    def _timed(self, clock: Clock, received: float, fix: Fix) -> Fix | None:
-        """Date a fix on the drive's clock; None where the clock gives no time, as for a fix ahead of its estimate.
-
-        A fix that is not `locked` is dated, but the clock estimate does not learn from it.
-        """
-        made = clock.step(received, fix.time) if fix.locked else clock.at(fix.time)
-        if fix.locked and math.isnan(made):
-            return None
-        return replace(fix, time=self._epoch + made)
+                self.accept(received, dated)
 
     def accept(self, now: float, fix: Fix) -> Pose | None:
         """Judge one fix; if the fix is trusted, place it on the virtual road and update the predictor.
@@ -215,6 +207,7 @@ class Pipeline:
             beside = self._path.project(pose.x, pose.y, self._s)
             self._s, s, d = beside.s, beside.s, beside.offset
             faults += ("off_path",) if not abs(d) <= self._deviation_limit else ()
+            faults += ("above_desired_speed",) if not pose.speed <= self._speed_limit else ()
             if not abs(now - self._prepared_for) <= PREPARED_TOLERANCE:
                 # Ticks were skipped: the car is no longer where the prepared fallback path begins.
                 self.prepare(now, steering)
@@ -263,10 +256,10 @@ class Pipeline:
         return None if pose is None else move_point(pose, self._vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER)
 
     def clock_report(self) -> dict[str, Any]:
-        """Return the estimate of the receiver's clock against the drive's, for the summary; empty without `clock`."""
-        if self._clock is None:
+        """Return the estimate of the receiver's clock against the drive's, for the summary; empty without a `dater`."""
+        report = None if self._dater is None else self._dater.report()
+        if report is None:
             return {}
-        report = self._clock.report()
         return {
             "age": report.age.value,
             "drift_ppm": report.drift_ppm,

@@ -14,7 +14,7 @@ from pathlib import Path as FilePath
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
 from vve_sumo.drive.lockstep import CAR_BUS, Watch, drive_end, gateway_of
 from vve_sumo.drive.prediction_error import PredictionError
-from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
@@ -25,6 +25,7 @@ from vve_sumo.pose import recording
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.record.writer import MemoryRecorder
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Fix, GatewayStatus, Setpoint
 from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.world.loaded_road import LoadedRoad

@@ -13,6 +13,7 @@ from vve_sumo.vehicle import arming
 
 #: Codes that neither the gateway (`arming.REASONS`) nor the trust gate (`trust.REASONS`) defines.
 DRIVE_REASONS: Final[dict[str, str]] = {
+    "above_desired_speed": "the car is faster than the scenario's speed and its margin",
     "actors_not_finite": "the virtual road holds an actor whose place or speed is not a number",
     "brain_overdue": "the foreign brain did not answer within the time that the rig gives it in lockstep",
     "brain_silent": "no setpoint of the foreign brain is alive",
@@ -35,7 +36,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "gateway_silent": "the gateway's process says nothing: nobody could stop the drive",
     "geofence_breach": "the car could not be sure to come to rest inside the lot",
     "internal_error": "a mistake in this program; the traceback lies in the record",
-    "latency_budget": "too many ticks within a second took longer than the rig's budget",
+    "latency_budget": "too many ticks within a second took longer than the rig's budget, or than a period",
     "not_calm": "waiting for a calm second of the computer",
     "off_path": "the car is farther off its path than allowed",
     "outputs_gone": "the process of the outgoing wires is gone: the foreign brain sees nothing",

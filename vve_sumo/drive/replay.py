@@ -22,9 +22,9 @@ from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.lockstep import ScriptedOperator, assemble
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import (
-    PERIOD,
     ResolvedScenario,
     read_resolved,
+    recorded_faults,
     recorded_model,
     resolve_scenario,
     versions,
@@ -32,9 +32,11 @@ from vve_sumo.drive.resolved_scenario import (
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.tick_rows import result_columns, status_columns
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.car_bus import with_direction
 from vve_sumo.record.layout import LIVE_SCHEMAS, SCHEMAS, recorded_brain, sensor_table
 from vve_sumo.record.reader import read_pose_chunks, read_table, sensor_tables
 from vve_sumo.scenario.load import parse
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, Frame
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig, load
 
@@ -72,7 +74,7 @@ class PipelineInputs:
 
 @dataclass(frozen=True, slots=True)
 class CarFrames:
-    """The car's reports and the gateway's command frames on the car's bus, by tick of a lockstep drive."""
+    """What the gateway received and what it sent on the car's bus, by tick of a lockstep drive."""
 
     reports: dict[int, list[Frame]]
     commands: dict[int, list[Frame]]
@@ -95,7 +97,7 @@ def recorded_scenario(folder: FilePath, working: FilePath) -> ResolvedScenario:
     if "pose" in hashes:
         raise ConfigError(f"{folder}: a playback, expected a drive with the simulated vehicle")
     resolved = resolve_scenario(name, parse(settings, file), file, working)
-    return replace(resolved, model=recorded_model(scenario_content))
+    return replace(resolved, model=recorded_model(scenario_content), faults=recorded_faults(scenario_content))
 
 
 def changed_since(folder: FilePath, resolved: ResolvedScenario) -> list[str]:
@@ -169,14 +171,14 @@ def _whole_ticks(inputs: PipelineInputs) -> int:
 
 
 def read_car_frames(folder: FilePath, epoch: float, interface: InterfaceConfig = DEFAULT) -> CarFrames:
-    """Read a lockstep drive's CAN log; `interface` tells command frames from reports.
+    """Read a lockstep drive's CAN log; `interface` tells the gateway's command frames from what the gateway received.
 
     Raises ConfigError as `bus.read_log` does.
     """
-    sent = load(interface).facts.commands
+    commands = load(interface).facts.commands
     frames = CarFrames(defaultdict(list), defaultdict(list))
-    for time, _channel, frame in bus.read_log(folder / "can.log"):
-        if frame.id in sent:
+    for time, _channel, frame, is_sent in with_direction(bus.read_log(folder / "can.log"), commands):
+        if is_sent:
             frames.commands[round((time - epoch) / PERIOD)].append(frame)
         else:
             frames.reports[math.ceil((time - epoch - TIME_TOLERANCE) / PERIOD)].append(frame)

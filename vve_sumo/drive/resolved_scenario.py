@@ -26,19 +26,22 @@ from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
+from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
 from vve_sumo.record.layout import LAYOUT, check_layout
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import SensorSettings, configured
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
+from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.version import __version__
 from vve_sumo.world.network import Lane, Network, lanes_near, read_network
 
 if TYPE_CHECKING:
+    from vve_sumo.plant.injected_faults import InjectedFault
     from vve_sumo.rig.schema import Rig
 
-PERIOD = 0.02  #: of a tick [s]: 50 Hz, the rate at which the DBW controller expects commands
 #: GNSS second of drive time 0 where no receiver gives one: 2026-01-01 00:00 UTC, with 18 leap seconds
 DEFAULT_EPOCH = 1_451_260_818.0
 #: libraries whose version is recorded beside our own, because a drive may go differently with another version
@@ -46,6 +49,14 @@ DECISIVE_LIBRARIES = ("libsumo", "numpy", "scipy", "pyproj")
 PATH_COLUMNS = ("latitude_deg", "longitude_deg")
 #: a path's point that is farther than this from every lane is a mistake in the coordinates [m]
 MAX_DISTANCE_FROM_LANES = 50.0
+#: successive points of a path that are farther apart than this need a lane between them, along which the path runs [m]:
+#: nearer ones leave no place of the path farther than half of it from a point, which lies near a lane itself
+MAX_FREE_SPACING = 50.0
+#: how far the path may be from a lane between such points [m]: the breadth of a road with a verge
+MAX_DISTANCE_BETWEEN = 10.0
+#: successive points of a path are not farther apart than this [m], on the straightest road: more is a part that was not
+#: recorded
+MAX_POINT_SPACING = 250.0
 #: greatest spacing of the points on lanes with which the path is compared [m]
 LANE_POINT_SPACING = 10.0
 #: lanes that come within this distance of the path are kept for the record [m]; it reaches what the sensors see
@@ -85,10 +96,12 @@ class ResolvedScenario:
     actor_paths: dict[str, Path]  #: paths of actors, by the names that they use, on the virtual road's map
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
     file: FilePath  #: the scenario's own
+    faults: tuple[InjectedFault, ...] = ()  #: that are injected into the simulated vehicle
+    note: str = ""  #: what brakes the car less than declared, in one line; empty where nothing does
 
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle as declared."""
+        """The vehicle as declared, braking no harder than its brakes, wire, gateway and tyres allow."""
         return self.model.vehicle
 
     def to_dict(self, working: FilePath) -> dict[str, Any]:
@@ -99,6 +112,7 @@ class ResolvedScenario:
         sensors = {name: [*map(list, settings.columns)] for name, settings in self.sensors().items()}
         parts = [*plugged_in.of_scenario(self.scenario, working)]
         parts.append(plugged_in.vehicle_interface(self.model.interface.name))
+        noted = {"braking_note": self.note} if self.note else {}
         files = self.files | {role: file for part in parts for role, file in part.files().items()}
         model = self.model.to_dict()
         return {
@@ -112,7 +126,8 @@ class ResolvedScenario:
             "sensors": sensors,
             "files_sha256": plugged_in.digests(files),
             "versions": versions(),
-        }
+            **({"faults": [fault.to_dict() for fault in self.faults]} if self.faults else {}),
+        } | noted
 
     def controller(self, working: FilePath) -> Controller:
         """Make the system under test; raises ConfigError as `controller.load` does."""
@@ -141,13 +156,38 @@ class ResolvedScenario:
         return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
 
     def with_rig(self, rig: Rig, working: FilePath) -> ResolvedScenario:
-        """Return the same scenario with a rig's car; raises ConfigError where its vehicle model is not found."""
-        from vve_sumo.rig.resolve import model_of  # imported here: it loads the lot's geometry, which only rigs need
+        """Return the same scenario with a rig's car and the faults that are injected into it.
 
-        file = workspace.find("vehicle", rig.vehicle.model, working)
+        Raises ConfigError where the rig's vehicle model is not found, and where the car cannot follow the path.
+        """
+        # Imported here: it loads the lot's geometry, which only rigs need.
+        from vve_sumo.rig.resolve import faults_of, model_of
+
+        file, model = workspace.find("vehicle", rig.vehicle.model, working), model_of(rig)
+        refuse_tight_bend(self.path, model.vehicle.tightest_curvature, str(self.files["path"]))
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})
         scenario = self.scenario.model_copy(update={"ego": ego})
-        return replace(self, scenario=scenario, model=model_of(rig), files=self.files | {"vehicle": file})
+        model, note = braking_as_it_can(model)
+        files = self.files | {"vehicle": file}
+        return replace(self, scenario=scenario, model=model, note=note, files=files, faults=faults_of(rig))
+
+
+def load_vehicle_model(file: FilePath) -> tuple[VehicleModel, str]:
+    """Return a vehicle file's model, braking no harder than it can, and the line that says so where it matters.
+
+    Raises ConfigError naming the file, also where its drive-by-wire interface cannot be made.
+    """
+    model = load_vehicle(file)
+    try:
+        return braking_as_it_can(model)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: drive_by_wire: {error}") from None
+
+
+def braking_as_it_can(model: VehicleModel) -> tuple[VehicleModel, str]:
+    """Return a model braking no harder than it can, and the line that says so; raises ConfigError as `of_model`."""
+    braking = of_model(model)
+    return limited_to(model, braking), braking.shortfall()
 
 
 @cache
@@ -170,6 +210,16 @@ def recorded_model(resolved: Mapping[str, Any]) -> VehicleModel:
         return VehicleModel.from_dict({**resolved["vehicle_model"], "vehicle": resolved["vehicle"]})
     except (KeyError, TypeError) as error:
         raise ConfigError(f"scenario.json: no vehicle model of this version: {error!r}") from None
+
+
+def recorded_faults(resolved: Mapping[str, Any]) -> tuple[InjectedFault, ...]:
+    """Return the injected faults in a record's `scenario.json`; raises ConfigError for what is no fault."""
+    from vve_sumo.plant.injected_faults import InjectedFault
+
+    try:
+        return tuple(map(InjectedFault.from_dict, resolved.get("faults", ())))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"scenario.json: faults: none of this version: {error!r}") from None
 
 
 def resolve_scenario(
@@ -203,6 +253,8 @@ def resolve_scenario(
         raise ConfigError(f"{network.path}: {error}") from None
     laid = (path_in or read_path)(path_file, map_frame, network)
     path = laid.path
+    model = load_vehicle(vehicle_file)
+    refuse_tight_bend(path, model.vehicle.tightest_curvature, str(path_file))
     for obstacle in scenario.obstacles:
         if obstacle.at_m > path.length:
             raise ConfigError(
@@ -212,6 +264,7 @@ def resolve_scenario(
     def read(of: FilePath) -> Path:
         return (path_in or read_path)(of, map_frame, network).path
 
+    model, note = load_vehicle_model(vehicle_file)
     followed = find_actor_paths(scenario.actors, file, path, find, read)
     files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
@@ -224,7 +277,8 @@ def resolve_scenario(
         path=path,
         route=laid.edges,
         lanes=laid.lanes,
-        model=load_vehicle(vehicle_file),
+        model=model,
+        note=note,
         files=files,
         actor_paths=followed.lines,
         recordings=followed.recordings,
@@ -235,8 +289,9 @@ def resolve_scenario(
 def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> LaidPath:
     """Return the path in a CSV file, laid in the network's map, with its edges and the lanes around it.
 
-    Raises ConfigError naming file and line for an invalid coordinate, and for a point outside the network or more than
-    MAX_DISTANCE_FROM_LANES from every lane.
+    Raises ConfigError naming file and line for an invalid coordinate, for a point outside the network or more than
+    MAX_DISTANCE_FROM_LANES from every lane, for one at which the path turns back, and for one that is too far from the
+    point before it.
     """
     table = CsvNumbers(file, "path")
     edges = next(
@@ -258,6 +313,8 @@ def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> LaidPath
         path = Path.from_points([x for x, _y in placed], [y for _x, y in placed])
     except ConfigError as error:
         raise ConfigError(f"{table.name}: {error}") from None
+    _forward(places, points)
+    _without_gaps(places, points, path, lines, network)
     return LaidPath(path, edges, _lanes_along(path, lanes, lines))
 
 
@@ -289,6 +346,38 @@ def _on_the_roads(places: list[str], points: Floats, lines: list[Floats], networ
             f"{places[at]}: ({points[at, 0]:.1f}, {points[at, 1]:.1f}) m is more than "
             f"{MAX_DISTANCE_FROM_LANES:.0f} m from every lane of {network.path.name}"
         )
+
+
+def _forward(places: list[str], points: Floats) -> None:
+    """Raise ConfigError at the first point at which a path turns back."""
+    at = find_reversal(points)
+    if at is None:
+        return
+    here = math.atan2(*(points[at] - points[at - 1])[::-1])
+    there = math.atan2(*(points[at + 1] - points[at])[::-1])
+    turned = math.degrees(abs(math.remainder(there - here, math.tau)))
+    raise ConfigError(
+        f"{places[at]}: ({points[at, 0]:.1f}, {points[at, 1]:.1f}) m, the path turns back by {turned:.0f} deg; "
+        "expected points in driving order, none recorded standing still or in reverse"
+    )
+
+
+def _without_gaps(places: list[str], points: Floats, path: Path, lines: list[Floats], network: Network) -> None:
+    """Raise ConfigError at the first point that is too far from the one before it."""
+    starts = [piece.start for piece in path.segments] + [path.length]
+    spots = np.vstack(lines) if lines else np.zeros((0, 2))
+    spacings = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
+    for at in (np.flatnonzero(spacings > MAX_FREE_SPACING) + 1).tolist():
+        spacing, (x, y) = float(spacings[at - 1]), points[at]
+        gap = f"{places[at]}: ({x:.1f}, {y:.1f}) m is {spacing:.0f} m from the point before it, expected"
+        if spacing > MAX_POINT_SPACING:
+            raise ConfigError(f"{gap} at most {MAX_POINT_SPACING:g} m")
+        between = [path.at(s)[:2] for s in np.linspace(starts[at - 1], starts[at], math.ceil(spacing)).tolist()]
+        if not are_near(np.array(between), spots, MAX_DISTANCE_BETWEEN).all():
+            raise ConfigError(
+                f"{gap} at most {MAX_FREE_SPACING:g} m where the path leaves the lanes of {network.path.name} between "
+                "them"
+            )
 
 
 def are_near(points: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:

@@ -106,12 +106,19 @@ def run(
 ) -> Drive:
     """Drive a scenario, or play the recording `pose` in it, into a new record folder.
 
+    The scenario's injected faults act on the simulated vehicle; a playback has none, and refuses them.
+
     For a wrong input it raises ConfigError and leaves no record. A later failure is recorded as the outcome `broken`,
     a keyboard interrupt as `interrupted`. A foreign `brain` drives in place of the scenario's controller; where it is
     not there, RigError is raised and no record is left. With `kept` false no folder is written, and the summary lacks
     only the hashes of the record's files. SUMO is not started where the process of which this one is a fork has
     `loaded` the scenario's road.
     """
+    if pose is not None and resolved.faults:
+        kinds = ", ".join(dict.fromkeys(fault.kind for fault in resolved.faults))
+        raise ConfigError(
+            f"faults: {kinds}: a recorded drive has no simulated vehicle to inject them into; take them out of the rig"
+        )
     if kept:
         claim(folder)
     shell: Shell

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.record.layout import ACTOR_COLUMNS
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors
 
 #: of a tick at which nobody was near

@@ -13,7 +13,7 @@ from typing import Any, Final, Protocol
 import pyarrow as pa
 
 from vve_sumo.drive.reasons import in_words
-from vve_sumo.drive.resolved_scenario import PERIOD, versions
+from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.per_drive import PER_DRIVE
@@ -23,7 +23,9 @@ from vve_sumo.record.hashes import hash_files, whole
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.roads import read_roads
 from vve_sumo.scenario.schema import Band, Criteria, Scenario
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
+from vve_sumo.vehicle.arming import DRIVER_SIGNS
 
 #: what stands in the place of the controller's name where a foreign brain decided
 FOREIGN_BRAIN: Final = "foreign_brain"
@@ -112,7 +114,9 @@ def unmet_criteria(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
             failed.append(f"{name} is {got}{_why(name, summary)}, expected {wanted}")
     if summary["outcome"] in (Outcome.BROKEN, Outcome.INTERRUPTED):
         failed.append(f"the drive was {summary['outcome']}{_why('outcome', summary)}")
-    if summary["outcome"] == Outcome.FAULT and criteria.outcome is None:
+    if not DRIVER_SIGNS.isdisjoint(summary.get("reasons") or ()):
+        failed.append(f"the driver stepped in{_why('outcome', summary)}")
+    elif summary["outcome"] == Outcome.FAULT and criteria.outcome is None:
         failed.append(f"a fault ended the drive{_why('outcome', summary)}")
     return failed
 

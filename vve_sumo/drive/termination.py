@@ -6,12 +6,13 @@ Sees one tick after the other; knows neither SUMO nor the record.
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vve_sumo.drive.rest import Ahead
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import ArmingState, SignalChange
+from vve_sumo.vehicle.arming import DRIVER_SIGNS
 
 #: below this speed the car counts as at standstill [m/s]
 STANDSTILL_SPEED = 0.05
@@ -35,7 +36,7 @@ class Outcome(enum.StrEnum):
     STOPPED = "stopped"  #: at rest before the end of the path
     ARRIVED = "arrived"  #: at rest at the end of the path
     CONTACT = "contact"  #: touched something on the virtual road, then stopped
-    DRIVER = "driver_has_control"  #: the driver took over
+    DRIVER = "driver_has_control"  #: the driver stepped in: took over, or touched a pedal under way
     FAULT = "fault"  #: the gateway stopped the car for another reason
     TIMEOUT = "timeout"  #: the scenario's time ran out
     COMPLETED = "completed"  #: the scenario's end trigger fired
@@ -89,12 +90,19 @@ class TerminationMonitor:
     _traffic_until: float | None = None  #: when the car last stood behind traffic during this rest [s]
 
     def step(
-        self, time: float, speed: float, station: float, state: ArmingState, contact: bool, ahead: Callable[[], Ahead]
+        self,
+        time: float,
+        speed: float,
+        station: float,
+        state: ArmingState,
+        reasons: Sequence[str],
+        contact: bool,
+        ahead: Callable[[], Ahead],
     ) -> Outcome | None:
         """Return the outcome if the drive has ended at drive time `time` [s], or None while it goes on.
 
-        `speed` [m/s] and `station` (s along the path [m]) are the rear axle's; NaN before there is a pose. `ahead` is
-        called at rest only, and returns what the car stands before.
+        `speed` [m/s] and `station` (s along the path [m]) are the rear axle's; NaN before there is a pose. `reasons`
+        are the gateway's in this `state`. `ahead` is called at rest only, and returns what the car stands before.
         """
         self.collided |= contact
         self._moved |= speed > MOVING_SPEED
@@ -105,7 +113,7 @@ class TerminationMonitor:
             self._standing_since = time
         if not self._moved:
             return self._never_started(time, state)
-        outcome = self._name(station, state)
+        outcome = self._name(station, state, reasons)
         lasting = self._lasts(time, ahead()) if outcome is Outcome.STOPPED else time - self._standing_since >= self.rest
         return outcome if lasting else None
 
@@ -127,9 +135,11 @@ class TerminationMonitor:
             return None
         return Outcome.STOPPED if state is ArmingState.ENGAGED else Outcome.FAULT
 
-    def _name(self, station: float, state: ArmingState) -> Outcome:
+    def _name(self, station: float, state: ArmingState, reasons: Sequence[str]) -> Outcome:
         if self.collided:
             return Outcome.CONTACT
+        if state is not ArmingState.ENGAGED and not DRIVER_SIGNS.isdisjoint(reasons):
+            return Outcome.DRIVER
         if state is not ArmingState.ENGAGED:
             return Outcome.FAULT
         return Outcome.ARRIVED if self.path_length - station < ARRIVAL_DISTANCE else Outcome.STOPPED

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 from vve_sumo.drive.pipeline import Pipeline, TickResult
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.drive.tick_rows import RecordedTick, tick_row
 from vve_sumo.drive.virtual_road import VirtualRoad
 from vve_sumo.path import Path
 from vve_sumo.sensors.port import Column
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, Fix, GatewayStatus, Pose, Setpoint, TickRow
 
 

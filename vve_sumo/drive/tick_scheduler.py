@@ -11,7 +11,8 @@ ticks go on at their period.
 **The miss policy.** A tick is skipped and counted if its successor is already due when the tick could begin. So the
 ticks never catch up in a burst, and no two begin closer than half a period. The virtual road is stepped once more for
 each skipped tick, so that its time keeps up, but at most `MAX_CATCH_UP` times. Beyond that the road's time slips, which
-is the fault `overrun`. It is also `overrun` if `OVERRUN_LIMIT` of the last `OVERRUN_WINDOW` ticks began after a skip.
+is the fault `overrun`. It is also `overrun` if `OVERRUN_LIMIT` of the last `OVERRUN_WINDOW` ticks began after a skip,
+or `LATE_LIMIT` of the last `LATE_WINDOW`: a loop that is late every third time does not keep time either.
 """
 
 from __future__ import annotations
@@ -21,9 +22,15 @@ from collections import deque
 from statistics import median
 from typing import Final, NamedTuple
 
+from vve_sumo.timing import PERIOD
+
 MAX_CATCH_UP: Final = 5  #: greatest number of extra steps of the virtual road in one tick
 OVERRUN_LIMIT: Final = 5  #: ticks that began after a skip, among the last OVERRUN_WINDOW, that are an overrun
 OVERRUN_WINDOW: Final = 10
+#: The same for lateness that comes back: a fifth of the last second's ticks. A live drive skips fewer than one in fifty
+#: (tests/live/test_paper_drive.py).
+LATE_LIMIT: Final = 10
+LATE_WINDOW: Final = 50
 
 SLEW: Final = 1e-3  #: how fast nominal times follow the stream [s/s]; ten times the drift of a poor clock (100 ppm)
 ACQUIRING_SLEW: Final = 0.1  #: the same for ACQUIRING_TIME after the lock was found [s/s]
@@ -60,7 +67,7 @@ class TickScheduler:
     again. Once that time is not later than now, it calls `begin`.
     """
 
-    def __init__(self, start: float, period: float = 0.02, grace: float = 0.003) -> None:
+    def __init__(self, start: float, period: float = PERIOD, grace: float = 0.003) -> None:
         """Tick 0 is due at `start`; `grace` is how long a tick waits for its fix beyond its due time."""
         self._period, self._grace = period, grace
         self._tick = 0
@@ -74,7 +81,7 @@ class TickScheduler:
         self._latencies: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._intervals: deque[float] = deque(maxlen=INTERVALS_KEPT)
         self._interval = period
-        self._late: deque[bool] = deque(maxlen=OVERRUN_WINDOW)
+        self._late: deque[bool] = deque(maxlen=LATE_WINDOW)  # whether a skip was before each of the last ticks
         self.missed = 0  #: ticks skipped so far
 
     @property
@@ -114,13 +121,17 @@ class TickScheduler:
         by = "datagram" if self._due_fix_is_here() else "deadline"
         missed = max(0, math.floor((now - self.next_due) / self._period))
         self._late.append(missed > 0)
-        overrun = missed > MAX_CATCH_UP or sum(self._late) >= OVERRUN_LIMIT
+        overrun = missed > MAX_CATCH_UP or self._often_late()
         tick, due = self._tick + missed, min(now, self.next_due + missed * self._period)
         self._tick = tick + 1
         self._epoch += (missed + 1) * self._period
         self._begun = now
         self.missed += missed
         return ScheduledTick(tick, due, by, missed, min(missed, MAX_CATCH_UP), ("overrun",) if overrun else ())
+
+    def _often_late(self) -> bool:
+        late = list(self._late)
+        return sum(late) >= LATE_LIMIT or sum(late[-OVERRUN_WINDOW:]) >= OVERRUN_LIMIT
 
     def _due_fix_is_here(self) -> bool:
         # The clock estimate shifts epochs a little against nominal ones: without a tolerance a fix could be missed.

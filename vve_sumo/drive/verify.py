@@ -19,7 +19,7 @@ import pyarrow as pa
 
 from vve_sumo.drive import provenance
 from vve_sumo.drive.latency_monitor import latency_summary
-from vve_sumo.drive.resolved_scenario import PERIOD, read_resolved
+from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of
@@ -33,7 +33,9 @@ from vve_sumo.record.roads import read_roads
 from vve_sumo.record.summary import SUMMARY_HASH_KEY, sealed
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import EndTrigger, Scenario
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Point, Pose, Vehicle
+from vve_sumo.vehicle.arming import DRIVER_SIGNS
 
 SUMMARY: Final = "summary.json"
 #: relative and absolute tolerance of a figure: another processor rounds differently
@@ -281,12 +283,12 @@ def _ended(ticks: pa.Table, actors: pa.Table, recorded: RecordedDrive) -> Outcom
     ending = TerminationMonitor(recorded.path.length, recorded.scenario.after_stop_s)
     rest, seen = RestObserver(recorded.scenario, recorded.path, recorded.vehicle), snapshots(actors)
     last = round(recorded.scenario.duration_s / PERIOD) - 1
-    names = ("tick", "time_s", "s_m", "state", "contacts", *TRUE_POSE)
+    names = ("tick", "time_s", "s_m", "state", "reasons", "contacts", *TRUE_POSE)
     for row in zip(*(ticks[name].to_pylist() for name in names), strict=True):
-        tick, time, station, state, contacts, x, y, heading, speed = row
+        tick, time, station, state, reasons, contacts, x, y, heading, speed = row
         pose = Pose(time, Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, 0.0, 0.0)
         ahead = partial(rest.ahead, pose, station, seen.get(tick, NO_ACTORS))
-        outcome = ending.step(time, speed, station, ArmingState(state), bool(contacts), ahead)
+        outcome = ending.step(time, speed, station, ArmingState(state), reasons.split("+"), bool(contacts), ahead)
         if outcome is None and tick >= last:
             outcome = Outcome.TIMEOUT
         if outcome is not None:
@@ -305,8 +307,8 @@ def _live_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, gateway:
     ]
     if outcome in (Outcome.STOPPED, Outcome.ARRIVED) and any(map(all, zip(contacts, under_way, strict=True))):
         yield f"outcome is {outcome}, and something was touched"
-    if outcome is Outcome.DRIVER and "driver_override" not in reasons:
-        yield f"outcome is {outcome}, and reasons have no driver_override"
+    if outcome is Outcome.DRIVER and DRIVER_SIGNS.isdisjoint(reasons):
+        yield f"outcome is {outcome}, and no reason says that the driver stepped in"
     said = {code for table in (ticks, gateway) for joined in table["reasons"].to_pylist() for code in joined.split("+")}
     if strange := [code for code in reasons if code not in said | WITHOUT_ROW]:
         yield f"reasons are {reasons}, the gateway never said {strange[0]}"

@@ -9,10 +9,11 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.path import Path
 from vve_sumo.scenario import schema
 from vve_sumo.scenario.engine import ScenarioEngine
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, Point, Pose, SignalChange
 from vve_sumo.world.ego_sync import EgoSyncReport
 from vve_sumo.world.loaded_road import LoadedRoad, RoadSource

@@ -10,6 +10,7 @@ from vve_sumo import bus
 from vve_sumo.analysis.run import Run
 from vve_sumo.bus import LoggedFrame
 from vve_sumo.export.unix_time import MICROSECONDS, unix_of_gnss
+from vve_sumo.record.car_bus import with_direction
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.interface import InterfaceConfig, load
 
@@ -33,8 +34,8 @@ def frames_of(run: Run) -> list[LoggedFrame]:
 def _with_direction(run: Run) -> Iterator[tuple[float, str, Frame, bool]]:
     """Yield GNSS time [s], bus and frame of every line, and whether it was sent.
 
-    A live drive counted the frames of each of the gateway's steps: first those heard, then those sent. In lockstep
-    nobody but the gateway sends command frames.
+    A live drive counted the frames of each of the gateway's steps: first those heard, then those sent. In
+    lockstep the gateway's command frames tell.
     """
     lines = bus.read_log(run.folder / "can.log")
     if run.holds("gateway"):
@@ -46,4 +47,4 @@ def _with_direction(run: Run) -> Iterator[tuple[float, str, Frame, bool]]:
         yield from ((*line, sent) for line, sent in zip(lines, directions, strict=False))
         return
     commands = load(InterfaceConfig(**run.resolved["vehicle_model"]["interface"])).facts.commands
-    yield from ((*line, line[2].id in commands) for line in lines)
+    yield from with_direction(lines, commands)

@@ -13,7 +13,6 @@ from typing import ClassVar, Final, NamedTuple, Protocol
 
 import numpy as np
 
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.frames import GRAVITY
 from vve_sumo.hunt.truth import TruthSample
@@ -24,10 +23,11 @@ from vve_sumo.lot.swept_area import Body
 from vve_sumo.plant.car import CarParameters
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
+from vve_sumo.timing import NOTICED, PERIOD, SETPOINT_LIFETIME
 from vve_sumo.values import ArmingState, Vehicle
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.gateway import OperatorCommand
-from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Gear
+from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Gear, load
 from vve_sumo.vehicle.limits import Limits
 
 #: a pedal this far from rest has a foot on it; the least that a DBW controller calls activity [fraction]
@@ -501,10 +501,11 @@ def weakest_stop(rig: Rig, parameters: CarParameters, limits: Limits) -> Stop:
     A car with more mass or less brake than declared brakes less by as much, and none brakes beyond its friction.
     """
     vehicle = parameters.vehicle
-    delay = meaning.EXPIRY + meaning.NOTICED + vehicle.brake_delay + vehicle.brake_lag
+    delay = SETPOINT_LIFETIME + NOTICED + vehicle.brake_delay + vehicle.brake_lag
     deceleration, test = limits.stop_deceleration, rig.watchdog_test
-    if test is not None:
-        deceleration, delay = min(deceleration, test.deceleration_mps2), max(delay, meaning.EXPIRY + test.delay_s)
+    watchdog = meaning.watchdog_deceleration_of(rig, load(meaning.interface_of(rig)).facts)
+    if test is not None and watchdog is not None:
+        deceleration, delay = min(deceleration, watchdog), max(delay, SETPOINT_LIFETIME + test.delay_s)
     true = deceleration * min(parameters.brake_gain_factor / parameters.mass_factor, 1.0)
     true = min(true, 0.9 * parameters.friction * GRAVITY)
     return Stop(true, delay, true / limits.stop_jerk, parameters.calibration.drive_lag)

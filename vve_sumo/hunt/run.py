@@ -79,6 +79,8 @@ def course_of(scenario: str, rig: str, working: Path) -> tuple[Course, Path]:
     loaded = load_rig(file, working)
     if loaded.brain.kind != "own":
         raise ConfigError(f"{file}: brain.kind is {loaded.brain.kind!r}, expected 'own': a hunt drives the gateway")
+    if loaded.faults:
+        raise ConfigError(f"{file}: faults: a hunt injects its own; leave the rig's out")
     values: dict[str, Any] = {"road.demand": []}
     resolved = scenario_with_rig(resolve_by_name(scenario, working, values=values), loaded, working)
     return Course(resolved, loaded, working), file

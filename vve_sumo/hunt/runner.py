@@ -18,13 +18,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.hunt.episode import Episode, Phase, RoadConditions
 from vve_sumo.hunt.invariants import Judges, Tolerances, Violation
 from vve_sumo.hunt.simulation import Course, Simulation
 from vve_sumo.hunt.truth import TruthSample
 from vve_sumo.live.wording import DRIVING
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle.arming import WAITING
 

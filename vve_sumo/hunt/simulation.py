@@ -15,7 +15,7 @@ from typing import Any, cast
 from vve_sumo.controller import Controller
 from vve_sumo.drive.assembly import PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.lockstep import car_parameters
-from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, PERIOD, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import DueTick, Tick
@@ -33,6 +33,7 @@ from vve_sumo.pose.trust import DRIVE
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.sensors.port import Column
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, ArmingState, Frame, GatewayStatus, Pose, Setpoint, TickRow
 from vve_sumo.vehicle.arming import COMMANDING, WAITING
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -252,7 +253,9 @@ class Simulation:
         assert self._status is not None
         ahead = partial(self._rest.ahead, self.alignment.apply(truth), self.s, actors)
         contact = bool(self.road.contacts)
-        outcome = self._termination.step(now, truth.speed, self.s, self._status.state, contact, ahead)
+        outcome = self._termination.step(
+            now, truth.speed, self.s, self._status.state, self._status.reasons, contact, ahead
+        )
         self.outcome = self.outcome or outcome
 
     def _sample(self, now: float, truth: Pose) -> TruthSample:

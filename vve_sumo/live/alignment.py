@@ -19,7 +19,7 @@ from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
-from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.dating import FixDater, Undated
 from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import EARTH_RADIUS, TrustGate, TrustProfile
@@ -61,9 +61,8 @@ def standing_pose(
     receiver's fixes lack, or that the car moves.
     """
     begun = time.monotonic()
-    timing: Clock | None = None
+    dater = FixDater(minimum_delay, math.nan if absolute is None else absolute, absolute=absolute is not None)
     gate: TrustGate | None = None
-    epoch = math.nan
     standing: list[Fix] = []
     lacks: Counter[str] = Counter()
     while time.monotonic() - begun < TIMEOUT:
@@ -71,12 +70,13 @@ def standing_pose(
         for stamp, data in source.receive():
             received = stamp - t0
             for fix in decoder.feed(data, received):
-                if timing is None or gate is None:
-                    epoch = fix.time - (received - minimum_delay) if absolute is None else absolute
-                    timing = Clock(epoch, minimum_delay, absolute=absolute is not None)
-                    gate = TrustGate(profile, epoch)
-                timed = replace(fix, time=epoch + timing.step(received, fix.time))
-                trust = gate.step(received, timed)
+                dated = dater.date(received, fix)
+                if isinstance(dated, Undated):
+                    lacks[dated.reason] += 1
+                    standing.clear()
+                    continue
+                gate = gate or TrustGate(profile, dater.epoch)
+                trust = gate.step(received, dated)
                 lacks.update(trust.reasons)
                 moves = not math.hypot(fix.velocity_north, fix.velocity_east) < MAX_STANDSTILL_SPEED
                 lacks.update(("car_moves",) if moves else ())
@@ -85,8 +85,8 @@ def standing_pose(
                 else:
                     standing.append(fix)
         if standing and standing[-1].time - standing[0].time >= AVERAGING_TIME:
-            return average_fixes(epoch, standing)
-    lacking = "no fix at all" if timing is None else ", ".join(code for code, _count in lacks.most_common(4))
+            return average_fixes(dater.measured_epoch, standing)
+    lacking = "no fix at all" if not lacks else ", ".join(code for code, _count in lacks.most_common(4))
     raise RigError(f"pose: {TIMEOUT:.0f} s without {AVERAGING_TIME} s of trusted fixes at standstill: {lacking}")
 
 

@@ -15,16 +15,17 @@ from vve_sumo.bus import Bus
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
 from vve_sumo.drive.brain import Brain
 from vve_sumo.drive.pipeline import Pipeline
-from vve_sumo.drive.resolved_scenario import PERIOD, ResolvedScenario, resolve_scenario
+from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.frames import Placement
 from vve_sumo.live.alignment import StandingPose, standing_pose
-from vve_sumo.pose.clock import Clock
+from vve_sumo.pose.dating import FixDater
 from vve_sumo.pose.sources import Source
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.scenario.load import parse
+from vve_sumo.timing import PERIOD
 
 #: GNSS time minus this machine's wall clock, if that is disciplined to UTC [s]: epoch of GPS, and 18 leap seconds
 GNSS_OF_UNIX: Final = -315_964_800.0 + 18.0
@@ -89,7 +90,7 @@ def pipeline_of(
         profile=receiver.profile,
         placement=Placement(frame, lot.alignment, meaning.mounting_of(rig), lot.epoch),
         epoch=lot.epoch,
-        clock=Clock(lot.epoch, minimum_delay_of(rig), absolute=rig.pose.clock == "absolute"),
+        dater=FixDater(minimum_delay_of(rig), lot.epoch, absolute=rig.pose.clock == "absolute"),
         geofence=meaning.geofence_of(rig, lot.alignment),
     )
     return build_pipeline(resolved, pose, working, brain)

@@ -15,11 +15,12 @@ from typing import Final
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.outputs import Wire
-from vve_sumo.pose.sources import Source
+from vve_sumo.pose.sources import Source, open_udp
 from vve_sumo.rig.schema import Brain as RigBrain
 from vve_sumo.rig.schema import Rig
 from vve_sumo.wire.sample import Sample
 from vve_sumo.wire.sample_codec import pack
+from vve_sumo.wire.setpoints import is_setpoint
 
 KEY_LENGTH: Final = 32  #: [bytes]
 #: how long lockstep waits for a brain's answer [s]; it may be a debugger's first line
@@ -72,6 +73,14 @@ def key_of(brain: RigBrain, working: Path) -> bytes:
     if len(key) != KEY_LENGTH:
         raise ConfigError(f"brain.key_file: {file}: expected {2 * KEY_LENGTH} hexadecimal digits, got {2 * len(key)}")
     return key
+
+
+def open_setpoints(brain: RigBrain, key: bytes) -> Source:
+    """Open the port of setpoints; raises RigError naming the key of the rig.
+
+    The brain is the first sender of which a whole setpoint comes, signed where there is a `key` of `key_of`.
+    """
+    return open_udp(brain.address, brain.port, brain.source, "brain", genuine=lambda data: is_setpoint(data, key))
 
 
 def refuse_controller(rig: Rig, controller: str | None) -> None:

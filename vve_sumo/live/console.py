@@ -16,11 +16,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from vve_sumo.drive.lockstep import ScriptedOperator
+from vve_sumo.drive.reasons import in_words
 from vve_sumo.live.calm import PATIENCE
 from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.keys import KeyCommand, OperatorInput
 from vve_sumo.live.screen import Screen
-from vve_sumo.live.wording import Guard, answer, why
+from vve_sumo.live.wording import Guard, answer, doctor_overridden, why
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING, WAITING
@@ -97,15 +98,24 @@ def _end(process: subprocess.Popen[bytes], timeout: float) -> None:
 class Console:
     """The operator's console; runs until the gateway's process has ended."""
 
-    def __init__(self, processes: ProcessGroup, keys: OperatorInput, screen: Screen, automatic: bool) -> None:
-        """Take commands from `keys`, and with `automatic` also from a `ScriptedOperator`."""
+    def __init__(
+        self, processes: ProcessGroup, keys: OperatorInput, screen: Screen, automatic: bool, overridden: str = ""
+    ) -> None:
+        """Take commands from `keys`, and with `automatic` also from a `ScriptedOperator`.
+
+        `overridden` is why the car is armed without the doctor's GO; the screen shows it for the whole drive.
+        """
         self._processes, self._keys, self._screen = processes, keys, screen
         self._operator = ScriptedOperator() if automatic else None
         self._state = ArmingState.DISARMED
-        self._engaged = self._over = self._stops = self._ends = self._left = False
+        self._engaged = self._over = self._ends = self._left = False
+        self._stop: OperatorCommand | None = None  # whose stop is to be sent: the operator's, or the page's
         self._heard_at = math.inf  # time of the gateway's last message; inf before the first
         self._begun = time.monotonic()
-        self._status: dict[str, Any] = {"went": False}  # a go has been sent, and was not refused
+        # `went`: a go has been sent, and was not refused
+        self._status: dict[str, Any] = {"went": False, "doctor_overridden": overridden}
+        if overridden:
+            screen.say(doctor_overridden(overridden))
         self.why: tuple[str, ...] = ()  #: the gateway's last reasons for stopping the car, or for letting go of it
         self.refused: tuple[str, int] | None = None  #: why the drive never began, and the exit code for that
 
@@ -164,12 +174,17 @@ class Console:
         if self._engaged and not waited_for:
             command = KeyCommand.STOP
         if command is KeyCommand.STOP:
-            self._stops = True
-            if not self._engaged:
-                # Nothing moves yet, so a stop ends the drive before it begins.
-                self._leave()
+            self._ask_to_stop(OperatorCommand.STOP)
         elif command is KeyCommand.RESET or waited_for:
             self._act(_ACTS[command])
+
+    def _ask_to_stop(self, command: OperatorCommand) -> None:
+        """Have a stop sent; the operator's counts before that of the page."""
+        if self._stop is not OperatorCommand.STOP:
+            self._stop = command
+        if not self._engaged:
+            # Nothing moves yet, so a stop ends the drive before it begins.
+            self._leave()
 
     def _waited_for(self, command: KeyCommand) -> bool:
         """Whether the gateway waits for this command now."""
@@ -193,8 +208,8 @@ class Console:
         if self._processes.to_gateway.closed:
             return
         self._processes.to_gateway.send(ALIVE)
-        if (self._stops or self._ends) and self._state in (ArmingState.READY, ArmingState.ENGAGED):
-            command = OperatorCommand.STOP if self._stops else OperatorCommand.END
+        if (self._stop or self._ends) and self._state in (ArmingState.READY, ArmingState.ENGAGED):
+            command = self._stop or OperatorCommand.END
             self._processes.to_gateway.send(link.encode_operator_command(command))
 
     def _leave(self) -> None:
@@ -202,10 +217,12 @@ class Console:
         self._processes.to_gateway.close()
 
     def _hear_view(self) -> None:
-        """Take the page's requests to stop: whatever it says is the operator's stop, and nothing else."""
+        """Take the page's requests to stop: whatever it says is a stop of nobody known, and nothing else."""
         view = self._processes.to_view
         if view is not None and not view.closed and view.receive():
-            self._obey(KeyCommand.STOP)
+            if not self._engaged and not self._over:
+                self._screen.say(f"  {in_words('stop_asked_by_page')}: the drive is over before it began")
+            self._ask_to_stop(OperatorCommand.STOP_BY_PAGE)
 
     def _hear_drive(self) -> None:
         if self._processes.to_drive.closed:

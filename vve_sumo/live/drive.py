@@ -23,7 +23,6 @@ from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.brain import Brain, NoController, Publisher, SetpointController, virtual_placement
 from vve_sumo.drive.latency_monitor import LatencyMonitor
 from vve_sumo.drive.pipeline import TickResult
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import CompletedTick, DueTick, Tick
@@ -32,19 +31,19 @@ from vve_sumo.drive.virtual_road import open_world, scenario_engine
 from vve_sumo.errors import VveError
 from vve_sumo.live import signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
-from vve_sumo.live.brain_link import ChannelLink, key_of
+from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints
 from vve_sumo.live.calm import CalmSecond
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, KILLED_SECOND, UrgentPart, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
 from vve_sumo.live.view_feed import Beside, ViewFeed
-from vve_sumo.pose.sources import open_udp
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.arming import COMMANDING, ENDING, WAITING
+from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS, ENDING, WAITING
 from vve_sumo.wire.outputs import KINDS
 from vve_sumo.wire.setpoints import SetpointInbox
 
@@ -108,16 +107,16 @@ class LiveDrive:
         """Return the way to a foreign brain, and the brain; neither where the rig has no outputs."""
         if outputs is None:
             return None, None
-        said, setpoints = rig.brain, None
+        said, key, setpoints = rig.brain, key_of(rig.brain, working), None
         if said.kind == "setpoints":
-            setpoints = open_udp(said.address, said.port, said.source, "brain")
+            setpoints = open_setpoints(said, key)
         actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
         placement = virtual_placement(self._resolved.map_frame, mounting_of(rig), lot.epoch)
         publisher = Publisher(link_.send, placement, lot.epoch, held=said.kind == "external")
         controller: SetpointController | NoController | None = None
         if said.kind == "setpoints":
-            inbox = SetpointInbox(lot.epoch, key_of(said, working))
+            inbox = SetpointInbox(lot.epoch, key)
             controller = SetpointController(publisher, link_.receive, inbox, waits=False)
         elif said.kind == "external":
             controller = NoController()
@@ -335,7 +334,7 @@ class LiveDrive:
         pose, contact = result.pose, bool(self._road.contacts)
         speed, driven = pose.speed if pose else math.nan, now - self._went_at
         ahead = partial(self._rest.ahead, pose, result.s, done.actors)
-        outcome = self._termination.step(driven, speed, result.s, status.state, contact, ahead)
+        outcome = self._termination.step(driven, speed, result.s, status.state, status.reasons, contact, ahead)
         if outcome is None and driven > self._resolved.scenario.duration_s:
             outcome = Outcome.TIMEOUT
         if outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.TIMEOUT):
@@ -352,11 +351,11 @@ class LiveDrive:
             self._close(Outcome.FAULT, (*self._stop_reasons, "gateway_gone"))
         elif self._went_at is None:
             self._close(Outcome.INTERRUPTED, self._stop_reasons)
-        elif "driver_override" in self._stop_reasons:
+        elif not DRIVER_SIGNS.isdisjoint(self._stop_reasons):
             self._close(Outcome.DRIVER, self._stop_reasons)
         elif self._termination.collided:
             self._close(Outcome.CONTACT, self._stop_reasons)
-        elif set(self._stop_reasons[:1]) <= {"stop_asked", "operator_gone"}:
+        elif set(self._stop_reasons[:1]) <= {"stop_asked", "stop_asked_by_page", "operator_gone"}:
             # The first reason counts: the drive was over before any fault found on the fallback path.
             self._close(Outcome.INTERRUPTED, self._stop_reasons)
         else:

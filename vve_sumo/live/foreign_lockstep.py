@@ -14,9 +14,8 @@ from typing import Protocol
 from vve_sumo.drive.brain import Brain, Publisher, SetpointController, virtual_placement
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.errors import ConfigError
-from vve_sumo.live.brain_link import WiredLink, key_of
+from vve_sumo.live.brain_link import WiredLink, key_of, open_setpoints
 from vve_sumo.live.outputs import opened
-from vve_sumo.pose.sources import open_udp
 from vve_sumo.rig.schema import Rig
 from vve_sumo.wire.outputs import Context
 from vve_sumo.wire.sample import Sample
@@ -39,14 +38,17 @@ class Link(Protocol):
         """Close all that is open."""
 
 
-def open_link(rig: Rig, resolved: ResolvedScenario) -> WiredLink:
-    """Open all wires of a rig, and the port of setpoints; raises VveError naming what cannot be opened."""
-    context = Context(resolved.vehicle, resolved.map_frame.projection, resolved.map_frame.offset)
+def open_link(rig: Rig, resolved: ResolvedScenario, key: bytes) -> WiredLink:
+    """Open all wires of a rig, and the port of setpoints; raises VveError naming what cannot be opened.
+
+    `key` is that of `key_of`.
+    """
+    context = Context(resolved.vehicle, resolved.map_frame.projection, resolved.map_frame.offset, key=key)
     wires = opened([output.model_dump(mode="json") for output in rig.outputs], context)
     said, setpoints = rig.brain, None
     try:
         if said.kind == "setpoints":
-            setpoints = open_udp(said.address, said.port, said.source, "brain")
+            setpoints = open_setpoints(said, key)
     except BaseException:
         for wire in wires:
             wire.outlet.close()
@@ -71,7 +73,8 @@ def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) 
 def brain_of(rig: Rig, resolved: ResolvedScenario, working: Path) -> Iterator[Brain | None]:
     """Give the brain of a rig for a drive in lockstep; None for a rig without outputs, where nobody is told anything.
 
-    Raises ConfigError for an external brain, which commands a car in real time; VveError for what cannot be opened.
+    Raises ConfigError for an external brain, which commands a car in real time; VveError for what cannot be opened
+    and for a key file that cannot be read.
     """
     if rig.brain.kind == "external":
         raise ConfigError(
@@ -81,7 +84,7 @@ def brain_of(rig: Rig, resolved: ResolvedScenario, working: Path) -> Iterator[Br
     if not rig.outputs:
         yield None
         return
-    link = open_link(rig, resolved)
+    link = open_link(rig, resolved, key_of(rig.brain, working))
     try:
         yield brain_over(link, rig, resolved, working)
     finally:

@@ -25,21 +25,17 @@ from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.spawn import receive_config
+from vve_sumo.timing import LONE_STEP_INTERVAL, MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
 from vve_sumo.values import ArmingState, Frame, GatewayRow, GatewayStatus, Setpoint, Vehicle
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.gateway import STOPS, Gateway, GatewayOutput, OperatorCommand
 from vve_sumo.vehicle.interface import InterfaceConfig, load
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 from vve_sumo.vehicle.observer import Observer
 
 CAR_BUS: Final = "can0"  #: the car's bus, as the record names it
-# Time between two steps, in periods. An early setpoint waits for MIN, so that the DBW controller never gets two
-# commands at once. A late one is waited for until MAX, but after a step without a setpoint only for LONE, the period.
-MIN_STEP_INTERVAL: Final = 0.5
-MAX_STEP_INTERVAL: Final = 1.5
-LONE_STEP_INTERVAL: Final = 1.0
 #: between two polls of a bus whose driver has no file descriptor to wait on [s]
 POLL_INTERVAL: Final = 0.001
 #: between two status messages to the console while nothing changes [s]
@@ -94,7 +90,7 @@ class Inbox:
 
         The gateway counts in periods: an operator who hammers a key must not make them shorter.
         """
-        return self._setpoint is not None or (OperatorCommand.STOP in self._acts and not self._stopped)
+        return self._setpoint is not None or (not STOPS.isdisjoint(self._acts) and not self._stopped)
 
     def take_from_drive(self, datagram: bytes) -> None:
         """Take in a datagram of the drive."""
@@ -110,18 +106,24 @@ class Inbox:
             self._wrong.append("setpoint_corrupt")
 
     def take_from_console(self, datagram: bytes) -> None:
-        """Take in an operator command; a datagram that cannot be understood counts as a stop."""
+        """Take in an operator command; a datagram that cannot be understood counts as the operator's stop.
+
+        A stop goes before all that waits, the operator's before that of the page.
+        """
         act = link.decode_operator_command(datagram)
-        if act is OperatorCommand.STOP or not isinstance(act, OperatorCommand):
-            self._acts.clear()
+        if not isinstance(act, OperatorCommand):
             act = OperatorCommand.STOP
-        if OperatorCommand.STOP not in self._acts:
+        waiting = STOPS.intersection(self._acts)
+        if act in STOPS and OperatorCommand.STOP not in waiting:
+            self._acts.clear()
+            self._acts.append(act)
+        elif not waiting:
             self._acts.append(act)
 
     def take(self) -> StepInputs:
         """Return the inputs of the next step and remove them."""
         act = self._acts.popleft() if self._acts else None
-        self._stopped |= act is OperatorCommand.STOP
+        self._stopped |= act in STOPS
         taken = StepInputs(self._setpoint, self._datagram, act, tuple(self._wrong))
         self._setpoint, self._datagram, self._wrong = None, b"", []
         return taken

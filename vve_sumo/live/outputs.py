@@ -15,10 +15,10 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 from vve_sumo.bus import Bus
-from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.errors import VveError
 from vve_sumo.live import signals
 from vve_sumo.live.channel import Channel
@@ -26,10 +26,12 @@ from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, se
 from vve_sumo.live.pty_bus import PREFIX, PtyOutlet
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
 from vve_sumo.wire.outputs import KINDS, Context, Output
 from vve_sumo.wire.sample import Sample, sequence_of
 from vve_sumo.wire.sample_codec import unpack
+from vve_sumo.wire.signature import signed
 
 #: a sample that is this much later than due is no longer waited for [s]: the wires turn invalid
 LATE: Final = 0.03
@@ -60,7 +62,7 @@ def opened(tables: list[Mapping[str, Any]], context: Context) -> list[Wire]:
 
 
 def _wire(name: str, table: Mapping[str, Any], context: Context) -> Wire:
-    outlet = _outlet(table)
+    outlet = _outlet(table, context.key)
     hear = outlet.receive if table["host"] == "bus" and isinstance(outlet, CanOutlet | PtyOutlet) else None
     of_this = replace(context, hear=hear, stop_id=table["can_id"])
     try:
@@ -70,9 +72,10 @@ def _wire(name: str, table: Mapping[str, Any], context: Context) -> Wire:
         raise
 
 
-def _outlet(table: Mapping[str, Any]) -> Outlet[Any]:
+def _outlet(table: Mapping[str, Any], key: bytes) -> Outlet[Any]:
     if table.get("udp"):
-        return UdpOutlet(*_place(table["udp"]))
+        seal = partial(signed, key=key) if key and KINDS[table["kind"]].signed else bytes
+        return UdpOutlet(*_place(table["udp"]), seal)
     if table.get("tcp"):
         return TcpOutlet(*_place(table["tcp"]))
     if table.get("device"):
@@ -169,7 +172,7 @@ def _say(line: str) -> None:
 
 def _context(config: Mapping[str, Any]) -> Context:
     x, y = config["map_offset"]
-    return Context(Vehicle(**config["vehicle"]), config["projection"], (x, y))
+    return Context(Vehicle(**config["vehicle"]), config["projection"], (x, y), key=bytes.fromhex(config["key"]))
 
 
 def main() -> int:

@@ -36,6 +36,7 @@ from vve_sumo.live.priority import Rights, lower_priority, rights
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.live.view_token import certificate_of, token_of
+from vve_sumo.live.virtual_can import refuse_card
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
 from vve_sumo.record.reader import read_table
@@ -102,8 +103,9 @@ def plan(
     loaded = rigs.load(rig_file, working)
     if shadow and loaded.brain.kind == "external":
         raise ConfigError(f"--shadow: {rig_file} has an external brain, which alone sets the enable bits; leave it out")
-    if not shadow and (reason := arming_obstacle(loaded)) is not None:
+    if not shadow and (reason := arming_obstacle(loaded, datetime.date.today())) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
+    refuse_card(loaded)
     refuse_controller(loaded, controller)
     key_of(loaded.brain, working)  # raises for one that cannot be read
     if view:
@@ -158,7 +160,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
     if lacking := permitted.lacking():
         notify(lacking)
     with (
-        held(plan.rig_file),
+        held(plan.rig_file, plan.rig) as locks,
         contextlib.ExitStack() as stack,
         OperatorInput(listen=not plan.rig.operator.automatic) as keys,
     ):
@@ -176,9 +178,10 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
         scenario_content["gateway"]["shadow"] = plan.shadow
         scenario_content["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
         _write_roads(plan, notify)
-        processes = _processes(plan, scenario_content, _provenance(plan, doctor, permitted), ground, car, notify)
+        processes = _processes(plan, scenario_content, _provenance(plan, doctor, permitted), ground, car, notify, locks)
         screen = Screen(terminal)
-        console = Console(processes, keys, screen, plan.rig.operator.automatic)
+        overridden = str(doctor.get("override", ""))
+        console = Console(processes, keys, screen, plan.rig.operator.automatic, overridden)
         try:
             lower_priority()
             _note_processes(plan, processes)
@@ -233,8 +236,12 @@ def _processes(
     ground: LotAlignment,
     car: start_simulated_vehicle.SimulatedVehicleProcess | None,
     notify: Notify,
+    locks: tuple[int, ...],
 ) -> ProcessGroup:
-    """Start recorder, gateway and drive, each with only the channel ends that it needs."""
+    """Start recorder, gateway and drive, each with only the channel ends that it needs.
+
+    The gateway holds the rig's `locks` too: where the console is killed, it still commands the car until it stands.
+    """
     console_gateway, gateway_console = pair()
     console_drive, drive_console = pair()
     drive_gateway, gateway_drive = pair()
@@ -264,6 +271,7 @@ def _processes(
         common | scenario_content["gateway"] | {"bus": bus, "log": str(folder / "gateway.log")},
         {"drive": gateway_drive, "console": gateway_console, "recorder": gateway_recorder},
         own_session=True,
+        inherited=locks,
     )
     drive = spawn.start(
         "drive",
@@ -297,6 +305,7 @@ def _outputs(
         "vehicle": vehicle,
         "projection": plan.resolved.map_frame.projection,
         "map_offset": plan.resolved.map_frame.offset,
+        "key": key_of(plan.rig.brain, plan.working).hex(),
         "log": str(plan.folder / "outputs.log"),
     }
     process = spawn.start("outputs", config, {"drive": outputs_drive, "console": theirs}, own_session=True)

@@ -18,12 +18,18 @@ from vve_sumo.live.channel import Channel, adopt
 
 
 def start(
-    module: str, config: dict[str, Any], channels: dict[str, Channel], *, own_session: bool = False
+    module: str,
+    config: dict[str, Any],
+    channels: dict[str, Channel],
+    *,
+    own_session: bool = False,
+    inherited: tuple[int, ...] = (),
 ) -> subprocess.Popen[bytes]:
     """Start `vve_sumo.live.<module>` as a process of its own and hand it `config` (plain JSON) and `channels`.
 
     The ends are closed in this process. The started one's output goes to the file that config["log"] names, else to
-    this one's standard error. With `own_session`, neither keys nor the closing of this terminal reach the process.
+    this one's standard error. With `own_session`, neither keys nor the closing of this terminal reach the process. The
+    file descriptors in `inherited` stay open in it until it ends.
     """
     handed = {name: channel.fileno() for name, channel in channels.items()}
     log = config.get("log")
@@ -34,7 +40,7 @@ def start(
             stdout=said,
             stderr=said,
             env={**os.environ, "PYTHONPATH": _search_path()},
-            pass_fds=tuple(handed.values()),
+            pass_fds=(*handed.values(), *inherited),
             start_new_session=own_session,
         )
     for channel in channels.values():

@@ -37,6 +37,7 @@ GONE: Final = "gateway gone: brake"
 BRAKES: Final = "brakes do not answer: brake"
 NEEDED: Final = "brake, shift to P: the gateway lets go when you do"
 CONTROL: Final = "driver has control"
+ROLLS: Final = "nobody brakes the car: brake"
 CONTROL_OVER: Final = "driver has control, drive over"
 PARKED: Final = "parked, drive over"
 OVER: Final = "drive over: the driver has the car"
@@ -90,6 +91,7 @@ _TOLD: Final = frozenset({*_ENGAGED_PHASES, "shadow", EXTERNAL})
 _SAID_BY: Final = {
     BRAKES: {"brake_not_following"},
     NEEDED: {"driver_needed"},
+    ROLLS: {"driver_needed"},
     PARKED: {"drive_over"},
     OVER: {"drive_over"},
 }
@@ -99,7 +101,7 @@ _DRIVER: Final = frozenset({"driver_on_brake", "driver_on_throttle"})
 _UNHEARD: Final = frozenset({"bus_down", "brake_report_stale", "gear_report_stale", "wheel_speeds_stale"})
 
 #: phases at whose every picture the bell rings
-ALARMS: Final = frozenset({SILENT, GONE, BRAKES, BRAIN_SILENT, BRAIN_GONE})
+ALARMS: Final = frozenset({SILENT, GONE, BRAKES, ROLLS, BRAIN_SILENT, BRAIN_GONE})
 
 _DBW_BRAKES: Final = "nothing is commanded any more; the DBW watchdog brakes only where it is armed: the driver brakes"
 _ADVICE: Final = {
@@ -107,6 +109,7 @@ _ADVICE: Final = {
     GONE: f"{_DBW_BRAKES}, shifts to P",
     BRAKES: "the driver brakes with the pedal, and with the parking brake; the gateway goes on asking for its brakes",
     NEEDED: "the gateway is not sure that the car stands, or is in P: the driver holds it",
+    ROLLS: "the driver has control and touches no pedal: brake to rest, shift to P",
     CONTROL: "nothing is commanded; drive, or brake to rest: the gateway ends by itself",
     HELD: "then g goes",
     _ENGAGED_PHASES["engaging"]: "the driver lets go of the pedals",
@@ -150,10 +153,13 @@ def phase(status: Mapping[str, Any]) -> str:
 def _by_state(status: Mapping[str, Any], engaged: bool) -> str:
     state, reasons = ArmingState(status["state"]), status.get("reasons", ())
     if state is ArmingState.FAULT and "driver_override" in reasons:
+        if "driver_needed" in reasons and status.get("gateway") != Guard.ENDED:
+            return ROLLS
         return CONTROL_OVER if status.get("gateway") == Guard.ENDED else CONTROL
     if state is ArmingState.DISARMED and engaged:
         return PARKED if status.get("gear") == "park" else OVER
-    if "brake_not_following" in reasons and state in (ArmingState.ENGAGED, ArmingState.STOPPING):
+    rolls = state is ArmingState.STOPPED and "driver_needed" in reasons
+    if "brake_not_following" in reasons and (rolls or state in (ArmingState.ENGAGED, ArmingState.STOPPING)):
         return BRAKES
     if "driver_needed" in reasons and state in (ArmingState.STOPPING, ArmingState.STOPPED):
         return NEEDED
@@ -172,7 +178,7 @@ def _engaged(status: Mapping[str, Any], reasons: Collection[str]) -> str:
     for code, words in _ENGAGED_PHASES.items():
         if code in reasons:
             return words
-    # Under way the driver's foot only keeps the throttle shut; before the go it keeps the car waiting.
+    # Before the go the driver's foot keeps the car waiting; under way it is a reason to stop, of another state.
     return DRIVING if status.get("went", True) or _DRIVER.isdisjoint(reasons) else HELD
 
 
@@ -235,6 +241,8 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     if todo := advice(status):
         lines.append(f"  > {todo}")
     lines.append(_health(status))
+    if status.get("doctor_overridden"):
+        lines.append(f"  ! {doctor_overridden(status['doctor_overridden'])}")
     if status.get("gateway") == Guard.SILENT:
         lines.append("  ! the gateway's process tells nothing: it is not run")
     if not fresh and "tick" not in status:
@@ -247,6 +255,11 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     if len(words) > MAX_REASONS:
         lines.append(f"  - and {len(words) - MAX_REASONS} more")
     return lines
+
+
+def doctor_overridden(reason: str) -> str:
+    """Return the line that says for the whole drive that the car is armed without the doctor's GO."""
+    return f"DOCTOR OVERRIDDEN: {reason}"
 
 
 def _motion(status: Mapping[str, Any], fresh: bool) -> str:

@@ -5,7 +5,7 @@ It works the same in lockstep and in real time, without a clock or I/O.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -13,12 +13,16 @@ from vve_sumo.frames import MapFrame
 from vve_sumo.plant.car import STEPS_PER_SECOND, Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injector import FaultInjector
 from vve_sumo.plant.injected_faults import InjectedFault
+from vve_sumo.plant.receiver import unaltered
 from vve_sumo.values import Fix, Frame, Pose
 from vve_sumo.vehicle.interface import HANDS_OFF, Measured
 
 
 class FaultInjectedCar:
-    """A `Car` (see there for the arguments) and its `FaultInjector`, stepped together; the driver is the injector's."""
+    """A `Car` (see there for the arguments) and its `FaultInjector`, stepped together; the driver is the injector's.
+
+    `alter` comes before the injector: the injector alters the fix that `alter` returns.
+    """
 
     def __init__(
         self,
@@ -29,8 +33,9 @@ class FaultInjectedCar:
         seeds: np.random.SeedSequence,
         faults: Iterable[InjectedFault],
         fault_seeds: np.random.SeedSequence,
+        alter: Callable[[Fix], Fix | None] = unaltered,
     ) -> None:
-        self._seeds, self._interface = fault_seeds, parameters.interface
+        self._alter, self._seeds, self._interface = alter, fault_seeds, parameters.interface
         self._injector = FaultInjector(faults, fault_seeds, parameters.interface)
         self.car = Car(parameters, start, lot, epoch, seeds, self._on_fix, self._on_measured)
         self.driver_inputs = HANDS_OFF  #: what the driver truly does in the newest step
@@ -55,7 +60,8 @@ class FaultInjectedCar:
         return self.car.truth()
 
     def _on_fix(self, fix: Fix) -> Fix | None:
-        return self._injector.on_fix(fix)
+        altered = self._alter(fix)
+        return None if altered is None else self._injector.on_fix(altered)
 
     def _on_measured(self, time: float, measured: Measured) -> Measured:
         return self._injector.on_measured(time, measured)

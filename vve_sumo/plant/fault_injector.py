@@ -114,11 +114,12 @@ class FaultInjector:
             return []
         heard = []
         for time, frame in reports:
-            heard += self._old.insert(time, interface.alter(time, frame, self._due.value))
             if frame.id in self._brake_reports and (torque := self._due.value("another_writer", time)) is not None:
                 written = self._written(torque)
                 self._foreign += written
+                # Before the report: a lockstep record tells them from the gateway's frames by that.
                 heard += [(time, foreign) for foreign in written]
+            heard += self._old.insert(time, interface.alter(time, frame, self._due.value))
         return heard
 
     def on_commands(self, now: float, commands: Sequence[Frame]) -> list[Frame]:

@@ -180,7 +180,10 @@ class InjectedFault:
         if self.kind not in KINDS:
             raise ConfigError(f"fault: kind must be one of {', '.join(sorted(KINDS))}; got {self.kind!r}")
         if not (0.0 <= self.at < math.inf and self.duration > 0.0):
-            raise ConfigError(f"fault {self.kind}: at must be 0 s or more and duration positive, got {self}")
+            raise ConfigError(
+                f"fault {self.kind}: at must be 0 s or more and duration positive, "
+                f"got {self.at:g} s and {self.duration:g} s"
+            )
         _usual, least, most = VALUES.get(self.kind, NO_VALUE)
         if not (least <= self.value <= most or math.isnan(self.value)):
             wanted = f"value must be {least:g} to {most:g}" if self.kind in VALUES else "takes no value"
@@ -199,10 +202,39 @@ class InjectedFault:
         if not flapping and not math.isnan(self.period):
             raise ConfigError(f"fault {self.kind}: only shape flapping takes a period, got {self.period:g}")
 
+    def __str__(self) -> str:
+        """Return the fault in words: kind, value, shape and times."""
+        value = VALUES.get(self.kind, NO_VALUE)[0] if math.isnan(self.value) else self.value
+        size = "" if math.isnan(value) else f" {value:g}"
+        shape = {Shape.STEP: "", Shape.RAMP: ", ramp", Shape.FLAPPING: f", flapping each {self.period:g} s"}[self.shape]
+        since = "the start" if self.clock is Clock.DRIVE else "the first motion"
+        return f"{self.kind}{size}{shape}, from {self.at:g} s after {since} for {self.duration:g} s"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fault as plain JSON, by the keys of a rig's table."""
+        return {
+            "kind": self.kind,
+            "at_s": self.at,
+            "for_s": self.duration,
+            "value": None if math.isnan(self.value) else self.value,
+            "shape": str(self.shape),
+            "period_s": None if math.isnan(self.period) else self.period,
+            "from_start": self.clock is Clock.DRIVE,
+        }
+
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> InjectedFault:
-        """Return the fault of which `dataclasses.asdict`, through JSON or not, gave `data`."""
-        return cls(**{**data, "shape": Shape(data["shape"]), "clock": Clock(data["clock"])})
+        """Return the fault that `to_dict` gave; raises KeyError, ValueError or ConfigError for other data."""
+        value, period = data["value"], data["period_s"]
+        return cls(
+            data["kind"],
+            data["at_s"],
+            data["for_s"],
+            math.nan if value is None else value,
+            Shape(data["shape"]),
+            math.nan if period is None else period,
+            Clock.DRIVE if data["from_start"] else Clock.MOVED,
+        )
 
 
 class Share(NamedTuple):

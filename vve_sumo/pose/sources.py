@@ -136,7 +136,7 @@ class _Socket:
                 break
             if self._senders is None:
                 self.lost = not data
-            elif not self._senders.accepts(time.monotonic(), sender):
+            elif not self._senders.accepts(time.monotonic(), sender, data):
                 continue
             if data:
                 taken.append((_stamp(ancillary), data))
@@ -211,11 +211,19 @@ class _Playback(_Alone):
         return released
 
 
-def open_udp(address: str, port: int, source: str | None = None, where: str = "pose") -> Source:
+def open_udp(
+    address: str,
+    port: int,
+    source: str | None = None,
+    where: str = "pose",
+    *,
+    genuine: Callable[[bytes], bool] = bool,
+) -> Source:
     """Listen on `address`, `port` (IPv4; 0.0.0.0 receives broadcasts) to the datagrams of `source` only.
 
-    `source` is an IPv4 address, None the first sender of this machine: see `Senders`. `where` names the rig's table
-    in errors. Raises RigError naming the key.
+    `source` is an IPv4 address, None the first sender of this machine, `genuine` says which datagrams make a sender
+    the one that is heard (by default any that is not empty): see `Senders`. `where` names the rig's table in errors.
+    Raises RigError naming the key.
     """
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -230,7 +238,7 @@ def open_udp(address: str, port: int, source: str | None = None, where: str = "p
         key = "port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "address"
         what = f"UDP port {port}" if key == "port" else repr(address)
         raise _refused(f"{where}.{key}", what, error) from None
-    return _Socket(opened, Senders(source))
+    return _Socket(opened, Senders(source, genuine))
 
 
 def open_tcp(address: str, port: int, where: str = "pose") -> Source:

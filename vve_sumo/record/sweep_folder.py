@@ -68,6 +68,7 @@ class Plan:
     criteria: list[str]  #: that the scenario states or a parameter sets
     files_sha256: dict[str, list[str]]  #: hashes of the files that the first runs read, by role
     versions: dict[str, str]
+    rig: str = ""  #: file of the rig whose car drives; empty: the scenario's vehicle
 
     def columns(self) -> dict[str, Kind]:
         """Return name and kind of a row's columns, in their order."""
@@ -105,6 +106,7 @@ class Plan:
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
             version = data["version"]
+            data = {"rig": "", **data}  # which sweeps had not at first
         except OSError:
             raise ConfigError(f"{folder}: no sweep.json: not a sweep's folder") from None
         except (ValueError, KeyError, TypeError) as error:

@@ -78,6 +78,8 @@ def _is_playback(run: Run) -> bool:
 def _settings(run: Run, figures: Figures) -> dict[str, object]:
     scenario = run.resolved["settings"]
     more = [("rig", str(figures.get("rig") or "named in the record"))] if run.live else []
+    if injected := ", ".join(dict.fromkeys(str(fault["kind"]) for fault in run.resolved.get("faults", ()))):
+        more.append(("injected faults", injected))
     judged = isinstance(figures.get("passed"), bool)
     return {
         "description": str(scenario.get("description") or ""),
@@ -201,6 +203,8 @@ def _machine_and_people(run: Run) -> list[Row]:
     if run.live:
         doctor = origin.doctor
         checked = [" of ".join(filter(None, (doctor.verdict, doctor.date_utc))), *doctor.caveats] if doctor else [NONE]
+        if doctor and doctor.override:
+            checked.append(f"overridden: {doctor.override}")
         rows += [("operator", origin.operator or "not stated"), ("driver", origin.driver or "not stated")]
         rows += [("doctor", ", ".join(checked))]
     return rows

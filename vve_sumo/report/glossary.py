@@ -119,7 +119,7 @@ TERMS: tuple[Term, ...] = (
     Term("no-brake preview", "how a scenario would go if the ego never braked"),
     Term("observation", "all that a controller may know at one tick"),
     Term("onset", "the tick that first commanded the braking episode that ended at rest", ("onset",)),
-    Term("operator command", "engage, go, stop, end, disarm"),
+    Term("operator command", "engage, go, stop, stop over the page, end, disarm"),
     Term("pose", "place, heading, speed and yaw rate of a named point of the car at a stated time"),
     Term("proxy vehicle", "what SUMO's traffic sees of the ego on a lane that its body cuts"),
     Term(

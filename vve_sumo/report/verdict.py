@@ -124,11 +124,16 @@ def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
         "timeout": f"The scenario's time ran out after {at}.",
         "completed": f"The scenario ended the drive after {at}: {why}.",
         "played": f"A recorded drive of {at} was sent through the pipeline; no car executed the commands.",
-        "interrupted": f"The drive was ended from the keyboard after {at}.",
+        "interrupted": f"The drive was ended {_place_of_the_stop(figures)} after {at}.",
         "broken": f"The simulation broke after {at}: {text or why}.",
     }
     also = f" It hit {hit}." if figures.get("collision") and outcome != "contact" else ""
     return sentences.get(outcome, f"The drive ended: {outcome}.") + also
+
+
+def _place_of_the_stop(figures: Mapping[str, Any]) -> str:
+    by_page = "stop_asked_by_page" in (figures.get("reasons") or ())[:1]
+    return "over the page in a browser" if by_page else "from the keyboard"
 
 
 def _rest(run: Run, figures: Mapping[str, Any]) -> str:

@@ -5,6 +5,7 @@ All errors are raised before a bus, socket or device is opened.
 
 from __future__ import annotations
 
+import datetime
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,7 @@ from vve_sumo import workspace
 from vve_sumo.config_file import complaint, numbers_of, read, read_as
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.receivers import port as receivers
+from vve_sumo.rig.dates import day_to_come
 from vve_sumo.rig.schema import Rig, rig_with
 from vve_sumo.rig.validation import refuse
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
@@ -44,12 +46,15 @@ def parse_json(table: dict[str, Any], file: Path) -> Rig:
     return _judged(table, file, lambda model, rig: model.model_validate_json(json.dumps(rig)))
 
 
-def load(file: Path, working: Path | None = None) -> Rig:
-    """Return the rig in a TOML file, laid over its vehicle model.
+def load(file: Path, working: Path | None = None, today: datetime.date | None = None) -> Rig:
+    """Return the rig in a TOML file, laid over its vehicle model; `today` is by default this computer's day.
 
-    Raises ConfigError naming the file and what is wrong with it.
+    Raises ConfigError naming the file and what is wrong with it, such as a day that is still to come.
     """
-    return parse(read(file, "rig"), file, working)
+    rig = parse(read(file, "rig"), file, working)
+    if (problem := day_to_come(rig, today or datetime.date.today())) is not None:
+        raise ConfigError(f"{file}: {problem}")
+    return rig
 
 
 def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, Any]:
@@ -64,11 +69,13 @@ def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, A
         found = workspace.find("vehicle", name, working, beside=file.parent)
     except ConfigError as error:
         raise ConfigError(f"{file}: vehicle.model: {error}") from None
-    vehicles.load(found)  # refuses what is wrong in the model's own file
+    wire = vehicles.load(found).interface  # and what is wrong in the model's own file is refused
     model = read_as(found, "vehicle", VehicleFile)
     whole = {one: {k: v for k, v in model[one].items() if k != "sources"} | said[one] for one in MODEL_TABLES}
     if "brake_gain_kgm" not in said["calibration"]:
         _scale_brake_gain(whole, model["vehicle"])
+    if isinstance(table.get("drive_by_wire"), dict):  # its settings are verified on the car: none are the model's
+        whole["drive_by_wire"] = {"interface": wire.name} | table["drive_by_wire"]
     # A record keeps the rig whole: the model's file must be found again from anywhere.
     whole["vehicle"]["model"] = name if name == found.name.removesuffix(".toml") else str(found.absolute())
     return table | whole

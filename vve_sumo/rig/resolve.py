@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from vve_sumo.config_file import in_si
 from vve_sumo.errors import ConfigError
@@ -17,18 +17,17 @@ from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.rig.schema import Rig
+from vve_sumo.timing import NOTICED, SETPOINT_LIFETIME
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle import load as vehicles
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.interface import InterfaceConfig
+from vve_sumo.vehicle.effective_deceleration import DRY_FRICTION, EffectiveDeceleration, effective_deceleration
+from vve_sumo.vehicle.interface import InterfaceConfig, InterfaceFacts, load
 from vve_sumo.vehicle.limits import Limits
 from vve_sumo.vehicle.model import VehicleModel
 
 if TYPE_CHECKING:
     from vve_sumo.plant.injected_faults import InjectedFault
-
-EXPIRY: Final = 0.100  #: how long the last good setpoint is acted on [s]
-NOTICED: Final = 0.030  #: the gateway's timer sees an expired setpoint this much later at most [s]
 
 
 def model_of(rig: Rig) -> VehicleModel:
@@ -63,7 +62,7 @@ def steering_wheel_bias_of(rig: Rig) -> float:
 
 def limits_of(rig: Rig) -> Limits:
     """Return the limits that the gateway enforces."""
-    said, usual = in_si(rig.limits, "speed_mps"), Limits()
+    said, usual = in_si(rig.limits), Limits()
 
     def changed(prefix: str) -> dict[str, float]:
         return {key.removeprefix(prefix): value for key, value in said.items() if key.startswith(prefix)}
@@ -74,6 +73,24 @@ def limits_of(rig: Rig) -> Limits:
         replace(usual.emergency, **changed("emergency_")),
     )
     return Limits(comfort, emergency, **rest)
+
+
+def braking_of(rig: Rig, facts: InterfaceFacts, friction: float = DRY_FRICTION) -> EffectiveDeceleration:
+    """Return how hard the rig's car brakes by its interface's `facts`, on tyres of this friction."""
+    return effective_deceleration(vehicle_of(rig), calibration_of(rig), limits_of(rig), facts, friction=friction)
+
+
+def watchdog_deceleration_of(rig: Rig, facts: InterfaceFacts, friction: float = DRY_FRICTION) -> float | None:
+    """Return how hard the car stops where the frames end [m/s2]; None where nobody tried it.
+
+    The least of what was measured, what the interface says of its watchdog, and what the car can do.
+    """
+    test = rig.watchdog_test
+    if test is None:
+        return None
+    car = braking_of(rig, facts, friction).without_gateway().value
+    watchdog = facts.when_commands_stop.largest_deceleration(rig.calibration.brake_gain_kgm)
+    return min(test.deceleration_mps2, car, watchdog if test.armed else math.inf)
 
 
 def mounting_of(rig: Rig) -> Mounting:
@@ -155,29 +172,27 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
     vehicle, limits, lag = vehicle_of(rig), limits_of(rig), calibration_of(rig).drive_lag
     gateway = Stop(
         limits.stop_deceleration,
-        EXPIRY + NOTICED + vehicle.brake_delay + vehicle.brake_lag,
+        SETPOINT_LIFETIME + NOTICED + vehicle.brake_delay + vehicle.brake_lag,
         limits.stop_deceleration / limits.stop_jerk,
         lag,
     )
     test = rig.watchdog_test
-    watchdog = gateway if test is None else Stop(test.deceleration_mps2, EXPIRY + test.delay_s, drive_lag=lag)
+    strength = watchdog_deceleration_of(rig, load(interface_of(rig)).facts)
+    watchdog = (
+        gateway if test is None or strength is None else Stop(strength, SETPOINT_LIFETIME + test.delay_s, drive_lag=lag)
+    )
     downhill = math.sin(math.atan(rig.lot.grade_percent / 100.0))
     return Geofence(lot_of(rig), vehicle, alignment, gateway=gateway, watchdog=watchdog, downhill=downhill)
 
 
 def faults_of(rig: Rig) -> tuple[InjectedFault, ...]:
     """Return the faults that are injected into the simulated vehicle, and the actions of its driver."""
-    from vve_sumo.plant.injected_faults import Clock, InjectedFault, Shape
+    from vve_sumo.plant.injected_faults import InjectedFault
 
     faults = []
     for number, wanted in enumerate(rig.faults):
-        value = math.nan if wanted.value is None else wanted.value
-        period = math.nan if wanted.period_s is None else wanted.period_s
-        clock = Clock.DRIVE if wanted.from_start else Clock.MOVED
         try:
-            faults.append(
-                InjectedFault(wanted.kind, wanted.at_s, wanted.for_s, value, Shape(wanted.shape), period, clock)
-            )
+            faults.append(InjectedFault.from_dict(wanted.model_dump()))
         except ConfigError as error:
             raise ConfigError(f"faults.{number}: {error}") from None
     return tuple(faults)

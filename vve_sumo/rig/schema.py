@@ -10,18 +10,18 @@ import datetime
 import functools
 import ipaddress
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 from pydantic import AfterValidator, Field, create_model, model_validator
 
-from vve_sumo.config_file import Bitrate, Finite, Name, NotNegative, Positive, Short, Strength, Table
+from vve_sumo.config_file import Bitrate, Finite, Name, NotNegative, Positive, Short, Table
 from vve_sumo.pose.receivers.port import ReceiverTable
 from vve_sumo.pose.receivers.udp import Address, NetworkPort, Sender
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.scenario.schema import Car as TrueCar
 from vve_sumo.scenario.schema import Lot as Start
 from vve_sumo.vehicle.schema import Calibration as ModelCalibration
-from vve_sumo.vehicle.schema import Declared, Simulated
+from vve_sumo.vehicle.schema import Declared, DriveByWire, Simulated
 
 Date = datetime.date
 
@@ -40,6 +40,14 @@ def _latitude_first(corner: tuple[float, float]) -> tuple[float, float]:
 Corner = Annotated[tuple[Finite, Finite], Field(strict=False), AfterValidator(_latitude_first)]
 Corners = Annotated[tuple[Corner, ...], Field(strict=False)]
 Outline = Annotated[tuple[Corner, ...], Field(strict=False, min_length=3)]
+#: An acceleration that tyres have to pass on [m/s2]: at most friction 1.0 of clean dry asphalt, times g.
+Grip = Annotated[float, Field(gt=0.0, le=9.81, allow_inf_nan=False)]
+#: how fast an acceleration may change [m/s3]; 100 is full braking in a tenth of a second, as fast as brakes bite
+Jerk = Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)]
+#: for how long what was measured holds
+Days = Annotated[int, Field(ge=1, le=3650)]
+#: largest deceleration of a car that rolls freely in drive [m/s2]: rolling, air and engine drag at 5 m/s
+MAX_ROLLING_DECELERATION: Final = 0.6
 MapPoint = Annotated[tuple[Finite, Finite], Field(strict=False)]
 
 
@@ -73,18 +81,6 @@ class Bus(Table):
     FORMER: ClassVar[Mapping[str, str]] = {"variant": "drive_by_wire.settings.variant"}
 
 
-class DriveByWire(Table):
-    """The drive-by-wire interface that the car is commanded through."""
-
-    interface: Name = Field(
-        default="dataspeed_dbw1", description="`dataspeed_dbw1`, `file.py:make`, or an installed package's entry point"
-    )
-    settings: dict[str, bool | Finite | int | str] = Field(
-        description="handed to make(settings); of `dataspeed_dbw1` the one key `variant`, the firmware's generation, "
-        "`dbw1_2018` or `dbw1_2024`: to be verified on the car"
-    )
-
-
 class Vehicle(Declared):
     """The car: a vehicle model, and what was measured of this car in place of the model's numbers."""
 
@@ -106,21 +102,21 @@ class Limits(Table):
     speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = Field(
         description="no drive in this lot may ask for more than this"
     )
-    comfort_deceleration_mps2: Positive | None = Field(default=None, description="largest, in every drive")
-    comfort_acceleration_mps2: Positive | None = Field(default=None, description="largest, in every drive")
-    comfort_jerk_mps3: Positive | None = Field(default=None, description="of a pedal pressed further")
-    comfort_release_jerk_mps3: Positive | None = Field(default=None, description="of a pedal released")
-    comfort_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering")
-    emergency_deceleration_mps2: Positive | None = Field(default=None, description="largest, where asked for")
-    emergency_jerk_mps3: Positive | None = Field(default=None, description="of the brake pressed, where asked for")
-    lateral_acceleration_mps2: Positive | None = Field(default=None, description="largest that steering may cause")
-    stop_deceleration_mps2: Strength | None = Field(default=None, description="of the gateway's own stop")
-    stop_jerk_mps3: Positive | None = Field(default=None, description="with which it sets in")
-    stop_lateral_jerk_mps3: Positive | None = Field(default=None, description="from steering along the fallback path")
-    critical_deceleration_mps2: Strength | None = Field(
+    comfort_deceleration_mps2: Grip | None = Field(default=None, description="largest, in every drive")
+    comfort_acceleration_mps2: Grip | None = Field(default=None, description="largest, in every drive")
+    comfort_jerk_mps3: Jerk | None = Field(default=None, description="of a pedal pressed further")
+    comfort_release_jerk_mps3: Jerk | None = Field(default=None, description="of a pedal released")
+    comfort_lateral_jerk_mps3: Jerk | None = Field(default=None, description="from steering")
+    emergency_deceleration_mps2: Grip | None = Field(default=None, description="largest, where asked for")
+    emergency_jerk_mps3: Jerk | None = Field(default=None, description="of the brake pressed, where asked for")
+    lateral_acceleration_mps2: Grip | None = Field(default=None, description="largest that steering may cause")
+    stop_deceleration_mps2: Grip | None = Field(default=None, description="of the gateway's own stop")
+    stop_jerk_mps3: Jerk | None = Field(default=None, description="with which it sets in")
+    stop_lateral_jerk_mps3: Jerk | None = Field(default=None, description="from steering along the fallback path")
+    critical_deceleration_mps2: Grip | None = Field(
         default=None, description="of the gateway's own stop after a critical fault"
     )
-    critical_jerk_mps3: Positive | None = Field(default=None, description="with which it sets in")
+    critical_jerk_mps3: Jerk | None = Field(default=None, description="with which it sets in")
 
 
 class Lot(Table):
@@ -135,6 +131,7 @@ class Lot(Table):
         default=1.0, description="kept free along every edge: mirrors, errors of pose, survey and stopping"
     )
     grade_percent: Annotated[float, Field(ge=0.0, le=15.0)] = Field(description="worst slope, taken as downhill")
+    valid_days: Days = Field(default=1095, description="after the survey, for a real car: then the lot is walked again")
 
 
 class Alignment(Table):
@@ -176,10 +173,26 @@ class WatchdogTest(Table):
 
     date: Date = Field(description="day of the test")
     armed: bool = Field(description="whether the DBW controller's watchdog is armed: it braked by itself")
-    deceleration_mps2: Strength = Field(
+    deceleration_mps2: Grip = Field(
         description="lowest measured, on the level; of a DBW controller that did not brake, that of rolling"
     )
-    delay_s: Short = Field(description="from the last frame to the full deceleration")
+    delay_s: Short = Field(description="after the last frame; the time in which the deceleration sets in counts half")
+    valid_days: Days = Field(default=365, description="after the test, for a real car: then it is made again")
+    records: Annotated[tuple[Name, ...], Field(strict=False)] = Field(
+        default=(),
+        description="records of the test's runs, seen from the folder that commands are run in: the doctor reads both "
+        "figures from them again. A real car whose watchdog is armed needs one at least",
+    )
+
+    @model_validator(mode="after")
+    def _braked_by_somebody(self) -> Self:
+        """Refuse a deceleration that no car has by itself where nobody braked."""
+        if not self.armed and self.deceleration_mps2 > MAX_ROLLING_DECELERATION:
+            raise ValueError(
+                f"deceleration_mps2: {self.deceleration_mps2:g} m/s2 with armed = false, where nobody brakes; expected "
+                f"that of rolling, at most {MAX_ROLLING_DECELERATION:g}"
+            )
+        return self
 
 
 class Latency(Table):
@@ -199,7 +212,9 @@ class Latency(Table):
 class Operator(Table):
     """Who engages and stops."""
 
-    automatic: bool = Field(default=False, description="engages and goes by itself; simulated vehicles only")
+    automatic: bool = Field(
+        default=False, description="engages and goes by itself; for simulated vehicles on a pty or a vcan only"
+    )
     stop_can_id: Annotated[int, Field(ge=0, le=0x7FF)] | None = Field(
         default=None, description="a frame with this identifier on the car's bus asks for a stop"
     )
@@ -252,10 +267,12 @@ class Other(Table):
 def _place(text: str) -> str:
     host, _, port = text.rpartition(":")
     try:
-        ipaddress.IPv4Address(host)
+        address = ipaddress.IPv4Address(host)
         number = int(port)
     except ValueError:
         raise ValueError("expected an IPv4 address and a port, such as 127.0.0.1:5001") from None
+    if address.is_unspecified or address.is_multicast or address.is_reserved:
+        raise ValueError(f"{host} is everyone's, expected the address of one device")
     if not 1 <= number <= 65535:
         raise ValueError(f"port {number} is none, expected 1 to 65535")
     return text
@@ -332,7 +349,8 @@ class Brain(Table):
     port: NetworkPort = Field(default=5003, description="`setpoints`: to listen on")
     source: Sender | None = Field(default=None, description="`setpoints`: the brain's address, where it is not on here")
     key_file: Name | None = Field(
-        default=None, description="`setpoints`: file with the 64 hexadecimal digits of the key that signs them"
+        default=None,
+        description="file with the 64 hexadecimal digits of the key that signs setpoints and radar datagrams",
     )
     deadline_s: Annotated[float, Field(gt=0.0, le=3600.0)] = Field(
         default=10.0, description="`setpoints`, in lockstep: wait so long for the answer to a radar datagram"

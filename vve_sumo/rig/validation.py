@@ -5,6 +5,7 @@ Checks the contents of the file only; opens no bus and no socket.
 
 from __future__ import annotations
 
+import datetime
 import ipaddress
 import math
 from collections.abc import Iterator
@@ -16,6 +17,8 @@ from vve_sumo.lot.swept_area import Body, as_pairs, fan
 from vve_sumo.pose import oxts_can
 from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.pose.receivers.udp import UdpReceiver
+from vve_sumo.rig import stop_figures
+from vve_sumo.rig.dates import day_to_come, expired_day
 from vve_sumo.rig.resolve import (
     alignment_of,
     calibration_of,
@@ -33,6 +36,7 @@ from vve_sumo.vehicle.interface import VehicleInterface, load
 #: interfaces of python-can that anyone on the network can send into
 OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
 PTY: Final = "pty"  #: channel that the simulated vehicle's process makes
+VIRTUAL_CAN: Final = "vcan"  #: with what the names of virtual SocketCAN interfaces begin
 MAX_LOT_EXTENT: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
 EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only to tell near from far
 
@@ -58,8 +62,8 @@ def refuse(rig: Rig) -> None:
         raise ConfigError(complaint)
 
 
-def arming_obstacle(rig: Rig) -> str | None:
-    """Return why this rig may not command a car (shadow mode stays possible); None where it may."""
+def arming_obstacle(rig: Rig, today: datetime.date) -> str | None:
+    """Return why this rig may not command a car today (shadow mode stays possible); None where it may."""
     test = rig.watchdog_test
     if not receiver_of(rig).profile.may_arm:
         return "pose.kind: a recording says nothing about where a car is now"
@@ -70,17 +74,19 @@ def arming_obstacle(rig: Rig) -> str | None:
             "watchdog_test is missing: stop the frames on this car, measure what the watchdog of its drive-by-wire "
             "controller does, write it down"
         )
-    return None
+    return day_to_come(rig, today) or expired_day(rig, today)
 
 
 def _complaints(rig: Rig) -> Iterator[str]:
     yield from _of_a_real_car(rig) if rig.car == "real" else _of_a_simulated_vehicle(rig)
+    yield from _of_the_watchdog(rig)
     yield from _of_the_brain(rig)
     yield from _of_outputs(rig)
     yield from _collisions(rig)
     yield from _far_corners(rig)
     for resolve in (vehicle_of, calibration_of, limits_of, faults_of, lot_of):
         resolve(rig)
+    yield from stop_figures.complaints(rig, _interface(rig).facts)
     alignment_of(rig, rig.alignment.network or "")
     if rig.car_start is not None:
         yield from _outside(rig)
@@ -90,7 +96,7 @@ def _of_a_real_car(rig: Rig) -> Iterator[str]:
     bus = rig.bus
     if bus.interface in OPEN_INTERFACES:
         yield f"bus.interface: anyone on the network could command a real car over {bus.interface!r}, use a CAN card"
-    if bus.interface == "virtual" or bus.channel == PTY or bus.channel.startswith("vcan"):
+    if bus.interface == "virtual" or bus.channel == PTY or bus.channel.startswith(VIRTUAL_CAN):
         yield f"bus: no real car is on {bus.interface}:{bus.channel}"
     if rig.operator.automatic:
         yield "operator.automatic: a real car is engaged by a person"
@@ -119,8 +125,31 @@ def _of_a_simulated_vehicle(rig: Rig) -> Iterator[str]:
             f"bus: a simulated vehicle is on interface 'slcan', channel '{PTY}', or on 'socketcan', "
             f"got {bus.interface}:{bus.channel}"
         )
-    elif not bus.channel.startswith("vcan") and start.channel in (None, bus.channel):
+    elif not bus.channel.startswith(VIRTUAL_CAN) and start.channel in (None, bus.channel):
         yield f"car_start.channel: {bus.channel!r} is no vcan; name the card at the simulated vehicle's end of the bus"
+    if rig.operator.automatic and not _emulated(rig):
+        yield (
+            f"operator.automatic: a wrong cable on {bus.interface}:{bus.channel} would make it engage a real car; only "
+            f"on 'slcan', channel '{PTY}', or with both ends of the bus on a vcan does the program engage by itself"
+        )
+
+
+def _emulated(rig: Rig) -> bool:
+    """Whether both ends of the car's bus are inside this computer by their names: a pty, or virtual SocketCAN."""
+    bus, far_end = rig.bus, rig.car_start.channel if rig.car_start is not None else None
+    if bus.interface == "slcan":
+        return bus.channel == PTY
+    return all(channel.startswith(VIRTUAL_CAN) for channel in (bus.channel, far_end or bus.channel))
+
+
+def _of_the_watchdog(rig: Rig) -> Iterator[str]:
+    """A watchdog that would have acted before the interface misses a command."""
+    test, facts = rig.watchdog_test, _interface(rig).facts
+    if test is not None and test.delay_s < facts.command_timeout:
+        yield (
+            f"watchdog_test.delay_s: {test.delay_s:g} s, but {rig.drive_by_wire.interface} waits "
+            f"{facts.command_timeout:g} s for a command before anything happens; expected that at least"
+        )
 
 
 def _of_the_brain(rig: Rig) -> Iterator[str]:

@@ -75,6 +75,9 @@ class Ego(Table):
     deviation_limit_m: Positive = Field(
         default=4.0, description="a car farther off its path than this is stopped; room for a lane change by default"
     )
+    speed_margin_mps: Positive = Field(
+        default=2.0, description="a car faster than its speed by more than this is stopped"
+    )
     lot: Lot
     car: Car = Car()
 

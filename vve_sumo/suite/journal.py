@@ -13,6 +13,7 @@ from typing import Any, Self
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.suite.row import Outcome, Row, Verdict
+from vve_sumo.vehicle.model import VehicleModel
 
 NAME = "journal.jsonl"
 #: of an outcome, what a line holds as it is
@@ -22,10 +23,13 @@ PLAIN = ("why", "cut_in_ttc_s", "impact_mps", "least_gap_m", "deceleration_mps2"
 class Journal:
     """A journal that is open for what finishes next."""
 
-    def __init__(self, folder: Path, rows: Sequence[Row], *, resume: bool) -> None:
-        """Begin a journal in `folder`, or go on with the one there; raises ConfigError where that is not of `rows`."""
+    def __init__(self, folder: Path, rows: Sequence[Row], *, resume: bool, car: VehicleModel | None = None) -> None:
+        """Begin a journal in `folder`, or go on with the one there; raises ConfigError where that is not of `rows`.
+
+        A `car` whose numbers are a rig's makes another test of a row.
+        """
         file = folder / NAME
-        self._digests = {row.id: digest(row) for row in rows}
+        self._digests = {row.id: digest(row, car) for row in rows}
         #: drives that were finished before
         self.known = _read(file, {row.id: row for row in rows}, self._digests) if resume else []
         folder.mkdir(parents=True, exist_ok=True)
@@ -60,10 +64,12 @@ class Journal:
         return json.dumps(fields | {name: getattr(outcome, name) for name in PLAIN}) + "\n"
 
 
-def digest(row: Row) -> str:
-    """Return what is another where the row's scenario is, or what it demands."""
+def digest(row: Row, car: VehicleModel | None = None) -> str:
+    """Return what is another where the row's scenario is, what it demands, or the car of a rig."""
     scenario = None if row.scenario is None else row.scenario.model_dump(mode="json")
     whole = json.dumps(scenario, sort_keys=True) + repr((row.approach, row.cut_in, row.need, row.demand))
+    if car is not None and car.rig:
+        whole += json.dumps(car.to_dict(), sort_keys=True)
     return hashlib.sha256(whole.encode()).hexdigest()
 
 

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from vve_sumo.sensors.radar import RadarConfig
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
 
 #: from where a target can be seen, or brakes, to a confirmed track: three scans of 50 ms and more, told late [s]
 DETECTION = 0.2 + RadarConfig().latency
-TICK = 0.02  #: that a command waits on its way [s]
 FIRST_ORDER_RAMP = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T
 STEP = 0.001  #: of time, at which courses are compared [s]
 ROUNDING = 1e-9  #: two cars at rest may differ by so much [m/s]
@@ -69,7 +69,7 @@ def reaction_time(vehicle: Vehicle, detection: float = DETECTION) -> float:
 
     Every delay of the pipeline that no controller can shorten is a term of this sum, and of no other.
     """
-    return detection + TICK + vehicle.brake_delay
+    return detection + PERIOD + vehicle.brake_delay
 
 
 def full_braking(vehicle: Vehicle, speed: float, mass_factor: float = 1.0, detection: float = DETECTION) -> Course:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vve_sumo import workspace
-from vve_sumo.drive.resolved_scenario import resolve_scenario
+from vve_sumo.drive.resolved_scenario import braking_as_it_can, load_vehicle_model, resolve_scenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.suite import catalogue
@@ -20,11 +20,21 @@ from vve_sumo.suite.journal import NAME, Journal
 from vve_sumo.suite.row import Judged, Outcome, Row, Verdict
 from vve_sumo.suite.run import Done, drives, run
 from vve_sumo.sweep.engine import Local
+from vve_sumo.sweep.plan import rig_that_drives
 from vve_sumo.sweep.progress import Tally
-from vve_sumo.vehicle.load import load as load_vehicle
+from vve_sumo.vehicle.model import VehicleModel
 
 #: verdicts that fail a suite
 BAD = (Verdict.FAILED, Verdict.INVALID)
+
+
+class SuiteCar(NamedTuple):
+    """The car that drives a suite."""
+
+    model: VehicleModel  #: which brakes no harder than it can
+    vehicle: str  #: its vehicle model: a name or a file
+    rig: Path | None  #: whose car it is
+    note: str  #: what brakes it less than declared; empty where nothing does
 
 
 class SuiteQuery(NamedTuple):
@@ -34,15 +44,30 @@ class SuiteQuery(NamedTuple):
     seeds: int = 1  #: drives of each row
     workers: int | None = None  #: drives at a time; None: as many as processors
     controller: str | None = None  #: another than the row's
-    vehicle: str = DEFAULT_VEHICLE  #: vehicle model: a name or a file
+    vehicle: str | None = None  #: vehicle model: a name or a file; None: the rig's, or the default one
+    rig: str | None = None  #: whose car is simulated: a name or a file
     keep: bool = False  #: the records
     resume: bool = False  #: with what is in `out`
 
 
-def rows_of(name: str, query: SuiteQuery, working: Path) -> list[Row]:
+def car_of(query: SuiteQuery, working: Path) -> SuiteCar:
+    """Return the car that drives a suite; raises ConfigError for a vehicle or a rig that cannot."""
+    if query.rig is None:
+        vehicle = query.vehicle or DEFAULT_VEHICLE
+        model, note = load_vehicle_model(workspace.find("vehicle", vehicle, working))
+        return SuiteCar(model, vehicle, None, note)
+    from vve_sumo.rig.load import load
+    from vve_sumo.rig.resolve import model_of
+
+    file = rig_that_drives(query.rig, query.vehicle, working)
+    rig = load(file, working)
+    model, note = braking_as_it_can(model_of(rig))
+    return SuiteCar(model, rig.vehicle.model, file, note)
+
+
+def rows_of(name: str, query: SuiteQuery, car: SuiteCar, working: Path) -> list[Row]:
     """Return the rows that are to be driven; raises ConfigError where what is asked for cannot be driven."""
-    car = load_vehicle(workspace.find("vehicle", query.vehicle, working))
-    rows = [with_vehicle(row, query.vehicle) for row in catalogue.rows(name, car)]
+    rows = [with_vehicle(row, car.vehicle) for row in catalogue.rows(name, car.model)]
     if query.controller is not None:
         rows = [driven_by(row, query.controller) for row in rows]
     first = next(row.scenario for row in rows if row.scenario is not None)
@@ -85,18 +110,23 @@ def _check(query: SuiteQuery) -> None:
 
 
 def drive(
-    name: str, rows: Sequence[Row], query: SuiteQuery, working: Path, progress: Callable[[Tally], None]
+    name: str,
+    rows: Sequence[Row],
+    query: SuiteQuery,
+    car: SuiteCar,
+    working: Path,
+    progress: Callable[[Tally], None],
 ) -> list[Judged]:
     """Drive what is not in the journal of the folder asked for; `progress` takes the tally after every drive."""
     engine = Local(query.workers if query.workers is not None else len(os.sched_getaffinity(0)))
     total = sum(1 for _ in drives(rows, query.seeds))
     if query.out is None:
-        return run(name, rows, engine, working, done=_counted(total, [], progress), seeds=query.seeds)
+        return run(name, rows, engine, working, done=_counted(total, [], progress), seeds=query.seeds, rig=car.rig)
     records = query.out / "records" if query.keep else None
-    with Journal(query.out, rows, resume=query.resume) as journal:
+    with Journal(query.out, rows, resume=query.resume, car=car.model) as journal:
         known = [outcome for outcome in journal.known if outcome.seed <= query.seeds]
         done = _counted(total, known, progress, journal.add)
-        return run(name, rows, engine, working, records, done, seeds=query.seeds, known=known)
+        return run(name, rows, engine, working, records, done, seeds=query.seeds, known=known, rig=car.rig)
 
 
 def _counted(

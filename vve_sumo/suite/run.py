@@ -35,11 +35,12 @@ def run(
     *,
     seeds: int = 1,
     known: Iterable[Outcome] = (),
+    rig: Path | None = None,
 ) -> list[Judged]:
     """Drive the rows of suite `name` with the seeds 1 to `seeds` and return what came of each, in their order.
 
     Drives that are `known` are not driven again. Records stay in `records`, a folder for each row and in it one for
-    each seed, where it is given. `done` is called as drives finish.
+    each seed, where it is given. With a `rig`, a file, the rig's car is simulated. `done` is called as drives finish.
     """
     outcomes = {(outcome.row.id, outcome.seed): outcome for outcome in known}
     wanted = {key(row, seed): (row, seed) for row, seed in drives(rows, seeds) if (row.id, seed) not in outcomes}
@@ -60,7 +61,7 @@ def run(
         for row, seed in wanted.values():
             shutil.rmtree(record_of(folder, row, seed), ignore_errors=True)  # of a drive that was killed
             (folder / row.id).mkdir(parents=True, exist_ok=True)
-        engine.run([job_of(name, row, seed, working, folder) for row, seed in wanted.values()], finished)
+        engine.run([job_of(name, row, seed, working, folder, rig) for row, seed in wanted.values()], finished)
     return [
         Judged(row, tuple(outcomes[row.id, seed] for seed in range(1, seeds + 1)) if row.scenario is not None else ())
         for row in rows
@@ -82,7 +83,7 @@ def record_of(folder: Path, row: Row, seed: int) -> Path:
     return folder / row.id / f"seed_{seed}"
 
 
-def job_of(name: str, row: Row, seed: int, working: Path, folder: Path) -> Job:
+def job_of(name: str, row: Row, seed: int, working: Path, folder: Path, rig: Path | None = None) -> Job:
     """Return the job of a row's drive, its record in `folder`; raises ValueError where there is nothing to drive."""
     if row.scenario is None:
         raise ValueError(f"{row.id}: expected a scenario, the row is not applicable")
@@ -93,6 +94,7 @@ def job_of(name: str, row: Row, seed: int, working: Path, folder: Path) -> Job:
         file=Path(f"suite {name}, row {row.id}"),
         working=working,
         keep=record_of(folder, row, seed),
+        rig=rig,
         time_limit_s=TIME_LIMIT,
     )
 

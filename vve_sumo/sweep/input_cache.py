@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path as FilePath
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from vve_sumo.drive.resolved_scenario import LaidPath, ResolvedScenario, read_path, resolve_scenario
 from vve_sumo.errors import ConfigError
@@ -16,6 +16,9 @@ from vve_sumo.frames import MapFrame
 from vve_sumo.scenario.load import parse
 from vve_sumo.sweep.job import Job
 from vve_sumo.world.network import Network, read_network
+
+if TYPE_CHECKING:
+    from vve_sumo.rig.schema import Rig
 
 Read = TypeVar("Read")
 
@@ -29,13 +32,14 @@ class Stamp(NamedTuple):
 
 
 class InputCache:
-    """Networks and paths as they were read; none is read again while its file stays as it was."""
+    """Networks, paths and rigs as they were read; none is read again while its file stays as it was."""
 
-    MOST = 32  #: of either kind; a sweep over more files reads them anew
+    MOST = 32  #: of each kind; a sweep over more files reads them anew
 
     def __init__(self) -> None:
         self._networks: dict[Stamp, Network] = {}
         self._paths: dict[tuple[Stamp, Stamp], LaidPath] = {}
+        self._rigs: dict[Stamp, Rig] = {}
 
     def network(self, file: FilePath) -> Network:
         """Return what `read_network` does."""
@@ -45,6 +49,12 @@ class InputCache:
         """Return what `read_path` does; `street` is the network's."""
         stamps = stamp(file), stamp(network.path)
         return self._kept(self._paths, stamps, partial(read_path, file, street, network))
+
+    def rig(self, file: FilePath, working: FilePath) -> Rig:
+        """Return what `rig.load.load` does."""
+        from vve_sumo.rig.load import load
+
+        return self._kept(self._rigs, stamp(file), partial(load, file, working))
 
     def _kept(self, kept: dict[Any, Read], state: Any, read: Callable[[], Read]) -> Read:
         if state not in kept:
@@ -67,4 +77,5 @@ def stamp(file: FilePath) -> Stamp:
 def resolve_job(job: Job, cache: InputCache) -> ResolvedScenario:
     """Return the resolved scenario of a job; raises ConfigError for whatever in it is missing or wrong."""
     scenario = parse(job.table, job.file)
-    return resolve_scenario(job.name, scenario, job.file, job.working, network_in=cache.network, path_in=cache.path)
+    resolved = resolve_scenario(job.name, scenario, job.file, job.working, network_in=cache.network, path_in=cache.path)
+    return resolved if job.rig is None else resolved.with_rig(cache.rig(job.rig, job.working), job.working)

@@ -15,7 +15,7 @@ from typing import Any, Self
 from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import ConfigError
 
-VERSION = 2  #: of the lines that jobs and results travel as
+VERSION = 3  #: of the lines that jobs and results travel as
 
 AT = "at "  #: how a line begins that says how far a run has come: then time, speed, s and the path's length
 READY = "ready"  #: the line by which a server says that it may be given jobs
@@ -41,6 +41,7 @@ class Job:
     working: Path  #: folder in which names are looked up first
     keep: Path | None = None  #: where the record goes; None: it is thrown away
     pose: Path | None = None  #: recording that is played instead of a simulated vehicle
+    rig: Path | None = None  #: file of the rig whose car drives; None: the scenario's vehicle
     progress: bool = False  #: whether the run says on the way how far it has come
     time_limit_s: float = 3600.0  #: wall time that the run may take
     memory_limit_mb: float = 4096.0  #: resident, 10^6 bytes, with everything that the run starts
@@ -58,7 +59,9 @@ class Job:
     def from_json(cls, line: str) -> Self:
         """Return the job that a line holds; raises ConfigError where it is none of this version."""
         known = _known(line, "job", _JOB)
-        paths = {name: Path(known[name]) for name in ("file", "working", "keep", "pose") if known[name] is not None}
+        paths = {
+            name: Path(known[name]) for name in ("file", "working", "keep", "pose", "rig") if known[name] is not None
+        }
         return cls(**known | paths)
 
 
@@ -87,7 +90,8 @@ class Result:
 _NUMBER = (float, int)
 _JOB: dict[str, tuple[type, ...]] = {
     "key": (str,), "name": (str,), "table": (dict,), "file": (str,), "working": (str,), "keep": (str, type(None)),
-    "pose": (str, type(None)), "progress": (bool,), "time_limit_s": _NUMBER, "memory_limit_mb": _NUMBER,
+    "pose": (str, type(None)), "rig": (str, type(None)), "progress": (bool,), "time_limit_s": _NUMBER,
+    "memory_limit_mb": _NUMBER,
 }  # fmt: skip
 _RESULT: dict[str, tuple[type, ...]] = {
     "key": (str,), "figures": (dict,), "fault": (str,), "wall_s": _NUMBER, "cpu_s": _NUMBER, "peak_mb": _NUMBER,

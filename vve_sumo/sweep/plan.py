@@ -44,15 +44,26 @@ class SweepQuery:
     spec: Spec
     plan: Plan
     cells: RunSpecs
+    notes: tuple[str, ...] = ()  #: what whoever asked should know before it is driven, a line each
 
 
-def query_of(name: str, working: Path, *, yes: bool, search: bool = False, vehicle: str | None = None) -> SweepQuery:
-    """Return the sweep that a name or file says; `search` insists that it is one, `vehicle` replaces the scenario's.
+def query_of(
+    name: str,
+    working: Path,
+    *,
+    yes: bool,
+    search: bool = False,
+    vehicle: str | None = None,
+    rig: str | None = None,
+) -> SweepQuery:
+    """Return the sweep that a name or file says; `search` insists that it is one.
+
+    `vehicle` replaces the scenario's; with a `rig`, the rig's car is simulated.
 
     Raises ConfigError, naming file and key, for whatever is wrong, and for very many runs unless `yes`.
     """
     file = workspace.find("sweep", name, working)
-    return planned(read(file, "sweep"), file, working, yes=yes, search=search, vehicle=vehicle)
+    return planned(read(file, "sweep"), file, working, yes=yes, search=search, vehicle=vehicle, rig=rig)
 
 
 def planned(
@@ -63,6 +74,7 @@ def planned(
     yes: bool,
     search: bool = False,
     vehicle: str | None = None,
+    rig: str | None = None,
     scenario: tuple[Path, dict[str, Any]] | None = None,
 ) -> SweepQuery:
     """Return the sweep that a spec's table says, as `query_of` does; `file` is where it stands, or what to call it.
@@ -81,6 +93,7 @@ def planned(
     settings = parse(table, scenario_file)
     if vehicle is not None:
         table = choose(table, vehicle=vehicle)
+    rig_file = "" if rig is None else str(_rig(rig, vehicle, spec, table, file, working))
     fit(spec, file, table, frozenset(COLUMNS) | {f"meets_{name}" for name in Criteria.model_fields})
     cells = cells_of(spec, scenario_file.name.removesuffix(".toml"), settings)
     count, criteria = least_runs(cells), _criteria(spec, settings, table)
@@ -98,8 +111,35 @@ def planned(
         criteria=criteria,
         files_sha256={},
         versions=versions(),
+        rig=rig_file,
     )
-    return SweepQuery(spec, _looked_at(plan, spec, cells, file), cells)
+    plan, notes = _looked_at(plan, spec, cells, file)
+    return SweepQuery(spec, plan, cells, notes)
+
+
+def _rig(name: str, vehicle: str | None, spec: Spec, table: Mapping[str, Any], file: Path, working: Path) -> Path:
+    """Return the rig's file; raises ConfigError where it cannot drive the sweep's runs."""
+    found = rig_that_drives(name, vehicle, working)
+    for key in spec.parameters:
+        if "ego.vehicle" in places(table, key):
+            raise ConfigError(f"{file}: parameters.{key}: a rig brings its own vehicle; leave out this or --rig")
+    return found
+
+
+def rig_that_drives(name: str, vehicle: str | None, working: Path) -> Path:
+    """Return the file of the rig whose car is simulated in many runs.
+
+    Raises ConfigError where another `vehicle` is named beside it, and for a rig that is wrong or has a foreign brain.
+    """
+    from vve_sumo.rig.load import load
+
+    if vehicle is not None:
+        raise ConfigError("--vehicle: a rig brings its own vehicle; leave out one of --vehicle and --rig")
+    file = workspace.find("rig", name, working).absolute()
+    brain = load(file, working).brain.kind
+    if brain != "own":
+        raise ConfigError(f"--rig: brain.kind of {file} is {brain!r}, expected 'own': no foreign brain is waited for")
+    return file
 
 
 def _scenario(name: str, file: Path, working: Path) -> tuple[Path, dict[str, Any]]:
@@ -119,6 +159,7 @@ def job_of(plan: Plan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job:
         file=Path(plan.file),
         working=Path(plan.working),
         keep=keep,
+        rig=Path(plan.rig) if plan.rig else None,
         time_limit_s=spec.time_limit_s,
         memory_limit_mb=spec.memory_limit_mb,
     )
@@ -152,8 +193,11 @@ def _criteria(spec: Spec, scenario: Scenario, table: Mapping[str, Any]) -> list[
     return [name for name, wanted in scenario.criteria if wanted is not None or name in set_by_key]
 
 
-def _looked_at(plan: Plan, spec: Spec, cells: RunSpecs, file: Path) -> Plan:
-    """Return the plan with the hashes of what its outermost runs read; raises ConfigError where one is in no order."""
+def _looked_at(plan: Plan, spec: Spec, cells: RunSpecs, file: Path) -> tuple[Plan, tuple[str, ...]]:
+    """Return the plan with the hashes of what its outermost runs read, and what is to be noted of them.
+
+    Raises ConfigError where one is in no order.
+    """
 
     def read_only(runs: Sequence[Values]) -> list[Look]:
         return [_read(plan, values) for values in runs]
@@ -161,14 +205,16 @@ def _looked_at(plan: Plan, spec: Spec, cells: RunSpecs, file: Path) -> Plan:
     def made(runs: Sequence[Values]) -> list[Look]:
         return look([job_of(plan, spec, RunSpec(0, "trial", dict(values), cells.seeds[0]), None) for values in runs])
 
-    trials, files = list(_trials(spec, cells)), dict[str, set[str]]()
+    trials, files, notes = list(_trials(spec, cells)), dict[str, set[str]](), dict[str, None]()
     for judge in (read_only, made):
         for values, seen in zip(trials, judge(trials), strict=False):
             if seen.complaint:
                 raise ConfigError(_blame(judge, values, seen.complaint, plan, spec, file))
+            notes |= {seen.note: None} if seen.note else {}
             for role, digest in seen.files_sha256.items():
                 files.setdefault(role, set()).add(digest)
-    return replace(plan, files_sha256={role: sorted(digests) for role, digests in sorted(files.items())})
+    hashes = {role: sorted(digests) for role, digests in sorted(files.items())}
+    return replace(plan, files_sha256=hashes), tuple(notes)
 
 
 def _read(plan: Plan, values: Values) -> Look:

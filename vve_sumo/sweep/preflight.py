@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from typing import IO, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.hashes import hash_file
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import CHUNK, Job
 from vve_sumo.sweep.worker import search_path
@@ -27,6 +28,7 @@ class Look(NamedTuple):
 
     complaint: str  #: why it could not be driven; empty if it can
     files_sha256: dict[str, str]  #: of what it reads, by role
+    note: str = ""  #: what brakes the car less than declared; empty where nothing does
 
 
 def look(jobs: Sequence[Job]) -> list[Look]:
@@ -79,7 +81,8 @@ def main() -> None:
         try:
             resolved = resolve_job(job, cache)
             resolved.controller(job.working)
-            seen = Look("", resolved.to_dict(job.working)["files_sha256"])
+            rig = {} if job.rig is None else {"rig": hash_file(job.rig)}
+            seen = Look("", resolved.to_dict(job.working)["files_sha256"] | rig, resolved.note)
         except ConfigError as error:
             seen = Look(str(error), {})
         answers.write(f"{json.dumps(seen)}\n")

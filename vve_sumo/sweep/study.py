@@ -36,11 +36,12 @@ def cliff_study(
     delays_ms: Sequence[float] | None = None,
     factors: Sequence[float] | None = None,
     seeds: int | None = None,
+    rig: str | None = None,
 ) -> SweepQuery:
     """Return the sweep over hidden delays [ms] and factors on the receiver's noise; None takes what is usual.
 
-    Where the scenario turns the noise off, there is one factor, 0; where nothing is left to chance, one seed. Raises
-    ConfigError, naming the option or the scenario's key, for what is wrong.
+    With a `rig`, the rig's car is simulated. Where the scenario turns the noise off, there is one factor, 0; where
+    nothing is left to chance, one seed. Raises ConfigError, naming the option or the scenario's key, for what is wrong.
     """
     scenario = load(workspace.find("scenario", name, working))
     delays = _rising("--delays-ms", DELAYS_MS if delays_ms is None else delays_ms, GREATEST_MS)
@@ -50,7 +51,7 @@ def cliff_study(
         "seeds": _seeds(scenario) if seeds is None else _whole(seeds),
         "parameters": {DELAY: [delay / 1000.0 for delay in delays], NOISE: _factors(name, scenario, factors)},
     }
-    return planned(said, CALLED, working, yes=False)
+    return planned(said, CALLED, working, yes=False, rig=rig)
 
 
 def _factors(name: str, scenario: Scenario, factors: Sequence[float] | None) -> list[float]:

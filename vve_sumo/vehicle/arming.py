@@ -194,6 +194,7 @@ REASONS: Final[dict[str, str]] = {
     "steering_report_stale": "no steering report for too long",
     "steering_timeout": "the steering module misses our commands",
     "stop_asked": "the operator asked to stop",
+    "stop_asked_by_page": "somebody asked to stop over the page in a browser",
     "stop_input": "the stop button on the bus was pressed",
     "throttle_disabled": "the throttle module dropped out although it is told to work",
     "throttle_fault": "the throttle module reports a fault",

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, computed
 from vve_sumo.vehicle.actuation import Actuation, Pedals
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, Event, transition
@@ -70,8 +71,13 @@ class OperatorCommand(enum.StrEnum):
     ENGAGE = "engage"  #: take the car over at rest, and hold it
     GO = "go"  #: let it move
     STOP = "stop"
+    STOP_BY_PAGE = "stop_by_page"  #: whoever has the page in a browser asks to stop; nobody knows who that is
     END = "end"  #: the drive is over: bring the car to rest
     DISARM = "disarm"
+
+
+#: Commands that stop the car, whoever gives them.
+STOPS: Final = frozenset({OperatorCommand.STOP, OperatorCommand.STOP_BY_PAGE})
 
 
 class GatewayOutput(NamedTuple):
@@ -106,7 +112,7 @@ class Gateway(Monitor):
         vehicle: Vehicle,
         calibration: Calibration,
         limits: Limits | None = None,
-        period: float = 0.02,
+        period: float = PERIOD,
         interface: VehicleInterface | None = None,
         shadow: bool = False,
         wheel_bias: float = 0.0,
@@ -325,6 +331,8 @@ class Gateway(Monitor):
                 self._notes.append("go_too_early")
             case OperatorCommand.STOP:
                 self._happen(now, Event.STOP, ["stop_asked"])
+            case OperatorCommand.STOP_BY_PAGE:
+                self._happen(now, Event.STOP, ["stop_asked_by_page"])
             case OperatorCommand.END:
                 self._happen(now, Event.STOP, ["drive_over"])
             case OperatorCommand.DISARM if self._state is ArmingState.STOPPED:

@@ -160,6 +160,45 @@ REQUIRED: Final[frozenset[type]] = frozenset(
 )  # fmt: skip
 
 
+class WhenCommandsStop(enum.Enum):
+    """What a DBW controller does by itself when commands stop."""
+
+    RELEASES = "releases"  #: lets go of pedals and steering: the car rolls
+    HOLDS = "holds"  #: keeps doing what was commanded last: nothing stops the car
+    BRAKES = "brakes"  #: brakes where its watchdog is armed, else lets go
+
+
+@dataclass(frozen=True, slots=True)
+class CommandsStop:
+    """What a DBW controller does by itself when commands stop, and how hard it then brakes at most.
+
+    Raises ConfigError for a strength that is not positive, and for one of an interface that does not brake.
+    """
+
+    action: WhenCommandsStop
+    words: str  #: the same in words
+    brake_torque: float = math.inf  #: of its watchdog at most, all wheels together [N m]; inf where nobody states it
+    deceleration: float = math.inf  #: of its watchdog at most [m/s2]; inf where nobody states it
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError where action and strength contradict each other."""
+        for name in ("brake_torque", "deceleration"):
+            value = getattr(self, name)
+            if not value > 0.0:
+                raise ConfigError(f"when_commands_stop: {name} must be a positive number, got {value!r}")
+            if math.isfinite(value) and self.action is not WhenCommandsStop.BRAKES:
+                raise ConfigError(f"when_commands_stop: an interface that {self.action.value} has no {name}")
+
+    def largest_deceleration(self, brake_gain: float) -> float:
+        """Return what its watchdog brakes with at most [m/s2]: inf where nobody states it, 0 where it has none.
+
+        `brake_gain` is the brake torque for each m/s2 of deceleration [kg m].
+        """
+        if self.action is not WhenCommandsStop.BRAKES:
+            return 0.0
+        return min(self.deceleration, self.brake_torque / brake_gain)
+
+
 @dataclass(frozen=True, slots=True)
 class InterfaceFacts:
     """Properties that do not change while an interface is in use."""
@@ -172,7 +211,7 @@ class InterfaceFacts:
     wheel_angle_limit: float  #: largest that the wire takes, of the steering wheel, both ways [rad]
     wheel_rate_limit: float  #: largest that the wire takes, of the steering wheel [rad/s]
     command_timeout: float  #: without a command for this long a subsystem releases its actuator by itself [s]
-    when_commands_stop: str  #: what the DBW controller does then by itself, in words
+    when_commands_stop: CommandsStop  #: what the DBW controller does then by itself
     dbc: Path | None = None  #: file that states the layout of the frames, where there is one
 
 
@@ -330,6 +369,11 @@ def load(config: InterfaceConfig) -> VehicleInterface:
     missing = sorted(kind.__name__ for kind in REQUIRED.difference(*facts.reports.values()))
     if missing:
         raise ConfigError(f"{PORT.kind} {config.name}: it reports no {', '.join(missing)}, which the gateway needs")
+    if not isinstance(facts.when_commands_stop, CommandsStop):
+        raise ConfigError(
+            f"{PORT.kind} {config.name}: facts.when_commands_stop: expected a CommandsStop, "
+            f"got {facts.when_commands_stop!r}"
+        )
     if both := facts.commands & facts.reports.keys():
         raise ConfigError(f"{PORT.kind} {config.name}: identifier 0x{min(both):03X} is both a command and a report")
     return interface

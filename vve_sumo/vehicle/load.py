@@ -12,12 +12,11 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.effective_deceleration import ROUNDING
+from vve_sumo.vehicle.interface import InterfaceConfig
 from vve_sumo.vehicle.model import SimulatedParameters, VehicleModel
 from vve_sumo.vehicle.schema import Calibration as CalibrationTable
-from vve_sumo.vehicle.schema import Declared, Simulated, VehicleFile
-
-#: factor by which a declared deceleration may exceed what torque limit and brake gain give: both are rounded
-MASS_TOLERANCE = 1.02
+from vve_sumo.vehicle.schema import Declared, DriveByWire, Simulated, VehicleFile
 
 
 def declared(table: Declared) -> Vehicle:
@@ -44,6 +43,16 @@ def simulated(table: Simulated) -> SimulatedParameters:
     return SimulatedParameters(**in_si(table, "sources", "receiver_forward_m", "receiver_left_m"))
 
 
+def interface(table: DriveByWire, folder: Path) -> InterfaceConfig:
+    """Return the drive-by-wire interface; its file is looked for in `folder`, else in the present working folder."""
+    name, settings = table.interface, dict(table.settings)
+    file, colon, function = name.rpartition(":")
+    if not colon:
+        return InterfaceConfig(name, settings)
+    beside = folder / file
+    return InterfaceConfig(f"{(beside if beside.is_file() else Path(file)).resolve()}:{function}", settings)
+
+
 def parse(table: dict[str, Any], file: Path) -> VehicleModel:
     """Return the vehicle that a parsed table holds; `file` is named in the ConfigError of a wrong one."""
     try:
@@ -51,16 +60,16 @@ def parse(table: dict[str, Any], file: Path) -> VehicleModel:
     except ValidationError as error:
         raise ConfigError(complaint(file, error, VehicleFile)) from None
     try:
-        return _resolved(file.name.removesuffix(".toml"), said)
+        return _resolved(file, said)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
 
 
-def _resolved(name: str, said: VehicleFile) -> VehicleModel:
+def _resolved(file: Path, said: VehicleFile) -> VehicleModel:
     vehicle = declared(said.vehicle)
     calibration = calibrated(said.calibration, vehicle)
     most = vehicle.brake_torque_limit / calibration.brake_gain
-    if not vehicle.deceleration_limit <= MASS_TOLERANCE * most:
+    if not vehicle.deceleration_limit <= ROUNDING * most:
         raise ConfigError(
             f"vehicle.deceleration_limit_mps2: expected {most:.2f} or less, which brake_torque_limit_nm and "
             f"calibration.brake_gain_kgm give, got {vehicle.deceleration_limit:g}"
@@ -71,7 +80,8 @@ def _resolved(name: str, said: VehicleFile) -> VehicleModel:
             f"simulated.laden_mass_kg: expected vehicle.mass_kg, {vehicle.mass:g}, or more, got {numbers.laden_mass:g}"
         )
     mounting = Mounting(said.simulated.receiver_forward_m, said.simulated.receiver_left_m)
-    return VehicleModel(name, vehicle, calibration, numbers, mounting)
+    name, wire = file.name.removesuffix(".toml"), interface(said.drive_by_wire, file.parent)
+    return VehicleModel(name, vehicle, calibration, numbers, mounting, interface=wire)
 
 
 def load(file: Path) -> VehicleModel:

@@ -119,6 +119,8 @@ class Observer(Monitor):
                 self._notes.append("go_too_early")
             case OperatorCommand.STOP:
                 self._happen(Event.STOP, ["stop_asked"])
+            case OperatorCommand.STOP_BY_PAGE:
+                self._happen(Event.STOP, ["stop_asked_by_page"])
             case OperatorCommand.END:
                 self._happen(Event.STOP, ["drive_over"])
             case OperatorCommand.DISARM:

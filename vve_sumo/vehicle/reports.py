@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable
 from typing import Final
 
+from vve_sumo.timing import MAX_GEAR_REPORT_AGE, MAX_REPORT_AGE
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.interface import (
     REQUIRED,
@@ -25,8 +26,6 @@ from vve_sumo.vehicle.interface import (
     YawRate,
 )
 
-MAX_AGE: Final = 0.100  # of a report that comes at 50 or 100 Hz [s]; the interface gives up after about the same time
-MAX_GEAR_AGE: Final = 0.200  # the gear comes at 20 Hz: four periods [s]
 TOLERANCE: Final = 1e-6  # so that rounding of times never decides [s]
 
 # Inputs that are a driver's, whatever the module's own bits say: both are between an untouched pedal and the position
@@ -101,9 +100,9 @@ class CarReports:
     def stale(self, now: float) -> list[str]:
         """Reason codes of the reports that are missing or too old."""
         get, never = self._times.get, -math.inf
-        oldest = now - MAX_AGE - TOLERANCE
+        oldest = now - MAX_REPORT_AGE - TOLERANCE
         reasons = [code for kind, code in _STALE_CODES if get(kind, never) < oldest]
-        if get(GearState, never) < now - MAX_GEAR_AGE - TOLERANCE:
+        if get(GearState, never) < now - MAX_GEAR_REPORT_AGE - TOLERANCE:
             reasons.append("gear_report_stale")
         return reasons
 
@@ -183,7 +182,7 @@ class CarReports:
 
     def brake_torque(self, now: float) -> float:
         """Brake torque that the car itself reports, of all wheels [N m]; NaN where it reports none that is fresh."""
-        fresh = self._times.get(BrakeTorque, -math.inf) >= now - MAX_AGE - TOLERANCE
+        fresh = self._times.get(BrakeTorque, -math.inf) >= now - MAX_REPORT_AGE - TOLERANCE
         return self._brake_torque if fresh else math.nan
 
     def age(self, kind: type, now: float) -> float:
@@ -200,12 +199,12 @@ class CarReports:
 
     def speed_known(self, now: float) -> bool:
         """Whether the speed is fresh and valid."""
-        fresh = self._times.get(WheelSpeeds, -math.inf) >= now - MAX_AGE - TOLERANCE
+        fresh = self._times.get(WheelSpeeds, -math.inf) >= now - MAX_REPORT_AGE - TOLERANCE
         return fresh and math.isfinite(self.speed)
 
     def in_park(self, now: float) -> bool:
         """Whether a fresh gear report without fault says park."""
-        fresh = self._times.get(GearState, -math.inf) >= now - MAX_GEAR_AGE - TOLERANCE
+        fresh = self._times.get(GearState, -math.inf) >= now - MAX_GEAR_REPORT_AGE - TOLERANCE
         return fresh and self.gear.gear is Gear.PARK and not self.gear.fault
 
     def unchanged(self, now: float) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from vve_sumo.timing import MAX_REPORT_AGE
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.brake_monitor import BrakeMonitor, HoldMonitor
@@ -14,7 +15,7 @@ from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.command_echo import OPENING_CHANGE, TORQUE_CHANGE, CommandEcho
 from vve_sumo.vehicle.driver_signs import DriverSigns
 from vve_sumo.vehicle.interface import BrakeState, ThrottleState
-from vve_sumo.vehicle.reports import MAX_AGE, TOLERANCE, CarReports
+from vve_sumo.vehicle.reports import TOLERANCE, CarReports
 from vve_sumo.vehicle.slowing_monitor import SlowingMonitor
 
 
@@ -83,7 +84,7 @@ class ResponseMonitor:
 
     def _frozen(self, now: float, told: Pedals, reports: CarReports) -> list[str]:
         """Reason codes of modules whose fresh reports do not repeat their commands."""
-        oldest = MAX_AGE + TOLERANCE
+        oldest = MAX_REPORT_AGE + TOLERANCE
         torque = reports.brake.command if reports.age(BrakeState, now) <= oldest else math.nan
         opening = reports.throttle.command if reports.age(ThrottleState, now) <= oldest else math.nan
         faults = ["brake_report_frozen"] if self._brake_echo.step(now, told.brake_torque, torque) else []

@@ -10,7 +10,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from vve_sumo.config_file import Name, NotNegative, Positive, Share, Short, Strength, Table
+from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Share, Short, Strength, Table
 
 #: beginning of the source of a number that was neither measured nor published; the reason follows
 ASSUMED = "assumed: "
@@ -77,6 +77,16 @@ class Simulated(Table):
     )
 
 
+class DriveByWire(Table):
+    """The drive-by-wire interface that the car is commanded through."""
+
+    interface: Name = Field(description="`dataspeed_dbw1`, `file.py:make`, or an installed package's entry point")
+    settings: dict[str, bool | Finite | int | str] = Field(
+        description="handed to make(settings); of `dataspeed_dbw1` the one key `variant`, the firmware's generation, "
+        "`dbw1_2018` or `dbw1_2024`: to be verified on the car"
+    )
+
+
 class Sourced(Table):
     """A table each of whose numbers has a source."""
 
@@ -112,9 +122,10 @@ class SourcedSimulated(Simulated, Sourced):
 
 
 class VehicleFile(Table):
-    """One vehicle model: what is declared of it, what its pedals do, and what the simulated vehicle has besides."""
+    """One vehicle model: its wire, what is declared of it, what its pedals do, and what its simulated one has."""
 
     title: Name
+    drive_by_wire: DriveByWire
     vehicle: SourcedDeclared
     calibration: SourcedCalibration
     simulated: SourcedSimulated

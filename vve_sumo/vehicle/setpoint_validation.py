@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
+from vve_sumo.timing import SETPOINT_LIFETIME
 from vve_sumo.values import FallbackPath, Setpoint
 from vve_sumo.vehicle.fallback import well_formed
 from vve_sumo.vehicle.reports import TOLERANCE
-
-MAX_LIFETIME: Final = 0.100  # of a setpoint [s]: the DBW controller's own timeout for commands
 
 
 class Debounce:
@@ -78,7 +76,7 @@ class SetpointValidator:
             return Rejection("profile_invalid", fatal=True)
         if setpoint.sequence <= self._sequence:
             return Rejection("setpoint_out_of_order", fatal=False)
-        if setpoint.expires - setpoint.time > MAX_LIFETIME + TOLERANCE:
+        if setpoint.expires - setpoint.time > SETPOINT_LIFETIME + TOLERANCE:
             return Rejection("setpoint_lifetime", fatal=False)
         if setpoint.time > now + TOLERANCE:
             return Rejection("setpoint_from_future", fatal=False)

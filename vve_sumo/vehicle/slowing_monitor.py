@@ -50,7 +50,7 @@ class SlowingMonitor:
     def step(
         self, elapsed: float, pedals: Pedals, wheels: float, satellite: float, grade: float
     ) -> bool:  # fmt: skip
-        """Return whether a foot slows the car: `wheels`, `satellite` are speeds [m/s], NaN unknown, on `grade` [rad]."""
+        """Return whether a foot slows the car at speeds `wheels`, `satellite` [m/s, NaN unknown] on `grade` [rad]."""
         before, self._speeds = self._speeds, (wheels, satellite)
         self._follow(elapsed, pedals)
         if before is None or elapsed <= 0.0 or not math.isfinite(wheels):

@@ -15,13 +15,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from vve_sumo.timing import SETPOINT_LIFETIME
+
 MAGIC: Final = b"VVES"
 VERSION: Final = 1
 RADAR, SETPOINT = 1, 2  #: kinds of datagrams
 VALID, EMERGENCY = 1, 1  #: flag of a radar datagram; flag of a setpoint
 MAX_TARGETS: Final = 64
 SEQUENCES: Final = 1 << 32  #: after which a sequence begins again
-MAX_LIFETIME: Final = 0.1  #: longest that a setpoint may be acted on [s]
 MICROSECONDS: Final = 1_000_000
 
 _HEAD = struct.Struct("<4sBBHII")
@@ -76,7 +77,7 @@ class SetpointDatagram:
     sequence: int  #: counts setpoints up, modulo SEQUENCES
     answers: int  #: sequence of the radar datagram that it answers
     time: float  #: GNSS time of that datagram [s]
-    lifetime: float  #: after its arrival it must not be acted on for longer [s], MAX_LIFETIME at most
+    lifetime: float  #: after its arrival it must not be acted on for longer [s], SETPOINT_LIFETIME at most
     steering: float  #: road-wheel angle [rad], left positive
     acceleration: float  #: along the heading [m/s2], braking negative
     emergency: bool = False  #: asks for the emergency envelope instead of the comfort one
@@ -145,7 +146,7 @@ def decode_setpoint(data: bytes) -> SetpointDatagram | Wrong:
     time, steering, acceleration, answers, _ = _SETPOINT.unpack_from(data, _HEAD.size)
     if not all(map(math.isfinite, (time, steering, acceleration))):
         return Wrong.NUMBER
-    if not 0.0 < lifetime <= MAX_LIFETIME:
+    if not 0.0 < lifetime <= SETPOINT_LIFETIME:
         return Wrong.LIFETIME
     return SetpointDatagram(sequence, answers, time, lifetime, steering, acceleration, bool(flags & EMERGENCY))
 

@@ -40,6 +40,7 @@ class Context:
     rate_nmea: float = 10.0  #: [Hz]
     hear: Hear | None = None  #: what others say on the wire's own bus; None where nobody is listened to
     stop_id: int | None = None  #: identifier of the stop frame
+    key: bytes = b""  #: that signs this project's own datagrams; empty: they are not signed
 
 
 class Output(Protocol):
@@ -299,12 +300,15 @@ class Kind:
     make: Callable[[Context], Output]
     meaning: str
     tells_actors: bool = False  #: whether it needs the actors of a sample
+    signed: bool = False  #: whether its datagrams are this project's own, which a key signs
 
 
 KINDS: Final[Mapping[str, Kind]] = {
     "ncom": Kind("bytes", NcomOutput, "the ego at its virtual place as OXTS NCOM packets, one a tick"),
     "nmea": Kind("bytes", NmeaOutput, "the ego at its virtual place as NMEA 0183 sentences, 10 Hz"),
-    "radar": Kind("bytes", RadarOutput, "the radar's newest scan as this project's own datagram, one a tick"),
+    "radar": Kind(
+        "bytes", RadarOutput, "the radar's newest scan as this project's own datagram, one a tick", signed=True
+    ),
     "esr": Kind("frames", EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz"),
     "ars408": Kind("frames", Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz"),
     "stop": Kind("frames", StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),

@@ -12,11 +12,10 @@ from typing import Final
 import numpy as np
 
 from vve_sumo.frames import Placement
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Pose
 
 NO_SCAN: Final = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
-#: between two samples [s]
-TICK: Final = 0.02
 #: of a tick's time, in ticks
 _ROUNDING: Final = 1e-6
 #: an older scan is shown by nobody [s]
@@ -59,7 +58,7 @@ def sequence_of(drive_time: float) -> int:
 
     It follows from the time alone, so that the drive and the process of its wires count alike without a word.
     """
-    return max(1 + math.floor(drive_time / TICK + _ROUNDING), 1)
+    return max(1 + math.floor(drive_time / PERIOD + _ROUNDING), 1)
 
 
 def virtual_fix(pose: Pose, placement: Placement, newest: Fix) -> Fix:

@@ -1,21 +1,19 @@
 """Takes the setpoints of a control computer: the newest that is whole, newer than the last, timely, and still alive.
 
 Knows datagrams and times; it must not know sockets, and nothing of what a gateway does with a setpoint. Every datagram
-that is not taken has a reason code; none of them raises. With a key every datagram ends in TAG bytes more: the first of
-the HMAC-SHA-256 (RFC 2104) of all before, which only who has the key can make. Sequences begin again with every drive,
-so a setpoint that was recorded in an earlier drive is told by its time, which the key signs too.
+that is not taken has a reason code; none of them raises. With a key every datagram is signed. Sequences begin again
+with every drive, so a setpoint that was recorded in an earlier drive is told by its time, which the key signs too.
 """
 
 from __future__ import annotations
 
-import hashlib
-import hmac
 import math
 from collections import Counter, deque
 from typing import Final
 
 from vve_sumo.values import ControlCommand
 from vve_sumo.wire.datagrams import SEQUENCES, SetpointDatagram, Wrong, decode_setpoint
+from vve_sumo.wire.signature import without_tag
 
 #: a setpoint that answers an older datagram than the last so many counts as late: 0.2 s of ticks
 MAX_ANSWERED: Final = 10
@@ -29,19 +27,19 @@ REPLAYED, UNASKED, LATE = "setpoint_replayed", "setpoint_unasked", "setpoint_lat
 SILENT: Final = "brain_silent"
 #: reason code of a datagram that was not made with the key
 FORGED: Final = "setpoint_forged"
-TAG: Final = 16  #: [bytes]
 
 
-def signed(data: bytes, key: bytes) -> bytes:
-    """Return a datagram with the tag that a key gives it."""
-    return data + hmac.new(key, data, hashlib.sha256).digest()[:TAG]
+def is_setpoint(data: bytes, key: bytes = b"") -> bool:
+    """Return whether a datagram is a whole setpoint, signed where there is a `key`."""
+    body = without_tag(data, key)
+    return body is not None and isinstance(decode_setpoint(body), SetpointDatagram)
 
 
 class SetpointInbox:
     """The newest setpoint of one control computer."""
 
     def __init__(self, epoch: float, key: bytes = b"") -> None:
-        """`epoch` is the GNSS second of drive time 0. With a `key`, only datagrams `signed` with it are taken."""
+        """`epoch` is the GNSS second of drive time 0. With a `key`, only datagrams signed with it are taken."""
         self._epoch, self._key = epoch, key
         self.counts: Counter[str] = Counter()  #: datagrams that were not taken, by reason code
         self.taken = 0  #: setpoints taken
@@ -55,12 +53,11 @@ class SetpointInbox:
 
     def take(self, now: float, data: bytes) -> str:
         """Take a datagram that arrived at drive time `now` [s]; return why it was not taken, empty where it was."""
-        if self._key:
-            data, tagged = data[:-TAG], data
-            if not hmac.compare_digest(signed(data, self._key), tagged):
-                self.counts[FORGED] += 1
-                return FORGED
-        setpoint = decode_setpoint(data)
+        body = without_tag(data, self._key)
+        if body is None:
+            self.counts[FORGED] += 1
+            return FORGED
+        setpoint = decode_setpoint(body)
         reason = setpoint.value if isinstance(setpoint, Wrong) else self._refusal(now, setpoint)
         if isinstance(setpoint, Wrong) or reason:
             self.counts[reason] += 1

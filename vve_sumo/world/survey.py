@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
+from vve_sumo.path_feasibility import refuse_tight_bend
 from vve_sumo.world.build import ATTRIBUTION
 from vve_sumo.world.network import Network, Roads
 
@@ -55,14 +56,16 @@ def record_path(
     start_position: float = 0.0,
     end_position: float | None = None,
     tolerance: float = 0.3,
+    tightest: float | None = None,
 ) -> Survey:
     """Drive a SUMO car from edge `start` through the edges `via` to edge `end` and write its track to `out` as CSV.
 
     Positions count along the edges [m]; without `end_position` the drive ends at the edge's end. Between the named
     edges the car takes the shortest route. The track is smoothed as far as it stays within `tolerance` [m] of the
     recorded one. A drive that ends where it began gives a closed path, smooth across the seam, whose last point repeats
-    its first. Starts libsumo in this process. Raises ConfigError on an unknown edge, a position that is not on its
-    edge, or where no route exists.
+    its first. Starts libsumo in this process. Raises ConfigError, and writes nothing, on an unknown edge, a position
+    that is not on its edge, where no route exists, and where a car cannot follow the path whose tightest circle has
+    the curvature `tightest` [1/m].
     """
     if not (math.isfinite(tolerance) and tolerance > 0.0):
         raise ConfigError(f"tolerance {tolerance}: expected a length above zero [m]")
@@ -74,6 +77,8 @@ def record_path(
     closed = len(edges) > 1 and (start, start_position) == (end, stop)
     points, deviation = _smoothed(_drive(network, edges, start_position, stop), tolerance, closed)
     path = Path.from_points(points[:, 0], points[:, 1])
+    if tightest is not None:
+        refuse_tight_bend(path, tightest, f"{network}: from {start} to {end}")
     _write(out, roads.network, points, edges)
     curvature = path.samples.curvature
     return Survey(

@@ -18,6 +18,7 @@ from vve_sumo.vehicle.interface import (
     BrakeState,
     BrakeTorque,
     Commanded,
+    CommandsStop,
     DriverInputs,
     Gear,
     GearState,
@@ -30,6 +31,7 @@ from vve_sumo.vehicle.interface import (
     SteeringState,
     ThrottleState,
     WheelSpeeds,
+    WhenCommandsStop,
     YawRate,
 )
 
@@ -81,7 +83,7 @@ class Toy:
             wheel_angle_limit=ANGLE_LIMIT,
             wheel_rate_limit=RATE_LIMIT,
             command_timeout=TIMEOUT,
-            when_commands_stop="lets go of pedals and steering",
+            when_commands_stop=CommandsStop(WhenCommandsStop.RELEASES, "lets go of pedals and steering"),
         )
         self._counter = -1
         self._heard: dict[int, int] = {}

@@ -19,6 +19,12 @@ class NcomUdp(UdpReceiver):
         """Return a fresh decoder."""
         return ncom.Decoder()
 
+    def recognises(self, datagram: bytes) -> bool:
+        """Return whether a datagram holds a whole packet."""
+        decoder = self.decoder()
+        decoder.feed(datagram, 0.0)
+        return decoder.packets > 0
+
 
 def make() -> type[Receiver]:
     """Return the kind's class."""

@@ -63,7 +63,14 @@ class UdpReceiver(ReceiverTable):
 
     def open(self, _open_bus: OpenBus) -> sources.Source:
         """Listen; raises RigError naming the key."""
-        return sources.open_udp(self.address, self.port, self.source)
+        return sources.open_udp(self.address, self.port, self.source, genuine=self.recognises)
+
+    def recognises(self, datagram: bytes) -> bool:
+        """Return whether a datagram is one that a receiver of this kind sends; any is, unless the kind overrides this.
+
+        The first sender of such a datagram is the receiver for as long as the port is open.
+        """
+        return bool(datagram)
 
     def place(self) -> str:
         """Return address and port."""

@@ -31,6 +31,7 @@ from vve_sumo.vehicle.interface import (
     BrakeState,
     BrakeTorque,
     Commanded,
+    CommandsStop,
     Gear,
     GearState,
     InterfaceFacts,
@@ -40,6 +41,7 @@ from vve_sumo.vehicle.interface import (
     SteeringState,
     ThrottleState,
     WheelSpeeds,
+    WhenCommandsStop,
     YawRate,
 )
 
@@ -58,8 +60,10 @@ REPORTS: Final[dict[int, tuple[type, ...]]] = {
 _TORQUE: Final = BrakeKind.TORQUE
 _PERCENT: Final = ThrottleKind.PERCENT
 
-WHEN_COMMANDS_STOP: Final = (
-    "lets go of pedals and steering; where its watchdog is armed it brakes until the driver takes over"
+# How hard the watchdog brakes is not public: each car's own test says it.
+WHEN_COMMANDS_STOP: Final = CommandsStop(
+    WhenCommandsStop.BRAKES,
+    "lets go of pedals and steering; where its watchdog is armed it brakes until the driver takes over",
 )
 
 
