@@ -118,6 +118,11 @@ def takes_over(driver: DriverInputs) -> bool:
     return pedals >= PEDAL_REST + OVERRIDE or abs(driver.steering_torque) >= STEERS or driver.gear is not Gear.NONE
 
 
+def alarmed(sample: TruthSample) -> bool:
+    """Whether the alarm calls the driver."""
+    return sample.phase in ALARMS or sample.phase == NEEDED
+
+
 class Driven:
     """Whether the driver has taken the car over for good; from then on it is no longer the gateway's."""
 
@@ -137,7 +142,7 @@ class Driven:
 
 @dataclass(slots=True)
 class FootClosesThrottle:
-    """Throttle is closed soon after a foot on the brake, and stays so until a new go; a car at rest stays at rest."""
+    """Throttle is closed soon after a foot on the brake, and stays so until a new go; a car that it stopped stands."""
 
     tolerances: Tolerances
     name: ClassVar[str] = "foot_closes_throttle"
@@ -184,7 +189,7 @@ class FootClosesThrottle:
     def _roll(self, sample: TruthSample, foot: bool) -> str | None:
         speed = abs(sample.pose.speed)
         self._rested |= self._latched and foot and speed < REST
-        if not self._rested or foot:
+        if not self._rested or foot or alarmed(sample):
             self._rolled = 0.0
             return None
         self._rolled += speed * PERIOD
@@ -274,7 +279,7 @@ class StopsInBound:
             self._bound = self._bound_of(speed, sample.pose.acceleration)
             self._driven, self._alarmed, self._exceeded_at = 0.0, False, None
         self._driven += speed * PERIOD
-        self._alarmed |= sample.phase in ALARMS or sample.phase == NEEDED
+        self._alarmed |= alarmed(sample)
         if speed < REST:
             if self._alarmed:
                 return None
@@ -351,8 +356,7 @@ class HeldStands:
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
         held = sample.state is ArmingState.STOPPED or sample.phase == HELD or "waiting_for_go" in sample.reasons
-        alarmed = sample.phase in ALARMS or sample.phase == NEEDED
-        if not held or alarmed or self.driven.acted_at > sample.time - 1.0:
+        if not held or alarmed(sample) or self.driven.acted_at > sample.time - 1.0:
             self._rolled, self._since = 0.0, None
             return None
         self._rolled += abs(sample.pose.speed) * PERIOD

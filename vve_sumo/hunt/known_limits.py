@@ -17,12 +17,6 @@ class Limit(NamedTuple):
 
 LIMITS: Final = (
     Limit(
-        "foot_closes_throttle",
-        frozenset({"bus_silent"}),
-        "on a dead bus nothing is heard and no command arrives: the DBW controller's watchdog lets go of the brakes at "
-        "a driver's foot, and a car in drive creeps on when the foot lifts",
-    ),
-    Limit(
         "told_driving",
         frozenset({"steering_report_frozen", "dbw_dropout"}),
         "on a straight road a steering that is off and whose report is frozen differs from a good one in nothing; "
