@@ -150,7 +150,14 @@ def test_a_car_that_is_let_go_with_no_driver_counts_as_being_stopped() -> None:
     def let_go(time: float) -> dict[str, Any]:
         return {"state": ArmingState.FAULT, "phase": CONTROL} if time > 1.0 else {}
 
-    assert names(judged(let_go, 20.0)) == ["stops_in_bound"]
+    assert "stops_in_bound" in names(judged(let_go, 20.0))
+
+
+def test_nobody_is_told_that_a_driver_who_touched_nothing_has_control() -> None:
+    told = {"state": ArmingState.FAULT, "phase": CONTROL}
+    assert names(judged(lambda time: told, 1.0)) == ["told_control"]
+    assert judged(lambda time: told | {"driver": FIRM_FOOT if time < 0.4 else HANDS_OFF}, 1.0) == []
+    assert judged(lambda time: told | {"pose": pose(0.0)}, 1.0) == []
 
 
 def test_nobody_is_told_driving_of_a_car_whose_module_is_off() -> None:

@@ -20,7 +20,7 @@ from vve_sumo.hunt.search import Search
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.json"))
 SAMPLE = 80
-#: pairs that break an invariant, and are to be mended: on a dead bus, a car that a foot brought to rest and that creeps on
+#: pairs that break an invariant, to be mended: on a dead bus, a car that a foot brought to rest and that creeps on
 #: is said to be at rest, because the receiver's speed was below 0.3 m/s for 3 s
 OPEN = frozenset({("bend", "bus_silent", "driver_touch")})
 

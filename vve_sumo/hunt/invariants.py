@@ -16,7 +16,7 @@ import numpy as np
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.frames import GRAVITY
 from vve_sumo.hunt.truth import TruthSample
-from vve_sumo.live.wording import ALARMS, DRIVING, HELD, NEEDED
+from vve_sumo.live.wording import ALARMS, CONTROL, DRIVING, HELD, NEEDED
 from vve_sumo.lot.geofence import Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body
@@ -327,6 +327,31 @@ class ToldDriving:
 
 
 @dataclass(slots=True)
+class ToldControl:
+    """Nobody is told that the driver has control of a moving car that no driver has touched."""
+
+    tolerances: Tolerances
+    driven: Driven
+    name: ClassVar[str] = "told_control"
+    margin: float = 1.0
+    _since: float | None = None
+
+    def step(self, sample: TruthSample) -> str | None:
+        """Take a tick."""
+        touched = self.driven.taken or self.driven.acted_at > -math.inf
+        if sample.phase != CONTROL or touched or abs(sample.pose.speed) < REST:
+            self._since = None
+            return None
+        if self._since is None:
+            self._since = sample.time
+        late = sample.time - self._since
+        self.margin = min(self.margin, 1.0 - late / self.tolerances.told_time)
+        if late <= self.tolerances.told_time:
+            return None
+        return f"told {CONTROL!r} at {sample.pose.speed:.1f} m/s, and nobody touched anything"
+
+
+@dataclass(slots=True)
 class NoParkWhileMoving:
     """Park is never requested of a car that moves."""
 
@@ -444,6 +469,7 @@ ALL: Final = (
     InsideLot,
     StopsInBound,
     ToldDriving,
+    ToldControl,
     NoParkWhileMoving,
     HeldStands,
     SteeringCommands,
@@ -468,6 +494,7 @@ class Judges:
             InsideLot(whole, Body.of(vehicle), self._driven),
             StopsInBound(weakest, max(-math.sin(parameters.grade), 0.0), tolerances, self._driven),
             ToldDriving(tolerances),
+            ToldControl(tolerances, self._driven),
             NoParkWhileMoving(),
             HeldStands(tolerances, self._driven),
             SteeringCommands(vehicle, limits, tolerances),
