@@ -109,6 +109,14 @@ def test_the_throttle_stays_closed_once_the_foot_has_lifted_until_a_new_go() -> 
     assert judged(with_a_go, 3.0) == []
 
 
+def test_a_foot_that_is_there_at_the_go_counts_from_the_go_on() -> None:
+    def goes(closed_at: float) -> Differs:
+        return lambda time: pressed(4.0, closed_at)(time) | {"went": time > 2.0}
+
+    assert judged(goes(2.1), 3.0) == []
+    assert names(judged(goes(2.4), 3.0)) == ["foot_closes_throttle"]
+
+
 def test_a_car_that_a_foot_has_stopped_does_not_drive_off() -> None:
     def drives_off(time: float) -> dict[str, Any]:
         moving = 0.0 if 1.0 < time < 3.0 else 1.0

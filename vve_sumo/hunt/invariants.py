@@ -36,6 +36,8 @@ FOOT: Final = 0.03
 OVERRIDE: Final = 0.07
 #: torque on the steering wheel with which a driver has taken it [N m]
 STEERS: Final = 3.0
+#: the same with which a hand lies on it; an untouched wheel has less [N m]
+HAND: Final = 1.5
 #: a car that truly moves slower than this stands [m/s]; wheel speeds resolve no less
 REST: Final = 0.05
 #: a throttle that is commanded less than this is closed
@@ -132,7 +134,8 @@ class Driven:
 
     def step(self, sample: TruthSample) -> None:
         """Take a tick."""
-        if takes_over(sample.driver) or foot_on_brake(sample.driver):
+        hand = abs(sample.driver.steering_torque) >= HAND
+        if hand or takes_over(sample.driver) or foot_on_brake(sample.driver):
             self.acted_at = sample.time
         if takes_over(sample.driver):
             self.taken = True
@@ -165,6 +168,7 @@ class FootClosesThrottle:
             return None
         if sample.went and not self._went:
             self._latched = self._rested = False
+            self._since = None  # a foot that is already there counts from the go on
         self._went = sample.went
         self._blind |= not BLINDING.isdisjoint(sample.due)
         foot, now = foot_on_brake(sample.driver), sample.time

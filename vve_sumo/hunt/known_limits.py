@@ -22,6 +22,18 @@ LIMITS: Final = (
         "on a straight road a steering that is off and whose report is frozen differs from a good one in nothing; "
         "it is found as soon as the steering is told to move",
     ),
+    Limit(
+        "told_driving",
+        frozenset({"brake_report_frozen", "dbw_dropout"}),
+        "brakes that are off and whose report is frozen differ from good ones in nothing while they are not told to "
+        "brake; they are found as soon as they are",
+    ),
+    Limit(
+        "told_driving",
+        frozenset({"throttle_report_frozen", "dbw_dropout"}),
+        "a throttle that is off and whose report is frozen differs from a good one in nothing while it is told to stay "
+        "closed; it is found as soon as it is told to open",
+    ),
 )
 
 
